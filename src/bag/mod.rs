@@ -1,0 +1,1 @@
+//! Recordings: rosbag2 directories with MCAP, read and written.

@@ -1,0 +1,1 @@
+//! How a stage is driven: PID, lowpass, feedforward, motion.

@@ -1,0 +1,1 @@
+//! Stage and controller in one process, without DDS.

@@ -1,0 +1,15 @@
+//! A friction-loaded positioning stage as software: 40 kg on four recirculating ball guides.
+//!
+//! Data goes one way through the rooms: [`model`] says what a stage is, [`plant`] moves it,
+//! [`control`] closes the loop, [`lab`] runs both in one process, [`bag`] keeps what happened,
+//! [`node`] puts it on ROS 2.
+
+pub mod bag;
+pub mod cli;
+pub mod control;
+pub mod lab;
+pub mod message;
+pub mod model;
+pub mod node;
+pub mod plant;
+pub mod report;

@@ -1,0 +1,1 @@
+//! What a stage is: parameters, guides, catalogue, validation, YAML.

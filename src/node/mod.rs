@@ -1,0 +1,6 @@
+//! The ROS 2 nodes: the only room that knows ros2-client.
+pub mod arguments;
+pub mod outlet;
+pub mod parameters;
+pub mod participant;
+pub mod qos;

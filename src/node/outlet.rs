@@ -1,0 +1,1 @@
+//! A publisher that a dead or frozen subscriber cannot stall.

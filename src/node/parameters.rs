@@ -1,0 +1,1 @@
+//! Declared parameters and the six parameter services.

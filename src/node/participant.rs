@@ -1,0 +1,1 @@
+//! One DDS participant: domain, networks, context and node.

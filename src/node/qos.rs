@@ -1,0 +1,1 @@
+//! Quality of service of every topic, written out in full.

@@ -1,0 +1,1 @@
+//! How a stage moves: guides, motor, carriage, sensors, effects.
