@@ -1,1 +1,308 @@
-//! What a stage is: parameters, guides, catalogue, validation, YAML.
+//! What a stage is: [`StageModel`] says everything about it and is what every other room reads.
+//!
+//! In comes YAML, out goes a checked description: mass, guides (by catalogue name or inline), effects, motor, force cell,
+//! encoder and, for the measuring rig, the flexure coupling. Nothing moves here and nothing reads a clock.
+
+mod catalogue;
+mod error;
+mod guide;
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+pub use catalogue::{Catalogue, CatalogueEntry, EffectiveStiffness, Provenance, Quantity};
+pub use error::{ModelError, nearest};
+pub use guide::{Guide, GuideSource};
+
+/// Most guides that one stage may have: the plant integrates this many lanes at once.
+pub const MAX_GUIDES: usize = 4;
+
+/// A positioning stage: what the plant integrates, the node runs and identification reads and writes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageModel {
+    /// Name for people; it does not change what the stage does.
+    #[serde(default = "default_name")]
+    pub name: String,
+    /// Moving mass of the carriage, kg (paper, section 4: 40 kg).
+    #[serde(default = "default_mass")]
+    pub mass: f64,
+    /// One to four guides, each by catalogue name or with its own parameters.
+    #[serde(default = "default_guides")]
+    pub guides: Vec<GuideSource>,
+    /// Effects beyond the LuGre guides, in the order in which they are reported.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectParameters>,
+    #[serde(default)]
+    pub motor: Motor,
+    #[serde(default)]
+    pub force_cell: ForceCell,
+    #[serde(default)]
+    pub encoder: Encoder,
+    /// Present on the measuring rig: motor and carriage are two bodies with a flexure between them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coupling: Option<Coupling>,
+}
+
+/// The motor: an ideal force source with a limit, force positive along +x.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Motor {
+    /// Largest force in either direction, N. Assumed: the 50 mm move in 100 ms of 40 kg needs 1155 N at its peak.
+    pub force_limit: f64,
+}
+
+/// The force cell between motor and carriage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ForceCell {
+    /// Standard deviation of the reading, N (paper, section 1.2: 0.05 N repeatability; white and Gaussian is assumed).
+    pub noise: f64,
+}
+
+/// The linear encoder of the carriage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Encoder {
+    /// Size of one count, m (paper, section 1.2: 1 nm); 0 reads without quantisation.
+    pub resolution: f64,
+    /// Standard deviation before quantisation, m. Assumed: one count.
+    pub noise: f64,
+}
+
+/// The flexure between motor and carriage of the measuring rig.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Coupling {
+    /// Stiffness in driving direction, N/m (paper, section 1.2: about two orders of magnitude above the guide's Dahl stiffness).
+    pub stiffness: f64,
+    /// Damping, N s/m. Assumed.
+    pub damping: f64,
+    /// Moving mass on the motor side, kg. Assumed.
+    pub motor_mass: f64,
+}
+
+/// An effect by its canonical name with its parameters by name, SI units. The plant's effect of that name knows the bounds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EffectParameters {
+    pub name: String,
+    pub values: std::collections::BTreeMap<String, f64>,
+}
+
+fn default_name() -> String {
+    "stage".to_owned()
+}
+
+fn default_mass() -> f64 {
+    40.0
+}
+
+fn default_guides() -> Vec<GuideSource> {
+    vec![GuideSource::Catalogue("guide_1".to_owned()); MAX_GUIDES]
+}
+
+impl Default for Motor {
+    fn default() -> Self {
+        Motor { force_limit: 2000.0 }
+    }
+}
+
+impl Default for ForceCell {
+    fn default() -> Self {
+        ForceCell { noise: 0.05 }
+    }
+}
+
+impl Default for Encoder {
+    fn default() -> Self {
+        Encoder { resolution: 1e-9, noise: 1e-9 }
+    }
+}
+
+impl Default for StageModel {
+    /// The stage of the paper: 40 kg on four guides of type 1.
+    fn default() -> Self {
+        StageModel {
+            name: default_name(),
+            mass: default_mass(),
+            guides: default_guides(),
+            effects: Vec::new(),
+            motor: Motor::default(),
+            force_cell: ForceCell::default(),
+            encoder: Encoder::default(),
+            coupling: None,
+        }
+    }
+}
+
+impl StageModel {
+    /// The stage of the paper (40 kg, four guides) on one guide type of the catalogue, such as `guide_2`.
+    pub fn on_guides(guide: &str) -> StageModel {
+        StageModel {
+            name: format!("stage on {guide}"),
+            guides: vec![GuideSource::Catalogue(guide.to_owned()); MAX_GUIDES],
+            ..StageModel::default()
+        }
+    }
+
+    /// The measuring rig of the paper's section 1.2: one guide, a flexure 100 times as stiff as the guide.
+    ///
+    /// Masses and flexure damping are assumed: a size-25 carriage with its adapter weighs about 1 kg, the motor's slider 5 kg.
+    pub fn measuring_rig(guide: &str) -> Result<StageModel, ModelError> {
+        let source = GuideSource::Catalogue(guide.to_owned());
+        let stiffness = 100.0 * source.resolve("guides[0]", &Catalogue::builtin())?.stiffness;
+        Ok(StageModel {
+            name: format!("measuring rig with {guide}"),
+            mass: 1.0,
+            guides: vec![source],
+            coupling: Some(Coupling { stiffness, damping: 300.0, motor_mass: 5.0 }),
+            ..StageModel::default()
+        })
+    }
+
+    /// Reads and checks a model; `origin` names the text in errors (a path, a parameter).
+    pub fn from_yaml(text: &str, origin: &str) -> Result<StageModel, ModelError> {
+        let model: StageModel = serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
+        model.check()?;
+        Ok(model)
+    }
+
+    /// Reads and checks a model file.
+    pub fn load(path: &Path) -> Result<StageModel, ModelError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ModelError::Read { path: path.display().to_string(), source })?;
+        StageModel::from_yaml(&text, &path.display().to_string())
+    }
+
+    /// The model as YAML that [`StageModel::from_yaml`] reads back to the same model.
+    pub fn to_yaml(&self) -> Result<String, ModelError> {
+        serde_saphyr::to_string(self).map_err(|error| ModelError::Write { message: error.to_string() })
+    }
+
+    /// The model without sensor noise and without quantisation, for comparisons with an oracle.
+    pub fn without_noise(mut self) -> StageModel {
+        self.force_cell.noise = 0.0;
+        self.encoder = Encoder { resolution: 0.0, noise: 0.0 };
+        self
+    }
+
+    /// The guides' parameters, catalogue names resolved.
+    pub fn resolved_guides(&self) -> Result<Vec<Guide>, ModelError> {
+        let catalogue = Catalogue::builtin();
+        self.guides
+            .iter()
+            .enumerate()
+            .map(|(index, source)| source.resolve(&format!("guides[{index}]"), &catalogue))
+            .collect()
+    }
+
+    /// Refuses impossible values, with key, value and limit. Effects are checked by the plant, which knows their bounds.
+    pub fn check(&self) -> Result<(), ModelError> {
+        error::positive("mass", self.mass)?;
+        if self.guides.is_empty() || self.guides.len() > MAX_GUIDES {
+            return Err(ModelError::GuideCount { found: self.guides.len() });
+        }
+        for (index, guide) in self.resolved_guides()?.iter().enumerate() {
+            guide.check(&format!("guides[{index}]"))?;
+        }
+        error::positive("motor.force_limit", self.motor.force_limit)?;
+        error::not_negative("force_cell.noise", self.force_cell.noise)?;
+        error::not_negative("encoder.resolution", self.encoder.resolution)?;
+        error::not_negative("encoder.noise", self.encoder.noise)?;
+        if let Some(coupling) = &self.coupling {
+            error::positive("coupling.stiffness", coupling.stiffness)?;
+            error::not_negative("coupling.damping", coupling.damping)?;
+            error::positive("coupling.motor_mass", coupling.motor_mass)?;
+        }
+        Ok(())
+    }
+
+    /// What is allowed but deserves a word: guides that are not passive.
+    pub fn warnings(&self) -> Result<Vec<String>, ModelError> {
+        Ok(self
+            .resolved_guides()?
+            .iter()
+            .enumerate()
+            .filter_map(|(index, guide)| guide.passivity_warning(&format!("guides[{index}]")))
+            .collect())
+    }
+}
+
+impl Serialize for EffectParameters {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map([(&self.name, &self.values)])
+    }
+}
+
+impl<'de> Deserialize<'de> for EffectParameters {
+    /// Reads `cogging: {amplitude: 5.0, ...}`: a map with exactly one entry.
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        use serde::de::Error;
+        let map =
+            std::collections::BTreeMap::<String, std::collections::BTreeMap<String, f64>>::deserialize(deserializer)?;
+        let mut entries = map.into_iter();
+        match (entries.next(), entries.next()) {
+            (Some((name, values)), None) => Ok(EffectParameters { name, values }),
+            (None, _) => Err(D::Error::custom("an effect needs a name: `- cogging: {amplitude: 5.0, period: 0.024}`")),
+            (Some((first, _)), Some((second, _))) => Err(D::Error::custom(format!(
+                "one list entry holds one effect, found `{first}` and `{second}`: begin each with a dash"
+            ))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn default_model_is_the_stage_of_the_paper() {
+        let model = StageModel::default();
+        assert_eq!(model.mass, 40.0);
+        assert_eq!(model.resolved_guides().unwrap().len(), 4);
+        model.check().unwrap();
+    }
+
+    #[test]
+    fn model_survives_a_round_trip_through_yaml() {
+        let mut model = StageModel::measuring_rig("guide_2").unwrap();
+        model.guides = vec![GuideSource::Inline(model.resolved_guides().unwrap()[0].clone())];
+        model.effects.push(EffectParameters {
+            name: "cogging".into(),
+            values: [("amplitude".to_owned(), 6.0), ("period".to_owned(), 0.1 + 0.2)].into(),
+        });
+        let text = model.to_yaml().unwrap();
+        assert_eq!(StageModel::from_yaml(&text, "round trip").unwrap(), model, "{text}");
+    }
+
+    /// Each bad text with the words that its message must hold.
+    #[test]
+    fn bad_models_are_refused_with_key_value_limit_and_the_nearest_key() {
+        let cases: &[(&str, &[&str])] = &[
+            ("mas: 40", &["mas", "did you mean `mass`", "line 1"]),
+            ("mass: -4", &["mass", "-4", "greater than 0"]),
+            ("mass: .nan", &["mass", "NaN", "finite"]),
+            ("mass: forty", &["line 1", "floating point"]),
+            ("guides: [guide_7]", &["guides[0]", "guide_7", "did you mean `guide_"]),
+            ("guides: []", &["1 to 4 guides", "0"]),
+            ("guides: [guide_1, guide_1, guide_1, guide_1, guide_1]", &["1 to 4 guides", "5"]),
+            ("guides: [{stifness: 1e5}]", &["stifness", "did you mean `stiffness`"]),
+            (
+                "guides: [{stiffness: 1e5, bristle_damping: 1, viscous_friction: 1, coulomb_force: 5, static_force: 4, stribeck_velocity: 1e-3}]",
+                &["guides[0].static_force", "4", "coulomb_force", "5"],
+            ),
+            ("encoder: {resolution: -1e-9}", &["encoder.resolution", "not be negative"]),
+            ("motor: {force_limit: 0}", &["motor.force_limit", "greater than 0"]),
+            ("effects: [{cogging: {amplitude: 1}, cable_chain: {}}]", &["one list entry holds one effect"]),
+            ("guides: [guide_1", &["line 1"]),
+            ("mass: 40\nmotor:\n  force_limit", &["line"]),
+        ];
+        for (text, expected) in cases {
+            let message = StageModel::from_yaml(text, "test.yaml").unwrap_err().to_string();
+            for words in *expected {
+                assert!(message.contains(words), "{text:?} gave {message:?}, without {words:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! The guides that are known by name, each number with where it comes from.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::Guide;
+
+/// Guides by name. The built-in catalogue holds the three guides of the paper.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Catalogue {
+    entries: BTreeMap<String, CatalogueEntry>,
+}
+
+/// One guide type: how it is built, its LuGre parameters and what was measured on it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CatalogueEntry {
+    pub description: String,
+    pub seals: bool,
+    pub lubricant: String,
+    pub cage: bool,
+    pub stiffness: Quantity,
+    pub bristle_damping: Quantity,
+    pub viscous_friction: Quantity,
+    pub coulomb_force: Quantity,
+    pub static_force: Quantity,
+    pub stribeck_velocity: Quantity,
+    /// What the paper states of the loops; one bristle cannot meet all of it.
+    #[serde(default)]
+    pub effective_stiffness: Vec<EffectiveStiffness>,
+}
+
+/// A number with its unit and where it comes from.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Quantity {
+    pub value: f64,
+    pub unit: String,
+    pub provenance: Provenance,
+    /// Section of the paper, the derivation, or what the assumption rests on.
+    pub source: String,
+}
+
+/// How far a number can be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Provenance {
+    /// The paper's text gives the number.
+    Stated,
+    /// Follows from stated numbers; the source shows how.
+    Derived,
+    /// Chosen; the source says from what.
+    Assumed,
+}
+
+/// A measured effective stiffness: total force over total position difference of a slow loop.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectiveStiffness {
+    /// m
+    pub amplitude: f64,
+    /// N/m
+    pub stiffness: f64,
+    pub provenance: Provenance,
+    pub source: String,
+}
+
+impl Catalogue {
+    /// The guides of the paper: `guide_1`, `guide_2`, `guide_3`.
+    pub fn builtin() -> Catalogue {
+        static BUILTIN: std::sync::LazyLock<Catalogue> = std::sync::LazyLock::new(|| {
+            serde_saphyr::from_str(include_str!("catalogue.yaml")).expect("the built-in catalogue is checked by a test")
+        });
+        BUILTIN.clone()
+    }
+
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.entries.keys().map(String::as_str)
+    }
+
+    pub fn entry(&self, name: &str) -> Option<&CatalogueEntry> {
+        self.entries.get(name)
+    }
+
+    /// LuGre parameters of a guide by name.
+    pub fn guide(&self, name: &str) -> Option<Guide> {
+        self.entry(name).map(|entry| Guide {
+            stiffness: entry.stiffness.value,
+            bristle_damping: entry.bristle_damping.value,
+            viscous_friction: entry.viscous_friction.value,
+            coulomb_force: entry.coulomb_force.value,
+            static_force: entry.static_force.value,
+            stribeck_velocity: entry.stribeck_velocity.value,
+            damping_velocity: None,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_entry_is_a_possible_guide() {
+        let catalogue = Catalogue::builtin();
+        assert_eq!(catalogue.names().collect::<Vec<_>>(), ["guide_1", "guide_2", "guide_3"]);
+        for name in catalogue.names() {
+            catalogue.guide(name).unwrap().check(name).unwrap();
+        }
+    }
+
+    /// The statements of the paper's sections 2 and 3 that a single bristle can meet.
+    #[test]
+    fn catalogue_meets_the_statements_of_the_paper() {
+        let catalogue = Catalogue::builtin();
+        let [one, two, three] = ["guide_1", "guide_2", "guide_3"].map(|name| catalogue.guide(name).unwrap());
+        let close = |found: f64, stated: f64| (found / stated - 1.0).abs() < 0.01;
+        assert!(close(one.effective_stiffness(1e-6), 4.5e5), "{}", one.effective_stiffness(1e-6));
+        assert!(close(two.effective_stiffness(1e-6), 2.6e5), "{}", two.effective_stiffness(1e-6));
+        assert!(
+            close(three.effective_stiffness(1e-6), one.effective_stiffness(1e-6)),
+            "lubricant hardly matters at 1 um"
+        );
+        assert!((one.static_force - two.static_force - 12.0).abs() < 0.5, "12 N lower break-away without seals");
+        // A guide has broken away where the bristle force of a sliding-free loop would exceed its static friction.
+        let broken_away = |guide: &Guide| guide.stiffness * 40e-6 > 1.5 * guide.static_force;
+        assert!(broken_away(&two) && !broken_away(&one) && !broken_away(&three));
+        assert_eq!(one.viscous_friction, two.viscous_friction, "roughly similar slopes");
+        assert!(three.viscous_friction < one.viscous_friction && three.static_force > one.static_force);
+        let falls = |guide: &Guide| guide.steady_force(2.0 * guide.stribeck_velocity) < guide.steady_force(1e-6);
+        assert!(falls(&one) && falls(&three) && !falls(&two), "1 and 3 have a falling F(v), 2 has not");
+    }
+}

@@ -1,0 +1,69 @@
+//! What can be wrong with a model, each with the numbers that a user needs to mend it.
+
+/// A model that cannot be read or that no stage could have.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    #[error("cannot read the model file {path}: {source}")]
+    Read { path: String, source: std::io::Error },
+    #[error("{origin}: {message}{hint}")]
+    Yaml { origin: String, message: String, hint: String },
+    #[error("cannot write the model: {message}")]
+    Write { message: String },
+    #[error("{key} is {value}, must {limit}")]
+    Value { key: String, value: f64, limit: String },
+    #[error("a stage has 1 to 4 guides, found {found}")]
+    GuideCount { found: usize },
+    #[error("{key}: unknown guide `{name}`{hint}; the catalogue has {known}")]
+    UnknownGuide { key: String, name: String, hint: String, known: String },
+    #[error("effects: unknown effect `{name}`{hint}; known are {known}")]
+    UnknownEffect { name: String, hint: String, known: String },
+    #[error("effects.{effect}: unknown parameter `{name}`{hint}; it takes {known}")]
+    UnknownEffectParameter { effect: &'static str, name: String, hint: String, known: String },
+    #[error("effects.{effect}: parameter `{name}` is missing ({description}, {unit})")]
+    MissingEffectParameter { effect: &'static str, name: &'static str, description: &'static str, unit: &'static str },
+    #[error("the step is {step} s: must be positive and at most {limit} s, so that the carriage stays stable")]
+    Step { step: f64, limit: f64 },
+}
+
+impl ModelError {
+    pub(super) fn yaml(origin: &str, error: &serde_saphyr::Error) -> ModelError {
+        let hint = match error.without_snippet() {
+            serde_saphyr::Error::SerdeUnknownField { field: invalid, expected, .. }
+            | serde_saphyr::Error::SerdeUnknownVariant { variant: invalid, expected, .. } => {
+                nearest(invalid, expected.iter().copied())
+            }
+            _ => String::new(),
+        };
+        ModelError::Yaml { origin: origin.to_owned(), message: error.without_snippet().to_string(), hint }
+    }
+}
+
+/// `; did you mean ...` when one of the known names is close to the given one, else nothing.
+pub fn nearest<'a>(given: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    known
+        .into_iter()
+        .map(|name| (strsim::jaro_winkler(given, name), name))
+        // 0.7 finds one or two wrong letters in short names without offering unrelated ones.
+        .filter(|(similarity, _)| *similarity > 0.7)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, name)| format!("; did you mean `{name}`?"))
+        .unwrap_or_default()
+}
+
+pub(super) fn finite(key: &str, value: f64) -> Result<(), ModelError> {
+    if value.is_finite() { Ok(()) } else { Err(refused(key, value, "be finite")) }
+}
+
+pub(super) fn positive(key: &str, value: f64) -> Result<(), ModelError> {
+    finite(key, value)?;
+    if value > 0.0 { Ok(()) } else { Err(refused(key, value, "be greater than 0")) }
+}
+
+pub(super) fn not_negative(key: &str, value: f64) -> Result<(), ModelError> {
+    finite(key, value)?;
+    if value >= 0.0 { Ok(()) } else { Err(refused(key, value, "not be negative")) }
+}
+
+pub(super) fn refused(key: &str, value: f64, limit: &str) -> ModelError {
+    ModelError::Value { key: key.to_owned(), value, limit: limit.to_owned() }
+}

@@ -1,0 +1,130 @@
+//! One recirculating ball guide as a LuGre friction element, and where its parameters come from.
+
+use serde::{Deserialize, Serialize, de};
+
+use super::Catalogue;
+use super::error::{self, ModelError, nearest};
+
+/// LuGre parameters of one guide (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40(3), 1995, eqs. 1 to 4).
+///
+/// dz/dt = v - sigma0 |v| z / g(v), g(v) = Fc + (Fs - Fc) exp(-(v/vs)^2), F = sigma0 z + sigma1 dz/dt + sigma2 v.
+/// F opposes the motion of the carriage; v is positive along +x.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Guide {
+    /// Bristle stiffness sigma0, N/m.
+    pub stiffness: f64,
+    /// Bristle damping sigma1, N s/m.
+    pub bristle_damping: f64,
+    /// Viscous friction sigma2, N s/m.
+    pub viscous_friction: f64,
+    /// Coulomb friction Fc, N: the level at speed, without the viscous part.
+    pub coulomb_force: f64,
+    /// Static friction Fs, N: the level near zero velocity; not below `coulomb_force`.
+    pub static_force: f64,
+    /// Stribeck velocity vs, m/s.
+    pub stribeck_velocity: f64,
+    /// Velocity vd, m/s, above which the bristle damping fades: sigma1 exp(-(v/vd)^2)
+    /// (Olsson, PhD thesis, Lund 1996, section 3.4). Absent: sigma1 is constant.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub damping_velocity: Option<f64>,
+}
+
+/// A guide of a model: by name from the catalogue, or with its own parameters.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum GuideSource {
+    Catalogue(String),
+    Inline(Guide),
+}
+
+impl Guide {
+    /// Steady friction level g(v), N, without the viscous part.
+    pub fn level(&self, velocity: f64) -> f64 {
+        let ratio = velocity / self.stribeck_velocity;
+        self.coulomb_force + (self.static_force - self.coulomb_force) * (-ratio * ratio).exp()
+    }
+
+    /// Friction at constant velocity v, N: g(v) sign(v) + sigma2 v. The Stribeck curve.
+    pub fn steady_force(&self, velocity: f64) -> f64 {
+        self.level(velocity) * velocity.signum() + self.viscous_friction * velocity
+    }
+
+    /// Effective stiffness of a slow symmetric loop of amplitude A, N/m: Fs tanh(sigma0 A / Fs) / A.
+    ///
+    /// The bristle of a slow loop obeys dz/dx = 1 - sigma0 z sign(v) / Fs; between reversals at +-A its tips are at
+    /// +-(Fs/sigma0) tanh(sigma0 A / Fs). Total force difference over total position difference, as the paper defines it.
+    pub fn effective_stiffness(&self, amplitude: f64) -> f64 {
+        self.static_force * (self.stiffness * amplitude / self.static_force).tanh() / amplitude
+    }
+
+    /// Refuses impossible values; `key` says where the guide stands in the model.
+    pub fn check(&self, key: &str) -> Result<(), ModelError> {
+        error::positive(&format!("{key}.stiffness"), self.stiffness)?;
+        error::not_negative(&format!("{key}.bristle_damping"), self.bristle_damping)?;
+        error::not_negative(&format!("{key}.viscous_friction"), self.viscous_friction)?;
+        error::positive(&format!("{key}.coulomb_force"), self.coulomb_force)?;
+        error::positive(&format!("{key}.static_force"), self.static_force)?;
+        error::positive(&format!("{key}.stribeck_velocity"), self.stribeck_velocity)?;
+        if self.static_force < self.coulomb_force {
+            let limit = format!("not be below coulomb_force, which is {}", self.coulomb_force);
+            return Err(error::refused(&format!("{key}.static_force"), self.static_force, &limit));
+        }
+        match self.damping_velocity {
+            Some(velocity) => error::positive(&format!("{key}.damping_velocity"), velocity),
+            None => Ok(()),
+        }
+    }
+
+    /// A warning if this guide can give out energy.
+    ///
+    /// With constant sigma1 the map from velocity to force is passive only if sigma2 > sigma1 (Fs - Fc) / Fc
+    /// (Barabanov, Ortega, IEEE TAC 45(4), 2000). A `damping_velocity` removes the condition's cause.
+    pub fn passivity_warning(&self, key: &str) -> Option<String> {
+        let needed = self.bristle_damping * (self.static_force - self.coulomb_force) / self.coulomb_force;
+        (self.damping_velocity.is_none() && self.viscous_friction <= needed && needed > 0.0).then(|| {
+            format!(
+                "{key} is not passive: viscous_friction is {} N s/m, passive above {needed:.1} N s/m \
+                 (bristle_damping (Fs - Fc) / Fc); give it a damping_velocity, for example {} m/s, to let the bristle damping fade with speed",
+                self.viscous_friction, self.stribeck_velocity
+            )
+        })
+    }
+}
+
+impl GuideSource {
+    /// The parameters behind a name, or those given inline; `key` says where it stands in the model.
+    pub fn resolve(&self, key: &str, catalogue: &Catalogue) -> Result<Guide, ModelError> {
+        match self {
+            GuideSource::Inline(guide) => Ok(guide.clone()),
+            GuideSource::Catalogue(name) => catalogue.guide(name).ok_or_else(|| ModelError::UnknownGuide {
+                key: key.to_owned(),
+                name: name.clone(),
+                hint: nearest(name, catalogue.names()),
+                known: catalogue.names().collect::<Vec<_>>().join(", "),
+            }),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for GuideSource {
+    fn deserialize<D: de::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Visitor;
+        impl<'de> de::Visitor<'de> for Visitor {
+            type Value = GuideSource;
+
+            fn expecting(&self, formatter: &mut std::fmt::Formatter) -> std::fmt::Result {
+                formatter.write_str("the name of a guide in the catalogue, or a map of guide parameters")
+            }
+
+            fn visit_str<E: de::Error>(self, name: &str) -> Result<GuideSource, E> {
+                Ok(GuideSource::Catalogue(name.to_owned()))
+            }
+
+            fn visit_map<A: de::MapAccess<'de>>(self, map: A) -> Result<GuideSource, A::Error> {
+                Guide::deserialize(de::value::MapAccessDeserializer::new(map)).map(GuideSource::Inline)
+            }
+        }
+        deserializer.deserialize_any(Visitor)
+    }
+}
