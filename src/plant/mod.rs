@@ -1,1 +1,17 @@
-//! How a stage moves: guides, motor, carriage, sensors, effects.
+//! How a stage moves: motor, force cell, carriage on its guides, effects, sensors.
+//!
+//! In comes a [`StageModel`](crate::model::StageModel), a step and a seed, then one force per control sample; out come
+//! samples and the true state. No clock, no I/O and no random source of its own: two plants with the same arguments give
+//! the same bits. Nothing here allocates after construction.
+
+mod body;
+pub mod effects;
+mod guides;
+mod sensors;
+mod stage;
+
+pub use body::Body;
+pub use effects::{Effect, EffectDescriptor, Side};
+pub use guides::{GuideBank, MAX_STEP_DAMPING};
+pub use sensors::{Reading, Sensors};
+pub use stage::{Rates, RatesError, Sample, Stage, StageState};

@@ -1,0 +1,240 @@
+//! The moving bodies: the carriage on its guides and, on the measuring rig, the motor behind a flexure.
+
+use crate::model::{Coupling, Guide, MAX_GUIDES, ModelError, StageModel};
+
+use super::effects::{Effects, Motion};
+use super::guides::{GuideBank, MAX_STEP_DAMPING};
+
+/// Largest product of step and highest natural frequency of the flexure, rad; the explicit step is stable below 2.
+const MAX_STEP_PHASE: f64 = 1.0;
+
+/// The mechanics of a stage, advanced in fixed steps under a held motor force.
+///
+/// One step is second order: the velocity of the step's middle comes from the forces at its start; position and bristles
+/// move with it over the whole step, the bristles exactly; the velocity at the end takes the mean elastic forces of start
+/// and end, the exact impulse of the bristle damping, and everything else at the middle. Eight exponentials per step.
+#[derive(Debug)]
+pub struct Body {
+    step: f64,
+    mass: f64,
+    inverse_mass: f64,
+    guides: GuideBank,
+    guide_viscous: [f64; MAX_GUIDES],
+    effects: Effects,
+    flexure: Option<Flexure>,
+    steps: u64,
+    position: f64,
+    velocity: f64,
+    /// Force on the carriage from the motor side at the end of the last step, N: what the cell reads.
+    cell_force: f64,
+    motor_force: f64,
+}
+
+#[derive(Clone, Debug)]
+struct Flexure {
+    stiffness: f64,
+    damping: f64,
+    inverse_motor_mass: f64,
+    motor_mass: f64,
+    /// Motor position less carriage position, m, and its rate, m/s.
+    stretch: f64,
+    rate: f64,
+}
+
+impl Body {
+    /// A body at rest at position 0 with unloaded bristles; `step` in s.
+    pub fn new(model: &StageModel, step: f64) -> Result<Body, ModelError> {
+        model.check()?;
+        let guides = model.resolved_guides()?;
+        let limit = largest_step(model.mass, &guides, model.coupling.as_ref());
+        if !(step > 0.0 && step <= limit) {
+            return Err(ModelError::Step { step, limit });
+        }
+        Ok(Body {
+            step,
+            mass: model.mass,
+            inverse_mass: model.mass.recip(),
+            guide_viscous: std::array::from_fn(|lane| guides.get(lane).map_or(0.0, |guide| guide.viscous_friction)),
+            guides: GuideBank::new(&guides),
+            effects: Effects::new(&model.effects)?,
+            flexure: model.coupling.as_ref().map(|coupling| Flexure {
+                stiffness: coupling.stiffness,
+                damping: coupling.damping,
+                inverse_motor_mass: coupling.motor_mass.recip(),
+                motor_mass: coupling.motor_mass,
+                stretch: 0.0,
+                rate: 0.0,
+            }),
+            steps: 0,
+            position: 0.0,
+            velocity: 0.0,
+            cell_force: 0.0,
+            motor_force: 0.0,
+        })
+    }
+
+    /// Advances by `steps` steps under the constant motor force, N.
+    #[inline]
+    pub fn advance(&mut self, motor_force: f64, steps: u32) {
+        self.motor_force = motor_force;
+        for _ in 0..steps {
+            if self.flexure.is_none() { self.step_rigid(motor_force) } else { self.step_flexible(motor_force) }
+        }
+    }
+
+    #[inline]
+    fn step_rigid(&mut self, motor_force: f64) {
+        let half = 0.5 * self.step;
+        let start = motor_force + self.effects.last_total() - self.guides.start_force(self.velocity);
+        let middle_velocity = self.velocity + half * self.inverse_mass * start;
+        let friction = self.guides.advance(middle_velocity, self.step);
+        let (motor_side, carriage_side) = self.evaluate_effects(middle_velocity, motor_force);
+        let force = motor_force + motor_side + carriage_side
+            - friction.elastic_force
+            - self.guides.viscous_friction() * middle_velocity;
+        self.position += self.step * middle_velocity;
+        self.velocity += self.inverse_mass * (self.step * force - friction.damping_impulse);
+        self.cell_force = motor_force + motor_side;
+        self.steps += 1;
+    }
+
+    fn step_flexible(&mut self, motor_force: f64) {
+        let Some(mut flexure) = self.flexure.take() else { return };
+        let half = 0.5 * self.step;
+        let pull = flexure.stiffness * flexure.stretch + flexure.damping * flexure.rate;
+        let (motor_side, carriage_side) = self.effects.last();
+        let carriage_start = (pull + carriage_side - self.guides.start_force(self.velocity)) * self.inverse_mass;
+        let motor_start = (motor_force + motor_side - pull) * flexure.inverse_motor_mass;
+        let middle_velocity = self.velocity + half * carriage_start;
+        let middle_rate = flexure.rate + half * (motor_start - carriage_start);
+
+        let friction = self.guides.advance(middle_velocity, self.step);
+        let (motor_side, carriage_side) = self.evaluate_effects(middle_velocity, motor_force);
+        let stretch = flexure.stretch + self.step * middle_rate;
+        let pull = 0.5 * flexure.stiffness * (flexure.stretch + stretch) + flexure.damping * middle_rate;
+        let carriage_impulse = self.step
+            * (pull + carriage_side - friction.elastic_force - self.guides.viscous_friction() * middle_velocity)
+            - friction.damping_impulse;
+        let motor_impulse = self.step * (motor_force + motor_side - pull);
+
+        self.position += self.step * middle_velocity;
+        let carriage_change = carriage_impulse * self.inverse_mass;
+        self.velocity += carriage_change;
+        flexure.rate += motor_impulse * flexure.inverse_motor_mass - carriage_change;
+        flexure.stretch = stretch;
+        self.cell_force = flexure.stiffness * flexure.stretch + flexure.damping * flexure.rate;
+        self.flexure = Some(flexure);
+        self.steps += 1;
+    }
+
+    #[inline]
+    fn evaluate_effects(&mut self, velocity: f64, motor_force: f64) -> (f64, f64) {
+        if self.effects.is_empty() {
+            return (0.0, 0.0);
+        }
+        let half = 0.5 * self.step;
+        let motion = Motion {
+            time: self.steps as f64 * self.step + half,
+            position: self.position + half * velocity,
+            velocity,
+            motor_force,
+        };
+        self.effects.advance(&motion, self.step)
+    }
+
+    /// Sets position (m), velocity (m/s) and bristle deflections (m); lanes beyond `bristles` stay.
+    pub fn set_state(&mut self, position: f64, velocity: f64, bristles: &[f64]) {
+        self.position = position;
+        self.velocity = velocity;
+        self.guides.set_bristles(bristles, velocity);
+    }
+
+    /// Position 0, at rest, bristles and flexure unloaded, effects as at the start; time goes on.
+    pub fn reset(&mut self) {
+        self.set_state(0.0, 0.0, &[0.0; MAX_GUIDES]);
+        if let Some(flexure) = &mut self.flexure {
+            (flexure.stretch, flexure.rate) = (0.0, 0.0);
+        }
+        self.effects.reset();
+        (self.cell_force, self.motor_force) = (0.0, 0.0);
+    }
+
+    /// True position of the carriage, m.
+    pub fn position(&self) -> f64 {
+        self.position
+    }
+
+    /// True velocity of the carriage, m/s.
+    pub fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    /// Time since construction, s.
+    pub fn time(&self) -> f64 {
+        self.steps as f64 * self.step
+    }
+
+    /// Force in the coupling between motor and carriage, N, positive where it pushes the carriage along +x.
+    pub fn cell_force(&self) -> f64 {
+        self.cell_force
+    }
+
+    /// Motor force of the last step, N, without effects.
+    pub fn motor_force(&self) -> f64 {
+        self.motor_force
+    }
+
+    /// Acceleration of the carriage at the end of the last step, m/s^2.
+    pub fn acceleration(&self) -> f64 {
+        let (motor_side, carriage_side) = self.effects.last();
+        let push = if self.flexure.is_some() { self.cell_force } else { self.motor_force + motor_side };
+        (push + carriage_side - self.guides.force(self.velocity)) * self.inverse_mass
+    }
+
+    pub fn guides(&self) -> &GuideBank {
+        &self.guides
+    }
+
+    /// Friction of each guide on the carriage, N, positive against positive motion; zero in lanes without a guide.
+    pub fn guide_forces(&self) -> [f64; MAX_GUIDES] {
+        self.guides.forces(self.velocity, &self.guide_viscous)
+    }
+
+    pub fn effects(&self) -> &Effects {
+        &self.effects
+    }
+
+    /// Kinetic and stored energy, J: carriage, motor body, flexure, bristles, effects.
+    pub fn energy(&self) -> f64 {
+        let bodies = 0.5 * self.mass * self.velocity * self.velocity
+            + self.flexure.as_ref().map_or(0.0, |flexure| {
+                let motor_velocity = self.velocity + flexure.rate;
+                0.5 * flexure.motor_mass * motor_velocity * motor_velocity
+                    + 0.5 * flexure.stiffness * flexure.stretch * flexure.stretch
+            });
+        bodies + self.guides.stored_energy() + self.effects.stored_energy(self.time(), self.position)
+    }
+
+    /// Power turned into heat by guides and flexure, W.
+    pub fn dissipated_power(&self) -> f64 {
+        let flexure = self.flexure.as_ref().map_or(0.0, |flexure| flexure.damping * flexure.rate * flexure.rate);
+        self.guides.dissipated_power(self.velocity) + flexure
+    }
+
+    /// Velocity at which the motor force does work, m/s.
+    pub fn motor_velocity(&self) -> f64 {
+        self.velocity + self.flexure.as_ref().map_or(0.0, |flexure| flexure.rate)
+    }
+}
+
+/// Largest step for which the explicit carriage and flexure steps are stable with a margin, s.
+fn largest_step(mass: f64, guides: &[Guide], coupling: Option<&Coupling>) -> f64 {
+    let damping: f64 = guides.iter().map(|guide| guide.bristle_damping + guide.viscous_friction).sum();
+    let stiffness: f64 = guides.iter().map(|guide| guide.stiffness).sum();
+    let flexure = coupling.map_or((0.0, 0.0), |coupling| {
+        let inverse_mass = mass.recip() + coupling.motor_mass.recip();
+        (coupling.stiffness * inverse_mass, coupling.damping * inverse_mass)
+    });
+    let frequency = (stiffness / mass + flexure.0).sqrt();
+    (MAX_STEP_PHASE / frequency).min(MAX_STEP_DAMPING / (damping / mass + flexure.1))
+}

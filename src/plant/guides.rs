@@ -1,0 +1,174 @@
+//! Up to four LuGre guides, advanced together: one lane each.
+
+use wide::f64x4;
+
+use crate::model::{Guide, MAX_GUIDES};
+
+/// Largest sum of bristle damping and viscous friction times step over mass: the explicit carriage step is stable below 1.
+pub const MAX_STEP_DAMPING: f64 = 0.5;
+
+/// The guides of one stage with their bristles. Lanes without a guide stay at zero force.
+///
+/// Law (Canudas de Wit et al., IEEE TAC 40(3), 1995): dz/dt = v - sigma0 |v| z / g(v), F = sigma0 z + sigma1 dz/dt + sigma2 v.
+#[derive(Clone, Debug)]
+pub struct GuideBank {
+    count: usize,
+    /// sigma0, N/m, and its inverse.
+    stiffness: f64x4,
+    compliance: f64x4,
+    /// sigma1, N s/m.
+    bristle_damping: f64x4,
+    /// sum of sigma2, N s/m.
+    viscous_friction: f64,
+    /// Fc and Fs - Fc, N.
+    coulomb_force: f64x4,
+    stribeck_force: f64x4,
+    /// -1/vs^2, s^2/m^2.
+    stribeck_exponent: f64x4,
+    /// -1/vd^2, s^2/m^2; 0 where the bristle damping is constant.
+    damping_exponent: f64x4,
+    damping_fades: bool,
+    /// Bristle deflection z, m.
+    bristle: f64x4,
+    /// sigma1 and 1/g as of the middle of the last step, and sigma1/g for the friction estimate at the next step's start.
+    damping: f64x4,
+    inverse_level: f64x4,
+}
+
+/// Impulse-like result of one step: mean bristle force and momentum taken by the bristle damping.
+pub(super) struct StepFriction {
+    /// Mean of sum(sigma0 z) over the step, N.
+    pub elastic_force: f64,
+    /// Sum of sigma1 (z' - z), N s: the exact impulse of the bristle damping.
+    pub damping_impulse: f64,
+}
+
+impl GuideBank {
+    /// Bristles start unloaded. The guides must have passed [`Guide::check`]; at most [`MAX_GUIDES`].
+    pub fn new(guides: &[Guide]) -> GuideBank {
+        assert!(guides.len() <= MAX_GUIDES, "{} guides, at most {MAX_GUIDES}", guides.len());
+        let lanes = |absent: f64, value: &dyn Fn(&Guide) -> f64| {
+            f64x4::new(std::array::from_fn(|lane| guides.get(lane).map_or(absent, value)))
+        };
+        let mut bank = GuideBank {
+            count: guides.len(),
+            stiffness: lanes(0.0, &|guide| guide.stiffness),
+            compliance: lanes(0.0, &|guide| guide.stiffness.recip()),
+            bristle_damping: lanes(0.0, &|guide| guide.bristle_damping),
+            viscous_friction: guides.iter().map(|guide| guide.viscous_friction).sum(),
+            coulomb_force: lanes(1.0, &|guide| guide.coulomb_force),
+            stribeck_force: lanes(0.0, &|guide| guide.static_force - guide.coulomb_force),
+            stribeck_exponent: lanes(0.0, &|guide| -guide.stribeck_velocity.powi(-2)),
+            damping_exponent: lanes(0.0, &|guide| guide.damping_velocity.map_or(0.0, |velocity| -velocity.powi(-2))),
+            damping_fades: guides.iter().any(|guide| guide.damping_velocity.is_some()),
+            bristle: f64x4::ZERO,
+            damping: f64x4::ZERO,
+            inverse_level: f64x4::ZERO,
+        };
+        bank.refresh(0.0);
+        bank
+    }
+
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Bristle deflections z, m, one per guide.
+    pub fn bristles(&self) -> &[f64] {
+        &self.bristle.as_array()[..self.count]
+    }
+
+    /// Sets the bristle deflections, m, for a stage that moves at `velocity`; lanes beyond `bristles` stay as they are.
+    pub fn set_bristles(&mut self, bristles: &[f64], velocity: f64) {
+        for (lane, bristle) in self.bristle.as_mut_array().iter_mut().zip(bristles) {
+            *lane = *bristle;
+        }
+        self.refresh(velocity);
+    }
+
+    /// Recomputes what one step hands to the next, after a state was set from outside.
+    fn refresh(&mut self, velocity: f64) {
+        let squared = f64x4::splat(velocity * velocity);
+        self.inverse_level = f64x4::ONE / self.level(squared);
+        self.damping = self.damping_at(squared);
+    }
+
+    fn level(&self, velocity_squared: f64x4) -> f64x4 {
+        self.coulomb_force + self.stribeck_force * (self.stribeck_exponent * velocity_squared).exp()
+    }
+
+    fn damping_at(&self, velocity_squared: f64x4) -> f64x4 {
+        if self.damping_fades {
+            self.bristle_damping * (self.damping_exponent * velocity_squared).exp()
+        } else {
+            self.bristle_damping
+        }
+    }
+
+    /// Bristle velocities dz/dt at velocity v, m/s.
+    fn bristle_velocities(&self, velocity: f64) -> (f64x4, f64x4) {
+        let v = f64x4::splat(velocity);
+        let squared = v * v;
+        let rate = v - self.stiffness * v.abs() * self.bristle / self.level(squared);
+        (rate, self.damping_at(squared))
+    }
+
+    /// Friction of each guide on the carriage at velocity v, N; positive against positive motion.
+    pub fn forces(&self, velocity: f64, viscous: &[f64; MAX_GUIDES]) -> [f64; MAX_GUIDES] {
+        let (rate, damping) = self.bristle_velocities(velocity);
+        (self.stiffness * self.bristle + damping * rate + f64x4::new(*viscous) * f64x4::splat(velocity)).to_array()
+    }
+
+    /// Sum of the friction at velocity v, N, exact in v.
+    pub fn force(&self, velocity: f64) -> f64 {
+        let (rate, damping) = self.bristle_velocities(velocity);
+        (self.stiffness * self.bristle + damping * rate).reduce_add() + self.viscous_friction * velocity
+    }
+
+    /// Energy stored in the bristles, J: sum of sigma0 z^2 / 2.
+    pub fn stored_energy(&self) -> f64 {
+        (self.stiffness * self.bristle * self.bristle).reduce_add() / 2.0
+    }
+
+    /// Power that the guides turn into heat at velocity v, W: friction power less the power that loads the bristles.
+    pub fn dissipated_power(&self, velocity: f64) -> f64 {
+        let (rate, _) = self.bristle_velocities(velocity);
+        self.force(velocity) * velocity - (self.stiffness * self.bristle * rate).reduce_add()
+    }
+
+    /// Sum of sigma2, N s/m.
+    pub fn viscous_friction(&self) -> f64 {
+        self.viscous_friction
+    }
+
+    /// Friction at the start of a step, N, with the Stribeck level of the last step's middle in place of a new exponential.
+    ///
+    /// First order in the level, which enters the carriage's velocity in second order only: half a step times sigma1/m.
+    #[inline]
+    pub(super) fn start_force(&self, velocity: f64) -> f64 {
+        let elastic = self.stiffness * self.bristle;
+        let v = f64x4::splat(velocity);
+        let rate = v - elastic * (v.abs() * self.inverse_level);
+        (elastic + self.damping * rate).reduce_add() + self.viscous_friction * velocity
+    }
+
+    /// Moves the bristles over `step` seconds at the constant velocity v, exactly:
+    /// z' = zs + (z - zs) exp(-sigma0 |v| step / g), zs = g sign(v) / sigma0. Stable at any speed and step.
+    #[inline]
+    pub(super) fn advance(&mut self, velocity: f64, step: f64) -> StepFriction {
+        let v = f64x4::splat(velocity);
+        let squared = v * v;
+        let level = self.level(squared);
+        let inverse_level = f64x4::ONE / level;
+        let damping = self.damping_at(squared);
+        let steady = level * self.compliance * f64x4::splat(1f64.copysign(velocity));
+        let decay = (self.stiffness * inverse_level * f64x4::splat(-velocity.abs() * step)).exp();
+        let bristle = steady + (self.bristle - steady) * decay;
+        let elastic = (self.stiffness * (self.bristle + bristle)).reduce_add();
+        let damping_impulse = (damping * (bristle - self.bristle)).reduce_add();
+        self.bristle = bristle;
+        self.damping = damping;
+        self.inverse_level = inverse_level;
+        StepFriction { elastic_force: 0.5 * elastic, damping_impulse }
+    }
+}
