@@ -1,1 +1,14 @@
-//! How a stage is driven: PID, lowpass, feedforward, motion.
+//! How a stage is driven: PID with lowpass, feedforward, and the motion that it follows.
+//!
+//! In come references and measured positions at a fixed rate, out goes a force with every term that it is made of. Time is
+//! an argument in nanoseconds; nothing here allocates while controlling.
+
+mod controller;
+mod lowpass;
+mod pid;
+mod trajectory;
+
+pub use controller::{Controller, ControllerError, ControllerSettings, Terms};
+pub use lowpass::Lowpass;
+pub use pid::{AntiWindup, Gains, Pid};
+pub use trajectory::{Follower, Point, Reference, Trajectory, TrajectoryError};

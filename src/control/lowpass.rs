@@ -1,0 +1,74 @@
+//! Second-order lowpass, sampled.
+
+use std::f64::consts::PI;
+
+/// H(s) = w^2 / (s^2 + 2 zeta w s + w^2) by the bilinear transform with prewarping at w; zero initial state.
+#[derive(Clone, Debug)]
+pub struct Lowpass {
+    input_gain: f64,
+    feedback: [f64; 2],
+    /// Transposed direct form II memory.
+    memory: [f64; 2],
+}
+
+impl Lowpass {
+    /// `frequency` in Hz, below half the sampling `rate` in Hz; `damping` is zeta.
+    pub fn new(frequency: f64, damping: f64, rate: f64) -> Lowpass {
+        let k = (PI * frequency / rate).tan();
+        let norm = (1.0 + 2.0 * damping * k + k * k).recip();
+        Lowpass {
+            input_gain: k * k * norm,
+            feedback: [2.0 * (k * k - 1.0) * norm, (1.0 - 2.0 * damping * k + k * k) * norm],
+            memory: [0.0; 2],
+        }
+    }
+
+    #[inline]
+    pub fn filter(&mut self, input: f64) -> f64 {
+        let scaled = self.input_gain * input;
+        let output = scaled + self.memory[0];
+        self.memory[0] = 2.0 * scaled - self.feedback[0] * output + self.memory[1];
+        self.memory[1] = scaled - self.feedback[1] * output;
+        output
+    }
+
+    /// Keeps the memory, changes the coefficients to those of `other`.
+    pub fn retune(&mut self, other: &Lowpass) {
+        (self.input_gain, self.feedback) = (other.input_gain, other.feedback);
+    }
+
+    pub fn reset(&mut self) {
+        self.memory = [0.0; 2];
+    }
+
+    /// |H| and its phase, rad, of the continuous filter at `frequency / cutoff = ratio`.
+    pub fn response(ratio: f64, damping: f64) -> (f64, f64) {
+        let (real, imaginary) = (1.0 - ratio * ratio, 2.0 * damping * ratio);
+        (real.hypot(imaginary).recip(), -imaginary.atan2(real))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Amplitude of the response to a sine, by projection over whole periods after the transient.
+    fn gain(frequency: f64, cutoff: f64, rate: f64) -> f64 {
+        let mut lowpass = Lowpass::new(cutoff, std::f64::consts::FRAC_1_SQRT_2, rate);
+        let period = (rate / frequency).round() as usize;
+        let output: Vec<f64> =
+            (0..60 * period).map(|k| lowpass.filter((2.0 * PI * k as f64 / period as f64).sin())).collect();
+        let tail = &output[50 * period..];
+        let project = |f: fn(f64) -> f64| -> f64 {
+            tail.iter().enumerate().map(|(k, y)| y * f(2.0 * PI * k as f64 / period as f64)).sum::<f64>()
+        };
+        2.0 * project(f64::sin).hypot(project(f64::cos)) / tail.len() as f64
+    }
+
+    #[test]
+    fn passes_low_frequencies_halves_the_power_at_the_cutoff_and_falls_by_40_db_per_decade() {
+        assert!((gain(4.0, 360.0, 4000.0) - 1.0).abs() < 1e-3);
+        assert!((gain(400.0, 400.0, 4000.0) - std::f64::consts::FRAC_1_SQRT_2).abs() < 1e-3);
+        assert!((gain(200.0, 20.0, 40_000.0) - 0.01).abs() < 1e-3);
+    }
+}

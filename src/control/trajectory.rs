@@ -1,0 +1,329 @@
+//! The motion that a controller follows: streamed setpoints and trajectories, interpolated between their points.
+
+/// Where the stage should be: m, m/s, m/s^2; `effort` is a force feedforward of the sender, N.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reference {
+    pub position: f64,
+    pub velocity: f64,
+    pub acceleration: f64,
+    pub effort: f64,
+}
+
+/// A point of a trajectory, `time` ns after its start. Absent velocity or acceleration lowers the order of interpolation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Point {
+    pub time: i64,
+    pub position: f64,
+    pub velocity: Option<f64>,
+    pub acceleration: Option<f64>,
+    pub effort: f64,
+}
+
+/// A checked list of points with its start, ns on the clock of the samples.
+///
+/// Between two points as joint_trajectory_controller does: quintic where both give velocity and acceleration, cubic where
+/// both give velocity, linear else. Before the first point the motion comes from where the reference was at the start.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trajectory {
+    start: i64,
+    points: Vec<Point>,
+}
+
+/// Why a setpoint or a trajectory is refused. Index counts points from 0.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TrajectoryError {
+    #[error("the trajectory has no points")]
+    Empty,
+    #[error("point {index}: {quantity} is {value}, must be finite")]
+    NotFinite { index: usize, quantity: &'static str, value: f64 },
+    #[error("point {index}: time_from_start {time} ns does not come after {previous} ns of the point before")]
+    TimeOrder { index: usize, time: i64, previous: i64 },
+    #[error(
+        "setpoint jumps by {jump:.3e} m from {from:.6e} m, at most {limit:.3e} m without a motion: send a trajectory"
+    )]
+    Jump { jump: f64, from: f64, limit: f64 },
+    #[error("the trajectory ends at {end} ns, before now ({now} ns)")]
+    Past { end: i64, now: i64 },
+    #[error("point {index} needs {value:.3e} {unit} on the way, at most {limit:.3e} {unit}")]
+    TooFast { index: usize, value: f64, limit: f64, unit: &'static str },
+}
+
+/// Follows what it is given: holds a reference, follows a trajectory, takes streamed setpoints.
+#[derive(Clone, Debug)]
+pub struct Follower {
+    held: Reference,
+    held_since: i64,
+    active: Option<Active>,
+    /// Largest step of a streamed setpoint, m, beyond what its own velocity explains.
+    jump_limit: f64,
+}
+
+#[derive(Clone, Debug)]
+struct Active {
+    trajectory: Trajectory,
+    /// Reference at the start, the first point of the first segment.
+    origin: Point,
+    segment: usize,
+}
+
+impl Trajectory {
+    /// `start` in ns on the clock of the samples.
+    pub fn new(start: i64, points: Vec<Point>) -> Result<Trajectory, TrajectoryError> {
+        if points.is_empty() {
+            return Err(TrajectoryError::Empty);
+        }
+        let mut previous = -1;
+        for (index, point) in points.iter().enumerate() {
+            let quantities = [
+                ("position", Some(point.position)),
+                ("velocity", point.velocity),
+                ("acceleration", point.acceleration),
+                ("effort", Some(point.effort)),
+            ];
+            for (quantity, value) in quantities {
+                if let Some(value) = value.filter(|value| !value.is_finite()) {
+                    return Err(TrajectoryError::NotFinite { index, quantity, value });
+                }
+            }
+            if point.time <= previous {
+                return Err(TrajectoryError::TimeOrder { index, time: point.time, previous });
+            }
+            previous = point.time;
+        }
+        Ok(Trajectory { start, points })
+    }
+
+    /// A rest-to-rest move: quintic from where the reference is to `position`, over `duration` ns.
+    pub fn rest_to_rest(start: i64, position: f64, duration: i64) -> Trajectory {
+        let point = Point { time: duration, position, velocity: Some(0.0), acceleration: Some(0.0), effort: 0.0 };
+        Trajectory { start, points: vec![point] }
+    }
+
+    pub fn start(&self) -> i64 {
+        self.start
+    }
+
+    pub fn points(&self) -> &[Point] {
+        &self.points
+    }
+
+    /// Instant of the last point, ns.
+    pub fn end(&self) -> i64 {
+        self.start + self.points.last().map_or(0, |point| point.time)
+    }
+}
+
+/// The motion from `a` to `b` at `time`, ns after the start of their trajectory.
+fn interpolate(a: &Point, b: &Point, time: i64) -> Reference {
+    let span = (b.time - a.time) as f64 * 1e-9;
+    let u = (time - a.time) as f64 / (b.time - a.time) as f64;
+    let delta = b.position - a.position;
+    let effort = a.effort + (b.effort - a.effort) * u;
+    match (a.velocity.zip(b.velocity), a.acceleration.zip(b.acceleration)) {
+        (Some((va, vb)), Some((aa, ab))) => {
+            // Coefficients over u in 0..1 of the quintic through both ends.
+            let (va, vb, aa, ab) = (va * span, vb * span, aa * span * span, ab * span * span);
+            let c2 = 0.5 * aa;
+            let c3 = 10.0 * delta - 6.0 * va - 4.0 * vb - 1.5 * aa + 0.5 * ab;
+            let c4 = -15.0 * delta + 8.0 * va + 7.0 * vb + 1.5 * aa - ab;
+            let c5 = 6.0 * delta - 3.0 * (va + vb) - 0.5 * (aa - ab);
+            Reference {
+                position: a.position + u * (va + u * (c2 + u * (c3 + u * (c4 + u * c5)))),
+                velocity: (va + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / span,
+                acceleration: (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (span * span),
+                effort,
+            }
+        }
+        (Some((va, vb)), None) => {
+            let (va, vb) = (va * span, vb * span);
+            let c2 = 3.0 * delta - 2.0 * va - vb;
+            let c3 = -2.0 * delta + va + vb;
+            Reference {
+                position: a.position + u * (va + u * (c2 + u * c3)),
+                velocity: (va + u * (2.0 * c2 + u * 3.0 * c3)) / span,
+                acceleration: (2.0 * c2 + u * 6.0 * c3) / (span * span),
+                effort,
+            }
+        }
+        (None, _) => Reference { position: a.position + u * delta, velocity: delta / span, acceleration: 0.0, effort },
+    }
+}
+
+impl Follower {
+    /// Holds `position` (m) from time 0 on.
+    pub fn new(position: f64, jump_limit: f64) -> Follower {
+        let held = Reference { position, ..Reference::default() };
+        Follower { held, held_since: 0, active: None, jump_limit }
+    }
+
+    /// A setpoint of now. It ends a trajectory that is being followed.
+    ///
+    /// Refused where it jumps: by more than the limit beyond what the velocity of both setpoints explains since the last one.
+    pub fn set(&mut self, now: i64, setpoint: Reference) -> Result<(), TrajectoryError> {
+        let point = Point {
+            position: setpoint.position,
+            velocity: Some(setpoint.velocity),
+            acceleration: Some(setpoint.acceleration),
+            effort: setpoint.effort,
+            time: 0,
+        };
+        Trajectory::new(now, vec![point])?;
+        let current = self.at(now);
+        let elapsed = (now - self.held_since).max(0) as f64 * 1e-9;
+        let speed = setpoint.velocity.abs().max(current.velocity.abs());
+        let (jump, limit) = ((setpoint.position - current.position).abs(), self.jump_limit + speed * elapsed);
+        if jump > limit {
+            return Err(TrajectoryError::Jump { jump, from: current.position, limit });
+        }
+        (self.held, self.held_since, self.active) = (setpoint, now, None);
+        Ok(())
+    }
+
+    /// Follows a trajectory from its start on; what was followed before goes on until then only through its reference then.
+    pub fn follow(&mut self, now: i64, trajectory: Trajectory) -> Result<(), TrajectoryError> {
+        if trajectory.end() < now {
+            return Err(TrajectoryError::Past { end: trajectory.end(), now });
+        }
+        let from = self.at(trajectory.start);
+        let first = trajectory.points[0];
+        let jump = (first.position - from.position).abs();
+        if first.time == 0 && jump > self.jump_limit {
+            return Err(TrajectoryError::Jump { jump, from: from.position, limit: self.jump_limit });
+        }
+        // Where the first segment starts, the reference has a velocity and an acceleration of its own.
+        let origin = Point {
+            time: 0,
+            position: from.position,
+            velocity: Some(from.velocity),
+            acceleration: Some(from.acceleration),
+            effort: from.effort,
+        };
+        self.held = from;
+        self.held_since = trajectory.start;
+        self.active = Some(Active { trajectory, origin, segment: 0 });
+        Ok(())
+    }
+
+    /// The reference at `time`, ns. Looks ahead and back without changing anything.
+    #[inline]
+    pub fn at(&self, time: i64) -> Reference {
+        let Some(active) = &self.active else { return self.held };
+        let points = &active.trajectory.points;
+        let since = time - active.trajectory.start;
+        if since < 0 {
+            return self.held;
+        }
+        let mut next = active.segment;
+        while next < points.len() && points[next].time <= since {
+            next += 1;
+        }
+        match points.get(next) {
+            Some(point) => {
+                let from = if next == 0 { &active.origin } else { &points[next - 1] };
+                interpolate(from, point, since)
+            }
+            // Past the end the last position is held, at rest.
+            None => Reference { position: points[points.len() - 1].position, ..Reference::default() },
+        }
+    }
+
+    /// Moves on to `now`: forgets segments that lie behind, so that the search in [`Follower::at`] stays short.
+    #[inline]
+    pub fn advance(&mut self, now: i64) {
+        if let Some(active) = &mut self.active {
+            let since = now - active.trajectory.start;
+            let points = &active.trajectory.points;
+            while active.segment < points.len() && points[active.segment].time <= since {
+                active.segment += 1;
+            }
+        }
+    }
+
+    /// Whether a trajectory is being followed at `time`: its mean acceleration over the next sample is then known.
+    pub fn is_moving(&self, time: i64) -> bool {
+        self.active.as_ref().is_some_and(|active| time < active.trajectory.end())
+    }
+
+    /// Whether the velocity ahead is known at `time`, ns: a trajectory was given, so that one can look ahead.
+    pub fn can_look_ahead(&self) -> bool {
+        self.active.is_some()
+    }
+
+    /// Gives up what is followed and holds `position`, m.
+    pub fn hold(&mut self, now: i64, position: f64) {
+        (self.held, self.held_since, self.active) = (Reference { position, ..Reference::default() }, now, None);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: i64 = 1_000_000;
+
+    #[test]
+    fn rest_to_rest_move_is_the_minimum_jerk_polynomial() {
+        let mut follower = Follower::new(0.0, 1e-3);
+        follower.follow(0, Trajectory::rest_to_rest(10 * MS, 0.05, 100 * MS)).unwrap();
+        for ms in [0, 10, 20, 47, 60, 109, 110, 300] {
+            let tau = ((ms as f64 - 10.0) / 100.0).clamp(0.0, 1.0);
+            let expected = 0.05 * tau.powi(3) * (10.0 - 15.0 * tau + 6.0 * tau * tau);
+            let velocity = 0.05 / 0.1 * 30.0 * tau * tau * (1.0 - tau) * (1.0 - tau);
+            let found = follower.at(ms * MS);
+            assert!((found.position - expected).abs() < 1e-16 && (found.velocity - velocity).abs() < 1e-14, "{ms} ms");
+        }
+    }
+
+    #[test]
+    fn interpolation_meets_the_points_with_the_order_that_they_give() {
+        let point =
+            |time, position, velocity, acceleration| Point { time, position, velocity, acceleration, effort: 0.0 };
+        let points = vec![
+            point(100 * MS, 0.01, Some(0.1), Some(0.0)),
+            point(200 * MS, 0.02, Some(0.05), Some(-1.0)),
+            point(300 * MS, 0.03, Some(0.0), None),
+            point(400 * MS, 0.01, None, None),
+        ];
+        let mut follower = Follower::new(0.0, 1e-3);
+        follower.follow(0, Trajectory::new(0, points.clone()).unwrap()).unwrap();
+        for (index, point) in points.iter().enumerate().take(3) {
+            let before = follower.at(point.time - 1);
+            assert!((before.position - point.position).abs() < 1e-9, "{index}: {before:?}");
+            assert!((before.velocity - point.velocity.unwrap()).abs() < 1e-6, "{index}: {before:?}");
+        }
+        // Linear between the last two.
+        let middle = follower.at(350 * MS);
+        assert!((middle.position - 0.02).abs() < 1e-12 && (middle.velocity + 0.2).abs() < 1e-12);
+        // Velocity is the derivative of position, acceleration that of velocity, wherever it is smooth.
+        for time in [33 * MS, 150 * MS, 250 * MS] {
+            let (a, b, c) = (follower.at(time - MS / 10), follower.at(time), follower.at(time + MS / 10));
+            assert!(((c.position - a.position) / 2e-4 - b.velocity).abs() < 1e-4);
+            assert!(((c.velocity - a.velocity) / 2e-4 - b.acceleration).abs() < 1e-2);
+        }
+    }
+
+    #[test]
+    fn bad_points_are_refused_with_their_index() {
+        let good = Point { time: MS, position: 0.0, ..Point::default() };
+        assert_eq!(Trajectory::new(0, vec![]), Err(TrajectoryError::Empty));
+        let nan = Point { position: f64::NAN, ..good };
+        assert!(Trajectory::new(0, vec![good, nan]).unwrap_err().to_string().contains("point 1: position is NaN"));
+        assert!(Trajectory::new(0, vec![good, good]).unwrap_err().to_string().contains("does not come after"));
+    }
+
+    #[test]
+    fn a_setpoint_that_jumps_is_refused_and_a_stream_is_followed() {
+        let mut follower = Follower::new(0.0, 1e-3);
+        let jump = Reference { position: 0.01, ..Reference::default() };
+        assert!(matches!(follower.set(MS, jump), Err(TrajectoryError::Jump { .. })));
+        assert_eq!(follower.at(MS).position, 0.0);
+        for k in 1..100 {
+            let setpoint = Reference { position: 0.01 * k as f64, velocity: 0.6, ..Reference::default() };
+            follower.set(k * 16_666_667, setpoint).unwrap();
+        }
+        assert!(matches!(
+            follower.follow(2_000 * MS, Trajectory::rest_to_rest(0, 0.0, MS)),
+            Err(TrajectoryError::Past { .. })
+        ));
+    }
+}
