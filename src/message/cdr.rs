@@ -1,0 +1,192 @@
+//! Messages to and from CDR, the byte format of ROS 2 on the wire and in bags.
+//!
+//! Four bytes of encapsulation (representation and options), then plain CDR (XCDR1), aligned from the byte after them.
+
+use byteorder::{BigEndian, LittleEndian};
+use serde::{Serialize, de::DeserializeOwned};
+use thiserror::Error;
+
+/// Encapsulation of plain CDR, little endian.
+const LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
+
+/// Why bytes are not the message that they should be.
+#[derive(Debug, Error)]
+pub enum CdrError {
+    /// A message that cannot be written as CDR.
+    #[error("{kind} does not encode: {source}")]
+    Encode {
+        /// Rust type of the message.
+        kind: &'static str,
+        /// What was met.
+        source: cdr_encoding::Error,
+    },
+    /// Too short for the encapsulation.
+    #[error("{length} bytes, but a CDR message begins with 4 bytes of encapsulation")]
+    NoEncapsulation {
+        /// Bytes that are there.
+        length: usize,
+    },
+    /// An encapsulation other than plain CDR.
+    #[error(
+        "CDR representation {found:#06x}, supported are 0x0000 (big endian) and 0x0001 (little endian)"
+    )]
+    Representation {
+        /// The representation identifier of the message.
+        found: u16,
+    },
+    /// The content does not fit the type.
+    #[error("{length} bytes do not decode as {kind}: {source}")]
+    Content {
+        /// Bytes that are there, encapsulation included.
+        length: usize,
+        /// Rust type that was asked for.
+        kind: &'static str,
+        /// What was met.
+        source: cdr_encoding::Error,
+    },
+}
+
+/// Encodes a message as plain CDR, little endian, with encapsulation.
+pub fn to_cdr<M: Serialize>(message: &M) -> Result<Vec<u8>, CdrError> {
+    let mut bytes = Vec::with_capacity(256);
+    to_cdr_into(message, &mut bytes)?;
+    Ok(bytes)
+}
+
+/// Encodes a message into `bytes`, which is cleared first: no allocation once it is large enough.
+pub fn to_cdr_into<M: Serialize>(message: &M, bytes: &mut Vec<u8>) -> Result<(), CdrError> {
+    bytes.clear();
+    bytes.extend_from_slice(&LITTLE_ENDIAN);
+    cdr_encoding::to_writer::<M, LittleEndian, _>(&mut *bytes, message).map_err(|source| {
+        CdrError::Encode {
+            kind: std::any::type_name::<M>(),
+            source,
+        }
+    })
+}
+
+/// Decodes a message from plain CDR of either endianness. Bytes after the message (padding) are ignored.
+pub fn from_cdr<M: DeserializeOwned>(bytes: &[u8]) -> Result<M, CdrError> {
+    let Some((head, body)) = bytes.split_first_chunk::<4>() else {
+        return Err(CdrError::NoEncapsulation {
+            length: bytes.len(),
+        });
+    };
+    let decoded = match u16::from_be_bytes([head[0], head[1]]) {
+        0 => cdr_encoding::from_bytes::<M, BigEndian>(body),
+        1 => cdr_encoding::from_bytes::<M, LittleEndian>(body),
+        found => return Err(CdrError::Representation { found }),
+    };
+    match decoded {
+        Ok((message, _)) => Ok(message),
+        Err(source) => Err(CdrError::Content {
+            length: bytes.len(),
+            kind: std::any::type_name::<M>(),
+            source,
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::message::*;
+
+    fn joint_state() -> JointState {
+        JointState {
+            header: Header::new(1_500_000_000, "stage"),
+            name: vec!["stage".into()],
+            position: vec![0.025],
+            velocity: vec![-0.5],
+            effort: vec![12.0],
+        }
+    }
+
+    #[test]
+    fn encapsulation_is_little_endian_plain_cdr() {
+        let clock = Clock {
+            clock: Time { sec: 1, nanosec: 2 },
+        };
+        assert_eq!(
+            to_cdr(&clock).unwrap(),
+            [0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]
+        );
+    }
+
+    #[test]
+    fn big_endian_is_read() {
+        let bytes = [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 2];
+        let clock: Clock = from_cdr(&bytes).unwrap();
+        assert_eq!(clock.clock, Time { sec: 1, nanosec: 2 });
+    }
+
+    #[test]
+    fn doubles_are_aligned_to_eight_after_the_encapsulation() {
+        // stamp 8, length of frame_id 4, "stage\0" 6, pad 6, then data at 24
+        let message = WrenchStamped::along_x(Header::new(0, "stage"), 1.0);
+        let bytes = to_cdr(&message).unwrap();
+        assert_eq!(bytes.len(), 4 + 24 + 48);
+        assert_eq!(bytes[28..36], 1.0f64.to_le_bytes());
+    }
+
+    #[test]
+    fn messages_survive_the_round_trip() {
+        let state = joint_state();
+        assert_eq!(
+            from_cdr::<JointState>(&to_cdr(&state).unwrap()).unwrap(),
+            state
+        );
+        let truth = StageState {
+            header: Header::new(-5, "stage"),
+            sample: 7,
+            effect_name: vec!["cogging".into(), "cable_chain".into()],
+            effect_force: vec![1.0, -2.0],
+            bristle_deflection: vec![1e-9; 4],
+            ..Default::default()
+        };
+        assert_eq!(
+            from_cdr::<StageState>(&to_cdr(&truth).unwrap()).unwrap(),
+            truth
+        );
+    }
+
+    #[test]
+    fn other_representations_are_named() {
+        let error = from_cdr::<Clock>(&[0, 7, 0, 0, 1, 2, 3, 4]).unwrap_err();
+        assert!(error.to_string().contains("0x0007"), "{error}");
+        let error = from_cdr::<Clock>(&[0, 1]).unwrap_err();
+        assert!(error.to_string().starts_with("2 bytes"), "{error}");
+        let error = from_cdr::<Clock>(&[0, 1, 0, 0, 1]).unwrap_err();
+        assert!(error.to_string().contains("Clock"), "{error}");
+    }
+
+    #[test]
+    fn an_absurd_length_fails_without_taking_memory() {
+        let mut bytes = to_cdr(&joint_state()).unwrap();
+        bytes[24..28].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert!(from_cdr::<JointState>(&bytes).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn garbage_never_panics(body in proptest::collection::vec(any::<u8>(), 0..300), little in any::<bool>()) {
+            let mut bytes = vec![0, u8::from(little), 0, 0];
+            bytes.extend(body);
+            let _ = from_cdr::<JointState>(&bytes);
+            let _ = from_cdr::<JointTrajectory>(&bytes);
+            let _ = from_cdr::<StageState>(&bytes);
+            let _ = from_cdr::<DiagnosticArray>(&bytes);
+            let _ = from_cdr::<Float64MultiArray>(&bytes[2..]);
+        }
+
+        #[test]
+        fn flipped_bytes_never_panic(at in 0usize..100, value in any::<u8>()) {
+            let mut bytes = to_cdr(&joint_state()).unwrap();
+            let at = at % bytes.len();
+            bytes[at] = value;
+            let _ = from_cdr::<JointState>(&bytes);
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! `friction_stage`: our own two messages, as `msg/*.msg` define them.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Definition, Header, RosMessage, Time};
+
+/// The true state of the emulated stage at one sample; forces act on the carriage, + along +x.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct StageState {
+    /// Time of the sample.
+    pub header: Header,
+    /// Number of the control sample, counted from start-up.
+    pub sample: u64,
+    /// m.
+    pub position: f64,
+    /// m/s.
+    pub velocity: f64,
+    /// m/s², just after the command of this sample took effect.
+    pub acceleration: f64,
+    /// N, of the motor over the interval that ends at this sample, before effects.
+    pub motor_force: f64,
+    /// m, one per guide.
+    pub bristle_deflection: Vec<f64>,
+    /// N, friction of each guide on the carriage.
+    pub guide_force: Vec<f64>,
+    /// Active effects, in the order of the model.
+    pub effect_name: Vec<String>,
+    /// N, one per effect.
+    pub effect_force: Vec<f64>,
+}
+
+impl RosMessage for StageState {
+    const PACKAGE: &'static str = "friction_stage";
+    const NAME: &'static str = "StageState";
+    const TYPE_HASH: &'static str =
+        "RIHS01_720ba5ed56a9124921945ef073debc9a4b277614343e2b3ef27b893e3f188ae3";
+    const TEXT: &'static str = include_str!("../../msg/StageState.msg");
+    const DEPENDENCIES: &'static [Definition] =
+        &[Definition::of::<Header>(), Definition::of::<Time>()];
+}
+
+/// Everything that the controller adds up for one sample.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ControllerState {
+    /// Stamp of the sample that this output answers.
+    pub header: Header,
+    /// Number of answered samples.
+    pub sample: u64,
+    /// m.
+    pub reference_position: f64,
+    /// m/s.
+    pub reference_velocity: f64,
+    /// m/s².
+    pub reference_acceleration: f64,
+    /// m, as the encoder gave it.
+    pub position: f64,
+    /// m, reference - position.
+    pub error: f64,
+    /// N.
+    pub proportional: f64,
+    /// N.
+    pub integral: f64,
+    /// N.
+    pub derivative: f64,
+    /// N, sum of the three after the lowpass.
+    pub feedback: f64,
+    /// N.
+    pub mass_feedforward: f64,
+    /// N.
+    pub viscous_feedforward: f64,
+    /// N, added by the setpoint itself.
+    pub effort: f64,
+    /// N, sum after saturation.
+    pub output: f64,
+    /// The sum exceeded the force limit.
+    pub saturated: bool,
+    /// False: output is zero.
+    pub enabled: bool,
+    /// No setpoint is being followed: the last one is held.
+    pub holding: bool,
+}
+
+impl RosMessage for ControllerState {
+    const PACKAGE: &'static str = "friction_stage";
+    const NAME: &'static str = "ControllerState";
+    const TYPE_HASH: &'static str =
+        "RIHS01_c47f1110e058bf2d1b9b2ba6ccfa9e4823942501482392f0844100a663b1ec71";
+    const TEXT: &'static str = include_str!("../../msg/ControllerState.msg");
+    const DEPENDENCIES: &'static [Definition] =
+        &[Definition::of::<Header>(), Definition::of::<Time>()];
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Field names of a definition, in order.
+    fn fields(text: &str) -> Vec<String> {
+        text.lines()
+            .map(|l| l.split('#').next().unwrap_or(""))
+            .filter_map(|l| l.split_whitespace().nth(1))
+            .map(str::to_owned)
+            .collect()
+    }
+
+    /// Field names of a struct, in order.
+    fn members<M: RosMessage + Default>() -> Vec<String> {
+        let text = serde_json::to_string(&M::default()).unwrap();
+        let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let mut names: Vec<(usize, String)> = value
+            .as_object()
+            .unwrap()
+            .keys()
+            .map(|k| (text.find(&format!("\"{k}\":")).unwrap(), k.clone()))
+            .collect();
+        names.sort();
+        names.into_iter().map(|(_, k)| k).collect()
+    }
+
+    #[test]
+    fn structs_have_the_fields_of_their_definition_in_order() {
+        assert_eq!(members::<StageState>(), fields(StageState::TEXT));
+        assert_eq!(members::<ControllerState>(), fields(ControllerState::TEXT));
+    }
+}
