@@ -193,7 +193,7 @@ mod tests {
         let mut settings = ControllerSettings::paper(40.0, 4000.0, 2000.0);
         (settings.gains.p, settings.gains.i, settings.gains.d) = (0.0, 0.0, 0.0);
         let mut controller = Controller::new(settings).unwrap();
-        let mut follower = Follower::new(0.0, 1e-3);
+        let mut follower = Follower::new(1e-3);
         follower.follow(0, super::super::Trajectory::rest_to_rest(0, 0.05, 100_000_000)).unwrap();
         let (mut x, mut v) = (0.0, 0.0);
         for k in 0..400 {
@@ -209,7 +209,7 @@ mod tests {
     #[test]
     fn output_is_the_sum_of_its_terms_within_the_limits() {
         let mut controller = Controller::new(ControllerSettings::paper(40.0, 4000.0, 50.0)).unwrap();
-        let mut follower = Follower::new(0.0, 1e-3);
+        let mut follower = Follower::new(1e-3);
         let small = controller.update(0, 1e-9, &mut follower);
         assert!(!small.saturated && small.output == small.feedback && small.error == -1e-9);
         let large = controller.update(250_000, -0.1, &mut follower);

@@ -150,10 +150,9 @@ fn interpolate(a: &Point, b: &Point, time: i64) -> Reference {
 }
 
 impl Follower {
-    /// Holds `position` (m) from time 0 on.
-    pub fn new(position: f64, jump_limit: f64) -> Follower {
-        let held = Reference { position, ..Reference::default() };
-        Follower { held, held_since: 0, active: None, jump_limit }
+    /// Holds position 0 from time 0 on; [`Follower::hold`] the measured position before the first reference is used.
+    pub fn new(jump_limit: f64) -> Follower {
+        Follower { held: Reference::default(), held_since: 0, active: None, jump_limit }
     }
 
     /// A setpoint of now. It ends a trajectory that is being followed.
@@ -263,7 +262,7 @@ mod tests {
 
     #[test]
     fn rest_to_rest_move_is_the_minimum_jerk_polynomial() {
-        let mut follower = Follower::new(0.0, 1e-3);
+        let mut follower = Follower::new(1e-3);
         follower.follow(0, Trajectory::rest_to_rest(10 * MS, 0.05, 100 * MS)).unwrap();
         for ms in [0, 10, 20, 47, 60, 109, 110, 300] {
             let tau = ((ms as f64 - 10.0) / 100.0).clamp(0.0, 1.0);
@@ -284,7 +283,7 @@ mod tests {
             point(300 * MS, 0.03, Some(0.0), None),
             point(400 * MS, 0.01, None, None),
         ];
-        let mut follower = Follower::new(0.0, 1e-3);
+        let mut follower = Follower::new(1e-3);
         follower.follow(0, Trajectory::new(0, points.clone()).unwrap()).unwrap();
         for (index, point) in points.iter().enumerate().take(3) {
             let before = follower.at(point.time - 1);
@@ -313,7 +312,7 @@ mod tests {
 
     #[test]
     fn a_setpoint_that_jumps_is_refused_and_a_stream_is_followed() {
-        let mut follower = Follower::new(0.0, 1e-3);
+        let mut follower = Follower::new(1e-3);
         let jump = Reference { position: 0.01, ..Reference::default() };
         assert!(matches!(follower.set(MS, jump), Err(TrajectoryError::Jump { .. })));
         assert_eq!(follower.at(MS).position, 0.0);

@@ -1,6 +1,6 @@
 //! One stage and one controller, cycle by cycle, exactly as the two nodes do it in lockstep.
 
-use crate::control::{Controller, Follower, Terms};
+use crate::control::{Controller, Follower, Terms, Trajectory, TrajectoryError};
 use crate::plant::{Sample, Stage};
 
 /// What happened at one sample: what the sensors said and what the controller answered.
@@ -11,20 +11,36 @@ pub struct Cycle {
 }
 
 /// A stage under a controller that samples at the stage's control rate.
+///
+/// The controller holds the first measured position until the trajectory starts.
 #[derive(Debug)]
 pub struct ClosedLoop {
-    pub stage: Stage,
-    pub controller: Controller,
-    pub follower: Follower,
+    stage: Stage,
+    controller: Controller,
+    follower: Follower,
+    trajectory: Option<Trajectory>,
 }
 
 impl ClosedLoop {
+    /// The trajectory's start counts on the clock of the stage, which begins at 0.
+    pub fn new(stage: Stage, controller: Controller, trajectory: Trajectory) -> ClosedLoop {
+        ClosedLoop { stage, controller, follower: Follower::new(f64::INFINITY), trajectory: Some(trajectory) }
+    }
+
     /// Sample, control, hold the force until the next sample.
     #[inline]
-    pub fn cycle(&mut self) -> Cycle {
+    pub fn cycle(&mut self) -> Result<Cycle, TrajectoryError> {
         let sample = self.stage.sample();
+        if let Some(trajectory) = self.trajectory.take() {
+            self.follower.hold(sample.time, sample.position);
+            self.follower.follow(sample.time, trajectory)?;
+        }
         let terms = self.controller.update(sample.time, sample.position, &mut self.follower);
         self.stage.advance(terms.output);
-        Cycle { sample, terms }
+        Ok(Cycle { sample, terms })
+    }
+
+    pub fn stage(&self) -> &Stage {
+        &self.stage
     }
 }

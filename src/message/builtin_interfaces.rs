@@ -21,9 +21,7 @@ fn join(sec: i32, nanosec: u32) -> i64 {
 }
 
 /// A point in time: seconds since the epoch of its clock (0 at start for simulated time).
-#[derive(
-    Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
-)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Time {
     /// Whole seconds, rounded down: -1.7 s is `sec: -2, nanosec: 300_000_000`.
     pub sec: i32,
@@ -47,16 +45,13 @@ impl Time {
 impl RosMessage for Time {
     const PACKAGE: &'static str = "builtin_interfaces";
     const NAME: &'static str = "Time";
-    const TYPE_HASH: &'static str =
-        "RIHS01_b106235e25a4c5ed35098aa0a61a3ee9c9b18d197f398b0e4206cea9acf9c197";
+    const TYPE_HASH: &'static str = "RIHS01_b106235e25a4c5ed35098aa0a61a3ee9c9b18d197f398b0e4206cea9acf9c197";
     const TEXT: &'static str = "int32 sec\nuint32 nanosec";
     const DEPENDENCIES: &'static [Definition] = &[];
 }
 
 /// A span of time, split as [`Time`].
-#[derive(
-    Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
-)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct Duration {
     /// Whole seconds, rounded down.
     pub sec: i32,
@@ -80,8 +75,7 @@ impl Duration {
 impl RosMessage for Duration {
     const PACKAGE: &'static str = "builtin_interfaces";
     const NAME: &'static str = "Duration";
-    const TYPE_HASH: &'static str =
-        "RIHS01_e8d009f659816f758b75334ee1a9ca5b5c0b859843261f14c7f937349599d93b";
+    const TYPE_HASH: &'static str = "RIHS01_e8d009f659816f758b75334ee1a9ca5b5c0b859843261f14c7f937349599d93b";
     const TEXT: &'static str = "int32 sec\nuint32 nanosec";
     const DEPENDENCIES: &'static [Definition] = &[];
 }

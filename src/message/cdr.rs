@@ -27,9 +27,7 @@ pub enum CdrError {
         length: usize,
     },
     /// An encapsulation other than plain CDR.
-    #[error(
-        "CDR representation {found:#06x}, supported are 0x0000 (big endian) and 0x0001 (little endian)"
-    )]
+    #[error("CDR representation {found:#06x}, supported are 0x0000 (big endian) and 0x0001 (little endian)")]
     Representation {
         /// The representation identifier of the message.
         found: u16,
@@ -57,20 +55,14 @@ pub fn to_cdr<M: Serialize>(message: &M) -> Result<Vec<u8>, CdrError> {
 pub fn to_cdr_into<M: Serialize>(message: &M, bytes: &mut Vec<u8>) -> Result<(), CdrError> {
     bytes.clear();
     bytes.extend_from_slice(&LITTLE_ENDIAN);
-    cdr_encoding::to_writer::<M, LittleEndian, _>(&mut *bytes, message).map_err(|source| {
-        CdrError::Encode {
-            kind: std::any::type_name::<M>(),
-            source,
-        }
-    })
+    cdr_encoding::to_writer::<M, LittleEndian, _>(&mut *bytes, message)
+        .map_err(|source| CdrError::Encode { kind: std::any::type_name::<M>(), source })
 }
 
 /// Decodes a message from plain CDR of either endianness. Bytes after the message (padding) are ignored.
 pub fn from_cdr<M: DeserializeOwned>(bytes: &[u8]) -> Result<M, CdrError> {
     let Some((head, body)) = bytes.split_first_chunk::<4>() else {
-        return Err(CdrError::NoEncapsulation {
-            length: bytes.len(),
-        });
+        return Err(CdrError::NoEncapsulation { length: bytes.len() });
     };
     let decoded = match u16::from_be_bytes([head[0], head[1]]) {
         0 => cdr_encoding::from_bytes::<M, BigEndian>(body),
@@ -79,11 +71,7 @@ pub fn from_cdr<M: DeserializeOwned>(bytes: &[u8]) -> Result<M, CdrError> {
     };
     match decoded {
         Ok((message, _)) => Ok(message),
-        Err(source) => Err(CdrError::Content {
-            length: bytes.len(),
-            kind: std::any::type_name::<M>(),
-            source,
-        }),
+        Err(source) => Err(CdrError::Content { length: bytes.len(), kind: std::any::type_name::<M>(), source }),
     }
 }
 
@@ -106,13 +94,8 @@ mod tests {
 
     #[test]
     fn encapsulation_is_little_endian_plain_cdr() {
-        let clock = Clock {
-            clock: Time { sec: 1, nanosec: 2 },
-        };
-        assert_eq!(
-            to_cdr(&clock).unwrap(),
-            [0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]
-        );
+        let clock = Clock { clock: Time { sec: 1, nanosec: 2 } };
+        assert_eq!(to_cdr(&clock).unwrap(), [0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]);
     }
 
     #[test]
@@ -134,10 +117,7 @@ mod tests {
     #[test]
     fn messages_survive_the_round_trip() {
         let state = joint_state();
-        assert_eq!(
-            from_cdr::<JointState>(&to_cdr(&state).unwrap()).unwrap(),
-            state
-        );
+        assert_eq!(from_cdr::<JointState>(&to_cdr(&state).unwrap()).unwrap(), state);
         let truth = StageState {
             header: Header::new(-5, "stage"),
             sample: 7,
@@ -146,10 +126,7 @@ mod tests {
             bristle_deflection: vec![1e-9; 4],
             ..Default::default()
         };
-        assert_eq!(
-            from_cdr::<StageState>(&to_cdr(&truth).unwrap()).unwrap(),
-            truth
-        );
+        assert_eq!(from_cdr::<StageState>(&to_cdr(&truth).unwrap()).unwrap(), truth);
     }
 
     #[test]

@@ -32,11 +32,9 @@ pub struct StageState {
 impl RosMessage for StageState {
     const PACKAGE: &'static str = "friction_stage";
     const NAME: &'static str = "StageState";
-    const TYPE_HASH: &'static str =
-        "RIHS01_720ba5ed56a9124921945ef073debc9a4b277614343e2b3ef27b893e3f188ae3";
+    const TYPE_HASH: &'static str = "RIHS01_720ba5ed56a9124921945ef073debc9a4b277614343e2b3ef27b893e3f188ae3";
     const TEXT: &'static str = include_str!("../../msg/StageState.msg");
-    const DEPENDENCIES: &'static [Definition] =
-        &[Definition::of::<Header>(), Definition::of::<Time>()];
+    const DEPENDENCIES: &'static [Definition] = &[Definition::of::<Header>(), Definition::of::<Time>()];
 }
 
 /// Everything that the controller adds up for one sample.
@@ -83,11 +81,9 @@ pub struct ControllerState {
 impl RosMessage for ControllerState {
     const PACKAGE: &'static str = "friction_stage";
     const NAME: &'static str = "ControllerState";
-    const TYPE_HASH: &'static str =
-        "RIHS01_c47f1110e058bf2d1b9b2ba6ccfa9e4823942501482392f0844100a663b1ec71";
+    const TYPE_HASH: &'static str = "RIHS01_c47f1110e058bf2d1b9b2ba6ccfa9e4823942501482392f0844100a663b1ec71";
     const TEXT: &'static str = include_str!("../../msg/ControllerState.msg");
-    const DEPENDENCIES: &'static [Definition] =
-        &[Definition::of::<Header>(), Definition::of::<Time>()];
+    const DEPENDENCIES: &'static [Definition] = &[Definition::of::<Header>(), Definition::of::<Time>()];
 }
 
 #[cfg(test)]
@@ -107,12 +103,8 @@ mod tests {
     fn members<M: RosMessage + Default>() -> Vec<String> {
         let text = serde_json::to_string(&M::default()).unwrap();
         let value: serde_json::Value = serde_json::from_str(&text).unwrap();
-        let mut names: Vec<(usize, String)> = value
-            .as_object()
-            .unwrap()
-            .keys()
-            .map(|k| (text.find(&format!("\"{k}\":")).unwrap(), k.clone()))
-            .collect();
+        let mut names: Vec<(usize, String)> =
+            value.as_object().unwrap().keys().map(|k| (text.find(&format!("\"{k}\":")).unwrap(), k.clone())).collect();
         names.sort();
         names.into_iter().map(|(_, k)| k).collect()
     }

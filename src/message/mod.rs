@@ -77,11 +77,7 @@ pub struct Definition {
 impl Definition {
     /// The definition of `M` alone.
     pub const fn of<M: RosMessage>() -> Self {
-        Self {
-            package: M::PACKAGE,
-            name: M::NAME,
-            text: M::TEXT,
-        }
+        Self { package: M::PACKAGE, name: M::NAME, text: M::TEXT }
     }
 }
 
@@ -93,11 +89,7 @@ mod tests {
     fn definition_is_closed<M: RosMessage>() {
         let text = M::definition();
         let mut defined = vec![format!("{}/{}", M::PACKAGE, M::NAME)];
-        defined.extend(
-            text.lines()
-                .filter_map(|l| l.strip_prefix("MSG: "))
-                .map(String::from),
-        );
+        defined.extend(text.lines().filter_map(|l| l.strip_prefix("MSG: ")).map(String::from));
         let mut package = M::PACKAGE.to_owned();
         let mut fields = 0;
         for line in text.lines() {
@@ -110,19 +102,9 @@ mod tests {
                 continue;
             }
             fields += 1;
-            let kind = line
-                .split_whitespace()
-                .next()
-                .unwrap()
-                .trim_end_matches("[]");
-            let basic = [
-                "bool", "byte", "int32", "uint32", "uint64", "float64", "string",
-            ];
-            let full = if kind.contains('/') {
-                kind.to_owned()
-            } else {
-                format!("{package}/{kind}")
-            };
+            let kind = line.split_whitespace().next().unwrap().trim_end_matches("[]");
+            let basic = ["bool", "byte", "int32", "uint32", "uint64", "float64", "string"];
+            let full = if kind.contains('/') { kind.to_owned() } else { format!("{package}/{kind}") };
             assert!(
                 basic.contains(&kind) || defined.contains(&full),
                 "{}: type {kind} is neither built in nor defined",

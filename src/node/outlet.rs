@@ -46,14 +46,11 @@ impl<M: Serialize> Outlet<M> {
         qos: &Qos,
     ) -> Result<Self, ParticipantError> {
         let topic = participant.topic(name, package, type_name, qos)?;
-        let writer = participant
-            .node()
-            .create_publisher(&topic, None)
-            .map_err(|e| ParticipantError::Endpoint {
-                what: "publisher",
-                topic: name.to_owned(),
-                reason: e.to_string(),
-            })?;
+        let writer = participant.node().create_publisher(&topic, None).map_err(|e| ParticipantError::Endpoint {
+            what: "publisher",
+            topic: name.to_owned(),
+            reason: e.to_string(),
+        })?;
         Ok(Self {
             participant: participant.clone(),
             topic,
@@ -64,11 +61,7 @@ impl<M: Serialize> Outlet<M> {
     }
 
     pub fn publish(&mut self, message: M) -> Published {
-        while self
-            .retired
-            .front()
-            .is_some_and(|(since, _)| since.elapsed() > RETIRED_FOR)
-        {
+        while self.retired.front().is_some_and(|(since, _)| since.elapsed() > RETIRED_FOR) {
             self.retired.pop_front();
         }
         let message = match self.writer.publish(message) {

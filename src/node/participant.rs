@@ -43,18 +43,13 @@ pub struct Network {
 /// What is wrong with the environment variables that say where to take part.
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum NetworkError {
-    #[error(
-        "ROS_DOMAIN_ID is \"{value}\": it must be an integer from 0 to {LARGEST_DOMAIN} (unset or empty means 0)"
-    )]
+    #[error("ROS_DOMAIN_ID is \"{value}\": it must be an integer from 0 to {LARGEST_DOMAIN} (unset or empty means 0)")]
     DomainId { value: String },
     #[error(
         "ROS_AUTOMATIC_DISCOVERY_RANGE is \"{value}\": it must be SUBNET, LOCALHOST or SYSTEM_DEFAULT{}",
         nearest.as_ref().map(|n| format!("; did you mean {n}?")).unwrap_or_default()
     )]
-    Range {
-        value: String,
-        nearest: Option<&'static str>,
-    },
+    Range { value: String, nearest: Option<&'static str> },
     #[error(
         "ROS_AUTOMATIC_DISCOVERY_RANGE is \"OFF\": this node cannot run without discovery; use LOCALHOST to stay on this machine"
     )]
@@ -69,9 +64,7 @@ impl Network {
     /// # Errors
     /// [`NetworkError`] when one of them has a value that ROS 2 does not know.
     pub fn from_environment() -> Result<Self, NetworkError> {
-        Self::from_variables(|name| {
-            std::env::var_os(name).map(|value| value.to_string_lossy().into_owned())
-        })
+        Self::from_variables(|name| std::env::var_os(name).map(|value| value.to_string_lossy().into_owned()))
     }
 
     /// The same from any source of variables; an empty value counts as unset, as in rcl.
@@ -81,11 +74,7 @@ impl Network {
     /// # Errors
     /// [`NetworkError`] when one of them has a value that ROS 2 does not know.
     pub fn from_variables(variable: impl Fn(&str) -> Option<String>) -> Result<Self, NetworkError> {
-        let set = |name: &str| {
-            variable(name)
-                .map(|value| value.trim().to_owned())
-                .filter(|value| !value.is_empty())
-        };
+        let set = |name: &str| variable(name).map(|value| value.trim().to_owned()).filter(|value| !value.is_empty());
         let domain = match set("ROS_DOMAIN_ID") {
             None => 0,
             Some(value) => match value.parse::<u16>() {
@@ -97,9 +86,7 @@ impl Network {
             None | Some("0") => false,
             Some("1") => true,
             Some(value) => {
-                return Err(NetworkError::LocalhostOnly {
-                    value: value.to_owned(),
-                });
+                return Err(NetworkError::LocalhostOnly { value: value.to_owned() });
             }
         };
         let range = match set("ROS_AUTOMATIC_DISCOVERY_RANGE").as_deref() {
@@ -114,17 +101,10 @@ impl Network {
                     .min()
                     .filter(|(distance, _)| *distance <= 3)
                     .map(|(_, name)| name);
-                return Err(NetworkError::Range {
-                    value: value.to_owned(),
-                    nearest,
-                });
+                return Err(NetworkError::Range { value: value.to_owned(), nearest });
             }
         };
-        let reach = if localhost_only {
-            Reach::Localhost
-        } else {
-            range
-        };
+        let reach = if localhost_only { Reach::Localhost } else { range };
         Ok(Self { domain, reach })
     }
 
@@ -132,15 +112,11 @@ impl Network {
         let builder = DomainParticipantBuilder::new(self.domain);
         let builder = match self.reach {
             Reach::Subnet => builder,
-            Reach::Localhost => builder.with_only_networks([
-                IpAddr::V4(Ipv4Addr::LOCALHOST),
-                IpAddr::V6(Ipv6Addr::LOCALHOST),
-            ]),
+            Reach::Localhost => {
+                builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST), IpAddr::V6(Ipv6Addr::LOCALHOST)])
+            }
         };
-        builder.build().map_err(|e| ParticipantError::Join {
-            network: self,
-            reason: e.to_string(),
-        })
+        builder.build().map_err(|e| ParticipantError::Join { network: self, reason: e.to_string() })
     }
 }
 
@@ -150,21 +126,13 @@ pub enum ParticipantError {
     #[error("cannot join ROS domain {} ({:?}): {reason}", network.domain, network.reach)]
     Join { network: Network, reason: String },
     #[error("node name \"{name}\" in namespace \"{namespace}\" is not a ROS name: {source}")]
-    NodeName {
-        namespace: String,
-        name: String,
-        source: NameError,
-    },
+    NodeName { namespace: String, name: String, source: NameError },
     #[error("cannot make the node {name}: {reason}")]
     Node { name: String, reason: String },
     #[error("topic name \"{name}\" is not a ROS name: {source}")]
     TopicName { name: String, source: NameError },
     #[error("cannot make the {what} on {topic}: {reason}")]
-    Endpoint {
-        what: &'static str,
-        topic: String,
-        reason: String,
-    },
+    Endpoint { what: &'static str, topic: String, reason: String },
 }
 
 /// A node with a context and a DDS participant of its own.
@@ -183,39 +151,19 @@ impl Participant {
     ///
     /// # Errors
     /// [`ParticipantError`] when the name is none or the network cannot be joined.
-    pub fn join(
-        network: Network,
-        namespace: &str,
-        name: &str,
-        options: NodeOptions,
-    ) -> Result<Self, ParticipantError> {
-        let node_name =
-            NodeName::new(namespace, name).map_err(|source| ParticipantError::NodeName {
-                namespace: namespace.to_owned(),
-                name: name.to_owned(),
-                source,
-            })?;
+    pub fn join(network: Network, namespace: &str, name: &str, options: NodeOptions) -> Result<Self, ParticipantError> {
+        let node_name = NodeName::new(namespace, name).map_err(|source| ParticipantError::NodeName {
+            namespace: namespace.to_owned(),
+            name: name.to_owned(),
+            source,
+        })?;
         let domain_participant = network.domain_participant()?;
-        let context =
-            Context::from_domain_participant(domain_participant.clone()).map_err(|e| {
-                ParticipantError::Join {
-                    network,
-                    reason: e.to_string(),
-                }
-            })?;
-        let node =
-            context
-                .new_node(node_name.clone(), options)
-                .map_err(|e| ParticipantError::Node {
-                    name: node_name.fully_qualified_name(),
-                    reason: format!("{e:?}"),
-                })?;
-        Ok(Self {
-            node: Arc::new(Mutex::new(node)),
-            node_name,
-            domain_participant,
-            context,
-        })
+        let context = Context::from_domain_participant(domain_participant.clone())
+            .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
+        let node = context
+            .new_node(node_name.clone(), options)
+            .map_err(|e| ParticipantError::Node { name: node_name.fully_qualified_name(), reason: format!("{e:?}") })?;
+        Ok(Self { node: Arc::new(Mutex::new(node)), node_name, domain_participant, context })
     }
 
     /// The ros2-client node, for services, parameters and logging.
@@ -244,28 +192,15 @@ impl Participant {
     ///
     /// # Errors
     /// [`ParticipantError::TopicName`] or [`ParticipantError::Endpoint`].
-    pub fn topic(
-        &self,
-        name: &str,
-        package: &str,
-        type_name: &str,
-        qos: &Qos,
-    ) -> Result<Topic, ParticipantError> {
+    pub fn topic(&self, name: &str, package: &str, type_name: &str, qos: &Qos) -> Result<Topic, ParticipantError> {
         let dds_name = Name::parse(name)
-            .map_err(|source| ParticipantError::TopicName {
-                name: name.to_owned(),
-                source,
-            })?
+            .map_err(|source| ParticipantError::TopicName { name: name.to_owned(), source })?
             .to_dds_name("rt", &self.node_name, "");
         let dds_type = ros2_client::MessageTypeName::new(package, type_name).dds_msg_type();
         let policies = QosPolicies::from(qos);
         self.domain_participant
             .create_topic(dds_name, dds_type, &policies, TopicKind::NoKey)
-            .map_err(|e| ParticipantError::Endpoint {
-                what: "topic",
-                topic: name.to_owned(),
-                reason: e.to_string(),
-            })
+            .map_err(|e| ParticipantError::Endpoint { what: "topic", topic: name.to_owned(), reason: e.to_string() })
     }
 }
 
@@ -274,27 +209,15 @@ mod tests {
     use super::*;
 
     fn network(variables: &[(&str, &str)]) -> Result<Network, NetworkError> {
-        Network::from_variables(|name| {
-            variables
-                .iter()
-                .find(|(n, _)| *n == name)
-                .map(|(_, v)| (*v).to_owned())
-        })
+        Network::from_variables(|name| variables.iter().find(|(n, _)| *n == name).map(|(_, v)| (*v).to_owned()))
     }
 
     #[test]
     fn nothing_set_is_domain_0_on_the_subnet() {
-        let expected = Network {
-            domain: 0,
-            reach: Reach::Subnet,
-        };
+        let expected = Network { domain: 0, reach: Reach::Subnet };
         assert_eq!(network(&[]), Ok(expected));
         assert_eq!(
-            network(&[
-                ("ROS_DOMAIN_ID", ""),
-                ("ROS_AUTOMATIC_DISCOVERY_RANGE", ""),
-                ("ROS_LOCALHOST_ONLY", "")
-            ]),
+            network(&[("ROS_DOMAIN_ID", ""), ("ROS_AUTOMATIC_DISCOVERY_RANGE", ""), ("ROS_LOCALHOST_ONLY", "")]),
             Ok(expected)
         );
     }
@@ -306,10 +229,7 @@ mod tests {
             ("ROS_LOCALHOST_ONLY", "1"),
             ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET"),
         ]);
-        let expected = Network {
-            domain: 42,
-            reach: Reach::Localhost,
-        };
+        let expected = Network { domain: 42, reach: Reach::Localhost };
         assert_eq!(both, Ok(expected));
     }
 
@@ -317,26 +237,15 @@ mod tests {
     fn a_domain_without_ports_is_refused_with_its_limit() {
         assert_eq!(network(&[("ROS_DOMAIN_ID", "232")]).unwrap().domain, 232);
         for value in ["233", "-1", "0x10", "1.5", "abc"] {
-            let message = network(&[("ROS_DOMAIN_ID", value)])
-                .unwrap_err()
-                .to_string();
-            assert!(
-                message.contains(value) && message.contains("232"),
-                "{message}"
-            );
+            let message = network(&[("ROS_DOMAIN_ID", value)]).unwrap_err().to_string();
+            assert!(message.contains(value) && message.contains("232"), "{message}");
         }
     }
 
     #[test]
     fn a_mistyped_range_names_the_nearest() {
         let error = network(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "localhst")]).unwrap_err();
-        assert!(
-            error.to_string().ends_with("did you mean LOCALHOST?"),
-            "{error}"
-        );
-        assert_eq!(
-            network(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")]),
-            Err(NetworkError::RangeOff)
-        );
+        assert!(error.to_string().ends_with("did you mean LOCALHOST?"), "{error}");
+        assert_eq!(network(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")]), Err(NetworkError::RangeOff));
     }
 }

@@ -39,30 +39,19 @@ impl Qos {
     /// Reliable, volatile, keep last `depth`: what rclpy's default subscription asks for.
     #[must_use]
     pub const fn reliable(depth: u32) -> Self {
-        Self {
-            reliability: Reliability::Reliable,
-            durability: Durability::Volatile,
-            depth,
-            window: DEFAULT_WINDOW,
-        }
+        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth, window: DEFAULT_WINDOW }
     }
 
     /// Best effort, volatile, keep last `depth`: as a subscription it matches every publisher.
     #[must_use]
     pub const fn best_effort(depth: u32) -> Self {
-        Self {
-            reliability: Reliability::BestEffort,
-            ..Self::reliable(depth)
-        }
+        Self { reliability: Reliability::BestEffort, ..Self::reliable(depth) }
     }
 
     /// Reliable, transient local, keep last `depth`: late subscribers get the last samples.
     #[must_use]
     pub const fn latched(depth: u32) -> Self {
-        Self {
-            durability: Durability::TransientLocal,
-            ..Self::reliable(depth)
-        }
+        Self { durability: Durability::TransientLocal, ..Self::reliable(depth) }
     }
 
     #[must_use]
@@ -98,22 +87,14 @@ impl From<&Qos> for QosPolicies {
             })
             .reliability(match qos.reliability {
                 // Zero: a publish into a full window is refused, it does not wait.
-                Reliability::Reliable => policy::Reliability::Reliable {
-                    max_blocking_time: Duration::ZERO,
-                },
+                Reliability::Reliable => policy::Reliability::Reliable { max_blocking_time: Duration::ZERO },
                 Reliability::BestEffort => policy::Reliability::BestEffort,
             })
-            .history(policy::History::KeepLast {
-                depth: limit(qos.depth),
-            })
+            .history(policy::History::KeepLast { depth: limit(qos.depth) })
             .ownership(policy::Ownership::Shared)
-            .liveliness(policy::Liveliness::Automatic {
-                lease_duration: Duration::INFINITE,
-            })
+            .liveliness(policy::Liveliness::Automatic { lease_duration: Duration::INFINITE })
             .deadline(policy::Deadline(Duration::INFINITE))
-            .lifespan(policy::Lifespan {
-                duration: Duration::INFINITE,
-            });
+            .lifespan(policy::Lifespan { duration: Duration::INFINITE });
         match qos.reliability {
             Reliability::Reliable => builder.resource_limits(policy::ResourceLimits {
                 max_samples: limit(qos.window.max(qos.depth)),
@@ -131,18 +112,14 @@ impl From<&Qos> for ros2_client::qos::QosProfile {
         use ros2_client::qos;
         Self {
             reliability: match qos.reliability {
-                Reliability::Reliable => qos::Reliability::Reliable {
-                    when_full: qos::WhenFull::Fail,
-                },
+                Reliability::Reliable => qos::Reliability::Reliable { when_full: qos::WhenFull::Fail },
                 Reliability::BestEffort => qos::Reliability::BestEffort,
             },
             durability: match qos.durability {
                 Durability::TransientLocal => qos::Durability::TransientLocal,
                 Durability::Volatile => qos::Durability::Volatile,
             },
-            history: qos::History::KeepLast {
-                depth: qos.depth as usize,
-            },
+            history: qos::History::KeepLast { depth: qos.depth as usize },
             deadline: None,
             lifespan: None,
             liveliness: qos::Liveliness::Automatic,
@@ -194,12 +171,7 @@ mod tests {
     #[test]
     fn a_full_window_refuses_and_does_not_wait() {
         let policies = QosPolicies::from(&SAMPLES);
-        assert_eq!(
-            policies.reliability(),
-            Some(policy::Reliability::Reliable {
-                max_blocking_time: Duration::ZERO
-            })
-        );
+        assert_eq!(policies.reliability(), Some(policy::Reliability::Reliable { max_blocking_time: Duration::ZERO }));
         let limits = policies.resource_limits().unwrap();
         assert_eq!(limits.max_samples, 8192);
     }
@@ -215,9 +187,6 @@ mod tests {
         let numbers = RmwNumbers::from(&ROSOUT);
         assert_eq!((numbers.reliability, numbers.durability), (1, 1));
         let numbers = RmwNumbers::from(&Qos::best_effort(5));
-        assert_eq!(
-            (numbers.reliability, numbers.durability, numbers.depth),
-            (2, 2, 5)
-        );
+        assert_eq!((numbers.reliability, numbers.durability, numbers.depth), (2, 2, 5));
     }
 }

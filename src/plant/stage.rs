@@ -172,6 +172,11 @@ impl Stage {
         &self.body
     }
 
+    /// Sets position (m), velocity (m/s) and bristle deflections (m) before the first sample.
+    pub fn set_state(&mut self, position: f64, velocity: f64, bristles: &[f64]) {
+        self.body.set_state(position, velocity, bristles);
+    }
+
     /// Position 0, at rest, bristles unloaded, effects as at the start; time, noise and counters go on.
     pub fn reset(&mut self) {
         self.body.reset();

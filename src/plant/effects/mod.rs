@@ -31,7 +31,7 @@ pub enum Side {
     Carriage,
 }
 
-/// The motion that an effect sees: middle of a step.
+/// The motion that an effect sees: middle of a step (of each part of a step in which the carriage reverses).
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
     /// s since the start
@@ -46,7 +46,7 @@ pub struct Motion {
 
 /// A force that the model of guides, mass and motor lacks.
 pub trait Effect: Debug + Send + Sync {
-    /// Force along +x on the side of the effect, N, at the middle of a step of `step` seconds. Called once per step.
+    /// Force along +x on the side of the effect, N, at the middle of a step of `step` seconds. Called once per step, with the steps in order.
     fn force(&mut self, motion: &Motion, step: f64) -> f64;
 
     /// Energy that the effect holds and can give back, J.
