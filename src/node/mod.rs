@@ -2,5 +2,7 @@
 pub mod arguments;
 pub mod outlet;
 pub mod parameters;
+mod params_file;
 pub mod participant;
 pub mod qos;
+pub mod service;

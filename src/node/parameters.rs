@@ -1,1 +1,552 @@
 //! Declared parameters and the six parameter services.
+//!
+//! A node says as data which parameters it has ([`ParameterSpec`]). What the command line gives comes in once
+//! ([`ParameterSet::declare`]), what other nodes ask for comes in through the services ([`ParameterServer`]). Out go
+//! values that have the declared type, lie in the declared range and passed the node's own checks. Nothing is
+//! converted: a parameter keeps the type of its default, as in rclcpp.
+
+use std::collections::BTreeMap;
+use std::ops::Deref;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use ros2_client::builtin_interfaces::Time;
+use ros2_client::parameters::raw;
+use ros2_client::qos::{Durability, History, WhenFull};
+use ros2_client::{MessageTypeName, Name, Node, ParameterValue, Publisher, QosProfile, rcl_interfaces};
+
+use super::arguments::Override;
+use super::service::{self, Service, ServiceError};
+use crate::model::nearest;
+
+/// Whether the node takes its time from `/clock`; every node has this parameter.
+pub const USE_SIM_TIME: &str = "use_sim_time";
+
+/// One parameter of a node: everything that a user may know about it.
+#[derive(Debug, Clone)]
+pub struct ParameterSpec {
+    pub name: &'static str,
+    /// The value without an override. Its type is the type of the parameter.
+    pub default: ParameterValue,
+    pub description: &'static str,
+    /// SI unit; empty when there is none.
+    pub unit: &'static str,
+    /// Smallest and largest value, both allowed, of an integer or double. A double may be infinite only if its range is.
+    pub range: Option<(f64, f64)>,
+    /// The allowed strings; any string when empty.
+    pub choices: &'static [&'static str],
+    /// Can be given at start only.
+    pub read_only: bool,
+}
+
+impl ParameterSpec {
+    fn new(name: &'static str, default: ParameterValue, description: &'static str) -> Self {
+        Self { name, default, description, unit: "", range: None, choices: &[], read_only: false }
+    }
+
+    pub fn boolean(name: &'static str, default: bool, description: &'static str) -> Self {
+        Self::new(name, ParameterValue::Boolean(default), description)
+    }
+
+    pub fn integer(name: &'static str, default: i64, description: &'static str) -> Self {
+        Self::new(name, ParameterValue::Integer(default), description)
+    }
+
+    pub fn double(name: &'static str, default: f64, description: &'static str) -> Self {
+        Self::new(name, ParameterValue::Double(default), description)
+    }
+
+    pub fn string(name: &'static str, default: &str, description: &'static str) -> Self {
+        Self::new(name, ParameterValue::String(default.to_owned()), description)
+    }
+
+    pub fn unit(self, unit: &'static str) -> Self {
+        Self { unit, ..self }
+    }
+
+    pub fn range(self, min: f64, max: f64) -> Self {
+        Self { range: Some((min, max)), ..self }
+    }
+
+    pub fn choices(self, choices: &'static [&'static str]) -> Self {
+        Self { choices, ..self }
+    }
+
+    pub fn read_only(self) -> Self {
+        Self { read_only: true, ..self }
+    }
+
+    /// Refuses a value of another type, out of range, not a number, or not among the choices.
+    fn check(&self, value: &ParameterValue) -> Result<(), ParameterError> {
+        let name = self.name;
+        if value.to_parameter_type() != self.default.to_parameter_type() {
+            let hint = match (&self.default, value) {
+                (ParameterValue::Double(_), ParameterValue::Integer(given)) => format!("; write {given}.0"),
+                (ParameterValue::String(_), ParameterValue::NotSet) => String::new(),
+                (ParameterValue::String(_), given) => format!("; write '{}' in quotes", show(given)),
+                _ => String::new(),
+            };
+            let (expected, got) = (type_name(&self.default), type_name(value));
+            return Err(ParameterError::Type { name, expected, got, value: show(value), hint });
+        }
+        let number = match value {
+            ParameterValue::Integer(value) => Some(*value as f64),
+            ParameterValue::Double(value) => Some(*value),
+            _ => None,
+        };
+        if let Some(number) = number {
+            let reaches_infinity = self.range.is_some_and(|(min, max)| min.is_infinite() || max.is_infinite());
+            if number.is_nan() || (number.is_infinite() && !reaches_infinity) {
+                return Err(ParameterError::NotFinite { name, value: show(value), unit: unit(self.unit) });
+            }
+            if let Some((min, max)) = self.range.filter(|(min, max)| number < *min || number > *max) {
+                return Err(ParameterError::OutOfRange { name, value: show(value), min, max, unit: unit(self.unit) });
+            }
+        }
+        if let ParameterValue::String(given) = value
+            && !self.choices.is_empty()
+            && !self.choices.contains(&given.as_str())
+        {
+            let hint = nearest(given, self.choices.iter().copied());
+            return Err(ParameterError::Choice { name, value: given.clone(), choices: self.choices.join(", "), hint });
+        }
+        Ok(())
+    }
+
+    fn descriptor(&self) -> raw::ParameterDescriptor {
+        let mut descriptor = raw::ParameterDescriptor {
+            name: self.name.to_owned(),
+            r#type: ParameterValue::to_parameter_type_raw(&self.default),
+            description: match self.unit {
+                "" => self.description.to_owned(),
+                unit => format!("{} [{unit}]", self.description),
+            },
+            additional_constraints: match self.choices {
+                [] => String::new(),
+                choices => format!("one of: {}", choices.join(", ")),
+            },
+            read_only: self.read_only,
+            dynamic_typing: false,
+            floating_point_range: Vec::new(),
+            integer_range: Vec::new(),
+        };
+        match (&self.default, self.range) {
+            (ParameterValue::Integer(_), Some((min, max))) => {
+                descriptor.integer_range =
+                    vec![raw::IntegerRange { from_value: min as i64, to_value: max as i64, step: 0 }];
+            }
+            (ParameterValue::Double(_), Some((min, max))) => {
+                descriptor.floating_point_range =
+                    vec![raw::FloatingPointRange { from_value: min, to_value: max, step: 0.0 }];
+            }
+            _ => {}
+        }
+        descriptor
+    }
+}
+
+/// Why a parameter was refused. At run time its text is the reason that the asking node gets.
+#[derive(Debug, thiserror::Error)]
+pub enum ParameterError {
+    #[error("unknown parameter `{name}`{hint}; the node has {known}")]
+    Unknown { name: String, hint: String, known: String },
+    #[error("parameter `{name}` is a {expected}, got the {got} {value}{hint}")]
+    Type { name: &'static str, expected: &'static str, got: &'static str, value: String, hint: String },
+    #[error("parameter `{name}` must be a finite number, got {value}{unit}")]
+    NotFinite { name: &'static str, value: String, unit: String },
+    #[error("parameter `{name}` is {value}{unit}, must lie within {min} and {max}{unit}")]
+    OutOfRange { name: &'static str, value: String, min: f64, max: f64, unit: String },
+    #[error("parameter `{name}` is `{value}`{hint}; must be one of {choices}")]
+    Choice { name: &'static str, value: String, choices: String, hint: String },
+    #[error("parameter `{name}` is read-only and keeps {current}; give it at start: -p {name}:={asked}")]
+    ReadOnly { name: &'static str, current: String, asked: String },
+    #[error("parameter `{name}` is declared and cannot be deleted")]
+    Deleted { name: &'static str },
+    #[error("{reason}")]
+    Refused { reason: String },
+    #[error("{origin}: {source}")]
+    Override { origin: String, source: Box<ParameterError> },
+}
+
+fn unit(unit: &str) -> String {
+    if unit.is_empty() { String::new() } else { format!(" {unit}") }
+}
+
+fn type_name(value: &ParameterValue) -> &'static str {
+    match value {
+        ParameterValue::NotSet => "nothing",
+        ParameterValue::Boolean(_) => "bool",
+        ParameterValue::Integer(_) => "integer",
+        ParameterValue::Double(_) => "double",
+        ParameterValue::String(_) => "string",
+        ParameterValue::ByteArray(_) => "byte array",
+        ParameterValue::BooleanArray(_) => "bool array",
+        ParameterValue::IntegerArray(_) => "integer array",
+        ParameterValue::DoubleArray(_) => "double array",
+        ParameterValue::StringArray(_) => "string array",
+    }
+}
+
+/// The value as a user writes it.
+fn show(value: &ParameterValue) -> String {
+    match value {
+        ParameterValue::NotSet => String::new(),
+        ParameterValue::Boolean(value) => format!("{value}"),
+        ParameterValue::Integer(value) => format!("{value}"),
+        ParameterValue::Double(value) => format!("{value:?}"),
+        ParameterValue::String(value) => value.clone(),
+        ParameterValue::ByteArray(value) => format!("{value:?}"),
+        ParameterValue::BooleanArray(value) => format!("{value:?}"),
+        ParameterValue::IntegerArray(value) => format!("{value:?}"),
+        ParameterValue::DoubleArray(value) => format!("{value:?}"),
+        ParameterValue::StringArray(value) => format!("{value:?}"),
+    }
+}
+
+/// Values of all parameters of a node, read by name and type.
+#[derive(Debug, Clone)]
+pub struct ParameterValues(BTreeMap<&'static str, ParameterValue>);
+
+macro_rules! typed_getter {
+    ($(#[$doc:meta])* $getter:ident, $kind:ident, $type:ty) => {
+        $(#[$doc])*
+        ///
+        /// # Panics
+        /// When the node declared no such parameter with this type: the name comes from the node's own code.
+        pub fn $getter(&self, name: &str) -> $type {
+            match self.0.get(name) {
+                Some(ParameterValue::$kind(value)) => value.to_owned(),
+                other => panic!("parameter `{name}` was read as {}, is {other:?}", stringify!($kind)),
+            }
+        }
+    };
+}
+
+impl ParameterValues {
+    typed_getter!(
+        /// Value of a parameter declared with [`ParameterSpec::boolean`].
+        boolean, Boolean, bool);
+    typed_getter!(
+        /// Value of a parameter declared with [`ParameterSpec::integer`].
+        integer, Integer, i64);
+    typed_getter!(
+        /// Value, in the unit of the declaration, of a parameter declared with [`ParameterSpec::double`].
+        double, Double, f64);
+    typed_getter!(
+        /// Value of a parameter declared with [`ParameterSpec::string`].
+        string, String, String);
+
+    /// Value of any parameter, if there is one of this name.
+    pub fn get(&self, name: &str) -> Option<&ParameterValue> {
+        self.0.get(name)
+    }
+
+    /// All names and values, sorted by name.
+    pub fn iter(&self) -> impl Iterator<Item = (&'static str, &ParameterValue)> {
+        self.0.iter().map(|(name, value)| (*name, value))
+    }
+}
+
+type Check = dyn Fn(&ParameterValues) -> Result<(), String> + Send;
+type OnChange = dyn FnMut(&[(&str, ParameterValue)]) -> Result<(), String> + Send;
+
+/// The parameters of a node: what is declared, and the values that they have now.
+pub struct ParameterSet {
+    specs: Vec<ParameterSpec>,
+    values: ParameterValues,
+    checks: Vec<Box<Check>>,
+    on_change: Vec<Box<OnChange>>,
+}
+
+impl Deref for ParameterSet {
+    type Target = ParameterValues;
+    fn deref(&self) -> &ParameterValues {
+        &self.values
+    }
+}
+
+impl ParameterSet {
+    /// Declares the parameters, and [`USE_SIM_TIME`] if it is not among them, with the values that the command line
+    /// gives. An override of an unknown parameter, or with a value that may not be, is refused.
+    pub fn declare(
+        mut specs: Vec<ParameterSpec>,
+        overrides: &BTreeMap<String, Override>,
+    ) -> Result<Self, ParameterError> {
+        if specs.iter().all(|spec| spec.name != USE_SIM_TIME) {
+            specs.push(ParameterSpec::boolean(USE_SIM_TIME, false, "take the time from /clock"));
+        }
+        specs.sort_by_key(|spec| spec.name);
+        let values = ParameterValues(specs.iter().map(|spec| (spec.name, spec.default.clone())).collect());
+        let mut set = Self { specs, values, checks: Vec::new(), on_change: Vec::new() };
+        for (name, Override { value, origin }) in overrides {
+            let placed = |source| ParameterError::Override { origin: origin.clone(), source: Box::new(source) };
+            let spec = set.spec(name).map_err(placed)?;
+            spec.check(value).map_err(placed)?;
+            set.values.0.insert(spec.name, value.clone());
+        }
+        Ok(set)
+    }
+
+    /// Adds a rule over several parameters. It must hold now, and is asked with the values as they would become
+    /// before any change; its error text is the reason that the user gets.
+    pub fn check(
+        mut self,
+        rule: impl Fn(&ParameterValues) -> Result<(), String> + Send + 'static,
+    ) -> Result<Self, ParameterError> {
+        rule(&self.values).map_err(|reason| ParameterError::Refused { reason })?;
+        self.checks.push(Box::new(rule));
+        Ok(self)
+    }
+
+    /// Adds a listener that hears of a change after all checks and before it holds, and may still refuse it with a
+    /// reason. It is called under the lock of the set, so it must not lock the set itself.
+    pub fn on_change(&mut self, hook: impl FnMut(&[(&str, ParameterValue)]) -> Result<(), String> + Send + 'static) {
+        self.on_change.push(Box::new(hook));
+    }
+
+    /// Sets one parameter.
+    pub fn set(&mut self, name: &str, value: ParameterValue) -> Result<(), ParameterError> {
+        self.set_atomically(&[(name.to_owned(), value)])
+    }
+
+    /// Sets all of the parameters or, when one of them is refused, none. Of several values of one name the last holds.
+    pub fn set_atomically(&mut self, changes: &[(String, ParameterValue)]) -> Result<(), ParameterError> {
+        let mut proposed = self.values.clone();
+        let mut accepted: Vec<(&str, ParameterValue)> = Vec::with_capacity(changes.len());
+        for (name, value) in changes {
+            let spec = self.spec(name)?;
+            if *value == ParameterValue::NotSet {
+                return Err(ParameterError::Deleted { name: spec.name });
+            }
+            spec.check(value)?;
+            if spec.read_only {
+                let current = self.values.get(name).map(show).unwrap_or_default();
+                return Err(ParameterError::ReadOnly { name: spec.name, current, asked: show(value) });
+            }
+            proposed.0.insert(spec.name, value.clone());
+            accepted.retain(|(earlier, _)| *earlier != spec.name);
+            accepted.push((spec.name, value.clone()));
+        }
+        let refused = |reason| ParameterError::Refused { reason };
+        self.checks.iter().try_for_each(|rule| rule(&proposed)).map_err(refused)?;
+        self.on_change.iter_mut().try_for_each(|hook| hook(&accepted)).map_err(refused)?;
+        self.values = proposed;
+        Ok(())
+    }
+
+    /// The declarations, sorted by name.
+    pub fn specs(&self) -> &[ParameterSpec] {
+        &self.specs
+    }
+
+    fn spec(&self, name: &str) -> Result<&ParameterSpec, ParameterError> {
+        self.specs.iter().find(|spec| spec.name == name).ok_or_else(|| ParameterError::Unknown {
+            name: name.to_owned(),
+            hint: nearest(name, self.specs.iter().map(|spec| spec.name)),
+            known: self.specs.iter().map(|spec| spec.name).collect::<Vec<_>>().join(", "),
+        })
+    }
+
+    /// Names below the prefixes, at most `depth` levels deep (0: any), with the prefixes met; as rclcpp lists them.
+    fn list(&self, prefixes: &[String], depth: u64) -> rcl_interfaces::ListParametersResult {
+        let levels = |name: &str| name.matches('.').count() as u64;
+        let shallow = |name: &str| depth == 0 || levels(name) < depth;
+        let below = |name: &str, prefix: &str| {
+            name == prefix || name.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('.')).is_some_and(shallow)
+        };
+        let mut found = rcl_interfaces::ListParametersResult { names: Vec::new(), prefixes: Vec::new() };
+        for spec in &self.specs {
+            let name = spec.name;
+            let wanted = if prefixes.is_empty() { shallow(name) } else { prefixes.iter().any(|p| below(name, p)) };
+            if !wanted {
+                continue;
+            }
+            found.names.push(name.to_owned());
+            if let Some((prefix, _)) = name.rsplit_once('.')
+                && !found.prefixes.iter().any(|known| known == prefix)
+            {
+                found.prefixes.push(prefix.to_owned());
+            }
+        }
+        found
+    }
+
+    fn describe(&self, name: &str) -> raw::ParameterDescriptor {
+        match self.spec(name) {
+            Ok(spec) => spec.descriptor(),
+            Err(error) => raw::ParameterDescriptor {
+                name: name.to_owned(),
+                r#type: raw::ParameterType::NOT_SET,
+                description: error.to_string(),
+                additional_constraints: String::new(),
+                read_only: true,
+                dynamic_typing: false,
+                floating_point_range: Vec::new(),
+                integer_range: Vec::new(),
+            },
+        }
+    }
+}
+
+macro_rules! parameter_service {
+    ($service:ident, $request:ident, $response:ident) => {
+        struct $service;
+        impl Service for $service {
+            type Request = rcl_interfaces::$request;
+            type Response = rcl_interfaces::$response;
+            const PACKAGE: &'static str = "rcl_interfaces";
+            const NAME: &'static str = stringify!($service);
+        }
+    };
+}
+parameter_service!(ListParameters, ListParametersRequest, ListParametersResponse);
+parameter_service!(GetParameters, GetParametersRequest, GetParametersResponse);
+parameter_service!(GetParameterTypes, GetParameterTypesRequest, GetParameterTypesResponse);
+parameter_service!(DescribeParameters, DescribeParametersRequest, DescribeParametersResponse);
+parameter_service!(SetParameters, SetParametersRequest, SetParametersResponse);
+parameter_service!(SetParametersAtomically, SetParametersRequest, SetParametersAtomicallyResponse);
+
+/// The six parameter services of a node, and its `/parameter_events`.
+///
+/// The node must have been made with `NodeOptions::start_parameter_services(false)`, or its Spinner serves the same
+/// six names with ros2-client's own parameters.
+pub struct ParameterServer {
+    services: futures::future::BoxFuture<'static, ()>,
+}
+
+impl ParameterServer {
+    /// Opens the services. They answer while [`run`](Self::run) runs.
+    pub fn new(node: &mut Node, set: Arc<Mutex<ParameterSet>>) -> Result<Self, ServiceError> {
+        let full_name = node.fully_qualified_name();
+        let name = |service: &str| format!("{full_name}/{service}");
+        let events = Arc::new(Events::new(node)?);
+        events.publish_new(&set);
+
+        let list = service::serve::<ListParameters, _, _>(node, &name("list_parameters"), {
+            let set = set.clone();
+            move |request| {
+                let result = locked(&set).list(&request.prefixes, request.depth);
+                std::future::ready(rcl_interfaces::ListParametersResponse { result })
+            }
+        })?;
+        let get = service::serve::<GetParameters, _, _>(node, &name("get_parameters"), {
+            let set = set.clone();
+            move |request| {
+                let set = locked(&set);
+                let value = |name: &String| set.get(name).cloned().unwrap_or(ParameterValue::NotSet).into();
+                std::future::ready(rcl_interfaces::GetParametersResponse {
+                    values: request.names.iter().map(value).collect(),
+                })
+            }
+        })?;
+        let types = service::serve::<GetParameterTypes, _, _>(node, &name("get_parameter_types"), {
+            let set = set.clone();
+            move |request| {
+                let set = locked(&set);
+                let kind = |name: &String| {
+                    set.get(name).map_or(raw::ParameterType::NOT_SET, ParameterValue::to_parameter_type_raw)
+                };
+                std::future::ready(rcl_interfaces::GetParameterTypesResponse {
+                    values: request.names.iter().map(kind).collect(),
+                })
+            }
+        })?;
+        let describe = service::serve::<DescribeParameters, _, _>(node, &name("describe_parameters"), {
+            let set = set.clone();
+            move |request| {
+                let set = locked(&set);
+                std::future::ready(rcl_interfaces::DescribeParametersResponse {
+                    values: request.names.iter().map(|name| set.describe(name)).collect(),
+                })
+            }
+        })?;
+        let set_each = service::serve::<SetParameters, _, _>(node, &name("set_parameters"), {
+            let (set, events) = (set.clone(), events.clone());
+            move |request| {
+                let one_by_one = request.parameter.into_iter().map(|one| events.apply(&set, vec![one])).collect();
+                std::future::ready(rcl_interfaces::SetParametersResponse { results: one_by_one })
+            }
+        })?;
+        let set_all = service::serve::<SetParametersAtomically, _, _>(node, &name("set_parameters_atomically"), {
+            move |request| {
+                let result = events.apply(&set, request.parameter);
+                std::future::ready(rcl_interfaces::SetParametersAtomicallyResponse { result })
+            }
+        })?;
+        let services = Box::pin(async move {
+            futures::join!(list, get, types, describe, set_each, set_all);
+        });
+        Ok(Self { services })
+    }
+
+    /// Answers requests for as long as it is polled.
+    pub async fn run(self) {
+        self.services.await;
+    }
+}
+
+/// The set, also after a hook panicked under the lock: values are replaced in one step, so they are whole.
+fn locked(set: &Mutex<ParameterSet>) -> std::sync::MutexGuard<'_, ParameterSet> {
+    set.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Tells everybody on `/parameter_events` what changed, stamped with the system time.
+struct Events {
+    publisher: Publisher<raw::ParameterEvent>,
+    node: String,
+}
+
+impl Events {
+    fn new(node: &mut Node) -> Result<Self, ServiceError> {
+        const TOPIC: &str = "/parameter_events";
+        // rmw_qos_profile_parameter_events. Fail: a frozen listener must not hold up the services.
+        let qos = QosProfile::publisher_default()
+            .reliability_reliable(WhenFull::Fail)
+            .durability(Durability::Volatile)
+            .history(History::KeepLast { depth: 1000 });
+        let open = |node: &mut Node| {
+            let name = Name::new("/", "parameter_events").map_err(|source| source.to_string())?;
+            let kind = MessageTypeName::new("rcl_interfaces", "ParameterEvent");
+            let topic = node.create_topic(&name, kind, &qos).map_err(|source| source.to_string())?;
+            node.create_publisher(&topic, None).map_err(|source| source.to_string())
+        };
+        let publisher = open(node).map_err(|problem| ServiceError::Create { name: TOPIC.to_owned(), problem })?;
+        Ok(Self { publisher, node: node.fully_qualified_name() })
+    }
+
+    /// Sets the parameters together, publishes the change, and says how it went.
+    fn apply(&self, set: &Mutex<ParameterSet>, parameters: Vec<raw::Parameter>) -> raw::SetParametersResult {
+        let changes: Vec<(String, ParameterValue)> =
+            parameters.iter().map(|one| (one.name.clone(), one.value.clone().into())).collect();
+        let outcome = locked(set).set_atomically(&changes);
+        match outcome {
+            Ok(()) => {
+                self.publish(Vec::new(), parameters);
+                raw::SetParametersResult { successful: true, reason: String::new() }
+            }
+            Err(error) => raw::SetParametersResult { successful: false, reason: error.to_string() },
+        }
+    }
+
+    fn publish_new(&self, set: &Mutex<ParameterSet>) {
+        let parameter =
+            |(name, value): (&str, &ParameterValue)| raw::Parameter { name: name.to_owned(), value: value.clone().into() };
+        let all = locked(set).iter().map(parameter).collect();
+        self.publish(all, Vec::new());
+    }
+
+    fn publish(&self, new: Vec<raw::Parameter>, changed: Vec<raw::Parameter>) {
+        if new.is_empty() && changed.is_empty() {
+            return;
+        }
+        let event = raw::ParameterEvent {
+            stamp: Time::now(),
+            node: self.node.clone(),
+            new_parameters: new,
+            changed_parameters: changed,
+            deleted_parameters: Vec::new(),
+        };
+        if let Err(error) = self.publisher.publish(event) {
+            tracing::warn!("{}: a parameter event was not sent: {error}", self.node);
+        }
+    }
+}

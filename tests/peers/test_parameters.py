@@ -1,0 +1,301 @@
+"""Parameters of the stage node, used from rclpy as any ROS 2 program uses them."""
+
+import math
+import os
+import subprocess
+import threading
+from contextlib import contextmanager
+
+import pytest
+import rclpy
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.msg import ParameterEvent, ParameterType, ParameterValue
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_parameter_events
+
+NODE = "/lab/stage_under_test"
+TIMEOUT = 20.0
+
+
+@contextmanager
+def stage_node(*arguments, stderr=None):
+    command = [os.environ["STAGE_NODE"], "--ros-args", "-r", "__node:=stage_under_test", "-r", "__ns:=/lab", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stderr)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.wait(timeout=TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+class User:
+    """A node of a user's, with a client for each of the six services, and all events of the stage."""
+
+    def __init__(self):
+        self.node = rclpy.create_node("user")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.events = []
+        self.node.create_subscription(ParameterEvent, "/parameter_events", self._event, qos_profile_parameter_events)
+        self.clients = {}
+
+    def _event(self, event):
+        if event.node == NODE:
+            self.events.append(event)
+
+    def ask(self, kind, service, request):
+        if service not in self.clients:
+            self.clients[service] = self.node.create_client(kind, f"{NODE}/{service}")
+        client = self.clients[service]
+        assert client.wait_for_service(timeout_sec=TIMEOUT), f"{service} is not offered"
+        future = client.call_async(request)
+        self.executor.spin_until_future_complete(future, timeout_sec=TIMEOUT)
+        assert future.done(), f"{service} does not answer"
+        return future.result()
+
+    def get(self, *names):
+        values = self.ask(GetParameters, "get_parameters", GetParameters.Request(names=list(names))).values
+        return [rclpy.parameter.parameter_value_to_python(value) for value in values]
+
+    def set(self, **values):
+        parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        return self.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=parameters)).results
+
+    def set_atomically(self, **values):
+        parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request = SetParametersAtomically.Request(parameters=parameters)
+        return self.ask(SetParametersAtomically, "set_parameters_atomically", request).result
+
+    def describe(self, *names):
+        request = DescribeParameters.Request(names=list(names))
+        return self.ask(DescribeParameters, "describe_parameters", request).descriptors
+
+    def wait_for_events(self, count):
+        clock = self.node.get_clock()
+        end = clock.now().nanoseconds + int(TIMEOUT * 1e9)
+        while len(self.events) < count and clock.now().nanoseconds < end:
+            self.executor.spin_once(timeout_sec=0.1)
+        assert len(self.events) >= count, f"{len(self.events)} of {count} events came"
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+
+
+@pytest.fixture(scope="module")
+def ros():
+    rclpy.init()
+    yield
+    rclpy.shutdown()
+
+
+@pytest.fixture(scope="module")
+def running_stage(ros):
+    with stage_node("-p", "command_timeout:=0.25", "-p", "seed:=7") as process:
+        yield process
+
+
+@pytest.fixture
+def user(running_stage):
+    user = User()
+    yield user
+    user.close()
+
+
+def test_list_names_every_parameter(user):
+    names = user.ask(ListParameters, "list_parameters", ListParameters.Request()).result.names
+    expected = {"model", "control_rate", "physics_rate", "mode", "drive", "seed", "command_timeout", "publish_clock"}
+    assert expected | {"record", "every", "clock_pause", "answer_timeout", "use_sim_time"} <= set(names)
+    assert len(names) == len(set(names))
+
+
+def test_list_with_a_prefix_lists_that_parameter_only(user):
+    result = user.ask(ListParameters, "list_parameters", ListParameters.Request(prefixes=["seed"])).result
+    assert list(result.names) == ["seed"]
+
+
+def test_values_of_the_command_line_hold(user):
+    assert user.get("command_timeout", "seed", "use_sim_time") == [0.25, 7, False]
+
+
+def test_an_unknown_parameter_is_not_set(user):
+    assert user.get("comand_timeout") == [None]
+
+
+def test_types(user):
+    request = GetParameterTypes.Request(names=["model", "control_rate", "every", "publish_clock", "nonsense"])
+    types = user.ask(GetParameterTypes, "get_parameter_types", request).types
+    assert list(types) == [
+        ParameterType.PARAMETER_STRING,
+        ParameterType.PARAMETER_DOUBLE,
+        ParameterType.PARAMETER_INTEGER,
+        ParameterType.PARAMETER_BOOL,
+        ParameterType.PARAMETER_NOT_SET,
+    ]
+
+
+def test_describe_says_unit_range_and_read_only(user):
+    rate, every, mode, timeout = user.describe("control_rate", "every", "mode", "command_timeout")
+    assert rate.name == "control_rate" and rate.type == ParameterType.PARAMETER_DOUBLE
+    assert rate.read_only and "[Hz]" in rate.description
+    assert rate.floating_point_range[0].from_value > 0.0
+    assert not rate.integer_range and not rate.dynamic_typing
+    assert every.integer_range[0].from_value == 1 and not every.read_only and not every.floating_point_range
+    assert "realtime" in mode.additional_constraints and "lockstep" in mode.additional_constraints
+    assert "[s]" in timeout.description and not timeout.read_only
+
+
+def test_set_takes_effect_and_is_announced(user):
+    [result] = user.set(every=2)
+    assert result.successful and result.reason == ""
+    assert user.get("every") == [2]
+    while not user.events:
+        user.set(every=2)
+        user.executor.spin_once(timeout_sec=0.1)
+    event = user.events[-1]
+    assert [p.name for p in event.changed_parameters] == ["every"]
+    assert event.changed_parameters[0].value.integer_value == 2
+    assert not event.new_parameters and not event.deleted_parameters
+    assert event.stamp.sec > 0
+
+
+@pytest.mark.parametrize(
+    "name, value, reason",
+    [
+        ("every", 2.0, ["every", "integer", "double", "2.0"]),
+        ("command_timeout", 1, ["command_timeout", "double", "integer", "write 1.0"]),
+        ("command_timeout", math.nan, ["command_timeout", "finite", "NaN"]),
+        ("command_timeout", -1.0, ["command_timeout", "-1.0 s", "within"]),
+        ("every", 0, ["every", "0", "within 1"]),
+        ("control_rate", 2000.0, ["control_rate", "read-only", "-p control_rate:=2000.0"]),
+        ("comand_timeout", 1.0, ["comand_timeout", "did you mean `command_timeout`?"]),
+    ],
+)
+def test_a_wrong_value_is_refused_with_the_reason(user, name, value, reason):
+    before = user.get("every", "command_timeout", "control_rate")
+    [result] = user.set(**{name: value})
+    assert not result.successful
+    for part in reason:
+        assert part in result.reason
+    assert user.get("every", "command_timeout", "control_rate") == before
+
+
+def test_a_declared_parameter_cannot_be_deleted(user):
+    gone = ParameterMsg(name="every", value=ParameterValue(type=ParameterType.PARAMETER_NOT_SET))
+    [result] = user.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=[gone])).results
+    assert not result.successful and "cannot be deleted" in result.reason
+
+
+def test_set_parameters_takes_the_good_ones_and_refuses_the_bad_one(user):
+    first, second, third = user.set(every=3, mode="lockstep", command_timeout=0.5)
+    assert (first.successful, second.successful, third.successful) == (True, False, True)
+    assert user.get("every", "command_timeout") == [3, 0.5]
+
+
+def test_set_atomically_takes_all_or_none(user):
+    assert user.set_atomically(every=4, command_timeout=0.75).successful
+    assert user.get("every", "command_timeout") == [4, 0.75]
+    result = user.set_atomically(every=5, command_timeout=-1.0)
+    assert not result.successful and "command_timeout" in result.reason
+    assert user.get("every", "command_timeout") == [4, 0.75]
+
+
+def test_an_atomic_change_is_announced_in_one_event(user):
+    while not user.events:
+        user.set(every=6)
+        user.executor.spin_once(timeout_sec=0.1)
+    user.executor.spin_once(timeout_sec=0.5)
+    heard = len(user.events)
+    assert user.set_atomically(every=7, command_timeout=1.5).successful
+    user.wait_for_events(heard + 1)
+    assert sorted(p.name for p in user.events[-1].changed_parameters) == ["command_timeout", "every"]
+    assert not user.set_atomically(every=0).successful
+    assert user.set_atomically(every=8).successful
+    user.wait_for_events(heard + 2)
+    # Nothing was announced for the refused one between the two.
+    assert [p.value.integer_value for p in user.events[heard + 1].changed_parameters] == [8]
+
+
+def test_the_services_are_offered_once_and_under_the_node(user):
+    assert user.node.wait_for_node(NODE, TIMEOUT)
+    assert user.get("seed") == [7]
+    services = dict(user.node.get_service_names_and_types_by_node("stage_under_test", "/lab"))
+    ours = {name: types for name, types in services.items() if name.startswith(NODE + "/") and "parameter" in name}
+    assert ours == {
+        f"{NODE}/describe_parameters": ["rcl_interfaces/srv/DescribeParameters"],
+        f"{NODE}/get_parameter_types": ["rcl_interfaces/srv/GetParameterTypes"],
+        f"{NODE}/get_parameters": ["rcl_interfaces/srv/GetParameters"],
+        f"{NODE}/list_parameters": ["rcl_interfaces/srv/ListParameters"],
+        f"{NODE}/set_parameters": ["rcl_interfaces/srv/SetParameters"],
+        f"{NODE}/set_parameters_atomically": ["rcl_interfaces/srv/SetParametersAtomically"],
+    }
+    assert user.node.count_services(f"{NODE}/set_parameters") == 1
+
+
+def test_two_users_at_once_both_get_all_their_answers(user):
+    other = User()
+    answers = []
+    thread = threading.Thread(target=lambda: answers.extend(other.get("seed")[0] for _ in range(50)))
+    thread.start()
+    mine = [user.get("seed")[0] for _ in range(50)]
+    thread.join(timeout=4 * TIMEOUT)
+    other.close()
+    assert mine == [7] * 50 and answers == [7] * 50
+
+
+def test_a_parameter_file_reaches_the_node(ros, tmp_path):
+    file = tmp_path / "stage.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters:\n    every: 2\n    command_timeout: 0.5\n"
+        "/lab/stage_under_test:\n  ros__parameters:\n    every: 3\n"
+        "/other:\n  ros__parameters:\n    every: 4\n    unknown_here: true\n"
+    )
+    with stage_node("--params-file", str(file), "-p", "stage_under_test:every:=9", "-p", "command_timeout:=0.125"):
+        user = User()
+        try:
+            # `stage_under_test:` alone means /stage_under_test, not the node in /lab.
+            assert user.get("every", "command_timeout") == [3, 0.125]
+        finally:
+            user.close()
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["-p", "comand_timeout:=1.0"], ["-p comand_timeout:=1.0", "did you mean `command_timeout`?"]),
+        (["-p", "command_timeout:=1"], ["command_timeout", "is a double", "integer 1", "write 1.0"]),
+        (["-p", "command_timeout:=-1.0"], ["command_timeout", "-1.0 s", "within"]),
+        (["-p", "mode:=lokstep"], ["mode", "did you mean `lockstep`?"]),
+        (["-p", "physics_rate:=39999.0"], ["physics_rate", "39999", "multiple of control_rate", "4000"]),
+        (["-p", "every"], ["-p every", ":="]),
+        (["--param-file", "x.yaml"], ["--param-file", "did you mean `--params-file`?"]),
+    ],
+)
+def test_a_wrong_command_line_ends_the_node_with_the_reason(arguments, message):
+    with stage_node(*arguments, stderr=subprocess.PIPE) as process:
+        _, stderr = process.communicate(timeout=TIMEOUT)
+    assert process.returncode not in (0, -15)
+    for part in message:
+        assert part in stderr.decode()
+
+
+def test_a_broken_parameter_file_ends_the_node_with_file_and_line(tmp_path):
+    file = tmp_path / "broken.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    every: [1\n")
+    with stage_node("--params-file", str(file), stderr=subprocess.PIPE) as process:
+        _, stderr = process.communicate(timeout=TIMEOUT)
+    assert process.returncode not in (0, -15)
+    assert "broken.yaml, line" in stderr.decode()
