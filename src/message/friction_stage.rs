@@ -15,9 +15,9 @@ pub struct StageState {
     pub position: f64,
     /// m/s.
     pub velocity: f64,
-    /// m/s², just after the command of this sample took effect.
+    /// m/s², at the end of the interval that ends at this sample.
     pub acceleration: f64,
-    /// N, of the motor over the interval that ends at this sample, before effects.
+    /// N, command of the interval that ends at this sample, after the motor's limit, without effects.
     pub motor_force: f64,
     /// m, one per guide.
     pub bristle_deflection: Vec<f64>,
@@ -76,6 +76,8 @@ pub struct ControllerState {
     pub enabled: bool,
     /// No setpoint is being followed: the last one is held.
     pub holding: bool,
+    /// Start of the setpoint or trajectory accepted last, 0 before the first.
+    pub setpoint_stamp: Time,
 }
 
 impl RosMessage for ControllerState {

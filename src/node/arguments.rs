@@ -318,7 +318,9 @@ fn remap(flag: &str, text: &str) -> Result<Remap, ArgumentError> {
                 Some("rostopic") => RemapKind::Topic(from.to_owned()),
                 Some("rosservice") => RemapKind::Service(from.to_owned()),
                 Some(other) => {
-                    return Err(malformed(format!("unknown scheme `{other}://`, known are rostopic:// and rosservice://")));
+                    return Err(malformed(format!(
+                        "unknown scheme `{other}://`, known are rostopic:// and rosservice://"
+                    )));
                 }
             }
         }
@@ -335,8 +337,10 @@ fn assignment(flag: &str, text: &str) -> Result<Assignment, ArgumentError> {
     if name.is_empty() {
         return Err(malformed("the parameter has no name".to_owned()));
     }
-    let value = params_file::value(value)
-        .map_err(|problem| ArgumentError::Value { argument: origin.clone(), problem: format!("the value {problem}") })?;
+    let value = params_file::value(value).map_err(|problem| ArgumentError::Value {
+        argument: origin.clone(),
+        problem: format!("the value {problem}"),
+    })?;
     Ok(Assignment { node, name: name.to_owned(), value, origin })
 }
 
@@ -367,8 +371,7 @@ pub(super) struct NodePattern(Vec<String>);
 impl NodePattern {
     /// `pattern` is taken from the root, with or without its first slash. On error says what is wrong with it.
     pub(super) fn new(pattern: &str) -> Result<Self, String> {
-        let tokens: Vec<String> =
-            pattern.strip_prefix('/').unwrap_or(pattern).split('/').map(str::to_owned).collect();
+        let tokens: Vec<String> = pattern.strip_prefix('/').unwrap_or(pattern).split('/').map(str::to_owned).collect();
         for part in &tokens {
             if !matches!(part.as_str(), "*" | "**") {
                 token(part)?;

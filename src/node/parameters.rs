@@ -528,8 +528,10 @@ impl Events {
     }
 
     fn publish_new(&self, set: &Mutex<ParameterSet>) {
-        let parameter =
-            |(name, value): (&str, &ParameterValue)| raw::Parameter { name: name.to_owned(), value: value.clone().into() };
+        let parameter = |(name, value): (&str, &ParameterValue)| raw::Parameter {
+            name: name.to_owned(),
+            value: value.clone().into(),
+        };
         let all = locked(set).iter().map(parameter).collect();
         self.publish(all, Vec::new());
     }

@@ -29,8 +29,8 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<Assignment>, Argument
 
 /// The value of a `-p name:=value`. On error says what is wrong with it.
 pub(super) fn value(text: &str) -> Result<ParameterValue, String> {
-    let node: Node =
-        serde_saphyr::from_str_with_options(text, options()).map_err(|error| format!("is not YAML: {}", without_place(&error)))?;
+    let node: Node = serde_saphyr::from_str_with_options(text, options())
+        .map_err(|error| format!("is not YAML: {}", without_place(&error)))?;
     parameter_value(node).map_err(|problem| problem.to_string())
 }
 
@@ -125,7 +125,9 @@ fn parameter_value(node: Node) -> Result<ParameterValue, ValueProblem> {
             // All of one kind: each collect takes every item.
             macro_rules! all {
                 ($kind:ident) => {
-                    list.into_iter().filter_map(|v| if let ParameterValue::$kind(v) = v { Some(v) } else { None }).collect()
+                    list.into_iter()
+                        .filter_map(|v| if let ParameterValue::$kind(v) = v { Some(v) } else { None })
+                        .collect()
                 };
             }
             match first {
