@@ -120,6 +120,29 @@ impl Network {
     }
 }
 
+/// Runs `start` with every signal blocked: the threads that it starts inherit that for good, and
+/// signals go to the other threads of the process.
+///
+/// Stopping the process and continuing it (SIGSTOP, SIGCONT) still interrupts them; a process that
+/// was stopped has to make a new participant.
+fn without_signals<T>(start: impl FnOnce() -> T) -> T {
+    // SAFETY: both sets are local and initialised by the calls that fill them; sigfillset and
+    // pthread_sigmask with SIG_SETMASK cannot fail with these arguments.
+    let before = unsafe {
+        let mut all = std::mem::zeroed::<libc::sigset_t>();
+        let mut before = std::mem::zeroed::<libc::sigset_t>();
+        libc::sigfillset(&raw mut all);
+        libc::pthread_sigmask(libc::SIG_SETMASK, &raw const all, &raw mut before);
+        before
+    };
+    let result = start();
+    // SAFETY: `before` is the mask that this thread had.
+    unsafe {
+        libc::pthread_sigmask(libc::SIG_SETMASK, &raw const before, std::ptr::null_mut());
+    }
+    result
+}
+
 /// Why a participant, or something in it, could not be made.
 #[derive(Debug, Error)]
 pub enum ParticipantError {
@@ -157,7 +180,8 @@ impl Participant {
             name: name.to_owned(),
             source,
         })?;
-        let domain_participant = network.domain_participant()?;
+        // rustdds ends its threads when a signal interrupts their wait: they must never see one.
+        let domain_participant = without_signals(|| network.domain_participant())?;
         let context = Context::from_domain_participant(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
         let node = context
@@ -179,6 +203,17 @@ impl Participant {
     /// Endpoints of the whole domain can be asked here.
     pub fn domain_participant(&self) -> &DomainParticipant {
         &self.domain_participant
+    }
+
+    /// Subscribers on `topic` anywhere in the domain, dead ones included until their lease ends.
+    pub fn readers_of(&self, topic: &Topic) -> usize {
+        use rustdds::TopicDescription;
+        let name = topic.name();
+        self.domain_participant
+            .discovered_readers()
+            .iter()
+            .filter(|reader| *reader.subscription_topic_data.topic_name() == name)
+            .count()
     }
 
     /// `/namespace/name`.

@@ -1,0 +1,165 @@
+//! Waiting for any of several subscriptions on one plain thread, with a deadline.
+//!
+//! The thread parks; the DDS thread wakes it when a sample has come. That is one thread switch, as
+//! with one thread per subscription, and needs no runtime, no channel and no poll set.
+//!
+//! ```no_run
+//! # use std::task::Poll;
+//! # use friction_stage::{message::{JointState, WrenchStamped}, node::{inlet::{Inlet, Waiter}, participant::ParticipantError}};
+//! # fn f(force: Inlet<WrenchStamped>, joint: Inlet<JointState>) {
+//! enum Command { Force(WrenchStamped), Joint(JointState) }
+//! let waiter = Waiter::new();
+//! let command = waiter.wait(None, |cx| {
+//!     if let Poll::Ready(message) = force.poll_take(cx) {
+//!         return Poll::Ready(message.map(Command::Force));
+//!     }
+//!     joint.poll_take(cx).map(|message| message.map(Command::Joint))
+//! });
+//! # }
+//! ```
+
+use std::{
+    marker::PhantomData,
+    pin::pin,
+    sync::Arc,
+    task::{Context, Poll, Wake, Waker},
+    thread::{self, Thread},
+    time::Instant,
+};
+
+use ros2_client::{ReadError, Subscription};
+
+use super::{
+    participant::{Participant, ParticipantError},
+    qos::Qos,
+};
+use crate::message::RosMessage;
+
+/// A subscription to `M`.
+pub struct Inlet<M: RosMessage> {
+    subscription: Subscription<M>,
+    participant: Participant,
+}
+
+impl<M: RosMessage> Inlet<M> {
+    /// Subscribes to `name` (absolute, or relative to the node's namespace).
+    ///
+    /// # Errors
+    /// [`ParticipantError`] when the name is none or DDS refuses.
+    pub fn new(participant: &Participant, name: &str, qos: &Qos) -> Result<Self, ParticipantError> {
+        let topic = participant.topic(name, M::PACKAGE, M::NAME, qos)?;
+        let subscription = participant.node().create_subscription(&topic, None).map_err(|e| {
+            ParticipantError::Endpoint { what: "subscription", topic: name.to_owned(), reason: e.to_string() }
+        })?;
+        Ok(Self { subscription, participant: participant.clone() })
+    }
+
+    /// The next message, if one has come.
+    ///
+    /// # Errors
+    /// [`ReadError`] for a sample that cannot be decoded; it is consumed, the next call goes on.
+    pub fn take(&self) -> Result<Option<M>, ReadError> {
+        Ok(self.subscription.take()?.map(|(message, _)| message))
+    }
+
+    /// The next message, or a promise to wake `cx` when one comes.
+    pub fn poll_take(&self, cx: &mut Context<'_>) -> Poll<Result<M, ReadError>> {
+        // A new future each time is sound here: rustdds' stream keeps no state between polls.
+        pin!(self.subscription.async_take()).poll(cx).map(|result| result.map(|(message, _)| message))
+    }
+
+    /// Publishers that are matched now. Needs the node's spinner.
+    pub fn publishers(&self) -> usize {
+        self.subscription.get_publisher_count(&self.participant.node())
+    }
+}
+
+struct Unpark(Thread);
+
+impl Wake for Unpark {
+    fn wake(self: Arc<Self>) {
+        self.0.unpark();
+    }
+
+    fn wake_by_ref(self: &Arc<Self>) {
+        self.0.unpark();
+    }
+}
+
+/// Parks the thread that made it.
+pub struct Waiter {
+    waker: Waker,
+    /// Stays on its thread: another one would park itself and never be woken.
+    not_send: PhantomData<*const ()>,
+}
+
+impl Default for Waiter {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Waiter {
+    pub fn new() -> Self {
+        Self { waker: Waker::from(Arc::new(Unpark(thread::current()))), not_send: PhantomData }
+    }
+
+    /// Wakes the wait from another thread, so that it polls again: for stop flags and the like.
+    pub fn waker(&self) -> Waker {
+        self.waker.clone()
+    }
+
+    /// Polls until it is ready, parked in between; `None` when `deadline` has passed first.
+    pub fn wait<T>(&self, deadline: Option<Instant>, mut poll: impl FnMut(&mut Context<'_>) -> Poll<T>) -> Option<T> {
+        let mut context = Context::from_waker(&self.waker);
+        loop {
+            if let Poll::Ready(value) = poll(&mut context) {
+                return Some(value);
+            }
+            match deadline {
+                None => thread::park(),
+                Some(deadline) => {
+                    let left = deadline.saturating_duration_since(Instant::now());
+                    if left.is_zero() {
+                        return None;
+                    }
+                    thread::park_timeout(left);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::{
+        sync::atomic::{AtomicBool, Ordering},
+        time::Duration,
+    };
+
+    use super::*;
+
+    #[test]
+    fn a_wait_ends_at_its_deadline() {
+        let start = Instant::now();
+        let limit = Duration::from_millis(20);
+        let nothing: Option<()> = Waiter::new().wait(Some(start + limit), |_| Poll::Pending);
+        assert_eq!(nothing, None);
+        assert!(start.elapsed() >= limit, "{:?}", start.elapsed());
+    }
+
+    #[test]
+    fn another_thread_wakes_a_wait_without_deadline() {
+        let waiter = Waiter::new();
+        let waker = waiter.waker();
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&stop);
+        let other = thread::spawn(move || {
+            flag.store(true, Ordering::SeqCst);
+            waker.wake();
+        });
+        let polled = waiter.wait(None, |_| if stop.load(Ordering::SeqCst) { Poll::Ready(1) } else { Poll::Pending });
+        assert_eq!(polled, Some(1));
+        other.join().unwrap();
+    }
+}
