@@ -1,0 +1,244 @@
+//! What both nodes share: arguments, logging, the participant, services, signals, exit codes.
+//!
+//! The main thread runs a single-threaded tokio runtime with everything that waits and is in no hurry: discovery, services,
+//! diagnostics, signals. The node's own loop runs on a plain thread and gets what happens as [`Control`] events.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use anyhow::Context as _;
+use futures::channel::mpsc::UnboundedSender;
+use futures::future::BoxFuture;
+use ros2_client::NodeOptions;
+use tokio::sync::oneshot;
+
+use super::arguments::{Override, RosArguments, fully_qualified};
+use super::parameters::{ParameterServer, ParameterSet};
+use super::participant::{Network, Participant};
+use super::service::{self, Service};
+use crate::message::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
+
+/// What the rest of the process tells a node's loop.
+#[derive(Debug)]
+pub enum Control {
+    /// Some time has passed: look at your deadlines. Comes every [`HEARTBEAT`].
+    Heartbeat,
+    Enable(bool),
+    Reset(oneshot::Sender<Result<String, String>>),
+    /// Parameters that can change while running have changed.
+    Retune,
+    Shutdown,
+}
+
+/// Interval of [`Control::Heartbeat`].
+pub const HEARTBEAT: std::time::Duration = std::time::Duration::from_millis(20);
+
+/// Name and arguments of a node, before it joins the network.
+pub struct Startup {
+    pub arguments: RosArguments,
+    /// The command line, for the provenance of recordings.
+    pub command_line: Vec<String>,
+    pub name: String,
+    pub namespace: String,
+}
+
+impl Startup {
+    /// Reads the command line (without the program's name) of a node called `default_name` unless remapped.
+    pub fn parse(default_name: &str, command_line: Vec<String>) -> anyhow::Result<Startup> {
+        let (arguments, others) = RosArguments::parse(command_line.iter().cloned())?;
+        if let Some(other) = others.first() {
+            anyhow::bail!("unexpected argument `{other}`; parameters go behind --ros-args, as in --ros-args -p name:=value");
+        }
+        let name = arguments.node_name(default_name);
+        let namespace = arguments.namespace(&name, "/");
+        Ok(Startup { arguments, command_line, name, namespace })
+    }
+
+    pub fn full_name(&self) -> String {
+        fully_qualified(&self.namespace, &self.name)
+    }
+
+    /// Absolute name of a topic after expansion and remapping.
+    pub fn topic(&self, name: &str) -> String {
+        self.arguments.resolve(&self.name, &self.namespace, name)
+    }
+
+    fn service_name(&self, name: &str) -> String {
+        self.arguments.resolve_service(&self.name, &self.namespace, name)
+    }
+
+    pub fn overrides(&self) -> BTreeMap<String, Override> {
+        self.arguments.parameters_for(&self.full_name())
+    }
+
+    /// Logs of this process go to stderr, at the level of `--log-level`, else of `RUST_LOG`, else info.
+    pub fn start_logging(&self) {
+        use tracing_subscriber::filter::{EnvFilter, LevelFilter};
+        let level = self.arguments.log_level(&self.name).map_or(LevelFilter::INFO, LevelFilter::from);
+        // The DDS library warns of every stray packet; what matters of it is reported by the nodes themselves.
+        let quiet = "rustdds=error,ros2_client=error";
+        let filter = std::env::var("RUST_LOG")
+            .ok()
+            .and_then(|text| EnvFilter::try_new(text).ok())
+            .unwrap_or_else(|| EnvFilter::new(format!("{level},{quiet}")));
+        // A second start in one process (tests) keeps the first subscriber.
+        let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).try_init();
+    }
+
+    /// Joins the network that the environment names.
+    pub fn join(&self) -> anyhow::Result<Participant> {
+        let network = Network::from_environment()?;
+        let options = NodeOptions::new().start_parameter_services(false).enable_rosout(self.arguments.rosout_logs());
+        Ok(Participant::join(network, &self.namespace, &self.name, options)?)
+    }
+}
+
+struct Trigger;
+
+impl Service for Trigger {
+    type Request = TriggerRequest;
+    type Response = TriggerResponse;
+    const PACKAGE: &'static str = "std_srvs";
+    const NAME: &'static str = "Trigger";
+}
+
+struct SetBool;
+
+impl Service for SetBool {
+    type Request = SetBoolRequest;
+    type Response = SetBoolResponse;
+    const PACKAGE: &'static str = "std_srvs";
+    const NAME: &'static str = "SetBool";
+}
+
+/// Everything of a node that waits and is in no hurry. Built up, then [`Background::run`] until a signal or the loop ends it.
+pub struct Background {
+    tasks: Vec<BoxFuture<'static, ()>>,
+    control: UnboundedSender<Control>,
+}
+
+/// Why [`Background::run`] came back.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// SIGINT or SIGTERM.
+    Signal,
+    /// SIGCONT: the process was stopped, which ends the threads of the DDS library.
+    WasStopped,
+    /// The node's loop ended by itself.
+    Loop,
+}
+
+impl Background {
+    /// Starts the discovery of the node and the parameter services. `control` reaches the node's loop.
+    pub fn new(
+        participant: &Participant,
+        parameters: Arc<Mutex<ParameterSet>>,
+        control: UnboundedSender<Control>,
+    ) -> anyhow::Result<Background> {
+        let mut node = participant.node();
+        let spinner = node.spinner().map_err(|error| anyhow::anyhow!("cannot watch the ROS graph: {error:?}"))?;
+        let server = ParameterServer::new(&mut node, parameters)?;
+        let spin = async move {
+            if let Err(error) = spinner.spin().await {
+                tracing::error!("watching the ROS graph ended: {error:?}");
+            }
+        };
+        let heartbeat = control.clone();
+        let beat = async move {
+            let mut interval = tokio::time::interval(HEARTBEAT);
+            interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+            loop {
+                interval.tick().await;
+                if heartbeat.unbounded_send(Control::Heartbeat).is_err() {
+                    return;
+                }
+            }
+        };
+        Ok(Background { tasks: vec![Box::pin(spin), Box::pin(server.run()), Box::pin(beat)], control })
+    }
+
+    /// Another task that runs as long as the node.
+    pub fn spawn(&mut self, task: impl Future<Output = ()> + Send + 'static) {
+        self.tasks.push(Box::pin(task));
+    }
+
+    /// `~/enable`: passes the wish on to the loop.
+    pub fn serve_enable(&mut self, startup: &Startup, participant: &Participant) -> anyhow::Result<()> {
+        let control = self.control.clone();
+        let handler = move |request: SetBoolRequest| {
+            let success = control.unbounded_send(Control::Enable(request.data)).is_ok();
+            let message = if request.data { "enabled" } else { "disabled: no force" }.to_owned();
+            std::future::ready(SetBoolResponse { success, message })
+        };
+        let task = service::serve::<SetBool, _, _>(&mut participant.node(), &startup.service_name("~/enable"), handler)?;
+        self.spawn(task);
+        Ok(())
+    }
+
+    /// `~/reset`: asks the loop and waits for its answer.
+    pub fn serve_reset(&mut self, startup: &Startup, participant: &Participant) -> anyhow::Result<()> {
+        let control = self.control.clone();
+        let handler = move |_: TriggerRequest| {
+            let (reply, answer) = oneshot::channel();
+            let sent = control.unbounded_send(Control::Reset(reply)).is_ok();
+            async move {
+                let result = if sent { answer.await.ok() } else { None };
+                match result.unwrap_or_else(|| Err("the node is shutting down".to_owned())) {
+                    Ok(message) => TriggerResponse { success: true, message },
+                    Err(message) => TriggerResponse { success: false, message },
+                }
+            }
+        };
+        let task = service::serve::<Trigger, _, _>(&mut participant.node(), &startup.service_name("~/reset"), handler)?;
+        self.spawn(task);
+        Ok(())
+    }
+
+    /// `~/record`: `switch` starts or stops and says what it did.
+    pub fn serve_record(
+        &mut self,
+        startup: &Startup,
+        participant: &Participant,
+        mut switch: impl FnMut(bool) -> Result<String, String> + Send + 'static,
+    ) -> anyhow::Result<()> {
+        let handler = move |request: SetBoolRequest| {
+            std::future::ready(match switch(request.data) {
+                Ok(message) => SetBoolResponse { success: true, message },
+                Err(message) => SetBoolResponse { success: false, message },
+            })
+        };
+        let task = service::serve::<SetBool, _, _>(&mut participant.node(), &startup.service_name("~/record"), handler)?;
+        self.spawn(task);
+        Ok(())
+    }
+
+    /// Runs until a signal comes or `loop_ended` is done; then tells the loop to shut down.
+    pub fn run(self, loop_ended: oneshot::Receiver<()>) -> anyhow::Result<End> {
+        let Background { tasks, control } = self;
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .build()
+            .context("cannot start the runtime of the services")?;
+        let end = runtime.block_on(async move {
+            use tokio::signal::unix::{SignalKind, signal};
+            let mut interrupt = signal(SignalKind::interrupt())?;
+            let mut terminate = signal(SignalKind::terminate())?;
+            let mut continued = signal(SignalKind::from_raw(libc::SIGCONT))?;
+            let everything = futures::future::join_all(tasks);
+            Ok::<End, std::io::Error>(tokio::select! {
+                _ = interrupt.recv() => End::Signal,
+                _ = terminate.recv() => End::Signal,
+                _ = continued.recv() => End::WasStopped,
+                _ = loop_ended => End::Loop,
+                _ = everything => End::Loop,
+            })
+        })?;
+        let _ = control.unbounded_send(Control::Shutdown);
+        Ok(end)
+    }
+}
+
+/// A lock that a panic elsewhere does not poison for good.
+pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
