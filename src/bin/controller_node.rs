@@ -1,1 +1,7 @@
-fn main() {}
+//! `controller_node`: the controller of the stage on ROS 2.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    friction_stage::cli::exit_code(friction_stage::node::controller::run(std::env::args().skip(1).collect()))
+}

@@ -99,6 +99,11 @@ impl Trajectory {
         Trajectory { start, points: vec![point] }
     }
 
+    /// The same motion, starting `by` ns later.
+    pub fn shifted(self, by: i64) -> Trajectory {
+        Trajectory { start: self.start + by, ..self }
+    }
+
     pub fn start(&self) -> i64 {
         self.start
     }
@@ -246,6 +251,11 @@ impl Follower {
     /// Whether the velocity ahead is known at `time`, ns: a trajectory was given, so that one can look ahead.
     pub fn can_look_ahead(&self) -> bool {
         self.active.is_some()
+    }
+
+    /// Whether a trajectory has begun before `time`, ns, be it over or not.
+    pub fn has_begun(&self, time: i64) -> bool {
+        self.active.as_ref().is_some_and(|active| active.trajectory.start < time)
     }
 
     /// Gives up what is followed and holds `position`, m.

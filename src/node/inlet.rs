@@ -64,8 +64,15 @@ impl<M: RosMessage> Inlet<M> {
 
     /// The next message, or a promise to wake `cx` when one comes.
     pub fn poll_take(&self, cx: &mut Context<'_>) -> Poll<Result<M, ReadError>> {
+        self.poll_take_from(cx).map(|result| result.map(|(message, _)| message))
+    }
+
+    /// The same with the identity of the publisher that sent it.
+    pub fn poll_take_from(&self, cx: &mut Context<'_>) -> Poll<Result<(M, [u8; 16]), ReadError>> {
         // A new future each time is sound here: rustdds' stream keeps no state between polls.
-        pin!(self.subscription.async_take()).poll(cx).map(|result| result.map(|(message, _)| message))
+        pin!(self.subscription.async_take())
+            .poll(cx)
+            .map(|result| result.map(|(message, info)| (message, info.publisher_gid().to_bytes16())))
     }
 
     /// Publishers that are matched now. Needs the node's spinner.

@@ -1,9 +1,30 @@
 //! The ROS 2 nodes: the only room that knows ros2-client.
+//!
+//! [`stage::run`] and [`controller::run`] are the two nodes. Around them: what the command line and the environment say
+//! ([`arguments`], [`parameters`], [`participant`]), topics that no dead peer can stall ([`outlet`], [`inlet`], [`qos`]),
+//! rules for commands ([`commands`]), and the recorder.
+
 pub mod arguments;
+pub mod clock;
+pub mod commands;
+pub mod controller;
+pub mod controller_settings;
 pub mod inlet;
 pub mod outlet;
 pub mod parameters;
 mod params_file;
 pub mod participant;
 pub mod qos;
+pub mod recorder;
+pub mod runtime;
 pub mod service;
+pub mod stage;
+mod stage_inbox;
+mod stage_lockstep;
+mod stage_outlets;
+mod stage_realtime;
+pub mod stage_settings;
+pub mod stage_status;
+pub mod wire;
+
+pub use stage_lockstep::EPOCH as LOCKSTEP_EPOCH;

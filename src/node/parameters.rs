@@ -247,7 +247,8 @@ impl ParameterValues {
 }
 
 type Check = dyn Fn(&ParameterValues) -> Result<(), String> + Send;
-type OnChange = dyn FnMut(&[(&str, ParameterValue)]) -> Result<(), String> + Send;
+type OnChange = dyn FnMut(&[(&str, ParameterValue)], &ParameterValues) -> Result<(), String> + Send;
+type Derive = dyn Fn(&ParameterValues) -> Vec<(&'static str, ParameterValue)> + Send;
 
 /// The parameters of a node: what is declared, and the values that they have now.
 pub struct ParameterSet {
@@ -255,6 +256,7 @@ pub struct ParameterSet {
     values: ParameterValues,
     checks: Vec<Box<Check>>,
     on_change: Vec<Box<OnChange>>,
+    derive: Option<Box<Derive>>,
 }
 
 impl Deref for ParameterSet {
@@ -276,7 +278,7 @@ impl ParameterSet {
         }
         specs.sort_by_key(|spec| spec.name);
         let values = ParameterValues(specs.iter().map(|spec| (spec.name, spec.default.clone())).collect());
-        let mut set = Self { specs, values, checks: Vec::new(), on_change: Vec::new() };
+        let mut set = Self { specs, values, checks: Vec::new(), on_change: Vec::new(), derive: None };
         for (name, Override { value, origin }) in overrides {
             let placed = |source| ParameterError::Override { origin: origin.clone(), source: Box::new(source) };
             let spec = set.spec(name).map_err(placed)?;
@@ -297,9 +299,18 @@ impl ParameterSet {
         Ok(self)
     }
 
-    /// Adds a listener that hears of a change after all checks and before it holds, and may still refuse it with a
-    /// reason. It is called under the lock of the set, so it must not lock the set itself.
-    pub fn on_change(&mut self, hook: impl FnMut(&[(&str, ParameterValue)]) -> Result<(), String> + Send + 'static) {
+    /// Declares that some values follow from others: worked out now and with every change.
+    pub fn derive(&mut self, rule: impl Fn(&ParameterValues) -> Vec<(&'static str, ParameterValue)> + Send + 'static) {
+        self.values.0.extend(rule(&self.values));
+        self.derive = Some(Box::new(rule));
+    }
+
+    /// Adds a listener that hears of a change after all checks and before it holds, with the values as they will be, and
+    /// may still refuse it with a reason. It is called under the lock of the set, so it must not lock the set itself.
+    pub fn on_change(
+        &mut self,
+        hook: impl FnMut(&[(&str, ParameterValue)], &ParameterValues) -> Result<(), String> + Send + 'static,
+    ) {
         self.on_change.push(Box::new(hook));
     }
 
@@ -328,7 +339,11 @@ impl ParameterSet {
         }
         let refused = |reason| ParameterError::Refused { reason };
         self.checks.iter().try_for_each(|rule| rule(&proposed)).map_err(refused)?;
-        self.on_change.iter_mut().try_for_each(|hook| hook(&accepted)).map_err(refused)?;
+        if let Some(rule) = &self.derive {
+            let derived = rule(&proposed);
+            proposed.0.extend(derived);
+        }
+        self.on_change.iter_mut().try_for_each(|hook| hook(&accepted, &proposed)).map_err(refused)?;
         self.values = proposed;
         Ok(())
     }

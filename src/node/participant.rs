@@ -216,6 +216,18 @@ impl Participant {
             .count()
     }
 
+    /// Publishers of the ROS topic `name` (absolute) in other participants, dead ones included until their lease ends.
+    pub fn other_writers_of(&self, name: &str) -> usize {
+        use rustdds::RTPSEntity;
+        let (dds_name, prefix) = (format!("rt{name}"), self.domain_participant.guid().prefix);
+        self.domain_participant
+            .discovered_writers()
+            .iter()
+            .filter(|writer| *writer.publication_topic_data.topic_name() == dds_name)
+            .filter(|writer| writer.writer_proxy.remote_writer_guid.prefix != prefix)
+            .count()
+    }
+
     /// `/namespace/name`.
     pub fn fully_qualified_name(&self) -> String {
         self.node_name.fully_qualified_name()

@@ -21,17 +21,12 @@ use crate::message::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerRes
 /// What the rest of the process tells a node's loop.
 #[derive(Debug)]
 pub enum Control {
-    /// Some time has passed: look at your deadlines. Comes every [`HEARTBEAT`].
-    Heartbeat,
     Enable(bool),
     Reset(oneshot::Sender<Result<String, String>>),
     /// Parameters that can change while running have changed.
     Retune,
     Shutdown,
 }
-
-/// Interval of [`Control::Heartbeat`].
-pub const HEARTBEAT: std::time::Duration = std::time::Duration::from_millis(20);
 
 /// Name and arguments of a node, before it joins the network.
 pub struct Startup {
@@ -93,6 +88,11 @@ impl Startup {
     }
 }
 
+impl ros2_client::Message for TriggerRequest {}
+impl ros2_client::Message for TriggerResponse {}
+impl ros2_client::Message for SetBoolRequest {}
+impl ros2_client::Message for SetBoolResponse {}
+
 struct Trigger;
 
 impl Service for Trigger {
@@ -143,18 +143,7 @@ impl Background {
                 tracing::error!("watching the ROS graph ended: {error:?}");
             }
         };
-        let heartbeat = control.clone();
-        let beat = async move {
-            let mut interval = tokio::time::interval(HEARTBEAT);
-            interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-            loop {
-                interval.tick().await;
-                if heartbeat.unbounded_send(Control::Heartbeat).is_err() {
-                    return;
-                }
-            }
-        };
-        Ok(Background { tasks: vec![Box::pin(spin), Box::pin(server.run()), Box::pin(beat)], control })
+        Ok(Background { tasks: vec![Box::pin(spin), Box::pin(server.run())], control })
     }
 
     /// Another task that runs as long as the node.

@@ -1,0 +1,370 @@
+//! The controller node: encoder in, force out, one answer per sample.
+//!
+//! It runs on the samples of the stage: it computes at the first sample at or after each tick of its own rate and answers
+//! the samples in between with the held force, so that the same loop serves real time and lockstep. Every answer carries
+//! the stamp of its sample. A disabled controller is silent: in real time the stage's force goes to zero, in lockstep its
+//! time stands still.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::task::Poll;
+use std::time::Duration;
+
+use futures::channel::mpsc::UnboundedReceiver;
+use futures::stream::Stream;
+use ros2_client::ReadError;
+use tokio::sync::oneshot;
+
+use super::clock;
+use super::controller_settings as settings;
+use super::inlet::{Inlet, Waiter};
+use super::outlet::{Outlet, Published};
+use super::parameters::ParameterSet;
+use super::participant::Participant;
+use super::qos::{COMMANDS, DIAGNOSTICS, SAMPLES};
+use super::runtime::{Background, Control, End, Startup, lock};
+use super::wire::{Setpoint, controller_state, setpoint};
+use crate::control::{Controller, ControllerSettings, Follower, Terms};
+use crate::message::{
+    ControllerState, DiagnosticArray, DiagnosticStatus, Header, JointState, JointTrajectory, KeyValue, WrenchStamped,
+};
+
+/// Interval of `/diagnostics`.
+const DIAGNOSTICS_INTERVAL: Duration = Duration::from_millis(200);
+/// Longest wait for a writer that replaces one with a dead subscriber: the stage waits for the answer.
+const SETTLE: Duration = Duration::from_secs(1);
+
+/// Counters for `/diagnostics`.
+#[derive(Debug, Default)]
+struct Status {
+    answered: AtomicU64,
+    refused_samples: AtomicU64,
+    refused_setpoints: AtomicU64,
+    slow_samples: AtomicU64,
+    saturated: AtomicU64,
+    last_refusal: Mutex<Option<String>>,
+}
+
+impl Status {
+    fn refuse(&self, counter: &AtomicU64, reason: String) {
+        let count = counter.fetch_add(1, Ordering::Relaxed) + 1;
+        let mut last = lock(&self.last_refusal);
+        if count.is_power_of_two() || last.as_deref() != Some(&reason) && count < 100 {
+            tracing::warn!("refused: {reason} ({count} so far)");
+        }
+        *last = Some(reason);
+    }
+
+    fn diagnostic(&self, name: &str) -> DiagnosticStatus {
+        let values = [
+            ("answered_samples", &self.answered),
+            ("refused_samples", &self.refused_samples),
+            ("refused_setpoints", &self.refused_setpoints),
+            ("slow_samples", &self.slow_samples),
+            ("saturated_samples", &self.saturated),
+        ];
+        let refusal = lock(&self.last_refusal).clone();
+        let level = if refusal.is_some() { DiagnosticStatus::WARN } else { DiagnosticStatus::OK };
+        DiagnosticStatus {
+            level,
+            name: format!("{name}: controller"),
+            message: refusal.unwrap_or_else(|| "running".to_owned()),
+            hardware_id: name.to_owned(),
+            values: values.map(|(key, counter)| KeyValue::new(key, counter.load(Ordering::Relaxed))).into(),
+        }
+    }
+}
+
+/// Runs the controller node with the given command line (without the program's name) until a signal ends it.
+pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
+    let startup = Startup::parse("controller", command_line)?;
+    startup.start_logging();
+    let mut parameters = ParameterSet::declare(settings::specs(), &startup.overrides())?;
+    let given: Vec<_> = startup.overrides().into_iter().map(|(name, given)| (name, given.value)).collect();
+    let given: Vec<_> = given.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
+    settings::check_changes(&given, &parameters).map_err(|reason| anyhow::anyhow!(reason))?;
+    parameters.derive(settings::derived);
+    let initial = settings::settings(&parameters);
+    let controller = Controller::new(initial)?;
+    let (stage, joint) = (parameters.string("stage"), parameters.string("joint"));
+    let (enabled, jump_limit) = (parameters.boolean("enabled"), parameters.double("setpoint_jump_limit"));
+
+    let participant = startup.join()?;
+    let status = Arc::new(Status::default());
+    let (control, control_inbox) = futures::channel::mpsc::unbounded();
+    let retuned: Arc<Mutex<Option<ControllerSettings>>> = Arc::default();
+    {
+        let (retuned, control) = (retuned.clone(), control.clone());
+        parameters.on_change(move |changes, values| {
+            settings::check_changes(changes, values)?;
+            *lock(&retuned) = Some(settings::settings(values));
+            control.unbounded_send(Control::Retune).map_err(|_| "the node is shutting down".to_owned())
+        });
+    }
+    let parameters = Arc::new(Mutex::new(parameters));
+    let mut background = Background::new(&participant, parameters, control.clone())?;
+    background.serve_enable(&startup, &participant)?;
+    background.serve_reset(&startup, &participant)?;
+    background.spawn(diagnose(&startup, &participant, status.clone())?);
+    drop(control);
+
+    let work = ControllerLoop {
+        encoder: Inlet::new(&participant, &startup.topic(&format!("{stage}/encoder")), &SAMPLES)?,
+        setpoint: Inlet::new(&participant, &startup.topic(&format!("{stage}/setpoint")), &COMMANDS)?,
+        control: control_inbox,
+        force: Outlet::new(&participant, &startup.topic(&format!("{stage}/force")), &COMMANDS)?,
+        state: Outlet::new(&participant, &startup.topic("~/state"), &SAMPLES)?,
+        period: (1e9 / controller.settings().rate).round() as i64,
+        controller,
+        follower: Follower::new(jump_limit),
+        joint,
+        enabled,
+        status,
+        retuned,
+        last: None,
+        due: i64::MIN,
+        held: Terms::default(),
+        waiting: Vec::new(),
+        setpoint_stamp: 0,
+        frame: String::new(),
+    };
+    let (ended, loop_ended) = oneshot::channel();
+    tracing::info!("{} controls {stage} at {} Hz", startup.full_name(), work.controller.settings().rate);
+    let thread = std::thread::Builder::new().name("controller".to_owned()).spawn(move || {
+        work.run();
+        let _ = ended.send(());
+    })?;
+    let end = background.run(loop_ended)?;
+    thread.join().map_err(|_| anyhow::anyhow!("the loop of the controller ended by a panic"))?;
+    match end {
+        End::Signal => Ok(()),
+        End::WasStopped => {
+            anyhow::bail!("the process was stopped and continued, which ends its DDS connections: start again")
+        }
+        End::Loop => anyhow::bail!("the loop of the controller ended"),
+    }
+}
+
+fn diagnose(
+    startup: &Startup,
+    participant: &Participant,
+    status: Arc<Status>,
+) -> anyhow::Result<impl Future<Output = ()> + Send + 'static> {
+    let mut outlet = Outlet::<DiagnosticArray>::new(participant, &startup.topic("/diagnostics"), &DIAGNOSTICS)?;
+    let name = startup.full_name();
+    Ok(async move {
+        let mut interval = tokio::time::interval(DIAGNOSTICS_INTERVAL);
+        loop {
+            interval.tick().await;
+            let header = Header::new(clock::system(), "");
+            let _ = outlet.publish(DiagnosticArray { header, status: vec![status.diagnostic(&name)] });
+        }
+    })
+}
+
+enum Event {
+    Encoder(Result<JointState, ReadError>),
+    Setpoint(Result<JointTrajectory, ReadError>),
+    Control(Control),
+}
+
+/// The sample that came last.
+#[derive(Clone, Copy)]
+struct Last {
+    stamp: i64,
+    position: f64,
+    answered: bool,
+}
+
+struct ControllerLoop {
+    encoder: Inlet<JointState>,
+    setpoint: Inlet<JointTrajectory>,
+    control: UnboundedReceiver<Control>,
+    force: Outlet<WrenchStamped>,
+    state: Outlet<ControllerState>,
+    controller: Controller,
+    follower: Follower,
+    joint: String,
+    enabled: bool,
+    status: Arc<Status>,
+    retuned: Arc<Mutex<Option<ControllerSettings>>>,
+    /// ns
+    period: i64,
+    last: Option<Last>,
+    /// Stamp from which on the next computation is due, ns.
+    due: i64,
+    held: Terms,
+    /// Setpoints that came before the first sample.
+    waiting: Vec<JointTrajectory>,
+    setpoint_stamp: i64,
+    frame: String,
+}
+
+impl ControllerLoop {
+    fn run(mut self) {
+        let waiter = Waiter::new();
+        loop {
+            let event = waiter.wait(None, |context| {
+                if let Poll::Ready(sample) = self.encoder.poll_take(context) {
+                    return Poll::Ready(Event::Encoder(sample));
+                }
+                if let Poll::Ready(setpoint) = self.setpoint.poll_take(context) {
+                    return Poll::Ready(Event::Setpoint(setpoint));
+                }
+                let control = std::pin::Pin::new(&mut self.control).poll_next(context);
+                control.map(|control| Event::Control(control.unwrap_or(Control::Shutdown)))
+            });
+            match event {
+                None => {}
+                Some(Event::Encoder(Ok(message))) => self.hear(&message),
+                Some(Event::Encoder(Err(error))) => {
+                    self.status.refuse(&self.status.refused_samples, format!("a sample could not be read: {error}"));
+                }
+                Some(Event::Setpoint(Ok(message))) => self.follow(message),
+                Some(Event::Setpoint(Err(error))) => {
+                    self.status.refuse(&self.status.refused_setpoints, format!("a setpoint could not be read: {error}"));
+                }
+                Some(Event::Control(Control::Shutdown)) => return,
+                Some(Event::Control(control)) => self.obey(control),
+            }
+        }
+    }
+
+    fn hear(&mut self, message: &JointState) {
+        let stamp = message.header.stamp.to_nanos();
+        let index = message.name.iter().position(|name| *name == self.joint);
+        let Some(position) = index.and_then(|index| message.position.get(index)).copied().filter(|x| x.is_finite()) else {
+            let (joint, names) = (&self.joint, message.name.join(", "));
+            let reason = format!("the sample of {stamp} ns has no finite position of joint `{joint}` among [{names}]");
+            return self.status.refuse(&self.status.refused_samples, reason);
+        };
+        if self.frame.is_empty() {
+            self.frame.clone_from(&message.header.frame_id);
+        }
+        match self.last {
+            None => {
+                self.follower.hold(stamp, position);
+                self.due = stamp;
+            }
+            // Sent again because the answer is missing.
+            Some(last) if last.stamp == stamp && last.answered => return self.answer(stamp),
+            Some(last) if stamp < last.stamp => {
+                tracing::warn!("time goes back from {} to {stamp} ns: the stage was started again; holding", last.stamp);
+                self.controller.reset();
+                self.follower.hold(stamp, position);
+                self.due = stamp;
+            }
+            Some(last) if stamp - last.stamp > self.period + self.period / 2 => {
+                let count = self.status.slow_samples.fetch_add(1, Ordering::Relaxed) + 1;
+                if count.is_power_of_two() {
+                    let gap = (stamp - last.stamp) as f64 * 1e-6;
+                    let rate = self.controller.settings().rate;
+                    tracing::warn!("{gap} ms between two samples, too slow for a controller at {rate} Hz ({count} so far)");
+                }
+            }
+            Some(_) => {}
+        }
+        self.last = Some(Last { stamp, position, answered: false });
+        for setpoint in std::mem::take(&mut self.waiting) {
+            self.follow(setpoint);
+        }
+        self.compute();
+    }
+
+    /// Computes and answers the last sample.
+    fn compute(&mut self) {
+        let Some(last) = &mut self.last else { return };
+        let (stamp, position) = (last.stamp, last.position);
+        last.answered = self.enabled;
+        if !self.enabled {
+            self.held = Terms { reference: self.follower.at(stamp), position, ..Terms::default() };
+            self.held.error = self.held.reference.position - position;
+            return self.tell(stamp);
+        }
+        // A thousandth of a period is below any rounding of stamps to nanoseconds.
+        if stamp >= self.due - self.period / 1000 {
+            self.held = self.controller.update(stamp, position, &mut self.follower);
+            let late = stamp - self.due;
+            self.due = if late > self.period { stamp } else { self.due } + self.period;
+            self.status.saturated.fetch_add(u64::from(self.held.saturated), Ordering::Relaxed);
+            self.status.answered.fetch_add(1, Ordering::Relaxed);
+        }
+        self.answer(stamp);
+        self.tell(stamp);
+    }
+
+    fn answer(&mut self, stamp: i64) {
+        let message = WrenchStamped::along_x(Header::new(stamp, self.frame.as_str()), self.held.output);
+        if self.force.publish(message) == Published::Held && !self.force.settle(SETTLE) {
+            tracing::error!("{}: the stage got no answer for {SETTLE:?}", self.force.name());
+        }
+    }
+
+    fn tell(&mut self, stamp: i64) {
+        let header = Header::new(stamp, self.frame.as_str());
+        let answered = self.status.answered.load(Ordering::Relaxed);
+        let state = controller_state(header, answered, &self.held, self.enabled, self.setpoint_stamp);
+        let _ = self.state.publish(state);
+    }
+
+    fn follow(&mut self, message: JointTrajectory) {
+        let Some(last) = self.last else {
+            self.waiting.push(message);
+            return;
+        };
+        let now = last.stamp;
+        let result = setpoint(&message, &self.joint, now).map_err(|error| error.to_string()).and_then(|wanted| {
+            let (start, result) = match wanted {
+                Setpoint::Now(reference) => (now, self.follower.set(now, reference)),
+                Setpoint::Motion(motion) => (motion.start(), self.follower.follow(now, motion)),
+            };
+            result.map(|()| start).map_err(|error| error.to_string())
+        });
+        match result {
+            Ok(start) => {
+                self.setpoint_stamp = start;
+                if !self.enabled {
+                    self.tell(now);
+                }
+            }
+            Err(reason) => self.status.refuse(&self.status.refused_setpoints, format!("setpoint: {reason}")),
+        }
+    }
+
+    fn obey(&mut self, control: Control) {
+        match control {
+            Control::Enable(enabled) if enabled && !self.enabled => {
+                self.enabled = true;
+                self.controller.reset();
+                if let Some(Last { stamp, position, answered }) = self.last {
+                    self.due = stamp;
+                    if self.follower.has_begun(stamp) {
+                        self.follower.hold(stamp, position);
+                    }
+                    if !answered {
+                        self.compute();
+                    }
+                }
+            }
+            Control::Enable(enabled) => self.enabled = enabled,
+            Control::Reset(reply) => {
+                self.controller.reset();
+                let message = match self.last {
+                    Some(Last { stamp, position, .. }) => {
+                        self.follower.hold(stamp, position);
+                        format!("integral and lowpass forgotten, holding {position} m")
+                    }
+                    None => "integral and lowpass forgotten".to_owned(),
+                };
+                let _ = reply.send(Ok(message));
+            }
+            Control::Retune => {
+                let wanted = lock(&self.retuned).take();
+                if let Some(Err(error)) = wanted.map(|wanted| self.controller.retune(wanted)) {
+                    tracing::error!("parameters were not taken over: {error}");
+                }
+            }
+            Control::Shutdown => {}
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! Parameters of the controller node. Gains have the names of ros2_control's pid_controller.
+
+use super::parameters::{ParameterSpec, ParameterValues};
+use crate::control::{AntiWindup, ControllerSettings, Gains};
+use ros2_client::ParameterValue;
+
+/// Parameters that follow from the bandwidth while `tuning` is `bandwidth`.
+pub const DERIVED: [&str; 5] =
+    ["gains.stage.p", "gains.stage.i", "gains.stage.d", "lowpass.frequency", "lowpass.damping"];
+
+/// The parameters of the controller node.
+pub fn specs() -> Vec<ParameterSpec> {
+    let paper = ControllerSettings::paper(40.0, 4000.0, 2000.0);
+    let gains = paper.gains;
+    vec![
+        ParameterSpec::double("rate", paper.rate, "samples per second that the controller computes; the stage may sample faster")
+            .unit("Hz")
+            .range(1.0, 20_000.0)
+            .read_only(),
+        ParameterSpec::string("stage", "/stage", "full name of the stage node to control").read_only(),
+        ParameterSpec::string("joint", "stage", "name of the joint in messages").read_only(),
+        ParameterSpec::boolean("enabled", true, "whether the controller commands from the start; ~/enable changes it").read_only(),
+        ParameterSpec::string("tuning", "bandwidth", "where gains and lowpass come from: worked out from bandwidth and mass, or given")
+            .choices(&["bandwidth", "gains"]),
+        ParameterSpec::double("bandwidth", 60.0, "crossover of the open loop, with tuning: bandwidth").unit("Hz").range(0.1, 1000.0),
+        ParameterSpec::double("mass", 40.0, "moving mass that the gains are worked out for").unit("kg").range(1e-3, 1e5),
+        ParameterSpec::double("gains.stage.p", gains.p, "proportional gain").unit("N/m").range(0.0, 1e12),
+        ParameterSpec::double("gains.stage.i", gains.i, "integral gain").unit("N/(m s)").range(0.0, 1e14),
+        ParameterSpec::double("gains.stage.d", gains.d, "derivative gain").unit("N s/m").range(0.0, 1e9),
+        ParameterSpec::double("gains.stage.u_clamp_max", paper.limits.1, "largest force").unit("N").range(1e-6, 1e6),
+        ParameterSpec::double("gains.stage.u_clamp_min", paper.limits.0, "smallest force").unit("N").range(-1e6, -1e-6),
+        ParameterSpec::string("gains.stage.antiwindup_strategy", "conditional_integration", "what the integrator does in saturation")
+            .choices(&AntiWindup::NAMES),
+        ParameterSpec::double("lowpass.frequency", gains.lowpass_frequency, "cutoff of the lowpass behind the PID").unit("Hz").range(0.01, 10_000.0),
+        ParameterSpec::double("lowpass.damping", gains.lowpass_damping, "damping ratio of the lowpass").range(0.01, 10.0),
+        ParameterSpec::double("feedforward.mass", paper.mass_feedforward, "mass feedforward").unit("kg").range(0.0, 1e5),
+        ParameterSpec::double("feedforward.viscous", paper.viscous_feedforward, "viscous feedforward").unit("N s/m").range(0.0, 1e6),
+        ParameterSpec::double("setpoint_jump_limit", 1e-3, "largest step of a single setpoint").unit("m").range(0.0, 10.0).read_only(),
+    ]
+}
+
+/// The settings that the parameters ask for.
+pub fn settings(values: &ParameterValues) -> ControllerSettings {
+    ControllerSettings {
+        rate: values.double("rate"),
+        gains: Gains {
+            p: values.double("gains.stage.p"),
+            i: values.double("gains.stage.i"),
+            d: values.double("gains.stage.d"),
+            lowpass_frequency: values.double("lowpass.frequency"),
+            lowpass_damping: values.double("lowpass.damping"),
+        },
+        // The choices of the parameter are the names of the strategies.
+        anti_windup: AntiWindup::from_name(&values.string("gains.stage.antiwindup_strategy")).unwrap_or(AntiWindup::None),
+        limits: (values.double("gains.stage.u_clamp_min"), values.double("gains.stage.u_clamp_max")),
+        mass_feedforward: values.double("feedforward.mass"),
+        viscous_feedforward: values.double("feedforward.viscous"),
+    }
+}
+
+/// Values of [`DERIVED`] that follow from the bandwidth; none while the gains are given.
+pub fn derived(values: &ParameterValues) -> Vec<(&'static str, ParameterValue)> {
+    if values.string("tuning") != "bandwidth" {
+        return Vec::new();
+    }
+    let gains = Gains::from_bandwidth(values.double("bandwidth"), values.double("mass"));
+    let numbers = [gains.p, gains.i, gains.d, gains.lowpass_frequency, gains.lowpass_damping];
+    DERIVED.into_iter().zip(numbers.map(ParameterValue::Double)).collect()
+}
+
+/// Refuses a gain that `tuning: bandwidth` would overwrite.
+pub fn check_changes(changes: &[(&str, ParameterValue)], values: &ParameterValues) -> Result<(), String> {
+    let derived = changes.iter().find(|(name, _)| DERIVED.contains(name));
+    match derived {
+        Some((name, _)) if values.string("tuning") == "bandwidth" => {
+            Err(format!("{name} follows from bandwidth and mass while tuning is bandwidth; set tuning to gains as well"))
+        }
+        _ => settings(values).check().map_err(|error| error.to_string()),
+    }
+}

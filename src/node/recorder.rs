@@ -1,0 +1,420 @@
+//! Recording of a run: its own thread between the node's loops and the bag.
+//!
+//! Samples come through a ring of fixed size, so that the loop that integrates neither waits nor allocates; everything else
+//! comes as messages. The thread encodes and writes. A bag that cannot be written any more (a full disk) is closed, the
+//! fault is reported, and the stage goes on.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc;
+use std::sync::{Arc, Mutex};
+use std::task::Waker;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use super::clock;
+use super::inlet::{Inlet, Waiter};
+use super::participant::Participant;
+use super::qos::{CLOCK, COMMANDS, DIAGNOSTICS, Qos, SAMPLES};
+use super::runtime::lock;
+use super::wire::{StageNames, Tick};
+use crate::bag::{BagError, BagOptions, BagWriter, OfferedQos, Provenance, TopicId};
+use crate::message::{
+    Clock, ControllerState, DiagnosticArray, Float64MultiArray, JointState, JointTrajectory, RosMessage, StageState,
+    WrenchStamped,
+};
+
+/// Ticks that may wait for the recorder: 1.6 s at 10 kHz.
+const RING: usize = 16_384;
+/// Longest sleep of the recorder between two looks at the ring.
+const NAP: Duration = Duration::from_millis(2);
+
+/// Absolute names of the topics in a bag.
+#[derive(Clone, Debug)]
+pub struct RecordedTopics {
+    pub encoder: String,
+    pub force_cell: String,
+    pub state: String,
+    pub clock: Option<String>,
+    pub force: String,
+    pub joint_commands: String,
+    pub commands: String,
+    pub setpoint: String,
+    pub controller_state: String,
+    pub diagnostics: String,
+}
+
+/// A message of another topic than the stage's samples.
+#[derive(Clone, Debug)]
+pub enum Heard {
+    Force(WrenchStamped),
+    JointCommands(JointState),
+    Commands(Float64MultiArray),
+    Setpoint(JointTrajectory),
+    ControllerState(ControllerState),
+    Diagnostics(DiagnosticArray),
+}
+
+enum Order {
+    Start(PathBuf, mpsc::SyncSender<Result<(), String>>),
+    Stop(mpsc::SyncSender<Result<Option<Written>, BagError>>),
+    Heard(i64, Heard),
+}
+
+/// What a finished bag holds.
+#[derive(Clone, Debug)]
+pub struct Written {
+    pub directory: PathBuf,
+    pub messages: u64,
+}
+
+/// What everybody may look at while the recorder runs.
+#[derive(Debug, Default)]
+pub struct RecorderStatus {
+    /// A bag is open: ticks and messages are wanted.
+    pub recording: AtomicBool,
+    /// Ticks that found the ring full.
+    pub dropped: AtomicU64,
+    /// Why the last bag was closed early.
+    pub fault: Mutex<Option<String>>,
+    /// Stamp of the last tick, ns: the time of messages without a stamp of their own.
+    latest: std::sync::atomic::AtomicI64,
+}
+
+/// Starts and stops recordings and takes messages. Cheap to clone.
+#[derive(Clone)]
+pub struct RecorderHandle {
+    orders: mpsc::Sender<Order>,
+    status: Arc<RecorderStatus>,
+}
+
+/// The recorder's thread; it ends, and closes its bag, when every handle and feed is gone.
+pub struct Recorder {
+    thread: JoinHandle<()>,
+}
+
+/// The end of the ring where a loop puts its ticks.
+pub struct TickFeed {
+    ring: rtrb::Producer<Tick>,
+    status: Arc<RecorderStatus>,
+}
+
+impl TickFeed {
+    /// Hands over a tick if a bag is open. Full ring: counts it as dropped.
+    #[inline]
+    pub fn offer(&mut self, tick: &Tick) {
+        if self.status.recording.load(Ordering::Relaxed) && self.ring.push(*tick).is_err() {
+            self.status.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// The same for a loop that may wait, because simulated time stands still meanwhile: never drops.
+    #[inline]
+    pub fn insist(&mut self, tick: &Tick) {
+        while self.status.recording.load(Ordering::Relaxed) {
+            if self.ring.push(*tick).is_ok() {
+                return;
+            }
+            std::thread::sleep(Duration::from_micros(100));
+        }
+    }
+}
+
+impl RecorderHandle {
+    /// Starts a bag in `directory`, which must not exist.
+    pub fn start(&self, directory: &Path) -> Result<(), String> {
+        let (reply, answer) = mpsc::sync_channel(1);
+        let sent = self.orders.send(Order::Start(directory.to_owned(), reply));
+        match sent.ok().and_then(|()| answer.recv().ok()) {
+            Some(result) => result,
+            None => Err("the recorder has ended".to_owned()),
+        }
+    }
+
+    /// Closes the bag, if one is open, and says what it holds.
+    pub fn stop(&self) -> Result<Option<Written>, String> {
+        let (reply, answer) = mpsc::sync_channel(1);
+        let sent = self.orders.send(Order::Stop(reply));
+        match sent.ok().and_then(|()| answer.recv().ok()) {
+            Some(result) => result.map_err(|error| error.to_string()),
+            None => Err("the recorder has ended".to_owned()),
+        }
+    }
+
+    pub fn is_recording(&self) -> bool {
+        self.status.recording.load(Ordering::Relaxed)
+    }
+
+    pub fn status(&self) -> &RecorderStatus {
+        &self.status
+    }
+
+    /// Hands over a message if a bag is open. `stamp` in ns; 0 takes the time of the last sample.
+    pub fn hear(&self, stamp: i64, message: impl FnOnce() -> Heard) {
+        if self.is_recording() {
+            let time = if stamp > 0 { stamp } else { self.status.latest.load(Ordering::Relaxed) };
+            // The recorder ends only after every handle is gone.
+            let _ = self.orders.send(Order::Heard(time, message()));
+        }
+    }
+}
+
+impl Recorder {
+    /// Starts the thread. `participant` lets it listen to the controller while a bag is open.
+    pub fn start(
+        participant: Participant,
+        topics: RecordedTopics,
+        names: StageNames,
+        provenance: Provenance,
+    ) -> std::io::Result<(Recorder, RecorderHandle, TickFeed)> {
+        let (orders, inbox) = mpsc::channel();
+        let (producer, consumer) = rtrb::RingBuffer::new(RING);
+        let status = Arc::new(RecorderStatus::default());
+        let handle = RecorderHandle { orders, status: status.clone() };
+        // The thread must not keep its own inbox open.
+        let mut work = Work {
+            participant,
+            topics,
+            names,
+            provenance,
+            ring: consumer,
+            status: status.clone(),
+            bag: None,
+            controller: None,
+            heard: Arc::new(Mutex::new(Vec::new())),
+        };
+        let thread = std::thread::Builder::new().name("recorder".to_owned()).spawn(move || work.run(&inbox))?;
+        Ok((Recorder { thread }, handle, TickFeed { ring: producer, status }))
+    }
+
+    /// Waits until the thread has closed its bag; drop every handle and feed before.
+    pub fn join(self) {
+        if self.thread.join().is_err() {
+            tracing::error!("the recorder ended by a panic; `friction-stage recover` makes its bag whole");
+        }
+    }
+}
+
+struct Work {
+    participant: Participant,
+    topics: RecordedTopics,
+    names: StageNames,
+    provenance: Provenance,
+    ring: rtrb::Consumer<Tick>,
+    status: Arc<RecorderStatus>,
+    bag: Option<OpenBag>,
+    controller: Option<Listener>,
+    /// States of the controller that the listener heard.
+    heard: Arc<Mutex<Vec<ControllerState>>>,
+}
+
+struct OpenBag {
+    writer: BagWriter,
+    encoder: TopicId,
+    force_cell: TopicId,
+    state: TopicId,
+    clock: Option<TopicId>,
+    force: TopicId,
+    joint_commands: TopicId,
+    commands: TopicId,
+    setpoint: TopicId,
+    controller_state: TopicId,
+    diagnostics: TopicId,
+}
+
+impl OpenBag {
+    fn create(directory: &Path, topics: &RecordedTopics, provenance: &Provenance) -> Result<OpenBag, BagError> {
+        let options = BagOptions { provenance: Some(provenance.clone()), ..BagOptions::default() };
+        let mut writer = BagWriter::create(directory, &options)?;
+        fn add<M: RosMessage>(writer: &mut BagWriter, name: &str, qos: &Qos) -> Result<TopicId, BagError> {
+            writer.add_topic::<M>(name, &OfferedQos::reliable(qos.depth))
+        }
+        Ok(OpenBag {
+            encoder: add::<JointState>(&mut writer, &topics.encoder, &SAMPLES)?,
+            force_cell: add::<WrenchStamped>(&mut writer, &topics.force_cell, &SAMPLES)?,
+            state: add::<StageState>(&mut writer, &topics.state, &SAMPLES)?,
+            clock: topics.clock.as_ref().map(|name| add::<Clock>(&mut writer, name, &CLOCK)).transpose()?,
+            force: add::<WrenchStamped>(&mut writer, &topics.force, &COMMANDS)?,
+            joint_commands: add::<JointState>(&mut writer, &topics.joint_commands, &COMMANDS)?,
+            commands: add::<Float64MultiArray>(&mut writer, &topics.commands, &COMMANDS)?,
+            setpoint: add::<JointTrajectory>(&mut writer, &topics.setpoint, &COMMANDS)?,
+            controller_state: add::<ControllerState>(&mut writer, &topics.controller_state, &SAMPLES)?,
+            diagnostics: add::<DiagnosticArray>(&mut writer, &topics.diagnostics, &DIAGNOSTICS)?,
+            writer,
+        })
+    }
+
+    fn write_tick(&mut self, tick: &Tick, names: &StageNames) -> Result<(), BagError> {
+        let time = tick.stamp.max(0) as u64;
+        self.writer.write(self.encoder, time, &tick.encoder(names))?;
+        self.writer.write(self.force_cell, time, &tick.force_cell(names))?;
+        self.writer.write(self.state, time, &tick.state(names))?;
+        match self.clock {
+            Some(clock) => self.writer.write(clock, time, &tick.clock()),
+            None => Ok(()),
+        }
+    }
+
+    fn write_heard(&mut self, time: i64, message: &Heard) -> Result<(), BagError> {
+        let time = time.max(0) as u64;
+        match message {
+            Heard::Force(message) => self.writer.write(self.force, time, message),
+            Heard::JointCommands(message) => self.writer.write(self.joint_commands, time, message),
+            Heard::Commands(message) => self.writer.write(self.commands, time, message),
+            Heard::Setpoint(message) => self.writer.write(self.setpoint, time, message),
+            Heard::ControllerState(message) => self.writer.write(self.controller_state, time, message),
+            Heard::Diagnostics(message) => self.writer.write(self.diagnostics, time, message),
+        }
+    }
+}
+
+impl Work {
+    fn run(&mut self, inbox: &mpsc::Receiver<Order>) {
+        loop {
+            let first = inbox.recv_timeout(NAP);
+            let over = first == Err(mpsc::RecvTimeoutError::Disconnected);
+            for order in first.into_iter().chain(inbox.try_iter()) {
+                self.obey(order);
+            }
+            self.drain();
+            if over {
+                break;
+            }
+        }
+        match self.close() {
+            Ok(Some(written)) => {
+                tracing::info!("recorded {} messages in {}", written.messages, written.directory.display());
+            }
+            Ok(None) => {}
+            Err(error) => tracing::error!("closing the bag: {error}"),
+        }
+    }
+
+    fn obey(&mut self, order: Order) {
+        match order {
+            Order::Start(directory, reply) => {
+                let result = self.open(&directory);
+                let _ = reply.send(result);
+            }
+            Order::Stop(reply) => {
+                self.drain();
+                let result = self.close();
+                let _ = reply.send(result);
+            }
+            Order::Heard(time, message) => self.write(|bag, _| bag.write_heard(time, &message)),
+        }
+    }
+
+    fn open(&mut self, directory: &Path) -> Result<(), String> {
+        if let Some(bag) = &self.bag {
+            return Err(format!("already recording to {}: stop that first", bag.writer.directory().display()));
+        }
+        let bag = OpenBag::create(directory, &self.topics, &self.provenance).map_err(|error| error.to_string())?;
+        self.bag = Some(bag);
+        *lock(&self.status.fault) = None;
+        let listener = Listener::start(self.participant.clone(), &self.topics.controller_state, self.heard.clone());
+        match listener {
+            Ok(listener) => self.controller = Some(listener),
+            Err(error) => tracing::error!("{} will not be recorded: {error}", self.topics.controller_state),
+        }
+        self.status.recording.store(true, Ordering::Release);
+        Ok(())
+    }
+
+    fn close(&mut self) -> Result<Option<Written>, BagError> {
+        self.status.recording.store(false, Ordering::Release);
+        if let Some(listener) = self.controller.take() {
+            listener.stop();
+        }
+        self.drain();
+        let Some(bag) = self.bag.take() else { return Ok(None) };
+        let written = Written { directory: bag.writer.directory().to_owned(), messages: bag.writer.message_count() };
+        bag.writer.finish()?;
+        Ok(Some(written))
+    }
+
+    /// Writes everything that waits: ticks and states of the controller.
+    fn drain(&mut self) {
+        while let Ok(tick) = self.ring.pop() {
+            self.status.latest.store(tick.stamp, Ordering::Relaxed);
+            self.write(|bag, names| bag.write_tick(&tick, names));
+        }
+        let heard = std::mem::take(&mut *lock(&self.heard));
+        for state in heard {
+            let time = state.header.stamp.to_nanos();
+            self.write(|bag, _| bag.write_heard(time, &Heard::ControllerState(state)));
+        }
+        self.write(|bag, _| bag.writer.flush_if_due());
+    }
+
+    /// Does something to the open bag; one that fails is given up with a loud word.
+    fn write(&mut self, action: impl FnOnce(&mut OpenBag, &StageNames) -> Result<(), BagError>) {
+        let Some(bag) = &mut self.bag else { return };
+        if let Err(error) = action(bag, &self.names) {
+            let directory = bag.writer.directory().display().to_string();
+            tracing::error!(
+                "recording ends: {error}. What was written until now is in {directory}; \
+                 `friction-stage recover {directory}` makes it whole"
+            );
+            *lock(&self.status.fault) = Some(error.to_string());
+            self.status.recording.store(false, Ordering::Release);
+            // Dropping the writer would try the full disk again; its error has been told.
+            self.bag = None;
+            if let Some(listener) = self.controller.take() {
+                listener.stop();
+            }
+        }
+    }
+}
+
+/// Hears the states of the controller on a thread of its own while a bag is open.
+struct Listener {
+    stop: Arc<AtomicBool>,
+    waker: Waker,
+    thread: JoinHandle<()>,
+}
+
+impl Listener {
+    fn start(
+        participant: Participant,
+        topic: &str,
+        heard: Arc<Mutex<Vec<ControllerState>>>,
+    ) -> anyhow::Result<Listener> {
+        let inlet = Inlet::<ControllerState>::new(&participant, topic, &SAMPLES)?;
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = stop.clone();
+        let (hand_over, waker) = mpsc::sync_channel(1);
+        let thread = std::thread::Builder::new().name("controller listener".to_owned()).spawn(move || {
+            use std::task::Poll;
+            let waiter = Waiter::new();
+            let _ = hand_over.send(waiter.waker());
+            loop {
+                let message = waiter.wait(None, |context| {
+                    if flag.load(Ordering::Acquire) { Poll::Ready(None) } else { inlet.poll_take(context).map(Some) }
+                });
+                match message {
+                    Some(Some(Ok(state))) => lock(&heard).push(state),
+                    Some(Some(Err(error))) => tracing::warn!("a state of the controller could not be read: {error}"),
+                    Some(None) | None => return,
+                }
+            }
+        })?;
+        let waker = waker.recv()?;
+        Ok(Listener { stop, waker, thread })
+    }
+
+    fn stop(self) {
+        self.stop.store(true, Ordering::Release);
+        self.waker.wake();
+        if self.thread.join().is_err() {
+            tracing::error!("listening to the controller ended by a panic");
+        }
+    }
+}
+
+/// A directory for a recording that was asked for while running: `<name>_<date>` in `parent`, UTC.
+pub fn dated_directory(parent: &Path, name: &str) -> PathBuf {
+    let seconds = clock::system().div_euclid(1_000_000_000);
+    let date = chrono::DateTime::from_timestamp(seconds, 0).unwrap_or_default();
+    parent.join(format!("{name}_{}", date.format("%Y_%m_%d-%H_%M_%S")))
+}

@@ -1,0 +1,280 @@
+//! The stage node: puts settings, plant, topics, services and threads together.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use anyhow::Context as _;
+use tokio::sync::oneshot;
+
+use super::clock;
+use super::outlet::Outlet;
+use super::parameters::ParameterSet;
+use super::participant::Participant;
+use super::qos::DIAGNOSTICS;
+use super::recorder::{Heard, RecordedTopics, Recorder, RecorderHandle, dated_directory};
+use super::runtime::{Background, Control, End, Startup, lock};
+use super::stage_inbox::Inbox;
+use super::stage_lockstep::Lockstep;
+use super::stage_outlets::StageOutlets;
+use super::stage_realtime::Realtime;
+use super::stage_settings::{self, Mode, StageSettings};
+use super::stage_status::StageStatus;
+use super::wire::StageNames;
+use crate::bag::Provenance;
+use crate::message::{DiagnosticArray, Header, KeyValue};
+use crate::plant::{EffectDescriptor, Stage};
+
+/// Interval of `/diagnostics`.
+const DIAGNOSTICS_INTERVAL: Duration = Duration::from_millis(200);
+/// How long a new stage looks for another of its name before it publishes. Discovery on one machine takes 0.1 s.
+const LOOK_AROUND: Duration = Duration::from_millis(400);
+
+/// Settings that change while the node runs, readable without a lock.
+#[derive(Debug)]
+pub struct LiveSettings {
+    command_timeout: AtomicU64,
+    answer_timeout: AtomicU64,
+    clock_pause: AtomicU64,
+    counts: Mutex<Vec<KeyValue>>,
+}
+
+impl LiveSettings {
+    fn new(settings: &StageSettings) -> LiveSettings {
+        let nanos = |duration: Duration| AtomicU64::new(duration.as_nanos() as u64);
+        LiveSettings {
+            command_timeout: nanos(settings.command_timeout),
+            answer_timeout: nanos(settings.answer_timeout),
+            clock_pause: nanos(settings.clock_pause),
+            counts: Mutex::default(),
+        }
+    }
+
+    pub fn command_timeout(&self) -> Duration {
+        Duration::from_nanos(self.command_timeout.load(Ordering::Relaxed))
+    }
+
+    pub fn answer_timeout(&self) -> Duration {
+        Duration::from_nanos(self.answer_timeout.load(Ordering::Relaxed))
+    }
+
+    pub fn clock_pause(&self) -> Duration {
+        Duration::from_nanos(self.clock_pause.load(Ordering::Relaxed))
+    }
+
+    /// Counters of the publishers, for `/diagnostics`.
+    pub fn set_counts(&self, counts: Vec<KeyValue>) {
+        *lock(&self.counts) = counts;
+    }
+
+    fn set(&self, name: &str, seconds: f64) {
+        let slot = match name {
+            "command_timeout" => &self.command_timeout,
+            "answer_timeout" => &self.answer_timeout,
+            "clock_pause" => &self.clock_pause,
+            _ => return,
+        };
+        slot.store(Duration::from_secs_f64(seconds).as_nanos() as u64, Ordering::Relaxed);
+    }
+}
+
+/// Runs the stage node with the given command line (without the program's name) until a signal ends it.
+pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
+    let startup = Startup::parse("stage", command_line)?;
+    startup.start_logging();
+    let parameters = ParameterSet::declare(stage_settings::specs(), &startup.overrides())?;
+    let settings = StageSettings::new(&parameters)?;
+    for effect in &settings.model.effects {
+        EffectDescriptor::find(&effect.name)?;
+    }
+    let stage = Stage::new(&settings.model, settings.rates, settings.seed)?;
+    for warning in settings.model.warnings()? {
+        tracing::warn!("{warning}");
+    }
+    let parameters = Arc::new(Mutex::new(parameters));
+
+    let participant = startup.join()?;
+    let status = Arc::new(StageStatus::default());
+    let live = Arc::new(LiveSettings::new(&settings));
+    let (control, control_inbox) = futures::channel::mpsc::unbounded();
+    let mut background = Background::new(&participant, parameters.clone(), control.clone())?;
+
+    refuse_a_second_stage(&startup, &participant)?;
+    let names = StageNames {
+        joint: settings.joint.clone(),
+        frame: settings.frame.clone(),
+        effects: stage.body().effects().names().map(str::to_owned).collect(),
+    };
+    let topics = recorded_topics(&startup, settings.publish_clock);
+    let provenance = provenance(&startup, &settings)?;
+    let (recorder, handle, feed) = Recorder::start(participant.clone(), topics, names.clone(), provenance)?;
+    if let Some(directory) = &settings.record {
+        handle.start(directory).map_err(|reason| anyhow::anyhow!("parameter record: {reason}"))?;
+        tracing::info!("recording to {}", directory.display());
+    }
+    let inbox = Inbox::new(&startup, &participant, &settings.joint, control_inbox, handle.clone())?;
+    let outlets = StageOutlets::new(&startup, &participant, names, settings.publish_clock, settings.clock_pause)?;
+
+    background.serve_enable(&startup, &participant)?;
+    background.serve_reset(&startup, &participant)?;
+    serve_record(&mut background, &startup, &participant, &settings, handle.clone())?;
+    follow_parameters(&parameters, &live, control.clone());
+    background.spawn(diagnose(&startup, &participant, status.clone(), live.clone(), handle.clone())?);
+    drop((handle, control));
+
+    tracing::info!(
+        "{} of {} kg on {} guides, {} Hz control, {} Hz physics, {:?}, {:?} drive",
+        settings.model.name,
+        settings.model.mass,
+        settings.model.guides.len(),
+        settings.rates.control(),
+        settings.rates.physics(),
+        settings.mode,
+        settings.drive
+    );
+    let (ended, loop_ended) = oneshot::channel();
+    let work = std::thread::Builder::new().name("stage".to_owned()).spawn(move || {
+        let result = match settings.mode {
+            Mode::Lockstep => {
+                Lockstep { stage, settings, outlets, inbox, feed, status, live }.run();
+                Ok(())
+            }
+            Mode::Realtime => Realtime { stage, settings, outlets, inbox, feed, status, live }.run(),
+        };
+        let _ = ended.send(());
+        result
+    })?;
+    let end = background.run(loop_ended)?;
+    work.join().map_err(|_| anyhow::anyhow!("the loop of the stage ended by a panic"))??;
+    recorder.join();
+    match end {
+        End::Signal => Ok(()),
+        End::WasStopped => anyhow::bail!(
+            "the process was stopped and continued, which ends its DDS connections; the bag, if any, is closed: start again"
+        ),
+        End::Loop => anyhow::bail!("the loop of the stage ended"),
+    }
+}
+
+/// Topics of both nodes, as a bag holds them.
+fn recorded_topics(startup: &Startup, with_clock: bool) -> RecordedTopics {
+    RecordedTopics {
+        encoder: startup.topic("~/encoder"),
+        force_cell: startup.topic("~/force_cell"),
+        state: startup.topic("~/state"),
+        clock: with_clock.then(|| startup.topic("/clock")),
+        force: startup.topic("~/force"),
+        joint_commands: startup.topic("~/joint_commands"),
+        commands: startup.topic("~/commands"),
+        setpoint: startup.topic("~/setpoint"),
+        controller_state: startup.topic("/controller/state"),
+        diagnostics: startup.topic("/diagnostics"),
+    }
+}
+
+fn provenance(startup: &Startup, settings: &StageSettings) -> anyhow::Result<Provenance> {
+    let extra = [
+        ("control_rate", settings.rates.control().to_string()),
+        ("physics_rate", settings.rates.physics().to_string()),
+        ("mode", format!("{:?}", settings.mode).to_lowercase()),
+        ("drive", format!("{:?}", settings.drive).to_lowercase()),
+        ("node", startup.full_name()),
+    ];
+    Ok(Provenance {
+        model_yaml: settings.model.to_yaml()?,
+        seed: settings.seed.to_string(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        arguments: startup.command_line.join(" "),
+        extra: extra.into_iter().map(|(key, value)| (key.to_owned(), value)).collect(),
+    })
+}
+
+/// Two stages of one name would answer each other's commands: the one that comes second does not start.
+fn refuse_a_second_stage(startup: &Startup, participant: &Participant) -> anyhow::Result<()> {
+    let topic = startup.topic("~/encoder");
+    let deadline = std::time::Instant::now() + LOOK_AROUND;
+    while std::time::Instant::now() < deadline {
+        anyhow::ensure!(
+            participant.other_writers_of(&topic) == 0,
+            "another node publishes {topic} already: give this stage another name with --ros-args -r __node:=NAME \
+             or -r __ns:=/NAMESPACE"
+        );
+        // Discovery has no event for this: look again.
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    Ok(())
+}
+
+fn serve_record(
+    background: &mut Background,
+    startup: &Startup,
+    participant: &Participant,
+    settings: &StageSettings,
+    handle: RecorderHandle,
+) -> anyhow::Result<()> {
+    let (into, name) = (settings.record_into.clone(), startup.name.clone());
+    background.serve_record(startup, participant, move |on| {
+        if on {
+            let directory = dated_directory(&into, &name);
+            handle.start(&directory)?;
+            return Ok(format!("recording to {}", directory.display()));
+        }
+        Ok(match handle.stop()? {
+            Some(written) => format!("{} messages in {}", written.messages, written.directory.display()),
+            None => "was not recording".to_owned(),
+        })
+    })
+}
+
+/// Passes parameter changes on to the loops.
+fn follow_parameters(
+    parameters: &Arc<Mutex<ParameterSet>>,
+    live: &Arc<LiveSettings>,
+    control: futures::channel::mpsc::UnboundedSender<Control>,
+) {
+    let live = live.clone();
+    lock(parameters).on_change(move |changes, _| {
+        for (name, value) in changes {
+            if let ros2_client::ParameterValue::Double(seconds) = value {
+                live.set(name, *seconds);
+            }
+        }
+        control.unbounded_send(Control::Retune).map_err(|_| "the node is shutting down".to_owned())
+    });
+}
+
+/// Publishes `/diagnostics`.
+fn diagnose(
+    startup: &Startup,
+    participant: &Participant,
+    status: Arc<StageStatus>,
+    live: Arc<LiveSettings>,
+    recorder: RecorderHandle,
+) -> anyhow::Result<impl Future<Output = ()> + Send + 'static> {
+    let mut outlet = Outlet::<DiagnosticArray>::new(participant, &startup.topic("/diagnostics"), &DIAGNOSTICS)?;
+    let (name, hardware) = (format!("{}: stage", startup.full_name()), startup.full_name());
+    let (participant, topic) = (participant.clone(), startup.topic("~/encoder"));
+    Ok(async move {
+        let mut interval = tokio::time::interval(DIAGNOSTICS_INTERVAL);
+        loop {
+            interval.tick().await;
+            let others = participant.other_writers_of(&topic) > 0;
+            if others && !status.duplicate.swap(true, Ordering::Relaxed) {
+                tracing::error!("another node has begun to publish {topic}: two stages must not share a name");
+            } else if !others {
+                status.duplicate.store(false, Ordering::Relaxed);
+            }
+            let mut more = lock(&live.counts).clone();
+            let recording = recorder.status();
+            more.push(KeyValue::new("recording", recorder.is_recording()));
+            more.push(KeyValue::new("recording_dropped_samples", recording.dropped.load(Ordering::Relaxed)));
+            more.push(KeyValue::new("stamp_ns", status.stamp.load(Ordering::Relaxed)));
+            let faults: Vec<String> = lock(&recording.fault).iter().map(|fault| format!("recording: {fault}")).collect();
+            let diagnostic = status.diagnostic(name.clone(), hardware.clone(), more, &faults);
+            let message =
+                DiagnosticArray { header: Header::new(clock::system(), ""), status: vec![diagnostic] };
+            recorder.hear(0, || Heard::Diagnostics(message.clone()));
+            let _ = outlet.publish(message);
+        }
+    })
+}

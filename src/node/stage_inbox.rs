@@ -1,0 +1,111 @@
+//! Everything that reaches the stage from outside, waited for on one thread: commands, setpoints, control.
+
+use std::task::{Context, Poll};
+use std::time::Instant;
+
+use futures::channel::mpsc::UnboundedReceiver;
+use futures::stream::Stream;
+use ros2_client::ReadError;
+
+use super::commands::{Command, CommandSource, CommandTopic, Refusal};
+use super::inlet::{Inlet, Waiter};
+use super::participant::{Participant, ParticipantError};
+use super::qos::COMMANDS;
+use super::recorder::{Heard, RecorderHandle};
+use super::runtime::{Control, Startup};
+use crate::message::{Float64MultiArray, JointState, JointTrajectory, WrenchStamped};
+
+/// Something that reached the stage.
+#[derive(Debug)]
+pub enum Event {
+    Command(CommandSource, Result<Command, Refusal>),
+    Setpoint(JointTrajectory),
+    Control(Control),
+    /// Bytes that are no message of the topic's type.
+    Unreadable(CommandTopic, ReadError),
+}
+
+/// The subscriptions of the stage. What comes in is handed to the recorder as it came.
+pub struct Inbox {
+    force: Inlet<WrenchStamped>,
+    joint_commands: Inlet<JointState>,
+    commands: Inlet<Float64MultiArray>,
+    setpoint: Inlet<JointTrajectory>,
+    control: UnboundedReceiver<Control>,
+    recorder: RecorderHandle,
+    joint: String,
+}
+
+impl Inbox {
+    pub fn new(
+        startup: &Startup,
+        participant: &Participant,
+        joint: &str,
+        control: UnboundedReceiver<Control>,
+        recorder: RecorderHandle,
+    ) -> Result<Inbox, ParticipantError> {
+        Ok(Inbox {
+            force: Inlet::new(participant, &startup.topic("~/force"), &COMMANDS)?,
+            joint_commands: Inlet::new(participant, &startup.topic("~/joint_commands"), &COMMANDS)?,
+            commands: Inlet::new(participant, &startup.topic("~/commands"), &COMMANDS)?,
+            setpoint: Inlet::new(participant, &startup.topic("~/setpoint"), &COMMANDS)?,
+            control,
+            recorder,
+            joint: joint.to_owned(),
+        })
+    }
+
+    /// Waits for the next event; `None` when `deadline` has passed first.
+    pub fn next(&mut self, waiter: &Waiter, deadline: Option<Instant>) -> Option<Event> {
+        waiter.wait(deadline, |context| self.poll(context))
+    }
+
+    fn poll(&mut self, context: &mut Context<'_>) -> Poll<Event> {
+        if let Poll::Ready(result) = self.force.poll_take_from(context) {
+            return Poll::Ready(match result {
+                Ok((message, writer)) => {
+                    let command = Command::from_wrench(&message);
+                    self.recorder.hear(message.header.stamp.to_nanos(), || Heard::Force(message));
+                    Event::Command(CommandSource { topic: CommandTopic::Force, writer }, command)
+                }
+                Err(error) => Event::Unreadable(CommandTopic::Force, error),
+            });
+        }
+        if let Poll::Ready(result) = self.joint_commands.poll_take_from(context) {
+            return Poll::Ready(match result {
+                Ok((message, writer)) => {
+                    let command = Command::from_joint_state(&message, &self.joint);
+                    self.recorder.hear(message.header.stamp.to_nanos(), || Heard::JointCommands(message));
+                    Event::Command(CommandSource { topic: CommandTopic::JointCommands, writer }, command)
+                }
+                Err(error) => Event::Unreadable(CommandTopic::JointCommands, error),
+            });
+        }
+        if let Poll::Ready(result) = self.commands.poll_take_from(context) {
+            return Poll::Ready(match result {
+                Ok((message, writer)) => {
+                    let command = Command::from_array(&message);
+                    self.recorder.hear(0, || Heard::Commands(message));
+                    Event::Command(CommandSource { topic: CommandTopic::Commands, writer }, command)
+                }
+                Err(error) => Event::Unreadable(CommandTopic::Commands, error),
+            });
+        }
+        if let Poll::Ready(result) = self.setpoint.poll_take(context) {
+            match result {
+                Ok(message) => {
+                    // A setpoint's stamp is when it starts, which may be long after it came: record it as of now.
+                    self.recorder.hear(0, || Heard::Setpoint(message.clone()));
+                    return Poll::Ready(Event::Setpoint(message));
+                }
+                Err(error) => tracing::warn!("a setpoint could not be read: {error}"),
+            }
+        }
+        match std::pin::Pin::new(&mut self.control).poll_next(context) {
+            Poll::Ready(Some(control)) => Poll::Ready(Event::Control(control)),
+            // Everybody who could control this loop is gone.
+            Poll::Ready(None) => Poll::Ready(Event::Control(Control::Shutdown)),
+            Poll::Pending => Poll::Pending,
+        }
+    }
+}

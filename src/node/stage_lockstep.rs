@@ -1,0 +1,213 @@
+//! The stage in lockstep: sample k goes out, the answer to sample k comes in, the stage moves on to k + 1.
+//!
+//! Until the first finite command time runs with the wall clock and the force is zero, because a controller manager needs a
+//! running clock before it says anything (or it stands still, with `wait_for_command`). Then time stops at the sample
+//! that is out, and every step from there on has its own answer. A missing answer is an error, and time stands still.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use super::clock;
+use super::commands::{Arbiter, Command, StampRule};
+use super::inlet::Waiter;
+use super::recorder::TickFeed;
+use super::runtime::Control;
+use super::stage::LiveSettings;
+use super::stage_inbox::{Event, Inbox};
+use super::stage_outlets::StageOutlets;
+use super::stage_settings::StageSettings;
+use super::stage_status::StageStatus;
+use super::wire::Tick;
+use crate::plant::Stage;
+
+/// Stamp of the first sample, ns. ROS takes a clock at 0 for one that has not started.
+pub const EPOCH: i64 = 1_000_000_000;
+/// Interval at which a sample is sent again to controllers that were not there when it went out.
+const ANNOUNCE: Duration = Duration::from_millis(100);
+
+/// The loop of the stage in lockstep.
+pub struct Lockstep {
+    pub stage: Stage,
+    pub settings: StageSettings,
+    pub outlets: StageOutlets,
+    pub inbox: Inbox,
+    pub feed: TickFeed,
+    pub status: Arc<StageStatus>,
+    pub live: Arc<LiveSettings>,
+}
+
+/// What a wait came to.
+enum Answer {
+    /// Force for the sample, N.
+    Force(f64),
+    /// The first command answers a sample to come, ns: run unforced until then.
+    Ahead(i64, f64),
+    Shutdown,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// Time runs with the wall clock, unforced.
+    Free,
+    /// A command has come, or time was to stand still: waiting for the first answer to the sample that is out.
+    Arming,
+    Armed,
+}
+
+struct Run {
+    arbiter: Arbiter,
+    waiter: Waiter,
+    enabled: bool,
+}
+
+impl Lockstep {
+    /// Runs until shutdown.
+    pub fn run(mut self) {
+        let mut run = Run {
+            arbiter: Arbiter::new(self.live.answer_timeout().as_nanos() as i64),
+            waiter: Waiter::new(),
+            enabled: true,
+        };
+        let mut phase = if self.settings.wait_for_command { Phase::Arming } else { Phase::Free };
+        let started = Instant::now();
+        let mut held = 0.0;
+        let mut ahead: Option<(i64, f64)> = None;
+        loop {
+            let tick = self.observe();
+            self.outlets.publish_and_settle(&tick);
+            self.feed.insist(&tick);
+            match ahead {
+                Some((stamp, force)) if tick.stamp >= stamp => {
+                    (ahead, held, phase) = (None, force, Phase::Armed);
+                }
+                Some(_) => {}
+                None => {
+                    if phase == Phase::Free {
+                        let next = started + Duration::from_nanos(self.settings.rates.time_of(tick.sample.index + 1) as u64);
+                        match self.wait_free(&mut run, next) {
+                            Some(true) => phase = Phase::Arming,
+                            Some(false) => {}
+                            None => return,
+                        }
+                    }
+                    let due = tick.sample.index.is_multiple_of(self.settings.every);
+                    if phase == Phase::Arming || (phase == Phase::Armed && due) {
+                        match self.wait_answer(&mut run, &tick, phase == Phase::Armed) {
+                            Answer::Force(force) => (held, phase) = (force, Phase::Armed),
+                            Answer::Ahead(stamp, force) => ahead = Some((stamp, force)),
+                            Answer::Shutdown => return,
+                        }
+                        self.status.commanded.store(phase == Phase::Armed, Ordering::Relaxed);
+                    }
+                }
+            }
+            self.stage.advance(if run.enabled && ahead.is_none() { held } else { 0.0 });
+            self.status.clamped.store(self.stage.clamped(), Ordering::Relaxed);
+        }
+    }
+
+    fn observe(&mut self) -> Tick {
+        let sample = self.stage.sample();
+        let stamp = EPOCH + sample.time;
+        self.status.sample.store(sample.index, Ordering::Relaxed);
+        self.status.stamp.store(stamp, Ordering::Relaxed);
+        Tick { stamp, sample, state: self.stage.state() }
+    }
+
+    /// Waits for the next sample's turn: `true` when a finite command came first, `None` for shutdown.
+    fn wait_free(&mut self, run: &mut Run, next: Instant) -> Option<bool> {
+        loop {
+            match self.inbox.next(&run.waiter, Some(next)) {
+                None => return Some(false),
+                Some(Event::Command(_, Ok(Command { force: Some(_), .. }))) => return Some(true),
+                Some(Event::Command(_, Ok(_)) | Event::Setpoint(_)) => {}
+                Some(other) => {
+                    if self.handle(run, other) {
+                        return None;
+                    }
+                }
+            }
+        }
+    }
+
+    fn wait_answer(&mut self, run: &mut Run, tick: &Tick, armed: bool) -> Answer {
+        let mut since = Instant::now();
+        loop {
+            let patience = if armed { self.live.answer_timeout() } else { ANNOUNCE };
+            let Some(event) = self.inbox.next(&run.waiter, Some(since + patience)) else {
+                if armed && !self.status.is_unanswered.swap(true, Ordering::Relaxed) {
+                    self.status.missing_answers.fetch_add(1, Ordering::Relaxed);
+                    tracing::error!(
+                        "lockstep: no answer to the sample of {} ns within {patience:?}; time stands still until it comes",
+                        tick.stamp
+                    );
+                }
+                self.outlets.publish_and_settle(tick);
+                since = Instant::now();
+                continue;
+            };
+            let (source, command) = match event {
+                Event::Command(source, Ok(command)) => (source, command),
+                Event::Setpoint(_) => continue,
+                other => {
+                    if self.handle(run, other) {
+                        return Answer::Shutdown;
+                    }
+                    continue;
+                }
+            };
+            if !armed {
+                match command {
+                    Command { force: None, .. } => continue,
+                    // Answers to samples that went by before time stopped.
+                    Command { stamp, .. } if stamp != 0 && stamp < tick.stamp => continue,
+                    Command { stamp, force: Some(force) } if stamp > tick.stamp && self.is_sample(stamp) => {
+                        return Answer::Ahead(stamp, force);
+                    }
+                    _ => {}
+                }
+            }
+            match run.arbiter.judge(source, command, StampRule::Answers(tick.stamp), clock::monotonic(), tick.stamp) {
+                Ok(command) => {
+                    if self.status.is_unanswered.swap(false, Ordering::Relaxed) {
+                        tracing::info!("lockstep: the answer came, time goes on");
+                    }
+                    return Answer::Force(command.force.unwrap_or(0.0));
+                }
+                Err(refusal) => self.status.refuse(&refusal.to_string()),
+            }
+        }
+    }
+
+    /// Whether `stamp` is that of a sample.
+    fn is_sample(&self, stamp: i64) -> bool {
+        let index = ((stamp - EPOCH) as f64 * 1e-9 * self.settings.rates.control()).round();
+        index >= 0.0 && self.settings.rates.time_of(index as u64) == stamp - EPOCH
+    }
+
+    /// Handles what is no valid command; `true` for shutdown.
+    fn handle(&mut self, run: &mut Run, event: Event) -> bool {
+        match event {
+            Event::Command(_, Err(refusal)) => self.status.refuse(&refusal.to_string()),
+            Event::Unreadable(topic, error) => self.status.refuse(&format!("{topic}: unreadable: {error}")),
+            Event::Control(Control::Shutdown) => return true,
+            Event::Control(Control::Enable(enabled)) => {
+                run.enabled = enabled;
+                self.status.disabled.store(!enabled, Ordering::Relaxed);
+            }
+            Event::Control(Control::Reset(reply)) => {
+                self.stage.reset();
+                run.arbiter.release();
+                let time = self.status.stamp.load(Ordering::Relaxed) as f64 * 1e-9;
+                let _ = reply.send(Ok(format!("stage at position 0, at rest; time goes on from {time} s")));
+            }
+            Event::Control(Control::Retune) => {
+                run.arbiter.set_silence(self.live.answer_timeout().as_nanos() as i64);
+                self.outlets.set_clock_pause(self.live.clock_pause());
+            }
+            Event::Command(_, Ok(_)) | Event::Setpoint(_) => {}
+        }
+        false
+    }
+}

@@ -1,0 +1,92 @@
+//! What the stage publishes for each sample.
+
+use std::time::Duration;
+
+use super::outlet::{Outlet, Published};
+use super::participant::{Participant, ParticipantError};
+use super::qos::{CLOCK, SAMPLES};
+use super::runtime::Startup;
+use super::wire::{StageNames, Tick};
+use crate::message::{Clock, JointState, KeyValue, RosMessage, StageState, WrenchStamped};
+
+/// Longest wait in lockstep for a writer that replaces one with a dead subscriber.
+const SETTLE: Duration = Duration::from_secs(1);
+
+/// The publishers of the stage's samples.
+pub struct StageOutlets {
+    encoder: Outlet<JointState>,
+    force_cell: Outlet<WrenchStamped>,
+    state: Outlet<StageState>,
+    clock: Option<Outlet<Clock>>,
+    names: StageNames,
+    clock_pause: Duration,
+}
+
+impl StageOutlets {
+    pub fn new(
+        startup: &Startup,
+        participant: &Participant,
+        names: StageNames,
+        with_clock: bool,
+        clock_pause: Duration,
+    ) -> Result<StageOutlets, ParticipantError> {
+        Ok(StageOutlets {
+            encoder: Outlet::new(participant, &startup.topic("~/encoder"), &SAMPLES)?,
+            force_cell: Outlet::new(participant, &startup.topic("~/force_cell"), &SAMPLES)?,
+            state: Outlet::new(participant, &startup.topic("~/state"), &SAMPLES)?,
+            clock: with_clock.then(|| Outlet::new(participant, &startup.topic("/clock"), &CLOCK)).transpose()?,
+            names,
+            clock_pause,
+        })
+    }
+
+    pub fn set_clock_pause(&mut self, pause: Duration) {
+        self.clock_pause = pause;
+    }
+
+    /// Publishes a sample. The encoder goes first, because a controller waits for it.
+    pub fn publish(&mut self, tick: &Tick) {
+        let names = &self.names;
+        let _ = self.encoder.publish(tick.encoder(names));
+        let _ = self.force_cell.publish(tick.force_cell(names));
+        let _ = self.state.publish(tick.state(names));
+        if let Some(clock) = &mut self.clock {
+            let _ = clock.publish(tick.clock());
+        }
+    }
+
+    /// Publishes a sample in lockstep: nothing is left waiting in an outlet, and the clock may come a pause later.
+    pub fn publish_and_settle(&mut self, tick: &Tick) {
+        let names = &self.names;
+        settled(&mut self.encoder, tick.encoder(names));
+        settled(&mut self.force_cell, tick.force_cell(names));
+        settled(&mut self.state, tick.state(names));
+        if !self.clock_pause.is_zero() {
+            std::thread::sleep(self.clock_pause);
+        }
+        if let Some(clock) = &mut self.clock {
+            settled(clock, tick.clock());
+        }
+    }
+
+    /// Messages lost and writers replaced, for `/diagnostics`.
+    pub fn counts(&self) -> Vec<KeyValue> {
+        let counts = [
+            Some(self.encoder.counts()),
+            Some(self.force_cell.counts()),
+            Some(self.state.counts()),
+            self.clock.as_ref().map(Outlet::counts),
+        ];
+        let sum = |part: fn(super::outlet::Counts) -> u64| counts.iter().flatten().map(|counts| part(*counts)).sum::<u64>();
+        vec![
+            KeyValue::new("refused_by_dds", sum(|counts| counts.refused)),
+            KeyValue::new("writers_replaced", sum(|counts| counts.recreated)),
+        ]
+    }
+}
+
+fn settled<M: RosMessage>(outlet: &mut Outlet<M>, message: M) {
+    if outlet.publish(message) == Published::Held && !outlet.settle(SETTLE) {
+        tracing::error!("{}: subscribers got no sample for {SETTLE:?}", outlet.name());
+    }
+}

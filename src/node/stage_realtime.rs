@@ -1,0 +1,324 @@
+//! The stage in real time: three threads and the rings between them.
+//!
+//! The tick thread integrates at absolute deadlines. It never publishes, allocates, locks or writes: samples leave it through
+//! one ring, orders reach it through another. The publishing thread empties the first; the command thread judges what
+//! comes in and fills the second.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{JoinHandle, Thread};
+use std::time::{Duration, Instant};
+
+use super::clock::{self, Ticks};
+use super::commands::{Arbiter, StampRule};
+use super::inlet::Waiter;
+use super::recorder::TickFeed;
+use super::runtime::Control;
+use super::stage::LiveSettings;
+use super::stage_inbox::{Event, Inbox};
+use super::stage_outlets::StageOutlets;
+use super::stage_settings::{Drive, StageSettings};
+use super::stage_status::StageStatus;
+use super::wire::{Setpoint, Tick, setpoint};
+use crate::control::{Controller, ControllerSettings, Follower};
+use crate::plant::Stage;
+
+/// Samples that may wait for the publishing thread: 0.8 s at 10 kHz.
+const SAMPLES: usize = 8192;
+/// Orders that may wait for the tick thread.
+const ORDERS: usize = 4096;
+/// Longest sleep of the publishing thread without a sample.
+const NAP: Duration = Duration::from_millis(20);
+/// Lateness beyond which missed ticks are given up instead of caught up, ns: the process was stopped.
+const GIVE_UP: i64 = 200_000_000;
+
+/// The loops of the stage in real time.
+pub struct Realtime {
+    pub stage: Stage,
+    pub settings: StageSettings,
+    pub outlets: StageOutlets,
+    pub inbox: Inbox,
+    pub feed: TickFeed,
+    pub status: Arc<StageStatus>,
+    pub live: Arc<LiveSettings>,
+}
+
+/// What the command thread tells the tick thread. `Copy` or boxed beforehand: taking one allocates nothing.
+enum Order {
+    /// Hold this force, N.
+    Force(f64),
+    Enable(bool),
+    Reset,
+    /// Follow this; the old one goes back to be dropped elsewhere.
+    Follow(Box<Follower>),
+    Shutdown,
+}
+
+/// What the tick thread hands back to be dropped.
+type Waste = Box<Follower>;
+
+impl Realtime {
+    /// Runs until shutdown.
+    pub fn run(self) -> anyhow::Result<()> {
+        let Realtime { stage, settings, outlets, inbox, feed, status, live } = self;
+        let (samples_in, samples_out) = rtrb::RingBuffer::new(SAMPLES);
+        let (orders_in, orders_out) = rtrb::RingBuffer::new(ORDERS);
+        let (waste_in, waste_out) = rtrb::RingBuffer::new(ORDERS);
+        let servo = match settings.drive {
+            Drive::Force => None,
+            Drive::Servo => Some(servo(&settings)?),
+        };
+        let finished = Arc::new(AtomicBool::new(false));
+        let publishing = {
+            let (finished, live) = (finished.clone(), live.clone());
+            let work = move || publish(samples_out, outlets, feed, &live, &finished);
+            std::thread::Builder::new().name("publish".to_owned()).spawn(work)?
+        };
+        let epoch = clock::system();
+        let ticking: JoinHandle<()> = {
+            let (status, live, publisher) = (status.clone(), live.clone(), publishing.thread().clone());
+            let servo = servo.clone();
+            let work = move || {
+                let mut tick = TickThread {
+                    stage,
+                    servo,
+                    epoch,
+                    orders: orders_out,
+                    waste: waste_in,
+                    samples: samples_in,
+                    publisher,
+                    status,
+                    live,
+                };
+                tick.run();
+            };
+            std::thread::Builder::new().name("tick".to_owned()).spawn(work)?
+        };
+        let follower = servo.map(|(_, follower)| follower);
+        CommandThread { settings, inbox, orders: orders_in, waste: waste_out, follower, epoch, status, live }.run();
+        let ended = ticking.join();
+        finished.store(true, Ordering::Release);
+        publishing.thread().unpark();
+        let published = publishing.join();
+        anyhow::ensure!(ended.is_ok() && published.is_ok(), "a thread of the stage ended by a panic");
+        Ok(())
+    }
+}
+
+/// The stage's own position loop: a PID at `servo_bandwidth` for everything that the motor moves.
+fn servo(settings: &StageSettings) -> anyhow::Result<(Controller, Box<Follower>)> {
+    let mass = settings.model.mass + settings.model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
+    let rate = settings.rates.control();
+    let paper = ControllerSettings::paper(mass, rate, settings.model.motor.force_limit);
+    let gains = crate::control::Gains::from_bandwidth(settings.servo_bandwidth, mass);
+    let controller = Controller::new(ControllerSettings { gains, ..paper })?;
+    Ok((controller, Box::new(Follower::new(settings.setpoint_jump_limit))))
+}
+
+struct TickThread {
+    stage: Stage,
+    servo: Option<(Controller, Box<Follower>)>,
+    /// System time of sample 0, ns.
+    epoch: i64,
+    orders: rtrb::Consumer<Order>,
+    waste: rtrb::Producer<Waste>,
+    samples: rtrb::Producer<Tick>,
+    publisher: Thread,
+    status: Arc<StageStatus>,
+    live: Arc<LiveSettings>,
+}
+
+impl TickThread {
+    fn run(&mut self) {
+        let fifo = clock::prepare_tick_thread();
+        self.status.real_time_scheduling.store(fifo, Ordering::Relaxed);
+        let rate = self.stage.rates().control();
+        let period = (1e9 / rate) as i64;
+        let mut ticks = Ticks::new(clock::monotonic(), rate);
+        let (mut force, mut enabled, mut last_command) = (0.0, true, None::<i64>);
+        loop {
+            let late = ticks.wait();
+            self.status.ticked(late, period);
+            if late > GIVE_UP {
+                ticks.resynchronise();
+            }
+            while let Ok(order) = self.orders.pop() {
+                match order {
+                    Order::Force(wanted) => {
+                        force = wanted;
+                        last_command = Some(clock::monotonic());
+                        self.status.commanded.store(true, Ordering::Relaxed);
+                        self.status.is_stale.store(false, Ordering::Relaxed);
+                    }
+                    Order::Enable(wanted) => {
+                        enabled = wanted;
+                        self.status.disabled.store(!wanted, Ordering::Relaxed);
+                        if let Some((controller, follower)) = &mut self.servo {
+                            controller.reset();
+                            follower.hold(0, self.stage.body().position());
+                        }
+                    }
+                    Order::Reset => {
+                        self.stage.reset();
+                        (force, last_command) = (0.0, None);
+                        if let Some((controller, follower)) = &mut self.servo {
+                            controller.reset();
+                            follower.hold(0, 0.0);
+                        }
+                    }
+                    Order::Follow(mut next) => {
+                        if let Some((_, follower)) = &mut self.servo {
+                            std::mem::swap(follower, &mut next);
+                        }
+                        // Full only if the command thread has died; then dropping here is the least of the troubles.
+                        let _ = self.waste.push(next);
+                    }
+                    Order::Shutdown => return,
+                }
+            }
+            if let Some(at) = last_command
+                && clock::monotonic() - at > self.live.command_timeout().as_nanos() as i64
+            {
+                (force, last_command) = (0.0, None);
+                self.status.stale.fetch_add(1, Ordering::Relaxed);
+                self.status.is_stale.store(true, Ordering::Relaxed);
+            }
+            let sample = self.stage.sample();
+            let tick = Tick { stamp: self.epoch + sample.time, sample, state: self.stage.state() };
+            self.status.sample.store(sample.index, Ordering::Relaxed);
+            self.status.stamp.store(tick.stamp, Ordering::Relaxed);
+            if self.samples.push(tick).is_err() {
+                self.status.unpublished.fetch_add(1, Ordering::Relaxed);
+            }
+            self.publisher.unpark();
+            if let Some((controller, follower)) = &mut self.servo {
+                if sample.index == 0 {
+                    follower.hold(sample.time, sample.position);
+                }
+                force = controller.update(sample.time, sample.position, follower).output;
+            }
+            self.stage.advance(if enabled { force } else { 0.0 });
+            self.status.clamped.store(self.stage.clamped(), Ordering::Relaxed);
+        }
+    }
+}
+
+fn publish(
+    mut samples: rtrb::Consumer<Tick>,
+    mut outlets: StageOutlets,
+    mut feed: TickFeed,
+    live: &LiveSettings,
+    finished: &AtomicBool,
+) {
+    loop {
+        let over = finished.load(Ordering::Acquire);
+        while let Ok(tick) = samples.pop() {
+            outlets.publish(&tick);
+            feed.offer(&tick);
+        }
+        if over {
+            return;
+        }
+        live.set_counts(outlets.counts());
+        std::thread::park_timeout(NAP);
+    }
+}
+
+struct CommandThread {
+    settings: StageSettings,
+    inbox: Inbox,
+    orders: rtrb::Producer<Order>,
+    waste: rtrb::Consumer<Waste>,
+    /// What the tick thread follows in `drive: servo`, kept here to build the next one from.
+    follower: Option<Box<Follower>>,
+    epoch: i64,
+    status: Arc<StageStatus>,
+    live: Arc<LiveSettings>,
+}
+
+impl CommandThread {
+    fn run(mut self) {
+        let mut arbiter = Arbiter::new(self.live.command_timeout().as_nanos() as i64);
+        let waiter = Waiter::new();
+        let mut was_stale = false;
+        loop {
+            // Wakes up now and then to drop what the tick thread is done with and to tell of commands that stopped.
+            let event = self.inbox.next(&waiter, Some(Instant::now() + NAP));
+            while self.waste.pop().is_ok() {}
+            let stale = self.status.is_stale.load(Ordering::Relaxed);
+            if stale && !was_stale {
+                tracing::warn!("commands have stopped for {:?}: motor force is zero", self.live.command_timeout());
+            }
+            was_stale = stale;
+            match event {
+                None => {}
+                Some(Event::Command(source, Ok(command))) => {
+                    if self.settings.drive == Drive::Servo {
+                        self.status.refuse(&format!("{}: the stage drives itself (drive: servo)", source.topic));
+                        continue;
+                    }
+                    let since = self.status.stamp.load(Ordering::Relaxed);
+                    match arbiter.judge(source, command, StampRule::Newer, clock::monotonic(), since) {
+                        Ok(command) => {
+                            if let Some(force) = command.force {
+                                self.send(Order::Force(force));
+                            }
+                        }
+                        Err(refusal) => self.status.refuse(&refusal.to_string()),
+                    }
+                }
+                Some(Event::Command(_, Err(refusal))) => self.status.refuse(&refusal.to_string()),
+                Some(Event::Unreadable(topic, error)) => self.status.refuse(&format!("{topic}: unreadable: {error}")),
+                Some(Event::Setpoint(message)) => self.follow(&message),
+                Some(Event::Control(Control::Shutdown)) => {
+                    self.send(Order::Shutdown);
+                    return;
+                }
+                Some(Event::Control(Control::Enable(enabled))) => self.send(Order::Enable(enabled)),
+                Some(Event::Control(Control::Reset(reply))) => {
+                    self.send(Order::Reset);
+                    arbiter.release();
+                    let time = self.status.stamp.load(Ordering::Relaxed) as f64 * 1e-9;
+                    let _ = reply.send(Ok(format!("stage at position 0, at rest; time goes on from {time:.6} s")));
+                }
+                Some(Event::Control(Control::Retune)) => {
+                    arbiter.set_silence(self.live.command_timeout().as_nanos() as i64);
+                }
+            }
+        }
+    }
+
+    /// A setpoint in `drive: servo`; in `drive: force` it is for the controller.
+    fn follow(&mut self, message: &crate::message::JointTrajectory) {
+        let Some(follower) = &mut self.follower else { return };
+        let now = self.status.stamp.load(Ordering::Relaxed);
+        let result = setpoint(message, &self.settings.joint, now).map_err(|error| error.to_string()).and_then(|wanted| {
+            let now = now - self.epoch;
+            let mut next = follower.clone();
+            match wanted {
+                Setpoint::Now(reference) => next.set(now, reference),
+                Setpoint::Motion(motion) => next.follow(now, motion.shifted(-self.epoch)),
+            }
+            .map_err(|error| error.to_string())?;
+            Ok(next)
+        });
+        match result {
+            Ok(next) => {
+                *follower = next.clone();
+                self.send(Order::Follow(next));
+            }
+            Err(reason) => self.status.refuse(&format!("~/setpoint: {reason}")),
+        }
+    }
+
+    fn send(&mut self, order: Order) {
+        let mut order = Some(order);
+        // The tick thread empties the ring at every tick; it is full only for less than that.
+        while let Some(waiting) = order.take() {
+            if let Err(rtrb::PushError::Full(back)) = self.orders.push(waiting) {
+                order = Some(back);
+                std::thread::sleep(Duration::from_micros(200));
+            }
+        }
+    }
+}

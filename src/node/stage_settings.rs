@@ -1,0 +1,188 @@
+//! Parameters of the stage node: what there is, and what it means.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use super::parameters::{ParameterSpec, ParameterValues};
+use crate::model::{Catalogue, ModelError, StageModel};
+use crate::plant::{Rates, RatesError};
+
+/// How the time of the stage runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// With the wall clock; commands act from the next sample on.
+    Realtime,
+    /// From answer to answer; time stands still while a sample is unanswered.
+    Lockstep,
+}
+
+/// What drives the motor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drive {
+    /// Force commands.
+    Force,
+    /// The stage's own position loop on the setpoint, as in the measuring rig.
+    Servo,
+}
+
+/// Everything the stage node is started with.
+#[derive(Clone, Debug)]
+pub struct StageSettings {
+    pub model: StageModel,
+    pub rates: Rates,
+    pub mode: Mode,
+    pub drive: Drive,
+    pub seed: u64,
+    pub command_timeout: Duration,
+    /// In lockstep, every this many samples one needs an answer.
+    pub every: u64,
+    /// Pause between a sample and its clock in lockstep.
+    pub clock_pause: Duration,
+    pub answer_timeout: Duration,
+    pub wait_for_command: bool,
+    pub publish_clock: bool,
+    pub record: Option<PathBuf>,
+    pub record_into: PathBuf,
+    pub joint: String,
+    pub frame: String,
+    /// Hz
+    pub servo_bandwidth: f64,
+    /// m
+    pub setpoint_jump_limit: f64,
+}
+
+/// Settings that do not fit together.
+#[derive(Debug, thiserror::Error)]
+pub enum SettingsError {
+    #[error("parameter model: {0}")]
+    Model(#[from] ModelError),
+    #[error(transparent)]
+    Rates(#[from] RatesError),
+    #[error("drive: servo has no commands to wait for, so it cannot run in mode: lockstep; use mode: realtime")]
+    ServoInLockstep,
+}
+
+/// The parameters of the stage node.
+pub fn specs() -> Vec<ParameterSpec> {
+    let (control_min, control_max) = Rates::CONTROL_RANGE;
+    let (physics_min, physics_max) = Rates::PHYSICS_RANGE;
+    vec![
+        ParameterSpec::string(
+            "model",
+            "guide_1",
+            "what the stage is: a model file (.yaml), a guide of the catalogue for the 40 kg stage on four of it, or \
+             rig:GUIDE for the measuring rig with one",
+        )
+        .read_only(),
+        ParameterSpec::double("control_rate", Rates::DEFAULT.control(), "samples per second")
+            .unit("Hz")
+            .range(control_min, control_max)
+            .read_only(),
+        ParameterSpec::double("physics_rate", Rates::DEFAULT.physics(), "internal steps per second, a whole multiple of control_rate")
+            .unit("Hz")
+            .range(physics_min, physics_max)
+            .read_only(),
+        ParameterSpec::string("mode", "realtime", "how time runs: with the wall clock, or from answer to answer")
+            .choices(&["realtime", "lockstep"])
+            .read_only(),
+        ParameterSpec::string("drive", "force", "what drives the motor: force commands, or a position loop of its own on the setpoint")
+            .choices(&["force", "servo"])
+            .read_only(),
+        ParameterSpec::integer("seed", 1, "seed of the sensor noise").range(0.0, i64::MAX as f64).read_only(),
+        ParameterSpec::boolean("noise", true, "false: sensors without noise and without quantisation").read_only(),
+        ParameterSpec::double("command_timeout", 0.1, "silence after which the motor force goes to zero in real time, and after which another source may command")
+            .unit("s")
+            .range(1e-3, 3600.0),
+        ParameterSpec::integer("every", 1, "in lockstep, one sample in this many waits for an answer").range(1.0, 1e6).read_only(),
+        ParameterSpec::double("clock_pause", 0.0, "in lockstep, pause between a sample and its clock")
+            .unit("s")
+            .range(0.0, 1.0),
+        ParameterSpec::double("answer_timeout", 1.0, "in lockstep, wait after which a missing answer is an error; the sample is then sent again")
+            .unit("s")
+            .range(1e-2, 3600.0),
+        ParameterSpec::boolean("wait_for_command", false, "in lockstep, time stands still from the start until the first command").read_only(),
+        ParameterSpec::boolean("publish_clock", false, "publish /clock in real time too; in lockstep it always is").read_only(),
+        ParameterSpec::string("record", "", "bag directory to record into from the start; must not exist").read_only(),
+        ParameterSpec::string("record_into", ".", "directory for the bags that ~/record starts").read_only(),
+        ParameterSpec::string("joint", "stage", "name of the joint in messages").read_only(),
+        ParameterSpec::string("frame_id", "stage", "frame of the messages").read_only(),
+        ParameterSpec::double("servo_bandwidth", 60.0, "bandwidth of the position loop of drive: servo")
+            .unit("Hz")
+            .range(0.1, 1000.0)
+            .read_only(),
+        ParameterSpec::double("setpoint_jump_limit", 1e-3, "largest step of a single setpoint in drive: servo")
+            .unit("m")
+            .range(0.0, 10.0)
+            .read_only(),
+    ]
+}
+
+impl StageSettings {
+    pub fn new(values: &ParameterValues) -> Result<StageSettings, SettingsError> {
+        let model = model(&values.string("model"))?;
+        let seconds = |name: &str| Duration::from_secs_f64(values.double(name));
+        let settings = StageSettings {
+            model: if values.boolean("noise") { model } else { model.without_noise() },
+            rates: Rates::new(values.double("control_rate"), values.double("physics_rate"))?,
+            mode: if values.string("mode") == "lockstep" { Mode::Lockstep } else { Mode::Realtime },
+            drive: if values.string("drive") == "servo" { Drive::Servo } else { Drive::Force },
+            seed: values.integer("seed").unsigned_abs(),
+            command_timeout: seconds("command_timeout"),
+            every: values.integer("every").unsigned_abs(),
+            clock_pause: seconds("clock_pause"),
+            answer_timeout: seconds("answer_timeout"),
+            wait_for_command: values.boolean("wait_for_command"),
+            publish_clock: values.boolean("publish_clock") || values.string("mode") == "lockstep",
+            record: Some(values.string("record")).filter(|path| !path.is_empty()).map(PathBuf::from),
+            record_into: PathBuf::from(values.string("record_into")),
+            joint: values.string("joint"),
+            frame: values.string("frame_id"),
+            servo_bandwidth: values.double("servo_bandwidth"),
+            setpoint_jump_limit: values.double("setpoint_jump_limit"),
+        };
+        if settings.drive == Drive::Servo && settings.mode == Mode::Lockstep {
+            return Err(SettingsError::ServoInLockstep);
+        }
+        Ok(settings)
+    }
+}
+
+/// The model that the parameter names.
+pub fn model(name: &str) -> Result<StageModel, ModelError> {
+    if let Some(guide) = name.strip_prefix("rig:") {
+        return StageModel::measuring_rig(guide);
+    }
+    if Catalogue::builtin().entry(name).is_some() {
+        return Ok(StageModel::on_guides(name));
+    }
+    if Path::new(name).extension().is_none() {
+        // Not a file by its looks: the catalogue's error names the nearest guide.
+        let model = StageModel::on_guides(name);
+        model.check()?;
+        return Ok(model);
+    }
+    StageModel::load(Path::new(name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::node::parameters::ParameterSet;
+
+    #[test]
+    fn defaults_are_the_stage_of_the_paper_in_real_time() {
+        let set = ParameterSet::declare(specs(), &Default::default()).unwrap();
+        let settings = StageSettings::new(&set).unwrap();
+        assert_eq!((settings.mode, settings.drive), (Mode::Realtime, Drive::Force));
+        assert_eq!(settings.rates, Rates::DEFAULT);
+        assert_eq!(settings.model.mass, 40.0);
+    }
+
+    #[test]
+    fn a_model_is_a_guide_a_rig_or_a_file() {
+        assert_eq!(model("guide_3").unwrap().guides.len(), 4);
+        assert_eq!(model("rig:guide_3").unwrap().guides.len(), 1);
+        assert!(model("guide_9").unwrap_err().to_string().contains("did you mean `guide_"));
+        assert!(model("missing.yaml").unwrap_err().to_string().contains("missing.yaml"));
+    }
+}
