@@ -417,3 +417,253 @@ fn topic_name(name: &str) -> Result<(), String> {
     let relative = name.strip_prefix("~/").or_else(|| name.strip_prefix('/')).unwrap_or(name);
     relative.split('/').try_for_each(token)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FILE: &str = "\
+# every node
+/**:
+  ros__parameters:
+    use_sim_time: true
+    every: 2
+/lab/stage:
+  ros__parameters:
+    every: 3
+    gains:
+      stage: {p: 4.0e4, u_clamp_max: .inf}
+lab:
+  stage:
+    ros__parameters:
+      model: '12'
+      names: [a, b]
+/**/controller:
+  ros__parameters:
+    rate: 60.0
+/*/stage:
+  ros__parameters:
+    seed: 0x10
+stage:
+  ros__parameters:
+    every: 99
+";
+
+    fn parse(line: &str) -> Result<(RosArguments, Vec<String>), ArgumentError> {
+        RosArguments::parse_with(line.split_whitespace().map(str::to_owned), |path| match path.to_str() {
+            Some("stage.yaml") => Ok(FILE.to_owned()),
+            _ => Err(std::io::ErrorKind::NotFound.into()),
+        })
+    }
+
+    fn ros(line: &str) -> RosArguments {
+        parse(line).unwrap_or_else(|error| panic!("{line}: {error}")).0
+    }
+
+    fn refusal(line: &str) -> String {
+        match parse(line) {
+            Ok(_) => panic!("{line} was accepted"),
+            Err(error) => error.to_string(),
+        }
+    }
+
+    fn value_of(arguments: &RosArguments, node: &str, name: &str) -> Option<ParameterValue> {
+        arguments.parameters_for(node).remove(name).map(|found| found.value)
+    }
+
+    fn value(text: &str) -> ParameterValue {
+        let arguments = ["--ros-args".to_owned(), "-p".to_owned(), format!("x:={text}")];
+        let (ros, _) = RosArguments::parse(arguments.into_iter()).unwrap_or_else(|error| panic!("{text}: {error}"));
+        value_of(&ros, "/n", "x").expect("x was given")
+    }
+
+    #[test]
+    fn only_the_sections_after_ros_args_are_ros_arguments() {
+        let (ros, others) =
+            parse("stage_node -v --ros-args -r a:=b -- --out x:=y --ros-args -p every:=2 --enable-rosout-logs")
+                .unwrap();
+        assert_eq!(others, ["stage_node", "-v", "--out", "x:=y"]);
+        assert_eq!(ros.resolve("n", "/", "a"), "/b");
+        assert_eq!(value_of(&ros, "/n", "every"), Some(ParameterValue::Integer(2)));
+        assert!(parse("stage_node -p every:=2 --").unwrap().0.parameters_for("/n").is_empty());
+    }
+
+    #[test]
+    fn names_expand_below_namespace_and_node() {
+        let ros = RosArguments::default();
+        assert_eq!(ros.resolve("stage", "/", "encoder"), "/encoder");
+        assert_eq!(ros.resolve("stage", "/lab", "encoder"), "/lab/encoder");
+        assert_eq!(ros.resolve("stage", "/lab", "~/encoder"), "/lab/stage/encoder");
+        assert_eq!(ros.resolve("stage", "/lab", "/clock"), "/clock");
+        assert_eq!(ros.resolve_service("stage", "/", "~/reset"), "/stage/reset");
+    }
+
+    #[test]
+    fn a_name_is_remapped_however_the_rule_spells_it() {
+        for rule in ["~/force", "/lab/stage/force", "stage/force"] {
+            let ros = ros(&format!("--ros-args -r {rule}:=~/thrust"));
+            assert_eq!(ros.resolve("stage", "/lab", "~/force"), "/lab/stage/thrust", "{rule}");
+            assert_eq!(ros.resolve("stage", "/lab", "~/forces"), "/lab/stage/forces", "{rule}");
+        }
+        assert_eq!(ros("--ros-args --remap /a:=b").resolve("n", "/lab", "/a"), "/lab/b");
+    }
+
+    #[test]
+    fn of_two_remappings_the_first_that_fits_wins() {
+        let ros = ros("--ros-args -r other:/a:=/x -r /a:=/y -r /a:=/z");
+        assert_eq!(ros.resolve("n", "/", "/a"), "/y");
+        assert_eq!(ros.resolve("other", "/", "/a"), "/x");
+    }
+
+    #[test]
+    fn node_and_namespace_can_be_renamed_for_all_or_for_one() {
+        let ros = ros("--ros-args -r stage:__node:=rig -r rig:__ns:=/lab/left -r __ns:=/elsewhere");
+        assert_eq!(ros.node_name("stage"), "rig");
+        assert_eq!(ros.node_name("controller"), "controller");
+        assert_eq!(ros.namespace("rig", "/"), "/lab/left");
+        assert_eq!(ros.namespace("controller", "/"), "/elsewhere");
+        assert_eq!(fully_qualified("/lab/left", "rig"), "/lab/left/rig");
+        assert_eq!(fully_qualified("/", "rig"), "/rig");
+    }
+
+    #[test]
+    fn a_scheme_limits_a_rule_to_topics_or_services() {
+        let ros = ros("--ros-args -r rostopic://a:=t -r stage:rosservice://a:=s");
+        assert_eq!(
+            (ros.resolve("stage", "/", "a"), ros.resolve_service("stage", "/", "a")),
+            ("/t".into(), "/s".into())
+        );
+        assert_eq!(ros.resolve_service("other", "/", "a"), "/a");
+    }
+
+    #[test]
+    fn values_have_the_type_that_yaml_gives_them() {
+        assert_eq!(value("1"), ParameterValue::Integer(1));
+        assert_eq!(value("010"), ParameterValue::Integer(8));
+        assert_eq!(value("-0x10"), ParameterValue::Integer(-16));
+        assert_eq!(value("1.0"), ParameterValue::Double(1.0));
+        assert_eq!(value("1e3"), ParameterValue::Double(1000.0));
+        assert_eq!(value("-.inf"), ParameterValue::Double(f64::NEG_INFINITY));
+        assert!(matches!(value(".nan"), ParameterValue::Double(nan) if nan.is_nan()));
+        assert_eq!(value("true"), ParameterValue::Boolean(true));
+        assert_eq!(value("off"), ParameterValue::Boolean(false));
+        assert_eq!(value("lockstep"), ParameterValue::String("lockstep".into()));
+        assert_eq!(value("'1'"), ParameterValue::String("1".into()));
+        assert_eq!(value("''"), ParameterValue::String(String::new()));
+        assert_eq!(value("/tmp/a:=b"), ParameterValue::String("/tmp/a:=b".into()));
+        assert_eq!(value("[1, 2]"), ParameterValue::IntegerArray(vec![1, 2]));
+        assert_eq!(value("[1.0, .5]"), ParameterValue::DoubleArray(vec![1.0, 0.5]));
+        assert_eq!(value("[true, no]"), ParameterValue::BooleanArray(vec![true, false]));
+        assert_eq!(value("[a, '2']"), ParameterValue::StringArray(vec!["a".into(), "2".into()]));
+    }
+
+    #[test]
+    fn sections_of_a_file_reach_the_nodes_that_they_name() {
+        let ros = ros("--ros-args --params-file stage.yaml");
+        let stage = |name| value_of(&ros, "/lab/stage", name);
+        assert_eq!(stage("use_sim_time"), Some(ParameterValue::Boolean(true)));
+        assert_eq!(stage("every"), Some(ParameterValue::Integer(3)));
+        assert_eq!(stage("gains.stage.p"), Some(ParameterValue::Double(4e4)));
+        assert_eq!(stage("gains.stage.u_clamp_max"), Some(ParameterValue::Double(f64::INFINITY)));
+        assert_eq!(stage("model"), Some(ParameterValue::String("12".into())));
+        assert_eq!(stage("names"), Some(ParameterValue::StringArray(vec!["a".into(), "b".into()])));
+        assert_eq!(stage("seed"), Some(ParameterValue::Integer(16)));
+        assert_eq!(stage("rate"), None);
+        // `stage:` is /stage, `/*/stage` is exactly one level down, `/**/controller` any number of them.
+        assert_eq!(value_of(&ros, "/stage", "every"), Some(ParameterValue::Integer(99)));
+        assert_eq!(value_of(&ros, "/stage", "seed"), None);
+        assert_eq!(value_of(&ros, "/a/b/stage", "seed"), None);
+        for controller in ["/controller", "/a/controller", "/a/b/controller"] {
+            assert_eq!(value_of(&ros, controller, "rate"), Some(ParameterValue::Double(60.0)), "{controller}");
+        }
+        assert_eq!(ros.parameters_for("/lab/stage")["every"].origin, "stage.yaml, line 8");
+    }
+
+    #[test]
+    fn the_last_value_on_the_command_line_wins() {
+        let value = |line| value_of(&ros(line), "/lab/stage", "every");
+        assert_eq!(value("--ros-args --params-file stage.yaml -p every:=7"), Some(ParameterValue::Integer(7)));
+        assert_eq!(value("--ros-args -p every:=7 --params-file stage.yaml"), Some(ParameterValue::Integer(3)));
+        assert_eq!(value("--ros-args -p every:=7 -p /lab/stage:every:=8"), Some(ParameterValue::Integer(8)));
+        assert_eq!(value("--ros-args -p every:=7 -p stage:every:=8"), Some(ParameterValue::Integer(7)));
+    }
+
+    #[test]
+    fn logging_follows_the_last_level_and_switch() {
+        let ros =
+            ros("--ros-args --log-level WARN --log-level rig:=debug --log-level error --disable-rosout-logs -e /x");
+        assert_eq!(ros.log_level("rig"), Some(LogLevel::Debug));
+        assert_eq!(ros.log_level("other"), Some(LogLevel::Error));
+        assert_eq!((ros.rosout_logs(), ros.stdout_logs(), ros.enclave()), (false, true, Some("/x")));
+        assert_eq!(RosArguments::default().log_level("rig"), None);
+    }
+
+    #[test]
+    fn a_wrong_argument_is_named_with_what_would_be_right() {
+        for (line, parts) in [
+            ("-p", &["`-p` needs a value", "-p [NODE:]NAME:=VALUE"][..]),
+            ("-p every=2", &["-p every=2", "no `:=`", "NAME:=VALUE"]),
+            ("-p every:=", &["-p every:=", "missing", "''"]),
+            ("-p :=2", &["-p :=2", "no name"]),
+            ("-p x:=[1,2.0]", &["mixes integer and double (item 2)"]),
+            ("-p x:=[]", &["empty list"]),
+            ("-p x:=[[1],[2]]", &["list whose first item is a list"]),
+            ("-p x:={a:1}", &["mapping of 1 keys"]),
+            ("-p x:=[1", &["-p x:=[1", "is not YAML"]),
+            ("-p x:=9223372036854775808", &["9223372036854775808", "64-bit"]),
+            ("-p st*:x:=1", &["st*", "wildcard"]),
+            ("-r a", &["-r a", "no `:=`", "FROM:=TO"]),
+            ("-r a:=b-c", &["b-c", "must not contain `-`"]),
+            ("-r a:=/b/", &["/b/", "empty part"]),
+            ("-r 1a:=b", &["1a", "digit 1"]),
+            ("-r __node:=a/b", &["a/b", "must not contain `/`"]),
+            ("-r __ns:=lab", &["lab", "must start with /"]),
+            ("-r rosaction://a:=b", &["rosaction://", "rostopic://"]),
+            ("-r /foo/*:=/bar", &["/foo/*", "wildcard"]),
+            ("--params-file missing.yaml", &["missing.yaml", "cannot read"]),
+            ("--log-level wran", &["wran", "did you mean `warn`?"]),
+            ("--parm x:=1", &["--parm", "did you mean `--param`?"]),
+            ("x:=1", &["x:=1", "-r", "-p"]),
+            ("record", &["record", "before --ros-args or after --"]),
+        ] {
+            let message = refusal(&format!("node --ros-args {line}"));
+            for part in parts {
+                assert!(message.contains(part), "{line}: `{message}` does not say `{part}`");
+            }
+        }
+    }
+
+    #[test]
+    fn a_wrong_parameter_file_is_named_with_the_line() {
+        for (text, line, problem) in [
+            ("just text", 1, "expected a mapping of node names"),
+            ("ros__parameters:\n  every: 2\n", 1, "`/**:`"),
+            ("stage:\n  every: 2\n", 2, "outside of `ros__parameters:`"),
+            ("stage:\n", 1, "nothing below it"),
+            ("stage:\n  ros__parameters: 3\n", 2, "expected a mapping of parameters"),
+            ("/**:\n  ros__parameters:\n    a: 1\n    b:\n", 4, "parameter `b` is missing"),
+            ("/**:\n  ros__parameters:\n    g:\n      p: [1, x]\n", 4, "`g.p` mixes integer and string"),
+            ("/**:\n  ros__parameters:\n    a: 1\n    a: 2\n", 4, "duplicate"),
+            ("/**:\n  ros__parameters:\n    a: [1\n", 3, "unclosed"),
+            ("/**:\n  ros__parameters:\n    a: 1\n   b: 2\n", 4, "block mapping"),
+            ("my-node:\n  ros__parameters:\n    a: 1\n", 2, "must not contain `-`"),
+        ] {
+            let arguments = ["--ros-args", "--params-file", "p.yaml"].map(str::to_owned);
+            let error = match RosArguments::parse_with(arguments.into_iter(), |_| Ok(text.to_owned())) {
+                Ok(_) => panic!("accepted {text:?}"),
+                Err(error) => error.to_string(),
+            };
+            assert!(error.starts_with(&format!("p.yaml, line {line}: ")), "{text:?}: {error}");
+            assert!(error.contains(problem), "{text:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn an_empty_parameter_section_is_no_error() {
+        for text in ["/**:\n  ros__parameters:\n", "/**:\n  ros__parameters: {}\n"] {
+            let arguments = ["--ros-args", "--params-file", "p.yaml"].map(str::to_owned);
+            let (ros, _) = RosArguments::parse_with(arguments.into_iter(), |_| Ok(text.to_owned())).unwrap();
+            assert!(ros.parameters_for("/stage").is_empty());
+        }
+    }
+}

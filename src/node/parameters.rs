@@ -149,7 +149,7 @@ impl ParameterSpec {
 pub enum ParameterError {
     #[error("unknown parameter `{name}`{hint}; the node has {known}")]
     Unknown { name: String, hint: String, known: String },
-    #[error("parameter `{name}` is a {expected}, got the {got} {value}{hint}")]
+    #[error("parameter `{name}` is of type {expected}, got the {got} {value}{hint}")]
     Type { name: &'static str, expected: &'static str, got: &'static str, value: String, hint: String },
     #[error("parameter `{name}` must be a finite number, got {value}{unit}")]
     NotFinite { name: &'static str, value: String, unit: String },
@@ -268,7 +268,7 @@ impl Deref for ParameterSet {
 
 impl ParameterSet {
     /// Declares the parameters, and [`USE_SIM_TIME`] if it is not among them, with the values that the command line
-    /// gives. An override of an unknown parameter, or with a value that may not be, is refused.
+    /// gives. An override of an unknown parameter, or a value that may not be, is refused.
     pub fn declare(
         mut specs: Vec<ParameterSpec>,
         overrides: &BTreeMap<String, Override>,
@@ -278,6 +278,7 @@ impl ParameterSet {
         }
         specs.sort_by_key(|spec| spec.name);
         let values = ParameterValues(specs.iter().map(|spec| (spec.name, spec.default.clone())).collect());
+        specs.iter().try_for_each(|spec| spec.check(&spec.default))?;
         let mut set = Self { specs, values, checks: Vec::new(), on_change: Vec::new(), derive: None };
         for (name, Override { value, origin }) in overrides {
             let placed = |source| ParameterError::Override { origin: origin.clone(), source: Box::new(source) };
@@ -565,5 +566,206 @@ impl Events {
         if let Err(error) = self.publisher.publish(event) {
             tracing::warn!("{}: a parameter event was not sent: {error}", self.node);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+
+    fn specs() -> Vec<ParameterSpec> {
+        vec![
+            ParameterSpec::double("control_rate", 4000.0, "rate of the controller").unit("Hz").range(1.0, 1e5),
+            ParameterSpec::double("physics_rate", 40000.0, "rate of the integration").unit("Hz").range(1.0, 1e6),
+            ParameterSpec::string("mode", "realtime", "timing").choices(&["realtime", "lockstep"]),
+            ParameterSpec::string("record", "", "directory"),
+            ParameterSpec::integer("every", 1, "publish every Nth sample").range(1.0, 100.0),
+            ParameterSpec::integer("seed", 1, "seed of the noise").read_only(),
+            ParameterSpec::double("gains.stage.p", 0.0, "gain").unit("N/m"),
+            ParameterSpec::double("gains.stage.u_clamp_max", f64::INFINITY, "limit")
+                .unit("N")
+                .range(0.0, f64::INFINITY),
+            ParameterSpec::double("lowpass.damping", 0.7, "damping ratio"),
+        ]
+    }
+
+    fn with(overrides: &[(&str, ParameterValue)]) -> Result<ParameterSet, ParameterError> {
+        let overrides = overrides.iter().map(|(name, value)| {
+            (name.to_string(), Override { value: value.clone(), origin: format!("-p {name}:={}", show(value)) })
+        });
+        ParameterSet::declare(specs(), &overrides.collect())
+    }
+
+    fn set() -> ParameterSet {
+        with(&[]).unwrap()
+    }
+
+    fn changes(changes: &[(&str, ParameterValue)]) -> Vec<(String, ParameterValue)> {
+        changes.iter().map(|(name, value)| (name.to_string(), value.clone())).collect()
+    }
+
+    fn strings(all: &[&str]) -> Vec<String> {
+        all.iter().map(|one| one.to_string()).collect()
+    }
+
+    #[test]
+    fn overrides_replace_defaults() {
+        let set =
+            with(&[("every", ParameterValue::Integer(5)), (USE_SIM_TIME, ParameterValue::Boolean(true))]).unwrap();
+        assert_eq!((set.integer("every"), set.boolean(USE_SIM_TIME)), (5, true));
+        assert_eq!((set.double("control_rate"), set.string("mode").as_str()), (4000.0, "realtime"));
+    }
+
+    #[test]
+    fn a_wrong_value_is_refused_at_start_and_at_run_time_alike() {
+        let double = ParameterValue::Double;
+        let text = |text: &str| ParameterValue::String(text.to_owned());
+        for (name, value, parts) in [
+            ("contrl_rate", double(1.0), &["unknown parameter `contrl_rate`", "did you mean `control_rate`?"][..]),
+            ("xyzzy", double(1.0), &["unknown", "the node has control_rate, every"]),
+            ("control_rate", ParameterValue::Integer(1000), &["type double", "the integer 1000", "write 1000.0"]),
+            ("record", ParameterValue::Integer(12), &["type string", "the integer 12", "'12'"]),
+            ("every", double(2.0), &["type integer", "the double 2.0"]),
+            ("control_rate", double(0.5), &["0.5 Hz", "within 1 and 100000 Hz"]),
+            ("control_rate", double(f64::NAN), &["finite", "NaN Hz"]),
+            ("gains.stage.p", double(f64::INFINITY), &["finite", "inf N/m"]),
+            ("gains.stage.u_clamp_max", double(f64::NAN), &["finite", "NaN N"]),
+            ("every", ParameterValue::Integer(101), &["101", "within 1 and 100"]),
+            ("mode", text("lokstep"), &["`lokstep`", "did you mean `lockstep`?", "realtime, lockstep"]),
+        ] {
+            let at_start = with(&[(name, value.clone())]).err().expect(name).to_string();
+            let mut running = set();
+            let at_run_time = running.set(name, value.clone()).expect_err(name).to_string();
+            assert_eq!(at_start, format!("-p {name}:={}: {at_run_time}", show(&value)));
+            for part in parts {
+                assert!(at_run_time.contains(part), "`{at_run_time}` does not say `{part}`");
+            }
+            assert_eq!(running.get("control_rate"), Some(&double(4000.0)));
+        }
+    }
+
+    #[test]
+    fn infinity_is_a_value_where_the_range_reaches_it() {
+        let mut set = set();
+        set.set("gains.stage.u_clamp_max", ParameterValue::Double(300.0)).unwrap();
+        set.set("gains.stage.u_clamp_max", ParameterValue::Double(f64::INFINITY)).unwrap();
+        assert_eq!(set.double("gains.stage.u_clamp_max"), f64::INFINITY);
+        let refused = set.set("gains.stage.u_clamp_max", ParameterValue::Double(f64::NEG_INFINITY)).unwrap_err();
+        assert!(refused.to_string().contains("-inf N, must lie within 0 and inf N"), "{refused}");
+    }
+
+    #[test]
+    fn read_only_parameters_are_set_at_start_only() {
+        let mut set = with(&[("seed", ParameterValue::Integer(7))]).unwrap();
+        let refused = set.set("seed", ParameterValue::Integer(8)).unwrap_err().to_string();
+        assert_eq!(refused, "parameter `seed` is read-only and keeps 7; give it at start: -p seed:=8");
+        assert_eq!(set.integer("seed"), 7);
+    }
+
+    #[test]
+    fn a_declared_parameter_cannot_be_deleted() {
+        let refused = set().set("every", ParameterValue::NotSet).unwrap_err();
+        assert!(matches!(refused, ParameterError::Deleted { name: "every" }));
+    }
+
+    #[test]
+    fn an_atomic_change_is_taken_whole_or_not_at_all() {
+        let mut set = set();
+        let both =
+            |rate| changes(&[("every", ParameterValue::Integer(2)), ("control_rate", ParameterValue::Double(rate))]);
+        set.set_atomically(&both(-1.0)).unwrap_err();
+        assert_eq!((set.integer("every"), set.double("control_rate")), (1, 4000.0));
+        set.set_atomically(&both(2000.0)).unwrap();
+        assert_eq!((set.integer("every"), set.double("control_rate")), (2, 2000.0));
+        set.set_atomically(&changes(&[("every", ParameterValue::Integer(3)), ("every", ParameterValue::Integer(4))]))
+            .unwrap();
+        assert_eq!(set.integer("every"), 4);
+    }
+
+    fn multiple(values: &ParameterValues) -> Result<(), String> {
+        let (physics, control) = (values.double("physics_rate"), values.double("control_rate"));
+        if physics % control == 0.0 { Ok(()) } else { Err(format!("{physics} is no multiple of {control}")) }
+    }
+
+    #[test]
+    fn a_check_sees_the_values_as_they_would_become() {
+        let mut set = set().check(multiple).unwrap();
+        let refused = set.set("control_rate", ParameterValue::Double(3000.0)).unwrap_err();
+        assert_eq!(refused.to_string(), "40000 is no multiple of 3000");
+        set.set_atomically(&changes(&[
+            ("control_rate", ParameterValue::Double(3000.0)),
+            ("physics_rate", ParameterValue::Double(30000.0)),
+        ]))
+        .unwrap();
+        assert_eq!(set.double("control_rate"), 3000.0);
+    }
+
+    #[test]
+    fn a_check_must_hold_at_start() {
+        let refused = with(&[("control_rate", ParameterValue::Double(3000.0))]).unwrap().check(multiple).err();
+        assert!(matches!(refused, Some(ParameterError::Refused { .. })));
+    }
+
+    #[test]
+    fn a_listener_hears_only_what_passed_and_may_refuse_it() {
+        let heard = Arc::new(AtomicUsize::new(0));
+        let mut set = set().check(multiple).unwrap();
+        set.on_change({
+            let heard = heard.clone();
+            move |changes| {
+                heard.fetch_add(1, Ordering::Relaxed);
+                match changes {
+                    [("every", ParameterValue::Integer(13))] => Err("not 13".to_owned()),
+                    _ => Ok(()),
+                }
+            }
+        });
+        set.set("control_rate", ParameterValue::Double(3000.0)).unwrap_err();
+        set.set("every", ParameterValue::Integer(0)).unwrap_err();
+        assert_eq!(heard.load(Ordering::Relaxed), 0);
+        assert_eq!(set.set("every", ParameterValue::Integer(13)).unwrap_err().to_string(), "not 13");
+        assert_eq!((heard.load(Ordering::Relaxed), set.integer("every")), (1, 1));
+        set.set("every", ParameterValue::Integer(14)).unwrap();
+        assert_eq!((heard.load(Ordering::Relaxed), set.integer("every")), (2, 14));
+    }
+
+    #[test]
+    fn listing_follows_prefixes_and_depth() {
+        let set = set();
+        assert_eq!(set.list(&[], 0).names.len(), 10);
+        assert_eq!(set.list(&[], 0).prefixes, ["gains.stage", "lowpass"]);
+        assert_eq!(
+            set.list(&[], 1).names,
+            ["control_rate", "every", "mode", "physics_rate", "record", "seed", USE_SIM_TIME]
+        );
+        assert_eq!(set.list(&strings(&["gains"]), 0).names, ["gains.stage.p", "gains.stage.u_clamp_max"]);
+        assert!(set.list(&strings(&["gains"]), 1).names.is_empty());
+        assert_eq!(set.list(&strings(&["gains.stage"]), 1).names.len(), 2);
+        assert_eq!(set.list(&strings(&["lowpass.damping", "ever"]), 0).names, ["lowpass.damping"]);
+    }
+
+    #[test]
+    fn descriptors_say_what_was_declared() {
+        let set = set();
+        let rate = set.describe("control_rate");
+        assert_eq!(
+            (rate.description.as_str(), rate.r#type),
+            ("rate of the controller [Hz]", raw::ParameterType::DOUBLE)
+        );
+        assert_eq!((rate.floating_point_range[0].from_value, rate.floating_point_range[0].to_value), (1.0, 1e5));
+        assert!(rate.integer_range.is_empty() && !rate.read_only);
+        assert_eq!(set.describe("every").integer_range[0].to_value, 100);
+        assert_eq!(set.describe("mode").additional_constraints, "one of: realtime, lockstep");
+        assert!(set.describe("seed").read_only);
+        assert_eq!(set.describe("sed").r#type, raw::ParameterType::NOT_SET);
+    }
+
+    #[test]
+    fn a_default_outside_of_its_own_range_is_refused() {
+        let wrong = vec![ParameterSpec::integer("every", 0, "publish every Nth sample").range(1.0, 100.0)];
+        let refused = ParameterSet::declare(wrong, &BTreeMap::new()).err();
+        assert!(matches!(refused, Some(ParameterError::OutOfRange { name: "every", .. })));
     }
 }
