@@ -218,12 +218,14 @@ impl StageModel {
         Ok(())
     }
 
-    /// What is allowed but deserves a word: guides that are not passive.
+    /// What is allowed but deserves a word: guides that are not passive, each kind once.
     pub fn warnings(&self) -> Result<Vec<String>, ModelError> {
-        Ok(self
-            .resolved_guides()?
+        let guides = self.resolved_guides()?;
+        let first_of_its_kind = |(index, guide): &(usize, &Guide)| !guides[..*index].contains(guide);
+        Ok(guides
             .iter()
             .enumerate()
+            .filter(first_of_its_kind)
             .filter_map(|(index, guide)| guide.passivity_warning(&format!("guides[{index}]")))
             .collect())
     }

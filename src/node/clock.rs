@@ -21,11 +21,11 @@ fn read(clock: libc::clockid_t) -> i64 {
 
 /// Sleeps until the monotonic clock shows `deadline` ns. Returns at once when that has passed.
 pub fn sleep_until(deadline: i64) {
-    let time = libc::timespec { tv_sec: deadline.div_euclid(1_000_000_000), tv_nsec: deadline.rem_euclid(1_000_000_000) };
+    let time =
+        libc::timespec { tv_sec: deadline.div_euclid(1_000_000_000), tv_nsec: deadline.rem_euclid(1_000_000_000) };
     // SAFETY: `time` is valid for reading, the remaining time is not asked for. A signal ends the sleep early: sleep again.
-    while unsafe {
-        libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &time, std::ptr::null_mut())
-    } == libc::EINTR
+    while unsafe { libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &time, std::ptr::null_mut()) }
+        == libc::EINTR
     {}
 }
 

@@ -42,6 +42,7 @@ struct Status {
     refused_setpoints: AtomicU64,
     slow_samples: AtomicU64,
     saturated: AtomicU64,
+    restarts: AtomicU64,
     last_refusal: Mutex<Option<String>>,
 }
 
@@ -62,6 +63,7 @@ impl Status {
             ("refused_setpoints", &self.refused_setpoints),
             ("slow_samples", &self.slow_samples),
             ("saturated_samples", &self.saturated),
+            ("stage_restarts", &self.restarts),
         ];
         let refusal = lock(&self.last_refusal).clone();
         let level = if refusal.is_some() { DiagnosticStatus::WARN } else { DiagnosticStatus::OK };
@@ -222,7 +224,8 @@ impl ControllerLoop {
                 }
                 Some(Event::Setpoint(Ok(message))) => self.follow(message),
                 Some(Event::Setpoint(Err(error))) => {
-                    self.status.refuse(&self.status.refused_setpoints, format!("a setpoint could not be read: {error}"));
+                    self.status
+                        .refuse(&self.status.refused_setpoints, format!("a setpoint could not be read: {error}"));
                 }
                 Some(Event::Control(Control::Shutdown)) => return,
                 Some(Event::Control(control)) => self.obey(control),
@@ -233,7 +236,8 @@ impl ControllerLoop {
     fn hear(&mut self, message: &JointState) {
         let stamp = message.header.stamp.to_nanos();
         let index = message.name.iter().position(|name| *name == self.joint);
-        let Some(position) = index.and_then(|index| message.position.get(index)).copied().filter(|x| x.is_finite()) else {
+        let Some(position) = index.and_then(|index| message.position.get(index)).copied().filter(|x| x.is_finite())
+        else {
             let (joint, names) = (&self.joint, message.name.join(", "));
             let reason = format!("the sample of {stamp} ns has no finite position of joint `{joint}` among [{names}]");
             return self.status.refuse(&self.status.refused_samples, reason);
@@ -249,7 +253,13 @@ impl ControllerLoop {
             // Sent again because the answer is missing.
             Some(last) if last.stamp == stamp && last.answered => return self.answer(stamp),
             Some(last) if stamp < last.stamp => {
-                tracing::warn!("time goes back from {} to {stamp} ns: the stage was started again; holding", last.stamp);
+                let count = self.status.restarts.fetch_add(1, Ordering::Relaxed) + 1;
+                if count.is_power_of_two() {
+                    let from = last.stamp;
+                    tracing::warn!(
+                        "time goes back from {from} to {stamp} ns: the stage was started again; holding ({count} so far)"
+                    );
+                }
                 self.controller.reset();
                 self.follower.hold(stamp, position);
                 self.due = stamp;
@@ -259,7 +269,9 @@ impl ControllerLoop {
                 if count.is_power_of_two() {
                     let gap = (stamp - last.stamp) as f64 * 1e-6;
                     let rate = self.controller.settings().rate;
-                    tracing::warn!("{gap} ms between two samples, too slow for a controller at {rate} Hz ({count} so far)");
+                    tracing::warn!(
+                        "{gap} ms between two samples, too slow for a controller at {rate} Hz ({count} so far)"
+                    );
                 }
             }
             Some(_) => {}
@@ -309,8 +321,7 @@ impl ControllerLoop {
 
     fn follow(&mut self, message: JointTrajectory) {
         let Some(last) = self.last else {
-            self.waiting.push(message);
-            return;
+            return self.keep_waiting(message);
         };
         let now = last.stamp;
         let result = setpoint(&message, &self.joint, now).map_err(|error| error.to_string()).and_then(|wanted| {
@@ -326,6 +337,18 @@ impl ControllerLoop {
                 if !self.enabled {
                     self.tell(now);
                 }
+            }
+            Err(reason) => self.status.refuse(&self.status.refused_setpoints, format!("setpoint: {reason}")),
+        }
+    }
+
+    /// Keeps a setpoint until the first sample says where the stage is, and tells so.
+    fn keep_waiting(&mut self, message: JointTrajectory) {
+        match setpoint(&message, &self.joint, 0) {
+            Ok(_) => {
+                self.setpoint_stamp = message.header.stamp.to_nanos();
+                self.waiting.push(message);
+                self.tell(0);
             }
             Err(reason) => self.status.refuse(&self.status.refused_setpoints, format!("setpoint: {reason}")),
         }

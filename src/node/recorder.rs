@@ -272,7 +272,7 @@ impl Work {
     fn run(&mut self, inbox: &mpsc::Receiver<Order>) {
         loop {
             let first = inbox.recv_timeout(NAP);
-            let over = first == Err(mpsc::RecvTimeoutError::Disconnected);
+            let over = matches!(first, Err(mpsc::RecvTimeoutError::Disconnected));
             for order in first.into_iter().chain(inbox.try_iter()) {
                 self.obey(order);
             }

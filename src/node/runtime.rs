@@ -4,6 +4,7 @@
 //! diagnostics, signals. The node's own loop runs on a plain thread and gets what happens as [`Control`] events.
 
 use std::collections::BTreeMap;
+use std::io::IsTerminal;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::Context as _;
@@ -42,7 +43,9 @@ impl Startup {
     pub fn parse(default_name: &str, command_line: Vec<String>) -> anyhow::Result<Startup> {
         let (arguments, others) = RosArguments::parse(command_line.iter().cloned())?;
         if let Some(other) = others.first() {
-            anyhow::bail!("unexpected argument `{other}`; parameters go behind --ros-args, as in --ros-args -p name:=value");
+            anyhow::bail!(
+                "unexpected argument `{other}`; parameters go behind --ros-args, as in --ros-args -p name:=value"
+            );
         }
         let name = arguments.node_name(default_name);
         let namespace = arguments.namespace(&name, "/");
@@ -70,14 +73,21 @@ impl Startup {
     pub fn start_logging(&self) {
         use tracing_subscriber::filter::{EnvFilter, LevelFilter};
         let level = self.arguments.log_level(&self.name).map_or(LevelFilter::INFO, LevelFilter::from);
-        // The DDS library warns of every stray packet; what matters of it is reported by the nodes themselves.
-        let quiet = "rustdds=error,ros2_client=error";
+        // The DDS library warns of every stray packet, and calls errors what is none: leaving a multicast group that loopback
+        // does not have, other types on /clock, a spinner that ended before its node.
+        let quiet = "rustdds=error,ros2_client=error,rustdds::network=off,rustdds::discovery::discovery_db=off,\
+                     ros2_client::node=off";
         let filter = std::env::var("RUST_LOG")
             .ok()
             .and_then(|text| EnvFilter::try_new(text).ok())
             .unwrap_or_else(|| EnvFilter::new(format!("{level},{quiet}")));
         // A second start in one process (tests) keeps the first subscriber.
-        let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false).try_init();
+        let _ = tracing_subscriber::fmt()
+            .with_env_filter(filter)
+            .with_writer(std::io::stderr)
+            .with_ansi(std::io::stderr().is_terminal())
+            .with_target(false)
+            .try_init();
     }
 
     /// Joins the network that the environment names.
@@ -159,7 +169,8 @@ impl Background {
             let message = if request.data { "enabled" } else { "disabled: no force" }.to_owned();
             std::future::ready(SetBoolResponse { success, message })
         };
-        let task = service::serve::<SetBool, _, _>(&mut participant.node(), &startup.service_name("~/enable"), handler)?;
+        let task =
+            service::serve::<SetBool, _, _>(&mut participant.node(), &startup.service_name("~/enable"), handler)?;
         self.spawn(task);
         Ok(())
     }
@@ -196,7 +207,8 @@ impl Background {
                 Err(message) => SetBoolResponse { success: false, message },
             })
         };
-        let task = service::serve::<SetBool, _, _>(&mut participant.node(), &startup.service_name("~/record"), handler)?;
+        let task =
+            service::serve::<SetBool, _, _>(&mut participant.node(), &startup.service_name("~/record"), handler)?;
         self.spawn(task);
         Ok(())
     }

@@ -4,7 +4,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use anyhow::Context as _;
 use tokio::sync::oneshot;
 
 use super::clock;
@@ -269,10 +268,10 @@ fn diagnose(
             more.push(KeyValue::new("recording", recorder.is_recording()));
             more.push(KeyValue::new("recording_dropped_samples", recording.dropped.load(Ordering::Relaxed)));
             more.push(KeyValue::new("stamp_ns", status.stamp.load(Ordering::Relaxed)));
-            let faults: Vec<String> = lock(&recording.fault).iter().map(|fault| format!("recording: {fault}")).collect();
+            let faults: Vec<String> =
+                lock(&recording.fault).iter().map(|fault| format!("recording: {fault}")).collect();
             let diagnostic = status.diagnostic(name.clone(), hardware.clone(), more, &faults);
-            let message =
-                DiagnosticArray { header: Header::new(clock::system(), ""), status: vec![diagnostic] };
+            let message = DiagnosticArray { header: Header::new(clock::system(), ""), status: vec![diagnostic] };
             recorder.hear(0, || Heard::Diagnostics(message.clone()));
             let _ = outlet.publish(message);
         }

@@ -84,7 +84,8 @@ impl Lockstep {
                 Some(_) => {}
                 None => {
                     if phase == Phase::Free {
-                        let next = started + Duration::from_nanos(self.settings.rates.time_of(tick.sample.index + 1) as u64);
+                        let next =
+                            started + Duration::from_nanos(self.settings.rates.time_of(tick.sample.index + 1) as u64);
                         match self.wait_free(&mut run, next) {
                             Some(true) => phase = Phase::Arming,
                             Some(false) => {}

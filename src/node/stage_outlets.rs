@@ -77,7 +77,8 @@ impl StageOutlets {
             Some(self.state.counts()),
             self.clock.as_ref().map(Outlet::counts),
         ];
-        let sum = |part: fn(super::outlet::Counts) -> u64| counts.iter().flatten().map(|counts| part(*counts)).sum::<u64>();
+        let sum =
+            |part: fn(super::outlet::Counts) -> u64| counts.iter().flatten().map(|counts| part(*counts)).sum::<u64>();
         vec![
             KeyValue::new("refused_by_dds", sum(|counts| counts.refused)),
             KeyValue::new("writers_replaced", sum(|counts| counts.recreated)),

@@ -292,16 +292,17 @@ impl CommandThread {
     fn follow(&mut self, message: &crate::message::JointTrajectory) {
         let Some(follower) = &mut self.follower else { return };
         let now = self.status.stamp.load(Ordering::Relaxed);
-        let result = setpoint(message, &self.settings.joint, now).map_err(|error| error.to_string()).and_then(|wanted| {
-            let now = now - self.epoch;
-            let mut next = follower.clone();
-            match wanted {
-                Setpoint::Now(reference) => next.set(now, reference),
-                Setpoint::Motion(motion) => next.follow(now, motion.shifted(-self.epoch)),
-            }
-            .map_err(|error| error.to_string())?;
-            Ok(next)
-        });
+        let result =
+            setpoint(message, &self.settings.joint, now).map_err(|error| error.to_string()).and_then(|wanted| {
+                let now = now - self.epoch;
+                let mut next = follower.clone();
+                match wanted {
+                    Setpoint::Now(reference) => next.set(now, reference),
+                    Setpoint::Motion(motion) => next.follow(now, motion.shifted(-self.epoch)),
+                }
+                .map_err(|error| error.to_string())?;
+                Ok(next)
+            });
         match result {
             Ok(next) => {
                 *follower = next.clone();

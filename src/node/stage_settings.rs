@@ -78,30 +78,54 @@ pub fn specs() -> Vec<ParameterSpec> {
             .unit("Hz")
             .range(control_min, control_max)
             .read_only(),
-        ParameterSpec::double("physics_rate", Rates::DEFAULT.physics(), "internal steps per second, a whole multiple of control_rate")
-            .unit("Hz")
-            .range(physics_min, physics_max)
-            .read_only(),
+        ParameterSpec::double(
+            "physics_rate",
+            Rates::DEFAULT.physics(),
+            "internal steps per second, a whole multiple of control_rate",
+        )
+        .unit("Hz")
+        .range(physics_min, physics_max)
+        .read_only(),
         ParameterSpec::string("mode", "realtime", "how time runs: with the wall clock, or from answer to answer")
             .choices(&["realtime", "lockstep"])
             .read_only(),
-        ParameterSpec::string("drive", "force", "what drives the motor: force commands, or a position loop of its own on the setpoint")
-            .choices(&["force", "servo"])
-            .read_only(),
+        ParameterSpec::string(
+            "drive",
+            "force",
+            "what drives the motor: force commands, or a position loop of its own on the setpoint",
+        )
+        .choices(&["force", "servo"])
+        .read_only(),
         ParameterSpec::integer("seed", 1, "seed of the sensor noise").range(0.0, i64::MAX as f64).read_only(),
         ParameterSpec::boolean("noise", true, "false: sensors without noise and without quantisation").read_only(),
-        ParameterSpec::double("command_timeout", 0.1, "silence after which the motor force goes to zero in real time, and after which another source may command")
-            .unit("s")
-            .range(1e-3, 3600.0),
-        ParameterSpec::integer("every", 1, "in lockstep, one sample in this many waits for an answer").range(1.0, 1e6).read_only(),
+        ParameterSpec::double(
+            "command_timeout",
+            0.1,
+            "silence after which the motor force goes to zero in real time, and after which another source may command",
+        )
+        .unit("s")
+        .range(1e-3, 3600.0),
+        ParameterSpec::integer("every", 1, "in lockstep, one sample in this many waits for an answer")
+            .range(1.0, 1e6)
+            .read_only(),
         ParameterSpec::double("clock_pause", 0.0, "in lockstep, pause between a sample and its clock")
             .unit("s")
             .range(0.0, 1.0),
-        ParameterSpec::double("answer_timeout", 1.0, "in lockstep, wait after which a missing answer is an error; the sample is then sent again")
-            .unit("s")
-            .range(1e-2, 3600.0),
-        ParameterSpec::boolean("wait_for_command", false, "in lockstep, time stands still from the start until the first command").read_only(),
-        ParameterSpec::boolean("publish_clock", false, "publish /clock in real time too; in lockstep it always is").read_only(),
+        ParameterSpec::double(
+            "answer_timeout",
+            1.0,
+            "in lockstep, wait after which a missing answer is an error; the sample is then sent again",
+        )
+        .unit("s")
+        .range(1e-2, 3600.0),
+        ParameterSpec::boolean(
+            "wait_for_command",
+            false,
+            "in lockstep, time stands still from the start until the first command",
+        )
+        .read_only(),
+        ParameterSpec::boolean("publish_clock", false, "publish /clock in real time too; in lockstep it always is")
+            .read_only(),
         ParameterSpec::string("record", "", "bag directory to record into from the start; must not exist").read_only(),
         ParameterSpec::string("record_into", ".", "directory for the bags that ~/record starts").read_only(),
         ParameterSpec::string("joint", "stage", "name of the joint in messages").read_only(),

@@ -94,7 +94,13 @@ impl StageStatus {
     }
 
     /// The status for `/diagnostics`: the worst thing first, all counters as values.
-    pub fn diagnostic(&self, name: String, hardware: String, more: Vec<KeyValue>, faults: &[String]) -> DiagnosticStatus {
+    pub fn diagnostic(
+        &self,
+        name: String,
+        hardware: String,
+        more: Vec<KeyValue>,
+        faults: &[String],
+    ) -> DiagnosticStatus {
         let get = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         let is = |flag: &AtomicBool| flag.load(Ordering::Relaxed);
         let mut level = DiagnosticStatus::OK;
@@ -106,7 +112,11 @@ impl StageStatus {
             }
         };
         note(is(&self.duplicate), DiagnosticStatus::ERROR, "another stage has the same name".to_owned());
-        note(is(&self.is_unanswered), DiagnosticStatus::ERROR, "lockstep: the answer to the last sample is missing".to_owned());
+        note(
+            is(&self.is_unanswered),
+            DiagnosticStatus::ERROR,
+            "lockstep: the answer to the last sample is missing".to_owned(),
+        );
         for fault in faults {
             note(true, DiagnosticStatus::ERROR, fault.clone());
         }
