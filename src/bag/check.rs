@@ -1,0 +1,571 @@
+//! Says what a recording holds and what is wrong with it: per topic rate, gaps and bad values, and what the motion covers.
+//!
+//! One pass over all messages, in bounded memory: intervals between stamps are kept as counts, to four digits.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::error::BagError;
+use super::file::Damage;
+use super::reader::{BagMessage, BagReader};
+use super::topics;
+use super::trace::joint_index;
+use crate::message::*;
+
+/// An interval of more than this many usual ones is a gap.
+const GAP: f64 = 1.5;
+/// The carriage has turned round when it has gone back by this much, m: a hundred counts of the encoder.
+const REVERSAL: f64 = 1e-7;
+/// Velocity is taken over at least this time, s, so that a count of the encoder is 1 um/s.
+const VELOCITY_BASE: f64 = 1e-3;
+
+/// One topic of a checked recording.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TopicCheck {
+    /// Name of the topic.
+    pub name: String,
+    /// Its type.
+    pub type_name: String,
+    /// Messages read.
+    pub messages: u64,
+    /// Whether times are those in the headers; else log times.
+    pub by_stamp: bool,
+    /// Messages per second: one over the usual (median) interval.
+    pub rate_hz: Option<f64>,
+    /// Standard deviation of the intervals that are no gaps, s.
+    pub jitter_s: Option<f64>,
+    /// Intervals of more than 1.5 usual ones.
+    pub gaps: u64,
+    /// The longest interval, s.
+    pub longest_gap_s: Option<f64>,
+    /// Stamps equal to the one before.
+    pub repeated_stamps: u64,
+    /// Stamps before the one before.
+    pub backward_stamps: u64,
+    /// Values that are NaN or infinite.
+    pub non_finite: u64,
+    /// Messages that do not decode as their type.
+    pub decode_failures: u64,
+    /// Whether this program knows the type, so that values were looked at.
+    pub decoded: bool,
+}
+
+/// What the motion in `/stage/encoder` covers.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Coverage {
+    /// Joint that was looked at.
+    pub joint: String,
+    /// Lowest position, m.
+    pub lowest_position: f64,
+    /// Highest position, m.
+    pub highest_position: f64,
+    /// Highest minus lowest position, m.
+    pub stroke: f64,
+    /// Lowest velocity, m/s, over at least 1 ms.
+    pub lowest_velocity: f64,
+    /// Highest velocity, m/s, over at least 1 ms.
+    pub highest_velocity: f64,
+    /// Turns round by at least 0.1 um.
+    pub reversals: u64,
+}
+
+/// What a recording holds and what is wrong with it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CheckReport {
+    /// The recording.
+    pub path: PathBuf,
+    /// Bytes of its data files.
+    pub bytes: u64,
+    /// Messages read.
+    pub messages: u64,
+    /// Last minus first log time, s.
+    pub duration_s: f64,
+    /// Whether it ends as it should.
+    pub complete: bool,
+    /// Whether it says which model, seed, version and arguments made it.
+    pub has_provenance: bool,
+    /// Joint names in it.
+    pub joints: Vec<String>,
+    /// Per topic.
+    pub topics: Vec<TopicCheck>,
+    /// What the motion covers, if there is an encoder.
+    pub coverage: Option<Coverage>,
+    /// Places in the files that are not as they should be.
+    pub damage: Vec<Damage>,
+    /// Everything that a user should know, in words.
+    pub warnings: Vec<String>,
+}
+
+/// Checks a rosbag2 directory or an MCAP file. An error means that nothing of it can be read; everything else that is wrong is
+/// in the report.
+pub fn check(path: &Path) -> Result<CheckReport, BagError> {
+    let reader = BagReader::open(path)?;
+    let mut topics: Vec<Watch> = reader.topics().iter().map(|t| Watch::new(&t.name, &t.type_name)).collect();
+    let mut damage = reader.damage();
+    damage.extend(reader.verify_checksums()?);
+    let mut joints = BTreeSet::new();
+    let mut motion = Motion::default();
+    let mut range: Option<(u64, u64)> = None;
+    let mut count = 0;
+    for message in reader.messages() {
+        let message = match message {
+            Ok(message) => message,
+            Err(BagError::Broken { path, offset, expected, found }) => {
+                if !damage.iter().any(|d| d.path == path && d.offset == offset) {
+                    damage.push(Damage { bytes: reader.span_length(&path, offset), path, offset, expected, found });
+                }
+                continue;
+            }
+            Err(error) => return Err(error),
+        };
+        count += 1;
+        range = Some(match range {
+            None => (message.log_time, message.log_time),
+            Some((first, last)) => (first.min(message.log_time), last.max(message.log_time)),
+        });
+        if let Some(watch) = topics.iter_mut().find(|w| w.report.name == message.topic.name) {
+            watch.take(&message, &mut joints, &mut motion);
+        }
+    }
+    let topics: Vec<TopicCheck> = topics.into_iter().map(Watch::finish).collect();
+    let coverage = motion.coverage();
+    let complete = reader.is_complete();
+    let mut warnings = Vec::new();
+    if !complete {
+        warnings.push("it is cut off or damaged: `friction-stage recover` keeps what is whole".into());
+    } else if !damage.is_empty() {
+        warnings.push("parts of it are damaged: `friction-stage recover` keeps what is whole".into());
+    }
+    match reader.declared_count() {
+        Some(declared) if declared != count => {
+            warnings.push(format!("metadata.yaml counts {declared} messages, {count} can be read"))
+        }
+        None if path.is_dir() => warnings.push("it has no readable metadata.yaml".into()),
+        _ => {}
+    }
+    for topic in &topics {
+        topic.warn(&mut warnings);
+    }
+    Ok(CheckReport {
+        path: path.to_owned(),
+        bytes: reader.size(),
+        messages: count,
+        duration_s: range.map_or(0.0, |(first, last)| (last - first) as f64 * 1e-9),
+        complete,
+        has_provenance: reader.provenance().is_some(),
+        joints: joints.into_iter().collect(),
+        topics,
+        coverage,
+        damage,
+        warnings,
+    })
+}
+
+/// What one message says about itself.
+struct Facts {
+    stamp: Option<i64>,
+    non_finite: u64,
+}
+
+impl Facts {
+    fn new(stamp: Option<Time>) -> Self {
+        Self { stamp: stamp.map(Time::to_nanos), non_finite: 0 }
+    }
+
+    fn values(mut self, values: &[f64]) -> Self {
+        self.non_finite += values.iter().filter(|v| !v.is_finite()).count() as u64;
+        self
+    }
+}
+
+/// Looks into a message; `None` if the type is not one of ours.
+fn facts(message: &BagMessage, joints: &mut BTreeSet<String>, motion: &mut Motion) -> Option<Result<Facts, CdrError>> {
+    fn decode<M: RosMessage>(message: &BagMessage, facts: impl FnOnce(M) -> Facts) -> Option<Result<Facts, CdrError>> {
+        Some(from_cdr::<M>(message).map(facts))
+    }
+    match message.topic.type_name.as_str() {
+        "sensor_msgs/msg/JointState" => decode(message, |m: JointState| {
+            joints.extend(m.name.iter().cloned());
+            if message.topic.name == topics::ENCODER {
+                motion.take(&m);
+            }
+            Facts::new(Some(m.header.stamp)).values(&m.position).values(&m.velocity).values(&m.effort)
+        }),
+        "geometry_msgs/msg/WrenchStamped" => decode(message, |m: WrenchStamped| {
+            let (f, t) = (m.wrench.force, m.wrench.torque);
+            Facts::new(Some(m.header.stamp)).values(&[f.x, f.y, f.z, t.x, t.y, t.z])
+        }),
+        "trajectory_msgs/msg/JointTrajectory" => decode(message, |m: JointTrajectory| {
+            joints.extend(m.joint_names.iter().cloned());
+            m.points.iter().fold(Facts::new(Some(m.header.stamp)), |facts, p| {
+                facts.values(&p.positions).values(&p.velocities).values(&p.accelerations).values(&p.effort)
+            })
+        }),
+        "std_msgs/msg/Float64MultiArray" => decode(message, |m: Float64MultiArray| Facts::new(None).values(&m.data)),
+        "rosgraph_msgs/msg/Clock" => decode(message, |m: Clock| Facts::new(Some(m.clock))),
+        "diagnostic_msgs/msg/DiagnosticArray" => decode(message, |m: DiagnosticArray| Facts::new(Some(m.header.stamp))),
+        "friction_stage/msg/StageState" => decode(message, |m: StageState| {
+            Facts::new(Some(m.header.stamp))
+                .values(&[m.position, m.velocity, m.acceleration, m.motor_force])
+                .values(&m.bristle_deflection)
+                .values(&m.guide_force)
+                .values(&m.effect_force)
+        }),
+        "friction_stage/msg/ControllerState" => decode(message, |m: ControllerState| {
+            Facts::new(Some(m.header.stamp)).values(&[
+                m.reference_position,
+                m.reference_velocity,
+                m.reference_acceleration,
+                m.position,
+                m.error,
+                m.proportional,
+                m.integral,
+                m.derivative,
+                m.feedback,
+                m.mass_feedforward,
+                m.viscous_feedforward,
+                m.effort,
+                m.output,
+            ])
+        }),
+        _ => None,
+    }
+}
+
+/// Gathers the figures of one topic.
+struct Watch {
+    report: TopicCheck,
+    last: Option<i64>,
+    /// Intervals, ns, to four digits, and how many of each.
+    intervals: BTreeMap<u64, u64>,
+}
+
+impl Watch {
+    fn new(name: &str, type_name: &str) -> Self {
+        Self {
+            report: TopicCheck {
+                name: name.into(),
+                type_name: type_name.into(),
+                messages: 0,
+                by_stamp: false,
+                rate_hz: None,
+                jitter_s: None,
+                gaps: 0,
+                longest_gap_s: None,
+                repeated_stamps: 0,
+                backward_stamps: 0,
+                non_finite: 0,
+                decode_failures: 0,
+                decoded: true,
+            },
+            last: None,
+            intervals: BTreeMap::new(),
+        }
+    }
+
+    fn take(&mut self, message: &BagMessage, joints: &mut BTreeSet<String>, motion: &mut Motion) {
+        let report = &mut self.report;
+        report.messages += 1;
+        let facts = match facts(message, joints, motion) {
+            None => {
+                report.decoded = false;
+                Facts::new(None)
+            }
+            Some(Ok(facts)) => facts,
+            Some(Err(_)) => {
+                report.decode_failures += 1;
+                return;
+            }
+        };
+        report.non_finite += facts.non_finite;
+        report.by_stamp = facts.stamp.is_some();
+        let time = facts.stamp.unwrap_or_else(|| i64::try_from(message.log_time).unwrap_or(i64::MAX));
+        if let Some(last) = self.last {
+            match time.saturating_sub(last) {
+                0 => report.repeated_stamps += 1,
+                step if step < 0 => report.backward_stamps += 1,
+                step => *self.intervals.entry(four_digits(step as u64)).or_insert(0) += 1,
+            }
+        }
+        self.last = Some(time);
+    }
+
+    fn finish(self) -> TopicCheck {
+        let mut report = self.report;
+        let total: u64 = self.intervals.values().sum();
+        let mut seen = 0;
+        let median = self.intervals.iter().find_map(|(&interval, &count)| {
+            seen += count;
+            (2 * seen >= total).then_some(interval as f64 * 1e-9)
+        });
+        let Some(median) = median else {
+            return report;
+        };
+        report.rate_hz = Some(1.0 / median);
+        report.longest_gap_s = self.intervals.keys().next_back().map(|&i| i as f64 * 1e-9);
+        let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
+        for (&interval, &count) in &self.intervals {
+            let (interval, count_f) = (interval as f64 * 1e-9, count as f64);
+            if interval > GAP * median {
+                report.gaps += count;
+            } else {
+                let off = interval - median;
+                n += count_f;
+                sum += count_f * off;
+                squares += count_f * off * off;
+            }
+        }
+        let mean = sum / n;
+        report.jitter_s = Some((squares / n - mean * mean).max(0.0).sqrt());
+        report
+    }
+}
+
+/// Rounds to four significant digits, so that the number of different intervals stays small.
+fn four_digits(value: u64) -> u64 {
+    let scale = 10u64.pow(value.checked_ilog10().unwrap_or(0).saturating_sub(3));
+    let down = value / scale * scale;
+    down + if value - down >= scale.div_ceil(2) && scale > 1 { scale } else { 0 }
+}
+
+/// Topics that are sent when there is something to say, not at a rate.
+fn is_occasional(topic: &str) -> bool {
+    topic == topics::SETPOINT || !(topic.starts_with("/stage/") || topic.starts_with("/controller/"))
+}
+
+impl TopicCheck {
+    fn warn(&self, warnings: &mut Vec<String>) {
+        let name = &self.name;
+        if self.decode_failures > 0 {
+            warnings.push(format!(
+                "{name}: {} of {} messages do not decode as {}",
+                self.decode_failures, self.messages, self.type_name
+            ));
+        }
+        if self.non_finite > 0 {
+            warnings.push(format!("{name}: {} values are not finite", self.non_finite));
+        }
+        if self.backward_stamps > 0 {
+            warnings.push(format!("{name}: {} stamps go back", self.backward_stamps));
+        }
+        if self.repeated_stamps > 0 && self.by_stamp {
+            warnings.push(format!("{name}: {} stamps repeat", self.repeated_stamps));
+        }
+        if self.gaps > 0 && !is_occasional(name) {
+            warnings.push(format!(
+                "{name}: {} gaps, the longest {:.6} s where {:.6} s is usual",
+                self.gaps,
+                self.longest_gap_s.unwrap_or(0.0),
+                self.rate_hz.map_or(0.0, |r| 1.0 / r)
+            ));
+        }
+    }
+}
+
+/// Follows the encoder.
+#[derive(Default)]
+struct Motion {
+    joint: Option<String>,
+    range: Option<(f64, f64)>,
+    velocity: Option<(f64, f64)>,
+    /// Time and position from which the next velocity is taken.
+    base: Option<(i64, f64)>,
+    /// Direction of travel and the farthest position in it.
+    travel: Option<(f64, f64)>,
+    reversals: u64,
+}
+
+impl Motion {
+    fn take(&mut self, state: &JointState) {
+        let Some(joint) = joint_index(&state.name) else {
+            return;
+        };
+        let Some(&position) = state.position.get(joint).filter(|p| p.is_finite()) else {
+            return;
+        };
+        let time = state.header.stamp.to_nanos();
+        self.joint.get_or_insert_with(|| state.name[joint].clone());
+        let wider = |range: Option<(f64, f64)>, value: f64| match range {
+            None => Some((value, value)),
+            Some((low, high)) => Some((low.min(value), high.max(value))),
+        };
+        self.range = wider(self.range, position);
+        match self.base {
+            None => self.base = Some((time, position)),
+            Some((from, start)) => {
+                let step = time.saturating_sub(from) as f64 * 1e-9;
+                if step < 0.0 {
+                    self.base = Some((time, position));
+                } else if step >= VELOCITY_BASE {
+                    self.velocity = wider(self.velocity, (position - start) / step);
+                    self.base = Some((time, position));
+                }
+            }
+        }
+        match &mut self.travel {
+            None => self.travel = Some((0.0, position)),
+            Some((direction, farthest)) => {
+                let moved = position - *farthest;
+                if *direction == 0.0 {
+                    if moved.abs() >= REVERSAL {
+                        *direction = moved.signum();
+                        *farthest = position;
+                    }
+                } else if moved * *direction > 0.0 {
+                    *farthest = position;
+                } else if moved.abs() >= REVERSAL {
+                    self.reversals += 1;
+                    *direction = -*direction;
+                    *farthest = position;
+                }
+            }
+        }
+    }
+
+    fn coverage(self) -> Option<Coverage> {
+        let (low, high) = self.range?;
+        let (slowest, fastest) = self.velocity.unwrap_or((0.0, 0.0));
+        Some(Coverage {
+            joint: self.joint?,
+            lowest_position: low,
+            highest_position: high,
+            stroke: high - low,
+            lowest_velocity: slowest,
+            highest_velocity: fastest,
+            reversals: self.reversals,
+        })
+    }
+}
+
+impl fmt::Display for CheckReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{}: {} messages in {:.3} s, {:.1} MB, {}, {}",
+            self.path.display(),
+            self.messages,
+            self.duration_s,
+            self.bytes as f64 * 1e-6,
+            if self.complete { "complete" } else { "cut off or damaged" },
+            if self.has_provenance { "with model, seed, version and arguments" } else { "without provenance" },
+        )?;
+        let header = [
+            "topic",
+            "type",
+            "messages",
+            "rate Hz",
+            "jitter us",
+            "gaps",
+            "longest s",
+            "repeat",
+            "back",
+            "not finite",
+            "undecoded",
+        ];
+        let mut rows = vec![header.map(String::from)];
+        for t in &self.topics {
+            let number = |v: Option<f64>, scale: f64, digits: usize| {
+                v.map_or_else(|| "-".into(), |v| format!("{:.digits$}", v * scale))
+            };
+            let looked = |v: u64| {
+                if t.decoded { v.to_string() } else { "-".into() }
+            };
+            rows.push([
+                t.name.clone(),
+                t.type_name.clone(),
+                t.messages.to_string(),
+                number(t.rate_hz, 1.0, 1),
+                number(t.jitter_s, 1e6, 1),
+                t.gaps.to_string(),
+                number(t.longest_gap_s, 1.0, 6),
+                t.repeated_stamps.to_string(),
+                t.backward_stamps.to_string(),
+                looked(t.non_finite),
+                looked(t.decode_failures),
+            ]);
+        }
+        let widths: Vec<usize> =
+            (0..header.len()).map(|c| rows.iter().map(|r| r[c].len()).max().unwrap_or(0)).collect();
+        for row in &rows {
+            let mut line = String::new();
+            for (column, (cell, &width)) in row.iter().zip(&widths).enumerate() {
+                if column < 2 {
+                    line.push_str(&format!("{cell:width$}  "));
+                } else {
+                    line.push_str(&format!("{cell:>width$}  "));
+                }
+            }
+            writeln!(f, "{}", line.trim_end())?;
+        }
+        if let Some(c) = &self.coverage {
+            writeln!(
+                f,
+                "motion of joint {}: {:.6} to {:.6} m (stroke {:.6} m), {:.6} to {:.6} m/s, {} reversals",
+                c.joint,
+                c.lowest_position,
+                c.highest_position,
+                c.stroke,
+                c.lowest_velocity,
+                c.highest_velocity,
+                c.reversals
+            )?;
+        }
+        for damage in &self.damage {
+            writeln!(
+                f,
+                "damaged: {} at byte {}: expected {}, found {}",
+                damage.path.display(),
+                damage.offset,
+                damage.expected,
+                damage.found
+            )?;
+        }
+        for warning in &self.warnings {
+            writeln!(f, "warning: {warning}")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intervals_keep_four_digits() {
+        assert_eq!(four_digits(500_000), 500_000);
+        assert_eq!(four_digits(123_456), 123_500);
+        assert_eq!(four_digits(123_449), 123_400);
+        assert_eq!(four_digits(999_960), 1_000_000);
+        assert_eq!(four_digits(7), 7);
+        assert_eq!(four_digits(i64::MAX as u64), 9_223_000_000_000_000_000);
+    }
+
+    fn encoder(time: i64, position: f64) -> JointState {
+        JointState {
+            header: Header::new(time, "stage"),
+            name: vec!["stage".into()],
+            position: vec![position],
+            ..Default::default()
+        }
+    }
+
+    #[test]
+    fn reversals_ignore_noise_of_the_encoder() {
+        let mut motion = Motion::default();
+        // two periods of 1 mm at 1 kHz with 2 nm of alternation: turns at +1, -1, +1, -1 mm
+        for k in 0..=2000 {
+            let phase = f64::from(k) / 1000.0 * std::f64::consts::TAU;
+            let noise = if k % 2 == 0 { 1e-9 } else { -1e-9 };
+            motion.take(&encoder(i64::from(k) * 1_000_000, 1e-3 * phase.sin() + noise));
+        }
+        let coverage = motion.coverage().unwrap();
+        assert_eq!(coverage.reversals, 4);
+        assert!((coverage.stroke - 2e-3).abs() < 1e-8);
+        let peak = 1e-3 * std::f64::consts::TAU;
+        assert!((coverage.highest_velocity - peak).abs() < 1e-4 * peak + 3e-6);
+    }
+}

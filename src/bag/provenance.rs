@@ -1,0 +1,42 @@
+//! Where a recording comes from: enough to repeat the run from its bag alone.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+/// Name of the MCAP metadata record that holds everything but the model.
+pub(crate) const METADATA_NAME: &str = "friction_stage";
+/// Name of the MCAP attachment that holds the model.
+pub(crate) const MODEL_NAME: &str = "model.yaml";
+/// Key of the interval, s, within which the writer brings everything to the file.
+pub(crate) const FLUSH_INTERVAL_KEY: &str = "flush_interval_s";
+
+/// What made a recording; stored at the start of the file, so that a cut-off recording has it too.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// The stage model, as a model file that the nodes load.
+    pub model_yaml: String,
+    /// Seed of the noise.
+    pub seed: String,
+    /// Version of this program.
+    pub version: String,
+    /// Arguments that the run was started with.
+    pub arguments: String,
+    /// Anything else.
+    pub extra: BTreeMap<String, String>,
+}
+
+impl Provenance {
+    pub(crate) fn to_map(&self) -> BTreeMap<String, String> {
+        let mut map = self.extra.clone();
+        map.insert("seed".into(), self.seed.clone());
+        map.insert("version".into(), self.version.clone());
+        map.insert("arguments".into(), self.arguments.clone());
+        map
+    }
+
+    pub(crate) fn from_map(mut map: BTreeMap<String, String>, model_yaml: String) -> Self {
+        let mut take = |key: &str| map.remove(key).unwrap_or_default();
+        Self { model_yaml, seed: take("seed"), version: take("version"), arguments: take("arguments"), extra: map }
+    }
+}
