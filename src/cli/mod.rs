@@ -1,9 +1,48 @@
 //! The command line, one file per command.
 
 pub mod check;
+pub mod demo;
 pub mod recover;
+pub mod replay;
 
+use std::io::Write;
 use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// A positioning stage on friction-loaded guides as software: on ROS 2, recorded, and compared with recordings.
+///
+/// Without a command it runs the demo.
+#[derive(Debug, Parser)]
+#[command(name = "friction-stage", version, after_help = EXIT_CODES)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings.\n\
+    The nodes are the programs stage_node and controller_node; they take --ros-args as every ROS 2 node does.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Demo(demo::DemoArgs),
+    Replay(replay::ReplayArgs),
+    Check(check::CheckArgs),
+    Recover(recover::RecoverArgs),
+    /// Run the stage node, as the program stage_node does
+    #[command(hide = true, disable_help_flag = true)]
+    StageNode(NodeArgs),
+    /// Run the controller node, as the program controller_node does
+    #[command(hide = true, disable_help_flag = true)]
+    ControllerNode(NodeArgs),
+}
+
+/// Everything behind the command belongs to the node.
+#[derive(Debug, clap::Args)]
+struct NodeArgs {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    arguments: Vec<String>,
+}
 
 /// How a command ended, when it did not fail; `main` makes the exit code of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,10 +53,25 @@ pub enum Outcome {
     Warnings,
 }
 
-/// Exit code of a program that ended with `result`: 0 done, 1 failed with the reason on stderr.
-pub fn exit_code(result: anyhow::Result<()>) -> ExitCode {
+impl Arguments {
+    /// Runs the command; results go to `out`, progress and logs to stderr.
+    pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+        match self.command.unwrap_or_else(|| Command::Demo(demo::DemoArgs::default())) {
+            Command::Demo(arguments) => demo::run(&arguments, out),
+            Command::Replay(arguments) => replay::run(&arguments, out),
+            Command::Check(arguments) => check::run(&arguments, out),
+            Command::Recover(arguments) => recover::run(&arguments, out),
+            Command::StageNode(node) => crate::node::stage::run(node.arguments).map(|()| Outcome::Done),
+            Command::ControllerNode(node) => crate::node::controller::run(node.arguments).map(|()| Outcome::Done),
+        }
+    }
+}
+
+/// Exit code of a program that ended with `result`; a failure is told on stderr. Wrong arguments have ended it with 2 before.
+pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
     match result {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Warnings) => ExitCode::from(3),
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE

@@ -9,6 +9,7 @@ pub mod clock;
 pub mod commands;
 pub mod controller;
 pub mod controller_settings;
+pub mod driver;
 pub mod inlet;
 pub mod outlet;
 pub mod parameters;

@@ -714,7 +714,7 @@ mod tests {
         let mut set = set().check(multiple).unwrap();
         set.on_change({
             let heard = heard.clone();
-            move |changes| {
+            move |changes, _| {
                 heard.fetch_add(1, Ordering::Relaxed);
                 match changes {
                     [("every", ParameterValue::Integer(13))] => Err("not 13".to_owned()),

@@ -1,0 +1,258 @@
+//! `friction-stage demo`: the main job, with nothing else installed.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::Context as _;
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use super::Outcome;
+use crate::bag::{BagReader, topics};
+use crate::lab::{Move, MoveKind, MoveResult, PaperMotion, settling};
+use crate::message::ControllerState;
+use crate::node::LOCKSTEP_EPOCH;
+use crate::node::driver::{Driver, LockstepRun};
+use crate::node::recorder::dated_directory;
+use crate::report::figure::{Curve, Panel, svg};
+
+/// Run the stage of the paper on its three guides, over ROS 2.
+///
+/// Starts the stage node and the controller node as two processes in lockstep on loopback, for each guide: 50 mm return move
+/// and rest, 50 mm forward and return in 100 ms each, then steps of 10 um in 3 ms. Records a bag of each run and draws
+/// the position error over time, as the paper's Figures 6 and 7.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Watch it from another terminal: ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 topic echo /controller/state"
+)]
+pub struct DemoArgs {
+    /// Guides to run, by catalogue name
+    #[arg(long, value_delimiter = ',', default_values_t = guides())]
+    pub guides: Vec<String>,
+    /// Directory for bags and figures [default: demo_ and the date]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Rest after the conditioning move, simulated seconds (the paper rests a minute; this friction model has no memory of rest)
+    #[arg(long, default_value_t = REST, value_name = "SECONDS")]
+    pub rest: f64,
+    /// Steps of 10 um
+    #[arg(long, default_value_t = FINE_STEPS, value_name = "N")]
+    pub fine_steps: usize,
+    /// Seed of the sensor noise
+    #[arg(long, default_value_t = 1)]
+    pub seed: u32,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
+const REST: f64 = 2.0;
+const FINE_STEPS: usize = 5;
+
+fn guides() -> Vec<String> {
+    ["guide_1", "guide_2", "guide_3"].map(str::to_owned).into()
+}
+
+impl Default for DemoArgs {
+    fn default() -> Self {
+        DemoArgs { guides: guides(), out: None, rest: REST, fine_steps: FINE_STEPS, seed: 1, json: false }
+    }
+}
+
+/// What one guide showed.
+#[derive(Debug, Serialize)]
+struct GuideResult {
+    guide: String,
+    moves: Vec<MoveRow>,
+    cycles: u64,
+    cycles_per_second: f64,
+    bag: PathBuf,
+    figure: PathBuf,
+}
+
+#[derive(Debug, Serialize)]
+struct MoveRow {
+    name: &'static str,
+    peak_error_um: f64,
+    /// Within 10 um, 1 um and 0.1 um of the reference after its arrival; null where it stayed outside.
+    settling_ms: [Option<f64>; 3],
+}
+
+/// Times (ns after the start of the motion) and errors (m) of one run.
+type Errors = Vec<(i64, f64)>;
+
+/// Runs the command; results go to `out`, progress to stderr.
+pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(
+        args.rest.is_finite() && (0.0..=3600.0).contains(&args.rest),
+        "--rest is {}: must be between 0 and 3600 s",
+        args.rest
+    );
+    for guide in &args.guides {
+        crate::model::StageModel::on_guides(guide).check()?;
+    }
+    let directory = args.out.clone().unwrap_or_else(|| dated_directory(Path::new(""), "demo"));
+    anyhow::ensure!(
+        !args.guides.iter().any(|guide| directory.join(guide).exists()),
+        "{} holds a demo already: choose another --out",
+        directory.display()
+    );
+    std::fs::create_dir_all(&directory).with_context(|| format!("cannot create {}", directory.display()))?;
+    // Loopback only, whatever the environment says: a demo must not show up on the network.
+    // SAFETY: no other thread runs yet.
+    unsafe { std::env::set_var("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST") };
+
+    let motion = PaperMotion::new(args.rest, args.fine_steps);
+    let seconds = motion.duration() as f64 * 1e-9;
+    let bar = ProgressBar::new((1000.0 * seconds * args.guides.len() as f64) as u64);
+    bar.set_style(ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?.progress_chars("=> "));
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let driver = Driver::new(&std::env::current_exe()?)?;
+    let mut results = Vec::new();
+    let mut errors = Vec::new();
+    for (index, guide) in args.guides.iter().enumerate() {
+        bar.set_message(format!("{guide}: starting"));
+        let bag = directory.join(guide);
+        let run = LockstepRun {
+            stage_arguments: parameters(&[
+                format!("model:={guide}"),
+                format!("seed:={}", args.seed),
+                format!("record:={}", bag.display()),
+            ]),
+            controller_arguments: Vec::new(),
+            points: motion.points.clone(),
+            log_stem: bag.clone(),
+        };
+        let done = driver.run(&run, &mut |time| {
+            bar.set_message(format!("{guide}: {time:.1} of {seconds:.1} s"));
+            bar.set_position((1000.0 * (index as f64 * seconds + time.min(seconds))) as u64);
+        })?;
+        let measured = read_errors(&bag)?;
+        let figure = directory.join(format!("{guide}.svg"));
+        let name = guide.replace('_', " ");
+        let one = [(name.clone(), measured.clone())];
+        write_figure(&figure, &format!("40 kg stage on four guides: {name}"), &motion, &one)?;
+        results.push(GuideResult {
+            guide: guide.clone(),
+            moves: rows(&motion, &measured),
+            cycles: done.cycles,
+            cycles_per_second: done.rate,
+            bag,
+            figure,
+        });
+        errors.push((name, measured));
+    }
+    bar.finish_and_clear();
+    let overview = directory.join("all_guides.svg");
+    write_figure(&overview, "40 kg stage on four guides", &motion, &errors)?;
+    if args.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&results)?)?;
+    } else {
+        print(out, &results, &overview)?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn parameters(given: &[String]) -> Vec<String> {
+    given.iter().flat_map(|parameter| ["-p".to_owned(), parameter.clone()]).collect()
+}
+
+/// Position errors in a bag, as the controller saw them.
+fn read_errors(bag: &Path) -> anyhow::Result<Errors> {
+    let reader = BagReader::open(bag)?;
+    let mut errors = Vec::new();
+    for message in reader.messages() {
+        let message = message?;
+        if message.topic.name == topics::CONTROLLER_STATE {
+            let state: ControllerState = message.decode()?;
+            if state.enabled && state.sample > 0 {
+                errors.push((state.header.stamp.to_nanos() - LOCKSTEP_EPOCH, state.error));
+            }
+        }
+    }
+    anyhow::ensure!(!errors.is_empty(), "{} holds no state of the controller", bag.display());
+    errors.sort_by_key(|(time, _)| *time);
+    Ok(errors)
+}
+
+fn shown(motion: &PaperMotion) -> impl Iterator<Item = (&'static str, &Move)> {
+    [
+        ("50 mm forward", MoveKind::FastForward),
+        ("50 mm return", MoveKind::FastReturn),
+        ("10 um step", MoveKind::FineStep),
+    ]
+    .into_iter()
+    .filter_map(|(name, kind)| motion.moves.iter().find(|the_move| the_move.kind == kind).map(|found| (name, found)))
+}
+
+fn rows(motion: &PaperMotion, errors: &Errors) -> Vec<MoveRow> {
+    shown(motion)
+        .filter_map(|(name, the_move)| {
+            let MoveResult { peak_error, settling } = settling(the_move, errors.iter().copied())?;
+            let settling_ms = settling.map(|time| time.map(|seconds| seconds * 1e3));
+            Some(MoveRow { name, peak_error_um: peak_error * 1e6, settling_ms })
+        })
+        .collect()
+}
+
+/// Error over time after the start of the move, with the reference dashed, for the fast move and for the first fine step.
+fn write_figure(path: &Path, title: &str, motion: &PaperMotion, runs: &[(String, Errors)]) -> anyhow::Result<()> {
+    let panels: Vec<Panel> = [
+        (MoveKind::FastForward, "Fast move: 50 mm in 100 ms", 300_000_000),
+        (MoveKind::FineStep, "Fine step: 10 um in 3 ms", 200_000_000),
+    ]
+    .into_iter()
+    .filter_map(|(kind, title, window)| {
+        let the_move = motion.moves.iter().find(|the_move| the_move.kind == kind)?;
+        let span = (the_move.start - window / 20)..=(the_move.start + window);
+        let ms = |time: i64| (time - the_move.start) as f64 * 1e-6;
+        let curve = |(name, errors): &(String, Errors)| Curve {
+            name: name.clone(),
+            points: errors
+                .iter()
+                .filter(|(time, _)| span.contains(time))
+                .map(|(time, error)| (ms(*time), error * 1e6))
+                .collect(),
+        };
+        let duration = (the_move.arrival - the_move.start) as f64;
+        let reference = span.clone().step_by(500_000).map(|time| {
+            let u = ((time - the_move.start) as f64 / duration).clamp(0.0, 1.0);
+            (ms(time), u * u * u * (10.0 - 15.0 * u + 6.0 * u * u))
+        });
+        Some(Panel {
+            title: title.to_owned(),
+            x_label: "time after the start of the move, ms".to_owned(),
+            y_label: "position error, um".to_owned(),
+            curves: runs.iter().map(curve).collect(),
+            reference: Some(Curve { name: "reference, scaled".to_owned(), points: reference.collect() }),
+        })
+    })
+    .collect();
+    let text = svg(title, &panels)?;
+    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn print(out: &mut dyn Write, results: &[GuideResult], overview: &Path) -> std::io::Result<()> {
+    writeln!(out, "                          peak error    time to settle within, ms     lockstep")?;
+    writeln!(out, "guide    move                     um     10 um      1 um    0.1 um    cycles/s")?;
+    for result in results {
+        for (index, row) in result.moves.iter().enumerate() {
+            let guide = if index == 0 { result.guide.as_str() } else { "" };
+            let rate = if index == 0 { format!("{:.0}", result.cycles_per_second) } else { String::new() };
+            let [ten, one, tenth] =
+                row.settling_ms.map(|time| time.map_or("never".to_owned(), |ms| format!("{ms:.1}")));
+            writeln!(
+                out,
+                "{guide:8} {:16} {:10.2} {ten:>9} {one:>9} {tenth:>9} {rate:>11}",
+                row.name, row.peak_error_um
+            )?;
+        }
+    }
+    writeln!(out)?;
+    for result in results {
+        writeln!(out, "{}: bag {}, figure {}", result.guide, result.bag.display(), result.figure.display())?;
+    }
+    writeln!(out, "all guides: figure {}", overview.display())
+}

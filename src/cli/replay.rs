@@ -1,0 +1,139 @@
+//! `friction-stage replay`: the recorded forces on a stage in this process, beside what was recorded.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use clap::Args;
+use serde::Serialize;
+
+use super::Outcome;
+use crate::bag::{BagReader, Trace};
+use crate::model::StageModel;
+use crate::node::stage_settings;
+use crate::plant::{Rates, Stage};
+
+/// Play the recorded forces of a bag on a stage and compare its encoder with the recorded one.
+///
+/// Without options the stage is the one that the bag was recorded from: model, seed and rates stand in the bag, and a
+/// lockstep recording is reproduced bit for bit. With --model another model gets the same forces.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Examples:\n  friction-stage replay demo/guide_1\n  friction-stage replay demo/guide_1 --model guide_2 --csv out.csv"
+)]
+pub struct ReplayArgs {
+    /// rosbag2 directory or MCAP file
+    #[arg(value_name = "BAG")]
+    pub bag: PathBuf,
+    /// Model file or catalogue guide in place of the bag's own model
+    #[arg(long, value_name = "MODEL")]
+    pub model: Option<String>,
+    /// Seed of the sensor noise in place of the bag's
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Write recorded and replayed samples here
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Print JSON instead of text
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How the replay compares.
+#[derive(Debug, Serialize)]
+struct ReplayReport {
+    samples: usize,
+    /// Samples without a force, played as zero.
+    unforced: usize,
+    /// Encoder positions that are the same bits.
+    identical: usize,
+    position_rms_m: f64,
+    position_max_m: f64,
+    force_cell_rms_n: f64,
+}
+
+/// Runs the command; the report goes to `out`.
+pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    let reader = BagReader::open(&args.bag)?;
+    let provenance = reader.provenance().cloned();
+    let model = match (&args.model, &provenance) {
+        (Some(name), _) => stage_settings::model(name)?,
+        (None, Some(provenance)) => StageModel::from_yaml(&provenance.model_yaml, &args.bag.display().to_string())?,
+        (None, None) => anyhow::bail!("{} holds no model: give one with --model", args.bag.display()),
+    };
+    let seed = match (args.seed, &provenance) {
+        (Some(seed), _) => seed,
+        (None, Some(provenance)) => provenance.seed.parse().context("the seed in the bag is no number")?,
+        (None, None) => 1,
+    };
+    let trace = Trace::from_reader(&reader)?;
+    let rates = match &provenance {
+        Some(provenance) => {
+            let rate = |key: &str| -> anyhow::Result<f64> {
+                let text = provenance.extra.get(key).with_context(|| format!("the bag does not say its {key}"))?;
+                text.parse().with_context(|| format!("{key} in the bag is `{text}`, must be a number"))
+            };
+            Rates::new(rate("control_rate")?, rate("physics_rate")?)?
+        }
+        None => {
+            let step = trace.time.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+            anyhow::ensure!(step.is_finite() && step > 0.0, "{} holds less than two samples", args.bag.display());
+            let control = step.recip().round();
+            Rates::new(control, control * (Rates::DEFAULT.physics() / control).ceil())?
+        }
+    };
+    let mut stage = Stage::new(&model, rates, seed)?;
+    let mut report = ReplayReport {
+        samples: trace.len(),
+        unforced: 0,
+        identical: 0,
+        position_rms_m: 0.0,
+        position_max_m: 0.0,
+        force_cell_rms_n: 0.0,
+    };
+    let mut table = args
+        .csv
+        .as_ref()
+        .map(|path| std::fs::File::create(path).with_context(|| format!("cannot write {}", path.display())))
+        .transpose()?
+        .map(std::io::BufWriter::new);
+    if let Some(table) = &mut table {
+        writeln!(table, "time,force,recorded_position,replayed_position,recorded_force_cell,replayed_force_cell")?;
+    }
+    let columns = trace.position.iter().zip(&trace.force_cell).zip(&trace.force).zip(&trace.time);
+    for (((position, force_cell), force), time) in columns {
+        let sample = stage.sample();
+        let difference = sample.position - position;
+        report.identical += usize::from(sample.position.to_bits() == position.to_bits());
+        report.position_rms_m += difference * difference;
+        report.position_max_m = report.position_max_m.max(difference.abs());
+        report.force_cell_rms_n += (sample.force_cell - force_cell).powi(2);
+        report.unforced += usize::from(!force.is_finite());
+        if let Some(table) = &mut table {
+            let (replayed, cell) = (sample.position, sample.force_cell);
+            writeln!(table, "{time:.9},{force},{position},{replayed},{force_cell},{cell}")?;
+        }
+        stage.advance(if force.is_finite() { *force } else { 0.0 });
+    }
+    if let Some(mut table) = table {
+        table.flush()?;
+    }
+    let count = report.samples.max(1) as f64;
+    report.position_rms_m = (report.position_rms_m / count).sqrt();
+    report.force_cell_rms_n = (report.force_cell_rms_n / count).sqrt();
+    if args.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
+    } else {
+        writeln!(
+            out,
+            "{} samples, {} without a force; encoder: {} bit for bit, rms {:.3} nm, largest {:.3} nm; force cell: rms {:.4} N",
+            report.samples,
+            report.unforced,
+            report.identical,
+            report.position_rms_m * 1e9,
+            report.position_max_m * 1e9,
+            report.force_cell_rms_n
+        )?;
+    }
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,221 @@
+//! Runs stage and controller as two processes in lockstep, gives them a motion, and waits until it is over.
+//!
+//! The order makes the run repeatable: the controller has its motion before the stage takes its first sample, and the
+//! stage's time stands still until the first answer.
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::task::Poll;
+use std::time::{Duration, Instant};
+
+use anyhow::Context as _;
+
+use super::inlet::{Inlet, Waiter};
+use super::outlet::Outlet;
+use super::participant::{Network, Participant};
+use super::qos::{COMMANDS, DIAGNOSTICS, SAMPLES};
+use super::wire::joint_trajectory;
+use crate::control::Point;
+use crate::message::{ControllerState, DiagnosticArray, JointTrajectory};
+
+/// Longest wait for a process to be found, to take the motion, or to end.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// One run.
+#[derive(Clone, Debug)]
+pub struct LockstepRun {
+    /// ROS arguments of the stage, such as `-p model:=guide_2`; lockstep and standing still at first are added.
+    pub stage_arguments: Vec<String>,
+    pub controller_arguments: Vec<String>,
+    /// Motion from the first sample on; times in ns after it.
+    pub points: Vec<Point>,
+    /// Files that take what the two processes log; `stage` and `controller` are added to the stem.
+    pub log_stem: PathBuf,
+}
+
+/// How a run went.
+#[derive(Clone, Copy, Debug)]
+pub struct RunResult {
+    /// Samples of the stage from the first to the last report.
+    pub cycles: u64,
+    /// Cycles per second of wall time.
+    pub rate: f64,
+}
+
+/// A participant of its own that drives runs.
+pub struct Driver {
+    participant: Participant,
+    program: PathBuf,
+}
+
+/// A child process that is asked to end when dropped.
+struct Process {
+    child: Child,
+    name: &'static str,
+    log: PathBuf,
+}
+
+impl Process {
+    fn start(program: &Path, name: &'static str, arguments: &[String], log_stem: &Path) -> anyhow::Result<Process> {
+        let log = log_stem.with_file_name(format!(
+            "{}_{name}.log",
+            log_stem.file_name().map(|name| name.to_string_lossy()).unwrap_or_default()
+        ));
+        let file = std::fs::File::create(&log).with_context(|| format!("cannot write {}", log.display()))?;
+        let child = Command::new(program)
+            .arg(format!("{name}-node"))
+            .arg("--ros-args")
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(file)
+            .spawn()
+            .with_context(|| format!("cannot start {}", program.display()))?;
+        Ok(Process { child, name, log })
+    }
+
+    /// An error with the end of its log if the process has ended.
+    fn check(&mut self) -> anyhow::Result<()> {
+        match self.child.try_wait()? {
+            None => Ok(()),
+            Some(status) => Err(self.ended(status)),
+        }
+    }
+
+    fn ended(&self, status: ExitStatus) -> anyhow::Error {
+        let log = std::fs::read_to_string(&self.log).unwrap_or_default();
+        let lines: Vec<&str> = log.lines().rev().take(5).collect();
+        let tail = lines.into_iter().rev().collect::<Vec<_>>().join("\n  ");
+        anyhow::anyhow!("the {} node ended ({status}); {} says:\n  {tail}", self.name, self.log.display())
+    }
+
+    fn signal(&self) {
+        // SAFETY: the child has not been waited for, so its process id is still its own.
+        unsafe { libc::kill(self.child.id() as libc::pid_t, libc::SIGTERM) };
+    }
+
+    /// Asks the process to end and waits for it.
+    fn stop(mut self) -> anyhow::Result<()> {
+        if self.child.try_wait()?.is_none() {
+            self.signal();
+        }
+        let deadline = Instant::now() + PATIENCE;
+        while Instant::now() < deadline {
+            if let Some(status) = self.child.try_wait()? {
+                return if status.success() { Ok(()) } else { Err(self.ended(status)) };
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        anyhow::bail!("the {} node did not end within {PATIENCE:?} of SIGTERM", self.name)
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        if matches!(self.child.try_wait(), Ok(None)) {
+            self.signal();
+            let deadline = Instant::now() + Duration::from_secs(3);
+            while matches!(self.child.try_wait(), Ok(None)) {
+                if Instant::now() > deadline {
+                    let _ = self.child.kill();
+                    let _ = self.child.wait();
+                    return;
+                }
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        }
+    }
+}
+
+impl Driver {
+    /// Joins the network of the environment. `program` is the `friction-stage` executable, which is both nodes too.
+    pub fn new(program: &Path) -> anyhow::Result<Driver> {
+        let options = ros2_client::NodeOptions::new().start_parameter_services(false).enable_rosout(false);
+        let participant = Participant::join(Network::from_environment()?, "/", "friction_stage_driver", options)?;
+        let spinner =
+            participant.node().spinner().map_err(|error| anyhow::anyhow!("cannot watch the ROS graph: {error:?}"))?;
+        std::thread::Builder::new().name("graph".to_owned()).spawn(move || {
+            if let Err(error) = futures::executor::block_on(spinner.spin()) {
+                tracing::error!("watching the ROS graph ended: {error:?}");
+            }
+        })?;
+        Ok(Driver { participant, program: program.to_owned() })
+    }
+
+    /// Runs the motion to its end. `progress` hears the simulated time since the first sample, s.
+    pub fn run(&self, run: &LockstepRun, progress: &mut dyn FnMut(f64)) -> anyhow::Result<RunResult> {
+        let start = super::LOCKSTEP_EPOCH;
+        let end = start + run.points.last().map_or(0, |point| point.time);
+        let waiter = Waiter::new();
+        let mut controller = Process::start(&self.program, "controller", &run.controller_arguments, &run.log_stem)?;
+        self.hand_over(&waiter, &mut controller, start, &run.points)?;
+
+        let diagnostics = Inlet::<DiagnosticArray>::new(&self.participant, "/diagnostics", &DIAGNOSTICS)?;
+        let mut arguments = run.stage_arguments.clone();
+        for given in ["mode:=lockstep", "wait_for_command:=true"] {
+            arguments.extend(["-p".to_owned(), given.to_owned()]);
+        }
+        let mut stage = Process::start(&self.program, "stage", &arguments, &run.log_stem)?;
+        let mut deadline = Instant::now() + PATIENCE;
+        let (mut first, mut last) = (None, None);
+        loop {
+            let look_again = Instant::now() + Duration::from_millis(100);
+            let message = waiter.wait(Some(look_again), |context| diagnostics.poll_take(context));
+            stage.check()?;
+            controller.check()?;
+            if let Some(Ok(message)) = message
+                && let Some((sample, stamp)) = stage_report(&message)
+            {
+                progress((stamp - start).max(0) as f64 * 1e-9);
+                let at = message.header.stamp.to_nanos();
+                if last.is_none_or(|(previous, _)| sample > previous) && stamp > start {
+                    deadline = Instant::now() + PATIENCE;
+                    first.get_or_insert((sample, at));
+                    last = Some((sample, at));
+                }
+                if stamp >= end {
+                    break;
+                }
+            }
+            anyhow::ensure!(Instant::now() < deadline, "the run stands still; see {}", stage.log.display());
+        }
+        // The stage first: without it the controller has nothing to answer, without the controller the stage complains.
+        stage.stop()?;
+        controller.stop()?;
+        let ((from, began), (to, over)) = first.zip(last).context("the run was over before it was seen")?;
+        let seconds = (over - began) as f64 * 1e-9;
+        Ok(RunResult { cycles: to, rate: (to - from) as f64 / seconds.max(1e-9) })
+    }
+
+    /// Publishes the motion until the controller says that it has it.
+    fn hand_over(&self, waiter: &Waiter, controller: &mut Process, start: i64, points: &[Point]) -> anyhow::Result<()> {
+        let mut setpoint = Outlet::<JointTrajectory>::new(&self.participant, "/stage/setpoint", &COMMANDS)?;
+        let state = Inlet::<ControllerState>::new(&self.participant, "/controller/state", &SAMPLES)?;
+        let deadline = Instant::now() + PATIENCE;
+        let mut again = Instant::now();
+        while Instant::now() < deadline {
+            controller.check()?;
+            if setpoint.subscribers() > 0 && state.publishers() > 0 && Instant::now() >= again {
+                let _ = setpoint.publish(joint_trajectory("stage", start, points));
+                again = Instant::now() + Duration::from_secs(1);
+            }
+            let soon = Instant::now() + Duration::from_millis(10);
+            let heard = waiter.wait(Some(soon), |context| match state.poll_take(context) {
+                Poll::Ready(Ok(state)) => Poll::Ready(state.setpoint_stamp.to_nanos() == start),
+                Poll::Ready(Err(_)) => Poll::Ready(false),
+                Poll::Pending => Poll::Pending,
+            });
+            if heard == Some(true) {
+                return Ok(());
+            }
+        }
+        anyhow::bail!("the controller did not take its motion within {PATIENCE:?}; see {}", controller.log.display())
+    }
+}
+
+/// Sample and stamp (ns) in the diagnostics of a stage.
+fn stage_report(message: &DiagnosticArray) -> Option<(u64, i64)> {
+    let status = message.status.iter().find(|status| status.name.ends_with(": stage"))?;
+    let value = |key: &str| status.values.iter().find(|value| value.key == key).map(|value| value.value.as_str());
+    Some((value("sample")?.parse().ok()?, value("stamp_ns")?.parse().ok()?))
+}
