@@ -15,6 +15,7 @@ use crate::lab::{Move, MoveKind, MoveResult, PaperMotion, settling};
 use crate::message::ControllerState;
 use crate::node::LOCKSTEP_EPOCH;
 use crate::node::driver::{Driver, LockstepRun};
+use crate::node::participant::{Network, Reach};
 use crate::node::recorder::dated_directory;
 use crate::report::figure::{Curve, Panel, svg};
 
@@ -101,15 +102,14 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     );
     std::fs::create_dir_all(&directory).with_context(|| format!("cannot create {}", directory.display()))?;
     // Loopback only, whatever the environment says: a demo must not show up on the network.
-    // SAFETY: no other thread runs yet.
-    unsafe { std::env::set_var("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST") };
+    let network = Network { reach: Reach::Localhost, ..Network::from_environment()? };
 
     let motion = PaperMotion::new(args.rest, args.fine_steps);
     let seconds = motion.duration() as f64 * 1e-9;
     let bar = ProgressBar::new((1000.0 * seconds * args.guides.len() as f64) as u64);
     bar.set_style(ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?.progress_chars("=> "));
     bar.enable_steady_tick(Duration::from_millis(200));
-    let driver = Driver::new(&std::env::current_exe()?)?;
+    let program = std::env::current_exe()?;
     let mut results = Vec::new();
     let mut errors = Vec::new();
     for (index, guide) in args.guides.iter().enumerate() {
@@ -125,7 +125,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             points: motion.points.clone(),
             log_stem: bag.clone(),
         };
-        let done = driver.run(&run, &mut |time| {
+        let done = Driver::new(&program, network)?.run(&run, &mut |time| {
             bar.set_message(format!("{guide}: {time:.1} of {seconds:.1} s"));
             bar.set_position((1000.0 * (index as f64 * seconds + time.min(seconds))) as u64);
         })?;

@@ -42,9 +42,10 @@ pub struct RunResult {
     pub rate: f64,
 }
 
-/// A participant of its own that drives runs.
+/// A participant of its own that drives one run. Not more: it would hear the last run's controller once more.
 pub struct Driver {
     participant: Participant,
+    network: Network,
     program: PathBuf,
 }
 
@@ -56,13 +57,14 @@ struct Process {
 }
 
 impl Process {
-    fn start(program: &Path, name: &'static str, arguments: &[String], log_stem: &Path) -> anyhow::Result<Process> {
+    fn start(driver: &Driver, name: &'static str, arguments: &[String], log_stem: &Path) -> anyhow::Result<Process> {
         let log = log_stem.with_file_name(format!(
             "{}_{name}.log",
             log_stem.file_name().map(|name| name.to_string_lossy()).unwrap_or_default()
         ));
         let file = std::fs::File::create(&log).with_context(|| format!("cannot write {}", log.display()))?;
-        let child = Command::new(program)
+        let child = Command::new(&driver.program)
+            .envs(driver.network.variables())
             .arg(format!("{name}-node"))
             .arg("--ros-args")
             .args(arguments)
@@ -70,7 +72,7 @@ impl Process {
             .stdout(Stdio::null())
             .stderr(file)
             .spawn()
-            .with_context(|| format!("cannot start {}", program.display()))?;
+            .with_context(|| format!("cannot start {}", driver.program.display()))?;
         Ok(Process { child, name, log })
     }
 
@@ -128,10 +130,10 @@ impl Drop for Process {
 }
 
 impl Driver {
-    /// Joins the network of the environment. `program` is the `friction-stage` executable, which is both nodes too.
-    pub fn new(program: &Path) -> anyhow::Result<Driver> {
+    /// Joins `network`, as the nodes will. `program` is the `friction-stage` executable, which is both nodes too.
+    pub fn new(program: &Path, network: Network) -> anyhow::Result<Driver> {
         let options = ros2_client::NodeOptions::new().start_parameter_services(false).enable_rosout(false);
-        let participant = Participant::join(Network::from_environment()?, "/", "friction_stage_driver", options)?;
+        let participant = Participant::join(network, "/", "friction_stage_driver", options)?;
         let spinner =
             participant.node().spinner().map_err(|error| anyhow::anyhow!("cannot watch the ROS graph: {error:?}"))?;
         std::thread::Builder::new().name("graph".to_owned()).spawn(move || {
@@ -139,15 +141,15 @@ impl Driver {
                 tracing::error!("watching the ROS graph ended: {error:?}");
             }
         })?;
-        Ok(Driver { participant, program: program.to_owned() })
+        Ok(Driver { participant, network, program: program.to_owned() })
     }
 
     /// Runs the motion to its end. `progress` hears the simulated time since the first sample, s.
-    pub fn run(&self, run: &LockstepRun, progress: &mut dyn FnMut(f64)) -> anyhow::Result<RunResult> {
+    pub fn run(self, run: &LockstepRun, progress: &mut dyn FnMut(f64)) -> anyhow::Result<RunResult> {
         let start = super::LOCKSTEP_EPOCH;
         let end = start + run.points.last().map_or(0, |point| point.time);
         let waiter = Waiter::new();
-        let mut controller = Process::start(&self.program, "controller", &run.controller_arguments, &run.log_stem)?;
+        let mut controller = Process::start(&self, "controller", &run.controller_arguments, &run.log_stem)?;
         self.hand_over(&waiter, &mut controller, start, &run.points)?;
 
         let diagnostics = Inlet::<DiagnosticArray>::new(&self.participant, "/diagnostics", &DIAGNOSTICS)?;
@@ -155,7 +157,7 @@ impl Driver {
         for given in ["mode:=lockstep", "wait_for_command:=true"] {
             arguments.extend(["-p".to_owned(), given.to_owned()]);
         }
-        let mut stage = Process::start(&self.program, "stage", &arguments, &run.log_stem)?;
+        let mut stage = Process::start(&self, "stage", &arguments, &run.log_stem)?;
         let mut deadline = Instant::now() + PATIENCE;
         let (mut first, mut last) = (None, None);
         loop {

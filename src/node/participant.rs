@@ -108,6 +108,19 @@ impl Network {
         Ok(Self { domain, reach })
     }
 
+    /// The variables that make another process take part in the same network.
+    pub fn variables(self) -> [(&'static str, String); 3] {
+        let range = match self.reach {
+            Reach::Localhost => "LOCALHOST",
+            Reach::Subnet => "SUBNET",
+        };
+        [
+            ("ROS_DOMAIN_ID", self.domain.to_string()),
+            ("ROS_AUTOMATIC_DISCOVERY_RANGE", range.to_owned()),
+            ("ROS_LOCALHOST_ONLY", "0".to_owned()),
+        ]
+    }
+
     fn domain_participant(self) -> Result<DomainParticipant, ParticipantError> {
         let builder = DomainParticipantBuilder::new(self.domain);
         let builder = match self.reach {

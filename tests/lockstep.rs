@@ -1,0 +1,86 @@
+//! Lockstep over ROS 2 is the run in one process, bit for bit: two real processes, loopback, a real bag.
+
+use std::path::Path;
+
+use friction_stage::bag::{BagReader, topics};
+use friction_stage::control::{Controller, ControllerSettings, Trajectory};
+use friction_stage::lab::{ClosedLoop, Cycle, PaperMotion};
+use friction_stage::message::{ControllerState, JointState, WrenchStamped};
+use friction_stage::model::StageModel;
+use friction_stage::node::LOCKSTEP_EPOCH;
+use friction_stage::node::driver::{Driver, LockstepRun};
+use friction_stage::node::participant::{Network, Reach};
+use friction_stage::plant::{Rates, Stage};
+
+/// Domain of this test file alone.
+const DOMAIN: u16 = 71;
+
+fn record(directory: &Path, motion: &PaperMotion) {
+    let network = Network { domain: DOMAIN, reach: Reach::Localhost };
+    let program = Path::new(env!("CARGO_BIN_EXE_friction-stage"));
+    let given = ["model:=guide_3".to_owned(), "seed:=42".to_owned(), format!("record:={}", directory.display())];
+    let run = LockstepRun {
+        stage_arguments: given.into_iter().flat_map(|parameter| ["-p".to_owned(), parameter]).collect(),
+        controller_arguments: Vec::new(),
+        points: motion.points.clone(),
+        log_stem: directory.to_owned(),
+    };
+    Driver::new(program, network).unwrap().run(&run, &mut |_| {}).unwrap();
+}
+
+fn in_process(motion: &PaperMotion, count: usize) -> Vec<Cycle> {
+    let stage = Stage::new(&StageModel::on_guides("guide_3"), Rates::DEFAULT, 42).unwrap();
+    let controller = Controller::new(ControllerSettings::paper(40.0, 4000.0, 2000.0)).unwrap();
+    let mut closed_loop = ClosedLoop::new(stage, controller, Trajectory::new(0, motion.points.clone()).unwrap());
+    (0..count).map(|_| closed_loop.cycle().unwrap()).collect()
+}
+
+#[test]
+fn trace_over_ros_is_the_trace_in_one_process_bit_for_bit() {
+    let directory = tempfile::tempdir().unwrap();
+    let bag = directory.path().join("run");
+    let motion = PaperMotion::new(0.05, 1);
+    record(&bag, &motion);
+    let cycles = (motion.duration() / 250_000) as usize;
+    let expected = in_process(&motion, cycles);
+
+    let (mut samples, mut forces, mut states) = (0, 0, 0);
+    let at = |stamp: i64| {
+        let time = stamp - LOCKSTEP_EPOCH;
+        assert_eq!(time % 250_000, 0, "stamps are sampling instants");
+        expected.get((time / 250_000) as usize)
+    };
+    let reader = BagReader::open(&bag).unwrap();
+    assert!(reader.is_complete());
+    for message in reader.messages() {
+        let message = message.unwrap();
+        match message.topic.name.as_str() {
+            topics::ENCODER => {
+                let found: JointState = message.decode().unwrap();
+                let Some(cycle) = at(found.header.stamp.to_nanos()) else { continue };
+                assert_eq!(found.position[0].to_bits(), cycle.sample.position.to_bits(), "sample {samples}");
+                assert_eq!(found.velocity[0].to_bits(), cycle.sample.velocity.to_bits(), "sample {samples}");
+                assert_eq!(found.effort[0].to_bits(), cycle.sample.force_cell.to_bits(), "sample {samples}");
+                samples += 1;
+            }
+            topics::FORCE => {
+                let found: WrenchStamped = message.decode().unwrap();
+                let Some(cycle) = at(found.header.stamp.to_nanos()) else { continue };
+                assert_eq!(found.wrench.force.x.to_bits(), cycle.terms.output.to_bits(), "force {forces}");
+                forces += 1;
+            }
+            topics::CONTROLLER_STATE => {
+                let found: ControllerState = message.decode().unwrap();
+                let Some(cycle) = at(found.header.stamp.to_nanos()) else { continue };
+                assert_eq!(found.error.to_bits(), cycle.terms.error.to_bits(), "state {states}");
+                assert_eq!(found.integral.to_bits(), cycle.terms.integral.to_bits(), "state {states}");
+                states += 1;
+            }
+            _ => {}
+        }
+    }
+    // Every sample and every answer of the run is in the bag; the controller's own report may start a few samples late,
+    // because the recorder has to find it.
+    assert_eq!((samples, forces), (cycles, cycles));
+    assert!(states > cycles * 9 / 10, "{states} of {cycles} states");
+}
