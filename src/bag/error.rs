@@ -87,6 +87,14 @@ pub enum BagError {
         /// What is missing or different.
         reason: String,
     },
+    /// A file that is not MCAP at all.
+    #[error("{} is not an MCAP file: expected {} at byte 0, found {found}", path.display(), "89 4d 43 41 50 30 0d 0a")]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+        /// What it begins with.
+        found: String,
+    },
     /// A place in a file that is not as it should be.
     #[error("{} is damaged at byte {offset}: expected {expected}, found {found}; `friction-stage recover` keeps what is whole", path.display())]
     Broken {
@@ -163,10 +171,11 @@ impl BagError {
         Self::Read { path: path.to_owned(), source }
     }
 
-    /// The damage that this error reports, if it is one about a place in a file.
+    /// Where in the file it is, in bytes, if it is about a place in a file.
     pub fn offset(&self) -> Option<u64> {
         match self {
             Self::Broken { offset, .. } => Some(*offset),
+            Self::NotMcap { .. } => Some(0),
             _ => None,
         }
     }

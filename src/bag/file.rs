@@ -303,14 +303,14 @@ pub(crate) fn scan(path: &Path) -> Result<Layout, BagError> {
     let mut window = Window { path, file: &file, start: 0, bytes: Vec::new() };
     let magic = MAGIC.len() as u64;
     if size < magic || window.get(0, magic)? != MAGIC {
-        let found =
-            if size < magic { format!("{size} bytes in all") } else { format!("{:02x?}", window.get(0, magic)?) };
-        return Err(BagError::Broken {
-            path: path.to_owned(),
-            offset: 0,
-            expected: "the MCAP signature 89 4d 43 41 50 30 0d 0a".into(),
-            found,
-        });
+        let found = if size < magic {
+            format!("{size} bytes in all")
+        } else {
+            let bytes = window.get(0, magic)?;
+            let hex: Vec<String> = bytes.iter().map(|b| format!("{b:02x}")).collect();
+            hex.join(" ")
+        };
+        return Err(BagError::NotMcap { path: path.to_owned(), found });
     }
     let summary = read_summary(&mut window, size)?;
     let mut scanner = Scanner {

@@ -46,8 +46,8 @@ pub struct RecoverReport {
     pub bytes_dropped: u64,
     /// Longest step between two messages across a damaged place inside the recording, s.
     pub longest_hole_s: Option<f64>,
-    /// At most this much wall time before the end of a cut-off recording is missing, s; known for recordings of this
-    /// program, which bring their messages to the file at least that often.
+    /// At most this much wall time before the end is missing if the recorder was killed, s; known for recordings of this
+    /// program, which bring their messages to the file at least that often. A file that was cut afterwards can lack more.
     pub lost_at_end_s: Option<f64>,
 }
 
@@ -249,7 +249,7 @@ impl fmt::Display for RecoverReport {
             write!(f, ", a hole of {hole:.3} s inside")?;
         }
         if let Some(lost) = self.lost_at_end_s {
-            write!(f, ", at most {lost} s of wall time missing at the end")?;
+            write!(f, ", if the recorder was killed, at most {lost} s before it are missing")?;
         }
         Ok(())
     }

@@ -23,7 +23,7 @@ pub struct RecoverArgs {
     /// rosbag2 directory or MCAP file
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
-    /// Directory to make; it must not exist [default: <BAG>_recovered]
+    /// Directory to make; it must not exist; without this, the name of the bag with `_recovered` after it
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print JSON instead of text
