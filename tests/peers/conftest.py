@@ -70,6 +70,7 @@ def start(domain: int, processes: list[Process], tmp_path: Path) -> Callable[...
     """start(program, **parameters): runs a node of the project, with `__` for `.` in the names of parameters."""
 
     def start(program: str, *arguments: str, **parameters: object) -> Process:
+        assert (BINARIES / program).is_file(), f"{BINARIES / program} is not there: cargo build --release --bins"
         command = [str(BINARIES / program), *arguments, "--ros-args"]
         for name, value in parameters.items():
             command += ["-p", f"{name.replace('__', '.')}:={yaml_scalar(value)}"]
@@ -123,5 +124,5 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     report = yield
     if report.failed:
         for process in getattr(item, "processes", []):
-            report.sections.append((f"log of {process.name}, {process.outcome()}", process.log()))
+            report.sections.append((f"log of {process.name}, {process.outcome()}", process.excerpt()))
     return report

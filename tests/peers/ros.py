@@ -73,7 +73,8 @@ class Ros:
         deadline = time.monotonic() + timeout
         while not (value := condition()):
             for process in self.processes:
-                if process.popen.poll() is not None and not getattr(process, "stopped", False):
+                ended = process.popen.poll() is not None and not process.stopped
+                if ended and not condition():
                     raise AssertionError(f"{process.name} ended, {process.outcome()}, while waiting for {what}")
             if time.monotonic() > deadline:
                 raise AssertionError(f"{timeout} s went by without {what}")
