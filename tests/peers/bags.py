@@ -32,4 +32,5 @@ def with_mcap_ros2_support(bag: Path) -> dict[str, list]:
 
 
 def by_stamp(messages: list) -> dict[int, Any]:
-    return {nanoseconds(message.header.stamp): message for message in messages}
+    """By stamp in ns; of several messages with one stamp the first."""
+    return {nanoseconds(message.header.stamp): message for message in reversed(messages)}

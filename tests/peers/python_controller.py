@@ -83,10 +83,12 @@ class PythonController(Node):
     def on_encoder(self, sample: JointState) -> None:
         now = nanoseconds(sample.header.stamp)
         position = sample.position[sample.name.index("stage")]
-        self.positions[now] = position
-        answer = WrenchStamped(header=sample.header)
-        answer.wrench.force.x = self.update(now, position)
-        self.force.publish(answer)
+        # The stage sends a sample again when its answer does not come: it gets the same answer again.
+        if now not in self.positions:
+            self.positions[now] = position
+            self.answer = WrenchStamped(header=sample.header)
+            self.answer.wrench.force.x = self.update(now, position)
+        self.force.publish(self.answer)
 
     def update(self, now: int, position: float) -> float:
         """The force (N) that answers the sample at `now` (ns)."""

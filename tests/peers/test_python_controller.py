@@ -11,7 +11,7 @@ from ros import Ros, nanoseconds, rest, trajectory
 RATE = 4000.0
 MASS = 40.0
 FORCE_LIMIT = 2000.0
-STAGE = {"mode": "lockstep", "noise": False, "control_rate": RATE}
+STAGE = {"mode": "lockstep", "wait_for_command": True, "noise": False, "control_rate": RATE}
 # The fast move of the paper: 50 mm in 100 ms, and what follows until it has settled.
 MOVE, DURATION, WATCHED = 0.05, 100_000_000, 250_000_000
 # From the moment of the decision on, so that the whole move lies ahead of both.
