@@ -9,6 +9,7 @@ import os
 import socket
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -30,9 +31,9 @@ def domain_is_silent(domain: int) -> bool:
     return True
 
 
-@pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A ROS domain that nobody else on this machine uses, in the environment of the test and its processes."""
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """A ROS domain that nobody else on this machine uses, in the environment of the tests and their processes."""
     first, _, last = os.environ.get("PEER_DOMAINS", "1-100").partition("-")
     domains = list(range(int(first), int(last or first) + 1))
     start = os.getpid() % len(domains)
@@ -43,11 +44,18 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
             except BlockingIOError:
                 continue
             if domain_is_silent(candidate):
-                monkeypatch.setenv("ROS_DOMAIN_ID", str(candidate))
-                monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-                yield candidate
+                with pytest.MonkeyPatch.context() as environment:
+                    environment.setenv("ROS_DOMAIN_ID", str(candidate))
+                    environment.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+                    yield candidate
                 return
     pytest.fail(f"every ROS domain of {domains[0]} to {domains[-1]} is in use on this machine")
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    with free_domain() as domain:
+        yield domain
 
 
 @pytest.fixture

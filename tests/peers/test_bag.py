@@ -21,7 +21,7 @@ def record(ros: Ros, stage, controller, bag) -> None:
     """Records a move from the first sample on."""
     process = stage(**STAGE, record=bag)
     encoder = ros.collect("/stage/encoder")
-    other = controller(mode="lockstep", rate=RATE, bandwidth=30.0)
+    other = controller(rate=RATE, bandwidth=30.0)
     ros.until(lambda: encoder, "a sample")
     start = nanoseconds(encoder[-1].header.stamp) + 500_000_000
     ros.publisher("/stage/setpoint").publish(trajectory(MOVE, start))

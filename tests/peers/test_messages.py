@@ -21,7 +21,7 @@ def numbers(message) -> list[float]:
 @pytest.fixture
 def running(stage, controller):
     stage(mode="realtime", control_rate=1000.0)
-    controller(mode="realtime", rate=1000.0, bandwidth=30.0)
+    controller(rate=1000.0, bandwidth=30.0)
 
 
 def test_rclpy_reads_the_true_state_of_the_stage(ros, running):

@@ -21,7 +21,7 @@ LEAD = 500_000_000
 def rust_trace(ros: Ros, stage, controller, bag: Path) -> tuple[dict[int, float], Gains]:
     """Encoder positions (m) by time since the start of the move (ns), and the gains in use."""
     process = stage(**STAGE, record=bag)
-    other = controller(mode="lockstep", rate=RATE, bandwidth=60.0, feedforward__mass=MASS)
+    other = controller(rate=RATE, bandwidth=60.0, feedforward__mass=MASS)
     names = ["gains.stage.p", "gains.stage.i", "gains.stage.d", "lowpass.frequency", "lowpass.damping"]
     values = ros.call(GetParameters, "/controller/get_parameters", names=names).values
     gains = Gains(*(value.double_value for value in values))

@@ -15,7 +15,7 @@ POINTS = [
 def test_a_trajectory_of_several_points_moves_the_stage_there(ros, stage, controller, mode):
     # 1 kHz, so that this process hears every sample; the bandwidth leaves room for the time on the wire.
     stage(mode=mode, control_rate=1000.0, noise=False)
-    controller(mode=mode, rate=1000.0, bandwidth=30.0)
+    controller(rate=1000.0, bandwidth=30.0)
     states = ros.collect("/controller/state")
     encoder = ros.collect("/stage/encoder")
     setpoint = ros.publisher("/stage/setpoint")
@@ -39,7 +39,7 @@ def test_a_trajectory_of_several_points_moves_the_stage_there(ros, stage, contro
 
 def test_stamp_zero_means_now(ros, stage, controller):
     stage(mode="lockstep", control_rate=1000.0, noise=False)
-    controller(mode="lockstep", rate=1000.0, bandwidth=30.0)
+    controller(rate=1000.0, bandwidth=30.0)
     encoder = ros.collect("/stage/encoder")
     setpoint = ros.publisher("/stage/setpoint")
     setpoint.publish(trajectory([{"time": 0.1, "positions": [0.005], "velocities": [0.0], "accelerations": [0.0]}]))
