@@ -292,7 +292,7 @@ def test_a_parameter_file_reaches_the_node(node_with, tmp_path):
         (["-p", "command_timeout:=1"], ["command_timeout", "type double", "integer 1", "write 1.0"]),
         (["-p", "command_timeout:=-1.0"], ["command_timeout", "-1.0 s", "within"]),
         (["-p", "mode:=lokstep"], ["mode", "did you mean `lockstep`?"]),
-        (["-p", "physics_rate:=39999.0"], ["physics_rate", "39999", "multiple of control_rate", "4000"]),
+        (["-p", "physics_rate:=39999.0"], ["physics_rate", "39999", "control_rate 4000", "whole multiple"]),
         (["-p", "every"], ["-p every", ":="]),
         (["--param-file", "x.yaml"], ["--param-file", "did you mean `--params-file`?"]),
     ],
