@@ -1,10 +1,7 @@
 """Parameters of the stage node, used from rclpy as any ROS 2 program uses them."""
 
 import math
-import os
-import subprocess
 import time
-from contextlib import contextmanager
 
 import pytest
 import rclpy
@@ -22,23 +19,15 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_parameter_events
 
+from conftest import BINARIES, free_domain
+from processes import Process
+
 NODE = "/lab/stage_under_test"
 TIMEOUT = 20.0
 
 
-@contextmanager
-def stage_node(*arguments, name="stage_under_test", stderr=None):
-    command = [os.environ["STAGE_NODE"], "--ros-args", "-r", f"__node:={name}", "-r", "__ns:=/lab", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stderr)
-    try:
-        yield process
-    finally:
-        process.terminate()
-        try:
-            process.wait(timeout=TIMEOUT)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+def command_line(*arguments, name="stage_under_test"):
+    return ["-r", f"__node:={name}", "-r", "__ns:=/lab", *arguments]
 
 
 class User:
@@ -92,9 +81,9 @@ class User:
 
     def drain(self):
         """Takes in all that is on its way: an announcement stays behind only one that was made after it."""
-        mark = 1000 + len(self.events)
-        assert self.set(every=mark)[0].successful
-        while not (self.events and self.events[-1].changed_parameters[0].value.integer_value == mark):
+        mark = 1000.0 + len(self.events)
+        assert self.set(answer_timeout=mark)[0].successful
+        while not (self.events and self.events[-1].changed_parameters[0].value.double_value == mark):
             self.wait_for_events(len(self.events) + 1)
         return len(self.events)
 
@@ -104,24 +93,34 @@ class User:
 
 
 @pytest.fixture(scope="module")
-def ros():
-    rclpy.init()
-    yield
-    rclpy.shutdown()
+def module_domain():
+    with free_domain() as domain:
+        rclpy.init(domain_id=domain)
+        yield domain
+        rclpy.shutdown()
 
 
 @pytest.fixture(scope="module")
-def running_stage(ros):
-    with stage_node("-p", "command_timeout:=0.25", "-p", "seed:=7") as process:
-        yield process
-
-
-@pytest.fixture(scope="module")
-def user(running_stage):
+def user(module_domain, tmp_path_factory):
     """One for all tests: the first call of a new client can wait 3 s for the heartbeat of its DDS writer."""
+    arguments = command_line("-p", "command_timeout:=0.25", "-p", "seed:=7")
+    stage = Process([str(BINARIES / "stage_node"), "--ros-args", *arguments], tmp_path_factory.mktemp("stage") / "log")
     user = User()
     yield user
     user.close()
+    stage.stop()
+
+
+@pytest.fixture
+def node_with(module_domain, processes, tmp_path):
+    """node_with(*arguments): runs a stage node beside the one of `user`."""
+
+    def node_with(*arguments, name="stage_under_test"):
+        command = [str(BINARIES / "stage_node"), "--ros-args", *command_line(*arguments, name=name)]
+        processes.append(Process(command, tmp_path / "stage.log"))
+        return processes[-1]
+
+    return node_with
 
 
 def test_list_names_every_parameter(user):
@@ -162,7 +161,7 @@ def test_describe_says_unit_range_and_read_only(user):
     assert rate.read_only and "[Hz]" in rate.description
     assert rate.floating_point_range[0].from_value > 0.0
     assert not rate.integer_range and not rate.dynamic_typing
-    assert every.integer_range[0].from_value == 1 and not every.read_only and not every.floating_point_range
+    assert every.integer_range[0].from_value == 1 and every.read_only and not every.floating_point_range
     assert "realtime" in mode.additional_constraints and "lockstep" in mode.additional_constraints
     assert "[s]" in timeout.description and not timeout.read_only
 
@@ -170,16 +169,16 @@ def test_describe_says_unit_range_and_read_only(user):
 def test_set_takes_effect_and_is_announced(user):
     # Only a subscription that the stage has found hears the announcement.
     while not user.events:
-        assert user.set(every=1)[0].successful
+        assert user.set(answer_timeout=1.0)[0].successful
         user.executor.spin_once(timeout_sec=0.1)
     heard = user.drain()
-    [result] = user.set(every=2)
+    [result] = user.set(answer_timeout=2.0)
     assert result.successful and result.reason == ""
-    assert user.get("every") == [2]
+    assert user.get("answer_timeout") == [2.0]
     user.wait_for_events(heard + 1)
     event = user.events[heard]
-    assert [p.name for p in event.changed_parameters] == ["every"]
-    assert event.changed_parameters[0].value.integer_value == 2
+    assert [p.name for p in event.changed_parameters] == ["answer_timeout"]
+    assert event.changed_parameters[0].value.double_value == 2.0
     assert not event.new_parameters and not event.deleted_parameters
     assert abs(event.stamp.sec - time.time()) < 60
 
@@ -188,56 +187,57 @@ def test_set_takes_effect_and_is_announced(user):
     "name, value, reason",
     [
         ("every", 2.0, ["every", "integer", "double", "2.0"]),
+        ("every", 2, ["every", "read-only"]),
         ("command_timeout", 1, ["command_timeout", "double", "integer", "write 1.0"]),
         ("command_timeout", math.nan, ["command_timeout", "finite", "NaN"]),
         ("command_timeout", -1.0, ["command_timeout", "-1.0 s", "within"]),
-        ("every", 0, ["every", "0", "within 1"]),
+        ("answer_timeout", 0.0, ["answer_timeout", "0.0 s", "within 0.01"]),
         ("control_rate", 2000.0, ["control_rate", "read-only", "-p control_rate:=2000.0"]),
         ("comand_timeout", 1.0, ["comand_timeout", "did you mean `command_timeout`?"]),
     ],
 )
 def test_a_wrong_value_is_refused_with_the_reason(user, name, value, reason):
-    before = user.get("every", "command_timeout", "control_rate")
+    before = user.get("answer_timeout", "command_timeout", "control_rate")
     [result] = user.set(**{name: value})
     assert not result.successful
     for part in reason:
         assert part in result.reason
-    assert user.get("every", "command_timeout", "control_rate") == before
+    assert user.get("answer_timeout", "command_timeout", "control_rate") == before
 
 
 def test_a_declared_parameter_cannot_be_deleted(user):
-    gone = ParameterMsg(name="every", value=ParameterValue(type=ParameterType.PARAMETER_NOT_SET))
+    gone = ParameterMsg(name="answer_timeout", value=ParameterValue(type=ParameterType.PARAMETER_NOT_SET))
     [result] = user.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=[gone])).results
     assert not result.successful and "cannot be deleted" in result.reason
 
 
 def test_set_parameters_takes_the_good_ones_and_refuses_the_bad_one(user):
-    first, second, third = user.set(every=3, mode="lockstep", command_timeout=0.5)
+    first, second, third = user.set(answer_timeout=3.0, mode="lockstep", command_timeout=0.5)
     assert (first.successful, second.successful, third.successful) == (True, False, True)
-    assert user.get("every", "command_timeout") == [3, 0.5]
+    assert user.get("answer_timeout", "command_timeout") == [3.0, 0.5]
 
 
 def test_set_atomically_takes_all_or_none(user):
-    assert user.set_atomically(every=4, command_timeout=0.75).successful
-    assert user.get("every", "command_timeout") == [4, 0.75]
-    result = user.set_atomically(every=5, command_timeout=-1.0)
+    assert user.set_atomically(answer_timeout=4.0, command_timeout=0.75).successful
+    assert user.get("answer_timeout", "command_timeout") == [4.0, 0.75]
+    result = user.set_atomically(answer_timeout=5.0, command_timeout=-1.0)
     assert not result.successful and "command_timeout" in result.reason
-    assert user.get("every", "command_timeout") == [4, 0.75]
+    assert user.get("answer_timeout", "command_timeout") == [4.0, 0.75]
 
 
 def test_an_atomic_change_is_announced_in_one_event(user):
     while not user.events:
-        assert user.set(every=6)[0].successful
+        assert user.set(answer_timeout=6.0)[0].successful
         user.executor.spin_once(timeout_sec=0.1)
     heard = user.drain()
-    assert user.set_atomically(every=7, command_timeout=1.5).successful
+    assert user.set_atomically(answer_timeout=7.0, command_timeout=1.5).successful
     user.wait_for_events(heard + 1)
-    assert sorted(p.name for p in user.events[-1].changed_parameters) == ["command_timeout", "every"]
-    assert not user.set_atomically(every=0).successful
-    assert user.set_atomically(every=8).successful
+    assert sorted(p.name for p in user.events[-1].changed_parameters) == ["answer_timeout", "command_timeout"]
+    assert not user.set_atomically(answer_timeout=0.0).successful
+    assert user.set_atomically(answer_timeout=8.0).successful
     user.wait_for_events(heard + 2)
     # Nothing was announced for the refused one between the two.
-    assert [p.value.integer_value for p in user.events[heard + 1].changed_parameters] == [8]
+    assert [p.value.double_value for p in user.events[heard + 1].changed_parameters] == [8.0]
 
 
 def test_the_services_are_offered_once_and_under_the_node(user):
@@ -268,7 +268,7 @@ def test_two_users_with_several_requests_at_once_get_all_their_answers(user):
         assert [future.result().values[0].integer_value for future in asked if future.done()] == [7] * 8
 
 
-def test_a_parameter_file_reaches_the_node(ros, tmp_path):
+def test_a_parameter_file_reaches_the_node(node_with, tmp_path):
     file = tmp_path / "stage.yaml"
     file.write_text(
         "/**:\n  ros__parameters:\n    every: 2\n    command_timeout: 0.5\n"
@@ -276,13 +276,13 @@ def test_a_parameter_file_reaches_the_node(ros, tmp_path):
         "/other:\n  ros__parameters:\n    every: 4\n    unknown_here: true\n"
     )
     arguments = ["--params-file", str(file), "-p", "stage_with_a_file:every:=9", "-p", "command_timeout:=0.125"]
-    with stage_node(*arguments, name="stage_with_a_file"):
-        user = User("/lab/stage_with_a_file")
-        try:
-            # `stage_with_a_file:` alone means /stage_with_a_file, not the node in /lab.
-            assert user.get("every", "command_timeout") == [3, 0.125]
-        finally:
-            user.close()
+    node_with(*arguments, name="stage_with_a_file")
+    user = User("/lab/stage_with_a_file")
+    try:
+        # `stage_with_a_file:` alone means /stage_with_a_file, not the node in /lab.
+        assert user.get("every", "command_timeout") == [3, 0.125]
+    finally:
+        user.close()
 
 
 @pytest.mark.parametrize(
@@ -292,23 +292,29 @@ def test_a_parameter_file_reaches_the_node(ros, tmp_path):
         (["-p", "command_timeout:=1"], ["command_timeout", "type double", "integer 1", "write 1.0"]),
         (["-p", "command_timeout:=-1.0"], ["command_timeout", "-1.0 s", "within"]),
         (["-p", "mode:=lokstep"], ["mode", "did you mean `lockstep`?"]),
-        (["-p", "physics_rate:=39999.0"], ["physics_rate", "39999", "multiple of control_rate", "4000"]),
+        (["-p", "physics_rate:=39999.0"], ["physics_rate", "39999", "control_rate 4000", "whole multiple"]),
         (["-p", "every"], ["-p every", ":="]),
         (["--param-file", "x.yaml"], ["--param-file", "did you mean `--params-file`?"]),
     ],
 )
-def test_a_wrong_command_line_ends_the_node_with_the_reason(arguments, message):
-    with stage_node(*arguments, stderr=subprocess.PIPE) as process:
-        _, stderr = process.communicate(timeout=TIMEOUT)
-    assert process.returncode not in (0, -15)
+def test_a_wrong_command_line_ends_the_node_with_the_reason(node_with, arguments, message):
+    said = complaint(node_with(*arguments))
     for part in message:
-        assert part in stderr.decode()
+        assert part in said
 
 
-def test_a_broken_parameter_file_ends_the_node_with_file_and_line(tmp_path):
+def test_a_broken_parameter_file_ends_the_node_with_file_and_line(node_with, tmp_path):
     file = tmp_path / "broken.yaml"
     file.write_text("/**:\n  ros__parameters:\n    every: [1\n")
-    with stage_node("--params-file", str(file), stderr=subprocess.PIPE) as process:
-        _, stderr = process.communicate(timeout=TIMEOUT)
-    assert process.returncode not in (0, -15)
-    assert "broken.yaml, line" in stderr.decode()
+    assert "broken.yaml, line" in complaint(node_with("--params-file", str(file)))
+
+
+def complaint(process: Process) -> str:
+    """What a node says that ends at its start; an end by panic is none."""
+    code = process.wait()
+    process.ended(expected=code)
+    assert code in (1, 2), process.excerpt()
+    # The first line of the log is the command line itself.
+    said = process.log().split("\n", 1)[1]
+    assert "panicked" not in said
+    return said
