@@ -2,6 +2,7 @@
 
 use wide::f64x4;
 
+use super::exp::exp_of_negative;
 use crate::model::{Guide, MAX_GUIDES};
 
 /// Largest sum of bristle damping and viscous friction times step over mass: the explicit carriage step is stable below 1.
@@ -94,12 +95,12 @@ impl GuideBank {
     }
 
     fn level(&self, velocity_squared: f64x4) -> f64x4 {
-        self.coulomb_force + self.stribeck_force * (self.stribeck_exponent * velocity_squared).exp()
+        self.coulomb_force + self.stribeck_force * exp_of_negative(self.stribeck_exponent * velocity_squared)
     }
 
     fn damping_at(&self, velocity_squared: f64x4) -> f64x4 {
         if self.damping_fades {
-            self.bristle_damping * (self.damping_exponent * velocity_squared).exp()
+            self.bristle_damping * exp_of_negative(self.damping_exponent * velocity_squared)
         } else {
             self.bristle_damping
         }
@@ -162,7 +163,7 @@ impl GuideBank {
         let inverse_level = f64x4::ONE / level;
         let damping = self.damping_at(squared);
         let steady = level * self.compliance * f64x4::splat(1f64.copysign(velocity));
-        let decay = (self.stiffness * inverse_level * f64x4::splat(-velocity.abs() * step)).exp();
+        let decay = exp_of_negative(self.stiffness * inverse_level * f64x4::splat(-velocity.abs() * step));
         let bristle = steady + (self.bristle - steady) * decay;
         let elastic = (self.stiffness * (self.bristle + bristle)).reduce_add();
         let damping_impulse = (damping * (bristle - self.bristle)).reduce_add();

@@ -6,6 +6,7 @@
 
 mod body;
 pub mod effects;
+mod exp;
 mod guides;
 mod sensors;
 mod stage;
