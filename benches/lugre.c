@@ -1,93 +1,101 @@
 /* The second-order scheme of src/plant/body.rs in plain C: the yardstick for the speed of the plant.
  *
  * A carriage on four LuGre guides with their own parameters under a held force, without effects and without flexure.
- * Same algebra and same outputs as the Rust plant; exp is the C library's. SI units throughout. benches/plant.rs
- * compiles this file, checks that both give the same motion, and times both. */
+ * Same algebra and same outputs as the Rust plant, in loops over the guides that the compiler can vectorise; exp is the C
+ * library's. SI units throughout. benches/plant.rs compiles this file, checks that both give the same motion, and times both. */
 
 #include <math.h>
 #include <stdint.h>
 
 #define GUIDES 4
 
-struct guide {
-    double stiffness;        /* sigma0, N/m */
-    double compliance;       /* 1/sigma0 */
-    double bristle_damping;  /* sigma1, N s/m */
-    double coulomb_force;    /* Fc, N */
-    double stribeck_force;   /* Fs - Fc, N */
-    double exponent;         /* -1/vs^2, s^2/m^2 */
-    double bristle;          /* z, m */
-    double inverse_level;    /* 1/g as of the middle of the last step, 1/N */
-};
-
 struct stage {
-    double step;             /* s */
-    double inverse_mass;     /* 1/kg */
-    double viscous_friction; /* sum of sigma2, N s/m */
-    double position;         /* m */
-    double velocity;         /* m/s */
-    double cell_force;       /* N */
-    struct guide guides[GUIDES];
+    double step;                     /* s */
+    double inverse_mass;             /* 1/kg */
+    double viscous_friction;         /* sum of sigma2, N s/m */
+    double stiffness[GUIDES];        /* sigma0, N/m */
+    double compliance[GUIDES];       /* 1/sigma0 */
+    double bristle_damping[GUIDES];  /* sigma1, N s/m */
+    double coulomb_force[GUIDES];    /* Fc, N */
+    double stribeck_force[GUIDES];   /* Fs - Fc, N */
+    double exponent[GUIDES];         /* -1/vs^2, s^2/m^2 */
+    double bristle[GUIDES];          /* z, m */
+    double position;                 /* m */
+    double velocity;                 /* m/s */
+    double cell_force;               /* N */
+    /* Friction at the start of the next step: start_elastic + start_damping v - start_slip |v|. */
+    double start_elastic;            /* sum of sigma0 z, N */
+    double start_damping;            /* sum of sigma1 + sigma2, N s/m */
+    double start_slip;               /* sum of sigma1 sigma0 z / g, N s/m */
 };
 
-/* Friction at the start of a step, N, with the Stribeck level of the last step's middle. */
-static inline double start_force(const struct stage *stage)
+static inline void prepare_start(struct stage *s, const double *level)
 {
-    double v = stage->velocity, force = stage->viscous_friction * v;
+    s->start_elastic = 0.0;
+    s->start_damping = s->viscous_friction;
+    s->start_slip = 0.0;
     for (int i = 0; i < GUIDES; i++) {
-        const struct guide *g = &stage->guides[i];
-        double elastic = g->stiffness * g->bristle;
-        force += elastic + g->bristle_damping * (v - elastic * (fabs(v) * g->inverse_level));
+        double elastic = s->stiffness[i] * s->bristle[i];
+        s->start_elastic += elastic;
+        s->start_damping += s->bristle_damping[i];
+        s->start_slip += s->bristle_damping[i] / level[i] * elastic;
     }
-    return force;
+}
+
+static inline double start_force(const struct stage *s)
+{
+    return s->start_elastic + s->start_damping * s->velocity - s->start_slip * fabs(s->velocity);
 }
 
 /* Moves the carriage over `span` seconds: bristles exactly at the middle's velocity, Simpson's rule for the position. */
-static inline void move(struct stage *stage, double force, double acceleration, double span)
+static inline void move(struct stage *s, double force, double acceleration, double span)
 {
-    double start = stage->velocity;
+    double start = s->velocity;
     double v = start + 0.5 * span * acceleration;
-    double squared = v * v, slip = -fabs(v) * span, sign = copysign(1.0, v);
-    double elastic = 0.0, damping_impulse = 0.0;
+    double squared = v * v, distance = fabs(v) * span, sign = copysign(1.0, v);
+    double level[GUIDES];
+    double early = 0.0, late = 0.0;
+
+    for (int i = 0; i < GUIDES; i++)
+        level[i] = s->coulomb_force[i] + s->stribeck_force[i] * exp(s->exponent[i] * squared);
     for (int i = 0; i < GUIDES; i++) {
-        struct guide *g = &stage->guides[i];
-        double level = g->coulomb_force + g->stribeck_force * exp(g->exponent * squared);
-        double inverse_level = 1.0 / level;
-        double steady = level * g->compliance * sign;
-        double bristle = steady + (g->bristle - steady) * exp(g->stiffness * inverse_level * slip);
-        elastic += g->stiffness * (g->bristle + bristle);
-        damping_impulse += g->bristle_damping * (bristle - g->bristle);
-        g->bristle = bristle;
-        g->inverse_level = inverse_level;
+        double decay = exp(-s->stiffness[i] * distance / level[i]);
+        double steady = level[i] * s->compliance[i] * sign;
+        double excess = s->bristle[i] - steady;
+        double half = s->stiffness[i] * (0.5 * span);
+        double of_start = half - s->bristle_damping[i], of_end = half + s->bristle_damping[i];
+        early += of_start * s->bristle[i] + of_end * steady;
+        late += of_end * excess * decay;
+        s->bristle[i] = steady + excess * decay;
     }
-    double sum = force - 0.5 * elastic - stage->viscous_friction * v;
-    stage->velocity = start + stage->inverse_mass * (span * sum - damping_impulse);
-    stage->position += span / 6.0 * (start + 4.0 * v + stage->velocity);
+    s->velocity = start + s->inverse_mass * span * (force - s->viscous_friction * v) - s->inverse_mass * (early + late);
+    s->position += span / 6.0 * (start + 4.0 * v + s->velocity);
+    prepare_start(s, level);
 }
 
-/* Takes up the state: 1/g at the present velocity. */
-void lugre_start(struct stage *stage)
+/* Takes up position, velocity and bristles as they stand. */
+void lugre_start(struct stage *s)
 {
-    for (int i = 0; i < GUIDES; i++) {
-        struct guide *g = &stage->guides[i];
-        g->inverse_level = 1.0 / (g->coulomb_force + g->stribeck_force * exp(g->exponent * stage->velocity * stage->velocity));
-    }
+    double level[GUIDES];
+    for (int i = 0; i < GUIDES; i++)
+        level[i] = s->coulomb_force[i] + s->stribeck_force[i] * exp(s->exponent[i] * s->velocity * s->velocity);
+    prepare_start(s, level);
 }
 
 /* Advances by `steps` steps under the constant force, N; a step in which the carriage reverses is done in two parts. */
-void lugre_advance(struct stage *stage, double force, uint32_t steps)
+void lugre_advance(struct stage *s, double force, uint32_t steps)
 {
     for (uint32_t k = 0; k < steps; k++) {
-        double acceleration = (force - start_force(stage)) * stage->inverse_mass;
-        double start = stage->velocity, end = start + stage->step * acceleration;
+        double acceleration = (force - start_force(s)) * s->inverse_mass;
+        double start = s->velocity, end = start + s->step * acceleration;
         if (start * end < 0.0) {
-            double before = stage->step * start / (start - end);
-            move(stage, force, acceleration, before);
-            acceleration = (force - start_force(stage)) * stage->inverse_mass;
-            move(stage, force, acceleration, stage->step - before);
+            double before = s->step * start / (start - end);
+            move(s, force, acceleration, before);
+            acceleration = (force - start_force(s)) * s->inverse_mass;
+            move(s, force, acceleration, s->step - before);
         } else {
-            move(stage, force, acceleration, stage->step);
+            move(s, force, acceleration, s->step);
         }
-        stage->cell_force = force;
+        s->cell_force = force;
     }
 }

@@ -113,20 +113,6 @@ fn rust_pass(body: &mut Body, forces: &[f64], rates: Rates) -> f64 {
     body.position()
 }
 
-/// `struct guide` of lugre.c.
-#[repr(C)]
-#[derive(Clone, Copy)]
-struct CGuide {
-    stiffness: f64,
-    compliance: f64,
-    bristle_damping: f64,
-    coulomb_force: f64,
-    stribeck_force: f64,
-    exponent: f64,
-    bristle: f64,
-    inverse_level: f64,
-}
-
 /// `struct stage` of lugre.c.
 #[repr(C)]
 #[derive(Clone, Copy)]
@@ -134,10 +120,19 @@ struct CStage {
     step: f64,
     inverse_mass: f64,
     viscous_friction: f64,
+    stiffness: [f64; MAX_GUIDES],
+    compliance: [f64; MAX_GUIDES],
+    bristle_damping: [f64; MAX_GUIDES],
+    coulomb_force: [f64; MAX_GUIDES],
+    stribeck_force: [f64; MAX_GUIDES],
+    exponent: [f64; MAX_GUIDES],
+    bristle: [f64; MAX_GUIDES],
     position: f64,
     velocity: f64,
     cell_force: f64,
-    guides: [CGuide; MAX_GUIDES],
+    start_elastic: f64,
+    start_damping: f64,
+    start_slip: f64,
 }
 
 /// The C plant with its state.
@@ -151,27 +146,28 @@ struct CPlant {
 
 impl CPlant {
     fn new(library: Library, model: &StageModel, guides: &[Guide], rates: Rates) -> CPlant {
+        assert!(
+            guides.iter().all(|guide| guide.damping_velocity.is_none()),
+            "lugre.c knows constant bristle damping only"
+        );
+        let lanes = |value: fn(&Guide) -> f64| std::array::from_fn(|lane| value(&guides[lane]));
         let at_rest = CStage {
             step: rates.physics().recip(),
             inverse_mass: model.mass.recip(),
             viscous_friction: guides.iter().map(|guide| guide.viscous_friction).sum(),
+            stiffness: lanes(|guide| guide.stiffness),
+            compliance: lanes(|guide| guide.stiffness.recip()),
+            bristle_damping: lanes(|guide| guide.bristle_damping),
+            coulomb_force: lanes(|guide| guide.coulomb_force),
+            stribeck_force: lanes(|guide| guide.static_force - guide.coulomb_force),
+            exponent: lanes(|guide| -guide.stribeck_velocity.powi(-2)),
+            bristle: [0.0; MAX_GUIDES],
             position: 0.0,
             velocity: 0.0,
             cell_force: 0.0,
-            guides: std::array::from_fn(|index| {
-                let guide = &guides[index];
-                assert!(guide.damping_velocity.is_none(), "lugre.c knows constant bristle damping only");
-                CGuide {
-                    stiffness: guide.stiffness,
-                    compliance: guide.stiffness.recip(),
-                    bristle_damping: guide.bristle_damping,
-                    coulomb_force: guide.coulomb_force,
-                    stribeck_force: guide.static_force - guide.coulomb_force,
-                    exponent: -guide.stribeck_velocity.powi(-2),
-                    bristle: 0.0,
-                    inverse_level: 0.0,
-                }
-            }),
+            start_elastic: 0.0,
+            start_damping: 0.0,
+            start_slip: 0.0,
         };
         // SAFETY: the library was built from lugre.c, whose functions have these signatures; it lives as long as they do.
         let (start, advance) = unsafe {
@@ -238,7 +234,7 @@ fn check_agreement(rust: &mut Body, c: &mut CPlant, forces: &[f64], rates: Rates
         rust.advance(*force, rates.substeps());
         c.advance(*force, rates.substeps());
         reversals += usize::from(before * rust.velocity() < 0.0);
-        let bristles = rust.guides().bristles().iter().zip(&c.stage.guides).map(|(rust, c)| rust - c.bristle);
+        let bristles = rust.guides().bristles().iter().zip(&c.stage.bristle).map(|(rust, c)| rust - c);
         let difference = bristles
             .chain([rust.position() - c.stage.position])
             .map(f64::abs)
