@@ -116,12 +116,11 @@ impl Body {
     fn move_rigid(&mut self, motor_force: f64, acceleration: f64, since: f64, span: f64) {
         let start_velocity = self.velocity;
         let middle_velocity = start_velocity + 0.5 * span * acceleration;
-        let friction = self.guides.advance(middle_velocity, span);
+        let friction_impulse = self.guides.advance(middle_velocity, span);
         let (motor_side, carriage_side) = self.evaluate_effects(middle_velocity, motor_force, since, span);
-        let force = motor_force + motor_side + carriage_side
-            - friction.elastic_force
-            - self.guides.viscous_friction() * middle_velocity;
-        self.velocity += self.inverse_mass * (span * force - friction.damping_impulse);
+        let force = motor_force + motor_side + carriage_side - self.guides.viscous_friction() * middle_velocity;
+        // The impulse of the guides comes last: everything else is there before it.
+        self.velocity = start_velocity + self.inverse_mass * span * force - self.inverse_mass * friction_impulse;
         // Simpson's rule over start, middle and end.
         self.position += span / 6.0 * (start_velocity + 4.0 * middle_velocity + self.velocity);
         self.cell_force = motor_force + motor_side;
@@ -137,13 +136,12 @@ impl Body {
         let middle_velocity = self.velocity + half * carriage_start;
         let middle_rate = flexure.rate + half * (motor_start - carriage_start);
 
-        let friction = self.guides.advance(middle_velocity, self.step);
+        let friction_impulse = self.guides.advance(middle_velocity, self.step);
         let (motor_side, carriage_side) = self.evaluate_effects(middle_velocity, motor_force, 0.0, self.step);
         let stretch = flexure.stretch + self.step * middle_rate;
         let pull = 0.5 * flexure.stiffness * (flexure.stretch + stretch) + flexure.damping * middle_rate;
-        let carriage_impulse = self.step
-            * (pull + carriage_side - friction.elastic_force - self.guides.viscous_friction() * middle_velocity)
-            - friction.damping_impulse;
+        let carriage_impulse =
+            self.step * (pull + carriage_side - self.guides.viscous_friction() * middle_velocity) - friction_impulse;
         let motor_impulse = self.step * (motor_force + motor_side - pull);
 
         self.position += self.step * middle_velocity;

@@ -1,8 +1,12 @@
 //! Up to four LuGre guides, advanced together: one lane each.
 
+use std::f64::consts::LOG2_E;
+
 use wide::f64x4;
 
 use crate::model::{Guide, MAX_GUIDES};
+
+use super::exp2::exp2_of_negative;
 
 /// Largest sum of bristle damping and viscous friction times step over mass: the explicit carriage step is stable below 1.
 pub const MAX_STEP_DAMPING: f64 = 0.5;
@@ -13,9 +17,10 @@ pub const MAX_STEP_DAMPING: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub struct GuideBank {
     count: usize,
-    /// sigma0, N/m, and its inverse.
+    /// sigma0, N/m, its inverse, and -log2(e) sigma0: the exponent of two with which a bristle relaxes, per g/m.
     stiffness: f64x4,
     compliance: f64x4,
+    relaxation: f64x4,
     /// sigma1, N s/m.
     bristle_damping: f64x4,
     /// sum of sigma2, N s/m.
@@ -23,24 +28,26 @@ pub struct GuideBank {
     /// Fc and Fs - Fc, N.
     coulomb_force: f64x4,
     stribeck_force: f64x4,
-    /// -1/vs^2, s^2/m^2.
+    /// -log2(e)/vs^2, s^2/m^2.
     stribeck_exponent: f64x4,
-    /// -1/vd^2, s^2/m^2; 0 where the bristle damping is constant.
+    /// -log2(e)/vd^2, s^2/m^2; 0 where the bristle damping is constant.
     damping_exponent: f64x4,
     damping_fades: bool,
     /// Bristle deflection z, m.
     bristle: f64x4,
-    /// sigma1 and 1/g as of the middle of the last step, and sigma1/g for the friction estimate at the next step's start.
-    damping: f64x4,
-    inverse_level: f64x4,
+    start: StartFriction,
 }
 
-/// Impulse-like result of one step: mean bristle force and momentum taken by the bristle damping.
-pub(super) struct StepFriction {
-    /// Mean of sum(sigma0 z) over the step, N.
-    pub elastic_force: f64,
-    /// Sum of sigma1 (z' - z), N s: the exact impulse of the bristle damping.
-    pub damping_impulse: f64,
+/// Friction of all guides over velocity at the present deflections, with g and sigma1 as of the middle of the last step:
+/// elastic + damping v - slip |v|.
+#[derive(Clone, Copy, Debug, Default)]
+struct StartFriction {
+    /// Sum of sigma0 z, N.
+    elastic: f64,
+    /// Sum of sigma1 + sigma2, N s/m.
+    damping: f64,
+    /// Sum of sigma1 sigma0 z / g, N s/m.
+    slip: f64,
 }
 
 impl GuideBank {
@@ -54,16 +61,18 @@ impl GuideBank {
             count: guides.len(),
             stiffness: lanes(0.0, &|guide| guide.stiffness),
             compliance: lanes(0.0, &|guide| guide.stiffness.recip()),
+            relaxation: lanes(0.0, &|guide| -LOG2_E * guide.stiffness),
             bristle_damping: lanes(0.0, &|guide| guide.bristle_damping),
             viscous_friction: guides.iter().map(|guide| guide.viscous_friction).sum(),
             coulomb_force: lanes(1.0, &|guide| guide.coulomb_force),
             stribeck_force: lanes(0.0, &|guide| guide.static_force - guide.coulomb_force),
-            stribeck_exponent: lanes(0.0, &|guide| -guide.stribeck_velocity.powi(-2)),
-            damping_exponent: lanes(0.0, &|guide| guide.damping_velocity.map_or(0.0, |velocity| -velocity.powi(-2))),
+            stribeck_exponent: lanes(0.0, &|guide| -LOG2_E * guide.stribeck_velocity.powi(-2)),
+            damping_exponent: lanes(0.0, &|guide| {
+                guide.damping_velocity.map_or(0.0, |velocity| -LOG2_E * velocity.powi(-2))
+            }),
             damping_fades: guides.iter().any(|guide| guide.damping_velocity.is_some()),
             bristle: f64x4::ZERO,
-            damping: f64x4::ZERO,
-            inverse_level: f64x4::ZERO,
+            start: StartFriction::default(),
         };
         bank.refresh(0.0);
         bank
@@ -89,17 +98,26 @@ impl GuideBank {
     /// Recomputes what one step hands to the next, after a state was set from outside.
     fn refresh(&mut self, velocity: f64) {
         let squared = f64x4::splat(velocity * velocity);
-        self.inverse_level = f64x4::ONE / self.level(squared);
-        self.damping = self.damping_at(squared);
+        self.prepare_start(self.level(squared), self.damping_at(squared));
+    }
+
+    #[inline]
+    fn prepare_start(&mut self, level: f64x4, damping: f64x4) {
+        let elastic = self.stiffness * self.bristle;
+        self.start = StartFriction {
+            elastic: elastic.reduce_add(),
+            damping: damping.reduce_add() + self.viscous_friction,
+            slip: (damping / level * elastic).reduce_add(),
+        };
     }
 
     fn level(&self, velocity_squared: f64x4) -> f64x4 {
-        self.coulomb_force + self.stribeck_force * (self.stribeck_exponent * velocity_squared).exp()
+        self.coulomb_force + self.stribeck_force * exp2_of_negative(self.stribeck_exponent * velocity_squared)
     }
 
     fn damping_at(&self, velocity_squared: f64x4) -> f64x4 {
         if self.damping_fades {
-            self.bristle_damping * (self.damping_exponent * velocity_squared).exp()
+            self.bristle_damping * exp2_of_negative(self.damping_exponent * velocity_squared)
         } else {
             self.bristle_damping
         }
@@ -146,29 +164,28 @@ impl GuideBank {
     /// First order in the level, which enters the carriage's velocity in second order only: half a step times sigma1/m.
     #[inline]
     pub(super) fn start_force(&self, velocity: f64) -> f64 {
-        let elastic = self.stiffness * self.bristle;
-        let v = f64x4::splat(velocity);
-        let rate = v - elastic * (v.abs() * self.inverse_level);
-        (elastic + self.damping * rate).reduce_add() + self.viscous_friction * velocity
+        self.start.elastic + self.start.damping * velocity - self.start.slip * velocity.abs()
     }
 
     /// Moves the bristles over `step` seconds at the constant velocity v, exactly:
     /// z' = zs + (z - zs) exp(-sigma0 |v| step / g), zs = g sign(v) / sigma0. Stable at any speed and step.
+    ///
+    /// Returns the momentum that bristles and their damping take from the carriage, N s: the sum over the guides of
+    /// step sigma0 (z + z')/2 + sigma1 (z' - z), of which the second part is exact.
     #[inline]
-    pub(super) fn advance(&mut self, velocity: f64, step: f64) -> StepFriction {
-        let v = f64x4::splat(velocity);
-        let squared = v * v;
+    pub(super) fn advance(&mut self, velocity: f64, step: f64) -> f64 {
+        let squared = f64x4::splat(velocity * velocity);
         let level = self.level(squared);
-        let inverse_level = f64x4::ONE / level;
         let damping = self.damping_at(squared);
+        let decay = exp2_of_negative(self.relaxation * f64x4::splat(velocity.abs() * step) / level);
         let steady = level * self.compliance * f64x4::splat(1f64.copysign(velocity));
-        let decay = (self.stiffness * inverse_level * f64x4::splat(-velocity.abs() * step)).exp();
-        let bristle = steady + (self.bristle - steady) * decay;
-        let elastic = (self.stiffness * (self.bristle + bristle)).reduce_add();
-        let damping_impulse = (damping * (bristle - self.bristle)).reduce_add();
-        self.bristle = bristle;
-        self.damping = damping;
-        self.inverse_level = inverse_level;
-        StepFriction { elastic_force: 0.5 * elastic, damping_impulse }
+        let excess = self.bristle - steady;
+        // The impulse is linear in z and z': what does not need the decay is added up while that is on its way.
+        let half = self.stiffness * f64x4::splat(0.5 * step);
+        let (of_start, of_end) = (half - damping, half + damping);
+        let impulse = (of_start * self.bristle + of_end * steady).reduce_add() + (of_end * excess * decay).reduce_add();
+        self.bristle = steady + excess * decay;
+        self.prepare_start(level, damping);
+        impulse
     }
 }

@@ -6,6 +6,7 @@
 
 mod body;
 pub mod effects;
+mod exp2;
 mod guides;
 mod sensors;
 mod stage;
