@@ -22,7 +22,7 @@ use std::{
 use friction_stage::{
     message::{Clock, ControllerState, Header, JointState, RosMessage, StageState, Time, WrenchStamped},
     node::{
-        inlet::Waiter,
+        inlet::{Inlet, Waiter},
         outlet::{Outlet, Published},
         participant::{Network, Participant, Reach},
         qos::{CLOCK, COMMANDS, Qos, SAMPLES},
@@ -54,6 +54,18 @@ enum Wait {
     Yield,
 }
 
+/// How the stage receives ControllerState, to record it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Records {
+    No,
+    /// A thread that every message wakes.
+    Woken,
+    /// A thread that takes what has come every 20 ms.
+    Drained,
+    /// The same, best effort: nothing is acknowledged.
+    DrainedBestEffort,
+}
+
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Cores {
     Free,
@@ -78,8 +90,7 @@ struct Layout {
     outlets: bool,
     /// Subscriptions that the stage waits for at once (the force and idle ones).
     listens: usize,
-    /// Stage also receives ControllerState, to record it.
-    records: bool,
+    records: Records,
     /// Both processes run ros2-client's spinner, which subscribes to `/clock`.
     spinner: bool,
 }
@@ -96,7 +107,7 @@ const FULL: Layout = Layout {
     cores: Cores::Free,
     outlets: false,
     listens: 1,
-    records: false,
+    records: Records::No,
     spinner: false,
 };
 const SAMPLE_ONLY: Layout =
@@ -117,15 +128,23 @@ const LAYOUTS: &[Layout] = &[
     Layout { name: "full, outlets", outlets: true, ..FULL },
     Layout { name: "full, one core, outlets", cores: Cores::One, outlets: true, ..FULL },
     Layout { name: "full, listens to 4", listens: 4, ..FULL },
-    Layout { name: "full, recorded", records: true, ..FULL },
+    Layout { name: "full, recorded, woken", records: Records::Woken, ..FULL },
+    Layout { name: "full, recorded, drained", records: Records::Drained, ..FULL },
+    Layout { name: "full, recorded, drained, best effort", records: Records::DrainedBestEffort, ..FULL },
+    Layout {
+        name: "full, one core, recorded, drained, best effort",
+        records: Records::DrainedBestEffort,
+        cores: Cores::One,
+        ..FULL
+    },
     Layout { name: "full, spinner", spinner: true, ..FULL },
     Layout { name: "full, no clock", clock: false, ..FULL },
     Layout {
-        name: "full, one core, outlets, listens to 4, recorded",
+        name: "full, one core, outlets, listens to 4, drained",
         cores: Cores::One,
         outlets: true,
         listens: 4,
-        records: true,
+        records: Records::Drained,
         ..FULL
     },
     SAMPLE_ONLY,
@@ -420,18 +439,8 @@ fn stage(layout: &Layout, network: Network, seconds: f64) {
     let mut cell = Out::<WrenchStamped>::new(layout.cell, layout, &participant, "/stage/force_cell", &SAMPLES);
     let mut state = Out::<StageState>::new(layout.state, layout, &participant, "/stage/state", &SAMPLES);
     let mut force = In::<WrenchStamped>::new(layout, &participant, "/stage/force", &COMMANDS, layout.listens);
-    let recorder = layout.records.then(|| {
-        let topic =
-            participant.topic("/controller/state", "friction_stage", "ControllerState", &SAMPLES).expect("a topic");
-        let subscription: Subscription<ControllerState> =
-            participant.node().create_subscription(&topic, None).expect("a subscription");
-        thread::spawn(move || {
-            let waiter = Waiter::new();
-            loop {
-                waiter.wait(None, |cx| std::pin::pin!(subscription.async_take()).poll(cx));
-            }
-        })
-    });
+    record(layout, &participant);
+
     let mut cycle = |k: u64, patience: Duration| -> bool {
         let stamp = PERIOD * i64::try_from(k).expect("a cycle");
         let header = || Header::new(stamp, "stage");
@@ -518,7 +527,37 @@ fn stage(layout: &Layout, network: Network, seconds: f64) {
     let at = |part: usize| periods[cycles * part / 100].as_secs_f64() * 1e6;
     let cpu = cpu_seconds(std::process::id());
     println!("figures {} {} {} {cpu} {k}", cycles as f64 / elapsed, at(50), at(99));
-    drop(recorder);
+}
+
+/// Receives ControllerState as a recorder would, on a thread that ends with the process.
+fn record(layout: &Layout, participant: &Participant) {
+    let qos = match layout.records {
+        Records::No => return,
+        Records::Woken | Records::Drained => Qos::reliable(10_000),
+        Records::DrainedBestEffort => Qos::best_effort(10_000),
+    };
+    let woken = layout.records == Records::Woken;
+    let states = Inlet::<ControllerState>::new(participant, "/controller/state", &qos).expect("an inlet");
+    thread::spawn(move || {
+        let waiter = Waiter::new();
+        let mut next = 0;
+        let mut missing = 0;
+        loop {
+            if woken {
+                waiter.wait(None, |cx| states.poll_take(cx));
+                continue;
+            }
+            thread::sleep(Duration::from_millis(20));
+            while let Some(state) = states.take().expect("a message") {
+                missing += if next > 0 { state.sample.saturating_sub(next) } else { 0 };
+                next = state.sample + 1;
+            }
+            if missing > 0 {
+                eprintln!("{missing} of {next} states were not received");
+                missing = 0;
+            }
+        }
+    });
 }
 
 fn controller(layout: &Layout, network: Network) {
