@@ -32,11 +32,6 @@ fn network(domain: u16) -> Network {
     Network { domain, reach: Reach::Localhost }
 }
 
-fn spin(participant: &Participant) {
-    let spinner = participant.node().spinner().expect("one spinner per node");
-    thread::spawn(move || block_on(spinner.spin()));
-}
-
 /// Counts 0, 1, 2, ... and prints what was missing; only in a process started by the test below.
 #[test]
 fn subscriber_process() {
@@ -131,18 +126,14 @@ fn healthy_subscribers_lose_nothing_when_others_freeze_or_die() {
     let frozen = Subscriber::start(domain, "frozen");
     let killed = Subscriber::start(domain, "killed");
     let participant = Participant::join(network(domain), "/", "publisher", NodeOptions::new()).unwrap();
-    spin(&participant);
     let mut outlet = Outlet::<Float64MultiArray>::new(&participant, TOPIC, &Qos::reliable(10).window(WINDOW)).unwrap();
 
     // Every subscriber has to see number 0 before counting starts: repeat it until all say so.
     let all = [&healthy[0], &healthy[1], &frozen, &killed];
     let mut seen = [false; 4];
     let deadline = Instant::now() + Duration::from_secs(30);
-    // A message before the match would be lost, and rightly so (volatile): wait for four.
-    while outlet.subscribers() < 4 {
-        assert!(Instant::now() < deadline, "subscribers were not found");
-        thread::sleep(Duration::from_millis(5));
-    }
+    // A message before the match would be lost, and rightly so (volatile).
+    assert_eq!(outlet.wait_for_subscribers(4, Duration::from_secs(30)), 4, "subscribers were not found");
     assert_eq!(outlet.publish(number(0.0)), Published::Sent);
     while seen != [true; 4] {
         assert!(Instant::now() < deadline, "not everybody got the first: {seen:?}");

@@ -51,6 +51,7 @@ impl<M: RosMessage> Inlet<M> {
         let subscription = participant.node().create_subscription(&topic, None).map_err(|e| {
             ParticipantError::Endpoint { what: "subscription", topic: name.to_owned(), reason: e.to_string() }
         })?;
+        participant.watch().name(subscription.guid(), name);
         Ok(Self { subscription, participant: participant.clone() })
     }
 
@@ -75,9 +76,14 @@ impl<M: RosMessage> Inlet<M> {
             .map(|result| result.map(|(message, info)| (message, info.publisher_gid().to_bytes16())))
     }
 
-    /// Publishers that are matched now. Needs the node's spinner.
+    /// Its name in DDS, for [`GraphWatch`](super::graph_watch::GraphWatch).
+    pub fn guid(&self) -> rustdds::GUID {
+        self.subscription.guid()
+    }
+
+    /// Publishers that are matched now.
     pub fn publishers(&self) -> usize {
-        self.subscription.get_publisher_count(&self.participant.node())
+        self.participant.watch().matches(self.subscription.guid())
     }
 }
 

@@ -10,6 +10,7 @@ pub mod commands;
 pub mod controller;
 pub mod controller_settings;
 pub mod driver;
+pub mod graph_watch;
 pub mod inlet;
 pub mod outlet;
 pub mod parameters;

@@ -32,8 +32,6 @@ const RETIREMENT: Duration = Duration::from_secs(2);
 /// Longest wait for the successor to find the subscribers of the old writer. Measured: 1 to 3 ms;
 /// a subscriber that leaves meanwhile would be waited for in vain.
 const MATCH_WITHIN: Duration = Duration::from_millis(200);
-/// Pause between two looks at the successor's matches.
-const MATCH_POLL: Duration = Duration::from_micros(200);
 /// Pause after a successor that could not be made.
 const RETRY_AFTER: Duration = Duration::from_millis(100);
 
@@ -85,9 +83,6 @@ pub struct Outlet<M: RosMessage> {
 impl<M: RosMessage> Outlet<M> {
     /// A publisher on `name` (absolute, or relative to the node's namespace).
     ///
-    /// Subscribers are found with the node's spinner running; without it a successor waits for
-    /// 200 ms instead of for its matches.
-    ///
     /// # Errors
     /// [`ParticipantError`] when the name is none, the profile is transient local, or DDS refuses.
     pub fn new(participant: &Participant, name: &str, qos: &Qos) -> Result<Self, ParticipantError> {
@@ -106,6 +101,7 @@ impl<M: RosMessage> Outlet<M> {
             topic: name.to_owned(),
             reason: e.to_string(),
         })?;
+        participant.watch().name(writer.guid(), name);
         Ok(Self {
             participant: participant.clone(),
             topic,
@@ -151,7 +147,7 @@ impl<M: RosMessage> Outlet<M> {
                 return false;
             }
             if self.successor.is_none() {
-                thread::sleep(MATCH_POLL.min(left));
+                thread::sleep(RETRY_AFTER.min(left));
             }
         }
     }
@@ -171,10 +167,20 @@ impl<M: RosMessage> Outlet<M> {
         &self.name
     }
 
-    /// Subscribers that are matched now, dead ones included until their lease ends. Needs the
-    /// node's spinner.
+    /// Subscribers that are matched now, dead ones included until their lease ends.
     pub fn subscribers(&self) -> usize {
-        self.writer.get_subscription_count(&self.participant.node())
+        self.participant.watch().matches(self.writer.guid())
+    }
+
+    /// How often a subscriber came whose quality of service does not fit: it gets nothing.
+    pub fn misfits(&self) -> usize {
+        self.participant.watch().misfits(self.writer.guid())
+    }
+
+    /// Waits until at least `wanted` subscribers are matched, or `limit` has passed; how many
+    /// there are.
+    pub fn wait_for_subscribers(&self, wanted: usize, limit: Duration) -> usize {
+        self.participant.watch().wait_for_matches(self.writer.guid(), wanted, limit)
     }
 
     /// Sends what waits, in order, as far as the writer or its successor takes it within `limit`.
@@ -237,21 +243,16 @@ impl<M: RosMessage> Outlet<M> {
         let (hand_over, successor) = channel();
         let participant = self.participant.clone();
         let topic = self.topic.clone();
-        let dds_topic = self.topic.clone();
-        let spinning = participant.node().have_spinner();
-        let old_matches = if spinning { self.subscribers() } else { 0 };
+        let name = self.name.clone();
+        let old = self.writer.guid();
         let make = move || {
-            let start = Instant::now();
             let made = participant.node().create_publisher::<M>(&topic, None);
             let made = made.map_err(|e| e.to_string());
             if let Ok(writer) = &made {
-                let discovered = participant.readers_of(&dds_topic);
-                let wanted = old_matches.min(discovered);
-                while start.elapsed() < MATCH_WITHIN
-                    && (!spinning || writer.get_subscription_count(&participant.node()) < wanted)
-                {
-                    thread::sleep(MATCH_POLL);
-                }
+                participant.watch().name(writer.guid(), &name);
+                // Those of the old writer that are still there.
+                let wanted = participant.watch().matches(old).min(participant.readers_of(&topic));
+                participant.watch().wait_for_matches(writer.guid(), wanted, MATCH_WITHIN);
             }
             // The outlet may be gone: then nobody needs the writer.
             let _ = hand_over.send(made);

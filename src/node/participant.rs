@@ -2,8 +2,8 @@
 //!
 //! In goes what the environment says (`ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`,
 //! `ROS_LOCALHOST_ONLY`) and a node name; out comes a node that talks to real ROS 2 peers.
-//! ros2-client reads none of these variables, and two nodes with spinners in one context hide
-//! matched events from each other: hence one participant and one context per node.
+//! ros2-client reads none of these variables, and the discovery events of a participant reach one
+//! listener only: hence one participant and one context per node.
 
 use std::{
     net::{IpAddr, Ipv4Addr, Ipv6Addr},
@@ -11,10 +11,12 @@ use std::{
 };
 
 use ros2_client::{Context, Name, Node, NodeName, NodeOptions, names::NameError};
-use rustdds::{DomainParticipant, DomainParticipantBuilder, QosPolicies, Topic, TopicKind};
+use rustdds::{
+    DomainParticipant, DomainParticipantBuilder, QosPolicies, RTPSEntity, Topic, TopicDescription, TopicKind,
+};
 use thiserror::Error;
 
-use super::qos::Qos;
+use super::{graph_watch::GraphWatch, qos::Qos};
 
 /// Largest domain whose UDP ports exist: 7400 + 250 * domain + 11 must stay below 65536
 /// (DDSI-RTPS 2.5, 9.6.2.3).
@@ -173,13 +175,21 @@ pub enum ParticipantError {
 
 /// A node with a context and a DDS participant of its own.
 ///
-/// Cheap to clone: outlets keep one to make themselves a new writer with.
+/// Cheap to clone: outlets keep one to make themselves a new writer with. When the last clone is
+/// dropped, the node takes leave of its peers; a process that ends without that stays in their
+/// lists for 50 s.
 #[derive(Clone)]
 pub struct Participant {
-    node: Arc<Mutex<Node>>,
+    inner: Arc<Inner>,
+}
+
+/// Dropped in this order: the watch keeps the DDS participant alive.
+struct Inner {
+    watch: GraphWatch,
+    node: Mutex<Node>,
     node_name: NodeName,
-    domain_participant: DomainParticipant,
     context: Context,
+    domain_participant: DomainParticipant,
 }
 
 impl Participant {
@@ -200,29 +210,37 @@ impl Participant {
         let node = context
             .new_node(node_name.clone(), options)
             .map_err(|e| ParticipantError::Node { name: node_name.fully_qualified_name(), reason: format!("{e:?}") })?;
-        Ok(Self { node: Arc::new(Mutex::new(node)), node_name, domain_participant, context })
+        let watch = GraphWatch::start(domain_participant.clone())
+            .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
+        let node = Mutex::new(node);
+        Ok(Self { inner: Arc::new(Inner { watch, node, node_name, context, domain_participant }) })
     }
 
-    /// The ros2-client node, for services, parameters and logging.
-    /// Hold it briefly.
+    /// The ros2-client node, for services and logging. Hold it briefly, and make no spinner of it:
+    /// it would take the discovery events away from [`Participant::watch`].
     pub fn node(&self) -> MutexGuard<'_, Node> {
-        self.node.lock().unwrap_or_else(PoisonError::into_inner)
+        self.inner.node.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub fn context(&self) -> &Context {
-        &self.context
+        &self.inner.context
+    }
+
+    /// Who is matched with the endpoints of this node.
+    pub fn watch(&self) -> &GraphWatch {
+        &self.inner.watch
     }
 
     /// Endpoints of the whole domain can be asked here.
     pub fn domain_participant(&self) -> &DomainParticipant {
-        &self.domain_participant
+        &self.inner.domain_participant
     }
 
     /// Subscribers on `topic` anywhere in the domain, dead ones included until their lease ends.
     pub fn readers_of(&self, topic: &Topic) -> usize {
-        use rustdds::TopicDescription;
         let name = topic.name();
-        self.domain_participant
+        self.inner
+            .domain_participant
             .discovered_readers()
             .iter()
             .filter(|reader| *reader.subscription_topic_data.topic_name() == name)
@@ -231,9 +249,9 @@ impl Participant {
 
     /// Publishers of the ROS topic `name` (absolute) in other participants, dead ones included until their lease ends.
     pub fn other_writers_of(&self, name: &str) -> usize {
-        use rustdds::RTPSEntity;
-        let (dds_name, prefix) = (format!("rt{name}"), self.domain_participant.guid().prefix);
-        self.domain_participant
+        let (dds_name, prefix) = (format!("rt{name}"), self.inner.domain_participant.guid().prefix);
+        self.inner
+            .domain_participant
             .discovered_writers()
             .iter()
             .filter(|writer| *writer.publication_topic_data.topic_name() == dds_name)
@@ -243,7 +261,7 @@ impl Participant {
 
     /// `/namespace/name`.
     pub fn fully_qualified_name(&self) -> String {
-        self.node_name.fully_qualified_name()
+        self.inner.node_name.fully_qualified_name()
     }
 
     /// The topic `name` (absolute, or relative to the node's namespace) of ROS type
@@ -255,10 +273,11 @@ impl Participant {
     pub fn topic(&self, name: &str, package: &str, type_name: &str, qos: &Qos) -> Result<Topic, ParticipantError> {
         let dds_name = Name::parse(name)
             .map_err(|source| ParticipantError::TopicName { name: name.to_owned(), source })?
-            .to_dds_name("rt", &self.node_name, "");
+            .to_dds_name("rt", &self.inner.node_name, "");
         let dds_type = ros2_client::MessageTypeName::new(package, type_name).dds_msg_type();
         let policies = QosPolicies::from(qos);
-        self.domain_participant
+        self.inner
+            .domain_participant
             .create_topic(dds_name, dds_type, &policies, TopicKind::NoKey)
             .map_err(|e| ParticipantError::Endpoint { what: "topic", topic: name.to_owned(), reason: e.to_string() })
     }
