@@ -14,6 +14,7 @@ use crate::bag::{BagReader, topics};
 use crate::lab::{Move, MoveKind, MoveResult, PaperMotion, settling};
 use crate::message::ControllerState;
 use crate::node::LOCKSTEP_EPOCH;
+use crate::node::cpu;
 use crate::node::driver::{Driver, LockstepRun};
 use crate::node::participant::{Network, Reach};
 use crate::node::recorder::dated_directory;
@@ -110,6 +111,8 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     bar.set_style(ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?.progress_chars("=> "));
     bar.enable_steady_tick(Duration::from_millis(200));
     let program = std::env::current_exe()?;
+    // Both nodes on the last processor, the recorder on the others.
+    let cpu = format!("cpu:={}", cpu::online() - 1);
     let mut results = Vec::new();
     let mut errors = Vec::new();
     for (index, guide) in args.guides.iter().enumerate() {
@@ -120,8 +123,9 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
                 format!("model:={guide}"),
                 format!("seed:={}", args.seed),
                 format!("record:={}", bag.display()),
+                cpu.clone(),
             ]),
-            controller_arguments: Vec::new(),
+            controller_arguments: parameters(std::slice::from_ref(&cpu)),
             points: motion.points.clone(),
             log_stem: bag.clone(),
         };

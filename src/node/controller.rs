@@ -91,6 +91,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     let (stage, joint) = (parameters.string("stage"), parameters.string("joint"));
     let (enabled, jump_limit) = (parameters.boolean("enabled"), parameters.double("setpoint_jump_limit"));
 
+    startup.pin(parameters.integer("cpu"))?;
     let participant = startup.join()?;
     let status = Arc::new(Status::default());
     let (control, control_inbox) = futures::channel::mpsc::unbounded();

@@ -1,6 +1,7 @@
 //! Parameters of the controller node. Gains have the names of ros2_control's pid_controller.
 
 use super::parameters::{ParameterSpec, ParameterValues};
+use super::runtime::Startup;
 use crate::control::{AntiWindup, ControllerSettings, Gains};
 use ros2_client::ParameterValue;
 
@@ -13,6 +14,7 @@ pub fn specs() -> Vec<ParameterSpec> {
     let paper = ControllerSettings::paper(40.0, 4000.0, 2000.0);
     let gains = paper.gains;
     vec![
+        Startup::cpu_spec(),
         ParameterSpec::double(
             "rate",
             paper.rate,

@@ -134,13 +134,6 @@ impl Driver {
     pub fn new(program: &Path, network: Network) -> anyhow::Result<Driver> {
         let options = ros2_client::NodeOptions::new().start_parameter_services(false).enable_rosout(false);
         let participant = Participant::join(network, "/", "friction_stage_driver", options)?;
-        let spinner =
-            participant.node().spinner().map_err(|error| anyhow::anyhow!("cannot watch the ROS graph: {error:?}"))?;
-        std::thread::Builder::new().name("graph".to_owned()).spawn(move || {
-            if let Err(error) = futures::executor::block_on(spinner.spin()) {
-                tracing::error!("watching the ROS graph ended: {error:?}");
-            }
-        })?;
         Ok(Driver { participant, network, program: program.to_owned() })
     }
 

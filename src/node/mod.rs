@@ -9,6 +9,7 @@ pub mod clock;
 pub mod commands;
 pub mod controller;
 pub mod controller_settings;
+pub mod cpu;
 pub mod driver;
 pub mod graph_watch;
 pub mod inlet;

@@ -13,8 +13,9 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::clock;
+use super::cpu;
 use super::inlet::{Inlet, Waiter};
-use super::participant::Participant;
+use super::participant::{Network, Participant};
 use super::qos::{CLOCK, COMMANDS, DIAGNOSTICS, Qos, SAMPLES};
 use super::runtime::lock;
 use super::wire::{StageNames, Tick};
@@ -28,6 +29,11 @@ use crate::message::{
 const RING: usize = 16_384;
 /// Longest sleep of the recorder between two looks at the ring.
 const NAP: Duration = Duration::from_millis(2);
+
+/// Longest wait, when a bag is opened, for a controller that is there: discovery on one machine takes 0.1 s.
+const FIND: Duration = Duration::from_millis(300);
+/// States of the controller that may wait for the listener.
+const HEARD: Qos = Qos::reliable(10_000);
 
 /// Absolute names of the topics in a bag.
 #[derive(Clone, Debug)]
@@ -86,6 +92,20 @@ pub struct RecorderStatus {
 pub struct RecorderHandle {
     orders: mpsc::Sender<Order>,
     status: Arc<RecorderStatus>,
+}
+
+/// What a recorder needs to know before it starts.
+#[derive(Clone, Debug)]
+pub struct RecorderSetup {
+    /// Namespace and name of the recorder's own node. It has a participant of its own, so that what it hears costs the
+    /// stage's DDS threads nothing.
+    pub namespace: String,
+    pub node: String,
+    /// Processor that the recorder keeps away from.
+    pub busy_cpu: Option<usize>,
+    pub topics: RecordedTopics,
+    pub names: StageNames,
+    pub provenance: Provenance,
 }
 
 /// The recorder's thread; it ends, and closes its bag, when every handle and feed is gone.
@@ -160,23 +180,14 @@ impl RecorderHandle {
 }
 
 impl Recorder {
-    /// Starts the thread. `participant` lets it listen to the controller while a bag is open.
-    pub fn start(
-        participant: Participant,
-        topics: RecordedTopics,
-        names: StageNames,
-        provenance: Provenance,
-    ) -> std::io::Result<(Recorder, RecorderHandle, TickFeed)> {
+    /// Starts the thread.
+    pub fn start(setup: RecorderSetup) -> std::io::Result<(Recorder, RecorderHandle, TickFeed)> {
         let (orders, inbox) = mpsc::channel();
         let (producer, consumer) = rtrb::RingBuffer::new(RING);
         let status = Arc::new(RecorderStatus::default());
         let handle = RecorderHandle { orders, status: status.clone() };
-        // The thread must not keep its own inbox open.
         let mut work = Work {
-            participant,
-            topics,
-            names,
-            provenance,
+            setup,
             ring: consumer,
             status: status.clone(),
             bag: None,
@@ -196,10 +207,7 @@ impl Recorder {
 }
 
 struct Work {
-    participant: Participant,
-    topics: RecordedTopics,
-    names: StageNames,
-    provenance: Provenance,
+    setup: RecorderSetup,
     ring: rtrb::Consumer<Tick>,
     status: Arc<RecorderStatus>,
     bag: Option<OpenBag>,
@@ -270,6 +278,11 @@ impl OpenBag {
 
 impl Work {
     fn run(&mut self, inbox: &mpsc::Receiver<Order>) {
+        if let Some(busy) = self.setup.busy_cpu
+            && let Err(error) = cpu::avoid(busy)
+        {
+            tracing::warn!("the recorder stays on processor {busy}: {error}");
+        }
         loop {
             let first = inbox.recv_timeout(NAP);
             let over = matches!(first, Err(mpsc::RecvTimeoutError::Disconnected));
@@ -309,13 +322,13 @@ impl Work {
         if let Some(bag) = &self.bag {
             return Err(format!("already recording to {}: stop that first", bag.writer.directory().display()));
         }
-        let bag = OpenBag::create(directory, &self.topics, &self.provenance).map_err(|error| error.to_string())?;
+        let bag = OpenBag::create(directory, &self.setup.topics, &self.setup.provenance)
+            .map_err(|error| error.to_string())?;
         self.bag = Some(bag);
         *lock(&self.status.fault) = None;
-        let listener = Listener::start(self.participant.clone(), &self.topics.controller_state, self.heard.clone());
-        match listener {
+        match Listener::start(&self.setup, self.heard.clone()) {
             Ok(listener) => self.controller = Some(listener),
-            Err(error) => tracing::error!("{} will not be recorded: {error}", self.topics.controller_state),
+            Err(error) => tracing::error!("{} will not be recorded: {error:#}", self.setup.topics.controller_state),
         }
         self.status.recording.store(true, Ordering::Release);
         Ok(())
@@ -350,7 +363,7 @@ impl Work {
     /// Does something to the open bag; one that fails is given up with a loud word.
     fn write(&mut self, action: impl FnOnce(&mut OpenBag, &StageNames) -> Result<(), BagError>) {
         let Some(bag) = &mut self.bag else { return };
-        if let Err(error) = action(bag, &self.names) {
+        if let Err(error) = action(bag, &self.setup.names) {
             let directory = bag.writer.directory().display().to_string();
             tracing::error!(
                 "recording ends: {error}. What was written until now is in {directory}; \
@@ -375,12 +388,11 @@ struct Listener {
 }
 
 impl Listener {
-    fn start(
-        participant: Participant,
-        topic: &str,
-        heard: Arc<Mutex<Vec<ControllerState>>>,
-    ) -> anyhow::Result<Listener> {
-        let inlet = Inlet::<ControllerState>::new(&participant, topic, &SAMPLES)?;
+    fn start(setup: &RecorderSetup, heard: Arc<Mutex<Vec<ControllerState>>>) -> anyhow::Result<Listener> {
+        let options = ros2_client::NodeOptions::new().start_parameter_services(false).enable_rosout(false);
+        let participant = Participant::join(Network::from_environment()?, &setup.namespace, &setup.node, options)?;
+        let inlet = Inlet::<ControllerState>::new(&participant, &setup.topics.controller_state, &HEARD)?;
+        participant.watch().wait_for_matches(inlet.guid(), 1, FIND);
         let stop = Arc::new(AtomicBool::new(false));
         let flag = stop.clone();
         let (hand_over, waker) = mpsc::sync_channel(1);

@@ -14,7 +14,8 @@ use ros2_client::NodeOptions;
 use tokio::sync::oneshot;
 
 use super::arguments::{Override, RosArguments, fully_qualified};
-use super::parameters::{ParameterServer, ParameterSet};
+use super::cpu;
+use super::parameters::{ParameterServer, ParameterSet, ParameterSpec};
 use super::participant::{Network, Participant};
 use super::service::{self, Service};
 use crate::message::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
@@ -74,7 +75,7 @@ impl Startup {
         use tracing_subscriber::filter::{EnvFilter, LevelFilter};
         let level = self.arguments.log_level(&self.name).map_or(LevelFilter::INFO, LevelFilter::from);
         // The DDS library warns of every stray packet, and calls errors what is none: leaving a multicast group that loopback
-        // does not have, other types on /clock, a spinner that ended before its node.
+        // does not have.
         let quiet = "rustdds=error,ros2_client=error,rustdds::network=off,rustdds::discovery::discovery_db=off,\
                      ros2_client::node=off";
         let filter = std::env::var("RUST_LOG")
@@ -88,6 +89,18 @@ impl Startup {
             .with_ansi(std::io::stderr().is_terminal())
             .with_target(false)
             .try_init();
+    }
+
+    /// The parameter `cpu` of both nodes.
+    pub fn cpu_spec() -> ParameterSpec {
+        let description = "processor to run on; both nodes of a lockstep run are fastest on the same one; -1: any";
+        ParameterSpec::integer("cpu", cpu::ANY, description).range(cpu::ANY as f64, 1023.0).read_only()
+    }
+
+    /// Binds the process to the processor of the parameter `cpu`; to be called before other threads start.
+    pub fn pin(&self, wanted: i64) -> anyhow::Result<()> {
+        let Ok(number) = usize::try_from(wanted) else { return Ok(()) };
+        cpu::pin(number).with_context(|| format!("parameter cpu is {wanted}: must be below {} here", cpu::online()))
     }
 
     /// Joins the network that the environment names.
@@ -139,21 +152,15 @@ pub enum End {
 }
 
 impl Background {
-    /// Starts the discovery of the node and the parameter services. `control` reaches the node's loop.
+    /// Starts the parameter services. `control` reaches the node's loop.
     pub fn new(
         participant: &Participant,
         parameters: Arc<Mutex<ParameterSet>>,
         control: UnboundedSender<Control>,
     ) -> anyhow::Result<Background> {
         let mut node = participant.node();
-        let spinner = node.spinner().map_err(|error| anyhow::anyhow!("cannot watch the ROS graph: {error:?}"))?;
         let server = ParameterServer::new(&mut node, parameters)?;
-        let spin = async move {
-            if let Err(error) = spinner.spin().await {
-                tracing::error!("watching the ROS graph ended: {error:?}");
-            }
-        };
-        Ok(Background { tasks: vec![Box::pin(spin), Box::pin(server.run())], control })
+        Ok(Background { tasks: vec![Box::pin(server.run())], control })
     }
 
     /// Another task that runs as long as the node.

@@ -11,7 +11,7 @@ use super::outlet::Outlet;
 use super::parameters::ParameterSet;
 use super::participant::Participant;
 use super::qos::DIAGNOSTICS;
-use super::recorder::{Heard, RecordedTopics, Recorder, RecorderHandle, dated_directory};
+use super::recorder::{Heard, RecordedTopics, Recorder, RecorderHandle, RecorderSetup, dated_directory};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::stage_inbox::Inbox;
 use super::stage_lockstep::Lockstep;
@@ -90,6 +90,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     for warning in settings.model.warnings()? {
         tracing::warn!("{warning}");
     }
+    let cpu = parameters.integer("cpu");
+    startup.pin(cpu)?;
     let parameters = Arc::new(Mutex::new(parameters));
 
     let participant = startup.join()?;
@@ -104,9 +106,14 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         frame: settings.frame.clone(),
         effects: stage.body().effects().names().map(str::to_owned).collect(),
     };
-    let topics = recorded_topics(&startup, settings.publish_clock);
-    let provenance = provenance(&startup, &settings)?;
-    let (recorder, handle, feed) = Recorder::start(participant.clone(), topics, names.clone(), provenance)?;
+    let (recorder, handle, feed) = Recorder::start(RecorderSetup {
+        namespace: startup.namespace.clone(),
+        node: format!("{}_recorder", startup.name),
+        busy_cpu: usize::try_from(cpu).ok(),
+        topics: recorded_topics(&startup, settings.publish_clock),
+        names: names.clone(),
+        provenance: provenance(&startup, &settings)?,
+    })?;
     if let Some(directory) = &settings.record {
         handle.start(directory).map_err(|reason| anyhow::anyhow!("parameter record: {reason}"))?;
         tracing::info!("recording to {}", directory.display());

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::parameters::{ParameterSpec, ParameterValues};
+use super::runtime::Startup;
 use crate::model::{Catalogue, ModelError, StageModel};
 use crate::plant::{Rates, RatesError};
 
@@ -67,6 +68,7 @@ pub fn specs() -> Vec<ParameterSpec> {
     let (control_min, control_max) = Rates::CONTROL_RANGE;
     let (physics_min, physics_max) = Rates::PHYSICS_RANGE;
     vec![
+        Startup::cpu_spec(),
         ParameterSpec::string(
             "model",
             "guide_1",
