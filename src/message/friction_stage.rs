@@ -83,7 +83,7 @@ pub struct ControllerState {
 impl RosMessage for ControllerState {
     const PACKAGE: &'static str = "friction_stage";
     const NAME: &'static str = "ControllerState";
-    const TYPE_HASH: &'static str = "RIHS01_c47f1110e058bf2d1b9b2ba6ccfa9e4823942501482392f0844100a663b1ec71";
+    const TYPE_HASH: &'static str = "RIHS01_acc9f7b22c1a2d9c0fe8d2f91d772a8380b1d7381db6078f9a4600b1e8fda677";
     const TEXT: &'static str = include_str!("../../msg/ControllerState.msg");
     const DEPENDENCIES: &'static [Definition] = &[Definition::of::<Header>(), Definition::of::<Time>()];
 }
