@@ -221,7 +221,7 @@ fn write_figure(path: &Path, title: &str, motion: &PaperMotion, runs: &[(String,
                 .collect(),
         };
         let duration = (the_move.arrival - the_move.start) as f64;
-        let reference = span.clone().step_by(500_000).map(|time| {
+        let reference = span.clone().step_by(100_000).map(|time| {
             let u = ((time - the_move.start) as f64 / duration).clamp(0.0, 1.0);
             (ms(time), u * u * u * (10.0 - 15.0 * u + 6.0 * u * u))
         });

@@ -92,6 +92,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     let (enabled, jump_limit) = (parameters.boolean("enabled"), parameters.double("setpoint_jump_limit"));
 
     startup.pin(parameters.integer("cpu"))?;
+    let wait_for_setpoint = parameters.boolean("wait_for_setpoint");
     let participant = startup.join()?;
     let status = Arc::new(Status::default());
     let (control, control_inbox) = futures::channel::mpsc::unbounded();
@@ -122,6 +123,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         follower: Follower::new(jump_limit),
         joint,
         enabled,
+        wait_for_setpoint,
         status,
         retuned,
         last: None,
@@ -189,6 +191,8 @@ struct ControllerLoop {
     follower: Follower,
     joint: String,
     enabled: bool,
+    /// Silent until the first setpoint.
+    wait_for_setpoint: bool,
     status: Arc<Status>,
     retuned: Arc<Mutex<Option<ControllerSettings>>>,
     /// ns
@@ -281,15 +285,18 @@ impl ControllerLoop {
         for setpoint in std::mem::take(&mut self.waiting) {
             self.follow(setpoint);
         }
-        self.compute();
+        if self.last.is_some_and(|last| !last.answered) {
+            self.compute();
+        }
     }
 
     /// Computes and answers the last sample.
     fn compute(&mut self) {
         let Some(last) = &mut self.last else { return };
         let (stamp, position) = (last.stamp, last.position);
-        last.answered = self.enabled;
-        if !self.enabled {
+        let silent = !self.enabled || self.wait_for_setpoint;
+        last.answered = !silent;
+        if silent {
             self.held = Terms { reference: self.follower.at(stamp), position, ..Terms::default() };
             self.held.error = self.held.reference.position - position;
             return self.tell(stamp);
@@ -322,7 +329,8 @@ impl ControllerLoop {
 
     fn follow(&mut self, message: JointTrajectory) {
         let Some(last) = self.last else {
-            return self.keep_waiting(message);
+            // Where it may lead depends on where the stage is: judged with the first sample.
+            return self.waiting.push(message);
         };
         let now = last.stamp;
         let result = setpoint(&message, &self.joint, now).map_err(|error| error.to_string()).and_then(|wanted| {
@@ -335,21 +343,13 @@ impl ControllerLoop {
         match result {
             Ok(start) => {
                 self.setpoint_stamp = start;
+                let was_waiting = std::mem::take(&mut self.wait_for_setpoint);
                 if !self.enabled {
                     self.tell(now);
+                } else if was_waiting && !last.answered {
+                    self.due = now;
+                    self.compute();
                 }
-            }
-            Err(reason) => self.status.refuse(&self.status.refused_setpoints, format!("setpoint: {reason}")),
-        }
-    }
-
-    /// Keeps a setpoint until the first sample says where the stage is, and tells so.
-    fn keep_waiting(&mut self, message: JointTrajectory) {
-        match setpoint(&message, &self.joint, 0) {
-            Ok(_) => {
-                self.setpoint_stamp = message.header.stamp.to_nanos();
-                self.waiting.push(message);
-                self.tell(0);
             }
             Err(reason) => self.status.refuse(&self.status.refused_setpoints, format!("setpoint: {reason}")),
         }

@@ -27,6 +27,8 @@ pub fn specs() -> Vec<ParameterSpec> {
         ParameterSpec::string("joint", "stage", "name of the joint in messages").read_only(),
         ParameterSpec::boolean("enabled", true, "whether the controller commands from the start; ~/enable changes it")
             .read_only(),
+        ParameterSpec::boolean("wait_for_setpoint", false, "answer no sample before the first setpoint is accepted")
+            .read_only(),
         ParameterSpec::string(
             "tuning",
             "bandwidth",

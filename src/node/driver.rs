@@ -1,11 +1,10 @@
 //! Runs stage and controller as two processes in lockstep, gives them a motion, and waits until it is over.
 //!
-//! The order makes the run repeatable: the controller has its motion before the stage takes its first sample, and the
-//! stage's time stands still until the first answer.
+//! The run repeats bit for bit: the stage's time stands still at its first sample until that is answered, and the controller
+//! answers nothing before it has its motion.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::task::Poll;
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
@@ -13,10 +12,10 @@ use anyhow::Context as _;
 use super::inlet::{Inlet, Waiter};
 use super::outlet::Outlet;
 use super::participant::{Network, Participant};
-use super::qos::{COMMANDS, DIAGNOSTICS, SAMPLES};
+use super::qos::{COMMANDS, DIAGNOSTICS};
 use super::wire::joint_trajectory;
 use crate::control::Point;
-use crate::message::{ControllerState, DiagnosticArray, JointTrajectory};
+use crate::message::{DiagnosticArray, JointTrajectory};
 
 /// Longest wait for a process to be found, to take the motion, or to end.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -42,7 +41,7 @@ pub struct RunResult {
     pub rate: f64,
 }
 
-/// A participant of its own that drives one run. Not more: it would hear the last run's controller once more.
+/// A participant of its own that drives one run.
 pub struct Driver {
     participant: Participant,
     network: Network,
@@ -142,15 +141,23 @@ impl Driver {
         let start = super::LOCKSTEP_EPOCH;
         let end = start + run.points.last().map_or(0, |point| point.time);
         let waiter = Waiter::new();
-        let mut controller = Process::start(&self, "controller", &run.controller_arguments, &run.log_stem)?;
-        self.hand_over(&waiter, &mut controller, start, &run.points)?;
-
+        let mut setpoint = Outlet::<JointTrajectory>::new(&self.participant, "/stage/setpoint", &COMMANDS)?;
         let diagnostics = Inlet::<DiagnosticArray>::new(&self.participant, "/diagnostics", &DIAGNOSTICS)?;
-        let mut arguments = run.stage_arguments.clone();
-        for given in ["mode:=lockstep", "wait_for_command:=true"] {
-            arguments.extend(["-p".to_owned(), given.to_owned()]);
-        }
+        let with = |given: &[String], added: &[&str]| -> Vec<String> {
+            let added = added.iter().flat_map(|parameter| ["-p".to_owned(), (*parameter).to_owned()]);
+            given.iter().cloned().chain(added).collect()
+        };
+        let arguments = with(&run.stage_arguments, &["mode:=lockstep", "wait_for_command:=true"]);
         let mut stage = Process::start(&self, "stage", &arguments, &run.log_stem)?;
+        let arguments = with(&run.controller_arguments, &["wait_for_setpoint:=true"]);
+        let mut controller = Process::start(&self, "controller", &arguments, &run.log_stem)?;
+        let deadline = Instant::now() + PATIENCE;
+        while setpoint.wait_for_subscribers(2, Duration::from_millis(100)) < 2 {
+            stage.check()?;
+            controller.check()?;
+            anyhow::ensure!(Instant::now() < deadline, "stage and controller did not find each other in {PATIENCE:?}");
+        }
+        let _ = setpoint.publish(joint_trajectory("stage", start, &run.points));
         let mut deadline = Instant::now() + PATIENCE;
         let (mut first, mut last) = (None, None);
         loop {
@@ -180,31 +187,6 @@ impl Driver {
         let ((from, began), (to, over)) = first.zip(last).context("the run was over before it was seen")?;
         let seconds = (over - began) as f64 * 1e-9;
         Ok(RunResult { cycles: to, rate: (to - from) as f64 / seconds.max(1e-9) })
-    }
-
-    /// Publishes the motion until the controller says that it has it.
-    fn hand_over(&self, waiter: &Waiter, controller: &mut Process, start: i64, points: &[Point]) -> anyhow::Result<()> {
-        let mut setpoint = Outlet::<JointTrajectory>::new(&self.participant, "/stage/setpoint", &COMMANDS)?;
-        let state = Inlet::<ControllerState>::new(&self.participant, "/controller/state", &SAMPLES)?;
-        let deadline = Instant::now() + PATIENCE;
-        let mut again = Instant::now();
-        while Instant::now() < deadline {
-            controller.check()?;
-            if setpoint.subscribers() > 0 && state.publishers() > 0 && Instant::now() >= again {
-                let _ = setpoint.publish(joint_trajectory("stage", start, points));
-                again = Instant::now() + Duration::from_secs(1);
-            }
-            let soon = Instant::now() + Duration::from_millis(10);
-            let heard = waiter.wait(Some(soon), |context| match state.poll_take(context) {
-                Poll::Ready(Ok(state)) => Poll::Ready(state.setpoint_stamp.to_nanos() == start),
-                Poll::Ready(Err(_)) => Poll::Ready(false),
-                Poll::Pending => Poll::Pending,
-            });
-            if heard == Some(true) {
-                return Ok(());
-            }
-        }
-        anyhow::bail!("the controller did not take its motion within {PATIENCE:?}; see {}", controller.log.display())
     }
 }
 

@@ -62,13 +62,14 @@ fn draw(panel: &Panel, area: &Area) -> Result<(), DrawingAreaErrorKind<std::io::
         let (low, high) = points()
             .map(part)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
-        if low < high { (low, high) } else { (low.min(0.0).max(-1.0), high.max(0.0).min(1.0) + 1.0) }
+        if low < high { (low, high) } else { (-1.0, 1.0) }
     };
     let ((x_low, x_high), (y_low, y_high)) = (range(|point| point.0), range(|point| point.1));
     let margin = 0.08 * (y_high - y_low);
     let mut chart = ChartBuilder::on(area)
         .caption(&panel.title, ("sans-serif", 16))
         .margin(12)
+        .margin_right(26)
         .x_label_area_size(42)
         .y_label_area_size(64)
         .build_cartesian_2d(x_low..x_high, (y_low - margin)..(y_high + margin))?;
@@ -78,6 +79,8 @@ fn draw(panel: &Panel, area: &Area) -> Result<(), DrawingAreaErrorKind<std::io::
         .y_desc(&panel.y_label)
         .x_labels(11)
         .y_labels(9)
+        .x_label_formatter(&|x| format!("{x}"))
+        .y_label_formatter(&|y| format!("{}", (y * 1e6).round() / 1e6))
         .light_line_style(WHITE)
         .bold_line_style(BLACK.mix(0.12))
         .label_style(("sans-serif", 13))
@@ -96,10 +99,10 @@ fn draw(panel: &Panel, area: &Area) -> Result<(), DrawingAreaErrorKind<std::io::
         chart.draw_series(LineSeries::new(thin(&curve.points), colour.stroke_width(2)))?;
     }
     // A legend of our own: the library's cannot sit beside a dashed line without a box over the curves.
-    let (width, _) = area.dim_in_pixel();
+    let (width, height) = area.dim_in_pixel();
     let style = ("sans-serif", 13).into_text_style(area).pos(Pos::new(HPos::Right, VPos::Center));
     for (index, (curve, colour)) in panel.curves.iter().zip(COLOURS.iter().cycle()).enumerate() {
-        let (x, y) = (width as i32 - 30, 52 + 18 * index as i32);
+        let (x, y) = (width as i32 - 40, height as i32 / 3 + 18 * index as i32);
         area.draw(&PathElement::new([(x - 26, y), (x, y)], colour.stroke_width(3)))?;
         area.draw(&Text::new(curve.name.clone(), (x - 32, y), style.clone()))?;
     }

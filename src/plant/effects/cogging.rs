@@ -70,7 +70,7 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let highest = residual.position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let stroke = highest - lowest;
     let shortest = 1e-4_f64.max(stroke / 200.0);
-    if !(stroke > shortest) || residual.force.len() < 10 {
+    if !stroke.is_finite() || stroke <= shortest || residual.force.len() < 10 {
         return None;
     }
     let octaves = (stroke / shortest).log2();
