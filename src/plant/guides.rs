@@ -17,7 +17,7 @@ pub const MAX_STEP_DAMPING: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub struct GuideBank {
     count: usize,
-    /// sigma0, N/m, its inverse, and -log2(e) sigma0: the exponent of two with which a bristle relaxes, per g/m.
+    /// sigma0, N/m; its inverse; -log2(e) sigma0, which times |v| t / g is the power of two of the bristle's decay over t.
     stiffness: f64x4,
     compliance: f64x4,
     relaxation: f64x4,
