@@ -56,6 +56,7 @@ struct Process {
 }
 
 impl Process {
+    /// Starts the `name` node (stage or controller); its log goes beside `log_stem`.
     fn start(driver: &Driver, name: &'static str, arguments: &[String], log_stem: &Path) -> anyhow::Result<Process> {
         let log = log_stem.with_file_name(format!(
             "{}_{name}.log",
@@ -136,6 +137,34 @@ impl Driver {
         Ok(Driver { participant, network, program: program.to_owned() })
     }
 
+    /// Runs a stage, and a controller if it has arguments, in real time for `duration`; numbers of its last `/diagnostics` by key, 0 where one is missing.
+    pub fn observe<const N: usize>(
+        self,
+        stage_arguments: &[String],
+        controller_arguments: Option<&[String]>,
+        log_stem: &Path,
+        duration: Duration,
+        keys: [&str; N],
+    ) -> anyhow::Result<[f64; N]> {
+        let diagnostics = Inlet::<DiagnosticArray>::new(&self.participant, "/diagnostics", &DIAGNOSTICS)?;
+        let mut stage = Process::start(&self, "stage", stage_arguments, log_stem)?;
+        let controller = controller_arguments
+            .map(|arguments| Process::start(&self, "controller", arguments, log_stem))
+            .transpose()?;
+        let (waiter, start) = (Waiter::new(), Instant::now());
+        let mut found = None;
+        while start.elapsed() < duration {
+            stage.check()?;
+            let soon = Instant::now() + Duration::from_millis(100);
+            if let Some(Ok(message)) = waiter.wait(Some(soon), |context| diagnostics.poll_take(context)) {
+                found = Some(keys.map(|key| stage_value(&message, key).unwrap_or(0.0)));
+            }
+        }
+        stage.stop()?;
+        controller.map_or(Ok(()), Process::stop)?;
+        found.context("the stage published no diagnostics")
+    }
+
     /// Runs the motion to its end. `progress` hears the simulated time since the first sample, s.
     pub fn run(self, run: &LockstepRun, progress: &mut dyn FnMut(f64)) -> anyhow::Result<RunResult> {
         let start = super::LOCKSTEP_EPOCH;
@@ -192,7 +221,11 @@ impl Driver {
 
 /// Sample and stamp (ns) in the diagnostics of a stage.
 fn stage_report(message: &DiagnosticArray) -> Option<(u64, i64)> {
+    Some((stage_value(message, "sample")? as u64, stage_value(message, "stamp_ns")? as i64))
+}
+
+/// A number in the diagnostics of a stage.
+fn stage_value(message: &DiagnosticArray, key: &str) -> Option<f64> {
     let status = message.status.iter().find(|status| status.name.ends_with(": stage"))?;
-    let value = |key: &str| status.values.iter().find(|value| value.key == key).map(|value| value.value.as_str());
-    Some((value("sample")?.parse().ok()?, value("stamp_ns")?.parse().ok()?))
+    status.values.iter().find(|value| value.key == key)?.value.parse().ok()
 }

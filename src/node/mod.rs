@@ -13,6 +13,7 @@ pub mod cpu;
 pub mod driver;
 pub mod graph_watch;
 pub mod inlet;
+pub mod lateness;
 pub mod outlet;
 pub mod parameters;
 mod params_file;

@@ -138,7 +138,7 @@ impl TickThread {
         let (mut force, mut enabled, mut last_command) = (0.0, true, None::<i64>);
         loop {
             let late = ticks.wait();
-            self.status.ticked(late, period);
+            self.status.ticks.record(late, period);
             if late > GIVE_UP {
                 ticks.resynchronise();
             }

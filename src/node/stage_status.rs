@@ -3,12 +3,9 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 
+use super::lateness::LatenessHistogram;
 use super::runtime::lock;
 use crate::message::{DiagnosticStatus, KeyValue};
-
-/// Upper bounds of the lateness histogram, ns: powers of 2 from 256 ns to 2 s.
-const BUCKETS: usize = 24;
-const FIRST_BUCKET: u32 = 8;
 
 /// Counters of one stage node since its start. Written without locks on the tick.
 #[derive(Debug, Default)]
@@ -30,56 +27,18 @@ pub struct StageStatus {
     /// A source commands the stage.
     pub commanded: AtomicBool,
     pub disabled: AtomicBool,
-    /// Real time: ticks that came later than a whole period.
-    pub overruns: AtomicU64,
+    /// Real time: how late the ticks were.
+    pub ticks: LatenessHistogram,
     /// Samples that were not published because the publishing thread could not follow.
     pub unpublished: AtomicU64,
     /// The tick thread runs under SCHED_FIFO.
     pub real_time_scheduling: AtomicBool,
     /// Another stage publishes under the same name.
     pub duplicate: AtomicBool,
-    lateness: [AtomicU64; BUCKETS],
-    largest_lateness: AtomicI64,
     last_refusal: Mutex<Option<String>>,
 }
 
-/// Lateness of the ticks, us. Quantiles are upper bounds of their histogram bucket.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lateness {
-    pub p50: f64,
-    pub p99: f64,
-    pub max: f64,
-}
-
 impl StageStatus {
-    /// Counts a tick that was `lateness` ns late.
-    #[inline]
-    pub fn ticked(&self, lateness: i64, period: i64) {
-        let bits = 63 - (lateness.max(1) as u64).leading_zeros();
-        let bucket = bits.saturating_sub(FIRST_BUCKET - 1).min(BUCKETS as u32 - 1);
-        self.lateness[bucket as usize].fetch_add(1, Ordering::Relaxed);
-        self.largest_lateness.fetch_max(lateness, Ordering::Relaxed);
-        if lateness > period {
-            self.overruns.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-
-    /// `None` before the first tick.
-    pub fn lateness(&self) -> Option<Lateness> {
-        let counts: Vec<u64> = self.lateness.iter().map(|count| count.load(Ordering::Relaxed)).collect();
-        let total: u64 = counts.iter().sum();
-        let quantile = |part: f64| {
-            let mut seen = 0;
-            let bucket = counts.iter().position(|count| {
-                seen += count;
-                seen as f64 >= part * total as f64
-            });
-            bucket.map_or(0.0, |bucket| (1u64 << (bucket as u32 + FIRST_BUCKET)) as f64 * 1e-3)
-        };
-        let max = self.largest_lateness.load(Ordering::Relaxed) as f64 * 1e-3;
-        (total > 0).then(|| Lateness { p50: quantile(0.5).min(max), p99: quantile(0.99).min(max), max })
-    }
-
     /// Counts a refused command and logs it; a flood is logged at powers of ten only.
     pub fn refuse(&self, reason: &str) {
         let count = self.refused.fetch_add(1, Ordering::Relaxed) + 1;
@@ -135,10 +94,10 @@ impl StageStatus {
             KeyValue::new("clamped_samples", get(&self.clamped)),
             KeyValue::new("stale_commands", get(&self.stale)),
             KeyValue::new("missing_answers", get(&self.missing_answers)),
-            KeyValue::new("overruns", get(&self.overruns)),
+            KeyValue::new("overruns", self.ticks.overruns()),
             KeyValue::new("unpublished_samples", get(&self.unpublished)),
         ];
-        if let Some(lateness) = self.lateness() {
+        if let Some(lateness) = self.ticks.lateness() {
             values.push(KeyValue::new("real_time_scheduling", is(&self.real_time_scheduling)));
             values.push(KeyValue::new("lateness_p50_us", lateness.p50));
             values.push(KeyValue::new("lateness_p99_us", lateness.p99));
@@ -155,19 +114,6 @@ impl StageStatus {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn quantiles_bound_the_lateness_from_above_within_a_factor_of_two() {
-        let status = StageStatus::default();
-        assert_eq!(status.lateness(), None);
-        (0..990).for_each(|_| status.ticked(3_000, 250_000));
-        (0..10).for_each(|_| status.ticked(400_000, 250_000));
-        let lateness = status.lateness().unwrap();
-        assert!((3.0..6.1).contains(&lateness.p50), "{lateness:?}");
-        assert!((3.0..6.1).contains(&lateness.p99), "{lateness:?}");
-        assert_eq!(lateness.max, 400.0);
-        assert_eq!(status.overruns.load(Ordering::Relaxed), 10);
-    }
 
     #[test]
     fn a_missing_answer_is_an_error_and_a_refused_command_a_warning() {

@@ -62,7 +62,11 @@ fn draw(panel: &Panel, area: &Area) -> Result<(), DrawingAreaErrorKind<std::io::
         let (low, high) = points()
             .map(part)
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
-        if low < high { (low, high) } else { (-1.0, 1.0) }
+        match low.partial_cmp(&high) {
+            Some(std::cmp::Ordering::Less) => (low, high),
+            Some(std::cmp::Ordering::Equal) => (low - 1.0, high + 1.0),
+            _ => (-1.0, 1.0),
+        }
     };
     let ((x_low, x_high), (y_low, y_high)) = (range(|point| point.0), range(|point| point.1));
     let margin = 0.08 * (y_high - y_low);
