@@ -1,0 +1,229 @@
+"""launch_config/ and package.xml agree with each other, with the programs and with the messages."""
+
+import ast
+import importlib
+import json
+import re
+import tomllib
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import GetParameters, ListParameters
+
+from ros import TOPICS
+
+ROOT = Path(__file__).parents[2]
+FILES = ROOT / "launch_config"
+CARGO = tomllib.loads((ROOT / "Cargo.toml").read_text())
+NODES = {"stage": "stage_node", "controller": "controller_node"}
+VALUES = {
+    ParameterType.PARAMETER_BOOL: "bool_value",
+    ParameterType.PARAMETER_INTEGER: "integer_value",
+    ParameterType.PARAMETER_DOUBLE: "double_value",
+    ParameterType.PARAMETER_STRING: "string_value",
+}
+
+
+def read_yaml(name: str) -> dict:
+    return yaml.safe_load((FILES / name).read_text())
+
+
+def flat(tree: dict, prefix: str = "") -> Iterator[tuple[str, object]]:
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def parameters(ros, node: str) -> dict:
+    """Every parameter of a running node with its value, by its own services."""
+    names = ros.call(ListParameters, f"{node}/list_parameters").result.names
+    values = ros.call(GetParameters, f"{node}/get_parameters", names=names).values
+    return {name: getattr(value, VALUES[value.type]) for name, value in zip(names, values, strict=True)}
+
+
+# --- parameter files
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_parameter_file_holds_every_parameter_with_its_default(node, start, ros):
+    file = FILES / f"{node}_params.yaml"
+    written = dict(flat(read_yaml(file.name)[f"/**/{node}"]["ros__parameters"]))
+    # What the node works out by itself is refused when given, so it stands in comments.
+    derived = re.findall(r"^ *# ((?:gains|lowpass)\.\S+): (\S+)", file.read_text(), re.MULTILINE)
+    start(NODES[node], "--ros-args", "-r", "__ns:=/plain")
+    defaults = parameters(ros, f"/plain/{node}")
+    defaults.pop("use_sim_time")
+    found = written | {name: pytest.approx(float(value), rel=1e-14) for name, value in derived}
+    assert found == defaults
+    types = {name: type(value) for name, value in written.items()}
+    assert types == {name: type(defaults[name]) for name in written}, "1 is an integer, 1.0 a double"
+
+    start(NODES[node], "--ros-args", "-r", "__ns:=/given", "--params-file", str(file))
+    given = parameters(ros, f"/given/{node}")
+    given.pop("use_sim_time")
+    assert given == defaults
+
+
+@pytest.mark.parametrize("node", NODES)
+@pytest.mark.parametrize("file", ["lockstep_params.yaml", "friction_stage_controllers.yaml"])
+def test_nodes_take_the_values_of_files_for_several_nodes(file, node, start, ros):
+    expected = {}
+    for section, content in read_yaml(file).items():
+        if section.removeprefix("/**/").removeprefix("/**") in ("", node):
+            expected |= dict(flat(content["ros__parameters"]))
+    assert expected
+    start(NODES[node], "--ros-args", "--params-file", str(FILES / file))
+    found = parameters(ros, f"/{node}")
+    assert {name: found.get(name) for name in expected} == expected
+
+
+# --- ros2_control
+
+
+def test_urdf_and_controllers_fit_the_stage_and_each_other():
+    robot = ElementTree.parse(FILES / "friction_stage.urdf").getroot()
+    stack = read_yaml("friction_stage_controllers.yaml")
+    of = {node: content["ros__parameters"] for node, content in stack.items()}
+    model = read_yaml("stage_guide_1.yaml")
+
+    joint = robot.find("joint[@name='stage']")
+    assert joint.get("type") == "prismatic" and joint.find("axis").get("xyz") == "1 0 0"
+    assert float(joint.find("limit").get("effort")) == model["motor"]["force_limit"]
+    links = {link.get("name"): link for link in robot.findall("link")}
+    moving = joint.find("child").get("link")
+    assert float(links[moving].find("inertial/mass").get("value")) == model["mass"]
+    assert joint.find("parent").get("link") in links
+
+    hardware = {parameter.get("name"): parameter.text for parameter in robot.findall("ros2_control/hardware/param")}
+    assert hardware == {
+        "joint_commands_topic": "/stage/joint_commands",
+        "joint_states_topic": "/stage/encoder",
+        "trigger_joint_command_threshold": "-1.0",
+    }
+    controlled = robot.find("ros2_control/joint")
+    assert controlled.get("name") == of["stage"].get("joint", "stage") == "stage"
+    assert [interface.get("name") for interface in controlled.findall("command_interface")] == ["effort"]
+    states = [interface.get("name") for interface in controlled.findall("state_interface")]
+    assert states == ["position", "velocity", "effort"]
+
+    assert of["/**"] == {"use_sim_time": True}
+    assert of["stage"]["control_rate"] <= of["controller_manager"]["update_rate"]
+    assert of["stage"]["physics_rate"] % of["stage"]["control_rate"] == 0
+    assert of["stage"]["publish_clock"] is True and of["stage"]["wait_for_command"] is False
+    assert of["stage"]["frame_id"] == of["force_cell_broadcaster"]["frame_id"] == moving
+    assert of["force_cell_broadcaster"]["interface_names"] == {"force": {"x": "stage/effort"}}
+    trajectory = of["joint_trajectory_controller"]
+    assert trajectory["joints"] == of["forward_command_controller"]["joints"] == of["pid_controller"]["dof_names"]
+    assert trajectory["joints"] == ["stage"] and set(trajectory["state_interfaces"]) <= set(states)
+    loaded = {name for name, value in of["controller_manager"].items() if isinstance(value, dict)}
+    # joint_state_broadcaster needs no parameters.
+    assert loaded == set(of) - {"/**", "stage", "controller_manager"} | {"joint_state_broadcaster"}
+
+
+# --- layouts
+
+
+def resolves(kind: type, path: str) -> bool:
+    """Whether a path such as `wrench.force.x` or `position[0]` names a number in a message."""
+    field, _, rest = path.partition(".")
+    name, index, _ = field.partition("[")
+    declared = kind.get_fields_and_field_types().get(name)
+    if declared is None or bool(index) != declared.startswith("sequence<"):
+        return False
+    if "/" in declared:
+        package, _, message = declared.partition("/")
+        return bool(rest) and resolves(getattr(importlib.import_module(f"{package}.msg"), message), rest)
+    return not rest
+
+
+def test_foxglove_layout_plots_what_is_published():
+    layout = json.loads((FILES / "friction_stage_foxglove.json").read_text())
+    panels = layout["configById"]
+
+    def leaves(node):
+        return [node] if isinstance(node, str) else leaves(node["first"]) + leaves(node["second"])
+
+    assert sorted(leaves(layout["layout"])) == sorted(panels)
+    paths = [path["value"] for panel in panels.values() for path in panel.get("paths", [])]
+    assert paths
+    for path in paths:
+        topic, _, field = path.partition(".")
+        assert topic in TOPICS and resolves(TOPICS[topic], field), path
+
+
+def test_plotjuggler_layout_plots_what_is_published():
+    root = ElementTree.parse(FILES / "friction_stage_plotjuggler.xml").getroot()
+    splitter = root.find(".//DockSplitter")
+    assert int(splitter.get("count")) == len(splitter.findall("DockArea")) == len(splitter.get("sizes").split(";"))
+    curves = [curve.get("name") for curve in root.iter("curve")]
+    assert curves
+    for curve in curves:
+        topic = next((topic for topic in TOPICS if curve.startswith(f"{topic}/")), "")
+        assert topic, curve
+        field = curve.removeprefix(f"{topic}/")
+        # PlotJuggler shows a JointState by the names of its joints.
+        field = re.sub(r"^stage/(\w+)$", r"\1[0]", field) if topic == "/stage/encoder" else field.replace("/", ".")
+        assert resolves(TOPICS[topic], field), curve
+
+
+# --- launch files
+
+LAUNCH_FILES = sorted(FILES.glob("*.launch.py"))
+
+
+@pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
+def test_launch_file_names_programs_and_files_that_exist(file):
+    tree = ast.parse(file.read_text(), file.name)
+    compile(tree, file.name, "exec")
+    assert any(isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description" for node in tree.body)
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Node"]
+    for call in calls:
+        words = {word.arg: word.value.value for word in call.keywords if isinstance(word.value, ast.Constant)}
+        if words["package"] == "friction_stage":
+            assert words["executable"] in [program["name"] for program in CARGO["bin"]]
+            assert NODES[words["name"]] == words["executable"]
+    strings = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    for name in strings:
+        if re.fullmatch(r"\w+\.(yaml|urdf|launch\.py)", name):
+            assert (FILES / name).is_file(), name
+    # Examples in the opening words too.
+    for name in re.findall(r"\b\w+\.(?:yaml|urdf|launch\.py)\b", ast.get_docstring(tree)):
+        assert (FILES / name).is_file(), name
+
+
+@pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
+def test_launch_describes_it(file):
+    """With the launch of a ROS installation; no wheels of it exist."""
+    launch = pytest.importorskip("launch", exc_type=ImportError)
+    pytest.importorskip("launch_ros", exc_type=ImportError)
+    from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+    description = PythonLaunchDescriptionSource(str(file)).get_launch_description(launch.LaunchContext())
+    names = [argument.name for argument in description.get_launch_arguments()]
+    assert {"model", "mode", "drive", "record", "params_file"} <= set(names)
+
+
+# --- the package
+
+
+def test_package_xml_agrees_with_the_crate_and_the_messages():
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    assert package.get("format") == "3"
+    assert package.findtext("export/build_type") == "ament_cargo"
+    assert package.findtext("version") == CARGO["package"]["version"]
+    assert package.findtext("license") == CARGO["package"]["license"]
+    assert (ROOT / package.find("license").get("file")).is_file()
+    used = {kind.__module__.partition(".")[0] for kind in TOPICS.values()} - {package.findtext("name")}
+    assert used <= {dependency.text for dependency in package.findall("exec_depend")}
+    assert set(CARGO["package"]["metadata"]["ros"]["install_to_share"]) == {"launch_config", "msg"}
+
+
+def test_file_names_are_unique_and_flat():
+    """`ros2 launch PACKAGE NAME` searches the whole share by name."""
+    assert all(path.is_file() for path in FILES.iterdir())
