@@ -1,0 +1,47 @@
+"""The stage drives itself along setpoints: the measuring rig, and setpoints that are streamed one by one."""
+
+import statistics
+
+import pytest
+from ros import nanoseconds, trajectory
+
+# Guide 2 at constant velocity (src/model/catalogue.yaml): Coulomb friction and viscous friction.
+COULOMB, VISCOUS = 4.8, 18.0
+
+
+def test_the_measuring_rig_follows_a_motion_and_its_cell_reads_the_friction_of_the_guide(ros, stage):
+    stage(model="rig:guide_2", drive="servo", control_rate=1000.0, physics_rate=100000.0, servo_bandwidth=60.0)
+    cell = ros.collect("/stage/force_cell", depth=5000)
+    encoder = ros.collect("/stage/encoder", depth=5000)
+    setpoint = ros.publisher("/stage/setpoint")
+    # 40 mm at 40 mm/s, with a ramp at both ends.
+    setpoint.publish(trajectory([
+        {"time": 0.2, "positions": [0.004], "velocities": [0.04], "accelerations": [0.0]},
+        {"time": 1.1, "positions": [0.040], "velocities": [0.04], "accelerations": [0.0]},
+        {"time": 1.3, "positions": [0.044], "velocities": [0.0], "accelerations": [0.0]},
+    ]))
+    ros.until(lambda: encoder and abs(encoder[-1].position[0] - 0.044) < 5e-6, "the arrival at 44 mm")
+    moving = {
+        nanoseconds(m.header.stamp) for m in encoder if 0.015 < m.position[0] < 0.035
+    }
+    forces = [m.wrench.force.x for m in cell if nanoseconds(m.header.stamp) in moving]
+    assert len(forces) > 300
+    # Noise of 0.05 N over hundreds of samples; the velocity settles within a few percent of 0.7 N.
+    assert statistics.fmean(forces) == pytest.approx(COULOMB + VISCOUS * 0.04, abs=0.1)
+
+
+def test_streamed_setpoints_move_the_stage(ros, stage, controller):
+    stage(mode="realtime", control_rate=1000.0)
+    controller(rate=1000.0, bandwidth=30.0)
+    encoder = ros.collect("/stage/encoder", depth=10)
+    states = ros.collect("/controller/state", depth=10)
+    setpoint = ros.publisher("/stage/setpoint", readers=2)
+    target = 0.0
+    while target < 0.01:
+        target = min(target + 2e-4, 0.01)
+        seen = len(encoder)
+        setpoint.publish(trajectory([{"time": 0.0, "positions": [target], "velocities": [0.02]}]))
+        ros.until(lambda: len(encoder) > seen + 5, "the next samples")
+    setpoint.publish(trajectory([{"time": 0.0, "positions": [target], "velocities": [0.0]}]))
+    ros.until(lambda: abs(encoder[-1].position[0] - 0.01) < 20e-6, "the arrival at 10 mm")
+    assert states[-1].reference_position == 0.01
