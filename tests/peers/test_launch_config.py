@@ -216,6 +216,8 @@ def test_package_xml_agrees_with_the_crate_and_the_messages():
     package = ElementTree.parse(ROOT / "package.xml").getroot()
     assert package.get("format") == "3"
     assert package.findtext("export/build_type") == "ament_cargo"
+    # cargo-ament-build installs under the crate's name, `ros2 run` looks under the package's.
+    assert package.findtext("name") == CARGO["package"]["name"]
     assert package.findtext("version") == CARGO["package"]["version"]
     assert package.findtext("license") == CARGO["package"]["license"]
     assert (ROOT / package.find("license").get("file")).is_file()
