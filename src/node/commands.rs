@@ -187,6 +187,11 @@ impl Arbiter {
         Ok(command)
     }
 
+    /// Whether `source` commands the stage.
+    pub fn owns(&self, source: CommandSource) -> bool {
+        self.owner.is_some_and(|owner| owner.source == source)
+    }
+
     /// Nobody commands the stage any more, as after a reset.
     pub fn release(&mut self) {
         self.owner = None;
