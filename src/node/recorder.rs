@@ -180,8 +180,11 @@ impl RecorderHandle {
 }
 
 impl Recorder {
-    /// Starts the thread.
+    /// Starts the thread. From then on a file that reaches the size limit of the process (`ulimit -f`) is an error to
+    /// report, as a full disk is, and not the end of the process.
     pub fn start(setup: RecorderSetup) -> std::io::Result<(Recorder, RecorderHandle, TickFeed)> {
+        // SAFETY: a plain call; ignoring a signal needs no handler.
+        unsafe { libc::signal(libc::SIGXFSZ, libc::SIG_IGN) };
         let (orders, inbox) = mpsc::channel();
         let (producer, consumer) = rtrb::RingBuffer::new(RING);
         let status = Arc::new(RecorderStatus::default());

@@ -9,7 +9,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use super::clock;
-use super::commands::{Arbiter, Command, StampRule};
+use super::commands::{Arbiter, Command, CommandSource, CommandTopic, Refusal, StampRule};
 use super::inlet::Waiter;
 use super::recorder::TickFeed;
 use super::runtime::Control;
@@ -86,7 +86,7 @@ impl Lockstep {
                     if phase == Phase::Free {
                         let next =
                             started + Duration::from_nanos(self.settings.rates.time_of(tick.sample.index + 1) as u64);
-                        match self.wait_free(&mut run, next) {
+                        match self.wait_free(&mut run, &tick, next) {
                             Some(true) => phase = Phase::Arming,
                             Some(false) => {}
                             None => return,
@@ -117,11 +117,22 @@ impl Lockstep {
     }
 
     /// Waits for the next sample's turn: `true` when a finite command came first, `None` for shutdown.
-    fn wait_free(&mut self, run: &mut Run, next: Instant) -> Option<bool> {
+    ///
+    /// A command that could answer no sample at all must not stop time: nothing would start it again.
+    fn wait_free(&mut self, run: &mut Run, tick: &Tick, next: Instant) -> Option<bool> {
         loop {
             match self.inbox.next(&run.waiter, Some(next)) {
                 None => return Some(false),
-                Some(Event::Command(_, Ok(Command { force: Some(_), .. }))) => return Some(true),
+                Some(Event::Command(CommandSource { topic, .. }, Ok(Command { stamp, force: Some(_) }))) => {
+                    if topic == CommandTopic::Commands {
+                        self.status.refuse(&Refusal::NoStamp { topic }.to_string());
+                    } else if self.is_sample(stamp) {
+                        return Some(true);
+                    } else {
+                        let expected = tick.stamp;
+                        self.status.refuse(&Refusal::AnswersNoSample { topic, stamp, expected }.to_string());
+                    }
+                }
                 Some(Event::Command(_, Ok(_)) | Event::Setpoint(_)) => {}
                 Some(other) => {
                     if self.handle(run, other) {
@@ -133,14 +144,18 @@ impl Lockstep {
     }
 
     fn wait_answer(&mut self, run: &mut Run, tick: &Tick, armed: bool) -> Answer {
-        let mut since = Instant::now();
+        let began = Instant::now();
+        let mut since = began;
+        // Only a stage that was told to stand still from the start may wait for its first command in silence.
+        let is_owed = armed || !self.settings.wait_for_command;
         loop {
             let patience = if armed { self.live.answer_timeout() } else { ANNOUNCE };
             let Some(event) = self.inbox.next(&run.waiter, Some(since + patience)) else {
-                if armed && !self.status.is_unanswered.swap(true, Ordering::Relaxed) {
+                let timeout = self.live.answer_timeout();
+                if is_owed && began.elapsed() >= timeout && !self.status.is_unanswered.swap(true, Ordering::Relaxed) {
                     self.status.missing_answers.fetch_add(1, Ordering::Relaxed);
                     tracing::error!(
-                        "lockstep: no answer to the sample of {} ns within {patience:?}; time stands still until it comes",
+                        "lockstep: no answer to the sample of {} ns within {timeout:?}; time stands still until it comes",
                         tick.stamp
                     );
                 }

@@ -259,11 +259,11 @@ impl CommandThread {
                     }
                     let since = self.status.stamp.load(Ordering::Relaxed);
                     match arbiter.judge(source, command, StampRule::Newer, clock::monotonic(), since) {
-                        Ok(command) => {
-                            if let Some(force) = command.force {
-                                self.send(Order::Force(force));
-                            }
-                        }
+                        Ok(command) => match command.force {
+                            Some(force) => self.send(Order::Force(force)),
+                            None if arbiter.owns(source) => self.send(Order::Force(0.0)),
+                            None => {}
+                        },
                         Err(refusal) => self.status.refuse(&refusal.to_string()),
                     }
                 }
