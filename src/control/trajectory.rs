@@ -44,8 +44,6 @@ pub enum TrajectoryError {
     Jump { jump: f64, from: f64, limit: f64 },
     #[error("the trajectory ends at {end} ns, before now ({now} ns)")]
     Past { end: i64, now: i64 },
-    #[error("point {index} needs {value:.3e} {unit} on the way, at most {limit:.3e} {unit}")]
-    TooFast { index: usize, value: f64, limit: f64, unit: &'static str },
 }
 
 /// Follows what it is given: holds a reference, follows a trajectory, takes streamed setpoints.

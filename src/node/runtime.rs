@@ -233,7 +233,9 @@ impl Background {
             let mut terminate = signal(SignalKind::terminate())?;
             let mut continued = signal(SignalKind::from_raw(libc::SIGCONT))?;
             let everything = futures::future::join_all(tasks);
+            // In this order: `timeout` and service managers send SIGCONT right behind SIGTERM.
             Ok::<End, std::io::Error>(tokio::select! {
+                biased;
                 _ = interrupt.recv() => End::Signal,
                 _ = terminate.recv() => End::Signal,
                 _ = continued.recv() => End::WasStopped,
