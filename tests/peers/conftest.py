@@ -78,7 +78,7 @@ def start(domain: int, processes: list[Process], tmp_path: Path) -> Callable[...
     """start(program, **parameters): runs a node of the project, with `__` for `.` in the names of parameters."""
 
     def start(program: str, *arguments: str, **parameters: object) -> Process:
-        assert (BINARIES / program).is_file(), f"{BINARIES / program} is not there: cargo build --release --bins"
+        assert (BINARIES / program).is_file(), f"{BINARIES / program} is not there: cargo build --release --bins --example write_bag"
         command = [str(BINARIES / program), *arguments, "--ros-args"]
         for name, value in parameters.items():
             command += ["-p", f"{name.replace('__', '.')}:={yaml_scalar(value)}"]

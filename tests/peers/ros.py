@@ -87,7 +87,7 @@ class Ros:
         while (left := deadline - time.monotonic()) > 0:
             self.executor.spin_once(timeout_sec=left)
 
-    def collect(self, topic: str, depth: int = 1000) -> list:
+    def collect(self, topic: str, depth: int = 5000) -> list:
         """A list to which every message on the topic is added while the test waits for something."""
         messages: list = []
         self.node.create_subscription(TOPICS[topic], topic, messages.append, QoSProfile(depth=depth))
@@ -106,6 +106,20 @@ class Ros:
         publisher = self.node.create_publisher(TOPICS[topic], topic, 10)
         self.until(lambda: publisher.get_subscription_count() >= readers, f"{readers} subscribers of {topic}")
         return publisher
+
+    def follow(self, points: list[dict], lead: float = 2.0) -> int:
+        """Has the controller follow a trajectory `lead` s of the stage's time from now. Returns its start, ns.
+
+        In lockstep time may run ten times as fast as the wall clock: hence the long lead.
+        """
+        states = self.collect("/controller/state", depth=10)
+        # The stage hears setpoints too, for its recording.
+        setpoint = self.publisher("/stage/setpoint", readers=2)
+        self.until(lambda: states, "the state of the controller")
+        start = nanoseconds(states[-1].header.stamp) + round(lead * 1e9)
+        setpoint.publish(trajectory(points, start))
+        self.until(lambda: nanoseconds(states[-1].setpoint_stamp) == start, "acceptance of the trajectory")
+        return start
 
     def call(self, kind: type, name: str, **request: Any) -> Any:
         """The response of a service."""

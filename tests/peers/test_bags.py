@@ -1,24 +1,21 @@
 """Recordings written by the Rust library open in readers that are not ours, every topic decoded."""
 
 import json
-import pathlib
 import subprocess
 
 import pytest
 import yaml
 
 import read_bag
+from conftest import BINARIES
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
 SAMPLES = 3000
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     directory = tmp_path_factory.mktemp("bags") / "example"
-    subprocess.run(
-        ["cargo", "run", "--quiet", "--example", "write_bag", "--", directory, str(SAMPLES)], cwd=ROOT, check=True
-    )
+    subprocess.run([BINARIES / "examples" / "write_bag", directory, str(SAMPLES)], check=True)
     return directory
 
 
@@ -66,8 +63,8 @@ def test_a_file_without_its_end_opens_after_recovery(bag, tmp_path):
     whole = read_bag.mcap_files(bag)[0].read_bytes()
     (cut / "cut_0.mcap").write_bytes(whole[: len(whole) * 2 // 3])
     run = subprocess.run(
-        ["cargo", "run", "--quiet", "--bin", "friction-stage", "--", "recover", cut, "--json"],
-        cwd=ROOT, capture_output=True, text=True,
+        [BINARIES / "friction-stage", "recover", cut, "--json"],
+        capture_output=True, text=True,
     )
     assert run.returncode == 3, run.stderr
     report = json.loads(run.stdout)

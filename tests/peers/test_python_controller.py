@@ -6,7 +6,7 @@ from pathlib import Path
 import bags
 from python_controller import Gains, Move, PythonController
 from rcl_interfaces.srv import GetParameters
-from ros import Ros, nanoseconds, rest, trajectory
+from ros import Ros, nanoseconds, rest
 
 RATE = 4000.0
 MASS = 40.0
@@ -14,8 +14,6 @@ FORCE_LIMIT = 2000.0
 STAGE = {"mode": "lockstep", "wait_for_command": True, "noise": False, "control_rate": RATE}
 # The fast move of the paper: 50 mm in 100 ms, and what follows until it has settled.
 MOVE, DURATION, WATCHED = 0.05, 100_000_000, 250_000_000
-# From the moment of the decision on, so that the whole move lies ahead of both.
-LEAD = 500_000_000
 
 
 def rust_trace(ros: Ros, stage, controller, bag: Path) -> tuple[dict[int, float], Gains]:
@@ -26,9 +24,7 @@ def rust_trace(ros: Ros, stage, controller, bag: Path) -> tuple[dict[int, float]
     values = ros.call(GetParameters, "/controller/get_parameters", names=names).values
     gains = Gains(*(value.double_value for value in values))
     state = ros.collect("/controller/state", depth=10)
-    ros.until(lambda: state, "the state of the controller")
-    start = nanoseconds(state[-1].header.stamp) + LEAD
-    ros.publisher("/stage/setpoint").publish(trajectory([rest(0.0, 0.0), rest(DURATION * 1e-9, MOVE)], start))
+    start = ros.follow([rest(0.0, 0.0), rest(DURATION * 1e-9, MOVE)])
     ros.until(lambda: nanoseconds(state[-1].header.stamp) >= start + WATCHED, "the end of the move")
     other.stop()
     process.stop()
@@ -42,7 +38,7 @@ def python_trace(ros: Ros, stage, gains: Gains) -> dict[int, float]:
     process = stage(**STAGE)
     node = ros.add(PythonController(gains, MASS, RATE, FORCE_LIMIT, context=ros.context))
     ros.until(lambda: node.positions, "the first sample")
-    start = max(node.positions) + LEAD
+    start = max(node.positions) + 100_000_000
     node.move = Move(start, DURATION, 0.0, MOVE)
     ros.until(lambda: max(node.positions) >= start + WATCHED, "the end of the move", timeout=60.0)
     process.stop()

@@ -13,17 +13,15 @@ POINTS = [
 
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_a_trajectory_of_several_points_moves_the_stage_there(ros, stage, controller, mode):
-    # 1 kHz, so that this process hears every sample; the bandwidth leaves room for the time on the wire.
+    # 1 kHz and a bandwidth that leaves room for the time on the wire.
     stage(mode=mode, control_rate=1000.0, noise=False)
     controller(rate=1000.0, bandwidth=30.0)
     states = ros.collect("/controller/state")
     encoder = ros.collect("/stage/encoder")
-    setpoint = ros.publisher("/stage/setpoint")
-    ros.until(lambda: states and encoder, "both nodes")
-    start = nanoseconds(states[-1].header.stamp) + 300_000_000
-    setpoint.publish(trajectory(POINTS, start))
+    start = ros.follow(POINTS)
     end = start + 1_200_000_000
-    ros.until(lambda: nanoseconds(encoder[-1].header.stamp) > end, "the end of the move")
+    for messages in (states, encoder):
+        ros.until(lambda: nanoseconds(messages[-1].header.stamp) > end, "the end of the move")
 
     assert any(not state.holding for state in states) and states[-1].holding
     for point in POINTS:
@@ -41,6 +39,6 @@ def test_stamp_zero_means_now(ros, stage, controller):
     stage(mode="lockstep", control_rate=1000.0, noise=False)
     controller(rate=1000.0, bandwidth=30.0)
     encoder = ros.collect("/stage/encoder")
-    setpoint = ros.publisher("/stage/setpoint")
+    setpoint = ros.publisher("/stage/setpoint", readers=2)
     setpoint.publish(trajectory([{"time": 0.1, "positions": [0.005], "velocities": [0.0], "accelerations": [0.0]}]))
     ros.until(lambda: encoder and abs(encoder[-1].position[0] - 0.005) < 20e-6, "the arrival at 5 mm")

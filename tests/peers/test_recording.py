@@ -6,7 +6,7 @@ import bags
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from ros import Ros, nanoseconds, rest, trajectory
+from ros import Ros, nanoseconds, rest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
@@ -22,10 +22,8 @@ def record(ros: Ros, stage, controller, bag) -> None:
     process = stage(**STAGE, record=bag)
     encoder = ros.collect("/stage/encoder")
     other = controller(rate=RATE, bandwidth=30.0)
-    ros.until(lambda: encoder, "a sample")
-    start = nanoseconds(encoder[-1].header.stamp) + 500_000_000
-    ros.publisher("/stage/setpoint").publish(trajectory(MOVE, start))
-    ros.until(lambda: nanoseconds(encoder[-1].header.stamp) > start + DURATION, "the end of the move")
+    start = ros.follow(MOVE)
+    ros.until(lambda: encoder and nanoseconds(encoder[-1].header.stamp) > start + DURATION, "the end of the move")
     other.stop()
     process.stop()
 
