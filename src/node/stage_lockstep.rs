@@ -46,6 +46,15 @@ enum Answer {
     Shutdown,
 }
 
+/// What ended a wait of the free run.
+enum Free {
+    /// The next sample is due.
+    Next,
+    /// The first finite command.
+    Command(CommandSource, Command),
+    Shutdown,
+}
+
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Phase {
     /// Time runs with the wall clock, unforced.
@@ -83,18 +92,22 @@ impl Lockstep {
                 }
                 Some(_) => {}
                 None => {
+                    let mut first = None;
                     if phase == Phase::Free {
                         let next =
                             started + Duration::from_nanos(self.settings.rates.time_of(tick.sample.index + 1) as u64);
                         match self.wait_free(&mut run, &tick, next) {
-                            Some(true) => phase = Phase::Arming,
-                            Some(false) => {}
-                            None => return,
+                            Free::Command(source, command) => {
+                                first = Some((source, command));
+                                phase = Phase::Arming;
+                            }
+                            Free::Next => {}
+                            Free::Shutdown => return,
                         }
                     }
                     let due = tick.sample.index.is_multiple_of(self.settings.every);
                     if phase == Phase::Arming || (phase == Phase::Armed && due) {
-                        match self.wait_answer(&mut run, &tick, phase == Phase::Armed) {
+                        match self.wait_answer(&mut run, &tick, phase == Phase::Armed, first) {
                             Answer::Force(force) => (held, phase) = (force, Phase::Armed),
                             Answer::Ahead(stamp, force) => ahead = Some((stamp, force)),
                             Answer::Shutdown => return,
@@ -116,18 +129,19 @@ impl Lockstep {
         Tick { stamp, sample, state: self.stage.state() }
     }
 
-    /// Waits for the next sample's turn: `true` when a finite command came first, `None` for shutdown.
+    /// Waits for the next sample's turn, or for the first finite command.
     ///
     /// A command that could answer no sample at all must not stop time: nothing would start it again.
-    fn wait_free(&mut self, run: &mut Run, tick: &Tick, next: Instant) -> Option<bool> {
+    fn wait_free(&mut self, run: &mut Run, tick: &Tick, next: Instant) -> Free {
         loop {
             match self.inbox.next(&run.waiter, Some(next)) {
-                None => return Some(false),
-                Some(Event::Command(CommandSource { topic, .. }, Ok(Command { stamp, force: Some(_) }))) => {
+                None => return Free::Next,
+                Some(Event::Command(source, Ok(command @ Command { stamp, force: Some(_) }))) => {
+                    let topic = source.topic;
                     if topic == CommandTopic::Commands {
                         self.status.refuse(&Refusal::NoStamp { topic }.to_string());
                     } else if self.is_sample(stamp) {
-                        return Some(true);
+                        return Free::Command(source, command);
                     } else {
                         let expected = tick.stamp;
                         self.status.refuse(&Refusal::AnswersNoSample { topic, stamp, expected }.to_string());
@@ -136,21 +150,32 @@ impl Lockstep {
                 Some(Event::Command(_, Ok(_)) | Event::Setpoint(_)) => {}
                 Some(other) => {
                     if self.handle(run, other) {
-                        return None;
+                        return Free::Shutdown;
                     }
                 }
             }
         }
     }
 
-    fn wait_answer(&mut self, run: &mut Run, tick: &Tick, armed: bool) -> Answer {
+    /// Waits for the answer to a sample; `first` is the command that ended the free run, which may be that answer.
+    fn wait_answer(
+        &mut self,
+        run: &mut Run,
+        tick: &Tick,
+        armed: bool,
+        mut first: Option<(CommandSource, Command)>,
+    ) -> Answer {
         let began = Instant::now();
         let mut since = began;
         // Only a stage that was told to stand still from the start may wait for its first command in silence.
         let is_owed = armed || !self.settings.wait_for_command;
         loop {
             let patience = if armed { self.live.answer_timeout() } else { ANNOUNCE };
-            let Some(event) = self.inbox.next(&run.waiter, Some(since + patience)) else {
+            let event = match first.take() {
+                Some((source, command)) => Some(Event::Command(source, Ok(command))),
+                None => self.inbox.next(&run.waiter, Some(since + patience)),
+            };
+            let Some(event) = event else {
                 let timeout = self.live.answer_timeout();
                 if is_owed && began.elapsed() >= timeout && !self.status.is_unanswered.swap(true, Ordering::Relaxed) {
                     self.status.missing_answers.fetch_add(1, Ordering::Relaxed);
