@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use anyhow::Context as _;
 use tokio::sync::oneshot;
 
 use super::clock;
@@ -22,7 +23,7 @@ use super::stage_status::StageStatus;
 use super::wire::StageNames;
 use crate::bag::Provenance;
 use crate::message::{DiagnosticArray, Header, KeyValue};
-use crate::plant::{EffectDescriptor, Stage};
+use crate::plant::Stage;
 
 /// Interval of `/diagnostics`.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_millis(200);
@@ -83,10 +84,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     startup.start_logging();
     let parameters = ParameterSet::declare(stage_settings::specs(), &startup.overrides())?;
     let settings = StageSettings::new(&parameters)?;
-    for effect in &settings.model.effects {
-        EffectDescriptor::find(&effect.name)?;
-    }
-    let stage = Stage::new(&settings.model, settings.rates, settings.seed)?;
+    let stage = Stage::new(&settings.model, settings.rates, settings.seed)
+        .with_context(|| format!("parameter model is {}", parameters.string("model")))?;
     for warning in settings.model.warnings()? {
         tracing::warn!("{warning}");
     }
