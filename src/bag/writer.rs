@@ -127,7 +127,13 @@ impl BagWriter {
             }
         };
         if let Some(parent) = directory.parent().filter(|p| !p.as_os_str().is_empty()) {
-            fs::create_dir_all(parent).map_err(|e| create_error(parent, e))?;
+            fs::create_dir_all(parent).map_err(|e| match parent.ancestors().find(|p| p.is_file()) {
+                Some(file) => {
+                    let reason = format!("{} is a file, not a directory", file.display());
+                    create_error(directory, std::io::Error::other(reason))
+                }
+                None => create_error(parent, e),
+            })?;
         }
         fs::create_dir(directory).map_err(|e| match e.kind() {
             std::io::ErrorKind::AlreadyExists => BagError::Exists { path: directory.to_owned() },

@@ -73,19 +73,34 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Warnings) => ExitCode::from(3),
         Err(error) => {
-            eprintln!("error: {}", told(&error));
+            eprintln!("error: {}", in_one_line(&error));
             ExitCode::FAILURE
         }
     }
 }
 
-/// An error with its causes, without those that the text before already holds.
-fn told(error: &anyhow::Error) -> String {
-    let mut text = String::new();
-    for cause in error.chain().map(ToString::to_string) {
-        if !text.contains(&cause) {
-            text = if text.is_empty() { cause } else { format!("{text}: {cause}") };
+/// An error with its causes, outermost first. Many an error of the library names its cause in its own text: not again then.
+fn in_one_line(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| match told.contains(&cause) {
+        true => told,
+        false if told.is_empty() => cause,
+        false => format!("{told}: {cause}"),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_is_told_with_each_of_its_causes_once() {
+        #[derive(Debug, thiserror::Error)]
+        #[error("cannot read a.yaml: {source}")]
+        struct Read {
+            source: std::io::Error,
         }
+        let error =
+            anyhow::Error::new(Read { source: std::io::Error::other("no such file") }).context("parameter model");
+        assert_eq!(in_one_line(&error), "parameter model: cannot read a.yaml: no such file");
     }
-    text
 }

@@ -7,6 +7,8 @@ pub enum ModelError {
     Read { path: String, source: std::io::Error },
     #[error("{origin}: {message}{hint}")]
     Yaml { origin: String, message: String, hint: String },
+    #[error("{origin}: is empty; a model with every value at its default is `{{}}`")]
+    Empty { origin: String },
     #[error("cannot write the model: {message}")]
     Write { message: String },
     #[error("{key} is {value}, must {limit}")]

@@ -163,6 +163,10 @@ impl StageModel {
 
     /// Reads and checks a model; `origin` names the text in errors (a path, a parameter).
     pub fn from_yaml(text: &str, origin: &str) -> Result<StageModel, ModelError> {
+        // Every key has a default, but a file that was cut off to nothing is no wish for all of them.
+        if text.lines().all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"...")) {
+            return Err(ModelError::Empty { origin: origin.to_owned() });
+        }
         let model: StageModel = serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
         model.check()?;
         Ok(model)
@@ -297,6 +301,8 @@ mod tests {
             ("encoder: {resolution: -1e-9}", &["encoder.resolution", "not be negative"]),
             ("motor: {force_limit: 0}", &["motor.force_limit", "greater than 0"]),
             ("effects: [{cogging: {amplitude: 1}, cable_chain: {}}]", &["one list entry holds one effect"]),
+            ("", &["test.yaml", "is empty", "`{}`"]),
+            ("# only this\n---\n", &["is empty"]),
             ("guides: [guide_1", &["line 1"]),
             ("mass: 40\nmotor:\n  force_limit", &["line"]),
         ];

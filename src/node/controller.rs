@@ -21,7 +21,7 @@ use super::inlet::{Inlet, Waiter};
 use super::outlet::{Outlet, Published};
 use super::parameters::ParameterSet;
 use super::participant::Participant;
-use super::qos::{COMMANDS, DIAGNOSTICS, SAMPLES};
+use super::qos::{COMMANDS, DIAGNOSTICS, FORCES, SAMPLES};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::wire::{Setpoint, controller_state, setpoint};
 use crate::control::{Controller, ControllerSettings, Follower, Terms};
@@ -116,7 +116,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         encoder: Inlet::new(&participant, &startup.topic(&format!("{stage}/encoder")), &SAMPLES)?,
         setpoint: Inlet::new(&participant, &startup.topic(&format!("{stage}/setpoint")), &COMMANDS)?,
         control: control_inbox,
-        force: Outlet::new(&participant, &startup.topic(&format!("{stage}/force")), &COMMANDS)?,
+        force: Outlet::new(&participant, &startup.topic(&format!("{stage}/force")), &FORCES)?,
         state: Outlet::new(&participant, &startup.topic("~/state"), &SAMPLES)?,
         period: (1e9 / controller.settings().rate).round() as i64,
         controller,

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use anyhow::Context as _;
 use tokio::sync::oneshot;
 
 use super::clock;
@@ -22,7 +23,7 @@ use super::stage_status::StageStatus;
 use super::wire::StageNames;
 use crate::bag::Provenance;
 use crate::message::{DiagnosticArray, Header, KeyValue};
-use crate::plant::{EffectDescriptor, Stage};
+use crate::plant::Stage;
 
 /// Interval of `/diagnostics`.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_millis(200);
@@ -83,10 +84,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     startup.start_logging();
     let parameters = ParameterSet::declare(stage_settings::specs(), &startup.overrides())?;
     let settings = StageSettings::new(&parameters)?;
-    for effect in &settings.model.effects {
-        EffectDescriptor::find(&effect.name)?;
-    }
-    let stage = Stage::new(&settings.model, settings.rates, settings.seed)?;
+    let stage = Stage::new(&settings.model, settings.rates, settings.seed)
+        .with_context(|| format!("parameter model is {}", parameters.string("model")))?;
     for warning in settings.model.warnings()? {
         tracing::warn!("{warning}");
     }
@@ -262,21 +261,24 @@ fn diagnose(
     let (participant, topic) = (participant.clone(), startup.topic("~/encoder"));
     Ok(async move {
         let mut interval = tokio::time::interval(DIAGNOSTICS_INTERVAL);
+        let mut is_alone = true;
         loop {
             interval.tick().await;
-            let others = participant.other_writers_of(&topic) > 0;
-            if others && !status.duplicate.swap(true, Ordering::Relaxed) {
-                tracing::error!("another node has begun to publish {topic}: two stages must not share a name");
-            } else if !others {
-                status.duplicate.store(false, Ordering::Relaxed);
+            let was_alone = std::mem::replace(&mut is_alone, participant.other_writers_of(&topic) == 0);
+            let stranger = format!("another node publishes {topic} as well: two stages must not share a name");
+            if was_alone && !is_alone {
+                tracing::error!("{stranger}");
             }
             let mut more = lock(&live.counts).clone();
             let recording = recorder.status();
             more.push(KeyValue::new("recording", recorder.is_recording()));
             more.push(KeyValue::new("recording_dropped_samples", recording.dropped.load(Ordering::Relaxed)));
             more.push(KeyValue::new("stamp_ns", status.stamp.load(Ordering::Relaxed)));
-            let faults: Vec<String> =
+            let mut faults: Vec<String> =
                 lock(&recording.fault).iter().map(|fault| format!("recording: {fault}")).collect();
+            if !is_alone {
+                faults.push(stranger);
+            }
             let diagnostic = status.diagnostic(name.clone(), hardware.clone(), more, &faults);
             let message = DiagnosticArray { header: Header::new(clock::system(), ""), status: vec![diagnostic] };
             recorder.hear(0, || Heard::Diagnostics(message.clone()));

@@ -55,8 +55,8 @@ pub struct StageSettings {
 /// Settings that do not fit together.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
-    #[error("parameter model: {0}")]
-    Model(#[from] ModelError),
+    #[error("parameter model is {name}: {source}")]
+    Model { name: String, source: ModelError },
     #[error(transparent)]
     Rates(#[from] RatesError),
     #[error("drive: servo has no commands to wait for, so it cannot run in mode: lockstep; use mode: realtime")]
@@ -145,7 +145,8 @@ pub fn specs() -> Vec<ParameterSpec> {
 
 impl StageSettings {
     pub fn new(values: &ParameterValues) -> Result<StageSettings, SettingsError> {
-        let model = model(&values.string("model"))?;
+        let name = values.string("model");
+        let model = model(&name).map_err(|source| SettingsError::Model { name, source })?;
         let seconds = |name: &str| Duration::from_secs_f64(values.double(name));
         let settings = StageSettings {
             model: if values.boolean("noise") { model } else { model.without_noise() },

@@ -33,8 +33,6 @@ pub struct StageStatus {
     pub unpublished: AtomicU64,
     /// The tick thread runs under SCHED_FIFO.
     pub real_time_scheduling: AtomicBool,
-    /// Another stage publishes under the same name.
-    pub duplicate: AtomicBool,
     last_refusal: Mutex<Option<String>>,
 }
 
@@ -70,7 +68,6 @@ impl StageStatus {
                 words.push(text);
             }
         };
-        note(is(&self.duplicate), DiagnosticStatus::ERROR, "another stage has the same name".to_owned());
         note(
             is(&self.is_unanswered),
             DiagnosticStatus::ERROR,

@@ -1,0 +1,261 @@
+"""Signals, kills, full disks and frozen peers: the stage goes on or ends in good order, and recordings survive."""
+
+import json
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import bags
+import pytest
+from conftest import BINARIES
+from diagnostics import ERROR, OK, Diagnostics, number, value
+from processes import Process
+from ros import nanoseconds
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
+
+HERE = Path(__file__).parent
+CONTROLLER = {"rate": 1000.0, "bandwidth": 30.0}
+# Unacknowledged samples that a DDS writer holds before it refuses more.
+WINDOW = 8192
+
+
+def friction_stage(*arguments: object, code: int) -> dict:
+    """The JSON that the command prints, which ends with the code."""
+    command = [str(BINARIES / "friction-stage"), *map(str, arguments), "--json"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    # A warning is no failure: in lockstep the first sample may be answered twice.
+    assert run.returncode in (code, 3), f"{shlex.join(command)} ended with {run.returncode}:\n{run.stdout}\n{run.stderr}"
+    return json.loads(run.stdout)
+
+
+def stamps(messages: list) -> list[int]:
+    return [nanoseconds(message.header.stamp) for message in messages]
+
+
+def assert_no_holes(messages: list, period: int) -> None:
+    """Samples come one period (ns) after the other."""
+    times = stamps(messages)
+    holes = [(a, b) for a, b in zip(times, times[1:]) if b - a != period]
+    assert not holes, f"{len(holes)} holes or repetitions among {len(times)}, the first from {holes[0][0]} to {holes[0][1]} ns"
+
+
+def assert_python_reads(bag: Path) -> dict[str, list]:
+    """Both Python readers open it and find the same; the messages by topic."""
+    messages, theirs = bags.with_rosbags(bag), bags.with_mcap_ros2_support(bag)
+    assert {topic: len(found) for topic, found in messages.items()} == {
+        topic: len(found) for topic, found in theirs.items()
+    }
+    return messages
+
+
+# --- signals
+
+@pytest.mark.parametrize("how, mode", [(signal.SIGINT, "lockstep"), (signal.SIGTERM, "realtime")])
+def test_a_signal_while_recording_at_full_speed_closes_the_bag(ros, start, tmp_path, how, mode):
+    process = start("stage_node", mode=mode, record=tmp_path / "bag")
+    start("controller_node")
+    status = Diagnostics(ros).until(lambda status: number(status, "sample") > 4000, "4000 samples")
+    assert value(status, "recording") == "true"
+    process.stop(how)
+    report = friction_stage("check", tmp_path / "bag", code=0)
+    assert report["complete"] and not report["damage"] and report["has_provenance"]
+    messages = assert_python_reads(tmp_path / "bag")
+    assert_no_holes(messages["/stage/encoder"], 250_000)
+    assert stamps(messages["/stage/encoder"])[-1] >= number(status, "stamp_ns")
+    assert messages["/stage/force"] and messages["/controller/state"]
+
+
+def test_a_stage_that_was_stopped_and_continued_says_so_and_closes_its_bag(ros, stage, tmp_path):
+    process = stage(mode="realtime", control_rate=1000.0, record=tmp_path / "bag")
+    encoder = ros.collect("/stage/encoder")
+    ros.until(lambda: len(encoder) > 100, "100 samples")
+    process.popen.send_signal(signal.SIGSTOP)
+    count = len(encoder)
+    ros.until(lambda: state_of(process) == "T", "the stop")
+    process.popen.send_signal(signal.SIGCONT)
+    process.ended(expected=1)
+    last = process.log().splitlines()[-1]
+    assert last.startswith("error: the process was stopped and continued") and "start again" in last
+    assert friction_stage("check", tmp_path / "bag", code=0)["complete"]
+    assert len(assert_python_reads(tmp_path / "bag")["/stage/encoder"]) >= count
+
+
+def state_of(process: Process) -> str:
+    """The kernel's letter for the state of the process: T is stopped."""
+    return Path(f"/proc/{process.popen.pid}/stat").read_text().rpartition(")")[2].split()[0]
+
+
+# --- a killed recorder, a full disk
+
+@pytest.mark.parametrize("mode", ["lockstep", "realtime"])
+def test_a_killed_recording_loses_less_than_a_second(ros, start, tmp_path, mode):
+    process = start("stage_node", mode=mode, record=tmp_path / "bag", publish_clock=True)
+    start("controller_node")
+    # When the clock of each sample was heard, as far as this process keeps up; s.
+    heard: dict[int, float] = {}
+    ros.node.create_subscription(
+        Clock, "/clock", lambda message: heard.setdefault(nanoseconds(message.clock), time.monotonic()), 1)
+    ros.until(lambda: heard, "the first sample")
+    began = time.monotonic()
+    # Several times what is brought to the file at once.
+    ros.until(lambda: time.monotonic() - began > 1.6, "1.6 s of recording")
+    killed = time.monotonic()
+    process.stop(signal.SIGKILL, expected=-signal.SIGKILL)
+
+    recovered = tmp_path / "recovered"
+    report = friction_stage("recover", tmp_path / "bag", "--out", recovered, code=3)
+    messages = assert_python_reads(recovered)
+    kept = stamps(messages["/stage/encoder"])
+    lost = killed - max(at for sample, at in heard.items() if sample <= kept[-1])
+    assert lost < 1.0, f"{lost} s are lost"
+    assert_no_holes(messages["/stage/encoder"], 250_000)
+    # It says what it kept and what is lost.
+    assert {topic["name"]: topic["messages"] for topic in report["topics"] if topic["messages"]} == {
+        topic: len(found) for topic, found in messages.items()
+    }
+    assert lost < report["lost_at_end_s"] + 0.3 < 1.0
+    assert friction_stage("check", recovered, code=0)["complete"]
+    # A second look at the damaged one, for a person.
+    text = subprocess.run([BINARIES / "friction-stage", "recover", tmp_path / "bag", "--out", tmp_path / "again"],
+                          capture_output=True, text=True).stdout
+    assert "at most 0.5 s before it are missing" in text and f"{report['messages']} messages kept" in text
+
+
+def limited(kind: str, directory: Path) -> list[str]:
+    """What runs a program so that it can write no more than 256 KiB into the directory."""
+    if kind == "file size limit":
+        return ["bash", "-c", 'ulimit -f 256 && exec "$@"', "bash"]
+    if subprocess.run(["unshare", "--map-root-user", "--mount", "true"], capture_output=True).returncode != 0:
+        pytest.skip("this machine lets nobody mount a file system of his own")
+    mount = f'mount -t tmpfs -o size=256k none {shlex.quote(str(directory))} && exec "$@"'
+    return ["unshare", "--map-root-user", "--mount", "bash", "-c", mount, "bash"]
+
+
+@pytest.mark.parametrize("kind", ["full disk", "file size limit"])
+def test_a_disk_that_runs_full_ends_the_recording_and_not_the_stage(ros, processes, tmp_path, kind):
+    small, large = tmp_path / "small", tmp_path / "large"
+    small.mkdir()
+    arguments = ["-p", f"record:={small}/bag", "-p", f"record_into:={large}", "-p", "control_rate:=2000.0"]
+    command = [*limited(kind, small), str(BINARIES / "stage_node"), "--ros-args", *arguments]
+    process = Process(command, tmp_path / "stage.log")
+    processes.append(process)
+    encoder = ros.collect("/stage/encoder", depth=10_000)
+    diagnostics = Diagnostics(ros)
+    status = diagnostics.until(lambda status: status.level == ERROR, "the error")
+    reason = "File too large" if kind == "file size limit" else "No space left on device"
+    for word in ["recording: no space left for", f"{small}/bag/bag_0.mcap", reason, "bytes are written", "recover"]:
+        assert word in status.message
+    assert value(status, "recording") == "false"
+    assert "recording ends: no space left" in process.log()
+    # The stage goes on, and with it everybody who listens.
+    count = len(encoder)
+    ros.until(lambda: len(encoder) > count + 1000, "1000 samples more")
+    assert_no_holes(encoder, 500_000)
+
+    # As the program sees it: the file system may be its own.
+    bag = Path(f"/proc/{process.popen.pid}/root") / small.relative_to("/") / "bag"
+    report = friction_stage("recover", bag, "--out", tmp_path / "recovered", code=3)
+    messages = assert_python_reads(tmp_path / "recovered")
+    assert_no_holes(messages["/stage/encoder"], 500_000)
+    # What did not fit any more is what had come since the last time that messages were brought to the file.
+    fault = next(a.header.stamp for a in diagnostics.arrays if diagnostics.name in {s.name for s in a.status})
+    assert nanoseconds(fault) - stamps(messages["/stage/encoder"])[-1] < 1.5e9
+    assert report["messages"] > 1000
+    if kind == "full disk":
+        # There is room elsewhere.
+        response = ros.call(SetBool, "/stage/record", data=True)
+        assert response.success, response.message
+        assert diagnostics.newest().level == OK
+        response = ros.call(SetBool, "/stage/record", data=False)
+        assert response.success, response.message
+        (metadata,) = large.glob("*/metadata.yaml")
+        assert friction_stage("check", metadata.parent, code=0)["complete"]
+
+
+# --- peers that freeze or die
+
+@pytest.fixture
+def subscriber(ros, processes, tmp_path):
+    """subscriber(*topics): an rclpy program that has heard each of them."""
+
+    def subscriber(*topics: str) -> Process:
+        command = [sys.executable, str(HERE / "subscriber.py"), *topics]
+        process = Process(command, tmp_path / f"subscriber-{len(processes)}.log")
+        processes.append(process)
+        ros.until(lambda: "heard all" in process.log(), f"a subscriber of {topics}")
+        return process
+
+    started = len(processes)
+    yield subscriber
+    # A frozen one answers no other signal.
+    for process in processes[started:]:
+        if process.name == Path(sys.executable).name:
+            process.stop(signal.SIGKILL, expected=-signal.SIGKILL)
+
+
+@pytest.mark.parametrize("mode, windows", [("realtime", 1.4), ("lockstep", 2.2)])
+def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_healthy_one(
+        ros, start, subscriber, mode, windows):
+    rate, wanted = 2000.0, round(windows * WINDOW)
+    topics = ["/stage/encoder", "/stage/state", "/stage/force", "/controller/state"]
+    start("stage_node", mode=mode, control_rate=rate, command_timeout=1.0, answer_timeout=10.0)
+    start("controller_node", rate=rate)
+    period = round(1e9 / rate)
+    encoder = ros.collect("/stage/encoder", depth=20_000)
+    frozen, killed = subscriber(*topics), subscriber(*topics)
+    diagnostics = Diagnostics(ros)
+    ros.until(lambda: len(encoder) > 100, "100 samples")
+
+    frozen.popen.send_signal(signal.SIGSTOP)
+    killed.stop(signal.SIGKILL, expected=-signal.SIGKILL)
+    since = len(encoder)
+    began = last = time.monotonic()
+    longest = 0.0
+    while len(encoder) - since < wanted:
+        count = len(encoder)
+        ros.until(lambda: len(encoder) > count, "a sample", timeout=5.0)
+        longest, last = max(longest, time.monotonic() - last), time.monotonic()
+    elapsed = time.monotonic() - began
+    assert longest < 1.0, f"no sample for {longest} s"
+    assert_no_holes(encoder, period)
+    status = diagnostics.newest()
+    assert number(status, "unpublished_samples") == number(status, "missing_answers") == 0
+    # The controller's commands came through as well, as those of one source.
+    assert number(status, "refused_commands") == number(status, "stale_commands") == 0
+    if mode == "realtime":
+        assert number(status, "writers_replaced") > 0 and number(status, "refused_by_dds") == 0
+        assert elapsed == pytest.approx(wanted / rate, rel=0.2)
+
+
+def test_a_killed_controller_is_missed_and_another_takes_its_place(ros, stage, controller, start):
+    stage(mode="lockstep", control_rate=1000.0, answer_timeout=0.3, noise=False)
+    first = controller(**CONTROLLER)
+    diagnostics = Diagnostics(ros)
+    encoder = ros.collect("/stage/encoder", depth=10_000)
+    ros.until(lambda: len(encoder) > 100, "100 samples")
+    first.stop(signal.SIGKILL, expected=-signal.SIGKILL)
+    status = diagnostics.until(lambda status: status.level == ERROR, "the error")
+    assert "the answer to the last sample is missing" in status.message
+    start("controller_node", **CONTROLLER)
+    waiting = number(status, "stamp_ns")
+    ros.until(lambda: nanoseconds(encoder[-1].header.stamp) > waiting + 500_000_000, "half a second of simulated time")
+    assert diagnostics.newest().level != ERROR
+    sent = sorted(set(stamps(encoder)))
+    assert sent == list(range(sent[0], sent[-1] + 1, 1_000_000))
+    assert all(abs(sample.position[0]) < 1e-6 for sample in encoder)
+
+
+def test_a_killed_stage_can_be_started_again_at_once_and_its_controller_goes_on(ros, stage, controller):
+    first = stage(mode="lockstep", control_rate=1000.0)
+    controller(**CONTROLLER)
+    first.stop(signal.SIGKILL, expected=-signal.SIGKILL)
+    stage(mode="lockstep", control_rate=1000.0, wait_for_command=True)
+    clock = ros.collect("/clock")
+    ros.until(lambda: len(clock) > 500, "500 answered samples")
+    assert Diagnostics(ros).newest().level == OK
+    status = Diagnostics(ros, "/controller: controller").newest()
+    assert number(status, "stage_restarts") == 1
