@@ -25,9 +25,11 @@ def test_a_node_on_simulated_time_follows_the_clock(ros, stage, simulated, param
     ros.until(lambda: len(fired) > 20, "20 ticks of a timer on simulated time")
     seen = [nanoseconds(message.clock) for message in clock]
     assert seen == sorted(seen)
-    # What the node believes is what was published, and its timer keeps that time.
-    now = simulated.get_clock().now().nanoseconds
-    assert clock and abs(now - seen[-1]) <= 100_000_000
+    # What the node believes is what was published, and its timer keeps that time. A busy machine may need a moment.
+    def believed():
+        return simulated.get_clock().now().nanoseconds
+
+    ros.until(lambda: abs(believed() - nanoseconds(clock[-1].clock)) <= 100_000_000, "agreement of node and clock")
     # The first tick comes when the clock jumps from 0 to where it is.
     mean = (fired[-1] - fired[1]) / (len(fired) - 2)
     assert mean == pytest.approx(PERIOD, rel=0.05)

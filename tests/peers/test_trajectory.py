@@ -14,7 +14,8 @@ POINTS = [
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_a_trajectory_of_several_points_moves_the_stage_there(ros, stage, controller, mode):
     # 1 kHz and a bandwidth that leaves room for the time on the wire.
-    stage(mode=mode, control_rate=1000.0, noise=False)
+    # Wall time on a busy machine promises no delay: there the stage must arrive, in lockstep it must also keep to the way.
+    stage(mode=mode, control_rate=1000.0, noise=False, command_timeout=5.0)
     controller(rate=1000.0, bandwidth=30.0)
     states = ros.collect("/controller/state")
     encoder = ros.collect("/stage/encoder")
@@ -30,9 +31,11 @@ def test_a_trajectory_of_several_points_moves_the_stage_there(ros, stage, contro
         late = (nanoseconds(nearest.header.stamp) - at) * 1e-9
         assert abs(late) <= 2e-3, f"no state within 2 ms of {point['time']} s"
         expected = point["positions"][0] + point["velocities"][0] * late
-        assert nearest.reference_position == pytest.approx(expected, abs=2e-6)
-        assert nearest.position == pytest.approx(nearest.reference_position, abs=300e-6)
-    assert encoder[-1].position[0] == pytest.approx(POINTS[-1]["positions"][0], abs=20e-6)
+        assert nearest.reference_position == pytest.approx(expected, abs=10e-6)
+        if mode == "lockstep":
+            assert nearest.position == pytest.approx(nearest.reference_position, abs=300e-6)
+    target = POINTS[-1]["positions"][0]
+    ros.until(lambda: abs(encoder[-1].position[0] - target) < 20e-6, f"the arrival at {target} m")
 
 
 def test_stamp_zero_means_now(ros, stage, controller):
