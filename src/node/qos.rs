@@ -66,7 +66,7 @@ pub const SAMPLES: Qos = Qos::reliable(100);
 /// commands from ros2_control (reliable, volatile, depth 1) and rclpy's default arrive complete.
 pub const COMMANDS: Qos = Qos::reliable(100);
 /// Forces of the controller: commands behind a window that outlasts a dead subscriber, whose lease ends after 20 s (rclpy) or
-/// 50 s (rustdds). It fills in 65 s at 4 kHz, to about 80 MB. A window that filled would be answered with a new writer, and
+/// 50 s (rustdds). It fills in 65 s at 4 kHz, to about 110 MB. A window that filled would be answered with a new writer, and
 /// that is another source to the stage: refused until the old one has been silent for long enough.
 pub const FORCES: Qos = COMMANDS.window(1 << 18);
 /// `/clock`, as the clock publishers of ROS 2 simulators offer it. rclpy's time source asks for

@@ -1,10 +1,11 @@
 """What a node says about itself on /diagnostics."""
 
+import time
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from ros import Ros
+from ros import Ros, nanoseconds
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -16,18 +17,20 @@ class Diagnostics:
         self.ros, self.name = ros, name
         self.arrays = ros.collect("/diagnostics")
 
-    def all(self) -> list[DiagnosticStatus]:
-        return [status for array in self.arrays for status in array.status if status.name == self.name]
-
     def until(self, condition: Callable[[DiagnosticStatus], bool], what: str, timeout: float = 30.0) -> DiagnosticStatus:
-        """Waits for a status that came after this call and meets the condition."""
-        # One that is on its way may be of before.
+        """Waits for a status that was told after this call and meets the condition."""
+        now = time.time_ns()
         del self.arrays[:]
+
+        def told() -> list[DiagnosticStatus]:
+            # One that was on its way is of before.
+            return [status for array in self.arrays if nanoseconds(array.header.stamp) >= now
+                    for status in array.status if status.name == self.name]
+
         try:
-            return self.ros.until(lambda: next((s for s in self.all() if condition(s)), None), what, timeout)
+            return self.ros.until(lambda: next((s for s in told() if condition(s)), None), what, timeout)
         except AssertionError as failure:
-            newest = self.all()[-1:]
-            raise AssertionError(f"{failure}; {self.name} says {newest}") from None
+            raise AssertionError(f"{failure}; {self.name} says {told()[-1:]}") from None
 
     def newest(self) -> DiagnosticStatus:
         return self.until(lambda _: True, f"a status of {self.name}")

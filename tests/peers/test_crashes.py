@@ -146,6 +146,7 @@ def test_a_disk_that_runs_full_ends_the_recording_and_not_the_stage(ros, process
     encoder = ros.collect("/stage/encoder", depth=10_000)
     diagnostics = Diagnostics(ros)
     status = diagnostics.until(lambda status: status.level == ERROR, "the error")
+    told = next(nanoseconds(array.header.stamp) for array in diagnostics.arrays if status in array.status)
     reason = "File too large" if kind == "file size limit" else "No space left on device"
     for word in ["recording: no space left for", f"{small}/bag/bag_0.mcap", reason, "bytes are written", "recover"]:
         assert word in status.message
@@ -162,9 +163,8 @@ def test_a_disk_that_runs_full_ends_the_recording_and_not_the_stage(ros, process
     messages = assert_python_reads(tmp_path / "recovered")
     assert_no_holes(messages["/stage/encoder"], 500_000)
     # What did not fit any more is what had come since the last time that messages were brought to the file.
-    fault = next(a.header.stamp for a in diagnostics.arrays if diagnostics.name in {s.name for s in a.status})
-    assert nanoseconds(fault) - stamps(messages["/stage/encoder"])[-1] < 1.5e9
     assert report["messages"] > 1000
+    assert 0 < told - stamps(messages["/stage/encoder"])[-1] < 1.2e9
     if kind == "full disk":
         # There is room elsewhere.
         response = ros.call(SetBool, "/stage/record", data=True)
