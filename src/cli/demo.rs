@@ -204,8 +204,8 @@ fn rows(motion: &PaperMotion, errors: &Errors) -> Vec<MoveRow> {
 /// Error over time after the start of the move, with the reference dashed, for the fast move and for the first fine step.
 fn write_figure(path: &Path, title: &str, motion: &PaperMotion, runs: &[(String, Errors)]) -> anyhow::Result<()> {
     let panels: Vec<Panel> = [
-        (MoveKind::FastForward, "Fast move: 50 mm in 100 ms", 300_000_000),
-        (MoveKind::FineStep, "Fine step: 10 um in 3 ms", 200_000_000),
+        (MoveKind::FastForward, "Fast move: 50 mm in 100 ms (dashed: reference, scaled)", 300_000_000),
+        (MoveKind::FineStep, "Fine step: 10 um in 3 ms (dashed: reference, scaled)", 200_000_000),
     ]
     .into_iter()
     .filter_map(|(kind, title, window)| {
