@@ -83,4 +83,21 @@ fn trace_over_ros_is_the_trace_in_one_process_bit_for_bit() {
     // because the recorder has to find it.
     assert_eq!((samples, forces), (cycles, cycles));
     assert!(states > cycles * 9 / 10, "{states} of {cycles} states");
+
+    // The bag alone repeats the run.
+    let replay = std::process::Command::new(env!("CARGO_BIN_EXE_friction-stage"))
+        .args(["replay", "--json", bag.to_str().unwrap()])
+        .output()
+        .unwrap();
+    assert!(replay.status.success(), "{}", String::from_utf8_lossy(&replay.stderr));
+    let report: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
+    assert!(report["samples"].as_u64().unwrap() >= cycles as u64, "{report}");
+    assert_eq!(report["identical"], report["samples"], "{report}");
+    // Another model does not.
+    let other = std::process::Command::new(env!("CARGO_BIN_EXE_friction-stage"))
+        .args(["replay", "--json", "--model", "guide_2", bag.to_str().unwrap()])
+        .output()
+        .unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&other.stdout).unwrap();
+    assert!(report["position_rms_m"].as_f64().unwrap() > 1e-6, "{report}");
 }
