@@ -8,7 +8,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::task::Poll;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use futures::channel::mpsc::UnboundedReceiver;
 use futures::stream::Stream;
@@ -31,6 +31,11 @@ use crate::message::{
 
 /// Interval of `/diagnostics`.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_millis(200);
+/// States that go out together: DDS then packs them into one datagram with one acknowledgement, which a subscriber (the
+/// recorder) pays for. Fewer than the 10 that a default subscription keeps.
+const BURST: usize = 8;
+/// Longest time that a state waits for others.
+const BURST_WITHIN: Duration = Duration::from_millis(5);
 /// Longest wait for a writer that replaces one with a dead subscriber: the stage waits for the answer.
 const SETTLE: Duration = Duration::from_secs(1);
 
@@ -130,6 +135,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         due: i64::MIN,
         held: Terms::default(),
         waiting: Vec::new(),
+        states: Vec::with_capacity(BURST),
         setpoint_stamp: 0,
         frame: String::new(),
     };
@@ -203,6 +209,8 @@ struct ControllerLoop {
     held: Terms,
     /// Setpoints that came before the first sample.
     waiting: Vec<JointTrajectory>,
+    /// States that wait for others.
+    states: Vec<ControllerState>,
     setpoint_stamp: i64,
     frame: String,
 }
@@ -211,7 +219,8 @@ impl ControllerLoop {
     fn run(mut self) {
         let waiter = Waiter::new();
         loop {
-            let event = waiter.wait(None, |context| {
+            let patience = (!self.states.is_empty()).then(|| Instant::now() + BURST_WITHIN);
+            let event = waiter.wait(patience, |context| {
                 if let Poll::Ready(sample) = self.encoder.poll_take(context) {
                     return Poll::Ready(Event::Encoder(sample));
                 }
@@ -222,7 +231,7 @@ impl ControllerLoop {
                 control.map(|control| Event::Control(control.unwrap_or(Control::Shutdown)))
             });
             match event {
-                None => {}
+                None => self.publish_states(),
                 Some(Event::Encoder(Ok(message))) => self.hear(&message),
                 Some(Event::Encoder(Err(error))) => {
                     self.status.refuse(&self.status.refused_samples, format!("a sample could not be read: {error}"));
@@ -232,7 +241,7 @@ impl ControllerLoop {
                     self.status
                         .refuse(&self.status.refused_setpoints, format!("a setpoint could not be read: {error}"));
                 }
-                Some(Event::Control(Control::Shutdown)) => return,
+                Some(Event::Control(Control::Shutdown)) => return self.publish_states(),
                 Some(Event::Control(control)) => self.obey(control),
             }
         }
@@ -324,7 +333,16 @@ impl ControllerLoop {
         let header = Header::new(stamp, self.frame.as_str());
         let answered = self.status.answered.load(Ordering::Relaxed);
         let state = controller_state(header, answered, &self.held, self.enabled, self.setpoint_stamp);
-        let _ = self.state.publish(state);
+        self.states.push(state);
+        if self.states.len() >= BURST {
+            self.publish_states();
+        }
+    }
+
+    fn publish_states(&mut self) {
+        for state in self.states.drain(..) {
+            let _ = self.state.publish(state);
+        }
     }
 
     fn follow(&mut self, message: JointTrajectory) {

@@ -27,7 +27,7 @@ use std::{
     time::Instant,
 };
 
-use ros2_client::{ReadError, Subscription};
+use ros2_client::{ReadError, Subscription, message_info::MessageInfo};
 
 use super::{
     participant::{Participant, ParticipantError},
@@ -61,6 +61,14 @@ impl<M: RosMessage> Inlet<M> {
     /// [`ReadError`] for a sample that cannot be decoded; it is consumed, the next call goes on.
     pub fn take(&self) -> Result<Option<M>, ReadError> {
         Ok(self.subscription.take()?.map(|(message, _)| message))
+    }
+
+    /// The next message, if one has come, with who sent it and its number among those of its sender.
+    ///
+    /// # Errors
+    /// As [`Inlet::take`].
+    pub fn take_with_info(&self) -> Result<Option<(M, MessageInfo)>, ReadError> {
+        self.subscription.take()
     }
 
     /// The next message, or a promise to wake `cx` when one comes.

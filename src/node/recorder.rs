@@ -8,13 +8,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::sync::{Arc, Mutex};
-use std::task::Waker;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+use ros2_client::Gid;
 
 use super::clock;
 use super::cpu;
-use super::inlet::{Inlet, Waiter};
+use super::inlet::Inlet;
 use super::participant::{Network, Participant};
 use super::qos::{CLOCK, COMMANDS, DIAGNOSTICS, Qos, SAMPLES};
 use super::runtime::lock;
@@ -32,8 +33,11 @@ const NAP: Duration = Duration::from_millis(2);
 
 /// Longest wait, when a bag is opened, for a controller that is there: discovery on one machine takes 0.1 s.
 const FIND: Duration = Duration::from_millis(300);
-/// States of the controller that may wait for the listener.
-const HEARD: Qos = Qos::reliable(10_000);
+/// Longest wait, when a bag is closed, for the states of samples that the controller has answered.
+const LAST_STATES: Duration = Duration::from_millis(50);
+/// States of the controller that may wait for the recorder: 1 s at 10 kHz. Best effort, because an acknowledgement of each
+/// costs the controller more than the state; what is missing is counted.
+const HEARD: Qos = Qos::best_effort(10_000);
 
 /// Absolute names of the topics in a bag.
 #[derive(Clone, Debug)]
@@ -64,7 +68,6 @@ pub enum Heard {
 enum Order {
     Start(PathBuf, mpsc::SyncSender<Result<(), String>>),
     Stop(mpsc::SyncSender<Result<Option<Written>, BagError>>),
-    Heard(i64, Heard),
 }
 
 /// What a finished bag holds.
@@ -79,7 +82,7 @@ pub struct Written {
 pub struct RecorderStatus {
     /// A bag is open: ticks and messages are wanted.
     pub recording: AtomicBool,
-    /// Ticks that found the ring full.
+    /// Ticks that found the ring full, and states of the controller that did not arrive.
     pub dropped: AtomicU64,
     /// Why the last bag was closed early.
     pub fault: Mutex<Option<String>>,
@@ -91,6 +94,9 @@ pub struct RecorderStatus {
 #[derive(Clone)]
 pub struct RecorderHandle {
     orders: mpsc::Sender<Order>,
+    /// Messages that wait for the recorder, which looks by itself: waking it on another processor for each would cost the
+    /// loop more than the message.
+    heard: Arc<Mutex<Vec<(i64, Heard)>>>,
     status: Arc<RecorderStatus>,
 }
 
@@ -173,8 +179,7 @@ impl RecorderHandle {
     pub fn hear(&self, stamp: i64, message: impl FnOnce() -> Heard) {
         if self.is_recording() {
             let time = if stamp > 0 { stamp } else { self.status.latest.load(Ordering::Relaxed) };
-            // The recorder ends only after every handle is gone.
-            let _ = self.orders.send(Order::Heard(time, message()));
+            lock(&self.heard).push((time, message()));
         }
     }
 }
@@ -188,14 +193,16 @@ impl Recorder {
         let (orders, inbox) = mpsc::channel();
         let (producer, consumer) = rtrb::RingBuffer::new(RING);
         let status = Arc::new(RecorderStatus::default());
-        let handle = RecorderHandle { orders, status: status.clone() };
+        let heard = Arc::new(Mutex::new(Vec::new()));
+        let handle = RecorderHandle { orders, heard: heard.clone(), status: status.clone() };
         let mut work = Work {
             setup,
             ring: consumer,
             status: status.clone(),
             bag: None,
             controller: None,
-            heard: Arc::new(Mutex::new(Vec::new())),
+            heard,
+            answered: i64::MIN,
         };
         let thread = std::thread::Builder::new().name("recorder".to_owned()).spawn(move || work.run(&inbox))?;
         Ok((Recorder { thread }, handle, TickFeed { ring: producer, status }))
@@ -215,8 +222,10 @@ struct Work {
     status: Arc<RecorderStatus>,
     bag: Option<OpenBag>,
     controller: Option<Listener>,
-    /// States of the controller that the listener heard.
-    heard: Arc<Mutex<Vec<ControllerState>>>,
+    /// Messages that the loop handed over.
+    heard: Arc<Mutex<Vec<(i64, Heard)>>>,
+    /// Stamp of the last force, ns.
+    answered: i64,
 }
 
 struct OpenBag {
@@ -317,7 +326,6 @@ impl Work {
                 let result = self.close();
                 let _ = reply.send(result);
             }
-            Order::Heard(time, message) => self.write(|bag, _| bag.write_heard(time, &message)),
         }
     }
 
@@ -329,7 +337,7 @@ impl Work {
             .map_err(|error| error.to_string())?;
         self.bag = Some(bag);
         *lock(&self.status.fault) = None;
-        match Listener::start(&self.setup, self.heard.clone()) {
+        match Listener::start(&self.setup) {
             Ok(listener) => self.controller = Some(listener),
             Err(error) => tracing::error!("{} will not be recorded: {error:#}", self.setup.topics.controller_state),
         }
@@ -339,10 +347,16 @@ impl Work {
 
     fn close(&mut self) -> Result<Option<Written>, BagError> {
         self.status.recording.store(false, Ordering::Release);
-        if let Some(listener) = self.controller.take() {
-            listener.stop();
-        }
         self.drain();
+        // The controller's last states come in a burst, a little after its last answer.
+        let deadline = Instant::now() + LAST_STATES;
+        while self.controller.as_ref().is_some_and(|listener| listener.stamp < self.answered)
+            && Instant::now() < deadline
+        {
+            std::thread::sleep(NAP);
+            self.drain();
+        }
+        self.controller = None;
         let Some(bag) = self.bag.take() else { return Ok(None) };
         let written = Written { directory: bag.writer.directory().to_owned(), messages: bag.writer.message_count() };
         bag.writer.finish()?;
@@ -356,7 +370,14 @@ impl Work {
             self.write(|bag, names| bag.write_tick(&tick, names));
         }
         let heard = std::mem::take(&mut *lock(&self.heard));
-        for state in heard {
+        for (time, message) in heard {
+            if let Heard::Force(force) = &message {
+                self.answered = force.header.stamp.to_nanos();
+            }
+            self.write(|bag, _| bag.write_heard(time, &message));
+        }
+        while let Some((state, missing)) = self.controller.as_mut().and_then(Listener::take) {
+            self.status.dropped.fetch_add(missing, Ordering::Relaxed);
             let time = state.header.stamp.to_nanos();
             self.write(|bag, _| bag.write_heard(time, &Heard::ControllerState(state)));
         }
@@ -376,53 +397,46 @@ impl Work {
             self.status.recording.store(false, Ordering::Release);
             // Dropping the writer would try the full disk again; its error has been told.
             self.bag = None;
-            if let Some(listener) = self.controller.take() {
-                listener.stop();
-            }
+            self.controller = None;
         }
     }
 }
 
-/// Hears the states of the controller on a thread of its own while a bag is open.
+/// Hears the states of the controller while a bag is open; the recorder takes them when it looks.
 struct Listener {
-    stop: Arc<AtomicBool>,
-    waker: Waker,
-    thread: JoinHandle<()>,
+    inlet: Inlet<ControllerState>,
+    /// Who sent the last state, and its number.
+    last: Option<(Gid, i64)>,
+    /// Stamp of the last state, ns.
+    stamp: i64,
 }
 
 impl Listener {
-    fn start(setup: &RecorderSetup, heard: Arc<Mutex<Vec<ControllerState>>>) -> anyhow::Result<Listener> {
+    fn start(setup: &RecorderSetup) -> anyhow::Result<Listener> {
         let options = ros2_client::NodeOptions::new().start_parameter_services(false).enable_rosout(false);
         let participant = Participant::join(Network::from_environment()?, &setup.namespace, &setup.node, options)?;
         let inlet = Inlet::<ControllerState>::new(&participant, &setup.topics.controller_state, &HEARD)?;
         participant.watch().wait_for_matches(inlet.guid(), 1, FIND);
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = stop.clone();
-        let (hand_over, waker) = mpsc::sync_channel(1);
-        let thread = std::thread::Builder::new().name("controller listener".to_owned()).spawn(move || {
-            use std::task::Poll;
-            let waiter = Waiter::new();
-            let _ = hand_over.send(waiter.waker());
-            loop {
-                let message = waiter.wait(None, |context| {
-                    if flag.load(Ordering::Acquire) { Poll::Ready(None) } else { inlet.poll_take(context).map(Some) }
-                });
-                match message {
-                    Some(Some(Ok(state))) => lock(&heard).push(state),
-                    Some(Some(Err(error))) => tracing::warn!("a state of the controller could not be read: {error}"),
-                    Some(None) | None => return,
-                }
-            }
-        })?;
-        let waker = waker.recv()?;
-        Ok(Listener { stop, waker, thread })
+        Ok(Listener { inlet, last: None, stamp: i64::MIN })
     }
 
-    fn stop(self) {
-        self.stop.store(true, Ordering::Release);
-        self.waker.wake();
-        if self.thread.join().is_err() {
-            tracing::error!("listening to the controller ended by a panic");
+    /// The next one that has come, and how many before it are missing.
+    fn take(&mut self) -> Option<(ControllerState, u64)> {
+        loop {
+            match self.inlet.take_with_info() {
+                Ok(None) => return None,
+                Ok(Some((state, info))) => {
+                    let (sender, number) = (info.publisher_gid(), info.sequence_number());
+                    let missing = match self.last {
+                        Some((last_sender, last)) if last_sender == sender => number - last - 1,
+                        _ => 0,
+                    };
+                    self.last = Some((sender, number));
+                    self.stamp = state.header.stamp.to_nanos();
+                    return Some((state, u64::try_from(missing).unwrap_or(0)));
+                }
+                Err(error) => tracing::warn!("a state of the controller could not be read: {error}"),
+            }
         }
     }
 }
