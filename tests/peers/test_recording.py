@@ -41,8 +41,7 @@ def check_contents(messages: dict[str, list]) -> None:
         assert all(len(field) == 1 and math.isfinite(field[0]) for field in
                    (sample.position, sample.velocity, sample.effort))
     assert samples[-1].position[0] == pytest.approx(0.02, abs=50e-6)
-    (setpoint,) = messages["/stage/setpoint"]
-    assert list(setpoint.points[-1].positions) == [0.02]
+    assert list(messages["/stage/setpoint"][-1].points[-1].positions) == [0.02]
     truth = bags.by_stamp(messages["/stage/state"])
     for sample in samples[::50]:
         state = truth[nanoseconds(sample.header.stamp)]
