@@ -26,6 +26,9 @@ pub const EPOCH: i64 = 1_000_000_000;
 /// Interval at which a sample is sent again to controllers that were not there when it went out.
 const ANNOUNCE: Duration = Duration::from_millis(100);
 
+/// Samples between two reports of the publishers' counters.
+const COUNT: u64 = 512;
+
 /// The loop of the stage in lockstep.
 pub struct Lockstep {
     pub stage: Stage,
@@ -86,6 +89,9 @@ impl Lockstep {
             let tick = self.observe();
             self.outlets.publish_and_settle(&tick);
             self.feed.insist(&tick);
+            if tick.sample.index.is_multiple_of(COUNT) {
+                self.live.set_counts(self.outlets.counts());
+            }
             match ahead {
                 Some((stamp, force)) if tick.stamp >= stamp => {
                     (ahead, held, phase) = (None, force, Phase::Armed);

@@ -29,6 +29,8 @@ const SAMPLES: usize = 8192;
 const ORDERS: usize = 4096;
 /// Longest sleep of the publishing thread without a sample.
 const NAP: Duration = Duration::from_millis(20);
+/// Interval at which the publishing thread hands over its counters.
+const COUNT: Duration = Duration::from_millis(100);
 /// Lateness beyond which missed ticks are given up instead of caught up, ns: the process was stopped.
 const GIVE_UP: i64 = 200_000_000;
 
@@ -210,6 +212,7 @@ fn publish(
     live: &LiveSettings,
     finished: &AtomicBool,
 ) {
+    let mut counted = Instant::now();
     loop {
         let over = finished.load(Ordering::Acquire);
         while let Ok(tick) = samples.pop() {
@@ -219,7 +222,10 @@ fn publish(
         if over {
             return;
         }
-        live.set_counts(outlets.counts());
+        if counted.elapsed() >= COUNT {
+            live.set_counts(outlets.counts());
+            counted = Instant::now();
+        }
         std::thread::park_timeout(NAP);
     }
 }
