@@ -112,6 +112,8 @@ pub struct RecorderSetup {
     pub topics: RecordedTopics,
     pub names: StageNames,
     pub provenance: Provenance,
+    /// Time of messages without a stamp of their own that come before the first sample, ns.
+    pub start: i64,
 }
 
 /// The recorder's thread; it ends, and closes its bag, when every handle and feed is gone.
@@ -193,6 +195,7 @@ impl Recorder {
         let (orders, inbox) = mpsc::channel();
         let (producer, consumer) = rtrb::RingBuffer::new(RING);
         let status = Arc::new(RecorderStatus::default());
+        status.latest.store(setup.start, Ordering::Relaxed);
         let heard = Arc::new(Mutex::new(Vec::new()));
         let handle = RecorderHandle { orders, heard: heard.clone(), status: status.clone() };
         let mut work = Work {

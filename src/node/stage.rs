@@ -112,6 +112,10 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         topics: recorded_topics(&startup, settings.publish_clock),
         names: names.clone(),
         provenance: provenance(&startup, &settings)?,
+        start: match settings.mode {
+            Mode::Lockstep => super::stage_lockstep::EPOCH,
+            Mode::Realtime => clock::system(),
+        },
     })?;
     if let Some(directory) = &settings.record {
         handle.start(directory).map_err(|reason| anyhow::anyhow!("parameter record: {reason}"))?;
