@@ -156,7 +156,9 @@ impl Driver {
         while start.elapsed() < duration {
             stage.check()?;
             let soon = Instant::now() + Duration::from_millis(100);
-            if let Some(Ok(message)) = waiter.wait(Some(soon), |context| diagnostics.poll_take(context)) {
+            if let Some(Ok(message)) = waiter.wait(Some(soon), |context| diagnostics.poll_take(context))
+                && stage_report(&message).is_some()
+            {
                 found = Some(keys.map(|key| stage_value(&message, key).unwrap_or(0.0)));
             }
         }
