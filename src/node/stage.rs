@@ -12,12 +12,10 @@ use super::outlet::Outlet;
 use super::parameters::ParameterSet;
 use super::participant::Participant;
 use super::qos::DIAGNOSTICS;
-use super::recorder::{Heard, RecordedTopics, Recorder, RecorderHandle, RecorderSetup, dated_directory};
+use super::recorder::{Heard, RecordedTopics, Recorder, RecorderHandle, RecorderSetup, TickFeed, dated_directory};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::stage_inbox::Inbox;
-use super::stage_lockstep::Lockstep;
 use super::stage_outlets::StageOutlets;
-use super::stage_realtime::Realtime;
 use super::stage_settings::{self, Mode, StageSettings};
 use super::stage_status::StageStatus;
 use super::wire::StageNames;
@@ -76,6 +74,17 @@ impl LiveSettings {
         };
         slot.store(Duration::from_secs_f64(seconds).as_nanos() as u64, Ordering::Relaxed);
     }
+}
+
+/// What the loop of the stage works with, in either mode.
+pub struct StageLoop {
+    pub stage: Stage,
+    pub settings: StageSettings,
+    pub outlets: StageOutlets,
+    pub inbox: Inbox,
+    pub feed: TickFeed,
+    pub status: Arc<StageStatus>,
+    pub live: Arc<LiveSettings>,
 }
 
 /// Runs the stage node with the given command line (without the program's name) until a signal ends it.
@@ -142,13 +151,15 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         settings.drive
     );
     let (ended, loop_ended) = oneshot::channel();
+    let mode = settings.mode;
+    let work = StageLoop { stage, settings, outlets, inbox, feed, status, live };
     let work = std::thread::Builder::new().name("stage".to_owned()).spawn(move || {
-        let result = match settings.mode {
+        let result = match mode {
             Mode::Lockstep => {
-                Lockstep { stage, settings, outlets, inbox, feed, status, live }.run();
+                work.run_lockstep();
                 Ok(())
             }
-            Mode::Realtime => Realtime { stage, settings, outlets, inbox, feed, status, live }.run(),
+            Mode::Realtime => work.run_realtime(),
         };
         let _ = ended.send(());
         result

@@ -4,22 +4,16 @@
 //! running clock before it says anything (or it stands still, with `wait_for_command`). Then time stops at the sample
 //! that is out, and every step from there on has its own answer. A missing answer is an error, and time stands still.
 
-use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use super::clock;
 use super::commands::{Arbiter, Command, CommandSource, CommandTopic, Refusal, StampRule};
 use super::inlet::Waiter;
-use super::recorder::TickFeed;
 use super::runtime::Control;
-use super::stage::LiveSettings;
-use super::stage_inbox::{Event, Inbox};
-use super::stage_outlets::StageOutlets;
-use super::stage_settings::StageSettings;
-use super::stage_status::StageStatus;
+use super::stage::StageLoop;
+use super::stage_inbox::Event;
 use super::wire::Tick;
-use crate::plant::Stage;
 
 /// Stamp of the first sample, ns. ROS takes a clock at 0 for one that has not started.
 pub const EPOCH: i64 = 1_000_000_000;
@@ -28,17 +22,6 @@ const ANNOUNCE: Duration = Duration::from_millis(100);
 
 /// Samples between two reports of the publishers' counters.
 const COUNT: u64 = 512;
-
-/// The loop of the stage in lockstep.
-pub struct Lockstep {
-    pub stage: Stage,
-    pub settings: StageSettings,
-    pub outlets: StageOutlets,
-    pub inbox: Inbox,
-    pub feed: TickFeed,
-    pub status: Arc<StageStatus>,
-    pub live: Arc<LiveSettings>,
-}
 
 /// What a wait came to.
 enum Answer {
@@ -73,9 +56,9 @@ struct Run {
     enabled: bool,
 }
 
-impl Lockstep {
-    /// Runs until shutdown.
-    pub fn run(mut self) {
+impl StageLoop {
+    /// Runs in lockstep until shutdown.
+    pub fn run_lockstep(mut self) {
         let mut run = Run {
             arbiter: Arbiter::new(self.live.answer_timeout().as_nanos() as i64),
             waiter: Waiter::new(),

@@ -14,7 +14,7 @@ use super::commands::{Arbiter, StampRule};
 use super::inlet::Waiter;
 use super::recorder::TickFeed;
 use super::runtime::Control;
-use super::stage::LiveSettings;
+use super::stage::{LiveSettings, StageLoop};
 use super::stage_inbox::{Event, Inbox};
 use super::stage_outlets::StageOutlets;
 use super::stage_settings::{Drive, StageSettings};
@@ -34,17 +34,6 @@ const COUNT: Duration = Duration::from_millis(100);
 /// Lateness beyond which missed ticks are given up instead of caught up, ns: the process was stopped.
 const GIVE_UP: i64 = 200_000_000;
 
-/// The loops of the stage in real time.
-pub struct Realtime {
-    pub stage: Stage,
-    pub settings: StageSettings,
-    pub outlets: StageOutlets,
-    pub inbox: Inbox,
-    pub feed: TickFeed,
-    pub status: Arc<StageStatus>,
-    pub live: Arc<LiveSettings>,
-}
-
 /// What the command thread tells the tick thread. `Copy` or boxed beforehand: taking one allocates nothing.
 enum Order {
     /// Hold this force, N.
@@ -59,10 +48,10 @@ enum Order {
 /// What the tick thread hands back to be dropped.
 type Waste = Box<Follower>;
 
-impl Realtime {
-    /// Runs until shutdown.
-    pub fn run(self) -> anyhow::Result<()> {
-        let Realtime { stage, settings, outlets, inbox, feed, status, live } = self;
+impl StageLoop {
+    /// Runs in real time until shutdown.
+    pub fn run_realtime(self) -> anyhow::Result<()> {
+        let StageLoop { stage, settings, outlets, inbox, feed, status, live } = self;
         let (samples_in, samples_out) = rtrb::RingBuffer::new(SAMPLES);
         let (orders_in, orders_out) = rtrb::RingBuffer::new(ORDERS);
         let (waste_in, waste_out) = rtrb::RingBuffer::new(ORDERS);
