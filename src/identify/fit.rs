@@ -1,0 +1,193 @@
+//! Least squares with bounds: Levenberg-Marquardt (Marquardt 1963) whose steps stay inside, with the coordinates at a bound held there
+//! while the error pulls outwards (active set; Nocedal, Wright, "Numerical Optimization", ch. 16.7).
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::hypothesis::{Coordinate, Hypothesis, Missing, Sides};
+use super::measured::Measured;
+use crate::model::ModelError;
+
+/// Step of the difference quotients, in scales of the coordinates.
+const DIFFERENCE: f64 = 1e-4;
+/// Share by which the sum of squares must fall for another iteration to be worth it.
+const PROGRESS: f64 = 1e-4;
+
+/// A hypothesis at its best, with what the fit knows about it.
+#[derive(Clone, Debug)]
+pub struct Fitted {
+    pub hypothesis: Hypothesis,
+    pub missing: Missing,
+    pub coordinates: Vec<Coordinate>,
+    /// Standard deviation of each coordinate, widened for the correlation of the residual over time; infinite where the data say nothing.
+    pub deviations: Vec<f64>,
+    /// Correlation matrix of the coordinates, row by row.
+    pub correlations: Vec<Vec<f64>>,
+    /// Coordinates that ended on a bound.
+    pub at_bound: Vec<bool>,
+}
+
+fn stacked(missing: Missing) -> DVector<f64> {
+    let mut all = missing.motor;
+    all.extend(missing.carriage);
+    DVector::from_vec(all)
+}
+
+/// Moves everything that may move on these sides until the missing force is least.
+pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: usize) -> Result<Fitted, ModelError> {
+    let has_cell = measured.cell.is_some();
+    let mut coordinates = start.coordinates(sides, has_cell);
+    let mut hypothesis = start.clone();
+    // Start inside: a coordinate on its bound has only one way to go.
+    for coordinate in &mut coordinates {
+        let (lower, upper) = coordinate.bounds;
+        let margin = 1e-3 * (upper - lower).min(coordinate.scale);
+        coordinate.value = coordinate.value.clamp(lower + margin, upper - margin);
+        hypothesis.set(coordinate.place, coordinate.value);
+    }
+    let mut missing = hypothesis.missing(measured, sides)?;
+    let mut residual = stacked(missing.clone());
+    let mut squares = residual.norm_squared();
+    let mut damping = 1e-3;
+    let mut jacobian = DMatrix::zeros(0, 0);
+    for iteration in 0..=iterations {
+        jacobian = derivatives(&hypothesis, &coordinates, measured, sides, &residual)?;
+        if iteration == iterations || coordinates.is_empty() {
+            break;
+        }
+        let gradient = jacobian.tr_mul(&residual);
+        let held: Vec<bool> = coordinates
+            .iter()
+            .zip(gradient.iter())
+            .map(|(coordinate, slope)| {
+                (coordinate.value <= coordinate.bounds.0 && *slope > 0.0)
+                    || (coordinate.value >= coordinate.bounds.1 && *slope < 0.0)
+            })
+            .collect();
+        let normal = jacobian.tr_mul(&jacobian);
+        let mut better = None;
+        for _ in 0..6 {
+            let mut matrix = normal.clone();
+            let mut right = -&gradient;
+            for index in 0..coordinates.len() {
+                matrix[(index, index)] *= 1.0 + damping;
+                matrix[(index, index)] += f64::MIN_POSITIVE;
+                if held[index] {
+                    matrix.row_mut(index).fill(0.0);
+                    matrix.column_mut(index).fill(0.0);
+                    matrix[(index, index)] = 1.0;
+                    right[index] = 0.0;
+                }
+            }
+            let Some(step) = matrix.cholesky().map(|factors| factors.solve(&right)) else {
+                damping = (damping * 10.0f64).max(1e-6);
+                continue;
+            };
+            let mut tried = hypothesis.clone();
+            let mut moved = coordinates.clone();
+            for (coordinate, step) in moved.iter_mut().zip(step.iter()) {
+                let (lower, upper) = coordinate.bounds;
+                coordinate.value = (coordinate.value + step * coordinate.scale).clamp(lower, upper);
+                tried.set(coordinate.place, coordinate.value);
+            }
+            let left = tried.missing(measured, sides)?;
+            let stack = stacked(left.clone());
+            if stack.norm_squared() < squares {
+                better = Some((tried, moved, left, stack));
+                damping *= 0.2;
+                break;
+            }
+            damping *= 5.0;
+        }
+        let Some((tried, moved, left, stack)) = better else { break };
+        let fallen = squares - stack.norm_squared();
+        (hypothesis, coordinates, missing, residual) = (tried, moved, left, stack);
+        squares = residual.norm_squared();
+        if fallen < PROGRESS * squares {
+            jacobian = derivatives(&hypothesis, &coordinates, measured, sides, &residual)?;
+            break;
+        }
+    }
+    let at_bound = coordinates
+        .iter()
+        .map(|c| {
+            let margin = 1e-6 * c.scale;
+            c.value <= c.bounds.0 + margin || c.value >= c.bounds.1 - margin
+        })
+        .collect::<Vec<_>>();
+    let (deviations, correlations) = uncertainty(&jacobian, &residual, &missing, &coordinates, &at_bound);
+    Ok(Fitted { hypothesis, missing, coordinates, deviations, correlations, at_bound })
+}
+
+/// Derivatives of the residual by the scaled coordinates, by forward differences (backward at the upper bound).
+fn derivatives(
+    hypothesis: &Hypothesis,
+    coordinates: &[Coordinate],
+    measured: &Measured,
+    sides: Sides,
+    residual: &DVector<f64>,
+) -> Result<DMatrix<f64>, ModelError> {
+    let columns = coordinates
+        .par_iter()
+        .map(|coordinate| {
+            let step = DIFFERENCE * coordinate.scale;
+            let step = if coordinate.value + step > coordinate.bounds.1 { -step } else { step };
+            let mut moved = hypothesis.clone();
+            moved.set(coordinate.place, coordinate.value + step);
+            let stack = stacked(moved.missing(measured, sides)?);
+            Ok((stack - residual) * (coordinate.scale / step))
+        })
+        .collect::<Result<Vec<_>, ModelError>>()?;
+    if columns.is_empty() {
+        return Ok(DMatrix::zeros(residual.len(), 0));
+    }
+    Ok(DMatrix::from_columns(&columns))
+}
+
+/// Standard deviations and correlations from the Jacobian, with the residual's own size as the noise. Coordinates on a bound are held.
+fn uncertainty(
+    jacobian: &DMatrix<f64>,
+    residual: &DVector<f64>,
+    missing: &Missing,
+    coordinates: &[Coordinate],
+    at_bound: &[bool],
+) -> (Vec<f64>, Vec<Vec<f64>>) {
+    let count = coordinates.len();
+    let mut deviations = vec![f64::INFINITY; count];
+    let mut correlations = vec![vec![0.0; count]; count];
+    let free: Vec<usize> = (0..count).filter(|index| !at_bound[*index]).collect();
+    if free.is_empty() || residual.is_empty() {
+        return (deviations, correlations);
+    }
+    let columns = jacobian.select_columns(free.iter());
+    let normal = columns.tr_mul(&columns);
+    let inverse = normal.clone().cholesky().map(|factors| factors.inverse());
+    let Some(inverse) = inverse else { return (deviations, correlations) };
+    let longer = correlation_length(&missing.carriage).max(correlation_length(&missing.motor));
+    let variance = residual.norm_squared() / residual.len() as f64 * longer;
+    for (row, index) in free.iter().enumerate() {
+        deviations[*index] = (inverse[(row, row)] * variance).sqrt() * coordinates[*index].scale;
+        for (column, other) in free.iter().enumerate() {
+            correlations[*index][*other] =
+                inverse[(row, column)] / (inverse[(row, row)] * inverse[(column, column)]).sqrt();
+        }
+    }
+    (deviations, correlations)
+}
+
+/// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation up to its first zero.
+pub fn correlation_length(values: &[f64]) -> f64 {
+    let power: f64 = values.iter().map(|value| value * value).sum();
+    if power <= 0.0 {
+        return 1.0;
+    }
+    let mut length = 1.0;
+    for lag in 1..values.len().min(2000) {
+        let product: f64 = values.iter().zip(&values[lag..]).map(|(a, b)| a * b).sum::<f64>() / power;
+        if product <= 0.05 {
+            break;
+        }
+        length += 2.0 * product;
+    }
+    length
+}

@@ -1,0 +1,344 @@
+//! What might be true: declared parameters within their tolerances and a list of effects, and the residual that this leaves.
+
+use crate::model::{EffectParameters, Guide, GuideSource, ModelError, StageModel};
+use crate::plant::effects::Effects;
+use crate::plant::{EffectDescriptor, FrictionScale, GuideBank, Side};
+
+use super::measured::Measured;
+
+/// How far the real machine may be from the declared one, as shares of the declared values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerances {
+    pub mass: f64,
+    /// Of each LuGre parameter, as the mean over the guides.
+    pub guides: f64,
+}
+
+impl Default for Tolerances {
+    /// Assumed: a carriage is weighed to half a percent; guides of one type differ by 16 %.
+    fn default() -> Self {
+        Tolerances { mass: 0.005, guides: 0.16 }
+    }
+}
+
+/// Largest shift between the instants of encoder and force readings, in samples. Assumed: what is beyond it is a lag of its own.
+const SHIFT_LIMIT: f64 = 0.05;
+
+/// Declared parameters that a fit may move: name, unit.
+pub const DECLARED: [(&str, &str); 8] = [
+    ("mass", "kg"),
+    ("stiffness", "N/m"),
+    ("bristle_damping", "N s/m"),
+    ("viscous_friction", "N s/m"),
+    ("coulomb_force", "N"),
+    ("static_force", "N"),
+    ("stribeck_velocity", "m/s"),
+    ("sensor_shift", "s"),
+];
+
+/// An effect with values in the order of its descriptor's parameters.
+#[derive(Clone, Debug)]
+pub struct Part {
+    pub descriptor: &'static EffectDescriptor,
+    pub values: Vec<f64>,
+}
+
+impl Part {
+    pub fn parameters(&self) -> EffectParameters {
+        self.descriptor.parameters_of(&self.values)
+    }
+
+    /// Side of the force cell, or sensor, where it acts: a map has it among its values.
+    pub fn side(&self) -> Side {
+        (self.descriptor.build)(&self.values).side().unwrap_or(self.descriptor.side)
+    }
+}
+
+/// Declared model, moved, with effects in it.
+#[derive(Clone, Debug)]
+pub struct Hypothesis {
+    declared: StageModel,
+    guides: Vec<Guide>,
+    tolerances: Tolerances,
+    /// Logarithms of the factors on mass and the six LuGre parameters (of all guides alike), then the shift of the sensors in samples.
+    pub moved: [f64; DECLARED.len()],
+    pub effects: Vec<Part>,
+}
+
+/// One number that a fit may change.
+#[derive(Clone, Debug)]
+pub struct Coordinate {
+    /// Index among the declared parameters, or (effect, value).
+    pub place: Place,
+    pub value: f64,
+    pub scale: f64,
+    pub bounds: (f64, f64),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    Declared(usize),
+    Effect { effect: usize, value: usize },
+}
+
+/// What is compared: the motor side, the carriage side or both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sides {
+    pub motor: bool,
+    pub carriage: bool,
+}
+
+impl Sides {
+    pub const BOTH: Sides = Sides { motor: true, carriage: true };
+    pub const MOTOR: Sides = Sides { motor: true, carriage: false };
+    pub const CARRIAGE: Sides = Sides { motor: false, carriage: true };
+}
+
+/// Force that a hypothesis misses, N along +x, filtered, at the rows of the recording. Motor side: cell less command less effects.
+/// Carriage side: mass times acceleration plus friction less effects less cell; without a cell, less command and motor effects.
+#[derive(Clone, Debug, Default)]
+pub struct Missing {
+    pub motor: Vec<f64>,
+    pub carriage: Vec<f64>,
+}
+
+impl Missing {
+    /// Mean squares, N^2.
+    pub fn squares(&self) -> (f64, f64) {
+        let mean = |values: &[f64]| {
+            if values.is_empty() { 0.0 } else { values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64 }
+        };
+        (mean(&self.motor), mean(&self.carriage))
+    }
+
+    /// Root of the sum of both mean squares, N.
+    pub fn rms(&self) -> f64 {
+        let (motor, carriage) = self.squares();
+        (motor + carriage).sqrt()
+    }
+}
+
+impl Hypothesis {
+    /// The declared model with the effects that it declares.
+    pub fn new(declared: &StageModel, tolerances: Tolerances) -> Result<Hypothesis, ModelError> {
+        declared.check()?;
+        let effects = declared
+            .effects
+            .iter()
+            .map(|given| {
+                let descriptor = EffectDescriptor::find(&given.name)?;
+                Ok(Part { descriptor, values: descriptor.values_of(given)? })
+            })
+            .collect::<Result<_, ModelError>>()?;
+        Ok(Hypothesis {
+            declared: declared.clone(),
+            guides: declared.resolved_guides()?,
+            tolerances,
+            moved: [0.0; DECLARED.len()],
+            effects,
+        })
+    }
+
+    /// The same with one more effect.
+    pub fn with(&self, part: Part) -> Hypothesis {
+        let mut more = self.clone();
+        more.effects.push(part);
+        more
+    }
+
+    /// The same without one effect.
+    pub fn without(&self, effect: usize) -> Hypothesis {
+        let mut less = self.clone();
+        less.effects.remove(effect);
+        less
+    }
+
+    pub fn mass(&self) -> f64 {
+        self.declared.mass * self.moved[0].exp()
+    }
+
+    /// The guides as moved; static friction never below Coulomb friction.
+    pub fn guides(&self) -> Vec<Guide> {
+        let [_, stiffness, damping, viscous, coulomb, stat, stribeck, _] = self.moved.map(f64::exp);
+        self.guides
+            .iter()
+            .map(|guide| {
+                let coulomb_force = guide.coulomb_force * coulomb;
+                Guide {
+                    stiffness: guide.stiffness * stiffness,
+                    bristle_damping: guide.bristle_damping * damping,
+                    viscous_friction: guide.viscous_friction * viscous,
+                    coulomb_force,
+                    static_force: (guide.static_force * stat).max(coulomb_force),
+                    stribeck_velocity: guide.stribeck_velocity * stribeck,
+                    damping_velocity: guide.damping_velocity,
+                }
+            })
+            .collect()
+    }
+
+    /// The model that this hypothesis stands for.
+    pub fn model(&self) -> StageModel {
+        StageModel {
+            mass: self.mass(),
+            guides: self.guides().into_iter().map(GuideSource::Inline).collect(),
+            effects: self.effects.iter().map(Part::parameters).collect(),
+            ..self.declared.clone()
+        }
+    }
+
+    /// Mean over the guides of a declared parameter in its unit; `index` as in [`DECLARED`].
+    pub fn declared_value(&self, index: usize, rate: f64) -> f64 {
+        let guides = self.guides();
+        let mean = |value: &dyn Fn(&Guide) -> f64| guides.iter().map(value).sum::<f64>() / guides.len() as f64;
+        match index {
+            0 => self.mass(),
+            1 => mean(&|guide| guide.stiffness),
+            2 => mean(&|guide| guide.bristle_damping),
+            3 => mean(&|guide| guide.viscous_friction),
+            4 => mean(&|guide| guide.coulomb_force),
+            5 => mean(&|guide| guide.static_force),
+            6 => mean(&|guide| guide.stribeck_velocity),
+            _ => self.moved[7] / rate,
+        }
+    }
+
+    /// Everything that a fit on these sides may move.
+    pub fn coordinates(&self, sides: Sides, has_cell: bool) -> Vec<Coordinate> {
+        let mut coordinates = Vec::new();
+        if sides.carriage {
+            for (index, value) in self.moved.iter().enumerate() {
+                let limit = match index {
+                    0 => self.tolerances.mass,
+                    7 => SHIFT_LIMIT,
+                    _ => self.tolerances.guides,
+                };
+                coordinates.push(Coordinate {
+                    place: Place::Declared(index),
+                    value: *value,
+                    scale: limit,
+                    bounds: if index == 7 { (-limit, limit) } else { ((1.0 - limit).ln(), (1.0 + limit).ln()) },
+                });
+            }
+        }
+        for (effect, part) in self.effects.iter().enumerate() {
+            // Behind the cell nobody sees the motor, and before it nobody the carriage.
+            let seen = match part.side() {
+                Side::Motor => sides.motor || !has_cell,
+                Side::Carriage => sides.carriage,
+                Side::Sensor => true,
+            };
+            if !seen {
+                continue;
+            }
+            for (value, parameter) in part.descriptor.parameters.iter().enumerate() {
+                if (part.descriptor.free)(&part.values, value) {
+                    coordinates.push(Coordinate {
+                        place: Place::Effect { effect, value },
+                        value: part.values[value],
+                        scale: parameter.scale,
+                        bounds: parameter.bounds,
+                    });
+                }
+            }
+        }
+        coordinates
+    }
+
+    pub fn set(&mut self, place: Place, value: f64) {
+        match place {
+            Place::Declared(index) => self.moved[index] = value,
+            Place::Effect { effect, value: index } => self.effects[effect].values[index] = value,
+        }
+    }
+
+    /// Drives guides and effects along the measured motion and says what force is missing.
+    pub fn missing(&self, measured: &Measured, sides: Sides) -> Result<Missing, ModelError> {
+        let parts: Vec<EffectParameters> = self.effects.iter().map(Part::parameters).collect();
+        let mut effects = Effects::new(&parts)?;
+        let count = measured.len();
+        let mut motor = vec![0.0; count];
+        let mut carriage = vec![0.0; count];
+        let guides = self.guides();
+        let mut bank = match effects.bristle_shares() {
+            Some(shares) => GuideBank::with_elements(&guides, &shares),
+            None => GuideBank::new(&guides),
+        };
+        let cell = measured.cell.as_deref();
+        if sides.carriage {
+            // At rest the guides hold what the motor gives.
+            let start = cell.unwrap_or(&measured.command);
+            let ahead = (0.01 * measured.rate) as usize + 2;
+            let force = start[1..ahead.min(count - 1)].iter().sum::<f64>() / (ahead.min(count - 1) - 1) as f64;
+            let stiffness: f64 = guides.iter().map(|guide| guide.stiffness).sum();
+            let limit = guides.iter().map(|guide| 0.9 * guide.coulomb_force / guide.stiffness).fold(f64::INFINITY, f64::min);
+            let bristle = (force / stiffness).clamp(-limit, limit);
+            bank.set_bristles(&vec![bristle; guides.len()], 0.0);
+        }
+        if sides.carriage || !effects.is_empty() {
+            for step in &measured.steps {
+                let scale = if effects.is_empty() { FrictionScale::ONE } else { effects.friction(&step.motion, step.duration) };
+                let (on_motor, on_carriage) =
+                    if effects.is_empty() { (0.0, 0.0) } else { effects.advance(&step.motion, step.duration) };
+                let node = step.node;
+                motor[node] += step.early * on_motor;
+                motor[node + 1] += step.late * on_motor;
+                if sides.carriage {
+                    let force = bank.drive(step.motion.velocity, step.duration, &scale) - on_carriage;
+                    carriage[node] += step.early * force;
+                    carriage[node + 1] += step.late * force;
+                }
+            }
+        }
+        let reads = self.effects.iter().any(|part| part.side() == Side::Sensor);
+        let true_cell: Option<Vec<f64>> = cell.map(|cell| match reads {
+            false => cell.to_vec(),
+            true => measured.time.iter().zip(cell).map(|(time, reading)| undo(*reading, |force| effects.read(*time, 0.0, force).1)).collect(),
+        });
+        let mut missing = Missing::default();
+        if let (true, Some(cell)) = (sides.motor, &true_cell) {
+            let left: Vec<f64> =
+                cell.iter().zip(&measured.command).zip(&motor).map(|((cell, command), effect)| cell - command - effect).collect();
+            missing.motor = measured.filtered(&left);
+        }
+        if sides.carriage {
+            let mass = self.mass() + effects.added_mass();
+            let shift = 0.5 * self.moved[7];
+            let encoder_error: Option<Vec<f64>> = reads.then(|| {
+                measured.time.iter().zip(&measured.position).map(|(time, x)| effects.read(*time, *x, 0.0).0 - x).collect()
+            });
+            let left: Vec<f64> = (0..count)
+                .map(|k| {
+                    if k == 0 || k + 1 == count {
+                        return 0.0;
+                    }
+                    let mut acceleration = measured.acceleration[k];
+                    if let Some(error) = &encoder_error {
+                        acceleration -= (error[k + 1] - 2.0 * error[k] + error[k - 1]) * measured.rate * measured.rate;
+                    }
+                    let push = |k: usize| true_cell.as_ref().map_or(measured.command[k] + motor[k], |cell| cell[k]);
+                    mass * acceleration + carriage[k] - push(k) - shift * (push(k + 1) - push(k - 1))
+                })
+                .collect();
+            missing.carriage = measured.filtered(&left);
+        }
+        Ok(missing)
+    }
+
+    /// Friction of the guides along the measured motion, N, at the nodes.
+    pub fn friction(&self, measured: &Measured) -> Vec<f64> {
+        let mut bank = GuideBank::new(&self.guides());
+        let mut friction = vec![0.0; measured.len()];
+        for step in &measured.steps {
+            let force = bank.drive(step.motion.velocity, step.duration, &FrictionScale::ONE);
+            friction[step.node] += step.early * force;
+            friction[step.node + 1] += step.late * force;
+        }
+        friction
+    }
+}
+
+/// The truth behind a reading: the fixed point of truth = reading - (read(truth) - truth), for readings close to the truth.
+fn undo(reading: f64, read: impl Fn(f64) -> f64) -> f64 {
+    (0..3).fold(reading, |truth, _| reading - (read(truth) - truth))
+}

@@ -1,0 +1,118 @@
+//! Zero-phase lowpass with decimation, the same for measured and modelled forces.
+
+use std::f64::consts::{PI, TAU};
+
+/// Lobes of the sinc on each side of its middle. Assumed: a transition band of about a third of the corner frequency.
+const LOBES: f64 = 4.0;
+
+/// Symmetric windowed-sinc filter (Blackman window; Oppenheim, Schafer, "Discrete-Time Signal Processing", ch. 7) that keeps every
+/// `factor`-th value. Gain 1 at zero frequency, no phase.
+#[derive(Clone, Debug)]
+pub struct Lowpass {
+    taps: Vec<f64>,
+    factor: usize,
+    rate: f64,
+}
+
+impl Lowpass {
+    /// Corner and rate in Hz; the corner must lie below half the rate.
+    pub fn new(corner: f64, rate: f64) -> Lowpass {
+        let half = (LOBES * 0.5 * rate / corner).ceil() as usize;
+        let middle = half as f64;
+        let mut taps: Vec<f64> = (0..=2 * half)
+            .map(|index| {
+                let offset = index as f64 - middle;
+                let argument = TAU * corner / rate * offset;
+                let sinc = if offset == 0.0 { 1.0 } else { argument.sin() / argument };
+                let turn = PI * (index as f64 + 1.0) / (middle + 1.0);
+                sinc * (0.42 - 0.5 * turn.cos() + 0.08 * (2.0 * turn).cos())
+            })
+            .collect();
+        let sum: f64 = taps.iter().sum();
+        taps.iter_mut().for_each(|tap| *tap /= sum);
+        // The values that are kept still carry the whole pass band: four fifths of their Nyquist frequency at most.
+        let factor = ((rate / (2.5 * corner)).floor() as usize).max(1);
+        Lowpass { taps, factor, rate }
+    }
+
+    /// Values on each side of a kept one that it depends on.
+    pub fn half(&self) -> usize {
+        self.taps.len() / 2
+    }
+
+    /// Spacing of the kept values in samples.
+    pub fn factor(&self) -> usize {
+        self.factor
+    }
+
+    /// Indices of the kept values in a signal of `count` samples whose first and last `margin` samples are not used.
+    pub fn kept(&self, count: usize, margin: usize) -> impl Iterator<Item = usize> + use<> {
+        let edge = self.half() + margin;
+        (edge..count.saturating_sub(edge)).step_by(self.factor)
+    }
+
+    /// The filtered signal at one index, which must be at least [`Lowpass::half`] from either end.
+    #[inline]
+    pub fn at(&self, signal: &[f64], index: usize) -> f64 {
+        let half = self.half();
+        let (left, right) = (&signal[index - half..index], &signal[index + 1..=index + half]);
+        let sides: f64 =
+            left.iter().zip(right.iter().rev()).zip(&self.taps).map(|((left, right), tap)| (left + right) * tap).sum();
+        sides + self.taps[half] * signal[index]
+    }
+
+    /// Standard deviation of the filtered signal that white noise of standard deviation 1 gives after a stencil (such as a second
+    /// difference `[1, -2, 1]`).
+    pub fn noise_gain(&self, stencil: &[f64]) -> f64 {
+        let mut combined = vec![0.0; self.taps.len() + stencil.len() - 1];
+        for (index, tap) in self.taps.iter().enumerate() {
+            for (offset, weight) in stencil.iter().enumerate() {
+                combined[index + offset] += tap * weight;
+            }
+        }
+        combined.iter().map(|weight| weight * weight).sum::<f64>().sqrt()
+    }
+
+    /// Rate of the kept values, Hz.
+    pub fn kept_rate(&self) -> f64 {
+        self.rate / self.factor as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn amplitude_after(frequency: f64) -> f64 {
+        let (rate, corner) = (2000.0, 200.0);
+        let lowpass = Lowpass::new(corner, rate);
+        let signal: Vec<f64> = (0..4000).map(|k| (TAU * frequency * k as f64 / rate).sin()).collect();
+        lowpass.kept(signal.len(), 0).map(|index| lowpass.at(&signal, index).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn passes_low_frequencies_and_stops_high_ones() {
+        assert!((amplitude_after(50.0) - 1.0).abs() < 1e-3);
+        assert!((amplitude_after(201.0) - 0.5).abs() < 0.02);
+        assert!(amplitude_after(400.0) < 1e-3);
+    }
+
+    #[test]
+    fn has_no_phase() {
+        let lowpass = Lowpass::new(200.0, 2000.0);
+        let signal: Vec<f64> = (0..400).map(|k| k as f64).collect();
+        for index in lowpass.kept(signal.len(), 0) {
+            assert!((lowpass.at(&signal, index) - index as f64).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn noise_gain_of_white_noise_is_the_root_of_the_pass_band() {
+        let lowpass = Lowpass::new(200.0, 2000.0);
+        // 200 of 1000 Hz pass.
+        assert!((lowpass.noise_gain(&[1.0]) - 0.2f64.sqrt()).abs() < 0.02);
+        // Second difference: root of the integral of (2 sin(w/2))^4 over the band, about (w^5/5/pi)^(1/2).
+        let w: f64 = TAU * 200.0 / 2000.0;
+        assert!((lowpass.noise_gain(&[1.0, -2.0, 1.0]) / (w.powi(5) / 5.0 / PI).sqrt() - 1.0).abs() < 0.2);
+    }
+}

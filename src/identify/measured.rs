@@ -1,0 +1,324 @@
+//! A recording as identification needs it: a motion that friction can be driven along, and forces at the instants in between.
+
+use crate::bag::Trace;
+use crate::model::StageModel;
+use crate::plant::Motion;
+
+use super::IdentifyError;
+use super::lowpass::Lowpass;
+
+/// Corner of the lowpass on measured and modelled forces, Hz, where the rate allows it. Assumed: above the controller's bandwidth,
+/// below the band where the encoder's noise, differentiated twice, hides everything.
+const FORCE_CORNER: f64 = 200.0;
+/// Corner of the smoothing of the position at rest, Hz. Assumed.
+const REST_CORNER: f64 = 100.0;
+/// Speeds, in standard deviations of the speed that encoder noise feigns, below which the position is smoothed wholly and above which
+/// it is left as it is. Assumed: a LuGre bristle relaxes with |v|, so feigned speed makes it drift; well above it |v| is right by itself.
+const REST_SPEED: (f64, f64) = (18.0, 70.0);
+/// Steps into which an interval is divided in which the velocity changes its sign or by more than [`STEADY`].
+const SUBSTEPS: usize = 4;
+/// Share of its mean by which the velocity of an interval may change for one step to do.
+const STEADY: f64 = 0.1;
+/// Break-away lengths after which a bristle has forgotten where it came from: exp(-7) is left. The parameters are nominal, hence no less.
+const FORGETTING: f64 = 7.0;
+/// Fewest samples that are worth an attempt: less does not even fill the filters several times.
+pub const MIN_SAMPLES: usize = 1000;
+
+/// One step of the measured motion at constant velocity.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    /// What an effect sees, at the middle of the step.
+    pub motion: Motion,
+    /// s
+    pub duration: f64,
+    /// Sample at the start of the interval that the step belongs to.
+    pub node: usize,
+    /// Share of the step's force in the mean force of the two intervals around `node`, and of those around the next node.
+    pub early: f64,
+    pub late: f64,
+}
+
+/// A recording on a uniform grid, with everything that does not depend on a model worked out.
+///
+/// Forces stand at the samples ("nodes") as the means of the two intervals around them, because the second difference of the
+/// position is exactly that mean over mass where the force is held between samples.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// s since the first sample
+    pub time: Vec<f64>,
+    /// As the encoder says, m.
+    pub position: Vec<f64>,
+    /// m/s
+    pub velocity: Vec<f64>,
+    /// m/s^2
+    pub acceleration: Vec<f64>,
+    /// Force cell, N; `None` where there is none, and then the command is the force.
+    pub cell: Option<Vec<f64>>,
+    /// Command, N.
+    pub command: Vec<f64>,
+    /// Reference position, m; NaN where the recording has none.
+    pub reference: [Vec<f64>; 3],
+    /// Command as recorded, sample by sample, N.
+    pub raw_command: Vec<f64>,
+    pub steps: Vec<Step>,
+    pub rate: f64,
+    pub lowpass: Lowpass,
+    /// Nodes that are compared, after filtering and thinning out.
+    pub rows: Vec<usize>,
+}
+
+impl Measured {
+    /// From a trace at a uniform rate; samples with a NaN position, and where it has the force at all a NaN force, are left out
+    /// of the comparison. `model` gives the moving mass and the declared noise.
+    pub fn new(trace: &Trace, model: &StageModel, name: &str) -> Result<Measured, IdentifyError> {
+        let count = trace.len();
+        if count < MIN_SAMPLES {
+            return Err(IdentifyError::TooShort { name: name.to_owned(), samples: count, least: MIN_SAMPLES });
+        }
+        let span = trace.time[count - 1] - trace.time[0];
+        let rate = (count - 1) as f64 / span;
+        let dt = rate.recip();
+        let absent = |values: &[f64]| values.iter().all(|value| value.is_nan());
+        if absent(&trace.force) && absent(&trace.force_cell) {
+            return Err(IdentifyError::NoForce { name: name.to_owned() });
+        }
+        let mut valid: Vec<bool> = trace.position.iter().map(|position| position.is_finite()).collect();
+        let position = filled(&trace.position);
+        let lowest = position.iter().copied().fold(f64::INFINITY, f64::min);
+        let highest = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let count_size = model.encoder.resolution.max(1e-12);
+        if !(highest - lowest > 10.0 * (count_size + model.encoder.noise)) {
+            return Err(IdentifyError::NoMotion { name: name.to_owned(), travel: highest - lowest });
+        }
+        let mut note = |values: &[f64]| {
+            for (valid, value) in valid.iter_mut().zip(values) {
+                *valid &= value.is_finite();
+            }
+        };
+        // Without a command the cell is all there is to know of the force.
+        let raw_command = if absent(&trace.force) {
+            note(&trace.force_cell);
+            let cell = filled(&trace.force_cell);
+            (0..count).map(|k| cell[(k + 1).min(count - 1)]).collect()
+        } else {
+            note(&trace.force);
+            filled(&trace.force)
+        };
+        let has_cell = !absent(&trace.force_cell) && !absent(&trace.force);
+        let raw_cell = has_cell.then(|| {
+            note(&trace.force_cell);
+            filled(&trace.force_cell)
+        });
+
+        // Interval k runs from sample k to k + 1; the cell shows it at its end, the command at its start.
+        let inner = |values: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            (0..count).map(|k| if k == 0 || k + 1 == count { 0.0 } else { values(k) }).collect()
+        };
+        let command = inner(&|k| 0.5 * (raw_command[k - 1] + raw_command[k]));
+        let cell = raw_cell.as_ref().map(|cell| inner(&|k| 0.5 * (cell[k] + cell[k + 1])));
+        let acceleration = inner(&|k| (position[k + 1] - 2.0 * position[k] + position[k - 1]) * rate * rate);
+
+        let noise = noise_of(&position).max(model.encoder.resolution / 12f64.sqrt());
+        let smooth = at_rest_smoothed(&position, rate, noise);
+        // With a force that is held the velocity at a node is the central difference less a quarter of the jump of the acceleration times dt.
+        let force = raw_cell.as_ref();
+        let velocity = inner(&|k| {
+            let central = 0.5 * (smooth[k + 1] - smooth[k - 1]) * rate;
+            let jump = match force {
+                Some(cell) => cell[k + 1] - cell[k],
+                None => raw_command[k] - raw_command[k - 1],
+            };
+            central - 0.25 * jump * dt / model.mass
+        });
+
+        let mut steps = Vec::with_capacity(count + count / 4);
+        for k in 0..count - 1 {
+            let mean = (smooth[k + 1] - smooth[k]) * rate;
+            let (start, end) = (velocity[k], velocity[k + 1]);
+            let still = noise * rate * REST_SPEED.0;
+            let turns = start * end <= 0.0 || (end - start).abs() > STEADY * mean.abs();
+            let parts = if turns && start.abs().max(end.abs()) > still { SUBSTEPS } else { 1 };
+            let duration = dt / parts as f64;
+            // Cubic with these velocities at its ends and this mean.
+            let (square, cube) = (3.0 * mean - 2.0 * start - end, start + end - 2.0 * mean);
+            let path = |s: f64| s * (start + s * (square + s * cube));
+            for part in 0..parts {
+                let (from, to) = (part as f64 / parts as f64, (part + 1) as f64 / parts as f64);
+                let (moved_from, moved_to) =
+                    if parts == 1 { (0.0, mean) } else { (path(from), path(to)) };
+                let middle = 0.5 * (from + to);
+                steps.push(Step {
+                    motion: Motion {
+                        time: trace.time[k] - trace.time[0] + middle * dt,
+                        position: smooth[k] + 0.5 * (moved_from + moved_to) * dt,
+                        velocity: (moved_to - moved_from) * parts as f64,
+                        acceleration: 0.5 * (acceleration[k] + acceleration[k + 1]),
+                        motor_force: raw_command[k],
+                    },
+                    duration,
+                    node: k,
+                    early: (1.0 - middle) / parts as f64,
+                    late: middle / parts as f64,
+                });
+            }
+        }
+
+        let lowpass = Lowpass::new(FORCE_CORNER.min(rate / 5.0), rate);
+        let half = lowpass.half() + 1;
+        // Running count of samples to leave out, so that each row is judged in one subtraction.
+        let missing: Vec<usize> = std::iter::once(0)
+            .chain(valid.iter().scan(0, |sum, valid| {
+                *sum += usize::from(!valid);
+                Some(*sum)
+            }))
+            .collect();
+        // What the bristles hold at the start is not known; after some lengths of sliding it no longer matters.
+        let first = sliding_start(&position, model)?.unwrap_or(0);
+        let rows: Vec<usize> = lowpass
+            .kept(count, 2)
+            .filter(|row| *row >= first + half && missing[row + half + 1] == missing[row - half])
+            .collect();
+        if rows.len() * lowpass.factor() < MIN_SAMPLES / 2 {
+            return Err(IdentifyError::TooShort {
+                name: name.to_owned(),
+                samples: rows.len() * lowpass.factor(),
+                least: MIN_SAMPLES / 2,
+            });
+        }
+        Ok(Measured {
+            time: trace.time.iter().map(|time| time - trace.time[0]).collect(),
+            position,
+            velocity,
+            acceleration,
+            cell,
+            command,
+            reference: [
+                trace.reference_position.clone(),
+                trace.reference_velocity.clone(),
+                trace.reference_acceleration.clone(),
+            ],
+            raw_command,
+            steps,
+            rate,
+            lowpass,
+            rows,
+        })
+    }
+
+    /// Samples.
+    pub fn len(&self) -> usize {
+        self.time.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.time.is_empty()
+    }
+
+    /// A signal, filtered, at the rows.
+    pub fn filtered(&self, signal: &[f64]) -> Vec<f64> {
+        self.rows.iter().map(|row| self.lowpass.at(signal, *row)).collect()
+    }
+
+    /// A signal at the rows as it is.
+    pub fn at_rows(&self, signal: &[f64]) -> Vec<f64> {
+        self.rows.iter().map(|row| signal[*row]).collect()
+    }
+
+    /// Standard deviation of the residuals that the declared sensor noise alone gives, N: motor side (0 without a cell) and carriage side.
+    pub fn floor(&self, model: &StageModel) -> Floor {
+        let encoder = model.encoder.noise.hypot(model.encoder.resolution / 12f64.sqrt());
+        let inertia = model.mass * self.rate * self.rate * encoder * self.lowpass.noise_gain(&[1.0, -2.0, 1.0]);
+        let cell = if self.cell.is_some() { model.force_cell.noise * self.lowpass.noise_gain(&[0.5, 0.5]) } else { 0.0 };
+        Floor { motor: cell, carriage: inertia.hypot(cell) }
+    }
+}
+
+/// Residuals that sensor noise alone leaves, N rms.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Floor {
+    pub motor: f64,
+    pub carriage: f64,
+}
+
+impl Floor {
+    /// Of both sides together, N rms.
+    pub fn total(&self) -> f64 {
+        self.motor.hypot(self.carriage)
+    }
+}
+
+/// Sample at which the guides have first slid far enough to have forgotten their initial deflection; `None` if they never do.
+fn sliding_start(position: &[f64], model: &StageModel) -> Result<Option<usize>, IdentifyError> {
+    let longest =
+        model.resolved_guides()?.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
+    Ok(position.iter().position(|x| (x - position[0]).abs() > FORGETTING * longest))
+}
+
+/// NaN replaced by the straight line between the neighbours; the ends by the nearest value.
+fn filled(values: &[f64]) -> Vec<f64> {
+    let mut filled = values.to_vec();
+    let mut last: Option<usize> = None;
+    for index in 0..values.len() {
+        if !values[index].is_finite() {
+            continue;
+        }
+        match last {
+            None => filled[..index].fill(values[index]),
+            Some(before) => {
+                let slope = (values[index] - values[before]) / (index - before) as f64;
+                for between in before + 1..index {
+                    filled[between] = values[before] + slope * (between - before) as f64;
+                }
+            }
+        }
+        last = Some(index);
+    }
+    match last {
+        Some(last) => filled[last..].fill(values[last]),
+        None => filled.fill(0.0),
+    }
+    filled
+}
+
+/// White noise of a smooth signal from its third differences, median-based so that steps do not count: their variance is 20 times
+/// that of the noise.
+fn noise_of(values: &[f64]) -> f64 {
+    let mut differences: Vec<f64> =
+        values.windows(4).map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()).collect();
+    if differences.is_empty() {
+        return 0.0;
+    }
+    let middle = differences.len() / 2;
+    let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
+    *median / 0.6745 / 20f64.sqrt()
+}
+
+/// The position with its noise taken out where the carriage hardly moves.
+fn at_rest_smoothed(position: &[f64], rate: f64, noise: f64) -> Vec<f64> {
+    let lowpass = Lowpass::new(REST_CORNER.min(rate / 5.0), rate);
+    let (count, half) = (position.len(), lowpass.half());
+    let feigned = 2f64.sqrt() * noise * rate;
+    let smooth: Vec<f64> = (0..count)
+        .map(|k| if k < half || k + half >= count { position[k] } else { lowpass.at(position, k) })
+        .collect();
+    let speed: Vec<f64> = (0..count)
+        .map(|k| {
+            let (before, after) = (k.saturating_sub(half), (k + half).min(count - 1));
+            // The largest speed around, so that the onset of a motion is left as it is.
+            let mut largest = 0f64;
+            let mut at = before;
+            while at < after {
+                let next = (at + half / 2).min(after);
+                largest = largest.max((smooth[next] - smooth[at]).abs() * rate / (next - at) as f64);
+                at = next;
+            }
+            largest
+        })
+        .collect();
+    (0..count)
+        .map(|k| {
+            let share = ((speed[k] / feigned - REST_SPEED.0) / (REST_SPEED.1 - REST_SPEED.0)).clamp(0.0, 1.0);
+            smooth[k] + share * (position[k] - smooth[k])
+        })
+        .collect()
+}

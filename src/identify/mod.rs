@@ -1,0 +1,31 @@
+//! Closing the loop with measured data: what does a recording show that the model lacks?
+//!
+//! In come a declared model and recordings; out go the fitted model, the effects that it lacked, the errors before and after on data
+//! that no fit has seen, and a verdict. The steps: fit what is declared ([`fit`]); drive guides and effects along the measured motion and
+//! see what force is missing ([`hypothesis`]); let every effect of the plant propose and refit itself; keep one only if it lowers
+//! the error on held-out data by more than chance and more than its rivals.
+
+mod fit;
+mod hypothesis;
+mod lowpass;
+mod measured;
+
+pub use fit::{Fitted, correlation_length, fit};
+pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
+pub use lowpass::Lowpass;
+pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
+
+use crate::model::ModelError;
+
+/// Why a recording cannot be identified on.
+#[derive(Debug, thiserror::Error)]
+pub enum IdentifyError {
+    #[error("{name} has {samples} samples that can be used, at least {least} are needed")]
+    TooShort { name: String, samples: usize, least: usize },
+    #[error("{name} has neither a force command nor a force-cell reading: without a force there is no residual")]
+    NoForce { name: String },
+    #[error("{name} does not move: the position stays within {travel:e} m")]
+    NoMotion { name: String, travel: f64 },
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
