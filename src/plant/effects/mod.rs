@@ -22,7 +22,29 @@ macro_rules! effects {
     };
 }
 
-effects!(cable_chain, cogging, map);
+effects!(
+    actuator_lag,
+    asymmetric_friction,
+    ball_passage,
+    cable_chain,
+    cogging,
+    constant_force,
+    distributed_bristles,
+    encoder_scale,
+    encoder_sde,
+    external_vibration,
+    force_cell_drift,
+    force_cell_gain,
+    force_ripple,
+    map,
+    motor_gain,
+    payload,
+    position_dependent_friction,
+    quadratic_drag,
+    stiction_aging,
+    structural_mode,
+    viscous_warm_up,
+);
 
 mod regression;
 

@@ -75,10 +75,80 @@ pub(super) fn beyond_chance(explained: f64, rest: f64, count: usize, columns: us
     explained > variance * (degrees + 2.0 * (degrees * t).sqrt() + 2.0 * t)
 }
 
+/// Part of the highest speed above which friction counts as Coulomb and viscous friction: no Stribeck effect, no bristles that turn.
+const FAST: f64 = 0.1;
+
+/// Viscous friction in the modelled friction of a residual, N s/m: its slope over velocity beside a constant of the sign of v, at more
+/// than a tenth of the highest speed. `None` where the motion does not tell them apart or the slope is not positive.
+pub(super) fn viscous_friction(residual: &Residual) -> Option<f64> {
+    let highest = residual.velocity.iter().fold(0.0f64, |highest, velocity| highest.max(velocity.abs()));
+    let fit = least_squares(residual.friction, |k| {
+        let velocity = residual.velocity[k];
+        if velocity.abs() > FAST * highest { [velocity.signum(), velocity] } else { [f64::NAN; 2] }
+    })?;
+    (fit.coefficients[1] > 0.0).then_some(fit.coefficients[1])
+}
+
+/// A bristle's slow loop along the motion of a residual, -1 to 1: dh/dx = (sign(v) - h) / width (Dahl 1968), mean of each step.
+pub(super) fn slow_loop(residual: &Residual, width: f64) -> Vec<f64> {
+    let step = mean_step(residual);
+    let mut state = 0.0;
+    residual
+        .velocity
+        .iter()
+        .map(|velocity: &f64| {
+            let before = state;
+            let target = velocity.signum();
+            state = target + (state - target) * (-velocity.abs() * step / width).exp();
+            0.5 * (before + state)
+        })
+        .collect()
+}
+
+/// Distance over which one bristle turns that moves as the modelled friction does, m, and its strength, N.
+pub(super) fn break_away(residual: &Residual) -> Option<(f64, f64)> {
+    let fit = |width: f64| {
+        let column = slow_loop(residual, width);
+        least_squares(residual.friction, |k| [column[k], residual.velocity[k]])
+    };
+    let explained = |width: f64| fit(width).map_or(f64::NEG_INFINITY, |fit| fit.explained);
+    let width = largest_over_decades(DISTANCES.0, DISTANCES.1, explained);
+    let strength = fit(width)?.coefficients[0];
+    (strength > 0.0).then_some((width, strength))
+}
+
+/// Break-away distances that a bristle may have, m.
+const DISTANCES: (f64, f64) = (1e-7, 1e-2);
+
+/// s
+pub(super) fn mean_step(residual: &Residual) -> f64 {
+    match residual.time {
+        [first, .., last] => (last - first) / (residual.time.len() - 1) as f64,
+        _ => 0.0,
+    }
+}
+
+/// Whole steps of a search over decades of a parameter, each a factor of 1.33.
+const STEPS_PER_DECADE: f64 = 8.0;
+
+/// Where a function of a positive parameter is largest between two limits: a logarithmic search, refined by golden section.
+pub(super) fn largest_over_decades(lowest: f64, highest: f64, function: impl Fn(f64) -> f64) -> f64 {
+    let decades = (highest / lowest).log10();
+    let steps = (decades * STEPS_PER_DECADE).ceil().max(1.0);
+    let at = |step: f64| lowest * 10f64.powf(decades * step / steps);
+    let mut best = (0.0, f64::NEG_INFINITY);
+    for step in 0..=steps as usize {
+        let value = function(at(step as f64));
+        if value > best.1 {
+            best = (step as f64, value);
+        }
+    }
+    at(golden_maximum((best.0 - 1.0).max(0.0), (best.0 + 1.0).min(steps), |step| function(at(step))))
+}
+
 /// Force of an effect along the motion of a residual, N: a column for a fit.
 pub(super) fn along(mut effect: impl Effect, residual: &Residual) -> Vec<f64> {
-    let count = residual.time.len();
-    let step = if count > 1 { (residual.time[count - 1] - residual.time[0]) / (count - 1) as f64 } else { 0.0 };
+    let (count, step) = (residual.time.len(), mean_step(residual));
     (0..count)
         .map(|k| {
             let motion = Motion {
@@ -122,8 +192,8 @@ const BINS: usize = 4096;
 const MOST_CYCLES: f64 = (BINS / 8) as f64;
 /// Steps of the search per cycle over the range; the peak of a full cycle is one cycle wide.
 const STEPS_PER_CYCLE: usize = 5;
-/// Steps of the golden section: 0.618^40 is 4e-9 of a step.
-const REFINEMENTS: usize = 40;
+/// Steps of the golden section: 0.618^24 is 1e-5 of a step.
+const REFINEMENTS: usize = 24;
 
 /// Sums over the samples of one bin.
 #[derive(Clone, Copy, Debug, Default)]
@@ -340,6 +410,11 @@ pub(super) mod record {
                     position.extend(std::iter::repeat_n(target, (0.66 / STEP) as usize));
                 }
             }
+            Record::along(position)
+        }
+
+        /// Another motion, m at 2 kHz, with no force left over.
+        pub fn along(position: Vec<f64>) -> Record {
             let count = position.len();
             let at = |k: isize| position[k.clamp(0, count as isize - 1) as usize];
             // As in the plant: velocity of a step from its ends, acceleration between the steps.
@@ -370,14 +445,23 @@ pub(super) mod record {
             self
         }
 
-        /// The residual that an effect leaves: its force, the friction that it changes and the mass that it adds.
+        /// The residual that an effect leaves: its force, the friction that it changes, the mass that it adds, the acceleration that the encoder
+        /// sees and does not happen, and the error of the cell's reading.
         pub fn with_effect(mut self, descriptor: &EffectDescriptor, values: &[f64]) -> Record {
             let mut effect = (descriptor.build)(values);
             let guides = vec![Catalogue::builtin().guide("guide_1").unwrap(); 4];
             let mut bank = effect
                 .bristle_shares()
                 .map_or_else(|| GuideBank::new(&guides), |shares| GuideBank::with_elements(&guides, &shares));
+            let error = |effect: &dyn super::super::Effect, k: usize| {
+                let k = k.min(self.time.len() - 1);
+                effect.encoder(self.time[k], self.position[k]) - self.position[k]
+            };
             for k in 0..self.time.len() {
+                let effect = effect.as_mut();
+                let errors = [k.saturating_sub(1), k, k + 1].map(|k| error(effect, k));
+                let apparent = (errors[2] - 2.0 * errors[1] + errors[0]) / (STEP * STEP);
+                self.force[k] += MASS * apparent + effect.force_cell(self.time[k], self.command[k]) - self.command[k];
                 let motion = Motion {
                     time: self.time[k] + 0.5 * STEP,
                     position: self.position[k] + 0.5 * STEP * self.velocity[k],
