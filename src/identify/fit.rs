@@ -90,7 +90,11 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
                 coordinate.value = (coordinate.value + step * coordinate.scale).clamp(lower, upper);
                 tried.set(coordinate.place, coordinate.value);
             }
-            let left = tried.missing(measured, sides)?;
+            // Values that do not go together are a step too far, not an end.
+            let Ok(left) = tried.missing(measured, sides) else {
+                damping *= 5.0;
+                continue;
+            };
             let stack = stacked(left.clone());
             if stack.norm_squared() < squares {
                 better = Some((tried, moved, left, stack));
@@ -132,10 +136,13 @@ fn derivatives(
         .map(|coordinate| {
             let step = DIFFERENCE * coordinate.scale;
             let step = if coordinate.value + step > coordinate.bounds.1 { -step } else { step };
-            let mut moved = hypothesis.clone();
-            moved.set(coordinate.place, coordinate.value + step);
-            let stack = stacked(moved.missing(measured, sides)?);
-            Ok((stack - residual) * (coordinate.scale / step))
+            let quotient = |step: f64| -> Result<DVector<f64>, ModelError> {
+                let mut moved = hypothesis.clone();
+                moved.set(coordinate.place, coordinate.value + step);
+                Ok((stacked(moved.missing(measured, sides)?) - residual) * (coordinate.scale / step))
+            };
+            // Some values are possible only together: then the other direction is.
+            quotient(step).or_else(|_| quotient(-step))
         })
         .collect::<Result<Vec<_>, ModelError>>()?;
     if columns.is_empty() {

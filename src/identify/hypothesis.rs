@@ -231,6 +231,7 @@ impl Hypothesis {
             if !seen {
                 continue;
             }
+            // The knots of a map stand behind its parameters: they come from their own least squares.
             for (value, parameter) in part.descriptor.parameters.iter().enumerate() {
                 if (part.descriptor.free)(&part.values, value) {
                     coordinates.push(Coordinate {

@@ -5,15 +5,19 @@
 //! see what force is missing ([`hypothesis`]); let every effect of the plant propose and refit itself; keep one only if it lowers
 //! the error on held-out data by more than chance and more than its rivals.
 
+mod curve;
 mod fit;
 mod hypothesis;
 mod lowpass;
 mod measured;
+mod selection;
 
 pub use fit::{Fitted, correlation_length, fit};
 pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
+
+pub use selection::{Errors, Evidence, Outcome, Selection, Silent, Verdict, Watch, search};
 
 use crate::model::ModelError;
 

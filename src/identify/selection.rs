@@ -1,0 +1,404 @@
+//! Which effects are there? Forward selection with a refit of everything at each step, judged on held-out data, pruned backwards.
+
+use rayon::prelude::*;
+
+use crate::model::{Coordinate, CurveSide, StageModel};
+use crate::plant::effects::ALL;
+use crate::plant::{EffectDescriptor, Residual, Side};
+
+use super::curve;
+use super::fit::{Fitted, fit};
+use super::hypothesis::{Hypothesis, Part, Sides, Tolerances};
+use super::measured::{Floor, Measured};
+use super::IdentifyError;
+
+/// Most effects that are added.
+const MOST_EFFECTS: usize = 4;
+/// What an effect must take off the mean square of train and of hold-out, in squares of the floor of its side. Behind the force cell the
+/// model of the motor is exact; on the carriage the measured motion stands for the true one, and that costs about half a floor.
+const MOTOR_GAIN: f64 = 0.02;
+const CARRIAGE_GAIN: f64 = 0.5;
+/// Share of the best gain that a law with fewer parameters must reach to be preferred.
+const SIMPLER: f64 = 0.97;
+/// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to be separable.
+const RIVAL: f64 = 0.985;
+/// Share of the explainable residual that a map must take out beyond the laws for the verdict to become unknown.
+const UNEXPLAINED: f64 = 0.1;
+const ITERATIONS: usize = 8;
+
+/// Errors of a hypothesis: mean squares of the missing force, N^2.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Errors {
+    pub train_motor: f64,
+    pub train_carriage: f64,
+    pub holdout_motor: f64,
+    pub holdout_carriage: f64,
+}
+
+impl Errors {
+    pub fn train(&self) -> f64 {
+        self.train_motor + self.train_carriage
+    }
+
+    pub fn holdout(&self) -> f64 {
+        self.holdout_motor + self.holdout_carriage
+    }
+}
+
+/// What became of a candidate in one round.
+#[derive(Clone, Debug)]
+pub struct Evidence {
+    pub round: usize,
+    pub name: &'static str,
+    pub side: Side,
+    /// Parameters that the fit moved.
+    pub free: usize,
+    pub part: Part,
+    pub errors: Errors,
+    /// Fall of the mean square with this candidate, N^2.
+    pub train_gain: f64,
+    pub holdout_gain: f64,
+    pub outcome: Outcome,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    Chosen,
+    /// Within chance.
+    TooSmall,
+    /// Another one does better.
+    Beaten,
+    /// Explains as much as the chosen one.
+    Equal,
+    /// Chosen, and not needed any more once the others were there.
+    Pruned,
+}
+
+/// How the search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    Found,
+    None,
+    Unknown,
+    NotSeparable,
+}
+
+/// Result of the search.
+#[derive(Clone, Debug)]
+pub struct Selection {
+    pub verdict: Verdict,
+    pub before: Fitted,
+    pub after: Fitted,
+    pub errors_before: Errors,
+    pub errors_after: Errors,
+    pub evidence: Vec<Evidence>,
+    /// Coordinate of the map, where one was needed.
+    pub coordinate: Option<Coordinate>,
+    /// For each effect of `after`: the best other candidate of its round with its held-out rms, N.
+    pub runners_up: Vec<Option<(&'static str, f64)>>,
+    /// Pairs that the data do not tell apart: effect of `after`, rival.
+    pub inseparable: Vec<(&'static str, &'static str)>,
+    pub floor: Floor,
+    pub stopped: bool,
+}
+
+/// What the search tells while it runs.
+pub trait Watch: Sync {
+    /// A line about what is tried now, and the share of the work that is done.
+    fn progress(&self, _what: &str, _share: f64) {}
+    /// Whether to stop and return what there is.
+    fn stopped(&self) -> bool {
+        false
+    }
+}
+
+/// A watch that says nothing and never stops.
+pub struct Silent;
+impl Watch for Silent {}
+
+fn errors(hypothesis: &Hypothesis, train: &Measured, holdout: &Measured) -> Result<Errors, IdentifyError> {
+    let (train_motor, train_carriage) = hypothesis.missing(train, Sides::BOTH)?.squares();
+    let (holdout_motor, holdout_carriage) = hypothesis.missing(holdout, Sides::BOTH)?.squares();
+    Ok(Errors { train_motor, train_carriage, holdout_motor, holdout_carriage })
+}
+
+/// Columns that proposals look at, on the train record.
+struct Columns {
+    time: Vec<f64>,
+    position: Vec<f64>,
+    velocity: Vec<f64>,
+    acceleration: Vec<f64>,
+    command: Vec<f64>,
+    friction: Vec<f64>,
+    motor: Vec<f64>,
+    carriage: Vec<f64>,
+    mass: f64,
+}
+
+impl Columns {
+    fn new(hypothesis: &Hypothesis, measured: &Measured) -> Result<Columns, IdentifyError> {
+        let missing = hypothesis.missing(measured, Sides::BOTH)?;
+        let motor = if measured.cell.is_some() { missing.motor } else { missing.carriage.clone() };
+        Ok(Columns {
+            time: measured.at_rows(&measured.time),
+            position: measured.at_rows(&measured.position),
+            velocity: measured.at_rows(&measured.velocity),
+            acceleration: measured.filtered(&measured.acceleration),
+            command: measured.filtered(&measured.command),
+            friction: measured.filtered(&hypothesis.friction(measured)),
+            motor,
+            carriage: missing.carriage,
+            mass: hypothesis.mass(),
+        })
+    }
+
+    fn residual(&self, motor: bool) -> Residual<'_> {
+        Residual {
+            time: &self.time,
+            position: &self.position,
+            velocity: &self.velocity,
+            acceleration: &self.acceleration,
+            command: &self.command,
+            friction: &self.friction,
+            force: if motor { &self.motor } else { &self.carriage },
+            mass: self.mass,
+        }
+    }
+}
+
+/// Sides that a fit with this effect has to look at.
+fn sides_of(side: Side, has_cell: bool) -> Sides {
+    match side {
+        Side::Motor if has_cell => Sides::MOTOR,
+        Side::Motor | Side::Carriage if !has_cell => Sides::BOTH,
+        Side::Sensor if has_cell => Sides::BOTH,
+        _ => Sides::CARRIAGE,
+    }
+}
+
+fn threshold(side: Side, has_cell: bool, floor: Floor) -> f64 {
+    match side {
+        Side::Motor if has_cell => MOTOR_GAIN * floor.motor * floor.motor,
+        _ => CARRIAGE_GAIN * floor.carriage * floor.carriage,
+    }
+}
+
+/// Searches for what the declared model lacks.
+pub fn search(
+    declared: &StageModel,
+    tolerances: Tolerances,
+    train: &Measured,
+    holdout: &Measured,
+    watch: &dyn Watch,
+) -> Result<Selection, IdentifyError> {
+    let has_cell = train.cell.is_some();
+    let floor = holdout.floor(declared);
+    watch.progress("fit of the declared model", 0.0);
+    let before = fit(&Hypothesis::new(declared, tolerances)?, train, Sides::BOTH, 15)?;
+    let errors_before = errors(&before.hypothesis, train, holdout)?;
+    let declared_effects = before.hypothesis.effects.len();
+
+    let mut best = before.clone();
+    let mut best_errors = errors_before;
+    let mut evidence: Vec<Evidence> = Vec::new();
+    let mut runners_up: Vec<Option<(&'static str, f64)>> = vec![None; declared_effects];
+    let mut inseparable = Vec::new();
+    let mut stopped = false;
+
+    for round in 0..MOST_EFFECTS {
+        let columns = Columns::new(&best.hypothesis, train)?;
+        let candidates: Vec<&'static EffectDescriptor> = ALL
+            .iter()
+            .copied()
+            .filter(|candidate| candidate.name != "map")
+            .filter(|candidate| best.hypothesis.effects.iter().all(|part| part.descriptor.name != candidate.name))
+            .collect();
+        let done = std::sync::atomic::AtomicUsize::new(0);
+        let tried: Vec<Option<(Evidence, Hypothesis)>> = candidates
+            .par_iter()
+            .map(|descriptor| -> Result<_, IdentifyError> {
+                if watch.stopped() {
+                    return Ok(None);
+                }
+                let share = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) as f64 / candidates.len() as f64;
+                watch.progress(&format!("round {}: {}", round + 1, descriptor.name), (round as f64 + share) / 3.0);
+                let mut trials: Vec<(Evidence, Hypothesis)> = Vec::new();
+                for on_motor in looks(descriptor.side, has_cell) {
+                    let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
+                    let part = Part { descriptor, values };
+                    let side = part.side();
+                    let sides = sides_of(side, has_cell);
+                    let fitted = fit(&best.hypothesis.with(part), train, sides, ITERATIONS)?;
+                    let found = errors(&fitted.hypothesis, train, holdout)?;
+                    let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
+                    let free = (0..part.values.len()).filter(|value| (descriptor.free)(&part.values, *value)).count();
+                    trials.push((
+                        Evidence {
+                            round,
+                            name: descriptor.name,
+                            side,
+                            free,
+                            part,
+                            errors: found,
+                            train_gain: best_errors.train() - found.train(),
+                            holdout_gain: best_errors.holdout() - found.holdout(),
+                            outcome: Outcome::Beaten,
+                        },
+                        fitted.hypothesis,
+                    ));
+                }
+                Ok(trials.into_iter().max_by(|a, b| a.0.holdout_gain.total_cmp(&b.0.holdout_gain)))
+            })
+            .collect::<Result<_, _>>()?;
+        if watch.stopped() {
+            stopped = true;
+            break;
+        }
+        let mut tried: Vec<(Evidence, Hypothesis)> = tried.into_iter().flatten().collect();
+        tried.sort_by(|a, b| b.0.holdout_gain.total_cmp(&a.0.holdout_gain));
+        for (one, _) in &mut tried {
+            let least = threshold(one.side, has_cell, floor);
+            if one.holdout_gain < least || one.train_gain < least {
+                one.outcome = Outcome::TooSmall;
+            }
+        }
+        let strongest = tried.iter().find(|(one, _)| one.outcome != Outcome::TooSmall).map(|(one, _)| one.holdout_gain);
+        let Some(strongest) = strongest else {
+            evidence.extend(tried.into_iter().map(|(one, _)| one));
+            break;
+        };
+        // The simplest law among those that explain about the same.
+        let winner = (0..tried.len())
+            .filter(|index| {
+                let one = &tried[*index].0;
+                one.outcome != Outcome::TooSmall && one.holdout_gain >= SIMPLER * strongest
+            })
+            .min_by_key(|index| tried[*index].0.free)
+            .unwrap_or(0);
+        tried[winner].0.outcome = Outcome::Chosen;
+        let (gain, free, name) = (tried[winner].0.holdout_gain, tried[winner].0.free, tried[winner].0.name);
+        let mut runner_up: Option<(&'static str, f64)> = None;
+        for (index, (one, _)) in tried.iter_mut().enumerate() {
+            if index == winner {
+                continue;
+            }
+            if runner_up.is_none() {
+                runner_up = Some((one.name, one.errors.holdout().sqrt()));
+            }
+            let closeness = (one.holdout_gain / gain).min(gain / one.holdout_gain);
+            if one.outcome == Outcome::Beaten && closeness >= RIVAL && one.free <= free {
+                one.outcome = Outcome::Equal;
+                inseparable.push((name, one.name));
+            }
+        }
+        let sides = if has_cell { Sides::BOTH } else { Sides::BOTH };
+        let chosen = tried[winner].1.clone();
+        evidence.extend(tried.into_iter().map(|(one, _)| one));
+        best = fit(&chosen, train, sides, ITERATIONS)?;
+        best_errors = errors(&best.hypothesis, train, holdout)?;
+        runners_up.push(runner_up);
+    }
+
+    // What is left over one coordinate that no law has?
+    let mut coordinate = None;
+    let excess = (errors_before.holdout() - floor.total().powi(2)).max(0.0);
+    if !stopped {
+        watch.progress("curves over position, velocity and time", 0.9);
+        let columns = Columns::new(&best.hypothesis, train)?;
+        let mut mapped: Option<(Hypothesis, Errors, Coordinate)> = None;
+        for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
+            for side in [CurveSide::Carriage, CurveSide::Motor] {
+                if side == CurveSide::Motor && !has_cell {
+                    continue;
+                }
+                let Some((part, _)) = curve::propose(&columns.residual(side == CurveSide::Motor), over, side)? else {
+                    continue;
+                };
+                let with = best.hypothesis.with(part);
+                let found = errors(&with, train, holdout)?;
+                let side = if side == CurveSide::Motor { Side::Motor } else { Side::Carriage };
+                let gain = best_errors.holdout() - found.holdout();
+                let least = threshold(side, has_cell, floor).max(UNEXPLAINED * excess);
+                if gain > least && mapped.as_ref().is_none_or(|(_, errors, _)| found.holdout() < errors.holdout()) {
+                    mapped = Some((with, found, over));
+                }
+            }
+        }
+        if let Some((with, _, over)) = mapped {
+            coordinate = Some(over);
+            best = fit(&with, train, Sides::BOTH, ITERATIONS)?;
+            best_errors = errors(&best.hypothesis, train, holdout)?;
+            runners_up.push(None);
+        }
+    }
+
+    // Backwards: an effect that the others have made superfluous goes.
+    let mut index = declared_effects;
+    while index < best.hypothesis.effects.len() && best.hypothesis.effects.len() > declared_effects + 1 && !stopped {
+        watch.progress("pruning", 0.95);
+        let part = &best.hypothesis.effects[index];
+        let (name, side) = (part.descriptor.name, part.side());
+        let fewer = fit(&best.hypothesis.without(index), train, Sides::BOTH, ITERATIONS)?;
+        let found = errors(&fewer.hypothesis, train, holdout)?;
+        if found.holdout() - best_errors.holdout() < threshold(side, has_cell, floor) {
+            for one in evidence.iter_mut().filter(|one| one.name == name && one.outcome == Outcome::Chosen) {
+                one.outcome = Outcome::Pruned;
+            }
+            inseparable.retain(|(chosen, _)| *chosen != name);
+            runners_up.remove(index);
+            best = fewer;
+            best_errors = found;
+        } else {
+            index += 1;
+        }
+    }
+
+    let added = best.hypothesis.effects.len() - declared_effects;
+    if !best.hypothesis.effects.iter().any(|part| part.descriptor.name == "map") {
+        coordinate = None;
+    }
+    let verdict = if coordinate.is_some() {
+        Verdict::Unknown
+    } else if added == 0 {
+        Verdict::None
+    } else if !inseparable.is_empty() {
+        Verdict::NotSeparable
+    } else {
+        Verdict::Found
+    };
+    Ok(Selection {
+        verdict,
+        before,
+        after: best,
+        errors_before,
+        errors_after: best_errors,
+        evidence,
+        coordinate,
+        runners_up,
+        inseparable,
+        floor,
+        stopped,
+    })
+}
+
+/// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false).
+fn looks(side: Side, has_cell: bool) -> &'static [bool] {
+    match side {
+        Side::Motor => &[true],
+        Side::Carriage => &[false],
+        Side::Sensor if has_cell => &[true, false],
+        Side::Sensor => &[false],
+    }
+}
+
+impl Selection {
+    /// Share of the explainable held-out residual that the added effects take out; 0 where there is nothing to explain.
+    pub fn explained_share(&self) -> f64 {
+        let floor = self.floor.total().powi(2);
+        let explainable = self.errors_before.holdout() - floor;
+        if explainable <= 0.0 {
+            return 0.0;
+        }
+        (self.errors_before.holdout() - self.errors_after.holdout()) / explainable
+    }
+}
