@@ -2,7 +2,7 @@
 
 use crate::model::{EffectParameters, Guide, GuideSource, ModelError, StageModel};
 use crate::plant::effects::Effects;
-use crate::plant::{EffectDescriptor, FrictionScale, GuideBank, Side};
+use crate::plant::{EffectDescriptor, FrictionScale, GuideBank, Motion, Side};
 
 use super::measured::Measured;
 
@@ -259,6 +259,9 @@ impl Hypothesis {
         let mut effects = Effects::new(&parts)?;
         let count = measured.len();
         let mut motor = vec![0.0; count];
+        // Force of the motor's effects at the samples, where the cell reads; their mean over the intervals is what moves the carriage.
+        let on_motor = self.effects.iter().any(|part| part.side() == Side::Motor);
+        let mut at_sample = vec![0.0; if on_motor { count } else { 0 }];
         let mut carriage = vec![0.0; count];
         let guides = self.guides();
         let mut bank = match effects.bristle_shares() {
@@ -277,13 +280,23 @@ impl Hypothesis {
             bank.set_bristles(&vec![bristle; guides.len()], 0.0);
         }
         if sides.carriage || !effects.is_empty() {
-            for step in &measured.steps {
+            for (index, step) in measured.steps.iter().enumerate() {
                 let scale = if effects.is_empty() { FrictionScale::ONE } else { effects.friction(&step.motion, step.duration) };
-                let (on_motor, on_carriage) =
+                let (motor_side, on_carriage) =
                     if effects.is_empty() { (0.0, 0.0) } else { effects.advance(&step.motion, step.duration) };
                 let node = step.node;
-                motor[node] += step.early * on_motor;
-                motor[node + 1] += step.late * on_motor;
+                motor[node] += step.early * motor_side;
+                motor[node + 1] += step.late * motor_side;
+                let ends = measured.steps.get(index + 1).is_none_or(|next| next.node != node);
+                if on_motor && ends {
+                    let end = Motion {
+                        time: measured.time[node + 1],
+                        position: measured.position[node + 1],
+                        velocity: measured.velocity[node + 1],
+                        ..step.motion
+                    };
+                    at_sample[node + 1] = effects.advance(&end, 0.0).0;
+                }
                 if sides.carriage {
                     let force = bank.drive(step.motion.velocity, step.duration, &scale) - on_carriage;
                     carriage[node] += step.early * force;
@@ -299,7 +312,7 @@ impl Hypothesis {
         let mut missing = Missing::default();
         if let (true, Some(cell)) = (sides.motor, &true_cell) {
             let left: Vec<f64> =
-                cell.iter().zip(&measured.command).zip(&motor).map(|((cell, command), effect)| cell - command - effect).collect();
+                (0..count).map(|k| cell[k] - measured.command[k] - read_at(&at_sample, k).unwrap_or(0.0)).collect();
             missing.motor = measured.filtered(&left);
         }
         if sides.carriage {
@@ -317,7 +330,10 @@ impl Hypothesis {
                     if let Some(error) = &encoder_error {
                         acceleration -= (error[k + 1] - 2.0 * error[k] + error[k - 1]) * measured.rate * measured.rate;
                     }
-                    let push = |k: usize| true_cell.as_ref().map_or(measured.command[k] + motor[k], |cell| cell[k]);
+                    let push = |k: usize| match &true_cell {
+                        Some(cell) => cell[k] - read_at(&at_sample, k).map_or(0.0, |read| read - motor[k]),
+                        None => measured.command[k] + motor[k],
+                    };
                     mass * acceleration + carriage[k] - push(k) - shift * (push(k + 1) - push(k - 1))
                 })
                 .collect();
@@ -337,6 +353,11 @@ impl Hypothesis {
         }
         friction
     }
+}
+
+/// Mean of the forces at the ends of the two intervals around sample `k`; `None` without motor effects.
+fn read_at(at_sample: &[f64], k: usize) -> Option<f64> {
+    Some(0.5 * (at_sample.get(k)? + at_sample.get(k + 1)?))
 }
 
 /// The truth behind a reading: the fixed point of truth = reading - (read(truth) - truth), for readings close to the truth.

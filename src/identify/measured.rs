@@ -60,6 +60,7 @@ pub struct Measured {
     pub reference: [Vec<f64>; 3],
     /// Command as recorded, sample by sample, N.
     pub raw_command: Vec<f64>,
+    /// In order of time; each interval between samples has one or several.
     pub steps: Vec<Step>,
     pub rate: f64,
     pub lowpass: Lowpass,

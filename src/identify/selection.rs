@@ -18,6 +18,10 @@ const MOST_EFFECTS: usize = 4;
 /// model of the motor is exact; on the carriage the measured motion stands for the true one, and that costs about half a floor.
 const MOTOR_GAIN: f64 = 0.02;
 const CARRIAGE_GAIN: f64 = 0.5;
+/// Share of what is still explainable on the hold-out that an effect must take out: below it the law only bends towards what it is not.
+const LEAST_SHARE: f64 = 0.1;
+/// Effects of which there may be several: harmonics of a period, lines of a spectrum.
+const SEVERAL: [&str; 4] = ["cogging", "force_ripple", "ball_passage", "external_vibration"];
 /// Share of the best gain that a law with fewer parameters must reach to be preferred.
 const SIMPLER: f64 = 0.97;
 /// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to be separable.
@@ -211,7 +215,10 @@ pub fn search(
             .iter()
             .copied()
             .filter(|candidate| candidate.name != "map")
-            .filter(|candidate| best.hypothesis.effects.iter().all(|part| part.descriptor.name != candidate.name))
+            .filter(|candidate| {
+                SEVERAL.contains(&candidate.name)
+                    || best.hypothesis.effects.iter().all(|part| part.descriptor.name != candidate.name)
+            })
             .collect();
         let done = std::sync::atomic::AtomicUsize::new(0);
         let tried: Vec<Option<(Evidence, Hypothesis)>> = candidates
@@ -256,9 +263,10 @@ pub fn search(
         }
         let mut tried: Vec<(Evidence, Hypothesis)> = tried.into_iter().flatten().collect();
         tried.sort_by(|a, b| b.0.holdout_gain.total_cmp(&a.0.holdout_gain));
+        let explainable = (best_errors.holdout() - floor.total().powi(2)).max(0.0);
         for (one, _) in &mut tried {
             let least = threshold(one.side, has_cell, floor);
-            if one.holdout_gain < least || one.train_gain < least {
+            if one.holdout_gain < least.max(LEAST_SHARE * explainable) || one.train_gain < least {
                 one.outcome = Outcome::TooSmall;
             }
         }
@@ -291,10 +299,9 @@ pub fn search(
                 inseparable.push((name, one.name));
             }
         }
-        let sides = if has_cell { Sides::BOTH } else { Sides::BOTH };
         let chosen = tried[winner].1.clone();
         evidence.extend(tried.into_iter().map(|(one, _)| one));
-        best = fit(&chosen, train, sides, ITERATIONS)?;
+        best = fit(&chosen, train, Sides::BOTH, ITERATIONS)?;
         best_errors = errors(&best.hypothesis, train, holdout)?;
         runners_up.push(runner_up);
     }
