@@ -4,14 +4,17 @@ mod generator;
 
 use std::path::Path;
 
-use generator::effects::{CATALOGUE, Cogging, ConstantForce, LISTED, Payload, by_name, composition};
+use generator::effects::{
+    ActuatorLag, AsymmetricFriction, CATALOGUE, CableChain, Cogging, ConstantForce, EncoderSde, ForceCellDrift, LISTED,
+    MotorGain, Payload, by_name, composition,
+};
 use generator::guides::{Change, Elements, GUIDES, Slip};
 use generator::noise::Noise;
 use generator::stage::{Moment, Stage};
-use generator::{Effect, Guide, NOMINAL_MASS, Programme, SensorNoise, Setup, Side, rms};
+use generator::{Columns, Effect, Guide, NOMINAL_MASS, Programme, RecordTruth, SensorNoise, Setup, Side, rms};
 
 const RATE: f64 = 2000.0;
-const STEP: f64 = 12.5e-6;
+const STEP: f64 = 20e-6;
 
 fn nominal(effects: Vec<Effect>, step: f64) -> Stage {
     Stage::new(NOMINAL_MASS, [Guide::NOMINAL; GUIDES], effects, 1.0 / RATE, step)
@@ -67,7 +70,9 @@ fn held_speed_needs_the_steady_friction_of_all_guides() {
         for direction in [1.0, -1.0] {
             // The last quarter of the time at that speed: the loop has settled.
             let rows: Vec<usize> = (0..columns.time.len())
-                .filter(|&k| (setpoints.velocity[k] - direction * speed).abs() < 1e-12 && setpoints.acceleration[k] == 0.0)
+                .filter(|&k| {
+                    (setpoints.velocity[k] - direction * speed).abs() < 1e-12 && setpoints.acceleration[k] == 0.0
+                })
                 .collect();
             let rows = &rows[rows.len() * 3 / 4..];
             assert!(rows.len() > 20, "{speed} m/s: {} rows", rows.len());
@@ -102,7 +107,8 @@ fn energy_balance_closes() {
         let z = row.friction_force / (4.0 * guide.stiffness);
         let loss = 4.0 * guide.stiffness.powi(2) * row.velocity.abs() * z * z
             / (guide.coulomb_force
-                + (guide.static_force - guide.coulomb_force) * (-(row.velocity / guide.stribeck_velocity).powi(2)).exp());
+                + (guide.static_force - guide.coulomb_force)
+                    * (-(row.velocity / guide.stribeck_velocity).powi(2)).exp());
         lost += 0.5 * (loss + last_loss) / rate;
         let energy = 0.5 * NOMINAL_MASS * row.velocity.powi(2) + 2.0 * guide.stiffness * z * z;
         peak = f64::max(peak, energy);
@@ -113,7 +119,7 @@ fn energy_balance_closes() {
         }
         (last, last_loss) = (row, loss);
     }
-    assert!(peak > 1.0 && lost > 1.0, "{peak} J, {lost} J: the test moves too little");
+    assert!(peak > 0.5 && lost > 0.5, "{peak} J, {lost} J: the test moves too little");
 }
 
 /// Presliding, slow sliding and reversals: what a fixed step has most trouble with.
@@ -189,8 +195,7 @@ fn cell_shows_the_command_of_the_interval_that_ended() {
     }
 }
 
-/// The second difference of the position is the mean force of the two neighbouring intervals over mass, so forces and
-/// motion of the records have to agree whatever is hidden on the carriage.
+/// Motor, friction and hidden force together are mass times acceleration, whatever is hidden.
 #[test]
 fn hidden_forces_account_for_the_motion() {
     for (name, _) in CATALOGUE {
@@ -200,9 +205,9 @@ fn hidden_forces_account_for_the_motion() {
         let (_, truth) = setup.record(40.0, guides(9), &setpoints, "check", 4).unwrap();
         let hidden = &truth.hidden[0].force;
         let mut checked = 0;
-        for k in 0..hidden.len() {
+        for (k, &hidden) in hidden.iter().enumerate() {
             // Friction that changes is in the friction force already, what the motor adds in the motor force.
-            let own = if effect.side() == Side::Carriage && !effect.changes_friction() { hidden[k] } else { 0.0 };
+            let own = if effect.side() == Side::Carriage && !effect.changes_friction() { hidden } else { 0.0 };
             let force = truth.motor_force[k] - truth.friction_force[k] + own;
             assert!((force - 40.0 * truth.acceleration[k]).abs() < 1e-9 * (1.0 + force.abs()), "{name} row {k}");
             checked += 1;
@@ -263,6 +268,84 @@ fn payload_and_tilt_act_as_newton_says() {
     }
 }
 
+fn check_record(seed: u64, effect: impl Into<Effect>) -> (Columns, RecordTruth) {
+    let setpoints = Programme::Recorded.check(RATE, &mut Noise::new(seed, 2));
+    quiet(seed).with(effect).record(40.0, guides(seed), &setpoints, "check", 4).unwrap()
+}
+
+#[test]
+fn asymmetric_friction_has_the_same_sign_in_both_directions() {
+    let (a, b) = (0.05, 0.2);
+    let (columns, truth) = check_record(8, AsymmetricFriction { coulomb: a, viscous: b });
+    let guides = guides(8);
+    let (fc, viscous): (f64, f64) = guides.iter().fold((0.0, 0.0), |(f, d), g| (f + g.coulomb_force, d + g.viscous));
+    let mut directions = [0; 2];
+    for k in 0..columns.time.len() {
+        let v = truth.velocity[k];
+        if v.abs() > 0.1 && truth.acceleration[k].abs() < 0.05 {
+            let expected = -(a * fc + b * viscous * v.abs());
+            let force = truth.hidden[0].force[k];
+            assert!((force - expected).abs() < 0.02, "row {k} at {v} m/s: {force} N, expected {expected} N");
+            directions[usize::from(v > 0.0)] += 1;
+        }
+    }
+    assert!(directions.iter().all(|&rows| rows > 20), "{directions:?}");
+}
+
+#[test]
+fn lag_is_a_first_order_and_a_delay_of_the_held_command() {
+    let (columns, _) = check_record(8, ActuatorLag { time_constant: 0.4e-3, delay: 0.0 });
+    let stay = (-0.5f64 / 0.4).exp();
+    for k in 1..columns.time.len() {
+        let expected = columns.force[k - 1] + (columns.force_cell[k - 1] - columns.force[k - 1]) * stay;
+        assert!((columns.force_cell[k] - expected).abs() < 1e-3, "row {k}: {} N, {expected} N", columns.force_cell[k]);
+    }
+    // 1.2 ms before the end of an interval of 0.5 ms the command of two ticks earlier was held.
+    let (columns, _) = check_record(8, ActuatorLag { time_constant: 0.0, delay: 1.2e-3 });
+    for k in 3..columns.time.len() {
+        assert_eq!(columns.force_cell[k], columns.force[k - 3], "row {k}");
+    }
+    // With a gain the order does not matter.
+    let setpoints = Programme::Recorded.check(RATE, &mut Noise::new(8, 2));
+    let both = quiet(8).with(MotorGain { fraction: 0.03 }).with(ActuatorLag { time_constant: 0.0, delay: 0.3e-3 });
+    let (columns, _) = both.record(40.0, guides(8), &setpoints, "check", 4).unwrap();
+    for k in 1..columns.time.len() {
+        let expected = 1.03 * columns.force[k - 1];
+        assert!((columns.force_cell[k] - expected).abs() < 1e-9 * (1.0 + expected.abs()), "row {k}");
+    }
+}
+
+#[test]
+fn readings_are_the_truth_and_the_error_of_the_sensor() {
+    let (columns, truth) = check_record(8, EncoderSde { amplitude: 1e-7, period: 2e-5, phase: 0.3 });
+    let mut largest: f64 = 0.0;
+    for k in 0..columns.time.len() {
+        let error = columns.position[k] - truth.position[k];
+        assert!((error - truth.hidden[0].encoder[k]).abs() < 1e-15, "row {k}: {error} m");
+        largest = largest.max(error.abs());
+    }
+    assert!(largest > 0.9e-7 && largest < 1.26e-7, "{largest}");
+    let (columns, truth) = check_record(8, ForceCellDrift::new(0.1, 0.0));
+    for k in 0..columns.time.len() {
+        let error = columns.force_cell[k] - truth.motor_force[k];
+        assert!((error - 0.1 * columns.time[k]).abs() < 1e-9, "row {k}: {error} N");
+    }
+}
+
+#[test]
+fn cable_chain_pulls_with_its_spring_about_its_center() {
+    let chain = CableChain { stiffness: 50.0, center: 0.03, hysteresis: 1.0, length: 0.005 };
+    let (_, truth) = check_record(8, chain);
+    for k in 0..truth.position.len() {
+        let spring = -50.0 * (truth.position[k] - 0.03);
+        let rest = truth.hidden[0].force[k] - spring;
+        assert!(rest.abs() < 1.001, "row {k}: {rest} N of hysteresis");
+        if truth.velocity[k].abs() > 0.3 && truth.acceleration[k].abs() < 0.5 {
+            assert!((rest + truth.velocity[k].signum()).abs() < 0.01, "row {k}: {rest} N");
+        }
+    }
+}
+
 /// Elements of one guide: the force after a reversal follows the sum of springs up to their limits (Masing's rule).
 #[test]
 fn sudden_elements_make_masing_loops() {
@@ -313,10 +396,16 @@ fn setpoints_are_consistent_and_within_the_stroke() {
                     let bend = (a[k + 1] - a[k]).abs();
                     // Trapezoidal rule; a piece can end within a tick.
                     let tolerance = (bend + a[k].abs()) / RATE + 1e-9;
-                    assert!((slope - 0.5 * (v[k] + v[k + 1])).abs() < tolerance, "{programme:?} {seed} row {k}: {slope}");
+                    assert!(
+                        (slope - 0.5 * (v[k] + v[k + 1])).abs() < tolerance,
+                        "{programme:?} {seed} row {k}: {slope}"
+                    );
                     let change = (v[k + 1] - v[k]) * RATE;
                     let tolerance = bend + 0.12 * a[k].abs() + 1e-6;
-                    assert!((change - 0.5 * (a[k] + a[k + 1])).abs() < tolerance, "{programme:?} {seed} row {k}: {change}");
+                    assert!(
+                        (change - 0.5 * (a[k] + a[k + 1])).abs() < tolerance,
+                        "{programme:?} {seed} row {k}: {change}"
+                    );
                 }
             }
         }

@@ -45,8 +45,11 @@ impl Columns {
                 accelerations: vec![self.reference_acceleration[k]],
                 ..JointTrajectoryPoint::default()
             };
-            let trajectory =
-                JointTrajectory { header: header.clone(), joint_names: vec![topics::JOINT.into()], points: vec![point] };
+            let trajectory = JointTrajectory {
+                header: header.clone(),
+                joint_names: vec![topics::JOINT.into()],
+                points: vec![point],
+            };
             bag.write(setpoint, at, &trajectory)?;
             let state = JointState {
                 header: header.clone(),
@@ -74,8 +77,7 @@ impl RecordTruth {
         }
         text.push('\n');
         for (k, time) in time.iter().enumerate() {
-            let columns =
-                [&self.position, &self.velocity, &self.acceleration, &self.motor_force, &self.friction_force];
+            let columns = [&self.position, &self.velocity, &self.acceleration, &self.motor_force, &self.friction_force];
             let _ = write!(text, "{time}");
             for column in columns {
                 let _ = write!(text, ",{}", column[k]);

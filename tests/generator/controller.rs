@@ -19,9 +19,8 @@ impl Section {
     /// (n0 + n1 s + n2 s^2)/(d0 + d1 s + d2 s^2) by the trapezoidal rule s = 2 rate (z - 1)/(z + 1).
     fn from_continuous(n: [f64; 3], d: [f64; 3], rate: f64) -> Self {
         let c = 2.0 * rate;
-        let expand = |p: [f64; 3]| {
-            [p[0] + p[1] * c + p[2] * c * c, 2.0 * (p[0] - p[2] * c * c), p[0] - p[1] * c + p[2] * c * c]
-        };
+        let expand =
+            |p: [f64; 3]| [p[0] + p[1] * c + p[2] * c * c, 2.0 * (p[0] - p[2] * c * c), p[0] - p[1] * c + p[2] * c * c];
         let (b, a) = (expand(n), expand(d));
         Self { b: b.map(|v| v / a[0]), a: [a[1] / a[0], a[2] / a[0]], memory: [0.0; 2] }
     }

@@ -90,7 +90,7 @@ impl Setup {
             mass_tolerance: 0.005,
             guide_tolerance: 0.16,
             rate: 2000.0,
-            step: 12.5e-6,
+            step: 20e-6,
         }
     }
 
@@ -162,8 +162,7 @@ impl Setup {
                 if self.noise.count > 0.0 { (exact / self.noise.count).round() * self.noise.count } else { exact };
             let force_cell = moment.motor_force + cell.iter().sum::<f64>() + self.noise.cell * sensors.normal();
             let error = reference - position;
-            // Not a number is lost as well.
-            if !(error.abs() <= LOST) {
+            if error.is_nan() || error.abs() > LOST {
                 let names = self.effects.iter().map(|e| e.name()).collect();
                 return Err(GenerateError::Lost { record, time: k as f64 / self.rate, error, effects: names });
             }
@@ -349,7 +348,9 @@ impl RecordTruth {
 #[derive(Debug, thiserror::Error)]
 pub enum GenerateError {
     /// The position error became too large.
-    #[error("{record}: {error} m of position error at {time} s, more than 5 mm: the controller lost the stage with {effects:?}")]
+    #[error(
+        "{record}: {error} m of position error at {time} s, more than 5 mm: the controller lost the stage with {effects:?}"
+    )]
     Lost {
         /// Which record.
         record: &'static str,

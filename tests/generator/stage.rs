@@ -131,8 +131,7 @@ impl Stage {
         for friction in &self.frictions {
             let change = self.change(friction.without, &now, state);
             let place = friction.first..friction.first + friction.elements.states();
-            let force =
-                friction.elements.force(&self.guides, now.v, &change, &state[place.clone()], &mut rate[place]);
+            let force = friction.elements.force(&self.guides, now.v, &change, &state[place.clone()], &mut rate[place]);
             if friction.without.is_none() {
                 friction_force = force;
             }
@@ -249,20 +248,15 @@ impl Stage {
             force = after;
         }
         for (index, effect) in self.effects.iter().enumerate().filter(|(_, e)| e.side() == Side::Carriage) {
-            forces[index] += effect.carriage(&now, self.states_of(index, &self.state))
-                - effect.added_mass() * moment.acceleration;
+            forces[index] +=
+                effect.carriage(&now, self.states_of(index, &self.state)) - effect.added_mass() * moment.acceleration;
         }
         for friction in &self.frictions {
             if let Some(index) = friction.without {
                 let change = self.change(friction.without, &now, &self.state);
                 let place = friction.first..friction.first + friction.elements.states();
-                let other = friction.elements.force(
-                    &self.guides,
-                    now.v,
-                    &change,
-                    &self.state[place.clone()],
-                    &mut rate[place],
-                );
+                let other =
+                    friction.elements.force(&self.guides, now.v, &change, &self.state[place.clone()], &mut rate[place]);
                 forces[index] += other - moment.friction_force;
             }
         }

@@ -2,9 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use super::{Drive, Effect, Law, Now, Side, identity};
 use super::super::guides::GUIDES;
 use super::super::noise::Noise;
+use super::{Drive, Effect, Law, Now, Side, identity};
 
 /// Standard gravity, m/s^2 (ISO 80000-3).
 const GRAVITY: f64 = 9.80665;
@@ -106,11 +106,7 @@ impl Law for CableChain {
         ]
     }
     fn scaled(&self, factor: f64) -> Effect {
-        Box::new(Self {
-            stiffness: factor * self.stiffness,
-            hysteresis: factor * self.hysteresis,
-            ..self.clone()
-        })
+        Box::new(Self { stiffness: factor * self.stiffness, hysteresis: factor * self.hysteresis, ..self.clone() })
     }
     fn states(&self) -> usize {
         1

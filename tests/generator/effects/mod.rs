@@ -10,9 +10,7 @@ mod motor;
 mod sensor;
 mod unlisted;
 
-pub use carriage::{
-    BallPassage, CableChain, ConstantForce, ExternalVibration, Payload, QuadraticDrag, StructuralMode,
-};
+pub use carriage::{BallPassage, CableChain, ConstantForce, ExternalVibration, Payload, QuadraticDrag, StructuralMode};
 pub use friction::{
     AsymmetricFriction, DistributedBristles, PositionDependentFriction, Shape, StictionAging, ViscousWarmUp,
 };

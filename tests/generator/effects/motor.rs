@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use super::{Drive, Effect, Law, Now, Side, identity};
 use super::super::noise::Noise;
+use super::{Drive, Effect, Law, Now, Side, identity};
 
 /// Detent force: sum over k of A_k cos(2 pi k (x - x0)/p - phi_k), independent of the current (Gieras, Piech, Tomczuk, "Linear
 /// Synchronous Motors", 2nd ed. 2012, chapter 3).

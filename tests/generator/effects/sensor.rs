@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use super::{Effect, Law, Now, Side, identity};
 use super::super::noise::Noise;
+use super::{Effect, Law, Now, Side, identity};
 
 /// Interpolation error of an encoder: d cos(2 pi x/p - phi) + d/4 cos(4 pi x/p), the offset and gain errors of its two signals
 /// (Heydemann 1981).

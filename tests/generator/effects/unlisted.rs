@@ -1,8 +1,8 @@
 //! Effects that are in nobody's list: the honest answer to them is "unknown", with the coordinate that they follow.
 
-use super::{Drive, Effect, Law, Now, Side, identity};
 use super::super::guides::Change;
 use super::super::noise::Noise;
+use super::{Drive, Effect, Law, Now, Side, identity};
 
 /// What unlisted effects have in common.
 macro_rules! unlisted {
