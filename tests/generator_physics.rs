@@ -514,3 +514,36 @@ fn generator_shares_nothing_with_what_is_identified() {
     }
     assert!(files >= 12, "{files} files");
 }
+
+/// `cargo test --release --test generator_physics usual_sizes -- --ignored --nocapture`: no draw loses the loop; prints the sizes.
+#[test]
+#[ignore = "ten runs of each effect and sixty compositions: about 400 s of one core"]
+fn usual_sizes() {
+    use rayon::prelude::*;
+    for (name, _) in CATALOGUE {
+        let runs: Vec<_> = (0..10u64)
+            .into_par_iter()
+            .map(|seed| Setup::new(seed).with(by_name(name, seed).unwrap()).generate().unwrap().truth)
+            .collect();
+        let silent = |t: &RecordTruth| {
+            [&t.hidden[0].force, &t.hidden[0].encoder, &t.hidden[0].cell].iter().all(|c| rms(c) == 0.0)
+        };
+        assert!(runs.iter().all(|truth| !silent(&truth.train)), "{name}");
+        let range = |size: &dyn Fn(&RecordTruth) -> f64| {
+            let mut sizes: Vec<f64> = runs.iter().map(|truth| size(&truth.train)).collect();
+            sizes.sort_by(f64::total_cmp);
+            format!("{:9.3e} {:9.3e} {:9.3e}", sizes[0], sizes[5], sizes[9])
+        };
+        println!(
+            "{name:28} force N {}  encoder m {}  cell N {}",
+            range(&|t| rms(&t.hidden[0].force)),
+            range(&|t| rms(&t.hidden[0].encoder)),
+            range(&|t| rms(&t.hidden[0].cell))
+        );
+    }
+    (0..60u64).into_par_iter().for_each(|seed| {
+        let programme = if seed % 2 == 0 { Programme::Recorded } else { Programme::Varied };
+        let setup = Setup { programme, ..Setup::new(seed) }.with_all(composition(seed as usize % 4, seed));
+        setup.generate().unwrap();
+    });
+}

@@ -131,9 +131,10 @@ pub struct ActuatorLag {
 }
 
 impl ActuatorLag {
-    /// A first order of 0.15 to 0.8 ms, a delay of 0.1 to 0.8 ms, or half of both.
+    /// A first order of 0.15 to 0.8 ms, a delay of 0.55 to 1.2 ms, or half of both. A delay below one tick alone would
+    /// not show at the end of an interval, where the cell is read.
     pub fn draw(noise: &mut Noise) -> Effect {
-        let (time_constant, delay) = (noise.log_between(0.15e-3, 0.8e-3), noise.log_between(0.1e-3, 0.8e-3));
+        let (time_constant, delay) = (noise.log_between(0.15e-3, 0.8e-3), noise.log_between(0.55e-3, 1.2e-3));
         Box::new(match noise.index(3) {
             0 => Self { time_constant, delay: 0.0 },
             1 => Self { time_constant: 0.0, delay },
