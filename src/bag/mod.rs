@@ -6,9 +6,11 @@
 pub mod check;
 mod definition;
 pub mod error;
+pub mod excitation;
 mod file;
 pub mod mapping;
 mod metadata;
+pub mod problem;
 pub mod provenance;
 pub mod qos;
 pub mod reader;
@@ -21,8 +23,10 @@ pub mod writer;
 
 pub use check::{CheckReport, check};
 pub use error::BagError;
+pub use excitation::{Excitation, examine};
 pub use file::Damage;
 pub use mapping::{Mapping, Signal};
+pub use problem::{DataProblem, Severity};
 pub use provenance::Provenance;
 pub use qos::OfferedQos;
 pub use reader::{BagMessage, BagReader, Topic};
