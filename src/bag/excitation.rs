@@ -4,6 +4,7 @@
 //! [`DataProblem`]s and a [`Judgement`] per kind of parameter. Nothing is fitted finely here: one linear regression of the
 //! force on acceleration, direction and velocity shows signs, units and sizes.
 
+use std::fmt;
 use std::ops::Range;
 
 use nalgebra::{Matrix4, Vector4};
@@ -403,16 +404,14 @@ impl<'a> Examiner<'a> {
         let mut from = 0;
         while from < moments.len() {
             let start = &moments[from];
-            let near = |m: &Moment| {
-                (m.velocity - start.velocity).abs() <= 0.02 * start.velocity.abs() + 0.5 * rest_speed
-                    && start.velocity.abs() > rest_speed
-            };
+            let near =
+                |m: &Moment| (m.velocity - start.velocity).abs() <= 0.02 * start.velocity.abs() + 0.5 * rest_speed;
             let mut to = from + 1;
             while to < moments.len() && moments[to].row - moments[to - 1].row == self.half && near(&moments[to]) {
                 to += 1;
             }
             let time = (to - from) as f64 * moment_s;
-            if start.velocity.abs() > rest_speed && time >= SHORTEST_STRETCH {
+            if start.velocity.abs() > 3.0 * rest_speed && time >= SHORTEST_STRETCH {
                 let mean = moments[from..to].iter().map(|m| m.velocity).sum::<f64>() / (to - from) as f64;
                 stretches.push((mean.abs(), time));
                 from = to;
@@ -786,6 +785,16 @@ fn within(value: f64, of: f64, tolerance: f64) -> bool {
     (of / tolerance..of * tolerance).contains(&value)
 }
 
+/// A number to three digits.
+fn short(value: f64) -> String {
+    if (1e-3..1e4).contains(&value.abs()) {
+        let decimals = (2 - value.abs().log10().floor() as i32).max(0) as usize;
+        format!("{value:.decimals$}")
+    } else {
+        format!("{value:.2e}")
+    }
+}
+
 fn spread(mut values: Vec<f64>) -> Option<Spread> {
     values.sort_by(f64::total_cmp);
     let (&least, &largest) = (values.first()?, values.last()?);
@@ -819,7 +828,7 @@ fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
             None => "there is no force over a motion".into(),
         },
     );
-    let speeds: Vec<String> = found.speeds.iter().map(|s| format!("{s:.4}")).collect();
+    let speeds: Vec<String> = found.speeds.iter().copied().map(short).collect();
     let speeds = if speeds.is_empty() { "none held".to_owned() } else { format!("{} m/s", speeds.join(", ")) };
     let one_speed = problem(|p| matches!(p, DataProblem::OneSpeed { .. }));
     say("Coulomb friction", fit.is_some() && !one_direction, format!("{} reversals", found.reversals));
@@ -883,7 +892,7 @@ fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
     );
     say(
         "warm-up",
-        fit.is_some() && found.duration_s > 10.0 && found.distance > 10.0 * stroke,
+        fit.is_some() && found.duration_s > 10.0 && found.distance > 4.0 * stroke,
         format!("{:.1} s and {:.2} m travelled", found.duration_s, found.distance),
     );
     say(
@@ -892,4 +901,61 @@ fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
         if has(Signal::ReferencePosition) { "the setpoint is there" } else { "there is no setpoint" }.into(),
     );
     judgements
+}
+
+impl fmt::Display for Excitation {
+    /// Tells it in plain sentences.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names: Vec<&str> = self.recorded.iter().map(|s| s.name()).collect();
+        writeln!(f, "signals: {}; {:.3} s of usable rows", names.join(", "), self.duration_s)?;
+        writeln!(
+            f,
+            "motion: {} to {} m, {} to {} m/s, up to {} m/s^2; {} reversals, {} m travelled, {:.2} s at rest",
+            short(self.position_range[0]),
+            short(self.position_range[1]),
+            short(self.velocity_range[0]),
+            short(self.velocity_range[1]),
+            short(self.largest_acceleration),
+            self.reversals,
+            short(self.distance),
+            self.rest_s
+        )?;
+        let speeds: Vec<String> = self.speeds.iter().copied().map(short).collect();
+        writeln!(
+            f,
+            "speeds held for 50 ms or more: {}",
+            if speeds.is_empty() { "none".into() } else { format!("{} ({} m/s)", speeds.len(), speeds.join(", ")) }
+        )?;
+        if let Some(a) = self.amplitude {
+            writeln!(
+                f,
+                "travel between reversals: {} to {} m, median {} m",
+                short(a.least),
+                short(a.largest),
+                short(a.median)
+            )?;
+        }
+        let noises = [("encoder", "m", self.encoder_noise), ("force cell", "N", self.force_cell_noise)];
+        for (name, unit, found) in noises {
+            if let Some(found) = found {
+                let declared = found.declared.map_or_else(
+                    || "no model declares how much it should be".into(),
+                    |declared| format!("{} {unit} is declared", short(declared)),
+                );
+                writeln!(f, "noise of the {name}: {} {unit} rms, {declared}", short(found.present))?;
+            }
+        }
+        for judgement in &self.judgements {
+            let verdict = if judgement.possible { "can be identified" } else { "cannot be identified" };
+            writeln!(f, "{}: {verdict} ({})", judgement.subject, judgement.because)?;
+        }
+        for problem in &self.problems {
+            let severity = match problem.severity() {
+                Severity::Fatal => "fatal",
+                Severity::Warning => "warning",
+            };
+            writeln!(f, "{severity}: {problem}")?;
+        }
+        Ok(())
+    }
 }

@@ -3,6 +3,7 @@
 //! What comes in is a bag of our own, a foreign bag or a CSV file with a [`Mapping`]; what goes out is a [`Recording`].
 //! Only one topic at a time is in memory besides the result, or several while they are small.
 
+use std::fmt;
 use std::ops::Range;
 use std::path::Path;
 
@@ -253,6 +254,50 @@ impl Loading<'_> {
                 Signal::Time | Signal::Position => {}
             }
             quality.push(found);
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for DataQuality {
+    /// Tells what was not as it should be; one line if all was.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let clock = match self.clock {
+            ClockKind::Regular => "uniform as recorded",
+            ClockKind::UniformBehindJitter => "uniform behind stamps that jitter, values as recorded",
+            ClockKind::AtStamps => "not uniform, interpolated from the stamps",
+            ClockKind::OtherRate => "interpolated to the rate that was asked for",
+        };
+        writeln!(
+            f,
+            "data: {} rows at {:.3} Hz ({clock}), {} usable in {} pieces",
+            self.rows, self.rate_hz, self.valid_rows, self.segments
+        )?;
+        for q in &self.signals {
+            let counts = [
+                (q.out_of_order, "out of order"),
+                (q.repeated, "with a repeated stamp"),
+                (q.not_finite, "not finite"),
+                (q.missing, "missing"),
+            ];
+            let mut told: Vec<String> =
+                counts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+            if q.filled > 0 {
+                told.push(format!("{} rows filled from neighbours", q.filled));
+            }
+            if q.gaps > 0 {
+                told.push(format!("{} gaps, the longest {:.4} s", q.gaps, q.longest_interval_s));
+            }
+            // signals that come slower than the rows are filled in between
+            if q.interval_s * self.rate_hz > 1.5 {
+                told.push(format!("one sample every {:.6} s", q.interval_s));
+            }
+            if !told.is_empty() {
+                writeln!(f, "data: {} from {}: {} samples, {}", q.signal, q.place, q.samples, told.join(", "))?;
+            }
+        }
+        for note in &self.notes {
+            writeln!(f, "data: {note}")?;
         }
         Ok(())
     }

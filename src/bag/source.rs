@@ -110,8 +110,8 @@ impl Source {
     }
 }
 
-/// Whether a path is a CSV file, by its ending.
-pub(crate) fn is_csv(path: &Path) -> bool {
+/// Whether a path is a CSV file, by its ending: `.csv`, `.tsv` or `.txt`.
+pub fn is_csv(path: &Path) -> bool {
     let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     ending.is_some_and(|e| ["csv", "tsv", "txt"].contains(&e.as_str())) && !path.is_dir()
 }
