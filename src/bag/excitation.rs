@@ -575,7 +575,7 @@ impl<'a> Examiner<'a> {
         });
         let coulomb =
             self.model.and_then(|m| m.resolved_guides().ok()).map(|g| g.iter().map(|g| g.coulomb_force).sum());
-        let clear = |fit: &RoughFit| fit.mass_deviation < 0.1 * fit.mass.abs() && fit.inertial > 0.01;
+        let clear = |fit: &RoughFit| fit.mass_deviation < 0.1 * fit.mass.abs();
         let fits: Vec<(Signal, RoughFit)> = [(Signal::ForceCell, cell), (Signal::Force, command)]
             .into_iter()
             .filter_map(|(s, f)| Some((s, f?)))
