@@ -463,9 +463,10 @@ pub(crate) fn place(
         let before = window[0].filter(|p| a.0 - p.0 <= longest);
         let after = window[3].filter(|p| p.0 - b.0 <= longest);
         let is_missing = b.0 - a.0 > 1.5 * spacing;
-        for row in from as usize..to as usize {
-            let at = row as f64;
-            column[row] = match (between, before, after) {
+        let first = from as usize;
+        for (offset, value) in column[first..to as usize].iter_mut().enumerate() {
+            let at = (first + offset) as f64;
+            *value = match (between, before, after) {
                 (Between::Smooth, Some(before), Some(after)) => cubic([before, a, b, after], at),
                 _ => a.1 + (b.1 - a.1) * (at - a.0) / (b.0 - a.0),
             };
