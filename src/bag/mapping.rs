@@ -227,7 +227,8 @@ struct CsvFile {
 struct SignalFile {
     topic: Option<String>,
     field: Option<String>,
-    column: Option<serde_json::Value>,
+    /// As text: YAML would take a column `y` for a truth value.
+    column: Option<String>,
     stamp: Option<String>,
     unit: Option<String>,
     scale: Option<f64>,
@@ -296,21 +297,15 @@ impl Mapping {
                 (Some(topic), Some(field), None) if signal != Signal::Time => {
                     Place::Topic { topic, field, stamp: entry.stamp.as_deref().map_or(stamp.clone(), self::stamp) }
                 }
-                (None, None, Some(serde_json::Value::String(name))) if mapping.csv.header => {
-                    Place::Column(Column::Name(name))
-                }
-                (None, None, Some(serde_json::Value::String(name))) => {
-                    return Err(wrong(
-                        &key,
-                        format!("column {name:?}: without a line of names give its number, from 1"),
-                    ));
-                }
-                (None, None, Some(serde_json::Value::Number(number))) => {
-                    let number = number.as_u64().filter(|&n| n > 0).and_then(|n| usize::try_from(n).ok());
-                    Place::Column(Column::Number(
-                        number.ok_or_else(|| wrong(&key, "columns are counted from 1".into()))?,
-                    ))
-                }
+                (None, None, Some(column)) => match column.parse::<usize>() {
+                    Ok(0) => return Err(wrong(&key, "columns are counted from 1".into())),
+                    Ok(number) => Place::Column(Column::Number(number)),
+                    Err(_) if mapping.csv.header => Place::Column(Column::Name(column)),
+                    Err(_) => {
+                        let reason = format!("column {column:?}: without a line of names give its number, from 1");
+                        return Err(wrong(&key, reason));
+                    }
+                },
                 (Some(_), _, None) if signal == Signal::Time => {
                     return Err(wrong(&key, "the messages of a bag have stamps: say which with `stamp`".into()));
                 }
@@ -442,6 +437,10 @@ mod tests {
         assert_eq!(stamp_of(position), Stamp::LogTime);
         assert_eq!(stamp_of(&mapping.signals[&Signal::Force][0]), Stamp::Field("header.stamp".into()));
         assert!(!mapping.is_for_csv());
+        // y and n are truth values of old YAML, and good names of columns
+        let columns = Mapping::from_yaml("signals: {position: {column: y}, force: {column: 3}}", "m.yaml").unwrap();
+        assert_eq!(columns.signals[&Signal::Position][0].place, Place::Column(Column::Name("y".into())));
+        assert_eq!(columns.signals[&Signal::Force][0].place, Place::Column(Column::Number(3)));
         assert!(Mapping::own_csv().is_for_csv());
     }
 
