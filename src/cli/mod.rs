@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod demo;
+pub mod import;
 pub mod recover;
 pub mod replay;
 
@@ -27,6 +28,7 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 don
 enum Command {
     Demo(demo::DemoArgs),
     Replay(replay::ReplayArgs),
+    Import(import::ImportArgs),
     Check(check::CheckArgs),
     Recover(recover::RecoverArgs),
     /// Run the stage node, as the program stage_node does
@@ -59,6 +61,7 @@ impl Arguments {
         match self.command.unwrap_or_else(|| Command::Demo(demo::DemoArgs::default())) {
             Command::Demo(arguments) => demo::run(&arguments, out),
             Command::Replay(arguments) => replay::run(&arguments, out),
+            Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
             Command::Recover(arguments) => recover::run(&arguments, out),
             Command::StageNode(node) => crate::node::stage::run(node.arguments).map(|()| Outcome::Done),
