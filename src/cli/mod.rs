@@ -2,8 +2,12 @@
 
 pub mod check;
 pub mod demo;
+pub mod merge;
 pub mod recover;
 pub mod replay;
+pub mod select;
+mod selection_output;
+mod variant_rows;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -26,6 +30,8 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 don
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(demo::DemoArgs),
+    Select(select::SelectArgs),
+    Merge(merge::MergeArgs),
     Replay(replay::ReplayArgs),
     Check(check::CheckArgs),
     Recover(recover::RecoverArgs),
@@ -58,6 +64,8 @@ impl Arguments {
     pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         match self.command.unwrap_or_else(|| Command::Demo(demo::DemoArgs::default())) {
             Command::Demo(arguments) => demo::run(&arguments, out),
+            Command::Select(arguments) => select::run(&arguments, out),
+            Command::Merge(arguments) => merge::run(&arguments, out),
             Command::Replay(arguments) => replay::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
             Command::Recover(arguments) => recover::run(&arguments, out),
