@@ -61,7 +61,7 @@ pub enum GuideFitError {
 /// enough that the noise of the encoder does not count as way.
 const SMOOTHING: f64 = 2.5e-3;
 /// Share of its speed within which a run counts as of constant velocity. Assumed.
-const CONSTANT: f64 = 0.03;
+const CONSTANT: f64 = 0.01;
 /// Travel, in units of Fs/sigma0, after which the friction is taken as steady: exp(-10) of the way is left.
 const STEADY: f64 = 10.0;
 /// Shortest stretch of constant velocity, s. Assumed: three periods of the mains.
@@ -113,7 +113,7 @@ pub fn fit_guide(stribeck: &RigRecord, dahl: &RigRecord, mass: f64) -> Result<Gu
         damping_velocity: None,
     };
     let misfit = |guide: &Guide| -> f64 {
-        let residuals = loops.residuals(guide, mass, offset, 0.0);
+        let residuals = loops.residuals(guide, mass, offset, 0.0, 0.0);
         residuals.iter().map(|residual| residual * residual).sum()
     };
     // 1e4 to 1e7 N/m in steps of 26 %: from a tenth of the paper's softest to ten times its stiffest.
@@ -150,16 +150,17 @@ pub fn fit_guide(stribeck: &RigRecord, dahl: &RigRecord, mass: f64) -> Result<Gu
     Ok(conclude(&minimum, falls, &windows, &loops))
 }
 
-/// The parameters of a search: logarithms, but for offset (N) and first deflection (in units of Fs/sigma0).
+/// The parameters of a search: logarithms, but for offset (N), first deflection (in units of Fs/sigma0) and trembling
+/// (in um^2/s^2).
 #[derive(Clone, Copy)]
 struct Shape {
     falls: bool,
 }
 
 impl Shape {
-    const FLAT: usize = 6;
+    const FLAT: usize = 7;
 
-    /// Order: ln sigma0, ln sigma1, ln sigma2, ln Fc, offset, deflection, ln (Fs - Fc), ln vs.
+    /// Order: ln sigma0, ln sigma1, ln sigma2, ln Fc, offset, deflection, trembling, ln (Fs - Fc), ln vs.
     fn guide(self, p: &[f64]) -> Guide {
         let coulomb_force = p[3].exp();
         Guide {
@@ -167,8 +168,8 @@ impl Shape {
             bristle_damping: p[1].exp(),
             viscous_friction: p[2].exp(),
             coulomb_force,
-            static_force: if self.falls { coulomb_force + p[6].exp() } else { coulomb_force },
-            stribeck_velocity: if self.falls { p[7].exp() } else { UNUSED_STRIBECK_VELOCITY },
+            static_force: if self.falls { coulomb_force + p[7].exp() } else { coulomb_force },
+            stribeck_velocity: if self.falls { p[8].exp() } else { UNUSED_STRIBECK_VELOCITY },
             damping_velocity: None,
         }
     }
@@ -206,7 +207,7 @@ fn search(
         }
         // The bristle's two stand still.
         let whole = |p: &[f64]| -> Vec<f64> {
-            let mut all = vec![guess.stiffness.ln(), guess.bristle_damping.ln(), p[0], p[1], p[2], 0.0];
+            let mut all = vec![guess.stiffness.ln(), guess.bristle_damping.ln(), p[0], p[1], p[2], 0.0, 0.0];
             all.extend_from_slice(&p[3..]);
             all
         };
@@ -220,17 +221,17 @@ fn search(
     }
     let Some(best) = best else { return Ok(None) };
 
-    // Second step: stiffness, damping and first deflection from the loops, with the static curve as it is.
+    // Second step: stiffness, damping and first deflection and trembling from the loops, with the static curve as it is.
     let with = |p: &[f64]| -> Vec<f64> {
         let mut all = best.parameters.clone();
-        (all[0], all[1], all[4], all[5]) = (p[0], p[1], p[2], p[3]);
+        (all[0], all[1], all[4], all[5], all[6]) = (p[0], p[1], p[2], p[3], p[4]);
         all
     };
     let of_loops = |all: &[f64]| -> Vec<f64> {
         let guide = shape.guide(all);
-        loops.residuals(&guide, mass, all[4], all[5] * guide.static_force / guide.stiffness)
+        loops.residuals(&guide, mass, all[4], all[5] * guide.static_force / guide.stiffness, 1e-12 * all[6])
     };
-    let start = [best.parameters[0], best.parameters[1], best.parameters[4], 0.0];
+    let start = [best.parameters[0], best.parameters[1], best.parameters[4], 0.0, 0.0];
     let second = minimise(&start, &|p: &[f64]| of_loops(&with(p))).map_err(failed("presliding"))?;
 
     // Both together.
@@ -261,9 +262,9 @@ fn conclude(minimum: &Minimum, falls: bool, windows: &[Window], loops: &Motion) 
     };
     let coulomb_force = logarithmic(3);
     let static_force = if falls {
-        let (fc, excess) = (p[3].exp(), p[6].exp());
+        let (fc, excess) = (p[3].exp(), p[7].exp());
         let deviation =
-            (fc * fc * covariance(3, 3) + excess * excess * covariance(6, 6) + 2.0 * fc * excess * covariance(3, 6))
+            (fc * fc * covariance(3, 3) + excess * excess * covariance(7, 7) + 2.0 * fc * excess * covariance(3, 7))
                 .sqrt();
         let value = fc + excess;
         Fitted { value, ci95: [value - Z * deviation, value + Z * deviation] }
@@ -280,7 +281,7 @@ fn conclude(minimum: &Minimum, falls: bool, windows: &[Window], loops: &Motion) 
         viscous_friction: logarithmic(2),
         coulomb_force,
         static_force,
-        stribeck_velocity: falls.then(|| logarithmic(7)),
+        stribeck_velocity: falls.then(|| logarithmic(8)),
         offset: Fitted { value: p[4], ci95: [p[4] - half, p[4] + half] },
         windows: windows.len(),
         rows: loops.force.len(),
@@ -424,17 +425,24 @@ impl Motion {
     }
 
     /// Measured less modelled force, N, for a bristle that starts with this deflection, m.
-    fn residuals(&self, guide: &Guide, mass: f64, offset: f64, deflection: f64) -> Vec<f64> {
+    ///
+    /// The bristle slips by |v| z: a guide that trembles slips while its mean stands still. `trembling`, m^2/s^2, is the mean
+    /// square of the speed that the smoothing hides; it takes |v| to sqrt(v^2 + trembling).
+    fn residuals(&self, guide: &Guide, mass: f64, offset: f64, deflection: f64, trembling: f64) -> Vec<f64> {
         let mut bristle = deflection;
         let mut residuals = Vec::with_capacity(self.force.len());
         for k in 0..self.force.len() {
             if k > 0 {
                 let way = self.position[k] - self.position[k - 1];
-                let steady = guide.level(way / self.step) / guide.stiffness * way.signum();
-                bristle = steady + (bristle - steady) * (-way.abs() / steady.abs()).exp();
+                let slipped = (way * way + trembling * self.step * self.step).max(0.0).sqrt();
+                // Slip in units of the deflection of steady sliding; (1 - exp(-u))/u without loss of digits.
+                let u = slipped * guide.stiffness / guide.level(way / self.step);
+                let share = if u > 1e-12 { -(-u).exp_m1() / u } else { 1.0 };
+                bristle = bristle * (-u).exp() + way * share;
             }
             let velocity = self.velocity[k];
-            let rate = velocity - guide.stiffness * velocity.abs() * bristle / guide.level(velocity);
+            let speed = (velocity * velocity + trembling).max(0.0).sqrt();
+            let rate = velocity - guide.stiffness * speed * bristle / guide.level(velocity);
             let friction = guide.stiffness * bristle + guide.bristle_damping * rate + guide.viscous_friction * velocity;
             residuals.push(self.force[k] - friction - mass * self.acceleration[k] - offset);
         }
@@ -530,7 +538,6 @@ fn local_cubic(half: usize, step: f64) -> [Vec<f64>; 3] {
 mod tests {
     use super::super::rig_motion::{dahl_motion, rig_of, run_rig, stribeck_motion};
     use super::*;
-    use crate::model::Catalogue;
     use crate::plant::Rates;
     use rand::{RngExt, SeedableRng};
 
