@@ -62,6 +62,8 @@ pub enum GuideFitError {
 const SMOOTHING: f64 = 2.5e-3;
 /// Share of its speed within which a run counts as of constant velocity. Assumed.
 const CONSTANT: f64 = 0.01;
+/// Half of the time over which a speed is averaged to tell whether it is constant, s. Assumed: some periods of the servo.
+const AVERAGE: f64 = 0.02;
 /// Travel, in units of Fs/sigma0, after which the friction is taken as steady: exp(-10) of the way is left.
 const STEADY: f64 = 10.0;
 /// Shortest stretch of constant velocity, s. Assumed: three periods of the mains.
@@ -127,27 +129,27 @@ pub fn fit_guide(stribeck: &RigRecord, dahl: &RigRecord, mass: f64) -> Result<Gu
         return Err(GuideFitError::Windows { windows: windows.len(), needed: FEWEST_RUNS });
     }
 
-    let falling = search(&windows, &loops, mass, offset, &guess, true)?;
-    let flat = search(&windows, &loops, mass, offset, &guess, false)?;
-    let rows = windows.len() + loops.force.len();
-    let (minimum, falls) = match falling {
-        Some(falling) => {
-            let variance = falling.cost / (rows - falling.parameters.len()) as f64;
-            let gains = flat.as_ref().is_none_or(|flat| flat.cost - falling.cost > SIGNIFICANT * variance);
-            match (gains, flat) {
-                (false, Some(flat)) => (flat, false),
-                _ => (falling, true),
+    // First step: the static curve, falling if that explains more than chance.
+    let flat = static_step(&windows, mass, offset, &guess, Shape { falls: false });
+    let falling = static_step(&windows, mass, offset, &guess, Shape { falls: true });
+    let (shape, curve) = match (flat, falling) {
+        (Some(flat), Some(falling)) => {
+            let freedom = windows.len().saturating_sub(5).max(1);
+            let variance = noise_of(&windows).max(falling.cost / freedom as f64);
+            match flat.cost - falling.cost > SIGNIFICANT * variance {
+                true => (Shape { falls: true }, falling),
+                false => (Shape { falls: false }, flat),
             }
         }
-        None => match flat {
-            Some(flat) => (flat, false),
-            None => {
-                let source = FitError::Singular { parameters: Shape::FLAT };
-                return Err(GuideFitError::Search { step: "joint", source });
-            }
-        },
+        (Some(flat), None) => (Shape { falls: false }, flat),
+        (None, Some(falling)) => (Shape { falls: true }, falling),
+        (None, None) => {
+            let source = FitError::Singular { parameters: 3 };
+            return Err(GuideFitError::Search { step: "static", source });
+        }
     };
-    Ok(conclude(&minimum, falls, &windows, &loops))
+    let minimum = both_steps(&windows, &loops, mass, &curve.parameters, shape)?;
+    Ok(conclude(&minimum, shape, &windows, &loops))
 }
 
 /// The parameters of a search: logarithms, but for offset (N), first deflection (in units of Fs/sigma0) and trembling
@@ -158,8 +160,6 @@ struct Shape {
 }
 
 impl Shape {
-    const FLAT: usize = 7;
-
     /// Order: ln sigma0, ln sigma1, ln sigma2, ln Fc, offset, deflection, trembling, ln (Fs - Fc), ln vs.
     fn guide(self, p: &[f64]) -> Guide {
         let coulomb_force = p[3].exp();
@@ -175,55 +175,62 @@ impl Shape {
     }
 }
 
-/// Both steps and then all together; `None` where the data do not determine this shape.
-fn search(
-    windows: &[Window],
-    loops: &Motion,
-    mass: f64,
-    offset: f64,
-    guess: &Guide,
-    falls: bool,
-) -> Result<Option<Minimum>, GuideFitError> {
-    let shape = Shape { falls };
-    let static_residuals = |guide: &Guide, offset: f64| -> Vec<f64> {
-        let of = |window: &Window| {
-            let model = guide.steady_force(window.velocity) + mass * window.acceleration + offset;
-            window.weight * (window.force - model)
-        };
-        windows.iter().map(of).collect()
+/// Mean measured less modelled force of the runs, N, times the root of their rows.
+fn static_residuals(windows: &[Window], mass: f64, guide: &Guide, offset: f64) -> Vec<f64> {
+    let of = |window: &Window| {
+        let model = guide.steady_force(window.velocity) + mass * window.acceleration + offset;
+        window.weight * (window.force - model)
     };
-    let failed = |step: &'static str| move |source: FitError| GuideFitError::Search { step, source };
+    windows.iter().map(of).collect()
+}
 
-    // First step: the static curve. Its start: level and slope of the fastest half, the rest falls within the slow half.
-    let fastest = windows.iter().map(|window| window.velocity.abs()).fold(0.0, f64::max);
-    let slowest = windows.iter().map(|window| window.velocity.abs()).fold(f64::INFINITY, f64::min);
+/// Mean square of the noise of the force cell, N^2, from differences of neighbouring rows.
+fn noise_of(windows: &[Window]) -> f64 {
+    let sum = |value: &dyn Fn(&Window) -> f64| windows.iter().map(value).sum::<f64>();
+    sum(&|window| window.noise * window.rows as f64) / sum(&|window| window.rows as f64)
+}
+
+/// The static curve; all parameters of the shape, of which those of the bristle are still the guess.
+fn static_step(windows: &[Window], mass: f64, offset: f64, guess: &Guide, shape: Shape) -> Option<Minimum> {
+    let speeds = windows.iter().map(|window| window.velocity.abs());
+    let (slowest, fastest) = speeds.fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), v| (low.min(v), high.max(v)));
     let level = guess.static_force;
-    let mut best: Option<Minimum> = None;
-    let starts: &[f64] = if falls { &[1e-3, 3e-3, 1e-2, 3e-2] } else { &[UNUSED_STRIBECK_VELOCITY] };
-    for &velocity in starts.iter().filter(|velocity| !falls || (slowest..fastest).contains(*velocity)) {
-        let mut p = vec![(0.2 * level / fastest).ln(), (0.85 * level).ln(), offset];
-        if falls {
-            p.extend([(0.15 * level).ln(), f64::ln(velocity)]);
+    // A Stribeck velocity is found from within a factor of a few: one start for each half decade of the measured speeds.
+    let starts: Vec<f64> = match shape.falls {
+        true => (1..20).map(|k| slowest * 10f64.powf(0.5 * f64::from(k))).take_while(|v| *v < fastest).collect(),
+        false => vec![UNUSED_STRIBECK_VELOCITY],
+    };
+    let search = |velocity: f64| {
+        let mut start = vec![(0.2 * level / fastest).ln(), (0.85 * level).ln(), offset];
+        if shape.falls {
+            start.extend([(0.15 * level).ln(), velocity.ln()]);
         }
-        // The bristle's two stand still.
         let whole = |p: &[f64]| -> Vec<f64> {
             let mut all = vec![guess.stiffness.ln(), guess.bristle_damping.ln(), p[0], p[1], p[2], 0.0, 0.0];
             all.extend_from_slice(&p[3..]);
             all
         };
-        let residuals = |p: &[f64]| static_residuals(&shape.guide(&whole(p)), p[2]);
-        if let Ok(found) = minimise(&p, &residuals) {
-            let parameters = whole(&found.parameters);
-            if best.as_ref().is_none_or(|best| found.cost < best.cost) {
-                best = Some(Minimum { parameters, ..found });
-            }
-        }
-    }
-    let Some(best) = best else { return Ok(None) };
+        let residuals = |p: &[f64]| static_residuals(windows, mass, &shape.guide(&whole(p)), p[2]);
+        let found = minimise(&start, &residuals).ok()?;
+        let parameters = whole(&found.parameters);
+        // A fall outside the measured speeds is none that was measured.
+        let inside = !shape.falls || (slowest..fastest).contains(&parameters[8].exp());
+        inside.then_some(Minimum { parameters, ..found })
+    };
+    starts.into_iter().filter_map(search).min_by(|a, b| a.cost.total_cmp(&b.cost))
+}
 
-    // Second step: stiffness, damping and first deflection and trembling from the loops, with the static curve as it is.
+/// Second step, the bristle with the static curve as it is; then all parameters on both recordings.
+fn both_steps(
+    windows: &[Window],
+    loops: &Motion,
+    mass: f64,
+    curve: &[f64],
+    shape: Shape,
+) -> Result<Minimum, GuideFitError> {
+    let failed = |step: &'static str| move |source: FitError| GuideFitError::Search { step, source };
     let with = |p: &[f64]| -> Vec<f64> {
-        let mut all = best.parameters.clone();
+        let mut all = curve.to_vec();
         (all[0], all[1], all[4], all[5], all[6]) = (p[0], p[1], p[2], p[3], p[4]);
         all
     };
@@ -231,26 +238,19 @@ fn search(
         let guide = shape.guide(all);
         loops.residuals(&guide, mass, all[4], all[5] * guide.static_force / guide.stiffness, 1e-12 * all[6])
     };
-    let start = [best.parameters[0], best.parameters[1], best.parameters[4], 0.0, 0.0];
+    let start = [curve[0], curve[1], curve[4], 0.0, 0.0];
     let second = minimise(&start, &|p: &[f64]| of_loops(&with(p))).map_err(failed("presliding"))?;
-
-    // Both together.
     let joint = |p: &[f64]| -> Vec<f64> {
-        let mut residuals = static_residuals(&shape.guide(p), p[4]);
+        let mut residuals = static_residuals(windows, mass, &shape.guide(p), p[4]);
         residuals.extend(of_loops(p));
         residuals
     };
-    match minimise(&with(&second.parameters), &joint) {
-        Ok(found) => Ok(Some(found)),
-        // What does not fall has no Stribeck velocity: the data cannot determine it.
-        Err(_) if falls => Ok(None),
-        Err(source) => Err(failed("joint")(source)),
-    }
+    minimise(&with(&second.parameters), &joint).map_err(failed("joint"))
 }
 
-fn conclude(minimum: &Minimum, falls: bool, windows: &[Window], loops: &Motion) -> GuideFit {
+fn conclude(minimum: &Minimum, shape: Shape, windows: &[Window], loops: &Motion) -> GuideFit {
     let p = &minimum.parameters;
-    let guide = Shape { falls }.guide(p);
+    let (guide, falls) = (shape.guide(p), shape.falls);
     let of_loops = &minimum.residuals[windows.len()..];
     let freedom = minimum.residuals.len() - p.len();
     // Residuals that resemble their neighbours count as fewer: the variance grows by their correlation time.
@@ -272,8 +272,6 @@ fn conclude(minimum: &Minimum, falls: bool, windows: &[Window], loops: &Motion) 
         coulomb_force
     };
     let half = Z * covariance(4, 4).sqrt();
-    let noise: f64 = windows.iter().map(|window| window.noise * window.rows as f64).sum::<f64>()
-        / windows.iter().map(|window| window.rows as f64).sum::<f64>();
     let force_rms = (of_loops.iter().map(|residual| residual * residual).sum::<f64>() / of_loops.len() as f64).sqrt();
     let mut fit = GuideFit {
         stiffness: logarithmic(0),
@@ -286,7 +284,7 @@ fn conclude(minimum: &Minimum, falls: bool, windows: &[Window], loops: &Motion) 
         windows: windows.len(),
         rows: loops.force.len(),
         force_rms,
-        noise_rms: noise.sqrt(),
+        noise_rms: noise_of(windows).sqrt(),
         warnings: Vec::new(),
     };
     fit.warn(&guide, loops);
@@ -467,12 +465,17 @@ impl Motion {
     /// The longest stretch of constant velocity among rows in one direction.
     fn window(&self, start: usize, end: usize, steady: f64) -> Option<Window> {
         let shortest = (SHORTEST / self.step).ceil() as usize;
+        let reach = (AVERAGE / self.step).ceil() as usize;
+        let speed_at = |k: usize| {
+            let (before, after) = (k.saturating_sub(reach).max(start), (k + reach).min(end - 1));
+            (self.position[after] - self.position[before]).abs() / (self.step * (after - before).max(1) as f64)
+        };
         let from = (start..end).find(|k| (self.position[*k] - self.position[start]).abs() > steady)?;
         if end - from < shortest {
             return None;
         }
         // The speed at which most rows are: the densest band of that width.
-        let mut speeds: Vec<f64> = self.velocity[from..end].iter().map(|velocity| velocity.abs()).collect();
+        let mut speeds: Vec<f64> = (from..end).map(speed_at).collect();
         speeds.sort_by(f64::total_cmp);
         let mut above = 0;
         let (mut densest, mut low) = (0, 0.0);
@@ -484,7 +487,7 @@ impl Motion {
                 (densest, low) = (above - k, *speed);
             }
         }
-        let inside = |k: &usize| (low..=low * (1.0 + CONSTANT)).contains(&self.velocity[*k].abs());
+        let inside = |k: &usize| (low..=low * (1.0 + CONSTANT)).contains(&speed_at(*k));
         let (mut longest, mut run) = (0..0, 0);
         for k in from..=end {
             if k < end && inside(&k) {
@@ -546,7 +549,7 @@ mod tests {
         (0..16).map(|k| 1e-4 * 10f64.powf(f64::from(k) * 4.0 / 15.0)).collect()
     }
 
-    const LOOPS: [(f64, f64, usize); 3] = [(420e-6, 4.0, 2), (40e-6, 2.0, 2), (1e-6, 1.0, 2)];
+    const LOOPS: [(f64, f64, usize); 3] = [(420e-6, 4.0, 2), (40e-6, 0.5, 6), (1e-6, 1.0, 2)];
 
     fn record(guide: &Guide, seed: u64) -> (RigRecord, RigRecord) {
         let model = rig_of(guide);
