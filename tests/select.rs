@@ -119,7 +119,12 @@ fn a_run_that_was_cut_off_goes_on_where_it_was() {
     let text = std::fs::read_to_string(&rows).unwrap();
     std::fs::write(&rows, &text[..text.len() / 3]).unwrap();
     let (code, _, stderr) = run(&["merge", &out("cut"), "--out", &out("merged")]);
+    assert!(code == 1 && stderr.contains("cut off within a row"), "{code} {stderr}");
+    let whole_rows = text[..text.len() / 3].rfind('\n').unwrap() + 1;
+    std::fs::write(&rows, &text[..whole_rows]).unwrap();
+    let (code, _, stderr) = run(&["merge", &out("cut"), "--out", &out("merged")]);
     assert!(code == 1 && stderr.contains("of its 60 variants"), "{code} {stderr}");
+    std::fs::write(&rows, &text[..text.len() / 3]).unwrap();
     let (code, _, stderr) = select("cut", &[]);
     assert!(code == 1 && stderr.contains("--resume"), "{code} {stderr}");
     let (code, _, stderr) = select("cut", &["--resume", "--seed", "7"]);

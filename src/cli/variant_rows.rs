@@ -157,6 +157,12 @@ impl VariantRows {
     /// The rows of a directory, which must all be there.
     pub fn whole(directory: &Path) -> anyhow::Result<VariantRows> {
         let rows = VariantRows { directory: directory.to_owned(), sheet: Sheet::read(directory)? };
+        anyhow::ensure!(
+            !rows.has_torn_row()?,
+            "shard {} in {} was cut off within a row: go on with it by --resume first",
+            rows.sheet.shard,
+            directory.display()
+        );
         let mut done = 0;
         rows.read(&mut |_, _| {
             done += 1;
@@ -179,6 +185,23 @@ impl VariantRows {
 
     pub fn path(&self) -> PathBuf {
         self.directory.join(ROWS)
+    }
+
+    /// Whether the last row was not written to its end.
+    fn has_torn_row(&self) -> anyhow::Result<bool> {
+        let path = self.path();
+        let context = || format!("cannot read {}", path.display());
+        if !path.exists() {
+            return Ok(false);
+        }
+        let mut file = File::open(&path).with_context(context)?;
+        if file.metadata().with_context(context)?.len() == 0 {
+            return Ok(false);
+        }
+        let mut last = [0];
+        file.seek(SeekFrom::End(-1)).with_context(context)?;
+        file.read_exact(&mut last).with_context(context)?;
+        Ok(last != *b"\n")
     }
 
     /// Cuts what stands after the last line feed: a row that was being written when the run ended.
