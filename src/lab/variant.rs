@@ -28,7 +28,7 @@ pub struct VariantResult {
 #[derive(Debug, thiserror::Error)]
 pub enum VariantError {
     #[error("{guide}, variant {variant}: {source}")]
-    Model { guide: String, variant: u64, source: ModelError },
+    Model { guide: String, variant: u64, source: Box<ModelError> },
     #[error(transparent)]
     Rates(#[from] RatesError),
     #[error(transparent)]
@@ -112,7 +112,7 @@ impl Experiment {
         }
         let guide = mean(&guides);
         let stage = Stage::new(&self.application.stage(guides), self.rates, noise_seed)
-            .map_err(|source| VariantError::Model { guide: name.to_owned(), variant, source })?;
+            .map_err(|source| VariantError::Model { guide: name.to_owned(), variant, source: Box::new(source) })?;
         let controller = Controller::new(self.settings.clone())?;
         let mut closed_loop = ClosedLoop::new(stage, controller, self.trajectory.clone());
         let mut result = VariantResult { variant, peak_error: 0.0, settling_time: Some(0.0), saturated: false, guide };
