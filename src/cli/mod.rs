@@ -2,9 +2,14 @@
 
 pub mod check;
 pub mod demo;
+pub mod fit_guide;
 pub mod import;
+pub mod merge;
 pub mod recover;
 pub mod replay;
+pub mod select;
+mod selection_output;
+mod variant_rows;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -27,6 +32,9 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 don
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(demo::DemoArgs),
+    FitGuide(fit_guide::FitGuideArgs),
+    Select(select::SelectArgs),
+    Merge(merge::MergeArgs),
     Replay(replay::ReplayArgs),
     Import(import::ImportArgs),
     Check(check::CheckArgs),
@@ -60,6 +68,9 @@ impl Arguments {
     pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         match self.command.unwrap_or_else(|| Command::Demo(demo::DemoArgs::default())) {
             Command::Demo(arguments) => demo::run(&arguments, out),
+            Command::FitGuide(arguments) => fit_guide::run(&arguments, out),
+            Command::Select(arguments) => select::run(&arguments, out),
+            Command::Merge(arguments) => merge::run(&arguments, out),
             Command::Replay(arguments) => replay::run(&arguments, out),
             Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
