@@ -3,3 +3,4 @@
 //! In come columns of numbers, out goes SVG text. Nothing here reads a file or knows where its numbers come from.
 
 pub mod figure;
+pub mod page;
