@@ -1,11 +1,28 @@
 //! Stage and controller in one process, without DDS: the reference for lockstep, for experiments and for identification.
 //!
-//! In come a model, controller settings, a seed and a motion, out come samples with every term; no clock, no I/O.
+//! In come a model, controller settings, a seed and a motion, out come samples with every term; no clock, no I/O. Each
+//! experiment of the paper is one file: it runs the measuring rig or the stage and reduces what the sensors say.
 
 mod closed_loop;
+mod dahl;
+mod fast_move;
+mod fine_step;
+mod frequency_response;
+mod hunting;
 mod paper;
 mod settling;
+mod specimen;
+mod stribeck;
 
 pub use closed_loop::{ClosedLoop, Cycle};
+pub use dahl::{
+    AMPLITUDES, DahlCurves, DahlResonance, HysteresisLoop, LoopTiming, PAPER_AMPLITUDES, dahl, hysteresis_loop, length,
+};
+pub use fast_move::{FastMove, WAVE, fast_move};
+pub use fine_step::{FineStep, STEPS, fine_step};
+pub use frequency_response::{FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response};
+pub use hunting::{BANDWIDTHS, HuntingResult, LimitCycle, hunting};
 pub use paper::{Move, MoveKind, PaperMotion};
 pub use settling::{MoveResult, SETTLING_BANDS, settling};
+pub use specimen::{LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, closed_loop};
+pub use stribeck::{SPEEDS, StribeckCurve, StribeckPoint, stribeck};

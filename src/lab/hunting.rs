@@ -1,0 +1,138 @@
+//! Hunting: does the controller's integral action drive the stage around its target, at which amplitude and period?
+//!
+//! The stage makes a small step and then holds for a long time. A stage that sticks with a rest of error is pushed by the
+//! integrator until it breaks away; where friction falls with speed it then jumps past the target, and so on (paper,
+//! section 2, on guides with a falling F(v)).
+
+use serde::Serialize;
+
+use crate::control::{ControllerSettings, Gains};
+
+use super::specimen::{LabError, Recording, Row, Settings, Specimen, closed_loop, rest, within_motor};
+
+/// Bandwidths of the controller, Hz: the paper's, and softer ones, down to that of a position loop without any hurry.
+pub const BANDWIDTHS: [f64; 6] = [60.0, 30.0, 10.0, 5.0, 2.0, 1.0];
+/// The step before the rest, m, and its duration, s. Assumed.
+const STEP: (f64, f64) = (0.5e-3, 0.1);
+/// Time at rest, s: in periods of the bandwidth, at least so long.
+const HOLD: (f64, f64) = (60.0, 20.0);
+/// A motion at rest counts from this peak to peak on, m: far above the encoder's noise of 1 nm.
+const SEEN: f64 = 30e-9;
+/// Whole periods that make a cycle of an accident.
+const PERIODS: usize = 3;
+
+/// What the stage did at rest under one controller.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct HuntingResult {
+    /// Bandwidth of the controller, Hz.
+    pub bandwidth: f64,
+    /// Position peak to peak over the last half of the rest, m.
+    pub peak_to_peak: f64,
+    /// The limit cycle; `None` where the stage comes to rest.
+    pub cycle: Option<LimitCycle>,
+    /// Time (s after the step) and error (m), thinned.
+    #[serde(skip)]
+    pub points: Vec<(f64, f64)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct LimitCycle {
+    /// Half of peak to peak, m.
+    pub amplitude: f64,
+    /// s
+    pub period: f64,
+}
+
+/// Runs the stage at each of `bandwidths`; `tick` is called after each.
+pub fn hunting(
+    specimen: &Specimen,
+    settings: &Settings,
+    bandwidths: &[f64],
+    tick: &dyn Fn(),
+) -> Result<(Vec<HuntingResult>, Vec<Recording>), LabError> {
+    let mut results = Vec::new();
+    let mut recordings = Vec::new();
+    for &bandwidth in bandwidths {
+        let model = &specimen.stage;
+        let rate = settings.rates.control();
+        let hold = (HOLD.0 / bandwidth).max(HOLD.1);
+        let points = vec![rest(0.05, 0.0), rest(0.05 + STEP.1, STEP.0), rest(0.05 + STEP.1 + hold, STEP.0)];
+        let paper = ControllerSettings::paper(model.mass, rate, model.motor.force_limit);
+        let controller = ControllerSettings { gains: Gains::from_bandwidth(bandwidth, model.mass), ..paper };
+        let mut stage = closed_loop(model, settings, controller, points)?;
+        let start = ((0.05 + STEP.1) * rate).round() as usize;
+        let count = start + (hold * rate).round() as usize;
+        let mut rows = Vec::with_capacity(count);
+        for _ in 0..count {
+            rows.push(Row::of(&stage.cycle()?));
+        }
+        within_motor("hunting", specimen, model, &rows)?;
+        let position: Vec<f64> = rows[start..].iter().map(|row| row.sample.position).collect();
+        let (peak_to_peak, cycle) = limit_cycle(&position, rate);
+        let thin = (position.len() / 3000).max(1);
+        let points =
+            position.iter().step_by(thin).enumerate().map(|(k, x)| ((k * thin) as f64 / rate, STEP.0 - x)).collect();
+        results.push(HuntingResult { bandwidth, peak_to_peak, cycle, points });
+        let name = format!("hunting_{bandwidth}Hz");
+        recordings.push(Recording { name, model: model.clone(), settings: *settings, rows });
+        tick();
+    }
+    Ok((results, recordings))
+}
+
+/// Peak to peak over the last half of `position` (m, at `rate` Hz), and the limit cycle if it is one: large enough to be seen,
+/// not dying away, and of several periods.
+fn limit_cycle(position: &[f64], rate: f64) -> (f64, Option<LimitCycle>) {
+    let range = |part: &[f64]| {
+        part.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)))
+    };
+    let tail = &position[position.len() / 2..];
+    let (low, high) = range(tail);
+    let peak_to_peak = high - low;
+    let (third, fourth) = tail.split_at(tail.len() / 2);
+    let size = |part| {
+        let (low, high) = range(part);
+        high - low
+    };
+    if peak_to_peak < SEEN || size(fourth) < 0.8 * size(third) {
+        return (peak_to_peak, None);
+    }
+    // Upward crossings of the upper quarter line, each armed by a visit below the lower one.
+    let (lower, upper) = (low + 0.25 * peak_to_peak, high - 0.25 * peak_to_peak);
+    let mut armed = false;
+    let mut crossings = Vec::new();
+    for (k, x) in tail.iter().enumerate() {
+        if *x < lower {
+            armed = true;
+        } else if *x > upper && armed {
+            armed = false;
+            crossings.push(k as f64 / rate);
+        }
+    }
+    let cycle = (crossings.len() > PERIODS).then(|| LimitCycle {
+        amplitude: 0.5 * peak_to_peak,
+        period: (crossings[crossings.len() - 1] - crossings[0]) / (crossings.len() - 1) as f64,
+    });
+    (peak_to_peak, cycle)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cycles_are_told_from_rest_drift_and_decay() {
+        let wave = |decay: f64| -> Vec<f64> {
+            (0..40_000).map(|k| k as f64 * 1e-3).map(|t| 3e-6 * (-decay * t).exp() * (2.5 * t).sin()).collect()
+        };
+        let (peak_to_peak, cycle) = limit_cycle(&wave(0.0), 1000.0);
+        let cycle = cycle.unwrap();
+        assert!((peak_to_peak - 6e-6).abs() < 1e-9 && (cycle.amplitude - 3e-6).abs() < 1e-9);
+        assert!((cycle.period - 2.0 * std::f64::consts::PI / 2.5).abs() < 2e-3, "{cycle:?}");
+        assert!(limit_cycle(&wave(0.1), 1000.0).1.is_none());
+        let creep: Vec<f64> = (0..40_000).map(|k| k as f64 * 1e-10).collect();
+        assert!(limit_cycle(&creep, 1000.0).1.is_none());
+        let noise: Vec<f64> = (0..40_000).map(|k| if k % 3 == 0 { 1e-9 } else { -2e-9 }).collect();
+        assert!(limit_cycle(&noise, 1000.0).1.is_none());
+    }
+}
