@@ -8,6 +8,8 @@ use std::f64::consts::PI;
 
 use serde::Serialize;
 
+use crate::control::Gains;
+
 use super::specimen::{LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, mean, rest, within_motor};
 
 /// Amplitudes of the paper's loops, m (sections 2 and 3).
@@ -17,11 +19,11 @@ pub const AMPLITUDES: [f64; 12] =
     [10e-9, 30e-9, 100e-9, 300e-9, 1e-6, 3e-6, 10e-6, 20e-6, 40e-6, 100e-6, 420e-6, 1e-3];
 /// Standard error of the force difference that the dwells are long enough for, relative.
 const STIFFNESS_ERROR: f64 = 0.01;
-/// From this amplitude on, m, the area of the loop counts as well and the servo must be quiet.
-const QUIET_FROM: f64 = 200e-9;
-/// Bandwidth of the servo there, Hz. Assumed: encoder noise of 1 nm through a 60 Hz servo shakes the carriage at about
-/// 0.1 um/s, as fast as a loop of 1 um moves; that relaxes a bristle and triples the area. At 20 Hz it is 50 times less.
-const QUIET_BANDWIDTH: f64 = 20.0;
+/// Between these amplitudes, m, the area of the loop counts and the servo must be quiet.
+const QUIET: std::ops::Range<f64> = 200e-9..8e-6;
+/// Bandwidth of the quiet servo and cutoff of its lowpass, Hz. Assumed: encoder noise of 1 nm through a 60 Hz servo shakes
+/// the carriage at about 0.1 um/s, as fast as a loop of 1 um moves; that relaxes the bristle and triples the area.
+const QUIET_SERVO: (f64, f64) = (20.0, 60.0);
 /// Samples of force and position are averaged over this many parts of a cycle before the loop is integrated.
 const PARTS: usize = 800;
 /// Most samples of a loop that are kept for a recording.
@@ -88,13 +90,13 @@ impl LoopTiming {
     pub fn slow(amplitude: f64, stiffness: f64, noise: f64, rate: f64) -> LoopTiming {
         // Peak velocity of the minimum-jerk travel is 15/8 of the mean.
         let by_speed = 1.875 * 2.0 * amplitude / 0.5e-3;
-        let by_damping = if amplitude < QUIET_FROM { 0.2 } else { (20e-6 / amplitude).clamp(4.0, 20.0) };
+        let quiet = QUIET.contains(&amplitude);
+        let by_damping = if quiet { 20.0 } else { (20e-6 / amplitude).clamp(0.2, 2.0) };
+        let by_damping = if amplitude < QUIET.start { 0.2 } else { by_damping };
         let needed = (2.0 * noise / (STIFFNESS_ERROR * 2.0 * stiffness * amplitude)).powi(2);
         let measure = if needed > 5000.0 { 0.7 } else { 0.25 };
         let cycles = (needed / (2.0 * measure * rate)).ceil().clamp(2.0, 1e5) as usize;
-        // The integrator of the slow servo needs (k + p)/i, about 1 s, to bring a stiff guide to the tip.
-        let settle = if amplitude < QUIET_FROM { 0.3 } else { 3.0 };
-        LoopTiming { travel: by_speed.max(by_damping), settle, measure, cycles }
+        LoopTiming { travel: by_speed.max(by_damping), settle: 0.3, measure, cycles }
     }
 }
 
@@ -114,9 +116,13 @@ pub fn dahl(
         let expected = guide.effective_stiffness(amplitude);
         let timing =
             LoopTiming::slow(amplitude, expected, specimen.rig.force_cell.noise, settings.rates.control());
-        let bandwidth = if amplitude < QUIET_FROM { SERVO_BANDWIDTH } else { QUIET_BANDWIDTH };
-        let (mut found, recording) = hysteresis_loop(specimen, settings, bandwidth, amplitude, &timing)?;
-        found.area_is_resolved = amplitude >= QUIET_FROM && found.area.standard_error < 0.2 * found.area.value;
+        let servo = if QUIET.contains(&amplitude) {
+            Gains { lowpass_frequency: QUIET_SERVO.1, ..specimen.servo(QUIET_SERVO.0) }
+        } else {
+            specimen.servo(SERVO_BANDWIDTH)
+        };
+        let (mut found, recording) = hysteresis_loop(specimen, settings, servo, amplitude, &timing)?;
+        found.area_is_resolved = amplitude >= QUIET.start && found.area.standard_error < 0.2 * found.area.value;
         curves.resonances.push(resonance(&found, guides, specimen.stage.mass));
         curves.loops.push(found);
         recordings.push(recording);
@@ -141,7 +147,7 @@ pub fn resonance(of: &HysteresisLoop, guides: f64, mass: f64) -> DahlResonance {
 pub fn hysteresis_loop(
     specimen: &Specimen,
     settings: &Settings,
-    bandwidth: f64,
+    servo: Gains,
     amplitude: f64,
     timing: &LoopTiming,
 ) -> Result<(HysteresisLoop, Recording), LabError> {
@@ -159,7 +165,7 @@ pub fn hysteresis_loop(
         index += half;
         tip = -tip;
     }
-    let mut rig = specimen.on_rig(settings, bandwidth, points)?;
+    let mut rig = specimen.on_rig(settings, servo, points)?;
     let mut rows = Vec::with_capacity(KEPT.min(index));
     let start = 3 * half;
     // Sums over the cycles: position and force per part of a cycle; deviations at the tips for the noise.

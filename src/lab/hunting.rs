@@ -1,8 +1,8 @@
 //! Hunting: does the controller's integral action drive the stage around its target, at which amplitude and period?
 //!
-//! The stage makes a small step and then holds for a long time. A stage that sticks with a rest of error is pushed by the
-//! integrator until it breaks away; where friction falls with speed it then jumps past the target, and so on (paper,
-//! section 2, on guides with a falling F(v)).
+//! The stage stands at rest so near its target that the proportional gain cannot move it. The integrator pushes until it
+//! breaks away; where friction falls with speed it may then jump past the target, stick there, and so on (paper, section 2,
+//! on guides with a falling F(v); Olsson, Astrom, IEEE TCST 9(4), 2001, on limit cycles of the kind).
 
 use serde::Serialize;
 
@@ -12,8 +12,11 @@ use super::specimen::{LabError, Recording, Row, Settings, Specimen, closed_loop,
 
 /// Bandwidths of the controller, Hz: the paper's, and softer ones, down to that of a position loop without any hurry.
 pub const BANDWIDTHS: [f64; 6] = [60.0, 30.0, 10.0, 5.0, 2.0, 1.0];
-/// The step before the rest, m, and its duration, s. Assumed.
-const STEP: (f64, f64) = (0.5e-3, 0.1);
+/// Distance from the target at which the stage starts, as the proportional force there over the static friction of the
+/// guides. Assumed: below 1, so that only the integrator can bring the stage on.
+const START: f64 = 0.5;
+/// Time before the target appears, s.
+const LEAD: f64 = 0.05;
 /// Time at rest, s: in periods of the bandwidth, at least so long.
 const HOLD: (f64, f64) = (60.0, 20.0);
 /// A motion at rest counts from this peak to peak on, m: far above the encoder's noise of 1 nm.
@@ -56,11 +59,15 @@ pub fn hunting(
         let model = &specimen.stage;
         let rate = settings.rates.control();
         let hold = (HOLD.0 / bandwidth).max(HOLD.1);
-        let points = vec![rest(0.05, 0.0), rest(0.05 + STEP.1, STEP.0), rest(0.05 + STEP.1 + hold, STEP.0)];
         let paper = ControllerSettings::paper(model.mass, rate, model.motor.force_limit);
-        let controller = ControllerSettings { gains: Gains::from_bandwidth(bandwidth, model.mass), ..paper };
+        let gains = Gains::from_bandwidth(bandwidth, model.mass);
+        // A step of the setpoint, without feedforward: the target simply lies there.
+        let controller = ControllerSettings { gains, mass_feedforward: 0.0, ..paper };
+        let break_away: f64 = model.resolved_guides()?.iter().map(|guide| guide.static_force).sum();
+        let distance = START * break_away / gains.p;
+        let points = vec![rest(LEAD, 0.0), rest(LEAD + 1.0 / rate, distance), rest(LEAD + hold, distance)];
         let mut stage = closed_loop(model, settings, controller, points)?;
-        let start = ((0.05 + STEP.1) * rate).round() as usize;
+        let start = (LEAD * rate).round() as usize;
         let count = start + (hold * rate).round() as usize;
         let mut rows = Vec::with_capacity(count);
         for _ in 0..count {
@@ -71,7 +78,7 @@ pub fn hunting(
         let (peak_to_peak, cycle) = limit_cycle(&position, rate);
         let thin = (position.len() / 3000).max(1);
         let points =
-            position.iter().step_by(thin).enumerate().map(|(k, x)| ((k * thin) as f64 / rate, STEP.0 - x)).collect();
+            position.iter().step_by(thin).enumerate().map(|(k, x)| ((k * thin) as f64 / rate, distance - x)).collect();
         results.push(HuntingResult { bandwidth, peak_to_peak, cycle, points });
         let name = format!("hunting_{bandwidth}Hz");
         recordings.push(Recording { name, model: model.clone(), settings: *settings, rows });

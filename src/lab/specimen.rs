@@ -157,13 +157,20 @@ impl Specimen {
 
     /// The rig under its position servo, following `points` from its first sample on.
     ///
-    /// The servo is a PID on the encoder with lowpass, tuned for everything that the motor moves, with ideal mass
-    /// feedforward; the carriage's encoder is the one at the guide, as the paper places it.
-    pub fn on_rig(&self, settings: &Settings, bandwidth: f64, points: Vec<Point>) -> Result<ClosedLoop, LabError> {
-        let mass = self.rig.mass + self.rig.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
+    /// The servo is a PID on the encoder with lowpass and ideal mass feedforward, tuned for everything that the motor moves; the carriage's encoder is the one at the guide, as the paper places it.
+    pub fn on_rig(&self, settings: &Settings, gains: Gains, points: Vec<Point>) -> Result<ClosedLoop, LabError> {
+        let mass = self.servo_mass();
         let paper = ControllerSettings::paper(mass, settings.rates.control(), self.rig.motor.force_limit);
-        let gains = Gains::from_bandwidth(bandwidth, mass);
         closed_loop(&self.rig, settings, ControllerSettings { gains, ..paper }, points)
+    }
+
+    /// Gains of the rig's servo for a bandwidth in Hz.
+    pub fn servo(&self, bandwidth: f64) -> Gains {
+        Gains::from_bandwidth(bandwidth, self.servo_mass())
+    }
+
+    fn servo_mass(&self) -> f64 {
+        self.rig.mass + self.rig.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass)
     }
 
     /// The stage under the paper's controller (section 4), with `viscous` N s/m of viscous feedforward.

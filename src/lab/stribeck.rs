@@ -67,7 +67,6 @@ struct Window {
 pub fn stribeck(
     specimen: &Specimen,
     settings: &Settings,
-    bandwidth: f64,
     speeds: &[f64],
     tick: &dyn Fn(),
 ) -> Result<(StribeckCurve, Recording), LabError> {
@@ -98,7 +97,7 @@ pub fn stribeck(
         }
     }
     let last = (time * rate).ceil() as u64;
-    let mut rig = specimen.on_rig(settings, bandwidth, points)?;
+    let mut rig = specimen.on_rig(settings, specimen.servo(SERVO_BANDWIDTH), points)?;
     let mut rows = Vec::with_capacity(last as usize);
     let mut done = 0;
     for index in 0..last {
@@ -183,7 +182,7 @@ mod tests {
         for name in ["guide_1", "guide_2", "guide_3"] {
             let specimen = Specimen::of_guide(name).unwrap();
             let guide = specimen.guide().unwrap();
-            let (curve, _) = stribeck(&specimen, &Settings::default(), SERVO_BANDWIDTH, &SPEEDS, &|| ()).unwrap();
+            let (curve, _) = stribeck(&specimen, &Settings::default(), &SPEEDS, &|| ()).unwrap();
             assert_eq!(curve.points.len(), 2 * SPEEDS.len());
             for point in &curve.points {
                 let expected = guide.steady_force(point.velocity);
@@ -203,7 +202,7 @@ mod tests {
     fn a_motor_that_is_too_weak_is_named_with_its_limit() {
         let mut specimen = Specimen::of_guide("guide_1").unwrap();
         specimen.rig.motor.force_limit = 20.0;
-        let error = stribeck(&specimen, &Settings::default(), SERVO_BANDWIDTH, &[0.5, 1.0], &|| ()).unwrap_err();
+        let error = stribeck(&specimen, &Settings::default(), &[0.5, 1.0], &|| ()).unwrap_err();
         assert!(error.to_string().contains("20 N") && error.to_string().contains("motor.force_limit"), "{error}");
     }
 }
