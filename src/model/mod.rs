@@ -4,6 +4,7 @@
 //! encoder and, for the measuring rig, the flexure coupling. Nothing moves here and nothing reads a clock.
 
 mod catalogue;
+mod effect;
 mod error;
 mod guide;
 
@@ -12,6 +13,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 pub use catalogue::{Catalogue, CatalogueEntry, EffectiveStiffness, Provenance, Quantity};
+pub use effect::{Coordinate, Curve, CurveSide, EffectParameters};
 pub use error::{ModelError, nearest};
 pub use guide::{Guide, GuideSource};
 
@@ -81,13 +83,6 @@ pub struct Coupling {
     pub damping: f64,
     /// Moving mass on the motor side, kg. Assumed.
     pub motor_mass: f64,
-}
-
-/// An effect by its canonical name with its parameters by name, SI units. The plant's effect of that name knows the bounds.
-#[derive(Clone, Debug, PartialEq)]
-pub struct EffectParameters {
-    pub name: String,
-    pub values: std::collections::BTreeMap<String, f64>,
 }
 
 fn default_name() -> String {
@@ -235,29 +230,6 @@ impl StageModel {
     }
 }
 
-impl Serialize for EffectParameters {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_map([(&self.name, &self.values)])
-    }
-}
-
-impl<'de> Deserialize<'de> for EffectParameters {
-    /// Reads `cogging: {amplitude: 5.0, ...}`: a map with exactly one entry.
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        use serde::de::Error;
-        let map =
-            std::collections::BTreeMap::<String, std::collections::BTreeMap<String, f64>>::deserialize(deserializer)?;
-        let mut entries = map.into_iter();
-        match (entries.next(), entries.next()) {
-            (Some((name, values)), None) => Ok(EffectParameters { name, values }),
-            (None, _) => Err(D::Error::custom("an effect needs a name: `- cogging: {amplitude: 5.0, period: 0.024}`")),
-            (Some((first, _)), Some((second, _))) => Err(D::Error::custom(format!(
-                "one list entry holds one effect, found `{first}` and `{second}`: begin each with a dash"
-            ))),
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -274,10 +246,7 @@ mod tests {
     fn model_survives_a_round_trip_through_yaml() {
         let mut model = StageModel::measuring_rig("guide_2").unwrap();
         model.guides = vec![GuideSource::Inline(model.resolved_guides().unwrap()[0].clone())];
-        model.effects.push(EffectParameters {
-            name: "cogging".into(),
-            values: [("amplitude".to_owned(), 6.0), ("period".to_owned(), 0.1 + 0.2)].into(),
-        });
+        model.effects.push(EffectParameters::new("cogging", [("amplitude", 6.0), ("period", 0.1 + 0.2)]));
         let text = model.to_yaml().unwrap();
         assert_eq!(StageModel::from_yaml(&text, "round trip").unwrap(), model, "{text}");
     }

@@ -22,6 +22,8 @@ pub struct Body {
     guides: GuideBank,
     guide_viscous: [f64; MAX_GUIDES],
     effects: Effects,
+    /// Whether an effect changes the guides' laws or bristles: a slower step then.
+    shapes_friction: bool,
     flexure: Option<Flexure>,
     steps: u64,
     position: f64,
@@ -47,17 +49,31 @@ impl Body {
     pub fn new(model: &StageModel, step: f64) -> Result<Body, ModelError> {
         model.check()?;
         let guides = model.resolved_guides()?;
-        let limit = largest_step(model.mass, &guides, model.coupling.as_ref());
+        let effects = Effects::new(&model.effects)?;
+        let mass = model.mass + effects.added_mass();
+        if mass <= 0.0 {
+            let (key, value) = ("mass (with the effects' part)".to_owned(), mass);
+            let limit = format!(
+                "be greater than 0: effects hang {} kg on springs, mass is {} kg",
+                -effects.added_mass(),
+                model.mass
+            );
+            return Err(ModelError::Value { key, value, limit });
+        }
+        let limit = largest_step(mass, effects.stiffness(), &guides, model.coupling.as_ref());
         if !(step > 0.0 && step <= limit) {
             return Err(ModelError::Step { step, limit });
         }
         Ok(Body {
             step,
-            mass: model.mass,
-            inverse_mass: model.mass.recip(),
+            mass,
+            inverse_mass: mass.recip(),
             guide_viscous: std::array::from_fn(|lane| guides.get(lane).map_or(0.0, |guide| guide.viscous_friction)),
-            guides: GuideBank::new(&guides),
-            effects: Effects::new(&model.effects)?,
+            guides: effects
+                .bristle_shares()
+                .map_or_else(|| GuideBank::new(&guides), |shares| GuideBank::with_elements(&guides, &shares)),
+            shapes_friction: effects.shapes_friction(),
+            effects,
             flexure: model.coupling.as_ref().map(|coupling| Flexure {
                 stiffness: coupling.stiffness,
                 damping: coupling.damping,
@@ -116,9 +132,10 @@ impl Body {
     fn move_rigid(&mut self, motor_force: f64, acceleration: f64, since: f64, span: f64) {
         let start_velocity = self.velocity;
         let middle_velocity = start_velocity + 0.5 * span * acceleration;
-        let friction_impulse = self.guides.advance(middle_velocity, span);
-        let (motor_side, carriage_side) = self.evaluate_effects(middle_velocity, motor_force, since, span);
-        let force = motor_force + motor_side + carriage_side - self.guides.viscous_friction() * middle_velocity;
+        let motion = self.motion(middle_velocity, acceleration, motor_force, since, span);
+        let (friction_impulse, viscous_friction) = self.advance_guides(&motion, span);
+        let (motor_side, carriage_side) = self.evaluate_effects(&motion, span);
+        let force = motor_force + motor_side + carriage_side - viscous_friction * middle_velocity;
         // The impulse of the guides comes last: everything else is there before it.
         self.velocity = start_velocity + self.inverse_mass * span * force - self.inverse_mass * friction_impulse;
         // Simpson's rule over start, middle and end.
@@ -136,12 +153,13 @@ impl Body {
         let middle_velocity = self.velocity + half * carriage_start;
         let middle_rate = flexure.rate + half * (motor_start - carriage_start);
 
-        let friction_impulse = self.guides.advance(middle_velocity, self.step);
-        let (motor_side, carriage_side) = self.evaluate_effects(middle_velocity, motor_force, 0.0, self.step);
+        let motion = self.motion(middle_velocity, carriage_start, motor_force, 0.0, self.step);
+        let (friction_impulse, viscous_friction) = self.advance_guides(&motion, self.step);
+        let (motor_side, carriage_side) = self.evaluate_effects(&motion, self.step);
         let stretch = flexure.stretch + self.step * middle_rate;
         let pull = 0.5 * flexure.stiffness * (flexure.stretch + stretch) + flexure.damping * middle_rate;
         let carriage_impulse =
-            self.step * (pull + carriage_side - self.guides.viscous_friction() * middle_velocity) - friction_impulse;
+            self.step * (pull + carriage_side - viscous_friction * middle_velocity) - friction_impulse;
         let motor_impulse = self.step * (motor_force + motor_side - pull);
 
         self.position += self.step * middle_velocity;
@@ -153,19 +171,33 @@ impl Body {
         self.flexure = Some(flexure);
     }
 
+    /// What the effects see: the middle of a span of `span` seconds that begins `since` seconds after the start of the step.
     #[inline]
-    fn evaluate_effects(&mut self, velocity: f64, motor_force: f64, since: f64, span: f64) -> (f64, f64) {
-        if self.effects.is_empty() {
-            return (0.0, 0.0);
-        }
+    fn motion(&self, velocity: f64, acceleration: f64, motor_force: f64, since: f64, span: f64) -> Motion {
         let half = 0.5 * span;
-        let motion = Motion {
+        Motion {
             time: self.time() + since + half,
             position: self.position + half * velocity,
             velocity,
+            acceleration,
             motor_force,
-        };
-        self.effects.advance(&motion, span)
+        }
+    }
+
+    /// Moves the bristles over a span: their impulse, N s, and the viscous friction beside it, N s/m.
+    #[inline]
+    fn advance_guides(&mut self, motion: &Motion, span: f64) -> (f64, f64) {
+        if !self.shapes_friction {
+            return (self.guides.advance(motion.velocity, span), self.guides.viscous_friction());
+        }
+        let scale = self.effects.friction(motion, span);
+        let impulse = self.guides.advance_scaled(motion.velocity, span, &scale);
+        (impulse, scale.viscous * self.guides.viscous_friction())
+    }
+
+    #[inline]
+    fn evaluate_effects(&mut self, motion: &Motion, span: f64) -> (f64, f64) {
+        if self.effects.is_empty() { (0.0, 0.0) } else { self.effects.advance(motion, span) }
     }
 
     /// Sets position (m), velocity (m/s) and bristle deflections (m); lanes beyond `bristles` stay.
@@ -181,7 +213,7 @@ impl Body {
         if let Some(flexure) = &mut self.flexure {
             (flexure.stretch, flexure.rate) = (0.0, 0.0);
         }
-        self.effects.reset();
+        self.effects.reset(self.time());
         (self.cell_force, self.motor_force) = (0.0, 0.0);
     }
 
@@ -253,10 +285,10 @@ impl Body {
     }
 }
 
-/// Largest step for which the explicit carriage and flexure steps are stable with a margin, s.
-fn largest_step(mass: f64, guides: &[Guide], coupling: Option<&Coupling>) -> f64 {
+/// Largest step for which the explicit carriage and flexure steps are stable with a margin, s; `effects` is their stiffness, N/m.
+fn largest_step(mass: f64, effects: f64, guides: &[Guide], coupling: Option<&Coupling>) -> f64 {
     let damping: f64 = guides.iter().map(|guide| guide.bristle_damping + guide.viscous_friction).sum();
-    let stiffness: f64 = guides.iter().map(|guide| guide.stiffness).sum();
+    let stiffness: f64 = effects + guides.iter().map(|guide| guide.stiffness).sum::<f64>();
     let flexure = coupling.map_or((0.0, 0.0), |coupling| {
         let inverse_mass = mass.recip() + coupling.motor_mass.recip();
         (coupling.stiffness * inverse_mass, coupling.damping * inverse_mass)

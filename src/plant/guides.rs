@@ -8,12 +8,17 @@ use crate::model::{Guide, MAX_GUIDES};
 
 use super::exp2::exp2_of_negative;
 
+/// Most bristle elements of one guide.
+pub const MAX_ELEMENTS: usize = 3;
+
 /// Largest sum of bristle damping and viscous friction times step over mass: the explicit carriage step is stable below 1.
 pub const MAX_STEP_DAMPING: f64 = 0.5;
 
 /// The guides of one stage with their bristles. Lanes without a guide stay at zero force.
 ///
 /// Law (Canudas de Wit et al., IEEE TAC 40(3), 1995): dz/dt = v - sigma0 |v| z / g(v), F = sigma0 z + sigma1 dz/dt + sigma2 v.
+///
+/// Two users: the plant, which solves for the velocity, and identification, which drives the bank along a measured motion ([`GuideBank::drive`]).
 #[derive(Clone, Debug)]
 pub struct GuideBank {
     count: usize,
@@ -33,9 +38,47 @@ pub struct GuideBank {
     /// -log2(e)/vd^2, s^2/m^2; 0 where the bristle damping is constant.
     damping_exponent: f64x4,
     damping_fades: bool,
-    /// Bristle deflection z, m.
+    /// Bristle deflection z, m; with several elements their mean, weighted by the shares of stiffness.
     bristle: f64x4,
+    /// Several bristle elements per guide in place of one.
+    elements: Option<Elements>,
+    /// Factors on the laws in the last step.
+    scale: FrictionScale,
     start: StartFriction,
+}
+
+/// Factors on the laws of all guides over one step; 1 leaves them as the model has them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrictionScale {
+    /// On Fc.
+    pub coulomb: f64,
+    /// On Fs.
+    pub stat: f64,
+    /// On sigma2.
+    pub viscous: f64,
+}
+
+impl FrictionScale {
+    /// The guides as the model has them.
+    pub const ONE: FrictionScale = FrictionScale { coulomb: 1.0, stat: 1.0, viscous: 1.0 };
+}
+
+/// Shares of one bristle element in its guide: element i is a bristle of stiffness a sigma0, damping a sigma1 and level b g(v).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BristleShare {
+    /// a, of the stiffness and of the damping; 0 to 1.
+    pub stiffness: f64,
+    /// b, of the friction level; 0 to 1.
+    pub strength: f64,
+}
+
+/// Bristle elements in parallel, the same shares in every guide.
+#[derive(Clone, Copy, Debug)]
+struct Elements {
+    /// a and a / b; both 0 for an element without stiffness or without strength, which holds no force.
+    share: [f64; MAX_ELEMENTS],
+    ratio: [f64; MAX_ELEMENTS],
+    bristle: [f64x4; MAX_ELEMENTS],
 }
 
 /// Friction of all guides over velocity at the present deflections, with g and sigma1 as of the middle of the last step:
@@ -72,8 +115,23 @@ impl GuideBank {
             }),
             damping_fades: guides.iter().any(|guide| guide.damping_velocity.is_some()),
             bristle: f64x4::ZERO,
+            elements: None,
+            scale: FrictionScale::ONE,
             start: StartFriction::default(),
         };
+        bank.refresh(0.0);
+        bank
+    }
+
+    /// As [`GuideBank::new`], each guide with several bristle elements in parallel. Shares are not negative and sum to 1 each.
+    pub fn with_elements(guides: &[Guide], shares: &[BristleShare; MAX_ELEMENTS]) -> GuideBank {
+        let mut bank = GuideBank::new(guides);
+        let carries = |share: &BristleShare| share.stiffness > 0.0 && share.strength > 0.0;
+        bank.elements = Some(Elements {
+            share: shares.map(|share| if carries(&share) { share.stiffness } else { 0.0 }),
+            ratio: shares.map(|share| if carries(&share) { share.stiffness / share.strength } else { 0.0 }),
+            bristle: [f64x4::ZERO; MAX_ELEMENTS],
+        });
         bank.refresh(0.0);
         bank
     }
@@ -82,23 +140,33 @@ impl GuideBank {
         self.count
     }
 
-    /// Bristle deflections z, m, one per guide.
+    /// Bristle deflections z, m, one per guide; times sigma0 they are the elastic force, also with several elements.
     pub fn bristles(&self) -> &[f64] {
         &self.bristle.as_array()[..self.count]
     }
 
-    /// Sets the bristle deflections, m, for a stage that moves at `velocity`; lanes beyond `bristles` stay as they are.
+    /// Sets the bristle deflections, m, for a stage that moves at `velocity`, those of all elements alike; lanes beyond `bristles` stay
+    /// as they are. Factors on the laws go back to 1.
     pub fn set_bristles(&mut self, bristles: &[f64], velocity: f64) {
         for (lane, bristle) in self.bristle.as_mut_array().iter_mut().zip(bristles) {
             *lane = *bristle;
         }
+        if let Some(elements) = &mut self.elements {
+            for element in &mut elements.bristle {
+                for (lane, bristle) in element.as_mut_array().iter_mut().zip(bristles) {
+                    *lane = *bristle;
+                }
+            }
+        }
+        self.scale = FrictionScale::ONE;
         self.refresh(velocity);
     }
 
     /// Recomputes what one step hands to the next, after a state was set from outside.
     fn refresh(&mut self, velocity: f64) {
         let squared = f64x4::splat(velocity * velocity);
-        self.prepare_start(self.level(squared), self.damping_at(squared));
+        let (level, damping) = (self.scaled_level(squared), self.damping_at(squared));
+        self.prepare_scaled_start(level, damping);
     }
 
     #[inline]
@@ -109,6 +177,36 @@ impl GuideBank {
             damping: damping.reduce_add() + self.viscous_friction,
             slip: (damping / level * elastic).reduce_add(),
         };
+    }
+
+    /// As `prepare_start`, for scaled laws and several elements.
+    fn prepare_scaled_start(&mut self, level: f64x4, damping: f64x4) {
+        let viscous = self.viscous_friction * self.scale.viscous;
+        let Some(elements) = &self.elements else {
+            self.prepare_start(level, damping);
+            self.start.damping += viscous - self.viscous_friction;
+            return;
+        };
+        let mut start = StartFriction { elastic: 0.0, damping: viscous, slip: 0.0 };
+        self.bristle = f64x4::ZERO;
+        for ((bristle, share), ratio) in elements.bristle.iter().zip(elements.share).zip(elements.ratio) {
+            let weighted = f64x4::splat(share) * *bristle;
+            self.bristle += weighted;
+            let elastic = self.stiffness * weighted;
+            start.elastic += elastic.reduce_add();
+            start.damping += share * damping.reduce_add();
+            start.slip += ratio * (damping / level * elastic).reduce_add();
+        }
+        self.start = start;
+    }
+
+    /// g at the factors of the last step.
+    fn scaled_level(&self, velocity_squared: f64x4) -> f64x4 {
+        let FrictionScale { coulomb, stat, .. } = self.scale;
+        // In this form factors of 1 leave every bit as it is.
+        let stribeck = self.stribeck_force * f64x4::splat(stat) + self.coulomb_force * f64x4::splat(stat - coulomb);
+        let fade = exp2_of_negative(self.stribeck_exponent * velocity_squared);
+        self.coulomb_force * f64x4::splat(coulomb) + stribeck * fade
     }
 
     fn level(&self, velocity_squared: f64x4) -> f64x4 {
@@ -123,38 +221,60 @@ impl GuideBank {
         }
     }
 
-    /// Bristle velocities dz/dt at velocity v, m/s.
-    fn bristle_velocities(&self, velocity: f64) -> (f64x4, f64x4) {
+    /// Bristle velocities dz/dt at velocity v, m/s (of several elements: the mean, weighted by the shares of stiffness), bristle damping
+    /// there, N s/m, and the power that loads the bristles of each guide, W.
+    fn bristle_velocities(&self, velocity: f64) -> (f64x4, f64x4, f64x4) {
         let v = f64x4::splat(velocity);
         let squared = v * v;
-        let rate = v - self.stiffness * v.abs() * self.bristle / self.level(squared);
-        (rate, self.damping_at(squared))
+        let slip = self.stiffness * v.abs() / self.scaled_level(squared);
+        let damping = self.damping_at(squared);
+        let Some(elements) = &self.elements else {
+            let rate = v - slip * self.bristle;
+            return (rate, damping, self.stiffness * self.bristle * rate);
+        };
+        let (mut mean, mut power) = (f64x4::ZERO, f64x4::ZERO);
+        for ((bristle, share), ratio) in elements.bristle.iter().zip(elements.share).zip(elements.ratio) {
+            let rate = f64x4::splat(share) * (v - f64x4::splat(ratio) * slip * *bristle);
+            mean += rate;
+            power += self.stiffness * *bristle * rate;
+        }
+        (mean, damping, power)
     }
 
-    /// Friction of each guide on the carriage at velocity v, N; positive against positive motion.
+    /// Friction of each guide on the carriage at velocity v, N, from each guide's sigma2; positive against positive motion.
     pub fn forces(&self, velocity: f64, viscous: &[f64; MAX_GUIDES]) -> [f64; MAX_GUIDES] {
-        let (rate, damping) = self.bristle_velocities(velocity);
-        (self.stiffness * self.bristle + damping * rate + f64x4::new(*viscous) * f64x4::splat(velocity)).to_array()
+        let (rate, damping, _) = self.bristle_velocities(velocity);
+        let viscous = f64x4::new(*viscous) * f64x4::splat(self.scale.viscous * velocity);
+        (self.stiffness * self.bristle + damping * rate + viscous).to_array()
     }
 
     /// Sum of the friction at velocity v, N, exact in v.
     pub fn force(&self, velocity: f64) -> f64 {
-        let (rate, damping) = self.bristle_velocities(velocity);
-        (self.stiffness * self.bristle + damping * rate).reduce_add() + self.viscous_friction * velocity
+        let (rate, damping, _) = self.bristle_velocities(velocity);
+        let viscous = self.viscous_friction * self.scale.viscous;
+        (self.stiffness * self.bristle + damping * rate).reduce_add() + viscous * velocity
     }
 
-    /// Energy stored in the bristles, J: sum of sigma0 z^2 / 2.
+    /// Energy stored in the bristles, J: sum of sigma0 z^2 / 2 over guides and elements.
     pub fn stored_energy(&self) -> f64 {
-        (self.stiffness * self.bristle * self.bristle).reduce_add() / 2.0
+        let squares = match &self.elements {
+            None => self.bristle * self.bristle,
+            Some(elements) => elements
+                .bristle
+                .iter()
+                .zip(elements.share)
+                .fold(f64x4::ZERO, |sum, (bristle, share)| sum + f64x4::splat(share) * *bristle * *bristle),
+        };
+        (self.stiffness * squares).reduce_add() / 2.0
     }
 
     /// Power that the guides turn into heat at velocity v, W: friction power less the power that loads the bristles.
     pub fn dissipated_power(&self, velocity: f64) -> f64 {
-        let (rate, _) = self.bristle_velocities(velocity);
-        self.force(velocity) * velocity - (self.stiffness * self.bristle * rate).reduce_add()
+        let (_, _, loading) = self.bristle_velocities(velocity);
+        self.force(velocity) * velocity - loading.reduce_add()
     }
 
-    /// Sum of sigma2, N s/m.
+    /// Sum of sigma2, N s/m, without the factor of the last step.
     pub fn viscous_friction(&self) -> f64 {
         self.viscous_friction
     }
@@ -187,5 +307,127 @@ impl GuideBank {
         self.bristle = steady + excess * decay;
         self.prepare_start(level, damping);
         impulse
+    }
+
+    /// As [`GuideBank::advance`], with factors on the laws over this step and with several elements where there are some. The viscous part
+    /// is left to the caller, who has to apply `scale.viscous` to it.
+    pub(super) fn advance_scaled(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
+        self.step_bristles::<false>(velocity, step, scale)
+    }
+
+    /// Moves the guides over `step` seconds (greater than 0) at the constant velocity v and returns their mean friction over the step, N,
+    /// positive against positive motion, viscous part included. Exact for this motion at any step.
+    pub fn drive(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
+        let impulse = self.step_bristles::<true>(velocity, step, scale);
+        impulse / step + scale.viscous * self.viscous_friction * velocity
+    }
+
+    /// One step of all bristles at constant velocity: momentum taken from the carriage, N s. The mean deflection of the step is that of
+    /// its ends, or with `EXACT` that of the exponential between them.
+    #[inline]
+    fn step_bristles<const EXACT: bool>(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
+        self.scale = *scale;
+        let squared = f64x4::splat(velocity * velocity);
+        let level = self.scaled_level(squared);
+        let damping = self.damping_at(squared);
+        let power = self.relaxation * f64x4::splat(velocity.abs() * step) / level;
+        let single_steady = level * self.compliance * f64x4::splat(1f64.copysign(velocity));
+        let (stiffness, time) = (self.stiffness, f64x4::splat(step));
+        let mut impulse = f64x4::ZERO;
+        let mut element = |bristle: &mut f64x4, share: f64, ratio: f64| {
+            if ratio == 0.0 {
+                return;
+            }
+            let power = power * f64x4::splat(ratio);
+            let decay = exp2_of_negative(power);
+            let steady = single_steady * f64x4::splat(ratio.recip());
+            let excess = *bristle - steady;
+            let end = steady + excess * decay;
+            let mean = if EXACT {
+                steady + excess * mean_of_decay(power, decay)
+            } else {
+                (*bristle + end) * f64x4::splat(0.5)
+            };
+            impulse += f64x4::splat(share) * (stiffness * mean * time + damping * (end - *bristle));
+            *bristle = end;
+        };
+        match &mut self.elements {
+            None => element(&mut self.bristle, 1.0, 1.0),
+            Some(elements) => {
+                for ((bristle, share), ratio) in elements.bristle.iter_mut().zip(elements.share).zip(elements.ratio) {
+                    element(bristle, share, ratio);
+                }
+            }
+        }
+        self.prepare_scaled_start(level, damping);
+        impulse.reduce_add()
+    }
+}
+
+/// Mean of 2^(p s) over s from 0 to 1, where p is not positive and `decay` = 2^p.
+fn mean_of_decay(power: f64x4, decay: f64x4) -> f64x4 {
+    let (power, decay) = (power.to_array(), decay.to_array());
+    f64x4::new(std::array::from_fn(|lane| {
+        let rate = -std::f64::consts::LN_2 * power[lane];
+        // Below, the difference loses more digits than the series leaves out (1e-12).
+        if rate < 1e-4 { 1.0 - rate / 2.0 + rate * rate / 6.0 } else { (1.0 - decay[lane]) / rate }
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Catalogue;
+
+    fn guide() -> Guide {
+        Catalogue::builtin().guide("guide_1").unwrap()
+    }
+
+    #[test]
+    fn driven_steadily_the_friction_is_the_stribeck_curve_with_its_factors() {
+        let (guide, scale) = (guide(), FrictionScale { coulomb: 1.2, stat: 1.5, viscous: 0.5 });
+        for velocity in [-0.3, -1e-3, 2e-3, 0.7] {
+            let mut bank = GuideBank::new(std::slice::from_ref(&guide));
+            let force = (0..20_000).map(|_| bank.drive(velocity, 5e-4, &scale)).last().unwrap();
+            let scaled = Guide {
+                coulomb_force: 1.2 * guide.coulomb_force,
+                static_force: 1.5 * guide.static_force,
+                viscous_friction: 0.5 * guide.viscous_friction,
+                ..guide.clone()
+            };
+            assert!((force / scaled.steady_force(velocity) - 1.0).abs() < 1e-9, "{velocity} m/s: {force}");
+            assert!((bank.force(velocity) / force - 1.0).abs() < 1e-9, "{}", bank.force(velocity));
+        }
+    }
+
+    /// The mean over a long step is the mean over the short steps that it is made of.
+    #[test]
+    fn friction_of_a_long_step_is_exact() {
+        for velocity in [0.02, -0.5] {
+            let mut coarse = GuideBank::new(&[guide(), guide()]);
+            let mut fine = coarse.clone();
+            let long = coarse.drive(velocity, 1e-3, &FrictionScale::ONE);
+            let short: f64 = (0..1000).map(|_| fine.drive(velocity, 1e-6, &FrictionScale::ONE) / 1000.0).sum();
+            assert!((long / short - 1.0).abs() < 1e-9, "{long} {short}");
+            assert!((coarse.bristles()[0] / fine.bristles()[0] - 1.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn one_element_with_every_share_is_the_single_bristle() {
+        let one = BristleShare { stiffness: 1.0, strength: 1.0 };
+        let none = BristleShare::default();
+        let halves = [BristleShare { stiffness: 0.5, strength: 0.5 }; 2];
+        for shares in [[one, none, none], [halves[0], halves[1], none]] {
+            let mut single = GuideBank::new(&[guide()]);
+            let mut parallel = GuideBank::with_elements(&[guide()], &shares);
+            for k in 0..2000 {
+                let velocity = 0.01 * (0.01 * f64::from(k)).sin();
+                let forces = [&mut single, &mut parallel].map(|bank| bank.drive(velocity, 1e-4, &FrictionScale::ONE));
+                assert!((forces[0] - forces[1]).abs() < 1e-12 * forces[0].abs().max(1.0), "{k}: {forces:?}");
+            }
+            assert!((single.stored_energy() / parallel.stored_energy() - 1.0).abs() < 1e-12);
+            assert!((single.dissipated_power(0.01) / parallel.dissipated_power(0.01) - 1.0).abs() < 1e-12);
+        }
     }
 }

@@ -128,7 +128,9 @@ impl Stage {
 
     /// Reads the sensors. Once per sample: each call draws noise.
     pub fn sample(&mut self) -> Sample {
-        let reading = self.sensors.read(self.body.position(), self.body.cell_force());
+        let (position, cell_force) =
+            self.body.effects().read(self.body.time(), self.body.position(), self.body.cell_force());
+        let reading = self.sensors.read(position, cell_force);
         let velocity = self.last_position.map_or(0.0, |last| (reading.position - last) * self.rates.control);
         self.last_position = Some(reading.position);
         Sample {

@@ -6,6 +6,7 @@
 //! linear over the stroke. Sizes: assumed, 1 to 10 N over the stroke.
 //! Not modelled: bumps of single links, dwell-time creep of the cables.
 
+use super::regression::{along, least_squares};
 use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
 
 /// Path over which the hysteresis turns where nothing else is known, m. Assumed.
@@ -19,35 +20,13 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     telltale: "low-order polynomial in position at every speed, not seen by the force cell",
     confused_with: &["constant_force", "position_dependent_friction", "cogging"],
     parameters: &[
-        EffectParameter {
-            name: "stiffness",
-            unit: "N/m",
-            description: "spring stiffness of the cables",
-            bounds: (0.0, 1e5),
-            default: None,
-        },
-        EffectParameter {
-            name: "center",
-            unit: "m",
-            description: "position at which the cables do not pull",
-            bounds: (-10.0, 10.0),
-            default: Some(0.0),
-        },
-        EffectParameter {
-            name: "amplitude",
-            unit: "N",
-            description: "force of the hysteresis",
-            bounds: (0.0, 1000.0),
-            default: Some(0.0),
-        },
-        EffectParameter {
-            name: "width",
-            unit: "m",
-            description: "path over which the hysteresis turns",
-            bounds: (1e-6, 1.0),
-            default: Some(WIDTH),
-        },
+        EffectParameter::required("stiffness", "N/m", "spring stiffness of the cables", (0.0, 1e5), 10.0),
+        EffectParameter::optional("center", "m", "position at which the cables do not pull", (-10.0, 10.0), 0.05, 0.0),
+        EffectParameter::optional("amplitude", "N", "force of the hysteresis", (0.0, 1000.0), 1.0, 0.0),
+        EffectParameter::optional("width", "m", "path over which the hysteresis turns", (1e-6, 1.0), 1e-3, WIDTH),
     ],
+    check: super::any,
+    free: |values, index| index != 3 || values[2] > 0.0,
     build: |values| {
         Box::new(CableChain {
             stiffness: values[0],
@@ -82,6 +61,10 @@ impl Effect for CableChain {
         -self.stiffness * (motion.position - self.center) - self.amplitude * middle
     }
 
+    fn stiffness(&self) -> f64 {
+        self.stiffness + self.amplitude / self.width
+    }
+
     fn stored_energy(&self, _time: f64, position: f64) -> f64 {
         let stretch = position - self.center;
         0.5 * self.stiffness * stretch * stretch + 0.5 * self.amplitude * self.width * self.hysteresis * self.hysteresis
@@ -92,19 +75,20 @@ impl Effect for CableChain {
     }
 }
 
-/// Spring from the slope of the residual over position, hysteresis from its step with the direction of motion.
+/// Spring from the slope of the residual over position, hysteresis from its loop at the width that is assumed.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
-    let pairs: Vec<(f64, f64)> =
-        residual.position.iter().zip(residual.velocity).map(|(position, velocity)| (*position, velocity.signum())).collect();
-    let (coefficients, explained) = super::least_squares(&pairs, residual.force, |(x, direction)| [1.0, x, direction])?;
-    let [offset, slope, step] = coefficients;
-    (explained > 0.0 && slope < 0.0).then(|| {
-        vec![-slope, (-offset / slope).clamp(-10.0, 10.0), (-step).max(0.0), WIDTH]
-    })
+    let loops = CableChain { stiffness: 0.0, center: 0.0, amplitude: 1.0, width: WIDTH, hysteresis: 0.0 };
+    let hysteresis = along(loops, residual);
+    let base = least_squares(residual.force, |_| [1.0])?;
+    let fit = least_squares(residual.force, |k| [1.0, residual.position[k], hysteresis[k]])?;
+    let [offset, slope, amplitude] = fit.coefficients;
+    (fit.improves_on(&base) && slope < 0.0)
+        .then(|| vec![-slope, (-offset / slope).clamp(-10.0, 10.0), amplitude.max(0.0), WIDTH])
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::regression::record::{Record, proposal};
     use super::*;
 
     fn chain() -> CableChain {
@@ -118,7 +102,7 @@ mod tests {
         let mut force = 0.0;
         for k in 0..10_000 {
             let position = 0.1 * k as f64 * step;
-            force = chain.force(&Motion { time: 0.0, position, velocity: 0.1, motor_force: 0.0 }, step);
+            force = chain.force(&Motion { position, velocity: 0.1, ..Motion::default() }, step);
         }
         // After 100 mm in one direction the hysteresis is fully turned: -100 (0.1 - 0.01) - 2.
         assert!((force + 11.0).abs() < 1e-2, "{force}");
@@ -137,7 +121,7 @@ mod tests {
             } else {
                 (0.01 - 1e-6 * f64::from(phase - 20_000), -0.1)
             };
-            let motion = Motion { time: 0.0, position, velocity, motor_force: 0.0 };
+            let motion = Motion { position, velocity, ..Motion::default() };
             let force = chain.force(&motion, step);
             if k >= 40_000 {
                 work -= force * velocity * step;
@@ -148,13 +132,11 @@ mod tests {
     }
 
     #[test]
-    fn proposal_finds_spring_and_center() {
-        let position: Vec<f64> = (0..2000).map(|k| 0.05 * (k as f64 * 0.01).sin()).collect();
-        let velocity: Vec<f64> = (0..2000).map(|k| 0.05 * (k as f64 * 0.01).cos()).collect();
-        let force: Vec<f64> =
-            position.iter().zip(&velocity).map(|(x, v)| -80.0 * (x - 0.02) - 1.5 * v.signum()).collect();
-        let residual = Residual { time: &position, position: &position, velocity: &velocity, force: &force };
-        let found = propose(&residual).unwrap();
-        assert!((found[0] - 80.0).abs() < 1.0 && (found[1] - 0.02).abs() < 1e-3 && (found[2] - 1.5).abs() < 0.1, "{found:?}");
+    fn proposal_finds_spring_center_and_hysteresis_under_noise_and_nothing_in_noise() {
+        let found = proposal(&DESCRIPTOR, &[80.0, 0.06, 1.5, 1e-3]);
+        assert!((found[0] / 80.0 - 1.0).abs() < 0.02 && (found[1] - 0.06).abs() < 3e-3, "{found:?}");
+        assert!((found[2] / 1.5 - 1.0).abs() < 0.05, "{found:?}");
+        let none = Record::motion().with_noise(0.3, 3);
+        assert!(propose(&none.residual()).is_none());
     }
 }

@@ -6,9 +6,13 @@
 //! Motors", 2nd ed. 2011). Sizes: assumed, 1 to 2 % of rated force at a magnet pitch of 24 to 32 mm.
 //! Not modelled: higher harmonics, end effects of the slider.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
+use super::regression::strongest_wave;
 use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+
+/// Shortest and longest period, m.
+const PERIODS: (f64, f64) = (1e-4, 1.0);
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "cogging",
@@ -18,28 +22,12 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     telltale: "periodic in position at every speed, independent of the force, seen by the force cell",
     confused_with: &["force_ripple", "ball_passage", "cable_chain"],
     parameters: &[
-        EffectParameter {
-            name: "amplitude",
-            unit: "N",
-            description: "peak force",
-            bounds: (0.0, 1000.0),
-            default: None,
-        },
-        EffectParameter {
-            name: "period",
-            unit: "m",
-            description: "distance after which the force repeats",
-            bounds: (1e-4, 1.0),
-            default: None,
-        },
-        EffectParameter {
-            name: "phase",
-            unit: "rad",
-            description: "phase at position 0",
-            bounds: (-TAU, TAU),
-            default: Some(0.0),
-        },
+        EffectParameter::required("amplitude", "N", "peak force", (0.0, 1000.0), 1.0),
+        EffectParameter::required("period", "m", "distance after which the force repeats", PERIODS, 1e-3),
+        EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
     ],
+    check: super::any,
+    free: super::all_free,
     build: |values| Box::new(Cogging { amplitude: values[0], wave_number: TAU / values[1], phase: values[2] }),
     propose,
 };
@@ -56,43 +44,24 @@ impl Effect for Cogging {
         self.amplitude * (self.wave_number * motion.position + self.phase).sin()
     }
 
+    fn stiffness(&self) -> f64 {
+        self.amplitude * self.wave_number
+    }
+
     fn stored_energy(&self, _time: f64, position: f64) -> f64 {
         self.amplitude / self.wave_number * (self.wave_number * position + self.phase).cos()
     }
 }
 
-/// Steps of the period search per octave: a tenth of a period is then resolved over ten periods of stroke.
-const PERIODS_PER_OCTAVE: usize = 100;
-
-/// The period whose sine and cosine over position take most out of the residual, by least squares on a logarithmic grid.
+/// The sinusoid over position that takes most out of the residual.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
-    let lowest = residual.position.iter().copied().fold(f64::INFINITY, f64::min);
-    let highest = residual.position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let stroke = highest - lowest;
-    let shortest = 1e-4_f64.max(stroke / 200.0);
-    if !stroke.is_finite() || stroke <= shortest || residual.force.len() < 10 {
-        return None;
-    }
-    let octaves = (stroke / shortest).log2();
-    let count = (octaves * PERIODS_PER_OCTAVE as f64).ceil() as usize;
-    (0..=count)
-        .filter_map(|index| {
-            let period = stroke * (-octaves * index as f64 / count as f64).exp2();
-            let columns = |position: f64| [1.0, (TAU / period * position).sin(), (TAU / period * position).cos()];
-            let (coefficients, explained) = super::least_squares(residual.position, residual.force, columns)?;
-            Some((explained, period, coefficients))
-        })
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .filter(|(explained, ..)| *explained > 0.0)
-        .map(|(_, period, [_, sine, cosine])| {
-            let phase = cosine.atan2(sine);
-            debug_assert!(phase.abs() <= PI);
-            vec![sine.hypot(cosine), period, phase]
-        })
+    let wave = strongest_wave(residual.position, |_| 1.0, residual.force, PERIODS.0..=PERIODS.1)?;
+    Some(vec![wave.amplitude(), wave.period, wave.phase()])
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::regression::record::{assert_silent_on_noise, proposal};
     use super::*;
 
     #[test]
@@ -101,24 +70,16 @@ mod tests {
         for position in [-0.03, 0.0, 0.007, 0.021] {
             let h = 1e-6;
             let slope = (cogging.stored_energy(0.0, position + h) - cogging.stored_energy(0.0, position - h)) / (2.0 * h);
-            let motion = Motion { time: 0.0, position, velocity: 0.0, motor_force: 0.0 };
+            let motion = Motion { position, ..Motion::default() };
             assert!((cogging.force(&motion, 1e-5) + slope).abs() < 1e-6);
         }
     }
 
     #[test]
-    fn proposal_finds_amplitude_period_and_phase_in_a_residual() {
-        let position: Vec<f64> = (0..4000).map(|k| 0.05 * (0.5 - 0.5 * (k as f64 * 0.004).cos())).collect();
-        // A deterministic disturbance of half the size stands for noise.
-        let force: Vec<f64> = position
-            .iter()
-            .enumerate()
-            .map(|(k, x)| 0.3 + 6.0 * (TAU * x / 0.0123 + 1.1).sin() + 3.0 * ((k * k) as f64 * 0.71).sin())
-            .collect();
-        let zeros = vec![0.0; position.len()];
-        let residual = Residual { time: &zeros, position: &position, velocity: &zeros, force: &force };
-        let found = propose(&residual).unwrap();
-        assert!((found[0] - 6.0).abs() < 0.5 && (found[1] / 0.0123 - 1.0).abs() < 0.01, "{found:?}");
-        assert!((found[2] - 1.1).abs() < 0.2, "{found:?}");
+    fn proposal_finds_amplitude_period_and_phase_under_noise_and_nothing_in_noise() {
+        let found = proposal(&DESCRIPTOR, &[1.5, 0.0123, 1.1]);
+        assert!((found[0] - 1.5).abs() < 0.1 && (found[1] / 0.0123 - 1.0).abs() < 0.002, "{found:?}");
+        assert!((found[2] - 1.1).abs() < 0.1, "{found:?}");
+        assert_silent_on_noise(&DESCRIPTOR);
     }
 }

@@ -9,6 +9,8 @@ use std::fmt::Debug;
 
 use crate::model::{EffectParameters, ModelError, nearest};
 
+use super::guides::{BristleShare, FrictionScale, MAX_ELEMENTS};
+
 /// Most effects that one stage may have: their forces pass through fixed-size buffers.
 pub const MAX_EFFECTS: usize = 16;
 
@@ -20,7 +22,31 @@ macro_rules! effects {
     };
 }
 
-effects!(cable_chain, cogging);
+effects!(
+    actuator_lag,
+    asymmetric_friction,
+    ball_passage,
+    cable_chain,
+    cogging,
+    constant_force,
+    distributed_bristles,
+    encoder_scale,
+    encoder_sde,
+    external_vibration,
+    force_cell_drift,
+    force_cell_gain,
+    force_ripple,
+    map,
+    motor_gain,
+    payload,
+    position_dependent_friction,
+    quadratic_drag,
+    stiction_aging,
+    structural_mode,
+    viscous_warm_up,
+);
+
+mod regression;
 
 /// Where an effect enters, which decides who can see it: the force cell sees the motor side only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,25 +55,73 @@ pub enum Side {
     Motor,
     /// Between force cell and carriage.
     Carriage,
+    /// In what encoder or force cell read; no force.
+    Sensor,
 }
 
 /// The motion that an effect sees: middle of a step (of each part of a step in which the carriage reverses).
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Motion {
     /// s since the start
     pub time: f64,
-    /// m
+    /// Of the carriage, m.
     pub position: f64,
-    /// m/s
+    /// Of the carriage, m/s; over the step the position changes by velocity times step.
     pub velocity: f64,
-    /// Commanded motor force, N.
+    /// Of the carriage, m/s^2, at the start of the step.
+    pub acceleration: f64,
+    /// Commanded motor force over the step, N, without effects.
     pub motor_force: f64,
 }
 
-/// A force that the model of guides, mass and motor lacks.
+/// What the model of guides, mass, motor and sensors lacks.
+///
+/// The plant and identification drive the same object: `friction` once per step, then `force` once per step, with the steps in
+/// order. A step of 0 s (after a reset) asks for the force of a state and leaves it as it is.
 pub trait Effect: Debug + Send + Sync {
-    /// Force along +x on the side of the effect, N, at the middle of a step of `step` seconds. Called once per step, with the steps in order.
-    fn force(&mut self, motion: &Motion, step: f64) -> f64;
+    /// Mean force along +x on the side of the effect over a step of `step` seconds, N. On the motor side it adds to the
+    /// command, before the force cell; on the carriage side it acts behind the cell.
+    fn force(&mut self, _motion: &Motion, _step: f64) -> f64 {
+        0.0
+    }
+
+    /// Multiplies the factors on the guides' laws over a step; called only if `scales_friction`.
+    fn friction(&mut self, _motion: &Motion, _step: f64, _scale: &mut FrictionScale) {}
+
+    /// Whether `friction` does anything.
+    fn scales_friction(&self) -> bool {
+        false
+    }
+
+    /// Shares of the elements that stand in parallel in each guide, in place of its one bristle.
+    fn bristle_shares(&self) -> Option<[BristleShare; MAX_ELEMENTS]> {
+        None
+    }
+
+    /// Mass that moves rigidly with the carriage beyond that of the model, kg; negative for a part of it that does not.
+    fn added_mass(&self) -> f64 {
+        0.0
+    }
+
+    /// Largest slope of the force over position, N/m: limits the step of the plant.
+    fn stiffness(&self) -> f64 {
+        0.0
+    }
+
+    /// What the encoder reads at a true position, m, before noise and quantisation.
+    fn encoder(&self, _time: f64, position: f64) -> f64 {
+        position
+    }
+
+    /// What the force cell reads under a true force, N, before noise.
+    fn force_cell(&self, _time: f64, force: f64) -> f64 {
+        force
+    }
+
+    /// Side where it is not the descriptor's.
+    fn side(&self) -> Option<Side> {
+        None
+    }
 
     /// Energy that the effect holds and can give back, J.
     fn stored_energy(&self, _time: f64, _position: f64) -> f64 {
@@ -68,19 +142,58 @@ pub struct EffectParameter {
     pub bounds: (f64, f64),
     /// Value where the model does not give one; `None` makes it obligatory.
     pub default: Option<f64>,
+    /// Typical size of the value or of its changes, in its unit, greater than 0: scales a fit.
+    pub scale: f64,
 }
 
-/// What is left of a measured force after the declared model, sample by sample.
+impl EffectParameter {
+    /// A parameter that a model must give.
+    pub(super) const fn required(
+        name: &'static str,
+        unit: &'static str,
+        description: &'static str,
+        bounds: (f64, f64),
+        scale: f64,
+    ) -> EffectParameter {
+        EffectParameter { name, unit, description, bounds, default: None, scale }
+    }
+
+    /// A parameter with the value `default` where a model gives none.
+    pub(super) const fn optional(
+        name: &'static str,
+        unit: &'static str,
+        description: &'static str,
+        bounds: (f64, f64),
+        scale: f64,
+        default: f64,
+    ) -> EffectParameter {
+        EffectParameter { name, unit, description, bounds, default: Some(default), scale }
+    }
+}
+
+/// What is left of a measured force after the declared model, sample by sample at a uniform rate; all slices of one length.
+///
+/// `force` has the sign of [`Effect::force`]: what the effect would have to add along +x on its side. Motor side: force cell
+/// less command. Carriage side and encoder: mass times acceleration plus friction less force cell. Readings of the force cell: cell
+/// less command.
 #[derive(Clone, Copy, Debug)]
 pub struct Residual<'a> {
-    /// s
+    /// Since the start of the record, s.
     pub time: &'a [f64],
     /// m
     pub position: &'a [f64],
     /// m/s
     pub velocity: &'a [f64],
-    /// Measured less modelled force on the effect's side, N.
+    /// m/s^2
+    pub acceleration: &'a [f64],
+    /// Commanded motor force, N.
+    pub command: &'a [f64],
+    /// Friction of the guides along the motion as modelled, N, positive against positive motion.
+    pub friction: &'a [f64],
+    /// What an effect would have to add, N.
     pub force: &'a [f64],
+    /// Moving mass as modelled, kg.
+    pub mass: f64,
 }
 
 /// Everything the rest of the program knows of an effect.
@@ -97,20 +210,44 @@ pub struct EffectDescriptor {
     pub telltale: &'static str,
     /// Canonical names of the effects that can look alike.
     pub confused_with: &'static [&'static str],
+    /// In the order of all slices of values. A `map` has knots behind them, see [`EffectDescriptor::values_of`].
     pub parameters: &'static [EffectParameter],
+    /// Refuses values within their bounds that do not go together.
+    pub check: fn(&[f64]) -> Result<(), ModelError>,
+    /// Whether a fit that starts at these values may change the value of this index: some choose between forms of a law.
+    pub free: fn(&[f64], usize) -> bool,
     /// Builds the effect from checked values, in the order of `parameters`.
     pub build: fn(&[f64]) -> Box<dyn Effect>,
-    /// Guesses the parameters from a residual; `None` where it shows nothing of this kind.
+    /// Guesses values from a residual, for a joint refit to start from; `None` where it shows nothing of this kind.
     pub propose: fn(&Residual) -> Option<Vec<f64>>,
+}
+
+/// Every value set within its bounds is possible.
+fn any(_values: &[f64]) -> Result<(), ModelError> {
+    Ok(())
+}
+
+/// A fit may change every value.
+fn all_free(_values: &[f64], _index: usize) -> bool {
+    true
 }
 
 /// The effects of one stage with the forces of the last step.
 #[derive(Debug)]
 pub struct Effects {
-    list: Vec<(&'static EffectDescriptor, Box<dyn Effect>)>,
+    list: Vec<Entry>,
     forces: Vec<f64>,
+    scales_friction: bool,
+    reads: bool,
     motor_side: f64,
     carriage_side: f64,
+}
+
+#[derive(Debug)]
+struct Entry {
+    descriptor: &'static EffectDescriptor,
+    side: Side,
+    effect: Box<dyn Effect>,
 }
 
 impl EffectDescriptor {
@@ -121,6 +258,28 @@ impl EffectDescriptor {
             hint: nearest(name, ALL.iter().map(|effect| effect.name)),
             known: ALL.iter().map(|effect| effect.name).collect::<Vec<_>>().join(", "),
         })
+    }
+
+    /// Values of an effect of a model, in the order of `parameters`, checked. Of a `map`: coordinate (0 position, 1 velocity, 2 time), side
+    /// (0 carriage, 1 motor), from, to, then the force at the knots.
+    pub fn values_of(&self, given: &EffectParameters) -> Result<Vec<f64>, ModelError> {
+        let values = match &given.curve {
+            Some(curve) if self.name == map::DESCRIPTOR.name => map::values(curve),
+            _ => self.values(&given.values)?,
+        };
+        (self.check)(&values)?;
+        Ok(values)
+    }
+
+    /// The effect of a model that has these values: the inverse of [`EffectDescriptor::values_of`].
+    pub fn parameters_of(&self, values: &[f64]) -> EffectParameters {
+        if self.name == map::DESCRIPTOR.name {
+            return EffectParameters::map(map::curve(values));
+        }
+        EffectParameters::new(
+            self.name,
+            self.parameters.iter().map(|parameter| parameter.name).zip(values.iter().copied()),
+        )
     }
 
     /// Values in the order of `parameters`: defaults filled in, unknown names, missing and impossible values refused.
@@ -164,14 +323,17 @@ impl Effects {
         }
         let list = given
             .iter()
-            .map(|effect| {
-                let descriptor = EffectDescriptor::find(&effect.name)?;
-                Ok((descriptor, (descriptor.build)(&descriptor.values(&effect.values)?)))
+            .map(|given| {
+                let descriptor = EffectDescriptor::find(&given.name)?;
+                let effect = (descriptor.build)(&descriptor.values_of(given)?);
+                Ok(Entry { descriptor, side: effect.side().unwrap_or(descriptor.side), effect })
             })
             .collect::<Result<Vec<_>, ModelError>>()?;
         let forces = vec![0.0; list.len()];
-        let mut effects = Effects { list, forces, motor_side: 0.0, carriage_side: 0.0 };
-        effects.reset();
+        let scales_friction = list.iter().any(|entry| entry.effect.scales_friction());
+        let reads = list.iter().any(|entry| entry.side == Side::Sensor);
+        let mut effects = Effects { list, forces, scales_friction, reads, motor_side: 0.0, carriage_side: 0.0 };
+        effects.reset(0.0);
         Ok(effects)
     }
 
@@ -181,29 +343,59 @@ impl Effects {
 
     /// Canonical names, in the order of the model.
     pub fn names(&self) -> impl Iterator<Item = &'static str> {
-        self.list.iter().map(|(descriptor, _)| descriptor.name)
+        self.list.iter().map(|entry| entry.descriptor.name)
     }
 
-    /// Forces of the last step along +x, N, in the order of the model.
+    /// Forces of the last step along +x, N, in the order of the model; 0 for those that act through friction, mass or sensors.
     pub fn forces(&self) -> &[f64] {
         &self.forces
     }
 
+    /// Mass that the effects add to the carriage, kg.
+    pub fn added_mass(&self) -> f64 {
+        self.list.iter().map(|entry| entry.effect.added_mass()).sum()
+    }
+
+    /// Sum of the largest slopes of the forces over position, N/m.
+    pub fn stiffness(&self) -> f64 {
+        self.list.iter().map(|entry| entry.effect.stiffness()).sum()
+    }
+
+    /// Shares of the bristle elements of each guide, of the last effect that has some; `None`: one bristle.
+    pub fn bristle_shares(&self) -> Option<[BristleShare; MAX_ELEMENTS]> {
+        self.list.iter().rev().find_map(|entry| entry.effect.bristle_shares())
+    }
+
+    /// Whether the guides' laws or bristles are not those of the model alone.
+    pub fn shapes_friction(&self) -> bool {
+        self.scales_friction || self.bristle_shares().is_some()
+    }
+
+    /// Factors on the guides' laws over a step. Before [`Effects::advance`], once per step.
+    pub fn friction(&mut self, motion: &Motion, step: f64) -> FrictionScale {
+        let mut scale = FrictionScale::ONE;
+        if self.scales_friction {
+            self.list.iter_mut().for_each(|entry| entry.effect.friction(motion, step, &mut scale));
+        }
+        scale
+    }
+
     /// Advances every effect by a step; sums of the motor side and of the carriage side, N.
-    pub(super) fn advance(&mut self, motion: &Motion, step: f64) -> (f64, f64) {
+    pub fn advance(&mut self, motion: &Motion, step: f64) -> (f64, f64) {
         (self.motor_side, self.carriage_side) = (0.0, 0.0);
-        for ((descriptor, effect), force) in self.list.iter_mut().zip(&mut self.forces) {
-            *force = effect.force(motion, step);
-            match descriptor.side {
+        for (entry, force) in self.list.iter_mut().zip(&mut self.forces) {
+            *force = entry.effect.force(motion, step);
+            match entry.side {
                 Side::Motor => self.motor_side += *force,
                 Side::Carriage => self.carriage_side += *force,
+                Side::Sensor => {}
             }
         }
         self.last()
     }
 
     /// Sums of the last step: motor side, carriage side, N.
-    pub(super) fn last(&self) -> (f64, f64) {
+    pub fn last(&self) -> (f64, f64) {
         (self.motor_side, self.carriage_side)
     }
 
@@ -212,32 +404,23 @@ impl Effects {
         self.motor_side + self.carriage_side
     }
 
-    pub(super) fn stored_energy(&self, time: f64, position: f64) -> f64 {
-        self.list.iter().map(|(_, effect)| effect.stored_energy(time, position)).sum()
+    /// What encoder (m) and force cell (N) read, before noise and quantisation.
+    pub fn read(&self, time: f64, position: f64, force: f64) -> (f64, f64) {
+        if !self.reads {
+            return (position, force);
+        }
+        self.list.iter().fold((position, force), |(position, force), entry| {
+            (entry.effect.encoder(time, position), entry.effect.force_cell(time, force))
+        })
     }
 
-    /// Back to rest at position 0, with the forces that act there.
-    pub(super) fn reset(&mut self) {
-        self.list.iter_mut().for_each(|(_, effect)| effect.reset());
-        self.advance(&Motion { time: 0.0, position: 0.0, velocity: 0.0, motor_force: 0.0 }, 0.0);
+    pub fn stored_energy(&self, time: f64, position: f64) -> f64 {
+        self.list.iter().map(|entry| entry.effect.stored_energy(time, position)).sum()
     }
-}
 
-/// Fits `forces` by three columns over the coordinates: coefficients and the sum of squares that they take out, N^2.
-/// `None` where the columns do not differ enough to be told apart.
-fn least_squares<C: Copy>(
-    coordinates: &[C],
-    forces: &[f64],
-    columns: impl Fn(C) -> [f64; 3],
-) -> Option<([f64; 3], f64)> {
-    let mut normal = nalgebra::Matrix3::zeros();
-    let mut right = nalgebra::Vector3::zeros();
-    for (coordinate, force) in coordinates.iter().zip(forces) {
-        let row = nalgebra::Vector3::from(columns(*coordinate));
-        normal += row * row.transpose();
-        right += row * *force;
+    /// Back to rest at position 0 at `time`, s, with the forces that act there.
+    pub fn reset(&mut self, time: f64) {
+        self.list.iter_mut().for_each(|entry| entry.effect.reset());
+        self.advance(&Motion { time, ..Motion::default() }, 0.0);
     }
-    let solution = normal.cholesky()?.solve(&right);
-    let mean = right[0] / normal[(0, 0)];
-    Some((solution.into(), solution.dot(&right) - mean * right[0]))
 }

@@ -1,0 +1,175 @@
+//! Effects as a model file gives them: a name with parameters, or an empirical curve.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
+
+/// Canonical name of the empirical curve, the one effect that takes a [`Curve`].
+const CURVE: &str = "map";
+
+/// An effect by its canonical name with its parameters by name, SI units. The plant's effect of that name knows the bounds.
+///
+/// In a file: `cogging: {amplitude: 5.0, period: 0.024}`, or `map: {coordinate: position, from: 0.0, to: 0.3, values: [0.1, -0.2]}`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EffectParameters {
+    pub name: String,
+    pub values: BTreeMap<String, f64>,
+    /// Given for `map`, and for nothing else.
+    pub curve: Option<Curve>,
+}
+
+/// An empirical curve of force along +x, N, over one coordinate: equidistant knots, the first at `from`, the last at `to`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Curve {
+    pub coordinate: Coordinate,
+    /// Where the force enters.
+    #[serde(default, skip_serializing_if = "CurveSide::is_carriage")]
+    pub side: CurveSide,
+    /// First knot, in the unit of the coordinate.
+    pub from: f64,
+    /// Last knot, in the unit of the coordinate; above `from`.
+    pub to: f64,
+    /// Force at the knots, N; two or more.
+    pub values: Vec<f64>,
+}
+
+/// What a curve runs over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Coordinate {
+    /// m
+    Position,
+    /// m/s
+    Velocity,
+    /// s since the start
+    Time,
+}
+
+/// Side of the force cell on which a curve acts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CurveSide {
+    #[default]
+    Carriage,
+    Motor,
+}
+
+impl CurveSide {
+    fn is_carriage(&self) -> bool {
+        *self == CurveSide::Carriage
+    }
+}
+
+impl Coordinate {
+    /// As in model files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Coordinate::Position => "position",
+            Coordinate::Velocity => "velocity",
+            Coordinate::Time => "time",
+        }
+    }
+}
+
+impl EffectParameters {
+    /// An effect with these parameters.
+    pub fn new<'a>(name: &str, values: impl IntoIterator<Item = (&'a str, f64)>) -> EffectParameters {
+        let values = values.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+        EffectParameters { name: name.to_owned(), values, curve: None }
+    }
+
+    /// An empirical curve.
+    pub fn map(curve: Curve) -> EffectParameters {
+        EffectParameters { name: CURVE.to_owned(), values: BTreeMap::new(), curve: Some(curve) }
+    }
+}
+
+impl Serialize for EffectParameters {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match &self.curve {
+            Some(curve) => serializer.collect_map([(&self.name, curve)]),
+            None => serializer.collect_map([(&self.name, &self.values)]),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for EffectParameters {
+    /// Reads `cogging: {amplitude: 5.0, ...}`: a map with exactly one entry.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Visitor;
+        impl<'de> de::Visitor<'de> for Visitor {
+            type Value = EffectParameters;
+
+            fn expecting(&self, formatter: &mut std::fmt::Formatter) -> std::fmt::Result {
+                formatter.write_str("an effect with its parameters, such as `cogging: {amplitude: 5.0, period: 0.024}`")
+            }
+
+            fn visit_map<A: de::MapAccess<'de>>(self, mut map: A) -> Result<EffectParameters, A::Error> {
+                use de::Error;
+                let Some(name) = map.next_key::<String>()? else {
+                    return Err(A::Error::custom(
+                        "an effect needs a name: `- cogging: {amplitude: 5.0, period: 0.024}`",
+                    ));
+                };
+                let effect = if name == CURVE {
+                    EffectParameters::map(map.next_value()?)
+                } else {
+                    EffectParameters { values: map.next_value()?, name, curve: None }
+                };
+                match map.next_key::<String>()? {
+                    None => Ok(effect),
+                    Some(second) => Err(A::Error::custom(format!(
+                        "one list entry holds one effect, found `{}` and `{second}`: begin each with a dash",
+                        effect.name
+                    ))),
+                }
+            }
+        }
+        deserializer.deserialize_map(Visitor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::StageModel;
+    use super::*;
+
+    #[test]
+    fn a_map_survives_a_round_trip_beside_other_effects() {
+        let curve = Curve {
+            coordinate: Coordinate::Velocity,
+            side: CurveSide::Motor,
+            from: -0.5,
+            to: 0.1 + 0.2,
+            values: vec![1.0, -0.25, 1.0 / 3.0],
+        };
+        let mut model = StageModel::default();
+        model.effects.push(EffectParameters::map(curve.clone()));
+        model.effects.push(EffectParameters::new("cogging", [("amplitude", 6.0)]));
+        model.effects.push(EffectParameters::map(Curve { side: CurveSide::Carriage, ..curve }));
+        let text = model.to_yaml().unwrap();
+        assert_eq!(StageModel::from_yaml(&text, "round trip").unwrap(), model, "{text}");
+    }
+
+    #[test]
+    fn a_wrong_key_of_a_map_is_named() {
+        let cases: &[(&str, &[&str])] = &[
+            (
+                "effects: [{map: {coordinat: position, from: 0, to: 1, values: [1, 2]}}]",
+                &["coordinat", "did you mean `coordinate`"],
+            ),
+            (
+                "effects: [{map: {coordinate: positon, from: 0, to: 1, values: [1, 2]}}]",
+                &["positon", "did you mean `position`"],
+            ),
+            ("effects: [{map: {coordinate: position, from: 0, to: 1}}]", &["values"]),
+        ];
+        for (text, expected) in cases {
+            let message = StageModel::from_yaml(text, "test.yaml").unwrap_err().to_string();
+            for words in *expected {
+                assert!(message.contains(words), "{text:?} gave {message:?}, without {words:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,209 @@
+//! Ball passage: as balls enter and leave the loaded zone, they push the carriage to and fro.
+//!
+//! F = A / 4 sum over the guides g of sin(2 pi x / p_g + phi + W_g(x)) along +x on the carriage: A amplitude (N) with all four in phase, p_g = p (1 +
+//! r (g - 1.5) / 3) with g = 0 to 3, p period (m), r spread, phi phase at x = 0 (rad). W_g is a random walk of the phase over position, of
+//! standard deviation q sqrt(|x|), q wander (rad/sqrt(m)), zero at x = 0, one fixed walk per guide, linear between points a quarter of a period
+//! apart, constant beyond 1000 periods.
+//! Source: assumed form. A carriage moves twice as far as its balls, so the period is about twice the ball pitch, 8 to 10 mm at size 25. Sizes:
+//! assumed, 0.1 to 1 N. It is a function of position and has a potential.
+//! Not modelled: slip of the balls, which lets the phase wander from run to run.
+
+use std::f64::consts::TAU;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::regression::strongest_wave;
+use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+
+/// Shortest and longest period, m.
+const PERIODS: (f64, f64) = (1e-3, 0.1);
+/// Sinusoids, one per guide of a full stage.
+const GUIDES: usize = 4;
+/// Points of the walk per period, and periods on each side of position 0.
+const POINTS_PER_PERIOD: usize = 4;
+const REACH: usize = 1000;
+
+pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
+    name: "ball_passage",
+    side: Side::Carriage,
+    law: "F = amplitude / 4 sum sin(2 pi x / period_g + phase + W_g(x)), periods within spread, W_g random walks of wander",
+    source: "assumed; period of twice the ball pitch",
+    telltale: "narrow band over position at twice the ball pitch, phase wanders, not seen by the force cell",
+    confused_with: &["cogging", "position_dependent_friction", "external_vibration"],
+    parameters: &[
+        EffectParameter::required("amplitude", "N", "peak force with all guides in phase", (0.0, 100.0), 0.5),
+        EffectParameter::required("period", "m", "mean distance after which the force repeats", PERIODS, 1e-3),
+        EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
+        EffectParameter::optional("wander", "rad/sqrt(m)", "random walk of the phase over position", (0.0, 100.0), 1.0, 0.0),
+        EffectParameter::optional("spread", "1", "part by which the guides' periods differ at most", (0.0, 0.5), 0.01, 0.0),
+    ],
+    check: super::any,
+    // The walk of a real stage is another one: its size cannot be fitted by a fixed walk.
+    free: |values, index| index < 3 || (index == 4 && values[4] > 0.0),
+    build: |values| Box::new(BallPassage::new(values)),
+    propose,
+};
+
+#[derive(Debug)]
+struct BallPassage {
+    /// A / 4, N.
+    amplitude: f64,
+    /// Points of the walks per metre.
+    density: f64,
+    guides: [GuidePassage; GUIDES],
+    /// Sinusoids that differ: one stands for all where periods and walks are the same.
+    distinct: usize,
+}
+
+#[derive(Debug)]
+struct GuidePassage {
+    wave_number: f64,
+    phase: f64,
+    /// W at points 1 / density apart, position 0 in the middle; empty without a walk.
+    walk: Vec<f64>,
+}
+
+impl BallPassage {
+    fn new(values: &[f64]) -> BallPassage {
+        let (amplitude, period, phase, wander, spread) = (values[0], values[1], values[2], values[3], values[4]);
+        let density = POINTS_PER_PERIOD as f64 / period;
+        let distinct = if wander == 0.0 && spread == 0.0 { 1 } else { GUIDES };
+        let guides = std::array::from_fn(|guide| GuidePassage {
+            wave_number: TAU / (period * (1.0 + spread * (guide as f64 - 1.5) / 3.0)),
+            phase,
+            walk: if wander > 0.0 { walk(guide as u64, wander * density.recip().sqrt()) } else { Vec::new() },
+        });
+        BallPassage { amplitude: amplitude / distinct as f64, density, guides, distinct }
+    }
+
+    /// Phase of a guide at a position, rad, and its slope, rad/m.
+    fn phase(&self, guide: &GuidePassage, position: f64) -> (f64, f64) {
+        let steady = guide.wave_number * position + guide.phase;
+        if guide.walk.is_empty() {
+            return (steady, guide.wave_number);
+        }
+        let last = guide.walk.len() - 1;
+        let place = position * self.density + 0.5 * last as f64;
+        if !(0.0..last as f64).contains(&place) {
+            return (steady + guide.walk[if place < 0.0 { 0 } else { last }], guide.wave_number);
+        }
+        let point = place as usize;
+        let change = guide.walk[point + 1] - guide.walk[point];
+        let walked = guide.walk[point] + (place - point as f64) * change;
+        (steady + walked, guide.wave_number + change * self.density)
+    }
+}
+
+/// A random walk on both sides of its middle, where it is 0.
+fn walk(seed: u64, deviation: f64) -> Vec<f64> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let half = POINTS_PER_PERIOD * REACH;
+    let mut walk = vec![0.0; 2 * half + 1];
+    for k in 0..half {
+        let [up, down]: [f64; 2] = std::array::from_fn(|_| StandardNormal.sample(&mut random));
+        walk[half + k + 1] = walk[half + k] + deviation * up;
+        walk[half - k - 1] = walk[half - k] + deviation * down;
+    }
+    walk
+}
+
+impl Effect for BallPassage {
+    fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
+        let guides = self.guides[..self.distinct].iter();
+        self.amplitude * guides.map(|guide| self.phase(guide, motion.position).0.sin()).sum::<f64>()
+    }
+
+    fn stiffness(&self) -> f64 {
+        let slope = |guide: &GuidePassage| {
+            let steepest = guide.walk.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+            guide.wave_number + steepest * self.density
+        };
+        self.amplitude * self.guides[..self.distinct].iter().map(slope).sum::<f64>()
+    }
+
+    /// Exact without a walk; with one, exact between its points, with jumps at them.
+    fn stored_energy(&self, _time: f64, position: f64) -> f64 {
+        let energy = |guide: &GuidePassage| {
+            let (phase, slope) = self.phase(guide, position);
+            phase.cos() / slope
+        };
+        self.amplitude * self.guides[..self.distinct].iter().map(energy).sum::<f64>()
+    }
+}
+
+/// The sinusoid over position that takes most out of the residual, as four guides in phase.
+fn propose(residual: &Residual) -> Option<Vec<f64>> {
+    let wave = strongest_wave(residual.position, |_| 1.0, residual.force, PERIODS.0..=PERIODS.1)?;
+    Some(vec![wave.amplitude().min(100.0), wave.period, wave.phase(), 0.0, 0.0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::regression::record::{assert_silent_on_noise, proposal};
+    use super::*;
+
+    fn at(effect: &mut BallPassage, position: f64) -> f64 {
+        effect.force(&Motion { position, ..Motion::default() }, 1e-4)
+    }
+
+    #[test]
+    fn four_guides_in_phase_are_one_sinusoid_of_the_amplitude() {
+        let mut passage = BallPassage::new(&[0.8, 8e-3, 0.0, 0.0, 0.0]);
+        for (position, force) in [(0.0, 0.0), (2e-3, 0.8), (6e-3, -0.8), (18e-3, 0.8)] {
+            assert!((at(&mut passage, position) - force).abs() < 1e-12, "{position} m");
+        }
+    }
+
+    #[test]
+    fn guides_of_different_periods_beat() {
+        let mut passage = BallPassage::new(&[0.8, 8e-3, 0.0, 0.0, 0.06]);
+        let peak = |passage: &mut BallPassage, from: f64| {
+            (0..400).map(|k| at(passage, from + 8e-3 * f64::from(k) / 400.0).abs()).fold(0.0, f64::max)
+        };
+        let (near, far) = (peak(&mut passage, 0.0), peak(&mut passage, 0.1));
+        // Neighbours differ by 2 %: after 12.5 periods four guides are a quarter turn apart each and cancel.
+        assert!(near > 0.75 && far < 0.15, "{near} {far}");
+    }
+
+    #[test]
+    fn force_is_the_slope_of_the_stored_energy() {
+        for wander in [0.0, 2.0] {
+            let mut passage = BallPassage::new(&[0.8, 8e-3, 0.4, wander, 0.02]);
+            // Away from the points of the walk, 2 mm apart.
+            for position in [-0.0311, 0.0007, 0.0213] {
+                let h = 1e-7;
+                let slope = (passage.stored_energy(0.0, position + h) - passage.stored_energy(0.0, position - h)) / (2.0 * h);
+                let force = at(&mut passage, position);
+                assert!((force + slope).abs() < 1e-5, "{position} m: {force} {slope}");
+            }
+        }
+    }
+
+    #[test]
+    fn phase_wanders_with_the_root_of_the_distance_and_the_same_way_every_time() {
+        let passage = BallPassage::new(&[0.8, 1e-2, 0.0, 3.0, 0.0]);
+        let squares = (0..GUIDES).flat_map(|guide| {
+            let walk = &passage.guides[guide].walk;
+            // Pieces of 0.1 m: 40 points.
+            walk.chunks(40).filter(|piece| piece.len() == 40).map(|piece| (piece[39] - piece[0]).powi(2)).collect::<Vec<_>>()
+        });
+        let squares: Vec<f64> = squares.collect();
+        let deviation = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        let expected = 3.0 * (39.0 * 2.5e-3f64).sqrt();
+        // 800 pieces: standard error 2.5 %.
+        assert!((deviation / expected - 1.0).abs() < 0.1, "{deviation} {expected}");
+        let mut again = BallPassage::new(&[0.8, 1e-2, 0.0, 3.0, 0.0]);
+        let mut passage = passage;
+        assert_eq!(at(&mut passage, 0.123), at(&mut again, 0.123));
+    }
+
+    #[test]
+    fn proposal_finds_amplitude_period_and_phase_under_noise_and_nothing_in_noise() {
+        let found = proposal(&DESCRIPTOR, &[0.4, 9e-3, 2.0, 0.0, 0.0]);
+        assert!((found[0] / 0.4 - 1.0).abs() < 0.1 && (found[1] / 9e-3 - 1.0).abs() < 0.002, "{found:?}");
+        assert!((found[2] - 2.0).abs() < 0.2, "{found:?}");
+        assert_silent_on_noise(&DESCRIPTOR);
+    }
+}

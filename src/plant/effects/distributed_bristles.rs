@@ -1,0 +1,254 @@
+//! Distributed bristles: each guide has several bristle elements in parallel, which slip one after another.
+//!
+//! dz_i/dt = v - a_i sigma0 |v| z_i / (b_i g(v)), F = sum of a_i (sigma0 z_i + sigma1 dz_i/dt) + sigma2 v, i = 1 to 3: a_i stiffness_share_i, b_i strength_share_i; the third
+//! element has what the two leave: each kind of share sums to 1. A share of 0 takes an element away. The same shares in every guide.
+//! Effective stiffness of a slow loop of amplitude A: sum of b_i Fs tanh(a_i sigma0 A / (b_i Fs)) / A: it falls over a wider range of A than one bristle's.
+//! Source: parallel elasto-slip elements (W. Iwan, J. Appl. Mech. 33, 1966; generalized Maxwell slip: Al-Bender, Lampaert, Swevers, IEEE TAC 50(11), 2005), here
+//! with LuGre elements, which turn smoothly. Sizes: assumed.
+//! Stored energy: that of the bristles. Memory of loops within loops is as good as the elements are many: each forgets over its own break-away distance.
+//! Not modelled: shares that differ between guides, elements of their own damping.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::regression::{beyond_chance, break_away, slow_loop};
+use super::{BristleShare, Effect, EffectDescriptor, EffectParameter, MAX_ELEMENTS, Residual, Side};
+use crate::model::ModelError;
+
+pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
+    name: "distributed_bristles",
+    side: Side::Carriage,
+    law: "three LuGre bristles in parallel per guide: stiffness a_i sigma0, damping a_i sigma1, level b_i g(v)",
+    source: "Iwan 1966; Al-Bender, Lampaert, Swevers 2005, with LuGre elements",
+    telltale: "stiffer at the smallest loops and softer at larger ones than one bristle, loops within loops",
+    confused_with: &["stiction_aging", "cable_chain"],
+    parameters: &[
+        EffectParameter::optional("stiffness_share_1", "1", "part of sigma0 and sigma1 in element 1", (0.0, 1.0), 0.1, 1.0),
+        EffectParameter::optional("strength_share_1", "1", "part of g in element 1", (0.0, 1.0), 0.1, 1.0),
+        EffectParameter::optional("stiffness_share_2", "1", "part of sigma0 and sigma1 in element 2", (0.0, 1.0), 0.1, 0.0),
+        EffectParameter::optional("strength_share_2", "1", "part of g in element 2", (0.0, 1.0), 0.1, 0.0),
+    ],
+    check,
+    free: super::all_free,
+    build: |values| Box::new(DistributedBristles { shares: shares(values) }),
+    propose,
+};
+
+/// Sums of given shares may exceed 1 by this: decimals in a file.
+const ROUNDING: f64 = 1e-9;
+
+fn check(values: &[f64]) -> Result<(), ModelError> {
+    for (kind, sum) in [("stiffness", values[0] + values[2]), ("strength", values[1] + values[3])] {
+        if sum > 1.0 + ROUNDING {
+            let key = format!("effects.distributed_bristles: {kind}_share_1 + {kind}_share_2");
+            return Err(ModelError::Value { key, value: sum, limit: "not be above 1: the third element has the rest".to_owned() });
+        }
+    }
+    Ok(())
+}
+
+/// Shares of all three elements. Where a search goes beyond a sum of 1, the two are scaled back to it.
+fn shares(values: &[f64]) -> [BristleShare; MAX_ELEMENTS] {
+    let complete = |first: f64, second: f64| {
+        let sum = (first + second).max(1.0);
+        [first / sum, second / sum, (1.0 - (first + second) / sum).max(0.0)]
+    };
+    let (stiffness, strength) = (complete(values[0], values[2]), complete(values[1], values[3]));
+    std::array::from_fn(|element| BristleShare { stiffness: stiffness[element], strength: strength[element] })
+}
+
+#[derive(Debug)]
+struct DistributedBristles {
+    shares: [BristleShare; MAX_ELEMENTS],
+}
+
+impl Effect for DistributedBristles {
+    fn bristle_shares(&self) -> Option<[BristleShare; MAX_ELEMENTS]> {
+        Some(self.shares)
+    }
+}
+
+/// Widths that are tried on either side of the single bristle's, each a factor of 1.6 apart.
+const WIDTHS: i32 = 8;
+const WIDTH_STEP: f64 = 1.6;
+
+/// Elements that turn over two or three different distances, from what they would add to one bristle.
+///
+/// The modelled friction gives the distance w of the single bristle, whose slow loops are dh/dx = (sign(v) - h) / w. The residual is
+/// then F0 h_w less the sum of B_i h_wi: b_i is B_i, a_i is B_i / w_i, each over its sum.
+fn propose(residual: &Residual) -> Option<Vec<f64>> {
+    let count = residual.force.len();
+    if count < 100 {
+        return None;
+    }
+    let (width, strength) = break_away(residual)?;
+    let widths: Vec<f64> = (-WIDTHS..=WIDTHS).map(|index| width * WIDTH_STEP.powi(index)).collect();
+    let columns: Vec<Vec<f64>> = widths.iter().map(|width| slow_loop(residual, *width)).collect();
+    let target: Vec<f64> =
+        columns[WIDTHS as usize].iter().zip(residual.force).map(|(column, force)| strength * column - force).collect();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let normal = DMatrix::from_fn(columns.len(), columns.len(), |i, j| dot(&columns[i], &columns[j]));
+    let right = DVector::from_fn(columns.len(), |i, _| dot(&columns[i], &target));
+    let target_square = dot(&target, &target);
+    let total = dot(residual.force, residual.force);
+    // What a set of elements leaves of the residual, with their strengths; `None` unless all are positive.
+    let fit = |set: &[usize]| -> Option<(f64, Vec<f64>)> {
+        let left = DMatrix::from_fn(set.len(), set.len(), |i, j| normal[(set[i], set[j])]);
+        let side = DVector::from_fn(set.len(), |i, _| right[set[i]]);
+        let strengths = left.cholesky()?.solve(&side);
+        strengths.iter().all(|strength| *strength > 0.0).then(|| (target_square - strengths.dot(&side), strengths.as_slice().to_vec()))
+    };
+    let mut best: [Option<(f64, Vec<usize>, Vec<f64>)>; 2] = [None, None];
+    let mut tried = 0;
+    for i in 0..widths.len() {
+        for j in i + 1..widths.len() {
+            let triples = (j + 1..widths.len()).map(|k| vec![i, j, k]);
+            for set in std::iter::once(vec![i, j]).chain(triples) {
+                tried += 1;
+                let place = &mut best[set.len() - 2];
+                if let Some((rest, strengths)) = fit(&set)
+                    && place.as_ref().is_none_or(|best| rest < best.0)
+                {
+                    *place = Some((rest, set, strengths));
+                }
+            }
+        }
+    }
+    let [pair, triple] = best;
+    // Two numbers more per element than one bristle has.
+    let pair = pair.filter(|pair| beyond_chance(total - pair.0, pair.0, count, 2, tried));
+    let reached = pair.as_ref().map_or(total, |pair| pair.0);
+    let triple = triple.filter(|triple| beyond_chance(reached - triple.0, triple.0, count, 2, tried));
+    let (_, set, strengths) = triple.or(pair)?;
+    let strength_sum: f64 = strengths.iter().sum();
+    let stiffnesses: Vec<f64> = strengths.iter().zip(&set).map(|(strength, index)| strength / widths[*index]).collect();
+    let stiffness_sum: f64 = stiffnesses.iter().sum();
+    Some((0..2).flat_map(|element| [stiffnesses[element] / stiffness_sum, strengths[element] / strength_sum]).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::regression::record::{Record, assert_silent_on_noise};
+    use super::super::{Effects, FrictionScale};
+    use super::*;
+    use crate::model::{Catalogue, EffectParameters, Guide, StageModel};
+    use crate::plant::{Body, GuideBank};
+
+    const SHARES: [f64; 4] = [0.6, 0.1, 0.3, 0.3];
+
+    fn guide() -> Guide {
+        Catalogue::builtin().guide("guide_1").unwrap()
+    }
+
+    /// Drives a bank to and fro between positions in steps of 1/400 of the way at 0.1 mm/s; friction at the end of each way, N.
+    fn visit(bank: &mut GuideBank, from: f64, places: &[f64]) -> Vec<f64> {
+        let mut position = from;
+        places
+            .iter()
+            .map(|place| {
+                let velocity = 1e-4f64.copysign(place - position);
+                let step = (place - position) / velocity / 400.0;
+                (0..400).for_each(|_| _ = bank.drive(velocity, step, &FrictionScale::ONE));
+                position = *place;
+                guide().stiffness * bank.bristles()[0]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn effective_stiffness_is_the_sum_of_the_elements() {
+        let guide = guide();
+        for amplitude in [1e-7, 1e-6, 10e-6, 40e-6] {
+            let mut bank = GuideBank::with_elements(std::slice::from_ref(&guide), &shares(&SHARES));
+            let ways: Vec<f64> = (0..60).map(|way| if way % 2 == 0 { amplitude } else { -amplitude }).collect();
+            let forces = visit(&mut bank, 0.0, &ways);
+            let found = (forces[58] - forces[59]) / (2.0 * amplitude);
+            let expected: f64 = shares(&SHARES)
+                .iter()
+                .map(|share| {
+                    let strength = share.strength * guide.static_force;
+                    strength * (share.stiffness * guide.stiffness * amplitude / strength).tanh() / amplitude
+                })
+                .sum();
+            // At 2 % of the Stribeck velocity the level is Fs to within 4e-4.
+            assert!((found / expected - 1.0).abs() < 1e-3, "{amplitude} m: {found} N/m, expected {expected} N/m");
+        }
+    }
+
+    /// Force by which a branch is missed after a loop within it, as a part of the force that the loop turns.
+    fn missed(mut bank: GuideBank) -> f64 {
+        // A long way, back, then a branch on which a small loop closes.
+        let mut straight = bank.clone();
+        let before = visit(&mut bank, 0.0, &[-200e-6, 20e-6, 12e-6, 20e-6, 60e-6]);
+        let without = visit(&mut straight, 0.0, &[-200e-6, 20e-6]);
+        assert_eq!(before[1], without[1]);
+        (before[3] - before[1]).abs() / (before[1] - before[2])
+    }
+
+    #[test]
+    fn after_an_inner_loop_closes_the_force_returns_onto_the_outer_branch() {
+        // Elements that turn over 0.05, 23 and 1000 times the single bristle's distance: the loop turns the first and hardly moves the others.
+        let share = |stiffness, strength| BristleShare { stiffness, strength };
+        let apart = [share(0.98, 0.05), share(0.0195, 0.45), share(0.0005, 0.5)];
+        let (single, distributed) = (missed(GuideBank::new(&[guide()])), missed(GuideBank::with_elements(&[guide()], &apart)));
+        assert!(single > 0.1, "one bristle forgets: {single}");
+        assert!(distributed < 0.1 * single, "{distributed} against {single} of one bristle");
+    }
+
+    /// Loops within loops lose energy; what is stored never exceeds the work that was put in.
+    #[test]
+    fn a_driven_bank_stores_less_than_the_work_done() {
+        let mut bank = GuideBank::with_elements(&[guide()], &shares(&SHARES));
+        let mut work = 0.0;
+        for k in 0..20_000 {
+            let velocity = 1e-3 * ((0.003 * f64::from(k)).sin() + 0.7 * (0.0071 * f64::from(k)).sin());
+            work += bank.drive(velocity, 1e-4, &FrictionScale::ONE) * velocity * 1e-4;
+            assert!(bank.stored_energy() <= work + 1e-12, "{k}: {} J of {work} J", bank.stored_energy());
+        }
+        assert!(work > 0.0);
+    }
+
+    #[test]
+    fn a_stage_with_one_share_moves_as_the_stage_without() {
+        let effects = vec![EffectParameters::new("distributed_bristles", [])];
+        let [plain, single] = [Vec::new(), effects].map(|effects| {
+            let mut body = Body::new(&StageModel { effects, ..StageModel::default() }, 25e-6).unwrap();
+            body.advance(60.0, 4000);
+            body.advance(-60.0, 4000);
+            body.position()
+        });
+        assert!((plain / single - 1.0).abs() < 1e-9 && plain.abs() > 1e-6, "{plain} {single}");
+    }
+
+    #[test]
+    fn shares_beyond_one_are_refused_with_their_sum() {
+        let effect = EffectParameters::new("distributed_bristles", [("stiffness_share_1", 0.7), ("stiffness_share_2", 0.5)]);
+        let message = Effects::new(&[effect]).unwrap_err().to_string();
+        assert!(message.contains("stiffness_share_1") && message.contains("1.2") && message.contains("above 1"), "{message}");
+    }
+
+    /// Loops from 2 to 300 um within each other: the shares found give the effective stiffness at every amplitude.
+    #[test]
+    fn proposal_gives_the_effective_stiffness_under_noise_and_nothing_in_noise() {
+        let mut position = Vec::new();
+        for amplitude in [2e-6, 8e-6, 30e-6, 100e-6, 300e-6] {
+            position.extend((0..4000).map(|k| amplitude * (std::f64::consts::TAU * f64::from(k) / 2000.0).sin()));
+        }
+        let truth = SHARES;
+        let record = Record::along(position.clone()).with_effect(&DESCRIPTOR, &truth).with_noise(0.3, 8);
+        let found = propose(&record.residual()).unwrap();
+        let guide = guide();
+        let stiffness = |values: &[f64], amplitude: f64| -> f64 {
+            let element = |share: &BristleShare| {
+                let strength = share.strength * guide.static_force;
+                if strength > 0.0 { strength * (share.stiffness * guide.stiffness * amplitude / strength).tanh() / amplitude } else { 0.0 }
+            };
+            shares(values).iter().map(element).sum()
+        };
+        for amplitude in [3e-6, 10e-6, 40e-6] {
+            let ratio = stiffness(&found, amplitude) / stiffness(&truth, amplitude);
+            assert!((ratio - 1.0).abs() < 0.15, "{amplitude} m: {ratio} of the truth, {found:?}");
+        }
+        assert!(propose(&Record::along(position).with_noise(0.3, 8).residual()).is_none());
+        assert_silent_on_noise(&DESCRIPTOR);
+    }
+}

@@ -1,0 +1,92 @@
+//! Force cell drift: the zero of the cell moves with time.
+//!
+//! Reading F + b + r t + A (1 - exp(-t / T)): b offset (N), r rate (N/s), t time since the start (s), A amplitude (N) and T time_constant (s) of a warm-up.
+//! Source: assumed form: zero error, linear drift, and one thermal mode. Sizes: assumed, some 0.1 N over minutes.
+//! Not modelled: drift that follows the load.
+
+use super::regression::{largest_over_decades, least_squares};
+use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
+
+/// Shortest and longest time constant, s.
+const TIMES: (f64, f64) = (0.1, 1e5);
+
+pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
+    name: "force_cell_drift",
+    side: Side::Sensor,
+    law: "reading = F + offset + rate t + amplitude (1 - exp(-t / time_constant))",
+    source: "assumed: zero error, linear drift and one thermal mode",
+    telltale: "cell less command follows slow time alone, and so does the carriage's residual, with the opposite sign",
+    confused_with: &["constant_force"],
+    parameters: &[
+        EffectParameter::optional("rate", "N/s", "drift of the reading", (-100.0, 100.0), 0.01, 0.0),
+        EffectParameter::optional("offset", "N", "reading without force at time 0", (-1000.0, 1000.0), 0.1, 0.0),
+        EffectParameter::optional("amplitude", "N", "change of the reading by warm-up", (-1000.0, 1000.0), 0.1, 0.0),
+        EffectParameter::optional("time_constant", "s", "time of the warm-up", TIMES, 1.0, 10.0),
+    ],
+    check: super::any,
+    // A warm-up that is not there stays away.
+    free: |values, index| index < 2 || values[2] != 0.0,
+    build: |values| {
+        Box::new(ForceCellDrift { rate: values[0], offset: values[1], amplitude: values[2], time_constant: values[3] })
+    },
+    propose,
+};
+
+#[derive(Debug)]
+struct ForceCellDrift {
+    rate: f64,
+    offset: f64,
+    amplitude: f64,
+    time_constant: f64,
+}
+
+impl Effect for ForceCellDrift {
+    fn force_cell(&self, time: f64, force: f64) -> f64 {
+        force + self.offset + self.rate * time - self.amplitude * (-time / self.time_constant).exp_m1()
+    }
+}
+
+/// Straight line over time; with a warm-up where that explains more than chance beyond it.
+fn propose(residual: &Residual) -> Option<Vec<f64>> {
+    let line = least_squares(residual.force, |k| [1.0, residual.time[k]])?;
+    let duration = residual.time.last()? - residual.time.first()?;
+    let warm_up = |time_constant: f64| {
+        least_squares(residual.force, |k| [1.0, residual.time[k], -(-residual.time[k] / time_constant).exp_m1()])
+    };
+    // Beyond half the record a warm-up is hard to tell from a line.
+    let (shortest, longest) = ((duration / 300.0).max(TIMES.0), 0.5 * duration);
+    if longest > shortest {
+        let explained = |time_constant: f64| warm_up(time_constant).map_or(f64::NEG_INFINITY, |fit| fit.explained);
+        let time_constant = largest_over_decades(shortest, longest, explained);
+        if let Some(fit) = warm_up(time_constant).filter(|fit| fit.improves_on(&line)) {
+            let [offset, rate, amplitude] = fit.coefficients;
+            return Some(vec![rate, offset, amplitude, time_constant]);
+        }
+    }
+    line.is_something().then(|| vec![line.coefficients[1], line.coefficients[0], 0.0, 10.0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::regression::record::{assert_silent_on_noise, proposal};
+    use super::*;
+
+    #[test]
+    fn reading_drifts_from_its_offset_by_the_rate_and_the_warm_up() {
+        let drift = (DESCRIPTOR.build)(&[0.01, -0.2, 0.5, 10.0]);
+        assert!((drift.force_cell(0.0, 7.0) - 6.8).abs() < 1e-12);
+        let expected = 7.0 - 0.2 + 0.2 + 0.5 * (1.0 - (-2.0f64).exp());
+        assert!((drift.force_cell(20.0, 7.0) - expected).abs() < 1e-12);
+        assert_eq!(drift.encoder(20.0, 0.1), 0.1);
+    }
+
+    #[test]
+    fn proposal_finds_line_and_warm_up_under_noise_and_nothing_in_noise() {
+        let found = proposal(&DESCRIPTOR, &[0.05, -0.3, 0.0, 10.0]);
+        assert!((found[0] / 0.05 - 1.0).abs() < 0.1 && (found[1] / -0.3 - 1.0).abs() < 0.1, "{found:?}");
+        assert_eq!(found[2], 0.0);
+        let found = proposal(&DESCRIPTOR, &[0.0, 0.2, 1.0, 1.5]);
+        assert!((found[2] / 1.0 - 1.0).abs() < 0.2 && (found[3] / 1.5 - 1.0).abs() < 0.2, "{found:?}");
+        assert_silent_on_noise(&DESCRIPTOR);
+    }
+}

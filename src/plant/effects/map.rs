@@ -1,0 +1,273 @@
+//! Map: an empirical curve of force over position, velocity or time, for what no law explains.
+//!
+//! F(c) along +x on the carriage side (or, where the model says so, on the motor side): linear between equidistant knots, constant
+//! beyond the ends; c position (m), velocity (m/s) or time (s since the start).
+//! Source: none, which is the point. Piecewise linear, so that each knot is the force there and a fit is linear in the knots.
+//! Over position the force has a potential; over velocity and time it has none.
+//! Not modelled: dependence on two coordinates at once.
+
+use crate::model::{Coordinate, Curve, CurveSide, ModelError};
+
+use super::regression::{beyond_chance, least_squares};
+use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+
+/// Values before the knots: coordinate, side, from, to.
+const HEAD: usize = 4;
+/// Knots of a proposal.
+const KNOTS: usize = 41;
+
+pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
+    name: "map",
+    side: Side::Carriage,
+    law: "F = values[(c - from) / (to - from)], linear between equidistant knots, constant beyond; c position, velocity or time",
+    source: "none: an empirical curve",
+    telltale: "a force that repeats over one coordinate and follows no law of the list",
+    confused_with: &[],
+    parameters: &[
+        EffectParameter::required("coordinate", "", "0 position, 1 velocity, 2 time", (0.0, 2.0), 1.0),
+        EffectParameter::optional("side", "", "0 carriage, 1 motor", (0.0, 1.0), 1.0, 0.0),
+        EffectParameter::required("from", "m, m/s or s", "first knot", (-1e6, 1e6), 0.1),
+        EffectParameter::required("to", "m, m/s or s", "last knot", (-1e6, 1e6), 0.1),
+    ],
+    check,
+    free: |_, index| index >= HEAD,
+    build: |values| Box::new(Map::new(curve(values))),
+    propose,
+};
+
+/// The curve's vector of values.
+pub(super) fn values(curve: &Curve) -> Vec<f64> {
+    let coordinate = match curve.coordinate {
+        Coordinate::Position => 0.0,
+        Coordinate::Velocity => 1.0,
+        Coordinate::Time => 2.0,
+    };
+    let side = match curve.side {
+        CurveSide::Carriage => 0.0,
+        CurveSide::Motor => 1.0,
+    };
+    [coordinate, side, curve.from, curve.to].into_iter().chain(curve.values.iter().copied()).collect()
+}
+
+/// The inverse of [`values`].
+pub(super) fn curve(values: &[f64]) -> Curve {
+    let coordinate = match values[0] {
+        code if code < 0.5 => Coordinate::Position,
+        code if code < 1.5 => Coordinate::Velocity,
+        _ => Coordinate::Time,
+    };
+    let side = if values[1] < 0.5 { CurveSide::Carriage } else { CurveSide::Motor };
+    Curve { coordinate, side, from: values[2], to: values[3], values: values[HEAD..].to_vec() }
+}
+
+fn check(values: &[f64]) -> Result<(), ModelError> {
+    let refuse = |key: &str, value: f64, limit: String| Err(ModelError::Value { key: key.to_owned(), value, limit });
+    if values.len() <= HEAD {
+        return refuse("effects.map (number of values)", 0.0, "be at least 2, from and to finite".to_owned());
+    }
+    let (from, to, knots) = (values[2], values[3], &values[HEAD..]);
+    if !from.is_finite() {
+        return refuse("effects.map.from", from, "be finite".to_owned());
+    }
+    if !(to.is_finite() && to > from) {
+        return refuse("effects.map.to", to, format!("be finite and above `from`, which is {from}"));
+    }
+    if knots.len() < 2 {
+        return refuse("effects.map.values (their number)", knots.len() as f64, "be at least 2".to_owned());
+    }
+    match knots.iter().position(|value| !value.is_finite()) {
+        Some(index) => refuse(&format!("effects.map.values[{index}]"), knots[index], "be finite".to_owned()),
+        None => Ok(()),
+    }
+}
+
+#[derive(Debug)]
+struct Map {
+    curve: Curve,
+    /// Knots per unit of the coordinate.
+    density: f64,
+    /// Integral of the force from the first knot to each, N times the unit of the coordinate.
+    integral: Vec<f64>,
+}
+
+impl Map {
+    fn new(curve: Curve) -> Map {
+        let density = (curve.values.len() - 1) as f64 / (curve.to - curve.from);
+        let mut integral = vec![0.0];
+        for pair in curve.values.windows(2) {
+            integral.push(integral[integral.len() - 1] + 0.5 * (pair[0] + pair[1]) / density);
+        }
+        Map { curve, density, integral }
+    }
+
+    /// Knot at or before the coordinate, and the part of the way to the next.
+    fn locate(&self, coordinate: f64) -> (usize, f64) {
+        let last = self.curve.values.len() - 1;
+        let place = ((coordinate - self.curve.from) * self.density).clamp(0.0, last as f64);
+        let knot = (place as usize).min(last - 1);
+        (knot, place - knot as f64)
+    }
+
+    fn at(&self, coordinate: f64) -> f64 {
+        let (knot, part) = self.locate(coordinate);
+        let values = &self.curve.values;
+        values[knot] + part * (values[knot + 1] - values[knot])
+    }
+}
+
+impl Effect for Map {
+    fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
+        self.at(match self.curve.coordinate {
+            Coordinate::Position => motion.position,
+            Coordinate::Velocity => motion.velocity,
+            Coordinate::Time => motion.time,
+        })
+    }
+
+    fn side(&self) -> Option<Side> {
+        Some(match self.curve.side {
+            CurveSide::Carriage => Side::Carriage,
+            CurveSide::Motor => Side::Motor,
+        })
+    }
+
+    fn stiffness(&self) -> f64 {
+        if self.curve.coordinate != Coordinate::Position {
+            return 0.0;
+        }
+        self.density * self.curve.values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
+    }
+
+    /// Minus the integral of the force over position from the first knot.
+    fn stored_energy(&self, _time: f64, position: f64) -> f64 {
+        if self.curve.coordinate != Coordinate::Position {
+            return 0.0;
+        }
+        let (knot, part) = self.locate(position);
+        let inside = self.integral[knot] + 0.5 * part * (self.curve.values[knot] + self.at(position)) / self.density;
+        let beyond = position - position.clamp(self.curve.from, self.curve.to);
+        -(inside + beyond * self.at(position))
+    }
+}
+
+/// The coordinate over which the means of the residual in bins take most out of it.
+fn propose(residual: &Residual) -> Option<Vec<f64>> {
+    let total: f64 = residual.force.iter().map(|force| force * force).sum();
+    let constant = least_squares(residual.force, |_| [1.0])?;
+    let over = |code: f64, coordinate: &[f64]| -> Option<(f64, Vec<f64>)> {
+        let from = coordinate.iter().copied().fold(f64::INFINITY, f64::min);
+        let to = coordinate.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if !(to > from && (to - from).is_finite()) {
+            return None;
+        }
+        let density = (KNOTS - 1) as f64 / (to - from);
+        let (mut sums, mut counts) = ([0.0; KNOTS], [0usize; KNOTS]);
+        for (coordinate, force) in coordinate.iter().zip(residual.force) {
+            let knot = ((coordinate - from) * density).round() as usize;
+            sums[knot] += force;
+            counts[knot] += 1;
+        }
+        let explained = sums.iter().zip(counts).filter(|(_, count)| *count > 0).map(|(sum, count)| sum * sum / count as f64);
+        let explained = explained.sum::<f64>() - constant.explained;
+        let mut values = vec![code, 0.0, from, to];
+        // Knots without samples take the value of the last one that has some.
+        let mut last = 0.0;
+        for (sum, count) in sums.iter().zip(counts) {
+            if count > 0 {
+                last = sum / count as f64;
+            }
+            values.push(last);
+        }
+        Some((explained, values))
+    };
+    [over(0.0, residual.position), over(1.0, residual.velocity), over(2.0, residual.time)]
+        .into_iter()
+        .flatten()
+        .filter(|(explained, _)| {
+            let rest = total - constant.explained - explained;
+            beyond_chance(*explained, rest, residual.force.len(), KNOTS - 1, 3)
+        })
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, values)| values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Effects;
+    use super::super::regression::record::{Record, assert_silent_on_noise};
+    use super::*;
+    use crate::model::EffectParameters;
+
+    fn tent(coordinate: Coordinate) -> Curve {
+        Curve { coordinate, side: CurveSide::Carriage, from: -0.1, to: 0.1, values: vec![1.0, 4.0, -2.0] }
+    }
+
+    #[test]
+    fn force_is_linear_between_the_knots_and_constant_beyond() {
+        let mut map = Map::new(tent(Coordinate::Velocity));
+        for (velocity, force) in [(-0.5, 1.0), (-0.1, 1.0), (-0.05, 2.5), (0.0, 4.0), (0.05, 1.0), (0.1, -2.0), (3.0, -2.0)] {
+            let found = map.force(&Motion { velocity, position: 7.0, time: 9.0, ..Motion::default() }, 1e-4);
+            assert!((found - force).abs() < 1e-12, "{velocity} m/s: {found} N, expected {force} N");
+        }
+    }
+
+    #[test]
+    fn over_position_the_force_is_the_slope_of_the_stored_energy() {
+        let mut map = Map::new(tent(Coordinate::Position));
+        for position in [-0.15, -0.07, 0.03, 0.099, 0.2] {
+            let h = 1e-6;
+            let slope = (map.stored_energy(0.0, position + h) - map.stored_energy(0.0, position - h)) / (2.0 * h);
+            let force = map.force(&Motion { position, ..Motion::default() }, 1e-4);
+            assert!((force + slope).abs() < 1e-4, "{position} m: {force} {slope}");
+        }
+    }
+
+    #[test]
+    fn values_are_the_curve_and_back() {
+        let given = EffectParameters::map(Curve { side: CurveSide::Motor, ..tent(Coordinate::Time) });
+        let values = DESCRIPTOR.values_of(&given).unwrap();
+        assert_eq!(DESCRIPTOR.parameters_of(&values), given);
+        assert_eq!((DESCRIPTOR.build)(&values).side(), Some(Side::Motor));
+    }
+
+    #[test]
+    fn impossible_curves_are_refused_with_the_numbers() {
+        let cases: [(Curve, &[&str]); 4] = [
+            (Curve { to: -0.2, ..tent(Coordinate::Position) }, &["effects.map.to", "-0.2", "-0.1"]),
+            (Curve { from: f64::NAN, ..tent(Coordinate::Position) }, &["effects.map.from", "NaN"]),
+            (Curve { values: vec![1.0], ..tent(Coordinate::Position) }, &["values", "1", "at least 2"]),
+            (Curve { values: vec![1.0, f64::INFINITY], ..tent(Coordinate::Position) }, &["values[1]", "inf"]),
+        ];
+        for (curve, expected) in cases {
+            let message = Effects::new(&[EffectParameters::map(curve)]).unwrap_err().to_string();
+            for words in expected {
+                assert!(message.contains(words), "{message:?} without {words:?}");
+            }
+        }
+        let bare = EffectParameters::new("map", [("coordinate", 0.0), ("from", 0.0), ("to", 1.0)]);
+        assert!(Effects::new(&[bare]).unwrap_err().to_string().contains("at least 2"));
+        let law = EffectParameters { curve: Some(tent(Coordinate::Time)), ..EffectParameters::new("cogging", []) };
+        assert!(Effects::new(&[law]).is_err());
+    }
+
+    #[test]
+    fn proposal_finds_the_coordinate_and_the_curve_under_noise_and_nothing_in_noise() {
+        for coordinate in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
+            let (from, to) = match coordinate {
+                Coordinate::Position => (0.0, 0.2),
+                Coordinate::Velocity => (-0.4, 0.4),
+                Coordinate::Time => (0.0, 12.0),
+            };
+            let knots = vec![0.0, 3.0, -1.0, 0.5, 2.0, 0.0];
+            let true_values = values(&Curve { coordinate, side: CurveSide::Carriage, from, to, values: knots });
+            let record = Record::motion().with_effect(&DESCRIPTOR, &true_values).with_noise(0.3, 5);
+            let found = propose(&record.residual()).unwrap();
+            assert_eq!(found[0], true_values[0], "{coordinate:?}");
+            let (found, truth) = (Map::new(curve(&found)), Map::new(curve(&true_values)));
+            let places = (1..20).map(|k| from + (to - from) * f64::from(k) / 20.0);
+            let worst = places.map(|place| (found.at(place) - truth.at(place)).abs()).fold(0.0, f64::max);
+            assert!(worst < 0.4, "{coordinate:?}: {worst} N");
+        }
+        assert_silent_on_noise(&DESCRIPTOR);
+    }
+}
