@@ -238,8 +238,10 @@ mod tests {
                 let error = 4.0 * found.stiffness.standard_error + 0.005 * k;
                 assert!((found.stiffness.value - k).abs() < error, "{name} {:?}: {:?}, {k}", found.amplitude, found.stiffness);
                 if found.amplitude > 0.9e-6 {
-                    // The bristle damping adds its 3 % at the most, as the travel time is chosen for.
-                    let error = 4.0 * found.area.standard_error + 0.04 * area;
+                    // What moves the bristle beside the loop, its damping and the shaking of the servo, adds to the area: at
+                    // 1 um up to a fifth, from 3 um on less than a twentieth.
+                    let share = if found.amplitude < 2e-6 { 0.2 } else { 0.05 };
+                    let error = 4.0 * found.area.standard_error + share * area;
                     assert!((found.area.value - area).abs() < error, "{name} {:?}: {:?}, {area}", found.amplitude, found.area);
                 }
                 let frequency = (4.0 * k / 40.0).sqrt() / (2.0 * PI);

@@ -11,14 +11,16 @@ use crate::control::{ControllerSettings, Gains};
 use super::specimen::{LabError, Recording, Row, Settings, Specimen, closed_loop, rest, within_motor};
 
 /// Bandwidths of the controller, Hz: the paper's, and softer ones, down to that of a position loop without any hurry.
-pub const BANDWIDTHS: [f64; 6] = [60.0, 30.0, 10.0, 5.0, 2.0, 1.0];
+pub const BANDWIDTHS: [f64; 5] = [60.0, 10.0, 5.0, 3.0, 2.0];
 /// Distance from the target at which the stage starts, as the proportional force there over the static friction of the
 /// guides. Assumed: below 1, so that only the integrator can bring the stage on.
 const START: f64 = 0.5;
 /// Time before the target appears, s.
 const LEAD: f64 = 0.05;
 /// Time at rest, s: in periods of the bandwidth, at least so long.
-const HOLD: (f64, f64) = (60.0, 20.0);
+const HOLD: (f64, f64) = (400.0, 20.0);
+/// Most samples that are kept for a recording.
+const KEPT: usize = 200_000;
 /// A motion at rest counts from this peak to peak on, m: far above the encoder's noise of 1 nm.
 const SEEN: f64 = 30e-9;
 /// Whole periods that make a cycle of an accident.
@@ -46,7 +48,8 @@ pub struct LimitCycle {
     pub period: f64,
 }
 
-/// Runs the stage at each of `bandwidths`; `tick` is called after each.
+/// Runs the stage at each of `bandwidths`; `tick` is called after each. Recordings hold the
+/// first 50 s.
 pub fn hunting(
     specimen: &Specimen,
     settings: &Settings,
@@ -69,12 +72,18 @@ pub fn hunting(
         let mut stage = closed_loop(model, settings, controller, points)?;
         let start = (LEAD * rate).round() as usize;
         let count = start + (hold * rate).round() as usize;
-        let mut rows = Vec::with_capacity(count);
-        for _ in 0..count {
-            rows.push(Row::of(&stage.cycle()?));
+        let mut rows = Vec::with_capacity(KEPT.min(count));
+        let mut position = Vec::with_capacity(count - start);
+        for k in 0..count {
+            let row = Row::of(&stage.cycle()?);
+            if k >= start {
+                position.push(row.sample.position);
+            }
+            if rows.len() < KEPT {
+                rows.push(row);
+            }
         }
         within_motor("hunting", specimen, model, &rows)?;
-        let position: Vec<f64> = rows[start..].iter().map(|row| row.sample.position).collect();
         let (peak_to_peak, cycle) = limit_cycle(&position, rate);
         let thin = (position.len() / 3000).max(1);
         let points =

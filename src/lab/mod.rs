@@ -5,11 +5,13 @@
 
 mod closed_loop;
 mod dahl;
+mod distributed_fit;
 mod fast_move;
 mod fine_step;
 mod frequency_response;
 mod hunting;
 mod paper;
+mod rig;
 mod settling;
 mod specimen;
 mod stribeck;
@@ -18,11 +20,13 @@ pub use closed_loop::{ClosedLoop, Cycle};
 pub use dahl::{
     AMPLITUDES, DahlCurves, DahlResonance, HysteresisLoop, LoopTiming, PAPER_AMPLITUDES, dahl, hysteresis_loop, length,
 };
+pub use distributed_fit::{DistributedFit, NoDistributedFit, best_single, fit as fit_distributed};
 pub use fast_move::{FastMove, WAVE, fast_move};
 pub use fine_step::{FineStep, STEPS, fine_step};
 pub use frequency_response::{FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response};
 pub use hunting::{BANDWIDTHS, HuntingResult, LimitCycle, hunting};
 pub use paper::{Move, MoveKind, PaperMotion};
+pub use rig::{RIG_TICKS, RigBias, rig};
 pub use settling::{MoveResult, SETTLING_BANDS, settling};
 pub use specimen::{LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, closed_loop};
 pub use stribeck::{SPEEDS, StribeckCurve, StribeckPoint, stribeck};
