@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod demo;
+pub mod experiment;
 pub mod recover;
 pub mod replay;
 
@@ -26,6 +27,7 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 don
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(demo::DemoArgs),
+    Experiment(experiment::ExperimentArgs),
     Replay(replay::ReplayArgs),
     Check(check::CheckArgs),
     Recover(recover::RecoverArgs),
@@ -58,6 +60,7 @@ impl Arguments {
     pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         match self.command.unwrap_or_else(|| Command::Demo(demo::DemoArgs::default())) {
             Command::Demo(arguments) => demo::run(&arguments, out),
+            Command::Experiment(arguments) => experiment::run(&arguments, out),
             Command::Replay(arguments) => replay::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
             Command::Recover(arguments) => recover::run(&arguments, out),

@@ -124,10 +124,8 @@ mod tests {
         // Far beyond every break-away distance only the static friction is left.
         assert!((found.effective_stiffness(10e-3) * 10e-3 / 16.8 - 1.0).abs() < 1e-3);
         let single = best_single(&GUIDE_1, 16.8);
-        let worst = GUIDE_1
-            .iter()
-            .map(|(a, k)| (16.8 * (single * a / 16.8f64).tanh() / a / k - 1.0).abs())
-            .fold(0.0, f64::max);
+        let worst =
+            GUIDE_1.iter().map(|(a, k)| (16.8 * (single * a / 16.8f64).tanh() / a / k - 1.0).abs()).fold(0.0, f64::max);
         assert!(worst > 0.2, "{single}: {worst}");
     }
 

@@ -29,9 +29,8 @@ pub struct FastMove {
 }
 
 /// Bands of `settling_over_band`, m, from coarse to fine.
-pub const BANDS: [f64; 13] = [
-    30e-6, 20e-6, 10e-6, 5e-6, 3e-6, 2e-6, 1e-6, 0.5e-6, 0.3e-6, 0.2e-6, 0.1e-6, 50e-9, 30e-9,
-];
+pub const BANDS: [f64; 13] =
+    [30e-6, 20e-6, 10e-6, 5e-6, 3e-6, 2e-6, 1e-6, 0.5e-6, 0.3e-6, 0.2e-6, 0.1e-6, 50e-9, 30e-9];
 
 /// Runs the move after `rest` s at rest. `feedforward` switches viscous feedforward on, ideal: the sum of sigma2 of the guides.
 pub fn fast_move(

@@ -157,11 +157,10 @@ fn line_mass(points: &[ResponsePoint]) -> f64 {
     let upper = &points[2 * points.len() / 3..];
     let count = upper.len() as f64;
     let square = |point: &ResponsePoint| (2.0 * PI * point.frequency).powi(2);
-    let (x, y) =
-        upper.iter().fold((0.0, 0.0), |(x, y), p| (x + square(p) / count, y + p.stiffness.0 / count));
-    let (cross, squares) = upper.iter().fold((0.0, 0.0), |(c, s), p| {
-        (c + (square(p) - x) * (p.stiffness.0 - y), s + (square(p) - x).powi(2))
-    });
+    let (x, y) = upper.iter().fold((0.0, 0.0), |(x, y), p| (x + square(p) / count, y + p.stiffness.0 / count));
+    let (cross, squares) = upper
+        .iter()
+        .fold((0.0, 0.0), |(c, s), p| (c + (square(p) - x) * (p.stiffness.0 - y), s + (square(p) - x).powi(2)));
     -cross / squares
 }
 

@@ -14,6 +14,7 @@ mod paper;
 mod rig;
 mod settling;
 mod specimen;
+mod statements;
 mod stribeck;
 
 pub use closed_loop::{ClosedLoop, Cycle};
@@ -29,4 +30,7 @@ pub use paper::{Move, MoveKind, PaperMotion};
 pub use rig::{RIG_TICKS, RigBias, rig};
 pub use settling::{MoveResult, SETTLING_BANDS, settling};
 pub use specimen::{LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, closed_loop};
+pub use statements::{
+    PaperResults, STATED_STIFFNESS, Statement, StiffnessError, fit_stated, loop_at, statements, stiffness_errors,
+};
 pub use stribeck::{SPEEDS, StribeckCurve, StribeckPoint, stribeck};

@@ -128,7 +128,10 @@ mod tests {
         let (biases, _) = rig(&specimen, &Settings::default(), &|| ()).unwrap();
         for row in biases.iter().filter(|row| row.property == "coupling") {
             let series = 1.0 / (1.0 + 1.0 / row.value) - 1.0;
-            assert!((row.stiffness_bias_at_motor - series).abs() < 5.0 * row.stiffness_error + 0.01, "{row:?}: {series}");
+            assert!(
+                (row.stiffness_bias_at_motor - series).abs() < 5.0 * row.stiffness_error + 0.01,
+                "{row:?}: {series}"
+            );
             assert!(row.stiffness_bias.abs() < 5.0 * row.stiffness_error + 0.01, "{row:?}");
         }
         for row in biases.iter().filter(|row| row.property == "noise") {

@@ -2,7 +2,9 @@
 
 use serde::Serialize;
 
-use crate::control::{Controller, ControllerError, ControllerSettings, Gains, Point, Terms, Trajectory, TrajectoryError};
+use crate::control::{
+    Controller, ControllerError, ControllerSettings, Gains, Point, Terms, Trajectory, TrajectoryError,
+};
 use crate::model::{Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
 use crate::plant::{Rates, Sample, Stage};
 
@@ -175,8 +177,7 @@ impl Specimen {
 
     /// The stage under the paper's controller (section 4), with `viscous` N s/m of viscous feedforward.
     pub fn on_stage(&self, settings: &Settings, viscous: f64, points: Vec<Point>) -> Result<ClosedLoop, LabError> {
-        let paper =
-            ControllerSettings::paper(self.stage.mass, settings.rates.control(), self.stage.motor.force_limit);
+        let paper = ControllerSettings::paper(self.stage.mass, settings.rates.control(), self.stage.motor.force_limit);
         closed_loop(&self.stage, settings, ControllerSettings { viscous_feedforward: viscous, ..paper }, points)
     }
 }

@@ -118,8 +118,7 @@ pub fn stribeck(
         specimen: specimen.name.clone(),
         what: "needs at least two speeds above 0.1 m/s in both directions".to_owned(),
     })?;
-    let recording =
-        Recording { name: "stribeck".to_owned(), model: specimen.rig.clone(), settings: *settings, rows };
+    let recording = Recording { name: "stribeck".to_owned(), model: specimen.rig.clone(), settings: *settings, rows };
     Ok((curve, recording))
 }
 
@@ -145,8 +144,7 @@ fn summarise(name: String, points: Vec<StribeckPoint>) -> Option<StribeckCurve> 
         })
         .collect();
     let slow_force = pairs.first()?.1;
-    let (least_force_speed, least_force) =
-        pairs.iter().copied().min_by(|a, b| a.1.value.total_cmp(&b.1.value))?;
+    let (least_force_speed, least_force) = pairs.iter().copied().min_by(|a, b| a.1.value.total_cmp(&b.1.value))?;
     let line: Vec<(f64, f64)> =
         pairs.iter().filter(|(v, _)| *v >= 0.99 * LINE_FROM).map(|(v, force)| (*v, force.value)).collect();
     if line.len() < 2 {

@@ -162,7 +162,9 @@ impl Chart {
             let points: Vec<(f64, f64)> = points.into_iter().step_by(every).collect();
             match series.style {
                 Style::Line => drop(chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?),
-                Style::Dashed => drop(chart.draw_series(DashedLineSeries::new(points, 5, 4, colour.stroke_width(1)))?),
+                Style::Dashed => {
+                    drop(chart.draw_series(DashedLineSeries::new(points, 5, 4, colour.stroke_width(1)))?)
+                }
                 Style::Marks => {
                     chart.draw_series(points.into_iter().map(|point| Circle::new(point, 3, colour.filled())))?;
                 }
