@@ -124,7 +124,7 @@ impl Experiment {
             (Experiment::FrequencyResponse, lab::FrequencyResponse::TICKS),
             (Experiment::FastMove, 2),
             (Experiment::FineStep, 2),
-            (Experiment::Hunting, lab::BANDWIDTHS.len()),
+            (Experiment::Hunting, lab::BANDWIDTHS.len() * lab::INTEGRALS.len()),
             (Experiment::Rig, lab::RIG_TICKS),
         ];
         parts.iter().filter(|(part, _)| self.includes(*part)).map(|(_, ticks)| ticks).sum()
@@ -277,7 +277,7 @@ fn measure(
         }
     }
     if asked(Experiment::Hunting) {
-        let (found, recordings) = lab::hunting(of, settings, &lab::BANDWIDTHS, tick)?;
+        let (found, recordings) = lab::hunting(of, settings, &lab::BANDWIDTHS, &lab::INTEGRALS, tick)?;
         keep(&recordings)?;
         results.hunting.push(summary::Hunting { name: of.name.clone(), results: found });
     }

@@ -12,6 +12,8 @@ use super::specimen::{LabError, Recording, Row, Settings, Specimen, closed_loop,
 
 /// Bandwidths of the controller, Hz: the paper's, and softer ones, down to that of a position loop without any hurry.
 pub const BANDWIDTHS: [f64; 5] = [60.0, 10.0, 5.0, 3.0, 2.0];
+/// Integral gain over that of the paper's kind of controller, whose integrator corner lies at a tenth of the bandwidth.
+pub const INTEGRALS: [f64; 2] = [1.0, 3.0];
 /// Distance from the target at which the stage starts, as the proportional force there over the static friction of the
 /// guides. Assumed: below 1, so that only the integrator can bring the stage on.
 const START: f64 = 0.5;
@@ -20,7 +22,7 @@ const LEAD: f64 = 0.05;
 /// Time at rest, s: in periods of the bandwidth, at least so long.
 const HOLD: (f64, f64) = (400.0, 20.0);
 /// Most samples that are kept for a recording.
-const KEPT: usize = 200_000;
+const KEPT: usize = 60_000;
 /// A motion at rest counts from this peak to peak on, m: far above the encoder's noise of 1 nm.
 const SEEN: f64 = 30e-9;
 /// Whole periods that make a cycle of an accident.
@@ -31,6 +33,8 @@ const PERIODS: usize = 3;
 pub struct HuntingResult {
     /// Bandwidth of the controller, Hz.
     pub bandwidth: f64,
+    /// Integral gain over that of [`Gains::from_bandwidth`].
+    pub integral: f64,
     /// Position peak to peak over the last half of the rest, m.
     pub peak_to_peak: f64,
     /// The limit cycle; `None` where the stage comes to rest.
@@ -48,22 +52,26 @@ pub struct LimitCycle {
     pub period: f64,
 }
 
-/// Runs the stage at each of `bandwidths`; `tick` is called after each. Recordings hold the
-/// first 50 s.
+/// Runs the stage at each of `integrals` and `bandwidths`; `tick` is called after each. Recordings hold the
+/// first 15 s.
 pub fn hunting(
     specimen: &Specimen,
     settings: &Settings,
     bandwidths: &[f64],
+    integrals: &[f64],
     tick: &dyn Fn(),
 ) -> Result<(Vec<HuntingResult>, Vec<Recording>), LabError> {
     let mut results = Vec::new();
     let mut recordings = Vec::new();
-    for &bandwidth in bandwidths {
+    let controllers =
+        integrals.iter().flat_map(|integral| bandwidths.iter().map(move |bandwidth| (*integral, *bandwidth)));
+    for (integral, bandwidth) in controllers {
         let model = &specimen.stage;
         let rate = settings.rates.control();
         let hold = (HOLD.0 / bandwidth).max(HOLD.1);
         let paper = ControllerSettings::paper(model.mass, rate, model.motor.force_limit);
         let gains = Gains::from_bandwidth(bandwidth, model.mass);
+        let gains = Gains { i: integral * gains.i, ..gains };
         // A step of the setpoint, without feedforward: the target simply lies there.
         let controller = ControllerSettings { gains, mass_feedforward: 0.0, ..paper };
         let break_away: f64 = model.resolved_guides()?.iter().map(|guide| guide.static_force).sum();
@@ -88,8 +96,8 @@ pub fn hunting(
         let thin = (position.len() / 3000).max(1);
         let points =
             position.iter().step_by(thin).enumerate().map(|(k, x)| ((k * thin) as f64 / rate, distance - x)).collect();
-        results.push(HuntingResult { bandwidth, peak_to_peak, cycle, points });
-        let name = format!("hunting_{bandwidth}Hz");
+        results.push(HuntingResult { bandwidth, integral, peak_to_peak, cycle, points });
+        let name = format!("hunting_{bandwidth}Hz_{integral}");
         recordings.push(Recording { name, model: model.clone(), settings: *settings, rows });
         tick();
     }
@@ -135,6 +143,23 @@ fn limit_cycle(position: &[f64], rate: f64) -> (f64, Option<LimitCycle>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The same guide hunts with a falling F(v) and comes to rest without; between jumps the integrator alone works, so half a
+    /// period is at least the time in which i times the error changes the force from one break-away to the other.
+    #[test]
+    fn a_falling_curve_makes_the_stage_hunt() {
+        let falling = Specimen::of_guide("guide_1").unwrap();
+        let mut flat = falling.guide().unwrap();
+        flat.static_force = flat.coulomb_force;
+        let run = |of: &Specimen| hunting(of, &Settings::default(), &[3.0], &[3.0], &|| ()).unwrap().0.remove(0);
+        assert!(run(&falling.clone().with_guide(flat)).cycle.is_none());
+        let guide = falling.guide().unwrap();
+        let cycle = run(&falling).cycle.unwrap();
+        let gains = Gains::from_bandwidth(3.0, 40.0);
+        let least = 4.0 * (guide.static_force + guide.coulomb_force) / (3.0 * gains.i * cycle.amplitude);
+        let half = 0.5 * cycle.period;
+        assert!(half > 0.8 * least && half < 1.6 * least, "{half} s against {least} s");
+    }
 
     #[test]
     fn cycles_are_told_from_rest_drift_and_decay() {

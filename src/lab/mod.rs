@@ -25,7 +25,7 @@ pub use distributed_fit::{DistributedFit, NoDistributedFit, best_single, fit as 
 pub use fast_move::{FastMove, WAVE, fast_move};
 pub use fine_step::{FineStep, STEPS, fine_step};
 pub use frequency_response::{FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response};
-pub use hunting::{BANDWIDTHS, HuntingResult, LimitCycle, hunting};
+pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};
 pub use paper::{Move, MoveKind, PaperMotion};
 pub use rig::{RIG_TICKS, RigBias, rig};
 pub use settling::{MoveResult, SETTLING_BANDS, settling};

@@ -174,16 +174,16 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
             .filter_map(|r| {
                 let cycle = r.cycle?;
                 let amplitude = 1e3 * cycle.amplitude;
-                Some(format!("{} Hz ({amplitude:.2} mm, {:.1} s)", r.bandwidth, cycle.period))
+                Some(format!("{} Hz x{} ({amplitude:.1} mm, {:.1} s)", r.bandwidth, r.integral, cycle.period))
             })
             .collect();
-        if at.is_empty() { "at no bandwidth".to_owned() } else { format!("at {}", at.join(", ")) }
+        if at.is_empty() { "with none".to_owned() } else { format!("with {}", at.join(", ")) }
     };
     add(
         "2",
         "guides 1 and 3 are more vulnerable to limit cycling with integral control than guide 2",
         format!(
-            "hunts: guide 1 {}; guide 2 {}; guide 3 {}",
+            "bandwidth x integral gain (amplitude, period): guide 1 {}; guide 2 {}; guide 3 {}",
             told(of.hunting[0]),
             told(of.hunting[1]),
             told(of.hunting[2])
@@ -358,7 +358,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         ms(fine_band),
         c > a && c > b,
         Some(
-            "guide 2 does overtake it; guide 1 does not above 30 nm: once at rest every guide creeps at the same rate, (p + k)/i, \
+            "guide 2 does overtake it; guide 1 does not above 30 nm: once at rest every sealed guide creeps with the same time constant, (p + k)/i, \
              and guide 1 starts that creep with the larger error that its viscous friction leaves. Higher Coulomb friction of guide 3 with \
              less viscous friction of guide 1 turns the order round, but then guide 3 has no longer the smallest error between 25 and 150 ms",
         ),

@@ -161,9 +161,11 @@ impl Chart {
             let every = points.len().div_ceil(MOST).max(1);
             let points: Vec<(f64, f64)> = points.into_iter().step_by(every).collect();
             match series.style {
-                Style::Line => drop(chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?),
+                Style::Line => {
+                    chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?;
+                }
                 Style::Dashed => {
-                    drop(chart.draw_series(DashedLineSeries::new(points, 5, 4, colour.stroke_width(1)))?)
+                    chart.draw_series(DashedLineSeries::new(points, 5, 4, colour.stroke_width(1)))?;
                 }
                 Style::Marks => {
                     chart.draw_series(points.into_iter().map(|point| Circle::new(point, 3, colour.filled())))?;

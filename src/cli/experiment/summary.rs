@@ -160,7 +160,7 @@ impl Summary<'_> {
                 let what = result.cycle.map_or("comes to rest".to_owned(), |cycle| {
                     format!("hunts: {:.3} mm, {:.2} s", 1e3 * cycle.amplitude, cycle.period)
                 });
-                writeln!(out, "{:22} {:4} Hz: {what}", hunting.name, result.bandwidth)?;
+                writeln!(out, "{:22} {:4} Hz, integral x {}: {what}", hunting.name, result.bandwidth, result.integral)?;
             }
         }
         for rig in &of.rig {
