@@ -187,6 +187,7 @@ fn entry(args: &FitGuideArgs, name: &str, fit: &GuideFit) -> anyhow::Result<Stri
         static_force: quantity("static_force", fit.static_force),
         stribeck_velocity,
         effective_stiffness: Vec::new(),
+        distributed_bristles: None,
     };
     let mut catalogue = Catalogue::default();
     catalogue.insert(name.to_owned(), entry, "the fit")?;

@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod demo;
+pub mod experiment;
 pub mod fit_guide;
 pub mod import;
 pub mod merge;
@@ -35,6 +36,7 @@ enum Command {
     FitGuide(fit_guide::FitGuideArgs),
     Select(select::SelectArgs),
     Merge(merge::MergeArgs),
+    Experiment(experiment::ExperimentArgs),
     Replay(replay::ReplayArgs),
     Import(import::ImportArgs),
     Check(check::CheckArgs),
@@ -71,6 +73,7 @@ impl Arguments {
             Command::FitGuide(arguments) => fit_guide::run(&arguments, out),
             Command::Select(arguments) => select::run(&arguments, out),
             Command::Merge(arguments) => merge::run(&arguments, out),
+            Command::Experiment(arguments) => experiment::run(&arguments, out),
             Command::Replay(arguments) => replay::run(&arguments, out),
             Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),

@@ -6,8 +6,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::Guide;
 use super::error::ModelError;
+use super::{EffectParameters, Guide};
 
 /// Guides by name. The built-in catalogue holds the three guides of the paper; a user's own stand beside them.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -33,6 +33,23 @@ pub struct CatalogueEntry {
     /// What the paper states of the loops; one bristle cannot meet all of it.
     #[serde(default)]
     pub effective_stiffness: Vec<EffectiveStiffness>,
+    /// Several bristles in parallel in place of the one, where more was measured than one can meet.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distributed_bristles: Option<DistributedBristles>,
+}
+
+/// What the effect `distributed_bristles` and its guide need in place of a single bristle.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DistributedBristles {
+    /// Bristle stiffness sigma0 of all elements together.
+    pub stiffness: Quantity,
+    /// Bristle damping sigma1 of all elements together.
+    pub bristle_damping: Quantity,
+    pub stiffness_share_1: Quantity,
+    pub strength_share_1: Quantity,
+    pub stiffness_share_2: Quantity,
+    pub strength_share_2: Quantity,
 }
 
 /// A number with its unit and where it comes from.
@@ -152,6 +169,23 @@ impl Catalogue {
         self.entries.get(name)
     }
 
+    /// A guide with its parallel bristles: its parameters and the effect that belongs to them. `None` where the catalogue has
+    /// no such guide or none for it.
+    pub fn distributed_bristles(&self, name: &str) -> Option<(Guide, EffectParameters)> {
+        let of = self.entry(name)?.distributed_bristles.as_ref()?;
+        let guide =
+            Guide { stiffness: of.stiffness.value, bristle_damping: of.bristle_damping.value, ..self.guide(name)? };
+        let values = [
+            ("stiffness_share_1", &of.stiffness_share_1),
+            ("strength_share_1", &of.strength_share_1),
+            ("stiffness_share_2", &of.stiffness_share_2),
+            ("strength_share_2", &of.strength_share_2),
+        ];
+        let values = values.map(|(key, quantity)| (key.to_owned(), quantity.value));
+        let effect = EffectParameters { name: "distributed_bristles".to_owned(), values: values.into(), curve: None };
+        Some((guide, effect))
+    }
+
     /// LuGre parameters of a guide by name.
     pub fn guide(&self, name: &str) -> Option<Guide> {
         self.entry(name).map(CatalogueEntry::guide)
@@ -196,6 +230,29 @@ mod tests {
         for name in catalogue.names() {
             catalogue.guide(name).unwrap().check(name).unwrap();
         }
+    }
+
+    /// Sum of b Fs tanh(a sigma0 A / (b Fs)) / A over the three elements: the closed form of the effect's slow loop.
+    #[test]
+    fn distributed_bristles_of_guide_1_meet_its_three_stiffnesses() {
+        let catalogue = Catalogue::builtin();
+        let (guide, effect) = catalogue.distributed_bristles("guide_1").unwrap();
+        let [a1, b1, a2, b2] = ["stiffness_share_1", "strength_share_1", "stiffness_share_2", "strength_share_2"]
+            .map(|key| effect.values[key]);
+        let elements = [(a1, b1), (a2, b2), (1.0 - a1 - a2, 1.0 - b1 - b2)];
+        let stated = &catalogue.entry("guide_1").unwrap().effective_stiffness;
+        assert_eq!(stated.len(), 3);
+        for of in stated {
+            let force: f64 = elements
+                .iter()
+                .map(|(a, b)| {
+                    let strength = b * guide.static_force;
+                    strength * (a * guide.stiffness * of.amplitude / strength).tanh()
+                })
+                .sum();
+            assert!((force / of.amplitude / of.stiffness - 1.0).abs() < 2e-3, "{of:?}: {force}");
+        }
+        assert!(catalogue.distributed_bristles("guide_2").is_none());
     }
 
     /// The statements of the paper's sections 2 and 3 that a single bristle can meet.
