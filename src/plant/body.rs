@@ -44,6 +44,30 @@ struct Flexure {
     rate: f64,
 }
 
+/// What guides and effects do over a step.
+struct StepForces {
+    /// Momentum that the bristles take from the carriage, N s.
+    friction_impulse: f64,
+    /// Viscous friction beside it, N s/m.
+    viscous_friction: f64,
+    /// Force of the effects on the motor side and on the carriage side, N.
+    motor_side: f64,
+    carriage_side: f64,
+}
+
+impl StepForces {
+    /// Without effects.
+    #[inline]
+    fn of_guides(guides: &mut GuideBank, velocity: f64, span: f64) -> StepForces {
+        StepForces {
+            friction_impulse: guides.advance(velocity, span),
+            viscous_friction: guides.viscous_friction(),
+            motor_side: 0.0,
+            carriage_side: 0.0,
+        }
+    }
+}
+
 impl Body {
     /// A body at rest at position 0 with unloaded bristles; `step` in s.
     pub fn new(model: &StageModel, step: f64) -> Result<Body, ModelError> {
@@ -132,9 +156,12 @@ impl Body {
     fn move_rigid(&mut self, motor_force: f64, acceleration: f64, since: f64, span: f64) {
         let start_velocity = self.velocity;
         let middle_velocity = start_velocity + 0.5 * span * acceleration;
-        let motion = self.motion(middle_velocity, acceleration, motor_force, since, span);
-        let (friction_impulse, viscous_friction) = self.advance_guides(&motion, span);
-        let (motor_side, carriage_side) = self.evaluate_effects(&motion, span);
+        let step = if self.effects.is_empty() {
+            StepForces::of_guides(&mut self.guides, middle_velocity, span)
+        } else {
+            self.step_with_effects(middle_velocity, acceleration, motor_force, since, span)
+        };
+        let StepForces { friction_impulse, viscous_friction, motor_side, carriage_side } = step;
         let force = motor_force + motor_side + carriage_side - viscous_friction * middle_velocity;
         // The impulse of the guides comes last: everything else is there before it.
         self.velocity = start_velocity + self.inverse_mass * span * force - self.inverse_mass * friction_impulse;
@@ -153,9 +180,8 @@ impl Body {
         let middle_velocity = self.velocity + half * carriage_start;
         let middle_rate = flexure.rate + half * (motor_start - carriage_start);
 
-        let motion = self.motion(middle_velocity, carriage_start, motor_force, 0.0, self.step);
-        let (friction_impulse, viscous_friction) = self.advance_guides(&motion, self.step);
-        let (motor_side, carriage_side) = self.evaluate_effects(&motion, self.step);
+        let StepForces { friction_impulse, viscous_friction, motor_side, carriage_side } =
+            self.step_with_effects(middle_velocity, carriage_start, motor_force, 0.0, self.step);
         let stretch = flexure.stretch + self.step * middle_rate;
         let pull = 0.5 * flexure.stiffness * (flexure.stretch + stretch) + flexure.damping * middle_rate;
         let carriage_impulse =
@@ -171,33 +197,37 @@ impl Body {
         self.flexure = Some(flexure);
     }
 
-    /// What the effects see: the middle of a span of `span` seconds that begins `since` seconds after the start of the step.
-    #[inline]
-    fn motion(&self, velocity: f64, acceleration: f64, motor_force: f64, since: f64, span: f64) -> Motion {
+    /// Moves guides and effects over a span of `span` seconds that begins `since` seconds after the start of the step.
+    #[inline(never)]
+    fn step_with_effects(
+        &mut self,
+        velocity: f64,
+        acceleration: f64,
+        motor_force: f64,
+        since: f64,
+        span: f64,
+    ) -> StepForces {
         let half = 0.5 * span;
-        Motion {
+        let motion = Motion {
             time: self.time() + since + half,
             position: self.position + half * velocity,
             velocity,
             acceleration,
             motor_force,
-        }
-    }
-
-    /// Moves the bristles over a span: their impulse, N s, and the viscous friction beside it, N s/m.
-    #[inline]
-    fn advance_guides(&mut self, motion: &Motion, span: f64) -> (f64, f64) {
-        if !self.shapes_friction {
-            return (self.guides.advance(motion.velocity, span), self.guides.viscous_friction());
-        }
-        let scale = self.effects.friction(motion, span);
-        let impulse = self.guides.advance_scaled(motion.velocity, span, &scale);
-        (impulse, scale.viscous * self.guides.viscous_friction())
-    }
-
-    #[inline]
-    fn evaluate_effects(&mut self, motion: &Motion, span: f64) -> (f64, f64) {
-        if self.effects.is_empty() { (0.0, 0.0) } else { self.effects.advance(motion, span) }
+        };
+        let mut step = if self.shapes_friction {
+            let scale = self.effects.friction(&motion, span);
+            StepForces {
+                friction_impulse: self.guides.advance_scaled(velocity, span, &scale),
+                viscous_friction: scale.viscous * self.guides.viscous_friction(),
+                motor_side: 0.0,
+                carriage_side: 0.0,
+            }
+        } else {
+            StepForces::of_guides(&mut self.guides, velocity, span)
+        };
+        (step.motor_side, step.carriage_side) = self.effects.advance(&motion, span);
+        step
     }
 
     /// Sets position (m), velocity (m/s) and bristle deflections (m); lanes beyond `bristles` stay.

@@ -71,6 +71,9 @@ impl Effect for DistributedBristles {
 const WIDTHS: i32 = 8;
 const WIDTH_STEP: f64 = 1.6;
 
+/// What a set of elements leaves of the residual, N^2, their indices, and their strengths, N.
+type Combination = (f64, Vec<usize>, Vec<f64>);
+
 /// Elements that turn over two or three different distances, from what they would add to one bristle.
 ///
 /// The modelled friction gives the distance w of the single bristle, whose slow loops are dh/dx = (sign(v) - h) / w. The residual is
@@ -97,7 +100,7 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         let strengths = left.cholesky()?.solve(&side);
         strengths.iter().all(|strength| *strength > 0.0).then(|| (target_square - strengths.dot(&side), strengths.as_slice().to_vec()))
     };
-    let mut best: [Option<(f64, Vec<usize>, Vec<f64>)>; 2] = [None, None];
+    let mut best: [Option<Combination>; 2] = [None, None];
     let mut tried = 0;
     for i in 0..widths.len() {
         for j in i + 1..widths.len() {

@@ -85,8 +85,9 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
             (bin, power[bin] / median.max(f64::MIN_POSITIVE))
         })
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    // The power of noise in a bin is exponentially distributed, with its median at ln 2 of the mean.
-    if !beyond_chance(ratio * std::f64::consts::LN_2, 1e9, 1_000_000_000, 2, last - first) {
+    // The power of noise in a bin is exponentially distributed, with its median at ln 2 of the mean: twice its ratio to the mean is a
+    // chi-squared variable of two degrees, of a variance that counts as known.
+    if !beyond_chance(2.0 * ratio * std::f64::consts::LN_2, count as f64 - 2.0, count, 2, last - first) {
         return None;
     }
     let fit = |frequency: f64| {

@@ -169,8 +169,6 @@ pub(super) struct Wave {
     pub period: f64,
     pub sine: f64,
     pub cosine: f64,
-    /// Coefficient of the gain alone.
-    pub constant: f64,
     /// Sum of squares that sine and cosine take out beyond the gain alone.
     pub explained: f64,
 }
@@ -264,7 +262,7 @@ pub(super) fn strongest_wave(
     // Phase from the start of the range to position 0.
     let (sin, cos) = (TAU * lowest / period).sin_cos();
     let (sine, cosine) = (fit.sine * cos + fit.cosine * sin, fit.cosine * cos - fit.sine * sin);
-    Some(Wave { period, sine, cosine, constant: fit.constant, explained: fit.explained })
+    Some(Wave { period, sine, cosine, explained: fit.explained })
 }
 
 /// Where a function with one peak between the limits is largest.
@@ -302,7 +300,6 @@ struct Sums {
 }
 
 struct Solution {
-    constant: f64,
     sine: f64,
     cosine: f64,
     explained: f64,
@@ -337,13 +334,7 @@ impl Sums {
             return None;
         }
         let (sine, cosine) = ((vs * cc - vc * sc) / determinant, (vc * ss - vs * sc) / determinant);
-        Some(Solution {
-            constant: mean - sine * mean_sine - cosine * mean_cosine,
-            sine,
-            cosine,
-            explained: sine * vs + cosine * vc,
-            base: self.value * mean,
-        })
+        Some(Solution { sine, cosine, explained: sine * vs + cosine * vc, base: self.value * mean })
     }
 }
 
@@ -530,7 +521,6 @@ mod tests {
         let wave = strongest_wave(&x, |_| 1.0, &values, 1e-4..=1.0).unwrap();
         assert!((wave.period / 0.013_337 - 1.0).abs() < 1e-5, "{wave:?}");
         assert!((wave.amplitude() - 2.0).abs() < 0.01 && (wave.phase() - 0.9).abs() < 0.01, "{wave:?}");
-        assert!((wave.constant - 0.7).abs() < 0.01, "{wave:?}");
     }
 
     #[test]

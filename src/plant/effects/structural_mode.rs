@@ -13,6 +13,8 @@ use rustfft::{FftPlanner, num_complex::Complex};
 use super::regression::beyond_chance;
 use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
 
+/// Largest part, kg.
+const HEAVIEST: f64 = 1000.0;
 /// Lowest and highest frequency, Hz.
 const FREQUENCIES: (f64, f64) = (1.0, 1000.0);
 /// Least and largest damping ratio; the part must swing.
@@ -26,7 +28,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     telltale: "rings at one frequency after every change of acceleration, at any speed, dies out at rest",
     confused_with: &["external_vibration", "payload", "actuator_lag"],
     parameters: &[
-        EffectParameter::required("mass", "kg", "part of the moving mass that hangs on the spring", (0.0, 1000.0), 1.0),
+        EffectParameter::required("mass", "kg", "part of the moving mass that hangs on the spring", (0.0, HEAVIEST), 1.0),
         EffectParameter::required("frequency", "Hz", "its frequency on a fixed carriage", FREQUENCIES, 10.0),
         EffectParameter::optional("damping", "1", "damping ratio", DAMPINGS, 0.01, 0.02),
     ],
@@ -190,7 +192,7 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     // Each bin holds two samples' worth of power.
     let rest = total - payload * payload / power - explained;
     beyond_chance(explained, rest, count / 2, 1, tried)
-        .then(|| vec![mass.min(FREQUENCIES.1), frequency, damping.clamp(DAMPINGS.0, DAMPINGS.1)])
+        .then(|| vec![mass.min(HEAVIEST), frequency, damping.clamp(DAMPINGS.0, DAMPINGS.1)])
 }
 
 #[cfg(test)]
