@@ -67,7 +67,7 @@ impl FrequencyResponse {
     pub const TICKS: usize = LEVELS.len();
 }
 
-/// Sweeps the stage; `tick` is called after each of [`LEVELS`].
+/// Sweeps the stage; `tick` is called after each level of force, [`FrequencyResponse::TICKS`] times.
 pub fn frequency_response(
     specimen: &Specimen,
     settings: &Settings,
