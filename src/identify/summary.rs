@@ -271,7 +271,11 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
         };
         let (lower, upper) = coordinate.bounds;
         let deviation = fitted.deviations[index];
-        if fitted.at_bound[index] {
+        let nothing = matches!(coordinate.place, Place::Effect { .. }) && lower == 0.0 && value < 1e-3 * coordinate.scale;
+        if fitted.at_bound[index] && nothing {
+            // A term of the law that is not there is no doubt about the others.
+            continue;
+        } else if fitted.at_bound[index] {
             let which = if coordinate.value <= 0.5 * (lower + upper) { "lower" } else { "upper" };
             warnings.push(format!(
                 "{name} ended on its {which} bound ({value:.6} {unit}): the truth may lie beyond, or another effect hides in it"
