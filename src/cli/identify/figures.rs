@@ -3,11 +3,10 @@
 use super::input::{Input, Record};
 use crate::identify::{Change, Measured, Missing, Selection, Sides, closed_loop, spectrum};
 use crate::report::chart::{Chart, Style};
-use crate::report::figure::{self, Curve, Panel};
 
 /// A drawn figure; `name` is its file without the ending.
 pub struct Figure {
-    pub name: &'static str,
+    pub name: String,
     pub group: Group,
     pub svg: String,
     pub caption: String,
@@ -42,6 +41,8 @@ impl LoopError {
 const BINS: usize = 80;
 /// Rows that a bin needs to be shown.
 const LEAST_IN_BIN: usize = 6;
+/// Columns of a figure over time.
+const COLUMNS: usize = 1200;
 /// Length of the close-up of the force, s.
 const CLOSE_UP: f64 = 1.0;
 
@@ -76,16 +77,12 @@ impl Residuals<'_> {
 pub fn draw(selection: &Selection, input: &Input, loops: Option<&LoopErrors>) -> anyhow::Result<Vec<Figure>> {
     let train = Residuals::of(selection, &input.train.measured)?;
     let holdout = Residuals::of(selection, &input.holdout.measured)?;
-    let mut figures = vec![force(&holdout)?];
+    let mut figures: Vec<Figure> = force(&holdout)?.into();
     if let Some(loops) = loops {
         figures.push(position(&input.holdout, &loops.holdout)?);
     }
-    for (residuals, name, title) in [
-        (&holdout, "residual_over_time_holdout", "Residual over time, hold-out record"),
-        (&train, "residual_over_time_train", "Residual over time, train record"),
-    ] {
-        figures.push(over_time(residuals, name, title)?);
-    }
+    figures.extend(over_time(&holdout, "hold-out")?);
+    figures.extend(over_time(&train, "train")?);
     let measured = holdout.measured;
     let acceleration = measured.filtered(&measured.acceleration);
     let coordinates: [(&'static str, &'static str, &str, f64, Vec<f64>); 5] = [
@@ -107,7 +104,7 @@ pub fn draw(selection: &Selection, input: &Input, loops: Option<&LoopErrors>) ->
             }
         }
         figures.push(Figure {
-            name,
+            name: name.to_owned(),
             group: Group::Residual,
             svg: chart.svg()?,
             caption: format!("What the declared (before) and the identified (after) model miss over {word}, hold-out record; mean of the rows of a bin."),
@@ -115,7 +112,7 @@ pub fn draw(selection: &Selection, input: &Input, loops: Option<&LoopErrors>) ->
         // Over the signed coordinates a cause that changes its sign averages out; its size does not.
         if matches!(word, "position" | "velocity") {
             figures.push(Figure {
-                name: if word == "position" { "residual_size_over_position" } else { "residual_size_over_velocity" },
+                name: format!("residual_size_over_{word}"),
                 group: Group::Residual,
                 svg: spread.svg()?,
                 caption: format!("The same as size: root mean square of the rows of a bin over {word}."),
@@ -127,7 +124,7 @@ pub fn draw(selection: &Selection, input: &Input, loops: Option<&LoopErrors>) ->
 }
 
 /// Measured force and both models along the measured motion, whole and close up.
-fn force(residuals: &Residuals) -> anyhow::Result<Figure> {
+fn force(residuals: &Residuals) -> anyhow::Result<[Figure; 2]> {
     let measured = residuals.measured;
     let time = measured.at_rows(&measured.time);
     let reading = measured.filtered(measured.cell.as_deref().unwrap_or(&measured.command));
@@ -145,39 +142,37 @@ fn force(residuals: &Residuals) -> anyhow::Result<Figure> {
         }
     }
     let part = start..(start + window).min(time.len());
-    let curves = |range: std::ops::Range<usize>| {
-        [("measured", &reading), ("model before", &before), ("model after", &after)]
-            .into_iter()
-            .map(|(name, values)| Curve {
-                name: name.to_owned(),
-                points: range.clone().map(|row| (time[row], values[row])).collect(),
-            })
-            .collect()
-    };
     let what = if measured.cell.is_some() { "force cell" } else { "force command" };
-    let panel = |title: String, curves: Vec<Curve>| Panel {
-        title,
-        x_label: "time, s".into(),
-        y_label: "force, N".into(),
-        curves,
-        reference: None,
+    let draw = |title: String, part: std::ops::Range<usize>| {
+        let mut chart = Chart::new(title, "time, s", "force, N");
+        let series = [
+            ("measured", 4, Style::Line, &reading),
+            ("model before", 1, Style::Line, &before),
+            ("model after", 0, Style::Dashed, &after),
+        ];
+        for (name, colour, style, values) in series {
+            chart.add(name, colour, style, thin(&time[part.clone()], &values[part.clone()]));
+        }
+        chart.svg()
     };
-    let panels = [
-        panel("whole record".to_owned(), curves(0..time.len())),
-        panel(
-            format!("the {:.1} s where the declared model misses most on the carriage side", part.len() as f64 / measured.lowpass.kept_rate()),
-            curves(part),
-        ),
-    ];
-    Ok(Figure {
-        name: "force_measured_and_simulated",
-        group: Group::Comparison,
-        svg: figure::svg("Measured and simulated force, hold-out record", &panels)?,
-        caption: format!(
-            "Force on the carriage: {what}, and mass times acceleration plus friction less effects along the measured motion, all \
-             through the same zero-phase lowpass. Before: declared model, refitted; after: identified model."
-        ),
-    })
+    let seconds = part.len() as f64 / measured.lowpass.kept_rate();
+    Ok([
+        Figure {
+            name: "force_measured_and_simulated".to_owned(),
+            group: Group::Comparison,
+            svg: draw("Measured and simulated force, hold-out record".to_owned(), 0..time.len())?,
+            caption: format!(
+                "Force on the carriage: {what}, and mass times acceleration plus friction less effects along the measured motion, all \
+                 through the same zero-phase lowpass. Before: declared model, refitted; after: identified model."
+            ),
+        },
+        Figure {
+            name: "force_close_up".to_owned(),
+            group: Group::Comparison,
+            svg: draw(format!("Measured and simulated force, {seconds:.1} s of it"), part)?,
+            caption: "The same where the declared model misses most on the carriage side.".to_owned(),
+        },
+    ])
 }
 
 fn position(record: &Record, error: &LoopError) -> anyhow::Result<Figure> {
@@ -188,53 +183,68 @@ fn position(record: &Record, error: &LoopError) -> anyhow::Result<Figure> {
     }
     let largest = error.before.iter().chain(&error.after).filter(|e| e.is_finite()).fold(0.0, |m: f64, e| m.max(e.abs()));
     let (scale, unit) = if largest < 1e-6 { (1e9, "nm") } else { (1e6, "um") };
-    let curve = |name: &str, values: &[f64]| Curve {
-        name: name.to_owned(),
-        points: time.iter().zip(values).map(|(t, e)| (*t, e * scale)).filter(|point| point.1.is_finite()).collect(),
-    };
-    let panel = Panel {
-        title: String::new(),
-        x_label: "time, s".into(),
-        y_label: format!("simulated less encoder, {unit}"),
-        curves: vec![curve("before", &error.before), curve("after", &error.after)],
-        reference: None,
-    };
+    let scaled = |values: &[f64]| values.iter().map(|value| value * scale).collect::<Vec<_>>();
+    let mut chart = Chart::new("Position in closed loop, hold-out record", "time, s", format!("simulated less encoder, {unit}"));
+    pair(&mut chart, &time, &scaled(&error.before), &scaled(&error.after));
     Ok(Figure {
-        name: "position_error_in_closed_loop",
+        name: "position_error_in_closed_loop".to_owned(),
         group: Group::Comparison,
-        svg: figure::svg("Position in closed loop, hold-out record", &[panel])?,
+        svg: chart.svg()?,
         caption: "Simulated loop (identified or declared stage, recorded setpoint, controller found from the record) less recorded encoder."
             .to_owned(),
     })
 }
 
-fn over_time(residuals: &Residuals, name: &'static str, title: &str) -> anyhow::Result<Figure> {
+fn over_time(residuals: &Residuals, record: &str) -> anyhow::Result<Vec<Figure>> {
     let time = residuals.measured.at_rows(&residuals.measured.time);
-    let panels: Vec<Panel> = residuals
+    residuals
         .sides()
         .into_iter()
-        .map(|(side, _, before, after)| Panel {
-            title: side.to_owned(),
-            x_label: "time, s".into(),
-            y_label: "missing force, N".into(),
-            curves: [("before", before), ("after", after)]
-                .into_iter()
-                .map(|(name, values)| Curve {
-                    name: name.to_owned(),
-                    points: time.iter().copied().zip(values.iter().copied()).collect(),
-                })
-                .collect(),
-            reference: None,
+        .map(|(side, _, before, after)| {
+            let mut chart = Chart::new(format!("Residual over time, {side}, {record} record"), "time, s", "missing force, N");
+            pair(&mut chart, &time, before, after);
+            let law = match side {
+                "motor side" => "cell less command and motor effects",
+                _ => "mass times acceleration plus friction less effects and measured force",
+            };
+            Ok(Figure {
+                name: format!("residual_over_time_{}_{}", side.replace(' ', "_"), record.replace('-', "")),
+                group: Group::Residual,
+                svg: chart.svg()?,
+                caption: format!("Force that the models miss on the {side} ({law}), {record} record."),
+            })
         })
-        .collect();
-    Ok(Figure {
-        name,
-        group: Group::Residual,
-        svg: figure::svg(title, &panels)?,
-        caption: "Force that the models miss. Motor side: cell less command and motor effects; carriage side: mass times acceleration \
-                  plus friction less effects and cell."
-            .to_owned(),
-    })
+        .collect()
+}
+
+/// Before and after in one chart; one line where both are the same.
+fn pair(chart: &mut Chart, time: &[f64], before: &[f64], after: &[f64]) {
+    if before == after {
+        chart.add("before and after", 0, Style::Line, thin(time, before));
+    } else {
+        chart.add("before", 1, Style::Line, thin(time, before));
+        chart.add("after", 0, Style::Line, thin(time, after));
+    }
+}
+
+/// Smallest and largest value of each of many columns: what lies between would not be seen.
+fn thin(time: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
+    let points: Vec<(f64, f64)> =
+        time.iter().copied().zip(values.iter().copied()).filter(|(_, value)| value.is_finite()).collect();
+    let width = points.len().div_ceil(COLUMNS).max(1);
+    if width < 3 {
+        return points;
+    }
+    let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
+    points
+        .chunks(width)
+        .flat_map(|chunk| {
+            let mut two: Vec<(f64, f64)> =
+                chunk.iter().min_by(by_value).into_iter().chain(chunk.iter().max_by(by_value)).copied().collect();
+            two.sort_by(|a, b| a.0.total_cmp(&b.0));
+            two
+        })
+        .collect()
 }
 
 fn spectra(residuals: &Residuals) -> anyhow::Result<Vec<Figure>> {
@@ -252,7 +262,7 @@ fn spectra(residuals: &Residuals) -> anyhow::Result<Vec<Figure>> {
     }
     Ok(vec![
         Figure {
-            name: "spectrum_over_time",
+            name: "spectrum_over_time".to_owned(),
             group: Group::Spectrum,
             svg: time.svg()?,
             caption: "Residual of the train record over frequency (Welch). A line at one frequency whatever the speed comes from time: \
@@ -260,7 +270,7 @@ fn spectra(residuals: &Residuals) -> anyhow::Result<Vec<Figure>> {
                 .to_owned(),
         },
         Figure {
-            name: "spectrum_over_position",
+            name: "spectrum_over_position".to_owned(),
             group: Group::Spectrum,
             svg: space.svg()?,
             caption: "Residual of the train record over period in position, moving rows only (best sine of each period). A line comes from \

@@ -130,6 +130,9 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
 fn figures_of(value: f64, ci95: Option<[f64; 2]>) -> String {
     let size = ci95.map_or(value.abs() * 1e-3, |[low, high]| 0.5 * (high - low)).max(value.abs() * 1e-9);
     let digits = if size > 0.0 { (2.0 - size.log10().ceil()).clamp(0.0, 12.0) as usize } else { 3 };
+    if ci95.is_none() {
+        return format!("{value:.6}").trim_end_matches('0').trim_end_matches('.').to_owned();
+    }
     if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e6) {
         let relative = if size > 0.0 { (value.abs().log10().floor() - size.log10().floor() + 1.0).clamp(2.0, 9.0) } else { 3.0 };
         return format!("{value:.*e}", relative as usize);
