@@ -255,6 +255,13 @@ impl Hypothesis {
 
     /// Drives guides and effects along the measured motion and says what force is missing.
     pub fn missing(&self, measured: &Measured, sides: Sides) -> Result<Missing, ModelError> {
+        let Missing { motor, carriage } = self.missing_at_samples(measured, sides)?;
+        let filtered = |signal: Vec<f64>| if signal.is_empty() { signal } else { measured.filtered(&signal) };
+        Ok(Missing { motor: filtered(motor), carriage: filtered(carriage) })
+    }
+
+    /// The same at every sample and not filtered; 0 at both ends, where there is no second difference.
+    pub fn missing_at_samples(&self, measured: &Measured, sides: Sides) -> Result<Missing, ModelError> {
         let parts: Vec<EffectParameters> = self.effects.iter().map(Part::parameters).collect();
         let mut effects = Effects::new(&parts)?;
         let count = measured.len();
@@ -311,9 +318,8 @@ impl Hypothesis {
         });
         let mut missing = Missing::default();
         if let (true, Some(cell)) = (sides.motor, &true_cell) {
-            let left: Vec<f64> =
+            missing.motor =
                 (0..count).map(|k| cell[k] - measured.command[k] - read_at(&at_sample, k).unwrap_or(0.0)).collect();
-            missing.motor = measured.filtered(&left);
         }
         if sides.carriage {
             let mass = self.mass() + effects.added_mass();
@@ -321,7 +327,7 @@ impl Hypothesis {
             let encoder_error: Option<Vec<f64>> = reads.then(|| {
                 measured.time.iter().zip(&measured.position).map(|(time, x)| effects.read(*time, *x, 0.0).0 - x).collect()
             });
-            let left: Vec<f64> = (0..count)
+            missing.carriage = (0..count)
                 .map(|k| {
                     if k == 0 || k + 1 == count {
                         return 0.0;
@@ -337,7 +343,6 @@ impl Hypothesis {
                     mass * acceleration + carriage[k] - push(k) - shift * (push(k + 1) - push(k - 1))
                 })
                 .collect();
-            missing.carriage = measured.filtered(&left);
         }
         Ok(missing)
     }

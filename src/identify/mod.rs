@@ -8,6 +8,7 @@
 mod curve;
 mod fit;
 mod hypothesis;
+pub mod inverse_dynamics;
 mod lowpass;
 mod measured;
 mod selection;
