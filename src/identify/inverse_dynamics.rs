@@ -272,10 +272,12 @@ mod tests {
     }
 
     #[test]
-    fn a_straight_line_keeps_its_place_up_to_the_ends() {
+    fn a_constant_passes_unchanged_up_to_the_ends_and_a_line_inside() {
+        let filter = ZeroPhase::butterworth(4, 0.1);
+        assert!(filter.filter(&[3.0; 200]).iter().all(|value| (value - 3.0).abs() < 1e-12));
         let line: Vec<f64> = (0..500).map(|k| 3.0 + 0.25 * f64::from(k)).collect();
-        for (found, given) in ZeroPhase::butterworth(4, 0.1).filter(&line).iter().zip(&line) {
-            assert!((found - given).abs() < 1e-3, "{found} {given}");
+        for (found, given) in filter.filter(&line).iter().zip(&line).skip(100).take(300) {
+            assert!((found - given).abs() < 1e-9, "{found} {given}");
         }
     }
 
@@ -304,14 +306,15 @@ mod tests {
     fn regression_recovers_the_drive_that_made_the_record() {
         let one = Regression::new(&drive([200.0; 2], [20.0; 2]), FrictionLaw::Symmetric, EMPS).unwrap();
         let found = one.solve().unwrap();
+        // Filtering rounds off the jump of the friction at each reversal, in the column as in the force but not at the same instant.
         for (found, expected) in found.iter().zip([95.0, 200.0, 20.0, -3.0]) {
-            assert!((found - expected).abs() < 2e-3 * expected.abs(), "{found}, expected {expected}");
+            assert!((found - expected).abs() < 0.01 * expected.abs(), "{found}, expected {expected}");
         }
         assert!(one.relative_error(&found) < 2e-3);
         let other = drive([167.0, 240.0], [20.0, 21.0]);
         let two = Regression::new(&other, FrictionLaw::PerDirection, EMPS).unwrap();
         for (found, expected) in two.solve().unwrap().iter().zip([95.0, 167.0, 240.0, 17.0, -24.0]) {
-            assert!((found - expected).abs() < 2e-3 * expected.abs(), "{found}, expected {expected}");
+            assert!((found - expected).abs() < 0.01 * expected.abs(), "{found}, expected {expected}");
         }
         let wrong = Regression::new(&other, FrictionLaw::Symmetric, EMPS).unwrap();
         assert!(wrong.relative_error(&wrong.solve().unwrap()) > 0.02);
