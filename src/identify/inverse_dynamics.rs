@@ -281,18 +281,16 @@ mod tests {
         }
     }
 
-    /// A drive with known coefficients, 1 kHz, a sum of slow sines, force of the same sample.
+    /// A drive with known coefficients, 1 kHz, force of the same sample. v goes with sin^3, so that both ends are at rest: the
+    /// protocol's filters start from a constant.
     fn drive(viscous: [f64; 2], coulomb: [f64; 2]) -> Trace {
         let mut trace = Trace::default();
-        for k in 0..8000 {
+        for k in 0..=8000 {
             let t = 1e-3 * f64::from(k);
-            let (mut x, mut v, mut a) = (0.0, 0.0, 0.0);
-            for (size, frequency) in [(0.05, 0.7), (0.02, 1.9)] {
-                let w = TAU * frequency;
-                x += size * (w * t).sin();
-                v += size * w * (w * t).cos();
-                a -= size * w * w * (w * t).sin();
-            }
+            let w = TAU * 0.75;
+            let x = 0.05 * ((w * t).cos() - (3.0 * w * t).cos() / 9.0);
+            let v = 0.05 * w * ((3.0 * w * t).sin() / 3.0 - (w * t).sin());
+            let a = 0.05 * w * w * ((3.0 * w * t).cos() - (w * t).cos());
             let way = usize::from(v < 0.0);
             trace.time.push(t);
             trace.position.push(x);
@@ -306,15 +304,14 @@ mod tests {
     fn regression_recovers_the_drive_that_made_the_record() {
         let one = Regression::new(&drive([200.0; 2], [20.0; 2]), FrictionLaw::Symmetric, EMPS).unwrap();
         let found = one.solve().unwrap();
-        // Filtering rounds off the jump of the friction at each reversal, in the column as in the force but not at the same instant.
         for (found, expected) in found.iter().zip([95.0, 200.0, 20.0, -3.0]) {
-            assert!((found - expected).abs() < 0.01 * expected.abs(), "{found}, expected {expected}");
+            assert!((found - expected).abs() < 2e-3 * expected.abs(), "{found}, expected {expected}");
         }
         assert!(one.relative_error(&found) < 2e-3);
         let other = drive([167.0, 240.0], [20.0, 21.0]);
         let two = Regression::new(&other, FrictionLaw::PerDirection, EMPS).unwrap();
         for (found, expected) in two.solve().unwrap().iter().zip([95.0, 167.0, 240.0, 17.0, -24.0]) {
-            assert!((found - expected).abs() < 0.01 * expected.abs(), "{found}, expected {expected}");
+            assert!((found - expected).abs() < 2e-3 * expected.abs(), "{found}, expected {expected}");
         }
         let wrong = Regression::new(&other, FrictionLaw::Symmetric, EMPS).unwrap();
         assert!(wrong.relative_error(&wrong.solve().unwrap()) > 0.02);
