@@ -12,12 +12,15 @@ pub struct Tolerances {
     pub mass: f64,
     /// Of each LuGre parameter, as the mean over the guides.
     pub guides: f64,
+    /// Of bristle stiffness, bristle damping, static friction and Stribeck velocity, where they are known worse than sliding friction is;
+    /// at 1 and above a factor of 1 + this either way.
+    pub presliding: f64,
 }
 
 impl Default for Tolerances {
     /// Assumed: a carriage is weighed to half a percent; guides of one type differ by 16 %.
     fn default() -> Self {
-        Tolerances { mass: 0.005, guides: 0.16 }
+        Tolerances { mass: 0.005, guides: 0.16, presliding: 0.16 }
     }
 }
 
@@ -208,16 +211,22 @@ impl Hypothesis {
         let mut coordinates = Vec::new();
         if sides.carriage {
             for (index, value) in self.moved.iter().enumerate() {
+                // Without a cell there is no second clock: what the motion is late by is a lag of the motor.
+                if index == 7 && !has_cell {
+                    continue;
+                }
                 let limit = match index {
                     0 => self.tolerances.mass,
                     7 => SHIFT_LIMIT,
-                    _ => self.tolerances.guides,
+                    3 | 4 => self.tolerances.guides,
+                    _ => self.tolerances.presliding,
                 };
+                let lower = if limit < 1.0 { (1.0 - limit).ln() } else { -(1.0 + limit).ln() };
                 coordinates.push(Coordinate {
                     place: Place::Declared(index),
                     value: *value,
                     scale: limit,
-                    bounds: if index == 7 { (-limit, limit) } else { ((1.0 - limit).ln(), (1.0 + limit).ln()) },
+                    bounds: if index == 7 { (-limit, limit) } else { (lower, (1.0 + limit).ln()) },
                 });
             }
         }
