@@ -9,6 +9,7 @@ pub mod closed_loop;
 mod curve;
 mod fit;
 mod hypothesis;
+pub mod inverse_dynamics;
 mod lowpass;
 mod measured;
 mod selection;
