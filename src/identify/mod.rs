@@ -11,11 +11,13 @@ mod hypothesis;
 pub mod inverse_dynamics;
 mod lowpass;
 mod measured;
+mod phase;
 mod selection;
 
 pub use fit::{Fitted, correlation_length, fit};
 pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
+pub use phase::{RippleElsewhere, ripple_elsewhere};
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
 
 pub use selection::{Errors, Evidence, Outcome, Selection, Silent, Verdict, Watch, search};
