@@ -103,7 +103,12 @@ impl Protocol {
     }
 
     /// norm(missing force) / norm(F) of a hypothesis on a record without a force cell, prepared and thinned out like the regression.
-    pub fn relative_error(&self, hypothesis: &Hypothesis, trace: &Trace, model: &StageModel) -> Result<f64, IdentifyError> {
+    pub fn relative_error(
+        &self,
+        hypothesis: &Hypothesis,
+        trace: &Trace,
+        model: &StageModel,
+    ) -> Result<f64, IdentifyError> {
         let rate = rate_of(trace)?;
         let mut smooth = trace.clone();
         smooth.position = ZeroPhase::butterworth(4, self.corner / rate).filter(&trace.position);

@@ -12,6 +12,7 @@ mod hypothesis;
 pub mod inverse_dynamics;
 mod lowpass;
 mod measured;
+mod phase;
 mod selection;
 pub mod spectrum;
 mod summary;
@@ -19,6 +20,7 @@ mod summary;
 pub use fit::{Fitted, correlation_length, fit};
 pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
+pub use phase::{RippleElsewhere, ripple_elsewhere};
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
 
 pub use closed_loop::{ClosedLoopError, LinearController};
