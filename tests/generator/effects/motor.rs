@@ -1,0 +1,168 @@
+//! Effects between command and force cell.
+
+use std::f64::consts::TAU;
+
+use super::super::noise::Noise;
+use super::{Drive, Effect, Law, Now, Side, identity};
+
+/// Detent force: sum over k of A_k cos(2 pi k (x - x0)/p - phi_k), independent of the current (Gieras, Piech, Tomczuk, "Linear
+/// Synchronous Motors", 2nd ed. 2012, chapter 3).
+#[derive(Debug, Clone)]
+pub struct Cogging {
+    /// p, m.
+    pub period: f64,
+    /// A_k (N) and phi_k (rad) for k = 1, 2, ...
+    pub harmonics: Vec<(f64, f64)>,
+}
+
+impl Cogging {
+    /// One harmonic.
+    pub fn new(amplitude: f64, period: f64, phase: f64) -> Self {
+        Self { period, harmonics: vec![(amplitude, phase)] }
+    }
+
+    /// 1 to 8 N at 10 to 32 mm, in half of the cases with a second harmonic of 10 to 35 %.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        let mut cogging = Self::new(noise.log_between(1.0, 8.0), noise.between(0.010, 0.032), noise.angle());
+        if noise.unit() < 0.5 {
+            cogging.harmonics.push((cogging.harmonics[0].0 * noise.between(0.1, 0.35), noise.angle()));
+        }
+        Box::new(cogging)
+    }
+}
+
+impl Law for Cogging {
+    identity!("cogging", Motor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        let (amplitude, phase) = self.harmonics[0];
+        vec![
+            ("amplitude", amplitude),
+            ("period", self.period),
+            ("phase", phase),
+            ("second_amplitude", self.harmonics.get(1).map_or(0.0, |h| h.0)),
+        ]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        let harmonics = self.harmonics.iter().map(|&(amplitude, phase)| (factor * amplitude, phase)).collect();
+        Box::new(Self { harmonics, ..self.clone() })
+    }
+    fn motor(&self, now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
+        let angle = TAU * now.x / self.period;
+        let wave = |(k, &(amplitude, phase)): (usize, &(f64, f64))| amplitude * ((k + 1) as f64 * angle - phase).cos();
+        force + self.harmonics.iter().enumerate().map(wave).sum::<f64>()
+    }
+}
+
+/// Force constant that depends on position: F (1 + r cos(2 pi x/p - phi)) (Rohrig and Jochheim 2002).
+#[derive(Debug, Clone)]
+pub struct ForceRipple {
+    /// r.
+    pub fraction: f64,
+    /// p, m.
+    pub period: f64,
+    /// phi, rad.
+    pub phase: f64,
+}
+
+impl ForceRipple {
+    /// 1 to 5 % at 12 to 32 mm.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self {
+            fraction: noise.log_between(0.01, 0.05),
+            period: noise.between(0.012, 0.032),
+            phase: noise.angle(),
+        })
+    }
+}
+
+impl Law for ForceRipple {
+    identity!("force_ripple", Motor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("fraction", self.fraction), ("period", self.period), ("phase", self.phase)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { fraction: factor * self.fraction, ..self.clone() })
+    }
+    fn rank(&self) -> u8 {
+        2
+    }
+    fn motor(&self, now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
+        force + force * self.fraction * (TAU * now.x / self.period - self.phase).cos()
+    }
+}
+
+/// Motor that makes (1 + e) times the force commanded.
+#[derive(Debug, Clone)]
+pub struct MotorGain {
+    /// e.
+    pub fraction: f64,
+}
+
+impl MotorGain {
+    /// 1 to 5 %, up or down.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { fraction: noise.sign() * noise.log_between(0.01, 0.05) })
+    }
+}
+
+impl Law for MotorGain {
+    identity!("motor_gain", Motor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("fraction", self.fraction)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { fraction: factor * self.fraction })
+    }
+    fn rank(&self) -> u8 {
+        1
+    }
+    fn motor(&self, _now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
+        force + force * self.fraction
+    }
+}
+
+/// Current loop: tau dF/dt = F_command(t - delay) - F. The delay acts to the integrator's step.
+#[derive(Debug, Clone)]
+pub struct ActuatorLag {
+    /// tau, s; 0 leaves the delay only.
+    pub time_constant: f64,
+    /// Delay, s.
+    pub delay: f64,
+}
+
+impl ActuatorLag {
+    /// A first order of 0.15 to 0.8 ms, a delay of 0.55 to 1.2 ms, or half of both. A delay below one tick alone would
+    /// not show at the end of an interval, where the cell is read.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        let (time_constant, delay) = (noise.log_between(0.15e-3, 0.8e-3), noise.log_between(0.55e-3, 1.2e-3));
+        Box::new(match noise.index(3) {
+            0 => Self { time_constant, delay: 0.0 },
+            1 => Self { time_constant: 0.0, delay },
+            _ => Self { time_constant: 0.5 * time_constant, delay: 0.5 * delay },
+        })
+    }
+}
+
+impl Law for ActuatorLag {
+    identity!("actuator_lag", Motor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("time_constant", self.time_constant), ("delay", self.delay)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { time_constant: factor * self.time_constant, delay: factor * self.delay })
+    }
+    fn rank(&self) -> u8 {
+        0
+    }
+    fn states(&self) -> usize {
+        usize::from(self.time_constant > 0.0)
+    }
+    fn rate(&self, now: &Now<'_>, _drive: &Drive, state: &[f64], rate: &mut [f64]) {
+        if let ([force], [rate]) = (state, rate) {
+            *rate = (now.held(self.delay) - *force) / self.time_constant;
+        }
+    }
+    fn motor(&self, now: &Now<'_>, _force: f64, state: &[f64]) -> f64 {
+        state.first().copied().unwrap_or_else(|| now.held(self.delay))
+    }
+}

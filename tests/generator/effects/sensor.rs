@@ -1,0 +1,136 @@
+//! Effects in the readings.
+
+use std::f64::consts::TAU;
+
+use super::super::noise::Noise;
+use super::{Effect, Law, Now, Side, identity};
+
+/// Interpolation error of an encoder: d cos(2 pi x/p - phi) + d/4 cos(4 pi x/p), the offset and gain errors of its two signals
+/// (Heydemann 1981).
+#[derive(Debug, Clone)]
+pub struct EncoderSde {
+    /// d, m.
+    pub amplitude: f64,
+    /// p, m.
+    pub period: f64,
+    /// phi, rad.
+    pub phase: f64,
+}
+
+impl EncoderSde {
+    /// 0.3 to 1.5 % of a period of 4 to 40 um.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        let period = noise.log_between(4e-6, 40e-6);
+        Box::new(Self { amplitude: period * noise.log_between(0.003, 0.015), period, phase: noise.angle() })
+    }
+}
+
+impl Law for EncoderSde {
+    identity!("encoder_sde", Sensor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("amplitude", self.amplitude), ("period", self.period), ("phase", self.phase)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { amplitude: factor * self.amplitude, ..self.clone() })
+    }
+    fn encoder(&self, now: &Now<'_>) -> f64 {
+        let angle = TAU * now.x / self.period;
+        self.amplitude * ((angle - self.phase).cos() + 0.25 * (2.0 * angle).cos())
+    }
+}
+
+/// Encoder that reads (1 + e) x.
+#[derive(Debug, Clone)]
+pub struct EncoderScale {
+    /// e.
+    pub fraction: f64,
+}
+
+impl EncoderScale {
+    /// 1 to 4 %, up or down: less hides in the tolerance of the mass.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { fraction: noise.sign() * noise.log_between(0.01, 0.04) })
+    }
+}
+
+impl Law for EncoderScale {
+    identity!("encoder_scale", Sensor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("fraction", self.fraction)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { fraction: factor * self.fraction })
+    }
+    fn encoder(&self, now: &Now<'_>) -> f64 {
+        self.fraction * now.x
+    }
+}
+
+/// Force cell that reads (1 + e) F.
+#[derive(Debug, Clone)]
+pub struct ForceCellGain {
+    /// e.
+    pub fraction: f64,
+}
+
+impl ForceCellGain {
+    /// 1 to 5 %, up or down.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { fraction: noise.sign() * noise.log_between(0.01, 0.05) })
+    }
+}
+
+impl Law for ForceCellGain {
+    identity!("force_cell_gain", Sensor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("fraction", self.fraction)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { fraction: factor * self.fraction })
+    }
+    fn cell(&self, _now: &Now<'_>, force: f64) -> f64 {
+        self.fraction * force
+    }
+}
+
+/// Force cell whose zero drifts at a rate, with a random walk on top.
+#[derive(Debug, Clone)]
+pub struct ForceCellDrift {
+    /// N/s.
+    pub rate: f64,
+    /// Rms of the walk over 1 s, N.
+    pub wander: f64,
+    walk: f64,
+}
+
+impl ForceCellDrift {
+    /// New, without a walk so far.
+    pub fn new(rate: f64, wander: f64) -> Self {
+        Self { rate, wander, walk: 0.0 }
+    }
+
+    /// 0.02 to 0.2 N/s, with a walk of 5 % of what has drifted after 40 s.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        let rate = noise.log_between(0.02, 0.2);
+        Box::new(Self::new(noise.sign() * rate, 0.05 * rate * 40.0 / 40f64.sqrt()))
+    }
+}
+
+impl Law for ForceCellDrift {
+    identity!("force_cell_drift", Sensor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("rate", self.rate), ("wander", self.wander)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self::new(factor * self.rate, factor * self.wander))
+    }
+    fn begin(&mut self, _noise: &mut Noise) {
+        self.walk = 0.0;
+    }
+    fn tick(&mut self, now: &Now<'_>, noise: &mut Noise) {
+        self.walk += self.wander * now.tick.sqrt() * noise.normal();
+    }
+    fn cell(&self, now: &Now<'_>, _force: f64) -> f64 {
+        self.rate * now.time + self.walk
+    }
+}
