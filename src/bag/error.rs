@@ -147,6 +147,48 @@ pub enum BagError {
         /// What is there instead.
         has: String,
     },
+    /// A mapping file that says something impossible.
+    #[error("mapping {origin}: {key}: {reason}")]
+    Mapping {
+        /// The mapping file.
+        origin: String,
+        /// Key in it.
+        key: String,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
+    /// A field that the messages of a topic do not have, or that cannot be read from them.
+    #[error("field `{field}` of topic {topic} ({type_name}): {reason}")]
+    Field {
+        /// The topic.
+        topic: String,
+        /// Its type.
+        type_name: String,
+        /// The field asked for.
+        field: String,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
+    /// Time stamps that no run of one clock has.
+    #[error("time stamps of {signal} ({place}): {reason}")]
+    Clock {
+        /// The signal.
+        signal: &'static str,
+        /// Where it comes from.
+        place: String,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
+    /// Too few samples for a rate.
+    #[error("{} has {samples} usable samples of {signal}; 2 are needed for a rate", path.display())]
+    TooFewSamples {
+        /// The recording.
+        path: PathBuf,
+        /// The signal.
+        signal: &'static str,
+        /// Finite samples with different stamps.
+        samples: usize,
+    },
     /// A CSV file with something else than numbers under the right names.
     #[error("{} line {line}: {reason}", path.display())]
     Csv {

@@ -4,23 +4,38 @@
 //! from Humble on, or the messages of one in the order of time. [`Trace`] is a recording as columns of numbers.
 
 pub mod check;
+mod definition;
 pub mod error;
+pub mod excitation;
 mod file;
+pub mod import;
+pub mod mapping;
 mod metadata;
+pub mod problem;
 pub mod provenance;
 pub mod qos;
 pub mod reader;
+pub mod recording;
 pub mod recover;
+pub mod resample;
+mod source;
 pub mod trace;
 pub mod writer;
 
 pub use check::{CheckReport, check};
 pub use error::BagError;
+pub use excitation::{Excitation, examine};
 pub use file::Damage;
+pub use import::{ImportReport, import};
+pub use mapping::{Mapping, Signal};
+pub use problem::{DataProblem, Severity};
 pub use provenance::Provenance;
 pub use qos::OfferedQos;
 pub use reader::{BagMessage, BagReader, Topic};
+pub use recording::{DataQuality, Recording, load};
 pub use recover::{RecoverReport, recover};
+pub use resample::{ClockKind, SignalQuality};
+pub use source::is_csv;
 pub use trace::Trace;
 pub use writer::{BagOptions, BagWriter, Compression, TopicId};
 

@@ -251,7 +251,7 @@ fn insert_force(map: &mut HashMap<i64, f64>, message: &BagMessage) -> Result<(),
     Ok(())
 }
 
-fn csv_error(path: &Path, error: csv::Error) -> BagError {
+pub(crate) fn csv_error(path: &Path, error: csv::Error) -> BagError {
     let line = error.position().map_or(0, csv::Position::line);
     let reason = error.to_string();
     match error.into_kind() {

@@ -2,8 +2,15 @@
 
 pub mod check;
 pub mod demo;
+pub mod experiment;
+pub mod fit_guide;
+pub mod import;
+pub mod merge;
 pub mod recover;
 pub mod replay;
+pub mod select;
+mod selection_output;
+mod variant_rows;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -26,7 +33,12 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 don
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(demo::DemoArgs),
+    FitGuide(fit_guide::FitGuideArgs),
+    Select(select::SelectArgs),
+    Merge(merge::MergeArgs),
+    Experiment(experiment::ExperimentArgs),
     Replay(replay::ReplayArgs),
+    Import(import::ImportArgs),
     Check(check::CheckArgs),
     Recover(recover::RecoverArgs),
     /// Run the stage node, as the program stage_node does
@@ -58,7 +70,12 @@ impl Arguments {
     pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         match self.command.unwrap_or_else(|| Command::Demo(demo::DemoArgs::default())) {
             Command::Demo(arguments) => demo::run(&arguments, out),
+            Command::FitGuide(arguments) => fit_guide::run(&arguments, out),
+            Command::Select(arguments) => select::run(&arguments, out),
+            Command::Merge(arguments) => merge::run(&arguments, out),
+            Command::Experiment(arguments) => experiment::run(&arguments, out),
             Command::Replay(arguments) => replay::run(&arguments, out),
+            Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
             Command::Recover(arguments) => recover::run(&arguments, out),
             Command::StageNode(node) => crate::node::stage::run(node.arguments).map(|()| Outcome::Done),

@@ -8,7 +8,7 @@ use crate::plant::{EffectDescriptor, Residual};
 use super::hypothesis::Part;
 
 /// Knot counts that are tried; the error that cross-validation leaves decides.
-const KNOTS: [usize; 5] = [8, 16, 32, 64, 128];
+const KNOTS: [usize; 6] = [8, 16, 32, 64, 128, 256];
 /// Blocks that the record is cut into; every other one is left out in turn.
 const BLOCKS: usize = 40;
 /// Weight of the squared second differences of the knots, in units of the mean weight of a knot. Assumed: only bridges gaps.

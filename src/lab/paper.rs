@@ -59,6 +59,22 @@ impl PaperMotion {
         motion
     }
 
+    /// As the paper prepares its fast move: return move of 50 mm, `rest` s of rest, then forward and return move.
+    pub fn fast(rest: f64) -> PaperMotion {
+        PaperMotion::new(rest, 0)
+    }
+
+    /// As the paper prepares its fine steps: return move of 50 mm, `rest` s of rest, then `steps` steps forward.
+    pub fn fine(rest: f64, steps: usize) -> PaperMotion {
+        let mut motion = PaperMotion { points: Vec::new(), moves: Vec::new() };
+        motion.point(LEAD, 0.0);
+        motion.travel(MoveKind::Conditioning, -FAST.0, FAST.1, rest);
+        for _ in 0..steps {
+            motion.travel(MoveKind::FineStep, FINE.0, FINE.1, SETTLE.1);
+        }
+        motion
+    }
+
     /// Time from start to end, ns.
     pub fn duration(&self) -> i64 {
         self.points.last().map_or(0, |point| point.time)

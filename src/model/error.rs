@@ -23,6 +23,12 @@ pub enum ModelError {
     UnknownEffectParameter { effect: &'static str, name: String, hint: String, known: String },
     #[error("effects.{effect}: parameter `{name}` is missing ({description}, {unit})")]
     MissingEffectParameter { effect: &'static str, name: &'static str, description: &'static str, unit: &'static str },
+    #[error("{origin} holds no guide: a catalogue has one entry per guide, as the built-in one has")]
+    EmptyCatalogue { origin: String },
+    #[error("{origin}: `{name}` is in the catalogue already; give it a name of its own")]
+    DuplicateGuide { origin: String, name: String },
+    #[error("{key}: the unit is `{found}`, must be `{expected}`")]
+    Unit { key: String, found: String, expected: &'static str },
     #[error("the step is {step} s: must be positive and at most {limit} s, so that the carriage stays stable")]
     Step { step: f64, limit: f64 },
 }

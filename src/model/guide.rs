@@ -58,6 +58,15 @@ impl Guide {
         self.static_force * (self.stiffness * amplitude / self.static_force).tanh() / amplitude
     }
 
+    /// Area of a slow symmetric loop of amplitude A, J: 4 A Fs - 4 (Fs^2/sigma0) tanh(sigma0 A / Fs), lost per cycle.
+    ///
+    /// Twice the integral of the branch F = Fs (1 - c exp(-sigma0 (x + A)/Fs)) that starts at the tip of
+    /// [`Guide::effective_stiffness`]. Far from break-away it is 4/3 sigma0^2 A^3 / Fs.
+    pub fn loop_area(&self, amplitude: f64) -> f64 {
+        let bristle_length = self.static_force / self.stiffness;
+        4.0 * self.static_force * (amplitude - bristle_length * (amplitude / bristle_length).tanh())
+    }
+
     /// Refuses impossible values; `key` says where the guide stands in the model.
     pub fn check(&self, key: &str) -> Result<(), ModelError> {
         error::positive(&format!("{key}.stiffness"), self.stiffness)?;

@@ -12,7 +12,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-pub use catalogue::{Catalogue, CatalogueEntry, EffectiveStiffness, Provenance, Quantity};
+pub use catalogue::{Catalogue, CatalogueEntry, DistributedBristles, EffectiveStiffness, Provenance, Quantity};
 pub use effect::{Coordinate, Curve, CurveSide, EffectParameters};
 pub use error::{ModelError, nearest};
 pub use guide::{Guide, GuideSource};

@@ -1,0 +1,135 @@
+//! A CSV file as a bag of our own layout, which plays, replays and is identified like any other.
+//!
+//! Every row becomes the messages of one sample, with the time of the row as stamp and log time and with the values in SI;
+//! nothing is resampled. A value that a row lacks is a message that is not written.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::error::BagError;
+use super::mapping::{Mapping, Place, Signal};
+use super::qos::OfferedQos;
+use super::source::CsvTable;
+use super::topics;
+use super::writer::{BagOptions, BagWriter};
+use crate::message::{Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped};
+
+/// Name of the MCAP metadata record that says what was imported.
+const METADATA_NAME: &str = "friction_stage_import";
+
+/// What an import wrote.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct ImportReport {
+    /// Rows of the CSV file.
+    pub rows: u64,
+    /// Messages on each topic.
+    pub messages: BTreeMap<String, u64>,
+    /// Rows without a time, which are left out.
+    pub without_time: u64,
+}
+
+/// Writes the bag `out` from a CSV file; `mapping_text` is kept in it. Row by row, in bounded memory.
+pub fn import(csv: &Path, mapping: &Mapping, mapping_text: &str, out: &Path) -> Result<ImportReport, BagError> {
+    let mut table = CsvTable::open(csv, &mapping.csv)?;
+    let mut columns = Vec::new();
+    for (signal, sources) in &mapping.signals {
+        for source in sources {
+            if let Place::Topic { .. } = source.place {
+                return Err(BagError::Mapping {
+                    origin: csv.display().to_string(),
+                    key: format!("signals.{signal}"),
+                    reason: "a CSV file has columns, not topics".into(),
+                });
+            }
+            columns.push((*signal, table.column(source)?, source));
+        }
+    }
+    let time = columns.iter().find(|(signal, ..)| *signal == Signal::Time).copied();
+    let period = mapping.rate.map(|rate| 1e9 / rate);
+    if time.is_none() && period.is_none() {
+        return Err(BagError::MissingSignal {
+            path: csv.to_owned(),
+            signal: Signal::Time.name(),
+            needs: "a column, or the `rate` of the rows in the mapping".into(),
+            has: columns.iter().map(|(signal, ..)| signal.name()).collect::<Vec<_>>().join(", "),
+        });
+    }
+    let has = |signal: Signal| columns.iter().any(|(s, ..)| *s == signal);
+    let has_reference =
+        has(Signal::ReferencePosition) || has(Signal::ReferenceVelocity) || has(Signal::ReferenceAcceleration);
+    let mut bag = BagWriter::create(out, &BagOptions::default())?;
+    bag.write_metadata(
+        METADATA_NAME,
+        [
+            ("source".to_owned(), csv.display().to_string()),
+            ("mapping".to_owned(), mapping_text.to_owned()),
+            ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ]
+        .into(),
+    )?;
+    let qos = OfferedQos::reliable(100);
+    let encoder = bag.add_topic::<JointState>(topics::ENCODER, &qos)?;
+    let topic = |bag: &mut BagWriter, name: &str, wanted: bool| {
+        if wanted { bag.add_topic::<WrenchStamped>(name, &qos).map(Some) } else { Ok(None) }
+    };
+    let cell = topic(&mut bag, topics::FORCE_CELL, has(Signal::ForceCell))?;
+    let force = topic(&mut bag, topics::FORCE, has(Signal::Force))?;
+    let setpoint = if has_reference { Some(bag.add_topic::<JointTrajectory>(topics::SETPOINT, &qos)?) } else { None };
+    let mut report = ImportReport { rows: 0, messages: BTreeMap::new(), without_time: 0 };
+    let mut written = |topic: &str| *report.messages.entry(topic.to_owned()).or_insert(0) += 1;
+    while table.next()? {
+        let stamp = match (time, period) {
+            (Some((_, column, source)), _) => table.stamp(column, source)?,
+            (None, period) => (report.rows as f64 * period.unwrap_or(0.0)).round() as i64,
+        };
+        report.rows += 1;
+        // log times of a bag are not negative
+        let Ok(log_time) = u64::try_from(stamp) else {
+            report.without_time += 1;
+            continue;
+        };
+        let mut values = [f64::NAN; 7];
+        for (signal, column, source) in &columns {
+            if *signal != Signal::Time {
+                values[*signal as usize] = source.to_si(table.number(*column)?);
+            }
+        }
+        let value = |signal: Signal| values[signal as usize];
+        let header = Header::new(stamp, topics::JOINT);
+        let list = |value: f64| if value.is_finite() { vec![value] } else { Vec::new() };
+        if value(Signal::Position).is_finite() {
+            let state = JointState {
+                header: header.clone(),
+                name: vec![topics::JOINT.into()],
+                position: list(value(Signal::Position)),
+                velocity: Vec::new(),
+                effort: list(value(Signal::ForceCell)),
+            };
+            bag.write(encoder, log_time, &state)?;
+            written(topics::ENCODER);
+        }
+        let forces = [(cell, Signal::ForceCell, topics::FORCE_CELL), (force, Signal::Force, topics::FORCE)];
+        for (topic, signal, name) in forces {
+            if let Some(topic) = topic.filter(|_| value(signal).is_finite()) {
+                bag.write(topic, log_time, &WrenchStamped::along_x(header.clone(), value(signal)))?;
+                written(name);
+            }
+        }
+        let point = JointTrajectoryPoint {
+            positions: list(value(Signal::ReferencePosition)),
+            velocities: list(value(Signal::ReferenceVelocity)),
+            accelerations: list(value(Signal::ReferenceAcceleration)),
+            ..JointTrajectoryPoint::default()
+        };
+        let empty = point.positions.is_empty() && point.velocities.is_empty() && point.accelerations.is_empty();
+        if let Some(topic) = setpoint.filter(|_| !empty) {
+            let setpoint = JointTrajectory { header, joint_names: vec![topics::JOINT.into()], points: vec![point] };
+            bag.write(topic, log_time, &setpoint)?;
+            written(topics::SETPOINT);
+        }
+    }
+    bag.finish()?;
+    Ok(report)
+}

@@ -1,0 +1,72 @@
+//! A run of the laboratory as a bag of the stage's topics, with everything that repeats it.
+
+use std::path::Path;
+
+use crate::bag::{BagOptions, BagWriter, OfferedQos, Provenance, topics};
+use crate::lab::Recording;
+use crate::message::{ControllerState, Header, JointState, Time, WrenchStamped};
+
+/// Depth of the queues as the nodes offer them.
+const DEPTH: u32 = 10;
+
+/// Writes the topics that the nodes would have recorded; stamps count from the start of the run.
+pub(super) fn write_bag(directory: &Path, recording: &Recording, experiment: &str) -> anyhow::Result<()> {
+    let rates = recording.settings.rates;
+    let provenance = Provenance {
+        model_yaml: recording.model.to_yaml()?,
+        seed: recording.settings.seed.to_string(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        arguments: format!("experiment {experiment}"),
+        extra: [("control_rate", rates.control()), ("physics_rate", rates.physics())]
+            .map(|(key, value)| (key.to_owned(), value.to_string()))
+            .into(),
+    };
+    let mut bag = BagWriter::create(directory, &BagOptions { provenance: Some(provenance), ..BagOptions::default() })?;
+    let qos = OfferedQos::reliable(DEPTH);
+    let encoder = bag.add_topic::<JointState>(topics::ENCODER, &qos)?;
+    let cell = bag.add_topic::<WrenchStamped>(topics::FORCE_CELL, &qos)?;
+    let force = bag.add_topic::<WrenchStamped>(topics::FORCE, &qos)?;
+    let controlled = recording.rows.first().is_some_and(|row| row.terms.is_some());
+    let controller =
+        controlled.then(|| bag.add_topic::<ControllerState>(topics::CONTROLLER_STATE, &qos)).transpose()?;
+    for row in &recording.rows {
+        let sample = &row.sample;
+        let header = Header::new(sample.time, topics::JOINT);
+        let time = sample.time as u64;
+        let joint = JointState {
+            header: header.clone(),
+            name: vec![topics::JOINT.to_owned()],
+            position: vec![sample.position],
+            velocity: vec![sample.velocity],
+            effort: vec![sample.force_cell],
+        };
+        bag.write(encoder, time, &joint)?;
+        bag.write(cell, time, &WrenchStamped::along_x(header.clone(), sample.force_cell))?;
+        bag.write(force, time, &WrenchStamped::along_x(header.clone(), row.force))?;
+        if let (Some(controller), Some(terms)) = (controller, &row.terms) {
+            let state = ControllerState {
+                header,
+                sample: sample.index,
+                reference_position: terms.reference.position,
+                reference_velocity: terms.reference.velocity,
+                reference_acceleration: terms.reference.acceleration,
+                position: terms.position,
+                error: terms.error,
+                proportional: terms.proportional,
+                integral: terms.integral,
+                derivative: terms.derivative,
+                feedback: terms.feedback,
+                mass_feedforward: terms.mass_feedforward,
+                viscous_feedforward: terms.viscous_feedforward,
+                effort: terms.reference.effort,
+                output: terms.output,
+                saturated: terms.saturated,
+                enabled: true,
+                holding: terms.holding,
+                setpoint_stamp: Time::from_nanos(0),
+            };
+            bag.write(controller, time, &state)?;
+        }
+    }
+    Ok(bag.finish()?)
+}

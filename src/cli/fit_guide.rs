@@ -1,0 +1,214 @@
+//! `friction-stage fit-guide`: from recordings of the measuring rig to an entry of the catalogue.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use clap::Args;
+use serde::Serialize;
+
+use super::Outcome;
+use crate::bag::{BagReader, Trace, topics};
+use crate::lab::{Fitted, GuideFit, RigRecord, fit_guide};
+use crate::model::{Catalogue, CatalogueEntry, Provenance, Quantity, StageModel};
+
+/// Fit a guide to recordings of the measuring rig and write it as an entry of a catalogue.
+///
+/// The Stribeck recording holds runs at constant velocity in both directions, the Dahl recording slow loops of which the
+/// largest breaks away. First the static curve is fitted, then the bristle, then both together; every parameter
+/// comes with its 95 % interval. Needed of the bags are the encoder and the force cell; it does not matter how the rig was driven.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:\n  \
+    friction-stage fit-guide --stribeck stribeck_bag --dahl dahl_bag --name my_guide --out my_guide.yaml\n  \
+    friction-stage select --application A.yaml --catalogue my_guide.yaml --out choice")]
+pub struct FitGuideArgs {
+    /// rosbag2 directory or MCAP file with runs at constant velocity
+    #[arg(long, value_name = "BAG")]
+    pub stribeck: PathBuf,
+    /// rosbag2 directory or MCAP file with slow loops
+    #[arg(long, value_name = "BAG")]
+    pub dahl: PathBuf,
+    /// Catalogue file to write; one that is there already is left alone
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Name of the entry [default: that of the file]
+    #[arg(long)]
+    pub name: Option<String>,
+    /// What moves behind the force cell: carriage with adapter, kg [default: what the bag's model says]
+    #[arg(long, value_name = "KG")]
+    pub mass: Option<f64>,
+    /// What the guide is, for people
+    #[arg(long, default_value = "fitted to recordings")]
+    pub description: String,
+    /// The guide has seals; without this it is never chosen where sealing is required
+    #[arg(long)]
+    pub seals: bool,
+    /// The guide has a cage
+    #[arg(long)]
+    pub cage: bool,
+    /// Lubricant of the guide
+    #[arg(long, default_value = "unknown")]
+    pub lubricant: String,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct Report {
+    schema_version: u32,
+    name: String,
+    parameters: Vec<Parameter>,
+    runs: usize,
+    rows: usize,
+    force_rms_n: f64,
+    noise_rms_n: f64,
+    catalogue: PathBuf,
+    warnings: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct Parameter {
+    name: &'static str,
+    value: f64,
+    unit: &'static str,
+    ci95: [f64; 2],
+}
+
+/// Runs the command; the result goes to `out`.
+pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    anyhow::ensure!(!args.out.exists(), "{} is there already: choose another --out", args.out.display());
+    let name = match &args.name {
+        Some(name) => name.clone(),
+        None => args.out.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
+    };
+    anyhow::ensure!(!name.is_empty(), "--name is empty: the entry needs one");
+    let (stribeck, said) = read(&args.stribeck)?;
+    let (dahl, _) = read(&args.dahl)?;
+    let mass = args.mass.or(said).with_context(|| {
+        format!("{} does not say what mass moves behind the force cell: give it by --mass", args.stribeck.display())
+    })?;
+    anyhow::ensure!(mass.is_finite() && mass > 0.0, "--mass is {mass} kg, must be finite and greater than 0");
+    let fit = fit_guide(&stribeck, &dahl, mass)
+        .with_context(|| format!("no guide from {} and {}", args.stribeck.display(), args.dahl.display()))?;
+    let catalogue = entry(args, &name, &fit)?;
+    std::fs::write(&args.out, &catalogue).with_context(|| format!("cannot write {}", args.out.display()))?;
+    let report = Report {
+        schema_version: 1,
+        name,
+        parameters: fit
+            .parameters()
+            .into_iter()
+            .map(|(name, Fitted { value, ci95 })| Parameter { name, value, unit: unit(name), ci95 })
+            .collect(),
+        runs: fit.windows,
+        rows: fit.rows,
+        force_rms_n: fit.force_rms,
+        noise_rms_n: fit.noise_rms,
+        catalogue: args.out.clone(),
+        warnings: fit.warnings.clone(),
+    };
+    if args.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
+    } else {
+        print(out, &report)?;
+    }
+    Ok(if report.warnings.is_empty() { Outcome::Done } else { Outcome::Warnings })
+}
+
+/// Encoder and force cell of a bag, and the mass of its model's carriage, if it has one.
+fn read(path: &Path) -> anyhow::Result<(RigRecord, Option<f64>)> {
+    let reader = BagReader::open(path)?;
+    let needed = topics::FORCE_CELL;
+    anyhow::ensure!(
+        reader.topic(needed).is_some_and(|topic| topic.messages > 0),
+        "{} has no messages on {needed} (geometry_msgs/msg/WrenchStamped); it has {}",
+        path.display(),
+        match reader.topics() {
+            [] => "no topics".to_owned(),
+            topics => topics.iter().map(|topic| topic.name.as_str()).collect::<Vec<_>>().join(", "),
+        }
+    );
+    let trace = Trace::from_reader(&reader)?;
+    let mass = reader
+        .provenance()
+        .filter(|provenance| !provenance.model_yaml.is_empty())
+        .map(|provenance| StageModel::from_yaml(&provenance.model_yaml, &path.display().to_string()))
+        .transpose()?
+        .map(|model| model.mass);
+    Ok((RigRecord { time: trace.time, position: trace.position, force: trace.force_cell }, mass))
+}
+
+fn unit(name: &str) -> &'static str {
+    match name {
+        "stiffness" => "N/m",
+        "bristle_damping" | "viscous_friction" => "N s/m",
+        "coulomb_force" | "static_force" => "N",
+        _ => "m/s",
+    }
+}
+
+/// The entry as a catalogue of one.
+fn entry(args: &FitGuideArgs, name: &str, fit: &GuideFit) -> anyhow::Result<String> {
+    let source = format!(
+        "fit-guide {}: {} runs of {}, {} rows of {}",
+        env!("CARGO_PKG_VERSION"),
+        fit.windows,
+        args.stribeck.display(),
+        fit.rows,
+        args.dahl.display()
+    );
+    let quantity = |name: &str, fitted: Fitted| Quantity {
+        value: fitted.value,
+        unit: unit(name).to_owned(),
+        provenance: Provenance::Measured,
+        source: source.clone(),
+        ci95: Some(fitted.ci95),
+    };
+    let stribeck_velocity = match fit.stribeck_velocity {
+        Some(fitted) => quantity("stribeck_velocity", fitted),
+        None => Quantity {
+            value: fit.guide().stribeck_velocity,
+            unit: unit("stribeck_velocity").to_owned(),
+            provenance: Provenance::Assumed,
+            source: "without effect while Fs = Fc: the friction level does not fall with velocity".to_owned(),
+            ci95: None,
+        },
+    };
+    let entry = CatalogueEntry {
+        description: args.description.clone(),
+        seals: args.seals,
+        lubricant: args.lubricant.clone(),
+        cage: args.cage,
+        stiffness: quantity("stiffness", fit.stiffness),
+        bristle_damping: quantity("bristle_damping", fit.bristle_damping),
+        viscous_friction: quantity("viscous_friction", fit.viscous_friction),
+        coulomb_force: quantity("coulomb_force", fit.coulomb_force),
+        static_force: quantity("static_force", fit.static_force),
+        stribeck_velocity,
+        effective_stiffness: Vec::new(),
+        distributed_bristles: None,
+    };
+    let mut catalogue = Catalogue::default();
+    catalogue.insert(name.to_owned(), entry, "the fit")?;
+    Ok(catalogue.to_yaml()?)
+}
+
+fn print(out: &mut dyn Write, report: &Report) -> std::io::Result<()> {
+    writeln!(out, "{}: from {} runs at constant velocity and {} rows of loops", report.name, report.runs, report.rows)?;
+    writeln!(out)?;
+    writeln!(out, "parameter               value  unit   95 % interval")?;
+    for Parameter { name, value, unit, ci95: [low, high] } in &report.parameters {
+        writeln!(out, "{name:18} {value:>10.5e}  {unit:6} {low:.5e} to {high:.5e}")?;
+    }
+    writeln!(out)?;
+    writeln!(
+        out,
+        "left of the force: {:.4} N rms; noise of the force cell: {:.4} N rms",
+        report.force_rms_n, report.noise_rms_n
+    )?;
+    for warning in &report.warnings {
+        writeln!(out, "warning: {warning}")?;
+    }
+    writeln!(out, "catalogue: {}", report.catalogue.display())
+}

@@ -1,0 +1,125 @@
+//! `friction-stage select`: which guide for an application.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::Context as _;
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::Outcome;
+use super::selection_output::finish;
+use super::variant_rows::{Sheet, VariantRows};
+use crate::lab::{Application, Experiment, Plan, Shard};
+use crate::model::{Catalogue, nearest};
+
+/// Choose a guide for an application: rank every guide of the catalogue by what it reaches over its tolerances.
+///
+/// Each variant is the stage of the application on guides drawn from their tolerances, moved once as the application says.
+/// Ctrl-C keeps what is done. Writes variants.csv, variants.parquet, summary.json and trade_off.svg.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:\n  \
+    friction-stage select --application launch_config/application_fine_step_clean.yaml --out choice\n  \
+    friction-stage select --application A.yaml --catalogue own.yaml --variants 100000 --shard 2/8 --out part_2\n  \
+    friction-stage merge part_* --out whole")]
+pub struct SelectArgs {
+    /// What the stage is to do and to reach (YAML)
+    #[arg(long, value_name = "FILE")]
+    pub application: PathBuf,
+    /// Catalogues of one's own, beside the built-in one
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    pub catalogue: Vec<PathBuf>,
+    /// Choose among these guides only
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub guides: Vec<String>,
+    /// Directory for the results
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Variants over all guides, dealt to them in turn
+    #[arg(long, value_name = "N", default_value_t = 3000, value_parser = clap::value_parser!(u64).range(1..))]
+    pub variants: u64,
+    /// Seed of tolerances and noise; a variant depends on seed, guide and its number only
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Go on with what is in --out
+    #[arg(long)]
+    pub resume: bool,
+    /// Compute part i of n only; `friction-stage merge` puts the parts together
+    #[arg(long, value_name = "I/N", default_value_t = Shard::WHOLE)]
+    pub shard: Shard,
+    /// Print JSON instead of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Variants between two writes: some tens of milliseconds of work.
+const CHUNK: u64 = 128;
+
+/// Runs the command; results go to `out`, progress to stderr.
+pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    let origin = args.application.display().to_string();
+    let text = std::fs::read_to_string(&args.application).with_context(|| format!("cannot read {origin}"))?;
+    let application = Application::from_yaml(&text, &origin)?;
+    let database = database(args)?;
+    let experiment = Experiment::new(&application)?;
+    let plan = Plan::new(application, &database, args.seed, args.variants)?;
+    let (rows, done) = VariantRows::open(&args.out, Sheet::new(plan, args.shard), args.resume)?;
+
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        // The second one ends the program at once, with the code of a shell for an interrupt.
+        signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop))?;
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    let (plan, jobs) = (&rows.sheet().plan, rows.sheet().jobs());
+    let count = jobs.end - jobs.start;
+    let bar = ProgressBar::new(count).with_position(done);
+    bar.set_style(
+        ProgressStyle::with_template("{pos}/{len} variants [{bar:40}] {per_sec}  {elapsed}, {eta} left")?
+            .progress_chars("=> "),
+    );
+    let mut next = jobs.start + done;
+    while next < jobs.end {
+        if stop.load(Ordering::Relaxed) {
+            bar.abandon();
+            anyhow::bail!(
+                "stopped after {} of {count} variants, which are kept in {}: go on by --resume",
+                next - jobs.start,
+                args.out.display()
+            );
+        }
+        let chunk = next..(next + CHUNK).min(jobs.end);
+        next = chunk.end;
+        let first = chunk.start;
+        rows.append(first, &plan.run(&experiment, chunk)?)?;
+        bar.set_position(next - jobs.start);
+    }
+    bar.finish_and_clear();
+    if args.shard != Shard::WHOLE {
+        writeln!(out, "shard {} of {}: {count} variants in {}", args.shard, plan.variants, rows.path().display())?;
+        return Ok(Outcome::Done);
+    }
+    finish(&args.out, &rows, args.json, out)
+}
+
+/// The built-in guides and the user's, or those of them that were asked for.
+fn database(args: &SelectArgs) -> anyhow::Result<Catalogue> {
+    let mut all = Catalogue::builtin();
+    for path in &args.catalogue {
+        all.add(Catalogue::load(path)?, &path.display().to_string())?;
+    }
+    if args.guides.is_empty() {
+        return Ok(all);
+    }
+    let mut chosen = Catalogue::default();
+    for name in &args.guides {
+        let Some(entry) = all.entry(name) else {
+            let known = all.names().collect::<Vec<_>>().join(", ");
+            anyhow::bail!("--guides: unknown guide `{name}`{}; known are {known}", nearest(name, all.names()));
+        };
+        chosen.insert(name.clone(), entry.clone(), "--guides")?;
+    }
+    Ok(chosen)
+}

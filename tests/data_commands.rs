@@ -1,0 +1,94 @@
+//! The commands that take data in: what they print, and how they end.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use tempfile::TempDir;
+
+fn friction_stage(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_friction-stage")).args(arguments).output().unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+/// A drive of 40 kg with 50 N of Coulomb friction as CSV in mm and kN times `force_scale`, and its mapping.
+fn drive(home: &Path, force_scale: f64) -> (PathBuf, PathBuf) {
+    let (csv, mapping) = (home.join("drive.csv"), home.join("drive.yaml"));
+    let mut text = String::from("t,x,f\n");
+    for k in 0..8000 {
+        let t = f64::from(k) / 1000.0;
+        let w = std::f64::consts::TAU * 2.0;
+        let (s, c) = (w * t).sin_cos();
+        let (x, a) = (0.02 * s, -0.02 * w * w * s);
+        text += &format!("{t},{},{}\n", x * 1e3, force_scale * (40.0 * a + 50.0 * c.signum()) * 1e-3);
+    }
+    std::fs::write(&csv, text).unwrap();
+    let yaml =
+        "signals:\n  time: {column: t}\n  position: {column: x, unit: mm}\n  force_cell: {column: f, unit: kN}\n";
+    std::fs::write(&mapping, yaml).unwrap();
+    (csv, mapping)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn a_csv_file_is_imported_checked_and_told_in_sentences_and_json() {
+    let home = TempDir::new().unwrap();
+    let (csv, mapping) = drive(home.path(), 1.0);
+    let bag = home.path().join("drive");
+    let imported = friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
+    assert_eq!(imported.status.code(), Some(0), "{}", stderr(&imported));
+    assert!(
+        stdout(&imported).contains("8000 on /stage/encoder") && stdout(&imported).contains("8000 on /stage/force_cell")
+    );
+    let again = friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
+    assert_eq!(again.status.code(), Some(1));
+    assert!(stderr(&again).contains("never overwrites"));
+    // without a question about identification a sound bag is a sound bag
+    let plain = friction_stage(&["check", text(&bag)]);
+    assert_eq!(plain.status.code(), Some(0), "{}", stdout(&plain));
+    let asked = friction_stage(&["check", text(&bag), "--model", "guide_1", "--json"]);
+    assert_eq!(asked.status.code(), Some(3));
+    let report: serde_json::Value = serde_json::from_str(&stdout(&asked)).unwrap();
+    assert_eq!(report["complete"], true);
+    assert_eq!(report["data"]["rate_hz"], 1000.0);
+    let mass = report["identification"]["cell_fit"]["mass"].as_f64().unwrap();
+    assert!((mass - 40.0).abs() < 0.1, "{mass}");
+    let problems = report["identification"]["problems"].as_array().unwrap();
+    let kinds: Vec<&str> = problems.iter().map(|p| p["kind"].as_str().unwrap()).collect();
+    assert!(kinds.contains(&"no_command") && kinds.contains(&"no_setpoint"), "{kinds:?}");
+    let direct = friction_stage(&["check", text(&csv), "--mapping", text(&mapping)]);
+    let told = stdout(&direct);
+    assert_eq!(direct.status.code(), Some(3), "{told}");
+    assert!(told.contains("mass: can be identified") && told.contains("closed loop: cannot be identified"), "{told}");
+}
+
+#[test]
+fn a_wrong_unit_a_wrong_mapping_and_a_wrong_file_are_told() {
+    let home = TempDir::new().unwrap();
+    let (csv, mapping) = drive(home.path(), 1e-3);
+    let check = |arguments: &[&str]| {
+        let mut all = vec!["check", text(&csv), "--mapping", text(&mapping)];
+        all.extend(arguments);
+        friction_stage(&all)
+    };
+    let wrong = check(&["--model", "guide_1"]);
+    assert_eq!(wrong.status.code(), Some(3));
+    assert!(stdout(&wrong).contains("fatal: force_cell seems to be in kN"), "{}", stdout(&wrong));
+    std::fs::write(&mapping, "signals: {position: {column: y}}").unwrap();
+    let wrong = check(&[]);
+    assert_eq!(wrong.status.code(), Some(1));
+    assert!(stderr(&wrong).contains("rate"), "{}", stderr(&wrong));
+    let missing = friction_stage(&["check", text(&home.path().join("nothing.csv"))]);
+    assert_eq!(missing.status.code(), Some(1));
+    assert!(stderr(&missing).contains("nothing.csv"), "{}", stderr(&missing));
+    assert_eq!(friction_stage(&["import", text(&csv)]).status.code(), Some(2));
+}

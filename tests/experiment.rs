@@ -1,0 +1,66 @@
+//! `friction-stage experiment` at the boundary of the process: exit codes, files, and bags that repeat.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn friction_stage(arguments: &[&str], directory: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_friction-stage")).args(arguments).current_dir(directory).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn an_experiment_leaves_summary_report_figures_and_bags_that_repeat_bit_for_bit() {
+    let directory = tempfile::tempdir().unwrap();
+    let arguments = ["experiment", "fine-step", "--guides", "guide_2", "--rest", "0.2", "--out", "out", "--json"];
+    let output = friction_stage(&arguments, directory.path());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let out = directory.path().join("out");
+    let summary: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(out.join("summary.json")).unwrap()).unwrap();
+    let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary, printed);
+    let peak = summary["results"]["fine_step"][0]["steps"][0]["peak_error"].as_f64().unwrap();
+    assert!((0.5e-6..5e-6).contains(&peak), "{peak}");
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("<svg") && !page.contains("src=") && !page.contains("https://"));
+    assert!(std::fs::read_to_string(out.join("fine_step.svg")).unwrap().starts_with("<svg"));
+    let bag = out.join("bags/guide_2_fine_step");
+    let replay = friction_stage(&["replay", bag.to_str().unwrap(), "--json"], directory.path());
+    let replayed: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
+    assert_eq!(replayed["identical"], replayed["samples"], "{replayed}");
+    // The same directory again is refused: nothing is overwritten.
+    let again = friction_stage(&arguments, directory.path());
+    assert_eq!(again.status.code(), Some(1));
+    assert!(text(&again.stderr).contains("choose another --out"), "{}", text(&again.stderr));
+}
+
+#[test]
+fn wrong_arguments_are_told_and_end_with_2() {
+    let directory = tempfile::tempdir().unwrap();
+    for (arguments, words) in [
+        (["experiment", "stribek", "--rest", "1"], "stribeck"),
+        (["experiment", "dahl", "--guides", "guide_4"], "did you mean `guide_"),
+        (["experiment", "dahl", "--guides", "guide_2+distributed_bristles"], "no distributed bristles"),
+        (["experiment", "fast-move", "--rest", "-1"], "rest"),
+    ] {
+        let output = friction_stage(&arguments, directory.path());
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text(&output.stderr));
+        assert!(text(&output.stderr).contains(words), "{arguments:?}: {}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn a_motor_that_the_motion_exceeds_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::write(directory.path().join("weak.yaml"), "name: weak\nmotor: {force_limit: 500}\n").unwrap();
+    let output = friction_stage(
+        &["experiment", "fast-move", "--model", "weak.yaml", "--rest", "0", "--out", "o"],
+        directory.path(),
+    );
+    assert_eq!(output.status.code(), Some(1));
+    let message = text(&output.stderr);
+    assert!(message.contains("500 N") && message.contains("weak") && message.contains("force_limit"), "{message}");
+}

@@ -1,0 +1,326 @@
+//! `select`, `merge` and `fit-guide` at the process boundary: results, messages and exit codes.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use friction_stage::bag::{BagOptions, BagWriter, OfferedQos, Provenance, topics};
+use friction_stage::lab::{RigRecord, dahl_motion, rig_of, run_rig, stribeck_motion};
+use friction_stage::message::{Header, JointState, WrenchStamped};
+use friction_stage::model::Catalogue;
+use friction_stage::plant::Rates;
+
+fn program(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_friction-stage"));
+    command.args(arguments);
+    command
+}
+
+/// Exit code, stdout and stderr.
+fn run(arguments: &[&str]) -> (i32, String, String) {
+    let Output { status, stdout, stderr } = program(arguments).output().unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (status.code().unwrap_or(-1), text(stdout), text(stderr))
+}
+
+fn config(name: &str) -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("launch_config").join(name).display().to_string()
+}
+
+fn written(directory: &Path, name: &str, text: &str) -> String {
+    let path = directory.join(name);
+    std::fs::write(&path, text).unwrap();
+    path.display().to_string()
+}
+
+/// The fine step with much shorter times, for tests that are about files and codes.
+fn short_application(directory: &Path) -> String {
+    let text = std::fs::read_to_string(config("application_fine_step_clean.yaml")).unwrap();
+    let text = text
+        .replace("settle: 0.3", "settle: 0.1\n  conditioning: {distance: 1.0e-3, duration: 0.02, rest: 0.0}")
+        .replace("peak_error: 6.0e-6", "peak_error: 1.0");
+    written(directory, "short.yaml", &text)
+}
+
+fn bytes(directory: &Path) -> Vec<(String, Vec<u8>)> {
+    ["plan.yaml", "variants.csv", "variants.parquet", "summary.json", "trade_off.svg"]
+        .map(|name| (name.to_owned(), std::fs::read(directory.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))))
+        .into()
+}
+
+#[test]
+fn the_papers_choice_comes_out_with_its_warning() {
+    let directory = tempfile::tempdir().unwrap();
+    for (application, choice) in
+        [("application_fine_step_clean.yaml", "guide_2"), ("application_fine_step_sealed.yaml", "guide_1")]
+    {
+        let out = directory.path().join(choice).display().to_string();
+        let (code, stdout, stderr) =
+            run(&["select", "--application", &config(application), "--variants", "30", "--out", &out, "--json"]);
+        assert_eq!(code, 3, "{stderr}");
+        let summary: serde_json::Value = serde_json::from_str(&stdout).unwrap();
+        assert_eq!(summary["choice"], choice);
+        assert!(summary["warnings"][0].as_str().unwrap().starts_with("guide_3"), "{stdout}");
+    }
+}
+
+#[test]
+fn shards_merged_in_any_order_are_one_run_bit_for_bit() {
+    let directory = tempfile::tempdir().unwrap();
+    let application = short_application(directory.path());
+    let at = |name: &str| directory.path().join(name);
+    let select = |name: &str, more: &[&str]| {
+        let out = at(name).display().to_string();
+        let mut arguments = vec!["select", "--application", &application, "--variants", "100", "--out", &out];
+        arguments.extend(more);
+        run(&arguments)
+    };
+    assert_eq!(select("whole", &[]).0, 3);
+    for shard in ["3/3", "1/3", "2/3"] {
+        let (code, _, stderr) = select(&shard.replace('/', "_of_"), &["--shard", shard]);
+        assert_eq!(code, 0, "{stderr}");
+    }
+    let (two, one, three) = (at("2_of_3"), at("1_of_3"), at("3_of_3"));
+    let merge = |shards: &[&PathBuf], out: &str| {
+        let out = at(out).display().to_string();
+        let mut arguments = vec!["merge", "--out", &out];
+        let shards: Vec<String> = shards.iter().map(|path| path.display().to_string()).collect();
+        arguments.extend(shards.iter().map(String::as_str));
+        run(&arguments)
+    };
+    let (code, _, stderr) = merge(&[&two, &one], "missing");
+    assert!(code == 1 && stderr.contains("1 of 3 shards missing: 3/3"), "{code} {stderr}");
+    let (code, _, stderr) = merge(&[&two, &one, &two], "twice");
+    assert!(code == 1 && stderr.contains("both shard 2/3"), "{code} {stderr}");
+    let (code, _, stderr) = merge(&[&two, &three, &one], "merged");
+    assert_eq!(code, 3, "{stderr}");
+    assert_eq!(bytes(&at("merged")), bytes(&at("whole")));
+
+    let (code, _, stderr) = select("other_seed", &["--seed", "2", "--shard", "3/3"]);
+    assert_eq!(code, 0, "{stderr}");
+    let (code, _, stderr) = merge(&[&one, &two, &at("other_seed")], "mixed");
+    assert!(code == 1 && stderr.contains("seed: 1") && stderr.contains("seed: 2"), "{code} {stderr}");
+}
+
+#[test]
+fn a_run_that_was_cut_off_goes_on_where_it_was() {
+    let directory = tempfile::tempdir().unwrap();
+    let application = short_application(directory.path());
+    let out = |name: &str| directory.path().join(name).display().to_string();
+    let select = |name: &str, more: &[&str]| {
+        let out = out(name);
+        let mut arguments = vec!["select", "--application", &application, "--variants", "60", "--out", &out];
+        arguments.extend(more);
+        run(&arguments)
+    };
+    assert_eq!(select("whole", &[]).0, 3);
+    assert_eq!(select("cut", &[]).0, 3);
+    // As a killed process leaves it: some rows, the last one torn.
+    let rows = directory.path().join("cut/variants.csv");
+    let text = std::fs::read_to_string(&rows).unwrap();
+    std::fs::write(&rows, &text[..text.len() / 3]).unwrap();
+    let (code, _, stderr) = run(&["merge", &out("cut"), "--out", &out("merged")]);
+    assert!(code == 1 && stderr.contains("cut off within a row"), "{code} {stderr}");
+    let whole_rows = text[..text.len() / 3].rfind('\n').unwrap() + 1;
+    std::fs::write(&rows, &text[..whole_rows]).unwrap();
+    let (code, _, stderr) = run(&["merge", &out("cut"), "--out", &out("merged")]);
+    assert!(code == 1 && stderr.contains("of its 60 variants"), "{code} {stderr}");
+    std::fs::write(&rows, &text[..text.len() / 3]).unwrap();
+    let (code, _, stderr) = select("cut", &[]);
+    assert!(code == 1 && stderr.contains("--resume"), "{code} {stderr}");
+    let (code, _, stderr) = select("cut", &["--resume", "--seed", "7"]);
+    assert!(code == 1 && stderr.contains("seed: 1") && stderr.contains("seed: 7"), "{code} {stderr}");
+    let (code, _, stderr) = select("cut", &["--resume"]);
+    assert_eq!(code, 3, "{stderr}");
+    assert_eq!(bytes(&directory.path().join("cut")), bytes(&directory.path().join("whole")));
+}
+
+#[test]
+fn ctrl_c_keeps_what_is_done() {
+    let directory = tempfile::tempdir().unwrap();
+    let out = directory.path().join("out");
+    let (application, place) = (config("application_fine_step_clean.yaml"), out.display().to_string());
+    let child = program(&["select", "--application", &application, "--variants", "1000000", "--out", &place])
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let rows = out.join("variants.csv");
+    let deadline = std::time::Instant::now() + std::time::Duration::from_secs(60);
+    while std::fs::metadata(&rows).map_or(0, |found| found.len()) == 0 {
+        assert!(std::time::Instant::now() < deadline, "no rows within a minute");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    // SAFETY: the child has not been waited for, so that its number is its own.
+    assert_eq!(unsafe { libc::kill(child.id() as i32, libc::SIGINT) }, 0);
+    let Output { status, stderr, .. } = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8(stderr).unwrap();
+    assert_eq!(status.code(), Some(1), "{stderr}");
+    let text = std::fs::read_to_string(&rows).unwrap();
+    let done = text.lines().count() - 1;
+    assert!(done > 0 && text.ends_with('\n') && stderr.contains(&format!("after {done} of 1000000")), "{stderr}");
+}
+
+#[test]
+fn parquet_holds_the_rows_of_the_csv() {
+    use parquet::file::reader::{FileReader, SerializedFileReader};
+    use parquet::record::RowAccessor;
+    let directory = tempfile::tempdir().unwrap();
+    let application = short_application(directory.path());
+    let out = directory.path().join("out");
+    let place = out.display().to_string();
+    run(&["select", "--application", &application, "--variants", "20", "--out", &place]);
+    let file = std::fs::File::open(out.join("variants.parquet")).unwrap();
+    let reader = SerializedFileReader::new(file).unwrap();
+    let mut table = csv::Reader::from_path(out.join("variants.csv")).unwrap();
+    let mut count = 0;
+    for (row, record) in reader.get_row_iter(None).unwrap().zip(table.records()) {
+        let (row, record) = (row.unwrap(), record.unwrap());
+        assert_eq!(row.get_string(0).unwrap(), &record[0]);
+        assert_eq!(row.get_ulong(1).unwrap().to_string(), record[1]);
+        assert_eq!(row.get_ulong(2).unwrap().to_string(), record[2]);
+        assert_eq!(row.get_double(3).unwrap(), record[3].parse::<f64>().unwrap());
+        match record[4].parse::<f64>() {
+            Ok(time) => assert_eq!(row.get_double(4).unwrap(), time),
+            Err(_) => assert!(row.get_double(4).is_err()),
+        }
+        assert_eq!(row.get_double(11).unwrap(), record[11].parse::<f64>().unwrap());
+        count += 1;
+    }
+    assert_eq!(count, 20);
+}
+
+#[test]
+fn bad_input_is_said_with_the_right_code() {
+    let directory = tempfile::tempdir().unwrap();
+    let clean = config("application_fine_step_clean.yaml");
+    let text = std::fs::read_to_string(&clean).unwrap();
+    let edited = |name: &str, from: &str, to: &str| {
+        assert!(text.contains(from), "{from}");
+        written(directory.path(), name, &text.replace(from, to))
+    };
+    let impossible = edited("impossible.yaml", "peak_error: 6.0e-6", "peak_error: 1.0e-9");
+    let dry = edited("dry.yaml", "sealing: not_needed", "lubricants: [dry]");
+    let fast = edited("fast.yaml", "distance: 10.0e-6", "distance: 1.0");
+    let empty = written(directory.path(), "empty.yaml", "# no guide yet\n");
+    let torn = written(directory.path(), "torn.yaml", "my_guide: {description: x, seals: tr");
+    let taken = written(directory.path(), "taken.yaml", &Catalogue::builtin().to_yaml().unwrap());
+    let cases: &[(&[&str], i32, &[&str])] = &[
+        (&["--application", &impossible], 1, &["no guide meets", "guide_2", "0.00 um allowed"]),
+        (&["--application", &dry], 1, &["no guide can be used", "`dry`"]),
+        (&["--application", &fast], 1, &["force_limit", "2000 N", "at least"]),
+        (&["--application", &clean, "--catalogue", &empty], 1, &["holds no guide", "empty.yaml"]),
+        (&["--application", &clean, "--catalogue", &torn], 1, &["torn.yaml", "line 1"]),
+        (&["--application", &clean, "--catalogue", &taken], 1, &["`guide_1` is in the catalogue already"]),
+        (&["--application", &clean, "--guides", "guide_4"], 1, &["unknown guide `guide_4`", "did you mean"]),
+        (&["--application", "nowhere.yaml"], 1, &["cannot read nowhere.yaml"]),
+        (&["--application", &clean, "--shard", "4/3"], 2, &["4/3", "i/n"]),
+        (&["--application", &clean, "--variants", "0"], 2, &["--variants"]),
+        (&["--application", &clean, "--variants", "2"], 1, &["2 variants", "3 guides"]),
+        (&[], 2, &["--application"]),
+    ];
+    for (index, (arguments, expected, words)) in cases.iter().enumerate() {
+        let out = directory.path().join(format!("out_{index}")).display().to_string();
+        let mut all = vec!["select", "--out", &out];
+        if !arguments.contains(&"--variants") {
+            all.extend(["--variants", "6"]);
+        }
+        all.extend(*arguments);
+        let (code, _, stderr) = run(&all);
+        assert_eq!(code, *expected, "{arguments:?}: {stderr}");
+        for word in *words {
+            assert!(stderr.contains(word), "{arguments:?} gave {stderr:?}, without {word:?}");
+        }
+    }
+    let (code, _, stderr) = run(&["merge", "nowhere", "--out", "no"]);
+    assert!(code == 1 && stderr.contains("nowhere holds no selection"), "{code} {stderr}");
+}
+
+fn write_bag(directory: &Path, record: &RigRecord, model_yaml: &str, with_cell: bool) -> String {
+    let provenance = Provenance { model_yaml: model_yaml.to_owned(), ..Provenance::default() };
+    let mut bag =
+        BagWriter::create(directory, &BagOptions { provenance: Some(provenance), ..BagOptions::default() }).unwrap();
+    let qos = OfferedQos::reliable(100);
+    let encoder = bag.add_topic::<JointState>(topics::ENCODER, &qos).unwrap();
+    let cell = with_cell.then(|| bag.add_topic::<WrenchStamped>(topics::FORCE_CELL, &qos).unwrap());
+    for ((time, position), force) in record.time.iter().zip(&record.position).zip(&record.force) {
+        let stamp = (time * 1e9).round() as i64;
+        let header = Header::new(stamp, "stage");
+        let state = JointState {
+            header: header.clone(),
+            name: vec![topics::JOINT.to_owned()],
+            position: vec![*position],
+            ..JointState::default()
+        };
+        bag.write(encoder, stamp as u64, &state).unwrap();
+        if let Some(cell) = cell {
+            bag.write(cell, stamp as u64, &WrenchStamped::along_x(header, *force)).unwrap();
+        }
+    }
+    bag.finish().unwrap();
+    directory.display().to_string()
+}
+
+#[test]
+fn a_guide_goes_from_the_rig_through_bags_into_the_catalogue_and_is_chosen_from_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let guide = Catalogue::builtin().guide("guide_1").unwrap();
+    let model = rig_of(&guide);
+    let yaml = model.to_yaml().unwrap();
+    let speeds: Vec<f64> = (0..10).map(|k| 3e-4 * 10f64.powf(f64::from(k) / 3.0)).collect();
+    let runs = run_rig(&model, stribeck_motion(&speeds), Rates::DEFAULT, 1).unwrap();
+    let loops = run_rig(&model, dahl_motion(&[(420e-6, 2.0, 2), (40e-6, 1.0, 2)]), Rates::DEFAULT, 2).unwrap();
+    let at = |name: &str| directory.path().join(name);
+    let stribeck = write_bag(&at("stribeck"), &runs, &yaml, true);
+    let dahl = write_bag(&at("dahl"), &loops, &yaml, true);
+    let out = at("fitted.yaml").display().to_string();
+    let fit = |stribeck: &str, more: &[&str]| {
+        let mut arguments = vec!["fit-guide", "--stribeck", stribeck, "--dahl", &dahl, "--out", &out];
+        arguments.extend(more);
+        run(&arguments)
+    };
+    let blind = write_bag(&at("blind"), &runs, &yaml, false);
+    let (code, _, stderr) = fit(&blind, &[]);
+    assert!(code == 1 && stderr.contains("/stage/force_cell") && stderr.contains("it has /stage/encoder"), "{stderr}");
+    let (code, _, stderr) = fit(&dahl, &[]);
+    assert!(code == 1 && stderr.contains("runs at constant velocity"), "{code} {stderr}");
+    let massless = write_bag(&at("massless"), &runs, "", true);
+    let (code, _, stderr) = fit(&massless, &[]);
+    assert!(code == 1 && stderr.contains("--mass"), "{code} {stderr}");
+
+    let (code, stdout, stderr) = fit(&stribeck, &["--name", "fitted", "--seals", "--cage", "--lubricant", "standard"]);
+    assert_eq!(code, 0, "{stdout}{stderr}");
+    let fitted = Catalogue::load(Path::new(&out)).unwrap();
+    let found = fitted.guide("fitted").unwrap();
+    for (found, truth) in [
+        (found.stiffness, guide.stiffness),
+        (found.bristle_damping, guide.bristle_damping),
+        (found.viscous_friction, guide.viscous_friction),
+        (found.coulomb_force, guide.coulomb_force),
+        (found.static_force, guide.static_force),
+        (found.stribeck_velocity, guide.stribeck_velocity),
+    ] {
+        assert!((found / truth - 1.0).abs() < 0.03, "{found} {truth}\n{stdout}");
+    }
+    assert!(fitted.entry("fitted").unwrap().stiffness.ci95.is_some());
+    let (code, _, stderr) = fit(&stribeck, &[]);
+    assert!(code == 1 && stderr.contains("is there already"), "{code} {stderr}");
+
+    let application = config("application_fine_step_sealed.yaml");
+    let place = at("choice").display().to_string();
+    let (_, stdout, stderr) = run(&[
+        "select",
+        "--application",
+        &application,
+        "--catalogue",
+        &out,
+        "--guides",
+        "fitted,guide_3",
+        "--variants",
+        "12",
+        "--out",
+        &place,
+        "--json",
+    ]);
+    let summary: serde_json::Value = serde_json::from_str(&stdout).unwrap_or_else(|error| panic!("{error}: {stderr}"));
+    assert_eq!(summary["choice"], "fitted");
+}
