@@ -103,6 +103,8 @@ struct Report {
     detected: bool,
     /// Verdict and names (or coordinate) as they should be.
     right: bool,
+    /// All hidden names are among those found and their rivals, and the verdict says that they are not separable.
+    open: bool,
     explained_share: f64,
     /// Held-out force residual of motor and carriage side, N rms.
     before: [f64; 2],
@@ -254,7 +256,7 @@ impl Session<'_> {
             println!("{}", serde_json::json!({ "runs": all, "right": right }));
             return Ok(());
         }
-        println!("\n{:32} {:>4} {:>8} {:>5} {:>8} {:>8} {:>9} {:>7}", "hidden", "runs", "detected", "right", "floors", "share", "covered", "s");
+        println!("\n{:32} {:>4} {:>8} {:>5} {:>5} {:>8} {:>8} {:>9} {:>7}", "hidden", "runs", "detected", "right", "open", "floors", "share", "covered", "s");
         let all: Vec<&Report> = self.reports.iter().collect();
         for (title, group) in groups.iter().map(|(title, group)| (title.as_str(), group)).chain([("all", &all)]) {
             let count = group.len().max(1) as f64;
@@ -266,10 +268,11 @@ impl Session<'_> {
                 .collect();
             let covered = deviations.iter().filter(|deviation| deviation.abs() <= HALF_95).count();
             println!(
-                "{title:32} {:4} {:8} {:5} {:8.2} {:8.3} {:>9} {:7.1}",
+                "{title:32} {:4} {:8} {:5} {:5} {:8.2} {:8.3} {:>9} {:7.1}",
                 group.len(),
                 group.iter().filter(|report| report.detected).count(),
                 group.iter().filter(|report| report.right).count(),
+                group.iter().filter(|report| report.open).count(),
                 mean(&|report| report.hidden.iter().map(|hidden| hidden.floors.powi(2)).sum::<f64>().sqrt()),
                 mean(&|report| report.explained_share),
                 format!("{covered}/{}", deviations.len()),
@@ -350,6 +353,10 @@ fn judge(run: &GeneratedRun, factor: f64, watch: &dyn Watch) -> Result<Report, I
         coordinate,
         inseparable: selection.inseparable.clone(),
         detected: selection.verdict != Verdict::None,
+        open: selection.verdict == Verdict::NotSeparable
+            && hidden.iter().all(|hidden| {
+                found.contains(&hidden.name) || selection.inseparable.iter().any(|(_, rival)| *rival == hidden.name)
+            }),
         right,
         explained_share: selection.explained_share(),
         before: rms(selection.errors_before.holdout_motor, selection.errors_before.holdout_carriage),
@@ -414,7 +421,7 @@ fn deviations(hidden: &[Hidden], mass: f64, fitted: &Fitted) -> BTreeMap<String,
                 let value = fitted.hypothesis.mass();
                 all.insert("mass".to_owned(), (value - mass) / (deviation * value));
             }
-            Place::Declared(_) => {}
+            Place::Declared(_) | Place::Spread { .. } => {}
             Place::Effect { effect, value } => {
                 let part = &fitted.hypothesis.effects[effect];
                 let parameter = part.descriptor.parameters[value].name;
@@ -480,7 +487,7 @@ impl Report {
         };
         line(format_args!(
             "{} {title} seed {} x {}: {} [{}]{} share {:.3} in {:.1} s",
-            if self.right { "right" } else { "WRONG" },
+            if self.right { "right" } else if self.open { "open " } else { "WRONG" },
             self.seed,
             self.factor,
             self.verdict,

@@ -27,6 +27,13 @@ pub struct Fitted {
     pub at_bound: Vec<bool>,
 }
 
+impl Fitted {
+    /// Sum of the squares that the fit made least, N^2.
+    pub fn squares(&self) -> f64 {
+        self.missing.motor.iter().chain(&self.missing.carriage).map(|left| left * left).sum()
+    }
+}
+
 fn stacked(missing: Missing) -> DVector<f64> {
     let mut all = missing.motor;
     all.extend(missing.carriage);

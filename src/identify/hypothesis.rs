@@ -1,6 +1,6 @@
 //! What might be true: declared parameters within their tolerances and a list of effects, and the residual that this leaves.
 
-use crate::model::{EffectParameters, Guide, GuideSource, ModelError, StageModel};
+use crate::model::{EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
 use crate::plant::effects::Effects;
 use crate::plant::{EffectDescriptor, FrictionScale, GuideBank, Motion, Side};
 
@@ -36,6 +36,15 @@ pub const DECLARED: [(&str, &str); 8] = [
     ("sensor_shift", "s"),
 ];
 
+/// Declared parameters, by their index in [`DECLARED`], in which the guides may differ from each other with an effect on the friction
+/// of all: stiffness, Coulomb, static force, Stribeck velocity. Viscous friction adds up to one number.
+const SPREAD: [usize; 4] = [1, 4, 5, 6];
+/// Contrasts between guides: guide i differs from the mean in contrast j by the entry (j, i). Helmert's, of at most 1.
+const CONTRASTS: [[f64; MAX_GUIDES]; MAX_GUIDES - 1] =
+    [[1.0, -1.0, 0.0, 0.0], [0.5, 0.5, -1.0, 0.0], [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, -1.0]];
+/// Contrast that a fit starts from, in tolerances: at none at all no direction is better than its opposite.
+const START_SPREAD: f64 = 0.25;
+
 /// An effect with values in the order of its descriptor's parameters.
 #[derive(Clone, Debug)]
 pub struct Part {
@@ -62,6 +71,10 @@ pub struct Hypothesis {
     tolerances: Tolerances,
     /// Logarithms of the factors on mass and the six LuGre parameters (of all guides alike), then the shift of the sensors in samples.
     pub moved: [f64; DECLARED.len()],
+    /// Differences between the guides in the parameters of [`SPREAD`]: logarithms of factors, per contrast.
+    pub spread: [[f64; MAX_GUIDES - 1]; SPREAD.len()],
+    /// Whether a fit may move the differences between the guides.
+    pub guides_differ: bool,
     pub effects: Vec<Part>,
 }
 
@@ -78,6 +91,8 @@ pub struct Coordinate {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     Declared(usize),
+    /// Difference between guides: index in [`SPREAD`], contrast.
+    Spread { parameter: usize, contrast: usize },
     Effect { effect: usize, value: usize },
 }
 
@@ -135,6 +150,8 @@ impl Hypothesis {
             guides: declared.resolved_guides()?,
             tolerances,
             moved: [0.0; DECLARED.len()],
+            spread: [[0.0; MAX_GUIDES - 1]; SPREAD.len()],
+            guides_differ: false,
             effects,
         })
     }
@@ -157,12 +174,38 @@ impl Hypothesis {
         self.declared.mass * self.moved[0].exp()
     }
 
+    /// Starts for a fit that makes the guides different from each other; none for a single guide.
+    pub fn different_guides(&self) -> Vec<Hypothesis> {
+        let contrasts = self.guides.len().saturating_sub(1);
+        let start = START_SPREAD * self.tolerances.guides;
+        (0..contrasts)
+            .map(|turn| {
+                let mut freed = self.holding_guides(false);
+                for (parameter, spread) in freed.spread.iter_mut().enumerate() {
+                    spread[(turn * parameter) % contrasts] = if turn == 1 && parameter == 0 { -start } else { start };
+                }
+                freed
+            })
+            .collect()
+    }
+
+    /// The same with the differences between the guides held, or not.
+    pub fn holding_guides(&self, hold: bool) -> Hypothesis {
+        Hypothesis { guides_differ: !hold, ..self.clone() }
+    }
+
     /// The guides as moved; static friction never below Coulomb friction.
     pub fn guides(&self) -> Vec<Guide> {
-        let [_, stiffness, damping, viscous, coulomb, stat, stribeck, _] = self.moved.map(f64::exp);
+        let [_, _, damping, viscous, ..] = self.moved.map(f64::exp);
+        let factor = |parameter: usize, guide: usize| {
+            let differs: f64 = self.spread[parameter].iter().zip(&CONTRASTS).map(|(value, row)| value * row[guide]).sum();
+            (self.moved[SPREAD[parameter]] + differs).exp()
+        };
         self.guides
             .iter()
-            .map(|guide| {
+            .enumerate()
+            .map(|(index, guide)| {
+                let [stiffness, coulomb, stat, stribeck] = std::array::from_fn(|parameter| factor(parameter, index));
                 let coulomb_force = guide.coulomb_force * coulomb;
                 Guide {
                     stiffness: guide.stiffness * stiffness,
@@ -221,6 +264,19 @@ impl Hypothesis {
                 });
             }
         }
+        if sides.carriage && self.guides_differ {
+            let limit = self.tolerances.guides;
+            for (parameter, spread) in self.spread.iter().enumerate() {
+                for (contrast, value) in spread.iter().enumerate().take(self.guides.len().saturating_sub(1)) {
+                    coordinates.push(Coordinate {
+                        place: Place::Spread { parameter, contrast },
+                        value: *value,
+                        scale: limit,
+                        bounds: ((1.0 - limit).ln(), (1.0 + limit).ln()),
+                    });
+                }
+            }
+        }
         for (effect, part) in self.effects.iter().enumerate() {
             // Behind the cell nobody sees the motor, and before it nobody the carriage.
             let seen = match part.side() {
@@ -249,6 +305,7 @@ impl Hypothesis {
     pub fn set(&mut self, place: Place, value: f64) {
         match place {
             Place::Declared(index) => self.moved[index] = value,
+            Place::Spread { parameter, contrast } => self.spread[parameter][contrast] = value,
             Place::Effect { effect, value: index } => self.effects[effect].values[index] = value,
         }
     }
