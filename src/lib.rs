@@ -2,11 +2,12 @@
 //!
 //! Data goes one way through the rooms: [`model`] says what a stage is, [`plant`] moves it,
 //! [`control`] closes the loop, [`lab`] runs both in one process, [`bag`] keeps what happened,
-//! [`node`] puts it on ROS 2.
+//! [`identify`] says what a model lacks, [`node`] puts it on ROS 2.
 
 pub mod bag;
 pub mod cli;
 pub mod control;
+pub mod identify;
 pub mod lab;
 pub mod message;
 pub mod model;

@@ -11,14 +11,15 @@ const ALLOWED: &[(&str, &[&str])] = &[
     ("control", &["model", "plant"]),
     ("lab", &["model", "plant", "control"]),
     ("bag", &["model", "message"]),
+    ("identify", &["model", "plant", "control", "bag"]),
     ("report", &[]),
     ("node", &["model", "message", "plant", "control", "lab", "bag"]),
-    ("cli", &["model", "message", "plant", "control", "lab", "bag", "report", "node"]),
+    ("cli", &["model", "message", "plant", "control", "lab", "bag", "identify", "report", "node"]),
     ("bin", &["cli", "node"]),
 ];
 
 /// Rooms that compute and nothing else.
-const PURE: &[&str] = &["plant", "control", "lab", "report"];
+const PURE: &[&str] = &["plant", "control", "lab", "identify", "report"];
 /// What a pure room does not do: read clocks, files, the environment, or start threads.
 const IMPURE: &[&str] = &[
     "std::time::Instant",

@@ -4,6 +4,7 @@ pub mod check;
 pub mod demo;
 pub mod experiment;
 pub mod fit_guide;
+pub mod identify;
 pub mod import;
 pub mod merge;
 pub mod recover;
@@ -37,6 +38,7 @@ enum Command {
     Select(select::SelectArgs),
     Merge(merge::MergeArgs),
     Experiment(experiment::ExperimentArgs),
+    Identify(identify::IdentifyArgs),
     Replay(replay::ReplayArgs),
     Import(import::ImportArgs),
     Check(check::CheckArgs),
@@ -74,6 +76,7 @@ impl Arguments {
             Command::Select(arguments) => select::run(&arguments, out),
             Command::Merge(arguments) => merge::run(&arguments, out),
             Command::Experiment(arguments) => experiment::run(&arguments, out),
+            Command::Identify(arguments) => identify::run(&arguments, out),
             Command::Replay(arguments) => replay::run(&arguments, out),
             Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
@@ -84,6 +87,11 @@ impl Arguments {
     }
 }
 
+/// Arguments that are well-formed and yet wrong, found out after parsing: exit 2, as for those that clap refuses.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct WrongArguments(pub String);
+
 /// Exit code of a program that ended with `result`; a failure is told on stderr. Wrong arguments have ended it with 2 before.
 pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
     match result {
@@ -91,7 +99,7 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
         Ok(Outcome::Warnings) => ExitCode::from(3),
         Err(error) => {
             eprintln!("error: {}", in_one_line(&error));
-            ExitCode::FAILURE
+            if error.is::<WrongArguments>() { ExitCode::from(2) } else { ExitCode::FAILURE }
         }
     }
 }

@@ -220,6 +220,12 @@ impl Measured {
         self.rows.iter().map(|row| self.lowpass.at(signal, *row)).collect()
     }
 
+    /// Rms of the force on the carriage as measured (the command where there is no cell), filtered as the residuals are, N.
+    pub fn force_rms(&self) -> f64 {
+        let force = self.filtered(self.cell.as_deref().unwrap_or(&self.command));
+        (force.iter().map(|force| force * force).sum::<f64>() / force.len().max(1) as f64).sqrt()
+    }
+
     /// A signal at the rows as it is.
     pub fn at_rows(&self, signal: &[f64]) -> Vec<f64> {
         self.rows.iter().map(|row| signal[*row]).collect()

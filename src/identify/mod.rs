@@ -5,19 +5,25 @@
 //! see what force is missing ([`hypothesis`]); let every effect of the plant propose and refit itself; keep one only if it lowers
 //! the error on held-out data by more than chance and more than its rivals.
 
+pub mod closed_loop;
 mod curve;
 mod fit;
 mod hypothesis;
+pub mod inverse_dynamics;
 mod lowpass;
 mod measured;
 mod selection;
+pub mod spectrum;
+mod summary;
 
 pub use fit::{Fitted, correlation_length, fit};
 pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
 
+pub use closed_loop::{ClosedLoopError, LinearController};
 pub use selection::{Errors, Evidence, Outcome, Selection, Silent, Verdict, Watch, search};
+pub use summary::{Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, parameter_warnings};
 
 use crate::model::ModelError;
 
@@ -30,6 +36,8 @@ pub enum IdentifyError {
     NoForce { name: String },
     #[error("{name} does not move: the position stays within {travel:e} m")]
     NoMotion { name: String, travel: f64 },
+    #[error("records at {first:.6} Hz and {other:.6} Hz cannot be joined: give a rate in a mapping")]
+    Rates { first: f64, other: f64 },
     #[error(transparent)]
     Model(#[from] ModelError),
 }

@@ -1,0 +1,274 @@
+//! `friction-stage identify`: what does a recording show that a declared model lacks?
+
+mod figures;
+mod input;
+mod page;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::Context as _;
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use self::figures::LoopErrors;
+use self::input::{Input, Record};
+use super::Outcome;
+use crate::bag::Mapping;
+use crate::identify::{
+    Change, LinearController, PositionErrors, Selection, Summary, Tolerances, Verdict, Watch, closed_loop,
+    parameter_warnings, search,
+};
+use crate::model::StageModel;
+use crate::node::stage_settings;
+
+/// Find what a declared model lacks: refit it to a recording, trace the residual to an effect, add it, and show the error before
+/// and after on held-out data.
+///
+/// Verdicts: found, none (the residual is noise), unknown (something is there that no law of the list explains), not_separable (two
+/// laws explain it equally). Writes identified.yaml, which the stage node and every experiment load, summary.json,
+/// report.html and the figures. Ctrl-C ends the search after the running step and writes what there is.
+///
+/// Exit code: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Examples:\n  \
+    friction-stage identify --model stage.yaml --train run/train --holdout run/check --out result\n  \
+    friction-stage identify --model drive.yaml --train a.csv --holdout b.csv --mapping drive_csv.yaml --out result --json | jq .verdict")]
+pub struct IdentifyArgs {
+    /// Model file or catalogue guide: what the stage is declared to be
+    #[arg(long, value_name = "MODEL")]
+    pub model: String,
+    /// Bags or CSV files to identify on; several are joined
+    #[arg(long, value_name = "BAG", num_args = 1.., required = true)]
+    pub train: Vec<PathBuf>,
+    /// Bags or CSV files that no fit sees: they decide what is kept
+    #[arg(long, value_name = "BAG", num_args = 1.., required = true)]
+    pub holdout: Vec<PathBuf>,
+    /// Directory for the results
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// YAML file that says which topic and field, or column, is which signal
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
+    /// How far the mass may be from the declared one, as a share of it
+    #[arg(long, value_name = "SHARE", default_value_t = Tolerances::default().mass, value_parser = share)]
+    pub mass_tolerance: f64,
+    /// How far each parameter of the guides may be from the declared one, as a share of it
+    #[arg(long, value_name = "SHARE", default_value_t = Tolerances::default().guides, value_parser = share)]
+    pub guide_tolerance: f64,
+    /// The same for bristle stiffness, bristle damping, static friction and Stribeck velocity, where they are known worse; 1 and more is
+    /// a factor of 1 + SHARE either way [default: that of the guides]
+    #[arg(long, value_name = "SHARE", value_parser = positive)]
+    pub presliding_tolerance: Option<f64>,
+    /// Print summary.json instead of text
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Name of the identified model in the output directory.
+const MODEL_FILE: &str = "identified.yaml";
+
+fn share(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    if value > 0.0 && value < 1.0 { Ok(value) } else { Err(format!("{value} must be between 0 and 1, such as 0.16")) }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    if value > 0.0 && value.is_finite() { Ok(value) } else { Err(format!("{value} must be above 0, such as 0.5")) }
+}
+
+/// Shows what is tried, and knows whether to stop.
+struct Progress {
+    bar: ProgressBar,
+    stop: Arc<AtomicBool>,
+}
+
+impl Watch for Progress {
+    fn progress(&self, what: &str, share: f64) {
+        // Candidates report from several threads, so that a share may come late.
+        let position = (1000.0 * share.clamp(0.0, 1.0)) as u64;
+        if position > self.bar.position() {
+            self.bar.set_position(position);
+        }
+        self.bar.set_message(what.to_owned());
+    }
+
+    fn stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// Runs the command; results go to `out`, progress to stderr.
+pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
+    let declared = stage_settings::model(&args.model)?;
+    may_write(&args.out)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        // The second one ends the program at once, with the code of a shell for an interrupt.
+        signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop))?;
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    let bar = ProgressBar::new(1000);
+    bar.set_style(ProgressStyle::with_template("{msg:48} [{bar:30}] {percent:>3} %  {elapsed}")?.progress_chars("=> "));
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar.set_message("reading");
+
+    let input = Input::load(&args.train, &args.holdout, mapping.as_ref(), &declared)?;
+    let tolerances = Tolerances {
+        mass: args.mass_tolerance,
+        guides: args.guide_tolerance,
+        presliding: args.presliding_tolerance.unwrap_or(args.guide_tolerance),
+    };
+    let watch = Progress { bar: bar.clone(), stop };
+    let selection = search(&declared, tolerances, &input.train.measured, &input.holdout.measured, &watch)?;
+    bar.set_message("closed loop");
+    let mut warnings = input.warnings.clone();
+    let model = selection.after.hypothesis.model();
+    let loops = simulate(&selection, &input, &mut warnings);
+    warnings.extend(remarks(&selection, input.train.measured.rate));
+    let position = PositionErrors {
+        train: loops.as_ref().map_or_else(Change::default, |loops| loops.train.change()),
+        holdout: loops.as_ref().map_or_else(Change::default, |loops| loops.holdout.change()),
+    };
+    let (train, holdout) = (&input.train.measured, &input.holdout.measured);
+    let mut summary = Summary::new(&selection, train, holdout, position, MODEL_FILE, warnings);
+    summary.warnings.extend(summary.worse());
+
+    bar.set_message("report");
+    let figures = figures::draw(&selection, &input, loops.as_ref())?;
+    let html = page::page(&args.model, &declared, &model, &selection, &summary, &input, &figures)?;
+    std::fs::create_dir_all(args.out.join("figures"))
+        .with_context(|| format!("cannot create {}", args.out.join("figures").display()))?;
+    write(&args.out.join(MODEL_FILE), &model.to_yaml()?)?;
+    for figure in &figures {
+        write(&args.out.join("figures").join(format!("{}.svg", figure.name)), &figure.svg)?;
+    }
+    write(&args.out.join("report.html"), &html)?;
+    let json = serde_json::to_string_pretty(&summary)? + "\n";
+    write(&args.out.join("summary.json"), &json)?;
+    bar.finish_and_clear();
+
+    if args.json {
+        write!(out, "{json}")?;
+    } else {
+        tell(&summary, &args.out, out)?;
+    }
+    Ok(if summary.warnings.is_empty() { Outcome::Done } else { Outcome::Warnings })
+}
+
+/// Refuses a directory that holds the results of another command; those of an earlier identification are replaced.
+fn may_write(directory: &Path) -> anyhow::Result<()> {
+    let path = directory.join("summary.json");
+    let Ok(text) = std::fs::read_to_string(&path) else { return Ok(()) };
+    let own = serde_json::from_str::<serde_json::Value>(&text).is_ok_and(|value| value.get("verdict").is_some());
+    anyhow::ensure!(own, "{} holds results of another command: choose another --out", directory.display());
+    Ok(())
+}
+
+fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Closed-loop position errors before and after, on both records; without them a warning says why.
+fn simulate(selection: &Selection, input: &Input, warnings: &mut Vec<String>) -> Option<LoopErrors> {
+    let run = || -> Result<LoopErrors, crate::identify::ClosedLoopError> {
+        let all: Vec<_> = input.train.traces().chain(input.holdout.traces()).collect();
+        let controller = closed_loop::controller_of(all[0], &all)?;
+        let (before, after) = (selection.before.hypothesis.model(), selection.after.hypothesis.model());
+        let errors = |record: &Record, controller: &LinearController| {
+            let each = |model: &StageModel| {
+                record
+                    .traces()
+                    .map(|trace| closed_loop::position_error(model, trace, controller))
+                    .collect::<Result<Vec<_>, _>>()
+                    .map(|errors| errors.concat())
+            };
+            Ok::<_, crate::identify::ClosedLoopError>(figures::LoopError { before: each(&before)?, after: each(&after)? })
+        };
+        Ok(LoopErrors { train: errors(&input.train, &controller)?, holdout: errors(&input.holdout, &controller)? })
+    };
+    match run() {
+        Ok(loops) => Some(loops),
+        Err(error) => {
+            warnings.push(format!("no position error, because the closed loop cannot be simulated: {error}"));
+            None
+        }
+    }
+}
+
+/// What a user should know about the model and the search.
+fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
+    let mut remarks = Vec::new();
+    if selection.stopped {
+        remarks.push(
+            "the search was stopped before its end: not every candidate was tried, and the verdict is that of what was tried"
+                .to_owned(),
+        );
+    }
+    for (effect, rival) in &selection.inseparable {
+        let telltale = |name: &str| crate::plant::EffectDescriptor::find(name).map_or("", |found| found.telltale);
+        remarks.push(format!(
+            "{effect} and {rival} explain these data equally; a motion would separate them that shows {} ({effect}) or {} ({rival})",
+            telltale(effect),
+            telltale(rival)
+        ));
+    }
+    if selection.verdict == Verdict::Unknown
+        && let Some(coordinate) = selection.coordinate
+    {
+        remarks.push(format!(
+            "no law of the list explains what is left over {}: an empirical map stands for it, which holds only where the data have been",
+            coordinate.name()
+        ));
+    }
+    remarks.extend(parameter_warnings(&selection.after, rate));
+    remarks
+}
+
+/// A number with its unit in a size that reads well.
+fn metres(value: Option<f64>) -> String {
+    match value {
+        None => "-".to_owned(),
+        Some(value) if value < 1e-6 => format!("{:.2} nm", value * 1e9),
+        Some(value) if value < 1e-3 => format!("{:.3} um", value * 1e6),
+        Some(value) => format!("{:.3} mm", value * 1e3),
+    }
+}
+
+fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Result<()> {
+    writeln!(out, "verdict: {}", summary.verdict)?;
+    for effect in &summary.effects {
+        writeln!(out, "  {} ({} side)", effect.name, effect.side)?;
+        for (name, parameter) in &effect.parameters {
+            let interval = parameter.ci95.map_or_else(String::new, |[low, high]| format!("  95 %: {low:.6} to {high:.6}"));
+            writeln!(out, "    {name:18} {:.6} {}{interval}", parameter.value, parameter.unit)?;
+        }
+    }
+    for (name, errors) in [("train", &summary.errors.train), ("hold-out", &summary.errors.holdout)] {
+        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"));
+        writeln!(
+            out,
+            "{name:9} force residual {} -> {} N ({} -> {} %), position {} -> {}",
+            number(errors.force_rms.before),
+            number(errors.force_rms.after),
+            number(errors.force_relative.before),
+            number(errors.force_relative.after),
+            metres(errors.position_rms.before),
+            metres(errors.position_rms.after)
+        )?;
+    }
+    writeln!(
+        out,
+        "explained share {:.3} of the held-out residual above the floor of {:.4} N",
+        summary.explained_share, summary.floor.force_rms
+    )?;
+    for warning in &summary.warnings {
+        writeln!(out, "warning: {warning}")?;
+    }
+    writeln!(out, "{}", directory.join("report.html").display())
+}

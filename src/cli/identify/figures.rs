@@ -1,0 +1,319 @@
+//! The figures of an identification: what the models miss before and after, over everything that a cause could depend on.
+
+use super::input::{Input, Record};
+use crate::identify::{Change, Measured, Missing, Selection, Sides, closed_loop, spectrum};
+use crate::report::chart::{Chart, Style};
+use crate::report::figure::{self, Curve, Panel};
+
+/// A drawn figure; `name` is its file without the ending.
+pub struct Figure {
+    pub name: &'static str,
+    pub group: Group,
+    pub svg: String,
+    pub caption: String,
+}
+
+/// Section of the report in which a figure stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Group {
+    Comparison,
+    Residual,
+    Spectrum,
+}
+
+/// Simulated less recorded encoder of one record, m.
+pub struct LoopError {
+    pub before: Vec<f64>,
+    pub after: Vec<f64>,
+}
+
+pub struct LoopErrors {
+    pub train: LoopError,
+    pub holdout: LoopError,
+}
+
+impl LoopError {
+    pub fn change(&self) -> Change {
+        Change { before: Some(closed_loop::rms(&self.before)), after: Some(closed_loop::rms(&self.after)) }
+    }
+}
+
+/// Bins of a residual over a coordinate, equally wide.
+const BINS: usize = 80;
+/// Rows that a bin needs to be shown.
+const LEAST_IN_BIN: usize = 6;
+/// Length of the close-up of the force, s.
+const CLOSE_UP: f64 = 1.0;
+
+/// What both models miss on a record.
+struct Residuals<'a> {
+    measured: &'a Measured,
+    before: Missing,
+    after: Missing,
+}
+
+impl Residuals<'_> {
+    fn of<'a>(selection: &Selection, measured: &'a Measured) -> anyhow::Result<Residuals<'a>> {
+        Ok(Residuals {
+            measured,
+            before: selection.before.hypothesis.missing(measured, Sides::BOTH)?,
+            after: selection.after.hypothesis.missing(measured, Sides::BOTH)?,
+        })
+    }
+
+    /// Name, colour in a chart, before, after; the motor side only where a force cell divides it from the carriage.
+    fn sides(&self) -> Vec<(&'static str, usize, &[f64], &[f64])> {
+        let mut sides = Vec::new();
+        if !self.before.motor.is_empty() {
+            sides.push(("motor side", 0, self.before.motor.as_slice(), self.after.motor.as_slice()));
+        }
+        sides.push(("carriage side", 1, self.before.carriage.as_slice(), self.after.carriage.as_slice()));
+        sides
+    }
+}
+
+/// Draws all of them.
+pub fn draw(selection: &Selection, input: &Input, loops: Option<&LoopErrors>) -> anyhow::Result<Vec<Figure>> {
+    let train = Residuals::of(selection, &input.train.measured)?;
+    let holdout = Residuals::of(selection, &input.holdout.measured)?;
+    let mut figures = vec![force(&holdout)?];
+    if let Some(loops) = loops {
+        figures.push(position(&input.holdout, &loops.holdout)?);
+    }
+    for (residuals, name, title) in [
+        (&holdout, "residual_over_time_holdout", "Residual over time, hold-out record"),
+        (&train, "residual_over_time_train", "Residual over time, train record"),
+    ] {
+        figures.push(over_time(residuals, name, title)?);
+    }
+    let measured = holdout.measured;
+    let acceleration = measured.filtered(&measured.acceleration);
+    let coordinates: [(&'static str, &'static str, &str, f64, Vec<f64>); 5] = [
+        ("residual_over_position", "position", "position, mm", 1e3, measured.at_rows(&measured.position)),
+        ("residual_over_velocity", "velocity", "velocity, mm/s", 1e3, measured.at_rows(&measured.velocity)),
+        ("residual_over_acceleration", "acceleration", "acceleration, m/s^2", 1.0, acceleration.clone()),
+        ("residual_over_jerk", "jerk", "jerk, m/s^3", 1.0, slope(measured, &acceleration)),
+        ("residual_over_distance", "travelled distance", "travelled distance, m", 1.0, distance(measured)),
+    ];
+    for (name, word, label, scale, along) in coordinates {
+        let along: Vec<f64> = along.iter().map(|value| value * scale).collect();
+        let mut chart = Chart::new(format!("Residual over {word}: mean of each bin"), label, "missing force, N");
+        let mut spread = Chart::new(format!("Residual over {word}: rms in each bin"), label, "missing force, N rms");
+        for (side, colour, before, after) in holdout.sides() {
+            for (values, style, when) in [(before, Style::Dashed, "before"), (after, Style::Line, "after")] {
+                let bins = binned(&along, values);
+                chart.add(format!("{side}, {when}"), colour, style, bins.iter().map(|bin| (bin.0, bin.1)));
+                spread.add(format!("{side}, {when}"), colour, style, bins.iter().map(|bin| (bin.0, bin.2)));
+            }
+        }
+        figures.push(Figure {
+            name,
+            group: Group::Residual,
+            svg: chart.svg()?,
+            caption: format!("What the declared (before) and the identified (after) model miss over {word}, hold-out record; mean of the rows of a bin."),
+        });
+        // Over the signed coordinates a cause that changes its sign averages out; its size does not.
+        if matches!(word, "position" | "velocity") {
+            figures.push(Figure {
+                name: if word == "position" { "residual_size_over_position" } else { "residual_size_over_velocity" },
+                group: Group::Residual,
+                svg: spread.svg()?,
+                caption: format!("The same as size: root mean square of the rows of a bin over {word}."),
+            });
+        }
+    }
+    figures.extend(spectra(&train)?);
+    Ok(figures)
+}
+
+/// Measured force and both models along the measured motion, whole and close up.
+fn force(residuals: &Residuals) -> anyhow::Result<Figure> {
+    let measured = residuals.measured;
+    let time = measured.at_rows(&measured.time);
+    let reading = measured.filtered(measured.cell.as_deref().unwrap_or(&measured.command));
+    let model = |missing: &[f64]| reading.iter().zip(missing).map(|(force, missing)| force + missing).collect::<Vec<_>>();
+    let (before, after) = (model(&residuals.before.carriage), model(&residuals.after.carriage));
+    // Where the declared model is worst.
+    let window = ((CLOSE_UP * measured.lowpass.kept_rate()) as usize).clamp(2, time.len().max(2));
+    let squares: Vec<f64> = residuals.before.carriage.iter().map(|value| value * value).collect();
+    let mut sum: f64 = squares.iter().take(window).sum();
+    let (mut most, mut start) = (sum, 0);
+    for end in window..squares.len() {
+        sum += squares[end] - squares[end - window];
+        if sum > most {
+            (most, start) = (sum, end + 1 - window);
+        }
+    }
+    let part = start..(start + window).min(time.len());
+    let curves = |range: std::ops::Range<usize>| {
+        [("measured", &reading), ("model before", &before), ("model after", &after)]
+            .into_iter()
+            .map(|(name, values)| Curve {
+                name: name.to_owned(),
+                points: range.clone().map(|row| (time[row], values[row])).collect(),
+            })
+            .collect()
+    };
+    let what = if measured.cell.is_some() { "force cell" } else { "force command" };
+    let panel = |title: String, curves: Vec<Curve>| Panel {
+        title,
+        x_label: "time, s".into(),
+        y_label: "force, N".into(),
+        curves,
+        reference: None,
+    };
+    let panels = [
+        panel("whole record".to_owned(), curves(0..time.len())),
+        panel(
+            format!("the {:.1} s where the declared model misses most on the carriage side", part.len() as f64 / measured.lowpass.kept_rate()),
+            curves(part),
+        ),
+    ];
+    Ok(Figure {
+        name: "force_measured_and_simulated",
+        group: Group::Comparison,
+        svg: figure::svg("Measured and simulated force, hold-out record", &panels)?,
+        caption: format!(
+            "Force on the carriage: {what}, and mass times acceleration plus friction less effects along the measured motion, all \
+             through the same zero-phase lowpass. Before: declared model, refitted; after: identified model."
+        ),
+    })
+}
+
+fn position(record: &Record, error: &LoopError) -> anyhow::Result<Figure> {
+    let mut time = Vec::new();
+    for trace in record.traces() {
+        let from = time.last().copied().unwrap_or(0.0);
+        time.extend(trace.time.iter().map(|t| from + t));
+    }
+    let largest = error.before.iter().chain(&error.after).filter(|e| e.is_finite()).fold(0.0, |m: f64, e| m.max(e.abs()));
+    let (scale, unit) = if largest < 1e-6 { (1e9, "nm") } else { (1e6, "um") };
+    let curve = |name: &str, values: &[f64]| Curve {
+        name: name.to_owned(),
+        points: time.iter().zip(values).map(|(t, e)| (*t, e * scale)).filter(|point| point.1.is_finite()).collect(),
+    };
+    let panel = Panel {
+        title: String::new(),
+        x_label: "time, s".into(),
+        y_label: format!("simulated less encoder, {unit}"),
+        curves: vec![curve("before", &error.before), curve("after", &error.after)],
+        reference: None,
+    };
+    Ok(Figure {
+        name: "position_error_in_closed_loop",
+        group: Group::Comparison,
+        svg: figure::svg("Position in closed loop, hold-out record", &[panel])?,
+        caption: "Simulated loop (identified or declared stage, recorded setpoint, controller found from the record) less recorded encoder."
+            .to_owned(),
+    })
+}
+
+fn over_time(residuals: &Residuals, name: &'static str, title: &str) -> anyhow::Result<Figure> {
+    let time = residuals.measured.at_rows(&residuals.measured.time);
+    let panels: Vec<Panel> = residuals
+        .sides()
+        .into_iter()
+        .map(|(side, _, before, after)| Panel {
+            title: side.to_owned(),
+            x_label: "time, s".into(),
+            y_label: "missing force, N".into(),
+            curves: [("before", before), ("after", after)]
+                .into_iter()
+                .map(|(name, values)| Curve {
+                    name: name.to_owned(),
+                    points: time.iter().copied().zip(values.iter().copied()).collect(),
+                })
+                .collect(),
+            reference: None,
+        })
+        .collect();
+    Ok(Figure {
+        name,
+        group: Group::Residual,
+        svg: figure::svg(title, &panels)?,
+        caption: "Force that the models miss. Motor side: cell less command and motor effects; carriage side: mass times acceleration \
+                  plus friction less effects and cell."
+            .to_owned(),
+    })
+}
+
+fn spectra(residuals: &Residuals) -> anyhow::Result<Vec<Figure>> {
+    let measured = residuals.measured;
+    let (position, velocity) = (measured.at_rows(&measured.position), measured.at_rows(&measured.velocity));
+    let mut time = Chart::new("Spectrum over time", "frequency, Hz", "N per root of Hz").logarithmic(true, true);
+    let mut space = Chart::new("Spectrum over position", "period, mm", "amplitude, N").logarithmic(true, false);
+    for (side, colour, before, after) in residuals.sides() {
+        for (values, style, when) in [(before, Style::Dashed, "before"), (after, Style::Line, "after")] {
+            let name = format!("{side}, {when}");
+            time.add(name.clone(), colour, style, spectrum::over_time(measured, values));
+            let over = spectrum::over_position(&position, &velocity, measured.lowpass.kept_rate(), values);
+            space.add(name, colour, style, over.into_iter().map(|(period, amplitude)| (period * 1e3, amplitude)));
+        }
+    }
+    Ok(vec![
+        Figure {
+            name: "spectrum_over_time",
+            group: Group::Spectrum,
+            svg: time.svg()?,
+            caption: "Residual of the train record over frequency (Welch). A line at one frequency whatever the speed comes from time: \
+                      a vibration, a resonance."
+                .to_owned(),
+        },
+        Figure {
+            name: "spectrum_over_position",
+            group: Group::Spectrum,
+            svg: space.svg()?,
+            caption: "Residual of the train record over period in position, moving rows only (best sine of each period). A line comes from \
+                      something that repeats along the way: a magnet pitch, a ball, a scale."
+                .to_owned(),
+        },
+    ])
+}
+
+/// (middle, mean, rms) of each bin that holds enough rows.
+fn binned(along: &[f64], values: &[f64]) -> Vec<(f64, f64, f64)> {
+    let low = along.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !(high > low) {
+        return Vec::new();
+    }
+    let width = (high - low) / BINS as f64;
+    let mut bins = vec![(0usize, 0.0, 0.0); BINS];
+    for (at, value) in along.iter().zip(values) {
+        let bin = &mut bins[(((at - low) / width) as usize).min(BINS - 1)];
+        bin.0 += 1;
+        bin.1 += value;
+        bin.2 += value * value;
+    }
+    bins.iter()
+        .enumerate()
+        .filter(|(_, bin)| bin.0 >= LEAST_IN_BIN)
+        .map(|(index, (count, sum, squares))| {
+            let count = *count as f64;
+            (low + (index as f64 + 0.5) * width, sum / count, (squares / count).sqrt())
+        })
+        .collect()
+}
+
+/// Slope of a signal at the rows over time, per second.
+fn slope(measured: &Measured, values: &[f64]) -> Vec<f64> {
+    let rows = &measured.rows;
+    (0..values.len())
+        .map(|row| {
+            let (before, after) = (row.saturating_sub(1), (row + 1).min(values.len() - 1));
+            let span = (rows[after] - rows[before]) as f64 / measured.rate;
+            if span > 0.0 { (values[after] - values[before]) / span } else { 0.0 }
+        })
+        .collect()
+}
+
+/// Way travelled since the start at the rows, m; steps within the encoder's noise do not count.
+fn distance(measured: &Measured) -> Vec<f64> {
+    let mut total = 0.0;
+    let mut along = vec![0.0; measured.len()];
+    for step in &measured.steps {
+        total += (step.motion.velocity * step.duration).abs();
+        along[step.node + 1] = total;
+    }
+    measured.at_rows(&along)
+}

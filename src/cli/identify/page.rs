@@ -1,0 +1,311 @@
+//! The report of an identification as one page.
+
+use super::figures::{Figure, Group};
+use super::input::Input;
+use super::metres;
+use crate::identify::{Evidence, Outcome, Selection, Summary, Verdict};
+use crate::model::{ModelError, StageModel};
+use crate::plant::{EffectDescriptor, Side};
+use crate::report::page::{Align, Cell, Mark, Page, Table, Tile};
+
+pub fn page(
+    name: &str,
+    declared: &StageModel,
+    identified: &StageModel,
+    selection: &Selection,
+    summary: &Summary,
+    input: &Input,
+    figures: &[Figure],
+) -> Result<String, ModelError> {
+    let paths = |paths: &[std::path::PathBuf]| {
+        paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+    };
+    let (train, holdout) = (&input.train, &input.holdout);
+    let mut page = Page::new(
+        format!("What {} lacks", declared.name),
+        format!("declared model {name}, identified on {}, judged on {}", paths(&train.paths), paths(&holdout.paths)),
+    );
+    page.section("Verdict");
+    verdict(&mut page, selection, summary);
+    page.section("Effects");
+    effects(&mut page, selection, summary);
+    page.section("Errors before and after");
+    errors(&mut page, summary);
+    page.section("Declared parameters");
+    parameters(&mut page, selection, summary, train.measured.rate);
+    for (group, title) in [
+        (Group::Comparison, "Measured and simulated"),
+        (Group::Residual, "Residual"),
+        (Group::Spectrum, "Spectra of the residual"),
+    ] {
+        page.section(title);
+        for figure in figures.iter().filter(|figure| figure.group == group) {
+            page.figure(&figure.svg, &figure.caption);
+        }
+    }
+    page.section("Candidates");
+    candidates(&mut page, selection);
+    page.section("Data and method");
+    let record = |record: &super::input::Record| {
+        let measured = &record.measured;
+        format!(
+            "{} samples at {:.3} Hz, {} rows compared at {:.1} Hz",
+            measured.len(),
+            measured.rate,
+            measured.rows.len(),
+            measured.lowpass.kept_rate()
+        )
+    };
+    page.facts([
+        ("program", format!("friction-stage {}", env!("CARGO_PKG_VERSION"))),
+        ("train", record(train)),
+        ("hold-out", record(holdout)),
+        ("force", if train.measured.cell.is_some() { "cell and command" } else { "one force only: the sides cannot be told apart" }.to_owned()),
+        ("floor of the residual", format!("motor side {:.4} N, carriage side {:.4} N, from the declared sensor noise", selection.floor.motor, selection.floor.carriage)),
+        ("identified model", summary.model.clone()),
+    ]);
+    page.text(
+        "Friction and effects are driven along the measured motion; measured and modelled forces pass the same zero-phase lowpass. All \
+         declared parameters are refitted within their tolerances with every candidate. A candidate stays only if it lowers the error on \
+         the train record and on the hold-out, which no fit has seen, by more than chance; of laws that explain about the same the \
+         simplest is taken.",
+    );
+    page.subsection("Identified model");
+    for warning in identified.warnings()? {
+        page.note(Mark::Neutral, &warning);
+    }
+    page.code(&identified.to_yaml()?);
+    Ok(page.finish())
+}
+
+fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
+    let names: Vec<&str> = summary.effects.iter().map(|effect| effect.name.as_str()).collect();
+    let names = names.join(", ");
+    let (mark, sentence) = match selection.verdict {
+        Verdict::Found => (Mark::Good, format!("The declared model lacks: {names}.")),
+        Verdict::None => (Mark::Good, "Nothing is missing: what the refitted model leaves is not more than noise and chance.".to_owned()),
+        Verdict::Unknown => (Mark::Warning, format!(
+            "Something is there over {} that no law of the list explains; an empirical map stands for it. In the model now: {names}.",
+            selection.coordinate.map_or("an unknown coordinate", |coordinate| coordinate.name())
+        )),
+        Verdict::NotSeparable => (Mark::Warning, format!("Several laws explain the data equally; in the model now: {names}.")),
+    };
+    if selection.stopped {
+        page.note(Mark::Bad, "Partial report: the search was stopped before its end. The verdict is that of what had been tried.");
+    }
+    page.note(mark, &sentence);
+    let (force, position) = (summary.errors.holdout.force_rms, summary.errors.holdout.position_rms);
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+    let better = |change: crate::identify::Change| match (change.before, change.after) {
+        (Some(before), Some(after)) if after < before => Mark::Good,
+        (Some(before), Some(after)) if after > before => Mark::Bad,
+        _ => Mark::Neutral,
+    };
+    let tile = |name: &str, value: String, detail: String, mark: Mark| Tile { name: name.to_owned(), value, detail, mark };
+    page.tiles(&[
+        tile("verdict", summary.verdict.replace('_', " "), if names.is_empty() { "no effect added".to_owned() } else { names }, mark),
+        tile(
+            "force residual, hold-out",
+            format!("{} N", number(force.after)),
+            format!("before {} N, floor {:.3} N", number(force.before), summary.floor.force_rms),
+            better(force),
+        ),
+        tile("position error, hold-out", metres(position.after), format!("before {}", metres(position.before)), better(position)),
+        tile(
+            "explained share",
+            if summary.effects.is_empty() { "-".to_owned() } else { format!("{:.1} %", 100.0 * summary.explained_share) },
+            "of the held-out residual above the floor".to_owned(),
+            if summary.effects.is_empty() { Mark::Neutral } else if summary.explained_share >= 0.9 { Mark::Good } else { Mark::Warning },
+        ),
+    ]);
+    if !summary.warnings.is_empty() {
+        page.subsection("Warnings");
+        for warning in &summary.warnings {
+            page.note(Mark::Warning, warning);
+        }
+    }
+}
+
+/// A number in the digits that its interval deserves.
+fn figures_of(value: f64, ci95: Option<[f64; 2]>) -> String {
+    let size = ci95.map_or(value.abs() * 1e-3, |[low, high]| 0.5 * (high - low)).max(value.abs() * 1e-9);
+    let digits = if size > 0.0 { (2.0 - size.log10().ceil()).clamp(0.0, 12.0) as usize } else { 3 };
+    if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e6) {
+        let relative = if size > 0.0 { (value.abs().log10().floor() - size.log10().floor() + 1.0).clamp(2.0, 9.0) } else { 3.0 };
+        return format!("{value:.*e}", relative as usize);
+    }
+    format!("{value:.digits$}")
+}
+
+fn interval(ci95: Option<[f64; 2]>) -> String {
+    ci95.map_or_else(
+        || "\u{2013}".to_owned(),
+        |[low, high]| format!("{} \u{2026} {}", figures_of(low, Some([low, high])), figures_of(high, Some([low, high]))),
+    )
+}
+
+fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
+    if summary.effects.is_empty() {
+        page.text("No effect was added to the declared model.");
+        return;
+    }
+    for effect in &summary.effects {
+        let over = effect.coordinate.as_ref().map_or_else(String::new, |coordinate| format!(" over {coordinate}"));
+        page.subsection(&format!("{}{over}, {} side", effect.name.replace('_', " "), effect.side));
+        if let Ok(descriptor) = EffectDescriptor::find(&effect.name) {
+            page.facts([("law", descriptor.law), ("source", descriptor.source), ("telltale", descriptor.telltale)]);
+        }
+        let mut table =
+            Table::new(&[("parameter", Align::Left), ("value", Align::Right), ("unit", Align::Left), ("95 % interval", Align::Right)]);
+        for (name, parameter) in &effect.parameters {
+            table.row([
+                Cell::code(name),
+                Cell::text(figures_of(parameter.value, parameter.ci95)),
+                Cell::text(&parameter.unit),
+                Cell::text(interval(parameter.ci95)),
+            ]);
+        }
+        page.table(&table);
+        if let Some(other) = &effect.runner_up {
+            page.text(&format!(
+                "Next best in its place: {}, which would leave {:.4} N rms on the hold-out.",
+                other.name, other.holdout_force_rms
+            ));
+        }
+    }
+    for (effect, rival) in &selection.inseparable {
+        page.note(Mark::Warning, &format!("{effect} and {rival} explain these data equally."));
+    }
+}
+
+fn errors(page: &mut Page, summary: &Summary) {
+    let mut table = Table::new(&[
+        ("record", Align::Left),
+        ("figure of merit", Align::Left),
+        ("before", Align::Right),
+        ("after", Align::Right),
+        ("change", Align::Right),
+        ("", Align::Left),
+    ]);
+    for (record, errors) in [("train", &summary.errors.train), ("hold-out", &summary.errors.holdout)] {
+        let rows = [
+            ("force residual, N rms", errors.force_rms, 1.0, 4),
+            ("force residual, % of the force", errors.force_relative, 1.0, 3),
+            ("position in closed loop, um rms", errors.position_rms, 1e6, 4),
+        ];
+        for (name, change, scale, digits) in rows {
+            let (share, badge) = match (change.before, change.after) {
+                (Some(before), Some(after)) => {
+                    let share = if before > 0.0 { 100.0 * (after / before - 1.0) } else { 0.0 };
+                    let badge = if after > before {
+                        Cell::badge(Mark::Bad, "worse")
+                    } else if after < before {
+                        Cell::badge(Mark::Good, "better")
+                    } else {
+                        Cell::badge(Mark::Neutral, "same")
+                    };
+                    (Cell::text(format!("{share:+.1} %")), badge)
+                }
+                _ => (Cell::number(f64::NAN, 0), Cell::badge(Mark::Neutral, "not known")),
+            };
+            table.row([
+                Cell::text(record),
+                Cell::text(name),
+                Cell::maybe(change.before.map(|value| value * scale), digits),
+                Cell::maybe(change.after.map(|value| value * scale), digits),
+                share,
+                badge,
+            ]);
+        }
+    }
+    page.table(&table.captioned("Before: the declared model, refitted. After: the identified model. No fit has seen the hold-out record."));
+    page.text(&format!(
+        "The declared sensor noise alone leaves a force residual of {:.4} N rms.",
+        summary.floor.force_rms
+    ));
+}
+
+fn parameters(page: &mut Page, selection: &Selection, summary: &Summary, rate: f64) {
+    let mut table = Table::new(&[
+        ("parameter", Align::Left),
+        ("declared model, refitted alone", Align::Right),
+        ("identified", Align::Right),
+        ("unit", Align::Left),
+        ("95 % interval", Align::Right),
+    ]);
+    let known = crate::identify::DECLARED.iter().enumerate();
+    for (index, (name, _)) in known {
+        let Some(parameter) = summary.declared_parameters.get(*name) else { continue };
+        let alone = selection.before.hypothesis.declared_value(index, rate);
+        table.row([
+            Cell::code(*name),
+            Cell::text(figures_of(alone, parameter.ci95)),
+            Cell::text(figures_of(parameter.value, parameter.ci95)),
+            Cell::text(&parameter.unit),
+            Cell::text(interval(parameter.ci95)),
+        ]);
+    }
+    for (name, parameter) in summary.declared_parameters.iter().filter(|(name, _)| name.contains('.')) {
+        table.row([
+            Cell::code(name),
+            Cell::text(""),
+            Cell::text(figures_of(parameter.value, parameter.ci95)),
+            Cell::text(&parameter.unit),
+            Cell::text(interval(parameter.ci95)),
+        ]);
+    }
+    page.table(&table.captioned(
+        "Of the guides: the mean over all of them. sensor_shift is the time by which the force readings lag the encoder; it is no part of the model.",
+    ));
+}
+
+fn candidates(page: &mut Page, selection: &Selection) {
+    if selection.evidence.is_empty() {
+        page.text("No candidate proposed itself: the residual shows nothing of any law in the list.");
+        return;
+    }
+    let rounds = selection.evidence.iter().map(|one| one.round).max().map_or(0, |last| last + 1);
+    for round in 0..rounds {
+        let mut tried: Vec<&Evidence> = selection.evidence.iter().filter(|one| one.round == round).collect();
+        tried.sort_by(|a, b| b.holdout_gain.total_cmp(&a.holdout_gain));
+        page.subsection(&format!("Round {}", round + 1));
+        let mut table = Table::new(&[
+            ("candidate", Align::Left),
+            ("side", Align::Left),
+            ("free", Align::Right),
+            ("train, N rms", Align::Right),
+            ("hold-out, N rms", Align::Right),
+            ("gain on train, N\u{b2}", Align::Right),
+            ("gain on hold-out, N\u{b2}", Align::Right),
+            ("outcome", Align::Left),
+        ]);
+        for one in tried {
+            let (mark, word) = match one.outcome {
+                Outcome::Chosen => (Mark::Good, "chosen"),
+                Outcome::TooSmall => (Mark::Neutral, "no more than chance"),
+                Outcome::Beaten => (Mark::Neutral, "another does better"),
+                Outcome::Equal => (Mark::Warning, "as good as the chosen one"),
+                Outcome::Pruned => (Mark::Warning, "chosen, later superfluous"),
+            };
+            table.row([
+                Cell::code(one.name),
+                Cell::text(match one.side {
+                    Side::Motor => "motor",
+                    Side::Carriage => "carriage",
+                    Side::Sensor => "sensor",
+                }),
+                Cell::text(one.free.to_string()),
+                Cell::number(one.errors.train().sqrt(), 4),
+                Cell::number(one.errors.holdout().sqrt(), 4),
+                Cell::text(format!("{:.3e}", one.train_gain)),
+                Cell::text(format!("{:.3e}", one.holdout_gain)),
+                Cell::badge(mark, word),
+            ]);
+        }
+        page.table(&table);
+    }
+    page.text(
+        "Candidates that are not in a round saw nothing of their kind in the residual. The gain is the fall of the mean square of the \
+         missing force, after everything was refitted together.",
+    );
+}

@@ -1,0 +1,294 @@
+//! What identification found, as other programs read it: `summary.json`. Keys and their meaning stay.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::fit::Fitted;
+use super::hypothesis::{Coordinate, DECLARED, Place};
+use super::measured::Measured;
+use super::selection::{Selection, Verdict};
+use crate::plant::Side;
+
+/// Version of the schema.
+pub const SCHEMA_VERSION: u32 = 1;
+/// Standard deviations on each side of a value that hold 95 % of a normal distribution.
+const TWO_SIDED_95: f64 = 1.96;
+
+/// The whole file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    pub schema_version: u32,
+    /// `found`, `none`, `unknown` or `not_separable`.
+    pub verdict: String,
+    /// Effects that the declared model lacked, in the order in which they were found.
+    pub effects: Vec<FoundEffect>,
+    pub errors: Errors,
+    pub floor: FloorErrors,
+    /// Share of the explainable held-out force residual that the effects take out.
+    pub explained_share: f64,
+    /// By name; those of a declared effect as `effect.parameter`.
+    pub declared_parameters: BTreeMap<String, FoundParameter>,
+    /// File name of the identified model, beside the summary.
+    pub model: String,
+    pub warnings: Vec<String>,
+}
+
+/// An effect that the declared model lacked.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundEffect {
+    pub name: String,
+    /// `motor`, `carriage` or `sensor`.
+    pub side: String,
+    /// Of a map: `position`, `velocity` or `time`.
+    pub coordinate: Option<String>,
+    pub parameters: BTreeMap<String, FoundParameter>,
+    /// The best of the other candidates that were tried beside it.
+    pub runner_up: Option<RunnerUp>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundParameter {
+    pub value: f64,
+    pub unit: String,
+    /// 95 % confidence interval; `null` where the fit did not move the value or the data say nothing about it.
+    pub ci95: Option<[f64; 2]>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunnerUp {
+    pub name: String,
+    /// N
+    pub holdout_force_rms: f64,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Errors {
+    pub train: RecordErrors,
+    pub holdout: RecordErrors,
+}
+
+/// Errors on one record.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RecordErrors {
+    /// Rms of the missing force, motor and carriage side together, N.
+    pub force_rms: Change,
+    /// The same in % of the rms of the measured force.
+    pub force_relative: Change,
+    /// Rms of simulated closed loop less encoder, m; `null` where it cannot be simulated.
+    pub position_rms: Change,
+}
+
+/// With the declared model, refitted, and with the identified one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Change {
+    pub before: Option<f64>,
+    pub after: Option<f64>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FloorErrors {
+    /// N
+    pub force_rms: f64,
+}
+
+/// Closed-loop position errors, m rms.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PositionErrors {
+    pub train: Change,
+    pub holdout: Change,
+}
+
+impl Verdict {
+    /// As in the summary.
+    pub fn name(self) -> &'static str {
+        match self {
+            Verdict::Found => "found",
+            Verdict::None => "none",
+            Verdict::Unknown => "unknown",
+            Verdict::NotSeparable => "not_separable",
+        }
+    }
+}
+
+/// Name of a side, as in the summary.
+pub(super) fn side_name(side: Side) -> &'static str {
+    match side {
+        Side::Motor => "motor",
+        Side::Carriage => "carriage",
+        Side::Sensor => "sensor",
+    }
+}
+
+impl Summary {
+    /// What a search found on these records. `model` is the name of the file with the identified model.
+    pub fn new(
+        selection: &Selection,
+        train: &Measured,
+        holdout: &Measured,
+        position: PositionErrors,
+        model: &str,
+        warnings: Vec<String>,
+    ) -> Summary {
+        let fitted = &selection.after;
+        let declared_effects = selection.before.hypothesis.effects.len();
+        let mut declared_parameters: BTreeMap<String, FoundParameter> =
+            (0..DECLARED.len()).map(|index| (DECLARED[index].0.to_owned(), declared(fitted, index, train.rate))).collect();
+        for (index, part) in fitted.hypothesis.effects.iter().enumerate().take(declared_effects) {
+            for (name, parameter) in parameters(fitted, index) {
+                declared_parameters.insert(format!("{}.{name}", part.descriptor.name), parameter);
+            }
+        }
+        let effects = fitted
+            .hypothesis
+            .effects
+            .iter()
+            .enumerate()
+            .skip(declared_effects)
+            .map(|(index, part)| FoundEffect {
+                name: part.descriptor.name.to_owned(),
+                side: side_name(part.side()).to_owned(),
+                coordinate: part.parameters().curve.map(|curve| curve.coordinate.name().to_owned()),
+                parameters: parameters(fitted, index),
+                runner_up: selection.runners_up.get(index).copied().flatten().map(|(name, rms)| RunnerUp {
+                    name: name.to_owned(),
+                    holdout_force_rms: rms,
+                }),
+            })
+            .collect();
+        let (before, after) = (selection.errors_before, selection.errors_after);
+        let record = |measured: &Measured, before: f64, after: f64, position_rms: Change| {
+            let force_rms = Change { before: Some(before.sqrt()), after: Some(after.sqrt()) };
+            let whole = measured.force_rms();
+            let relative = |rms: Option<f64>| rms.filter(|_| whole > 0.0).map(|rms| 100.0 * rms / whole);
+            RecordErrors {
+                force_rms,
+                force_relative: Change { before: relative(force_rms.before), after: relative(force_rms.after) },
+                position_rms,
+            }
+        };
+        Summary {
+            schema_version: SCHEMA_VERSION,
+            verdict: selection.verdict.name().to_owned(),
+            effects,
+            errors: Errors {
+                train: record(train, before.train(), after.train(), position.train),
+                holdout: record(holdout, before.holdout(), after.holdout(), position.holdout),
+            },
+            floor: FloorErrors { force_rms: selection.floor.total() },
+            explained_share: selection.explained_share(),
+            declared_parameters,
+            model: model.to_owned(),
+            warnings,
+        }
+    }
+
+    /// Figures of merit that are worse after than before, each as a sentence.
+    pub fn worse(&self) -> Vec<String> {
+        let mut worse = Vec::new();
+        for (record, errors) in [("train", &self.errors.train), ("hold-out", &self.errors.holdout)] {
+            let figures = [
+                ("force residual", errors.force_rms, "N"),
+                ("closed-loop position error", errors.position_rms, "m"),
+            ];
+            for (name, change, unit) in figures {
+                if let (Some(before), Some(after)) = (change.before, change.after)
+                    && after > before
+                {
+                    worse.push(format!(
+                        "the {name} on the {record} record is worse with the identified model: {after:.4e} {unit} against {before:.4e} {unit}"
+                    ));
+                }
+            }
+        }
+        worse
+    }
+}
+
+/// Coordinate of a place in a fit with its standard deviation and whether it ended on a bound.
+fn coordinate(fitted: &Fitted, place: Place) -> Option<(&Coordinate, f64, bool)> {
+    let index = fitted.coordinates.iter().position(|coordinate| coordinate.place == place)?;
+    Some((&fitted.coordinates[index], fitted.deviations[index], fitted.at_bound[index]))
+}
+
+fn declared(fitted: &Fitted, index: usize, rate: f64) -> FoundParameter {
+    let value = fitted.hypothesis.declared_value(index, rate);
+    let deviation = coordinate(fitted, Place::Declared(index)).map_or(f64::INFINITY, |(_, deviation, _)| deviation);
+    let reach = TWO_SIDED_95 * deviation;
+    let ci95 = reach.is_finite().then(|| match DECLARED[index].0 {
+        "sensor_shift" => [value - reach / rate, value + reach / rate],
+        // The others are fitted as the logarithm of a factor.
+        _ => [value * (-reach).exp(), value * reach.exp()],
+    });
+    let ci95 = ci95.filter(|[low, high]| low.is_finite() && high.is_finite());
+    FoundParameter { value, unit: DECLARED[index].1.to_owned(), ci95 }
+}
+
+fn parameters(fitted: &Fitted, effect: usize) -> BTreeMap<String, FoundParameter> {
+    let part = &fitted.hypothesis.effects[effect];
+    let curve = part.parameters().curve;
+    part.descriptor
+        .parameters
+        .iter()
+        .enumerate()
+        // Of a map the coordinate and the side stand beside the parameters.
+        .filter(|(_, parameter)| curve.is_none() || !parameter.unit.is_empty())
+        .map(|(index, parameter)| {
+            let value = part.values[index];
+            let reach = coordinate(fitted, Place::Effect { effect, value: index })
+                .map_or(f64::INFINITY, |(_, deviation, _)| TWO_SIDED_95 * deviation);
+            let unit = match curve.as_ref().map(|curve| curve.coordinate.name()) {
+                Some("position") => "m",
+                Some("velocity") => "m/s",
+                Some(_) => "s",
+                None => parameter.unit,
+            };
+            let ci95 = reach.is_finite().then(|| [value - reach, value + reach]);
+            (parameter.name.to_owned(), FoundParameter { value, unit: unit.to_owned(), ci95 })
+        })
+        .collect()
+}
+
+/// Whether a coordinate is the logarithm of a factor on a declared value.
+fn is_share(place: Place) -> bool {
+    matches!(place, Place::Declared(index) if DECLARED[index].0 != "sensor_shift")
+}
+
+/// What deserves a word about the parameters of a fit: on a bound, or hardly or not determined by the data.
+pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for (index, coordinate) in fitted.coordinates.iter().enumerate() {
+        let (name, value, unit) = match coordinate.place {
+            Place::Declared(declared) => {
+                let (name, unit) = DECLARED[declared];
+                (name.to_owned(), fitted.hypothesis.declared_value(declared, rate), unit)
+            }
+            Place::Effect { effect, value } => {
+                let part = &fitted.hypothesis.effects[effect];
+                let Some(parameter) = part.descriptor.parameters.get(value) else { continue };
+                (format!("{}.{}", part.descriptor.name, parameter.name), part.values[value], parameter.unit)
+            }
+        };
+        let (lower, upper) = coordinate.bounds;
+        let deviation = fitted.deviations[index];
+        let nothing = matches!(coordinate.place, Place::Effect { .. }) && lower == 0.0 && value < 1e-3 * coordinate.scale;
+        if fitted.at_bound[index] && nothing {
+            // A term of the law that is not there is no doubt about the others.
+            continue;
+        } else if fitted.at_bound[index] {
+            let which = if coordinate.value <= 0.5 * (lower + upper) { "lower" } else { "upper" };
+            warnings.push(format!(
+                "{name} ended on its {which} bound ({value:.6} {unit}): the truth may lie beyond, or another effect hides in it"
+            ));
+        } else if !deviation.is_finite() {
+            warnings.push(format!("{name} is not identifiable from these data; {value:.6} {unit} is where the fit left it"));
+        } else if is_share(coordinate.place) && TWO_SIDED_95 * deviation > upper {
+            warnings.push(format!(
+                "{name} is hardly identifiable from these data: {value:.6} {unit}, known to {:.0} % at the best, its tolerance is {:.0} %",
+                100.0 * TWO_SIDED_95 * deviation,
+                100.0 * coordinate.scale
+            ));
+        }
+    }
+    warnings
+}
