@@ -20,8 +20,8 @@ mod summary;
 pub use fit::{Fitted, correlation_length, fit};
 pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
-pub use phase::{RippleElsewhere, ripple_elsewhere};
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
+pub use phase::{RippleElsewhere, ripple_elsewhere};
 
 pub use closed_loop::{ClosedLoopError, LinearController};
 pub use selection::{Errors, Evidence, Outcome, Selection, Silent, Verdict, Watch, search};
