@@ -201,7 +201,7 @@ pub fn controller_of(train: &Trace, records: &[&Trace]) -> Result<LinearControll
     let controller = LinearController::fit(train)?;
     for record in records {
         let share = controller.share_missed(record)?;
-        if !(share <= FAITHFUL) {
+        if share.is_nan() || share > FAITHFUL {
             return Err(ClosedLoopError::NotLinear { share });
         }
     }

@@ -60,7 +60,8 @@ impl Regression {
         let when = |holds: fn(f64) -> bool, value: fn(f64) -> f64| -> Vec<f64> {
             velocity.iter().map(|v| if holds(*v) { value(*v) } else { 0.0 }).collect()
         };
-        let (forward, backward): (fn(f64) -> bool, fn(f64) -> bool) = (|v| v > 0.0, |v| v < 0.0);
+        let forward: fn(f64) -> bool = |v| v > 0.0;
+        let backward: fn(f64) -> bool = |v| v < 0.0;
         let mut columns = vec![acceleration];
         match law {
             FrictionLaw::Symmetric => {

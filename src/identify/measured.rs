@@ -88,7 +88,7 @@ impl Measured {
         let lowest = position.iter().copied().fold(f64::INFINITY, f64::min);
         let highest = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let count_size = model.encoder.resolution.max(1e-12);
-        if !(highest - lowest > 10.0 * (count_size + model.encoder.noise)) {
+        if highest - lowest <= 10.0 * (count_size + model.encoder.noise) {
             return Err(IdentifyError::NoMotion { name: name.to_owned(), travel: highest - lowest });
         }
         let mut note = |values: &[f64]| {
@@ -272,8 +272,8 @@ fn filled(values: &[f64]) -> Vec<f64> {
             None => filled[..index].fill(values[index]),
             Some(before) => {
                 let slope = (values[index] - values[before]) / (index - before) as f64;
-                for between in before + 1..index {
-                    filled[between] = values[before] + slope * (between - before) as f64;
+                for (offset, between) in filled[before + 1..index].iter_mut().enumerate() {
+                    *between = values[before] + slope * (offset + 1) as f64;
                 }
             }
         }

@@ -74,7 +74,7 @@ pub fn over_position(position: &[f64], velocity: &[f64], kept_rate: f64, values:
     let middle = speeds.len() / 2;
     let usual = *speeds.select_nth_unstable_by(middle, f64::total_cmp).1;
     let shortest = (2.0 * usual * every as f64 / kept_rate).max(2e-5);
-    if !(high - low > 2.0 * shortest) {
+    if high - low <= 2.0 * shortest {
         return Vec::new();
     }
     let mean = moving.iter().map(|row| values[*row]).sum::<f64>() / moving.len() as f64;

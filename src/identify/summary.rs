@@ -244,7 +244,7 @@ fn parameters(fitted: &Fitted, effect: usize) -> BTreeMap<String, FoundParameter
                 Some(_) => "s",
                 None => parameter.unit,
             };
-            let ci95 = reach.is_finite().then(|| [value - reach, value + reach]);
+            let ci95 = reach.is_finite().then_some([value - reach, value + reach]);
             (parameter.name.to_owned(), FoundParameter { value, unit: unit.to_owned(), ci95 })
         })
         .collect()
