@@ -500,19 +500,16 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
     }
 }
 
-/// Real recordings beside the project, or a visible word that they are not there.
-fn measured() -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/measured");
-    if !path.is_dir() {
-        eprintln!("skipped: there are no recordings in {}", path.display());
-        return None;
-    }
-    Some(path)
+/// Recordings of a stage and of EMPS, which are too large for the repository: the directory in `FRICTION_STAGE_RECORDINGS`.
+fn measured() -> PathBuf {
+    let path = std::env::var_os("FRICTION_STAGE_RECORDINGS").expect("FRICTION_STAGE_RECORDINGS names the recordings");
+    PathBuf::from(path)
 }
 
 #[test]
+#[ignore = "needs the recordings in FRICTION_STAGE_RECORDINGS"]
 fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
-    let Some(home) = measured() else { return };
+    let home = measured();
     for run in ["a", "b", "c", "d", "e", "f"] {
         for part in ["train", "check"] {
             let path = home.join(run).join(part);
@@ -532,8 +529,9 @@ fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
 }
 
 #[test]
+#[ignore = "needs the recordings in FRICTION_STAGE_RECORDINGS"]
 fn emps_is_read_through_a_mapping() {
-    let Some(home) = measured() else { return };
+    let home = measured();
     let mapping = Mapping::from_yaml(
         "signals:\n  time: {column: t_s}\n  position: {column: qm_m}\n  reference_position: {column: qg_m}\n  \
          force: {column: vir_V, scale: 35.1507}\n",

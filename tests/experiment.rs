@@ -44,7 +44,7 @@ fn wrong_arguments_are_told_and_end_with_2() {
         (["experiment", "stribek", "--rest", "1"], "stribeck"),
         (["experiment", "dahl", "--guides", "guide_4"], "did you mean `guide_"),
         (["experiment", "dahl", "--guides", "guide_2+distributed_bristles"], "no distributed bristles"),
-        (["experiment", "fast-move", "--rest", "-1"], "rest"),
+        (["experiment", "fast-move", "--rest", "0"], "between 0.01 and 3600 s"),
     ] {
         let output = friction_stage(&arguments, directory.path());
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text(&output.stderr));
@@ -57,7 +57,7 @@ fn a_motor_that_the_motion_exceeds_is_named() {
     let directory = tempfile::tempdir().unwrap();
     std::fs::write(directory.path().join("weak.yaml"), "name: weak\nmotor: {force_limit: 500}\n").unwrap();
     let output = friction_stage(
-        &["experiment", "fast-move", "--model", "weak.yaml", "--rest", "0", "--out", "o"],
+        &["experiment", "fast-move", "--model", "weak.yaml", "--rest", "0.1", "--out", "o"],
         directory.path(),
     );
     assert_eq!(output.status.code(), Some(1));

@@ -89,7 +89,7 @@ fn guide_name(text: &str) -> Result<String, String> {
 
 fn rest_seconds(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
-    if (0.0..=3600.0).contains(&value) { Ok(value) } else { Err(format!("{value} must be between 0 and 3600 s")) }
+    if (0.01..=3600.0).contains(&value) { Ok(value) } else { Err(format!("{value} must be between 0.01 and 3600 s")) }
 }
 
 fn specimen(name: &str) -> anyhow::Result<Specimen> {

@@ -59,6 +59,10 @@ pub struct IdentifyArgs {
     /// How far each parameter of the guides may be from the declared one, as a share of it
     #[arg(long, value_name = "SHARE", default_value_t = Tolerances::default().guides, value_parser = share)]
     pub guide_tolerance: f64,
+    /// The same for bristle stiffness, bristle damping, static friction and Stribeck velocity, where they are known worse; 1 and more is
+    /// a factor of 1 + SHARE either way [default: that of the guides]
+    #[arg(long, value_name = "SHARE", value_parser = positive)]
+    pub presliding_tolerance: Option<f64>,
     /// Print summary.json instead of text
     #[arg(long)]
     pub json: bool,
@@ -70,6 +74,11 @@ const MODEL_FILE: &str = "identified.yaml";
 fn share(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
     if value > 0.0 && value < 1.0 { Ok(value) } else { Err(format!("{value} must be between 0 and 1, such as 0.16")) }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    if value > 0.0 && value.is_finite() { Ok(value) } else { Err(format!("{value} must be above 0, such as 0.5")) }
 }
 
 /// Shows what is tried, and knows whether to stop.
@@ -110,7 +119,11 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     bar.set_message("reading");
 
     let input = Input::load(&args.train, &args.holdout, mapping.as_ref(), &declared)?;
-    let tolerances = Tolerances { mass: args.mass_tolerance, guides: args.guide_tolerance };
+    let tolerances = Tolerances {
+        mass: args.mass_tolerance,
+        guides: args.guide_tolerance,
+        presliding: args.presliding_tolerance.unwrap_or(args.guide_tolerance),
+    };
     let watch = Progress { bar: bar.clone(), stop };
     let selection = search(&declared, tolerances, &input.train.measured, &input.holdout.measured, &watch)?;
     bar.set_message("closed loop");
@@ -175,7 +188,10 @@ fn simulate(selection: &Selection, input: &Input, warnings: &mut Vec<String>) ->
                     .collect::<Result<Vec<_>, _>>()
                     .map(|errors| errors.concat())
             };
-            Ok::<_, crate::identify::ClosedLoopError>(figures::LoopError { before: each(&before)?, after: each(&after)? })
+            Ok::<_, crate::identify::ClosedLoopError>(figures::LoopError {
+                before: each(&before)?,
+                after: each(&after)?,
+            })
         };
         Ok(LoopErrors { train: errors(&input.train, &controller)?, holdout: errors(&input.holdout, &controller)? })
     };
@@ -232,7 +248,8 @@ fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Re
     for effect in &summary.effects {
         writeln!(out, "  {} ({} side)", effect.name, effect.side)?;
         for (name, parameter) in &effect.parameters {
-            let interval = parameter.ci95.map_or_else(String::new, |[low, high]| format!("  95 %: {low:.6} to {high:.6}"));
+            let interval =
+                parameter.ci95.map_or_else(String::new, |[low, high]| format!("  95 %: {low:.6} to {high:.6}"));
             writeln!(out, "    {name:18} {:.6} {}{interval}", parameter.value, parameter.unit)?;
         }
     }

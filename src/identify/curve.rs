@@ -8,15 +8,19 @@ use crate::plant::{EffectDescriptor, Residual};
 use super::hypothesis::Part;
 
 /// Knot counts that are tried; the error that cross-validation leaves decides.
-const KNOTS: [usize; 5] = [8, 16, 32, 64, 128];
+const KNOTS: [usize; 6] = [8, 16, 32, 64, 128, 256];
 /// Blocks that the record is cut into; every other one is left out in turn.
 const BLOCKS: usize = 40;
 /// Weight of the squared second differences of the knots, in units of the mean weight of a knot. Assumed: only bridges gaps.
-const STIFFNESS: f64 = 1e-3;
+const STIFFNESS: f64 = 1e-6;
 
 /// The curve over one coordinate that predicts left-out blocks of the residual best, with the share of its mean square that it takes
 /// out there; `None` where it takes out nothing.
-pub fn propose(residual: &Residual, coordinate: Coordinate, side: CurveSide) -> Result<Option<(Part, f64)>, ModelError> {
+pub fn propose(
+    residual: &Residual,
+    coordinate: Coordinate,
+    side: CurveSide,
+) -> Result<Option<(Part, f64)>, ModelError> {
     let along = match coordinate {
         Coordinate::Position => residual.position,
         Coordinate::Velocity => residual.velocity,

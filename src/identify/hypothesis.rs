@@ -1,6 +1,6 @@
 //! What might be true: declared parameters within their tolerances and a list of effects, and the residual that this leaves.
 
-use crate::model::{EffectParameters, Guide, GuideSource, ModelError, StageModel};
+use crate::model::{EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
 use crate::plant::effects::Effects;
 use crate::plant::{EffectDescriptor, FrictionScale, GuideBank, Motion, Side};
 
@@ -12,12 +12,15 @@ pub struct Tolerances {
     pub mass: f64,
     /// Of each LuGre parameter, as the mean over the guides.
     pub guides: f64,
+    /// Of bristle stiffness, bristle damping, static friction and Stribeck velocity, where they are known worse than sliding friction is;
+    /// at 1 and above a factor of 1 + this either way.
+    pub presliding: f64,
 }
 
 impl Default for Tolerances {
     /// Assumed: a carriage is weighed to half a percent; guides of one type differ by 16 %.
     fn default() -> Self {
-        Tolerances { mass: 0.005, guides: 0.16 }
+        Tolerances { mass: 0.005, guides: 0.16, presliding: 0.16 }
     }
 }
 
@@ -35,6 +38,15 @@ pub const DECLARED: [(&str, &str); 8] = [
     ("stribeck_velocity", "m/s"),
     ("sensor_shift", "s"),
 ];
+
+/// Declared parameters, by their index in [`DECLARED`], in which the guides may differ from each other with an effect on the friction
+/// of all: stiffness, Coulomb, static force, Stribeck velocity. Viscous friction adds up to one number.
+const SPREAD: [usize; 4] = [1, 4, 5, 6];
+/// Contrasts between guides: guide i differs from the mean in contrast j by the entry (j, i). Helmert's, of at most 1.
+const CONTRASTS: [[f64; MAX_GUIDES]; MAX_GUIDES - 1] =
+    [[1.0, -1.0, 0.0, 0.0], [0.5, 0.5, -1.0, 0.0], [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, -1.0]];
+/// Contrast that a fit starts from, in tolerances: at none at all no direction is better than its opposite.
+const START_SPREAD: f64 = 0.25;
 
 /// An effect with values in the order of its descriptor's parameters.
 #[derive(Clone, Debug)]
@@ -62,6 +74,10 @@ pub struct Hypothesis {
     tolerances: Tolerances,
     /// Logarithms of the factors on mass and the six LuGre parameters (of all guides alike), then the shift of the sensors in samples.
     pub moved: [f64; DECLARED.len()],
+    /// Differences between the guides in the parameters of [`SPREAD`]: logarithms of factors, per contrast.
+    pub spread: [[f64; MAX_GUIDES - 1]; SPREAD.len()],
+    /// Whether a fit may move the differences between the guides.
+    pub guides_differ: bool,
     pub effects: Vec<Part>,
 }
 
@@ -78,7 +94,15 @@ pub struct Coordinate {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     Declared(usize),
-    Effect { effect: usize, value: usize },
+    /// Difference between guides: index in [`SPREAD`], contrast.
+    Spread {
+        parameter: usize,
+        contrast: usize,
+    },
+    Effect {
+        effect: usize,
+        value: usize,
+    },
 }
 
 /// What is compared: the motor side, the carriage side or both.
@@ -135,6 +159,8 @@ impl Hypothesis {
             guides: declared.resolved_guides()?,
             tolerances,
             moved: [0.0; DECLARED.len()],
+            spread: [[0.0; MAX_GUIDES - 1]; SPREAD.len()],
+            guides_differ: false,
             effects,
         })
     }
@@ -157,12 +183,39 @@ impl Hypothesis {
         self.declared.mass * self.moved[0].exp()
     }
 
+    /// Starts for a fit that makes the guides different from each other; none for a single guide.
+    pub fn different_guides(&self) -> Vec<Hypothesis> {
+        let contrasts = self.guides.len().saturating_sub(1);
+        let start = START_SPREAD * self.tolerances.guides;
+        (0..contrasts)
+            .map(|turn| {
+                let mut freed = self.holding_guides(false);
+                for (parameter, spread) in freed.spread.iter_mut().enumerate() {
+                    spread[(turn * parameter) % contrasts] = if turn == 1 && parameter == 0 { -start } else { start };
+                }
+                freed
+            })
+            .collect()
+    }
+
+    /// The same with the differences between the guides held, or not.
+    pub fn holding_guides(&self, hold: bool) -> Hypothesis {
+        Hypothesis { guides_differ: !hold, ..self.clone() }
+    }
+
     /// The guides as moved; static friction never below Coulomb friction.
     pub fn guides(&self) -> Vec<Guide> {
-        let [_, stiffness, damping, viscous, coulomb, stat, stribeck, _] = self.moved.map(f64::exp);
+        let [_, _, damping, viscous, ..] = self.moved.map(f64::exp);
+        let factor = |parameter: usize, guide: usize| {
+            let differs: f64 =
+                self.spread[parameter].iter().zip(&CONTRASTS).map(|(value, row)| value * row[guide]).sum();
+            (self.moved[SPREAD[parameter]] + differs).exp()
+        };
         self.guides
             .iter()
-            .map(|guide| {
+            .enumerate()
+            .map(|(index, guide)| {
+                let [stiffness, coulomb, stat, stribeck] = std::array::from_fn(|parameter| factor(parameter, index));
                 let coulomb_force = guide.coulomb_force * coulomb;
                 Guide {
                     stiffness: guide.stiffness * stiffness,
@@ -208,17 +261,36 @@ impl Hypothesis {
         let mut coordinates = Vec::new();
         if sides.carriage {
             for (index, value) in self.moved.iter().enumerate() {
+                // Without a cell there is no second clock: what the motion is late by is a lag of the motor.
+                if index == 7 && !has_cell {
+                    continue;
+                }
                 let limit = match index {
                     0 => self.tolerances.mass,
                     7 => SHIFT_LIMIT,
-                    _ => self.tolerances.guides,
+                    3 | 4 => self.tolerances.guides,
+                    _ => self.tolerances.presliding,
                 };
+                let lower = if limit < 1.0 { (1.0 - limit).ln() } else { -(1.0 + limit).ln() };
                 coordinates.push(Coordinate {
                     place: Place::Declared(index),
                     value: *value,
                     scale: limit,
-                    bounds: if index == 7 { (-limit, limit) } else { ((1.0 - limit).ln(), (1.0 + limit).ln()) },
+                    bounds: if index == 7 { (-limit, limit) } else { (lower, (1.0 + limit).ln()) },
                 });
+            }
+        }
+        if sides.carriage && self.guides_differ {
+            let limit = self.tolerances.guides;
+            for (parameter, spread) in self.spread.iter().enumerate() {
+                for (contrast, value) in spread.iter().enumerate().take(self.guides.len().saturating_sub(1)) {
+                    coordinates.push(Coordinate {
+                        place: Place::Spread { parameter, contrast },
+                        value: *value,
+                        scale: limit,
+                        bounds: ((1.0 - limit).ln(), (1.0 + limit).ln()),
+                    });
+                }
             }
         }
         for (effect, part) in self.effects.iter().enumerate() {
@@ -249,12 +321,20 @@ impl Hypothesis {
     pub fn set(&mut self, place: Place, value: f64) {
         match place {
             Place::Declared(index) => self.moved[index] = value,
+            Place::Spread { parameter, contrast } => self.spread[parameter][contrast] = value,
             Place::Effect { effect, value: index } => self.effects[effect].values[index] = value,
         }
     }
 
     /// Drives guides and effects along the measured motion and says what force is missing.
     pub fn missing(&self, measured: &Measured, sides: Sides) -> Result<Missing, ModelError> {
+        let Missing { motor, carriage } = self.missing_at_samples(measured, sides)?;
+        let filtered = |signal: Vec<f64>| if signal.is_empty() { signal } else { measured.filtered(&signal) };
+        Ok(Missing { motor: filtered(motor), carriage: filtered(carriage) })
+    }
+
+    /// The same at every sample and not filtered; 0 at both ends, where there is no second difference.
+    pub fn missing_at_samples(&self, measured: &Measured, sides: Sides) -> Result<Missing, ModelError> {
         let parts: Vec<EffectParameters> = self.effects.iter().map(Part::parameters).collect();
         let mut effects = Effects::new(&parts)?;
         let count = measured.len();
@@ -275,13 +355,15 @@ impl Hypothesis {
             let ahead = (0.01 * measured.rate) as usize + 2;
             let force = start[1..ahead.min(count - 1)].iter().sum::<f64>() / (ahead.min(count - 1) - 1) as f64;
             let stiffness: f64 = guides.iter().map(|guide| guide.stiffness).sum();
-            let limit = guides.iter().map(|guide| 0.9 * guide.coulomb_force / guide.stiffness).fold(f64::INFINITY, f64::min);
+            let limit =
+                guides.iter().map(|guide| 0.9 * guide.coulomb_force / guide.stiffness).fold(f64::INFINITY, f64::min);
             let bristle = (force / stiffness).clamp(-limit, limit);
             bank.set_bristles(&vec![bristle; guides.len()], 0.0);
         }
         if sides.carriage || !effects.is_empty() {
             for (index, step) in measured.steps.iter().enumerate() {
-                let scale = if effects.is_empty() { FrictionScale::ONE } else { effects.friction(&step.motion, step.duration) };
+                let scale =
+                    if effects.is_empty() { FrictionScale::ONE } else { effects.friction(&step.motion, step.duration) };
                 let (motor_side, on_carriage) =
                     if effects.is_empty() { (0.0, 0.0) } else { effects.advance(&step.motion, step.duration) };
                 let node = step.node;
@@ -307,21 +389,30 @@ impl Hypothesis {
         let reads = self.effects.iter().any(|part| part.side() == Side::Sensor);
         let true_cell: Option<Vec<f64>> = cell.map(|cell| match reads {
             false => cell.to_vec(),
-            true => measured.time.iter().zip(cell).map(|(time, reading)| undo(*reading, |force| effects.read(*time, 0.0, force).1)).collect(),
+            true => measured
+                .time
+                .iter()
+                .zip(cell)
+                .map(|(time, reading)| undo(*reading, |force| effects.read(*time, 0.0, force).1))
+                .collect(),
         });
         let mut missing = Missing::default();
         if let (true, Some(cell)) = (sides.motor, &true_cell) {
-            let left: Vec<f64> =
+            missing.motor =
                 (0..count).map(|k| cell[k] - measured.command[k] - read_at(&at_sample, k).unwrap_or(0.0)).collect();
-            missing.motor = measured.filtered(&left);
         }
         if sides.carriage {
             let mass = self.mass() + effects.added_mass();
             let shift = 0.5 * self.moved[7];
             let encoder_error: Option<Vec<f64>> = reads.then(|| {
-                measured.time.iter().zip(&measured.position).map(|(time, x)| effects.read(*time, *x, 0.0).0 - x).collect()
+                measured
+                    .time
+                    .iter()
+                    .zip(&measured.position)
+                    .map(|(time, x)| effects.read(*time, *x, 0.0).0 - x)
+                    .collect()
             });
-            let left: Vec<f64> = (0..count)
+            missing.carriage = (0..count)
                 .map(|k| {
                     if k == 0 || k + 1 == count {
                         return 0.0;
@@ -337,7 +428,6 @@ impl Hypothesis {
                     mass * acceleration + carriage[k] - push(k) - shift * (push(k + 1) - push(k - 1))
                 })
                 .collect();
-            missing.carriage = measured.filtered(&left);
         }
         Ok(missing)
     }

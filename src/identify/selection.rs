@@ -6,11 +6,11 @@ use crate::model::{Coordinate, CurveSide, StageModel};
 use crate::plant::effects::ALL;
 use crate::plant::{EffectDescriptor, Residual, Side};
 
+use super::IdentifyError;
 use super::curve;
 use super::fit::{Fitted, fit};
 use super::hypothesis::{Hypothesis, Part, Sides, Tolerances};
 use super::measured::{Floor, Measured};
-use super::IdentifyError;
 
 /// Most effects that are added.
 const MOST_EFFECTS: usize = 4;
@@ -198,7 +198,8 @@ pub fn search(
     let has_cell = train.cell.is_some();
     let floor = holdout.floor(declared);
     watch.progress("fit of the declared model", 0.0);
-    let before = fit(&Hypothesis::new(declared, tolerances)?, train, Sides::BOTH, 15)?;
+    let alike = fit(&Hypothesis::new(declared, tolerances)?, train, Sides::BOTH, 15)?;
+    let before = with_different_guides(alike, train)?;
     let errors_before = errors(&before.hypothesis, train, holdout)?;
     let declared_effects = before.hypothesis.effects.len();
 
@@ -210,6 +211,8 @@ pub fn search(
     let mut stopped = false;
 
     for round in 0..MOST_EFFECTS {
+        // Differences between the guides stay as they are while candidates are tried: the joint refit moves them.
+        let held = best.hypothesis.holding_guides(true);
         let columns = Columns::new(&best.hypothesis, train)?;
         let candidates: Vec<&'static EffectDescriptor> = ALL
             .iter()
@@ -234,8 +237,17 @@ pub fn search(
                     let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
                     let part = Part { descriptor, values };
                     let side = part.side();
-                    let sides = sides_of(side, has_cell);
-                    let fitted = fit(&best.hypothesis.with(part), train, sides, ITERATIONS)?;
+                    let mut fitted: Option<Fitted> = None;
+                    for part in starts(part, train.rate.recip()) {
+                        // A delay within a sample shows behind the cell only.
+                        let delayed = delay_of(&part).is_some();
+                        let sides = if delayed { Sides::BOTH } else { sides_of(side, has_cell) };
+                        let one = fit(&held.with(part), train, sides, ITERATIONS)?;
+                        if fitted.as_ref().is_none_or(|best| one.squares() < best.squares()) {
+                            fitted = Some(one);
+                        }
+                    }
+                    let Some(fitted) = fitted else { continue };
                     let found = errors(&fitted.hypothesis, train, holdout)?;
                     let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
                     let free = (0..part.values.len()).filter(|value| (descriptor.free)(&part.values, *value)).count();
@@ -299,7 +311,7 @@ pub fn search(
                 inseparable.push((name, one.name));
             }
         }
-        let chosen = tried[winner].1.clone();
+        let chosen = tried[winner].1.holding_guides(false);
         evidence.extend(tried.into_iter().map(|(one, _)| one));
         best = fit(&chosen, train, Sides::BOTH, ITERATIONS)?;
         best_errors = errors(&best.hypothesis, train, holdout)?;
@@ -386,6 +398,42 @@ pub fn search(
         floor,
         stopped,
     })
+}
+
+/// The fit with guides that differ from each other, from several starts: the sum of the guides depends on the products of
+/// their differences, which has more than one minimum.
+fn with_different_guides(alike: Fitted, train: &Measured) -> Result<Fitted, IdentifyError> {
+    let mut best = alike;
+    for start in best.hypothesis.different_guides() {
+        let one = fit(&start, train, Sides::CARRIAGE, ITERATIONS)?;
+        if one.squares() < best.missing.carriage.iter().map(|left| left * left).sum() {
+            best = one;
+        }
+    }
+    Ok(fit(&best.hypothesis, train, Sides::BOTH, ITERATIONS)?)
+}
+
+/// Index of a delay that the fit may move.
+fn delay_of(part: &Part) -> Option<usize> {
+    (0..part.values.len().min(part.descriptor.parameters.len())).find(|index| {
+        part.descriptor.parameters[*index].name == "delay" && (part.descriptor.free)(&part.values, *index)
+    })
+}
+
+/// Values that a fit starts from. A force cell that is sampled at the ticks shows a delay in whole ticks: the fit cannot step from one to the next.
+fn starts(part: Part, dt: f64) -> Vec<Part> {
+    let Some(index) = delay_of(&part) else { return vec![part] };
+    let ticks = (part.values[index] / dt).round();
+    [ticks - 0.5, ticks + 0.5]
+        .into_iter()
+        .filter(|ticks| *ticks > 0.0)
+        .map(|ticks| {
+            let mut start = part.clone();
+            start.values[index] = ticks * dt;
+            start
+        })
+        .chain(std::iter::once(part.clone()))
+        .collect()
 }
 
 /// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false).

@@ -28,10 +28,13 @@ const AREA_FROM: f64 = 200e-9;
 /// Assumed: encoder noise of 1 nm through the derivative shakes the carriage at about 0.1 um/s, as fast as a loop of 1 um moves
 /// and far enough to relax a bristle that breaks away at 0.1 um. A spring needs no derivative to be held.
 const QUIET_SERVO: (f64, f64, f64) = (0.1, 0.5, 60.0);
+/// Largest speed of a loop, m/s, and time of a quick conditioning travel, s. Assumed: a tenth of the usual Stribeck velocity.
+const FASTEST: f64 = 0.5e-3;
+const QUICK: f64 = 0.5;
 /// Samples of force and position are averaged over this many parts of a cycle before the loop is integrated.
 const PARTS: usize = 800;
 /// Most samples of a loop that are kept for a recording.
-const KEPT: usize = 60_000;
+const KEPT: usize = 400_000;
 
 /// Timing of a loop, s.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +47,8 @@ pub struct LoopTiming {
     pub measure: f64,
     /// Whole cycles that count, after one that does not.
     pub cycles: usize,
+    /// Quick cycles without dwells before them, which bring the bristles from rest onto the symmetric loop.
+    pub conditioning: usize,
 }
 
 /// A measured hysteresis loop.
@@ -87,13 +92,14 @@ pub struct DahlResonance {
 }
 
 impl LoopTiming {
-    /// Slow enough for the amplitude, m, and long enough for the noise of the force cell, N, at about `stiffness` N/m.
+    /// Slow enough for the amplitude, m, and long enough for the noise of the force cell, N, at about `stiffness` N/m;
+    /// `break_away` distance in m, `rate` of the samples in Hz.
     ///
     /// Assumed limits: at most 0.5 mm/s, a tenth of the usual Stribeck velocity; and a travel time that keeps the share of the
     /// bristle damping in the loop area near 3 % from 300 nm on. Below that the area drowns in noise anyway.
-    pub fn slow(amplitude: f64, stiffness: f64, noise: f64, rate: f64) -> LoopTiming {
+    pub fn slow(amplitude: f64, stiffness: f64, noise: f64, rate: f64, break_away: f64) -> LoopTiming {
         // Peak velocity of the minimum-jerk travel is 15/8 of the mean.
-        let by_speed = 1.875 * 2.0 * amplitude / 0.5e-3;
+        let by_speed = 1.875 * 2.0 * amplitude / FASTEST;
         let by_damping = match amplitude {
             a if a < AREA_FROM => 0.2,
             a if a < QUIET_TO => 20.0,
@@ -103,12 +109,15 @@ impl LoopTiming {
         let measure = if needed > 5000.0 { 0.7 } else { 0.25 };
         let cycles = (needed / (2.0 * measure * rate)).ceil().clamp(2.0, 1e5) as usize;
         let settle = if amplitude < QUIET_TO { 0.5 } else { 0.3 };
-        LoopTiming { travel: by_speed.max(by_damping), settle, measure, cycles }
+        // A bristle forgets over its break-away distance, and a cycle travels four amplitudes: here down to exp(-4).
+        let conditioning = if amplitude < AREA_FROM { 0.0 } else { (break_away / amplitude).ceil().min(300.0) };
+        let conditioning = conditioning as usize;
+        LoopTiming { conditioning, travel: by_speed.max(by_damping), settle, measure, cycles }
     }
 }
 
 /// Measures loops at `amplitudes` (ascending, m) and derives the stage's resonance; `tick` is called after each. Recordings
-/// hold the first cycles of each loop.
+/// hold the paper's amplitudes, at most 100 s of each.
 pub fn dahl(
     specimen: &Specimen,
     settings: &Settings,
@@ -116,12 +125,14 @@ pub fn dahl(
     tick: &dyn Fn(),
 ) -> Result<(DahlCurves, Vec<Recording>), LabError> {
     let guide = specimen.guide()?;
+    let break_away = specimen.break_away_distance()?;
     let guides = specimen.stage.guides.len() as f64;
     let mut curves = DahlCurves { name: specimen.name.clone(), loops: Vec::new(), resonances: Vec::new() };
     let mut recordings = Vec::new();
     for &amplitude in amplitudes {
         let expected = guide.effective_stiffness(amplitude);
-        let timing = LoopTiming::slow(amplitude, expected, specimen.rig.force_cell.noise, settings.rates.control());
+        let timing =
+            LoopTiming::slow(amplitude, expected, specimen.rig.force_cell.noise, settings.rates.control(), break_away);
         let servo = specimen.servo(SERVO_BANDWIDTH);
         let (p, i, lowpass_frequency) = QUIET_SERVO;
         let quiet = Gains { p: p * servo.p, i: i * servo.i, d: 0.0, lowpass_frequency, ..servo };
@@ -130,7 +141,9 @@ pub fn dahl(
         found.area_is_resolved = amplitude >= AREA_FROM && found.area.standard_error < 0.2 * found.area.value;
         curves.resonances.push(resonance(&found, guides, specimen.stage.mass));
         curves.loops.push(found);
-        recordings.push(recording);
+        if PAPER_AMPLITUDES.contains(&amplitude) {
+            recordings.push(recording);
+        }
         tick();
     }
     Ok((curves, recordings))
@@ -161,9 +174,16 @@ pub fn hysteresis_loop(
     let (travel, settle, measure) = (samples(timing.travel), samples(timing.settle), samples(timing.measure));
     let half = travel + settle + measure;
     let mut points = vec![rest(0.0, 0.0)];
-    // To the upper tip, then for each half cycle to the other tip and a dwell there.
     let mut index = 0;
     let mut tip = amplitude;
+    let quick = samples(QUICK.max(2.0 * amplitude * 1.875 / FASTEST));
+    for _ in 0..2 * timing.conditioning {
+        index += quick;
+        points.push(rest(index as f64 / rate, tip));
+        tip = -tip;
+    }
+    let start = index + 3 * half;
+    // To the upper tip, then for each half cycle to the other tip and a dwell there.
     for _ in 0..2 * (timing.cycles + 1) + 1 {
         points.push(rest((index + travel) as f64 / rate, tip));
         points.push(rest((index + half) as f64 / rate, tip));
@@ -172,7 +192,6 @@ pub fn hysteresis_loop(
     }
     let mut rig = specimen.on_rig(settings, servo, points)?;
     let mut rows = Vec::with_capacity(KEPT.min(index));
-    let start = 3 * half;
     // Sums over the cycles: position and force per part of a cycle; deviations at the tips for the noise.
     let cycle = 2 * half;
     let mut parts = vec![(0.0, 0.0, 0.0f64); PARTS.min(cycle)];

@@ -13,7 +13,7 @@ use crate::plant::Stage;
 use super::specimen::{LabError, Recording, Row, Settings, Specimen, within_motor};
 
 /// Force amplitudes as shares of the static friction of all guides.
-pub const LEVELS: [f64; 4] = [0.01, 0.1, 0.3, 0.6];
+const LEVELS: [f64; 4] = [0.01, 0.1, 0.3, 0.6];
 /// First and last frequency, Hz, and their number, spaced evenly in the logarithm.
 const FREQUENCIES: (f64, f64, usize) = (5.0, 250.0, 28);
 /// Periods over which the sine grows and fades, so that it leaves no velocity behind.
@@ -67,7 +67,7 @@ impl FrequencyResponse {
     pub const TICKS: usize = LEVELS.len();
 }
 
-/// Sweeps the stage; `tick` is called after each level of force, [`FrequencyResponse::TICKS`] times.
+/// Sweeps the stage; `tick` is called after each force amplitude.
 pub fn frequency_response(
     specimen: &Specimen,
     settings: &Settings,

@@ -47,7 +47,7 @@ pub const RIG_TICKS: usize = COUPLINGS.len() + NOISES.len() + TRAVELS.len() + SE
 /// Measures with every setting; `tick` is called after each. The recording is that of the paper's rig.
 pub fn rig(specimen: &Specimen, settings: &Settings, tick: &dyn Fn()) -> Result<(Vec<RigBias>, Recording), LabError> {
     let guide = specimen.guide()?;
-    let quick = LoopTiming { travel: 4.0, settle: 0.5, measure: 0.5, cycles: 2 };
+    let quick = LoopTiming { travel: 4.0, settle: 0.5, measure: 0.5, cycles: 2, conditioning: 40 };
     let mut biases = Vec::new();
     let mut kept = None;
     let mut add = |property, value, unit, of: &Specimen, timing: &LoopTiming, bandwidth, speeds: bool| {
@@ -82,7 +82,7 @@ pub fn rig(specimen: &Specimen, settings: &Settings, tick: &dyn Fn()) -> Result<
         add("travel", travel, "s", specimen, &LoopTiming { travel, ..quick }, SERVO_BANDWIDTH, false)?;
     }
     for bandwidth in SERVOS {
-        let slow = LoopTiming { travel: 20.0, settle: 0.5, measure: 0.5, cycles: 2 };
+        let slow = LoopTiming { travel: 20.0, settle: 0.5, measure: 0.5, cycles: 2, conditioning: 40 };
         add("servo", bandwidth, "Hz", specimen, &slow, bandwidth, false)?;
     }
     let name = "rig".to_owned();

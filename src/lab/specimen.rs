@@ -145,6 +145,22 @@ impl Specimen {
         self.rig.guides[0].resolve("guides[0]", &crate::model::Catalogue::builtin())
     }
 
+    /// Longest break-away distance of the rig's bristles, m: Fs/sigma0 of one bristle; of several in parallel that of the one
+    /// with the most strength for its stiffness.
+    pub fn break_away_distance(&self) -> Result<f64, ModelError> {
+        let guide = self.guide()?;
+        let single = guide.static_force / guide.stiffness;
+        let Some(effect) = self.rig.effects.iter().find(|effect| effect.name == "distributed_bristles") else {
+            return Ok(single);
+        };
+        let share = |key: &str, default| effect.values.get(key).copied().unwrap_or(default);
+        let (a1, b1) = (share("stiffness_share_1", 1.0), share("strength_share_1", 1.0));
+        let (a2, b2) = (share("stiffness_share_2", 0.0), share("strength_share_2", 0.0));
+        let elements = [(a1, b1), (a2, b2), (1.0 - a1 - a2, 1.0 - b1 - b2)];
+        let longest = elements.iter().filter(|(a, b)| *a > 1e-9 && *b > 1e-9).map(|(a, b)| b / a).fold(0.0, f64::max);
+        Ok(single * if longest > 0.0 { longest } else { 1.0 })
+    }
+
     /// Whether the rig's guide is a single LuGre bristle, for which closed forms hold.
     pub fn is_plain(&self) -> bool {
         self.rig.effects.is_empty()

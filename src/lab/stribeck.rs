@@ -16,7 +16,7 @@ pub const SPEEDS: [f64; 17] = [
     0.1e-3, 0.2e-3, 0.5e-3, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 7e-3, 10e-3, 15e-3, 20e-3, 50e-3, 100e-3, 200e-3, 500e-3, 1.0,
 ];
 
-/// Travel until the bristles are steady, in units of Fs/sigma0: they approach it as exp(-travel), here to 3e-4.
+/// Travel until the bristles are steady, in units of the longest break-away distance, Fs/sigma0 for one bristle: they approach it as exp(-travel), here to 3e-4.
 const STEADY_TRAVEL: f64 = 8.0;
 /// Time for the servo to forget the acceleration, s: ten periods of its bandwidth.
 const SERVO_SETTLE: f64 = 10.0 / SERVO_BANDWIDTH;
@@ -70,7 +70,7 @@ pub fn stribeck(
     speeds: &[f64],
     tick: &dyn Fn(),
 ) -> Result<(StribeckCurve, Recording), LabError> {
-    let guide = specimen.guide()?;
+    let break_away = specimen.break_away_distance()?;
     let rate = settings.rates.control();
     let mut points: Vec<Point> = vec![rest(0.05, 0.0)];
     let (mut time, mut position) = (0.05, 0.0);
@@ -78,7 +78,7 @@ pub fn stribeck(
     for &speed in speeds {
         for velocity in [speed, -speed] {
             let accelerate = (speed / ACCELERATION).max(0.05);
-            let settle = SERVO_SETTLE.max(STEADY_TRAVEL * guide.static_force / guide.stiffness / speed);
+            let settle = SERVO_SETTLE.max(STEADY_TRAVEL * break_away / speed);
             let measure = (MEASURED_TRAVEL / speed).clamp(MEASURE, LONGEST);
             // Whole samples, so that windows begin at samples.
             let [accelerate, settle, measure] = [accelerate, settle, measure].map(|t: f64| (t * rate).ceil() / rate);
@@ -193,6 +193,21 @@ mod tests {
             assert!((curve.viscous_slope - guide.viscous_friction).abs() < 0.05, "{name} {}", curve.viscous_slope);
             assert!((curve.viscous_level - guide.coulomb_force).abs() < 0.02, "{name} {}", curve.viscous_level);
             assert_eq!(curve.falls, guide.static_force > guide.coulomb_force, "{name}");
+        }
+    }
+
+    /// Parallel bristles share g(v): in steady motion their sum is that of one bristle.
+    #[test]
+    fn parallel_bristles_have_the_same_steady_friction() {
+        let (guide, effect) = crate::model::Catalogue::builtin().distributed_bristles("guide_1").unwrap();
+        let stage =
+            crate::model::StageModel { effects: vec![effect], ..crate::model::StageModel::on_guides("guide_1") };
+        let specimen = Specimen::of_model(&stage).unwrap().with_guide(guide.clone());
+        let (curve, _) = stribeck(&specimen, &Settings::default(), &[0.5e-3, 0.1, 0.5], &|| ()).unwrap();
+        for point in &curve.points {
+            let expected = guide.steady_force(point.velocity);
+            let tolerance = 5.0 * point.force.standard_error + 1e-3 * expected.abs();
+            assert!((point.force.value - expected).abs() < tolerance, "{point:?}, expected {expected}");
         }
     }
 

@@ -1,7 +1,6 @@
 //! The guides that are known by name, each number with where it comes from.
 
 use std::collections::BTreeMap;
-
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -112,7 +111,8 @@ impl Catalogue {
         let catalogue: Catalogue = serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
         for (name, entry) in &catalogue.entries {
             let key = format!("{origin}: {name}");
-            for (quantity, name, unit) in entry.quantities() {
+            let bristles = entry.distributed_bristles.as_ref().map(DistributedBristles::quantities);
+            for (quantity, name, unit) in entry.quantities().into_iter().chain(bristles.into_iter().flatten()) {
                 if quantity.unit != unit {
                     let key = format!("{key}.{name}");
                     return Err(ModelError::Unit { key, found: quantity.unit.clone(), expected: unit });
@@ -189,6 +189,20 @@ impl Catalogue {
     /// LuGre parameters of a guide by name.
     pub fn guide(&self, name: &str) -> Option<Guide> {
         self.entry(name).map(CatalogueEntry::guide)
+    }
+}
+
+impl DistributedBristles {
+    /// The quantities with their names and the units in which they must stand; `1` is a share.
+    fn quantities(&self) -> [(&Quantity, &'static str, &'static str); 6] {
+        [
+            (&self.stiffness, "distributed_bristles.stiffness", "N/m"),
+            (&self.bristle_damping, "distributed_bristles.bristle_damping", "N s/m"),
+            (&self.stiffness_share_1, "distributed_bristles.stiffness_share_1", "1"),
+            (&self.strength_share_1, "distributed_bristles.strength_share_1", "1"),
+            (&self.stiffness_share_2, "distributed_bristles.stiffness_share_2", "1"),
+            (&self.strength_share_2, "distributed_bristles.strength_share_2", "1"),
+        ]
     }
 }
 
@@ -301,6 +315,10 @@ mod tests {
         }
         let message = bad(&OWN.replace("unit: N/m,", "unit: N/um,"));
         assert!(message.contains("stiffness") && message.contains("N/um") && message.contains("`N/m`"), "{message}");
+        let builtin = include_str!("catalogue.yaml");
+        let message =
+            bad(&builtin.replace("stiffness: {value: 7.511e5, unit: N/m", "stiffness: {value: 0.7511, unit: N/um"));
+        assert!(message.contains("guide_1.distributed_bristles.stiffness") && message.contains("N/um"), "{message}");
         let message = bad(&OWN.replace("static_force: {value: ", "static_force: {value: -"));
         assert!(message.contains("static_force") && message.contains("greater than 0"), "{message}");
         let message = bad(&OWN.replace("stiffness:", "stifness:"));

@@ -9,7 +9,7 @@ use crate::model::{Guide, MAX_GUIDES};
 use super::exp2::exp2_of_negative;
 
 /// Most bristle elements of one guide.
-pub const MAX_ELEMENTS: usize = 3;
+pub const MAX_ELEMENTS: usize = 4;
 
 /// Largest sum of bristle damping and viscous friction times step over mass: the explicit carriage step is stable below 1.
 pub const MAX_STEP_DAMPING: f64 = 0.5;
@@ -63,11 +63,13 @@ impl FrictionScale {
     pub const ONE: FrictionScale = FrictionScale { coulomb: 1.0, stat: 1.0, viscous: 1.0 };
 }
 
-/// Shares of one bristle element in its guide: element i is a bristle of stiffness a sigma0, damping a sigma1 and level b g(v).
+/// Shares of one bristle element in its guide: element i is a bristle of stiffness a sigma0, damping d sigma1 and level b g(v).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BristleShare {
-    /// a, of the stiffness and of the damping; 0 to 1.
+    /// a, of the stiffness; not negative. Their sum may differ from 1: that is the stiffness at the smallest motion over sigma0.
     pub stiffness: f64,
+    /// d, of the damping; 0 to 1.
+    pub damping: f64,
     /// b, of the friction level; 0 to 1.
     pub strength: f64,
 }
@@ -75,9 +77,11 @@ pub struct BristleShare {
 /// Bristle elements in parallel, the same shares in every guide.
 #[derive(Clone, Copy, Debug)]
 struct Elements {
-    /// a and a / b; both 0 for an element without stiffness or without strength, which holds no force.
+    /// a, a / b, d and d / b; all 0 for an element without stiffness or without strength, which holds no force.
     share: [f64; MAX_ELEMENTS],
     ratio: [f64; MAX_ELEMENTS],
+    damping: [f64; MAX_ELEMENTS],
+    slip: [f64; MAX_ELEMENTS],
     bristle: [f64x4; MAX_ELEMENTS],
 }
 
@@ -123,13 +127,15 @@ impl GuideBank {
         bank
     }
 
-    /// As [`GuideBank::new`], each guide with several bristle elements in parallel. Shares are not negative and sum to 1 each.
+    /// As [`GuideBank::new`], each guide with several bristle elements in parallel. Shares are not negative; those of damping and of strength sum to 1.
     pub fn with_elements(guides: &[Guide], shares: &[BristleShare; MAX_ELEMENTS]) -> GuideBank {
         let mut bank = GuideBank::new(guides);
         let carries = |share: &BristleShare| share.stiffness > 0.0 && share.strength > 0.0;
         bank.elements = Some(Elements {
             share: shares.map(|share| if carries(&share) { share.stiffness } else { 0.0 }),
             ratio: shares.map(|share| if carries(&share) { share.stiffness / share.strength } else { 0.0 }),
+            damping: shares.map(|share| if carries(&share) { share.damping } else { 0.0 }),
+            slip: shares.map(|share| if carries(&share) { share.damping / share.strength } else { 0.0 }),
             bristle: [f64x4::ZERO; MAX_ELEMENTS],
         });
         bank.refresh(0.0);
@@ -189,13 +195,13 @@ impl GuideBank {
         };
         let mut start = StartFriction { elastic: 0.0, damping: viscous, slip: 0.0 };
         self.bristle = f64x4::ZERO;
-        for ((bristle, share), ratio) in elements.bristle.iter().zip(elements.share).zip(elements.ratio) {
-            let weighted = f64x4::splat(share) * *bristle;
+        for (index, bristle) in elements.bristle.iter().enumerate() {
+            let weighted = f64x4::splat(elements.share[index]) * *bristle;
             self.bristle += weighted;
             let elastic = self.stiffness * weighted;
             start.elastic += elastic.reduce_add();
-            start.damping += share * damping.reduce_add();
-            start.slip += ratio * (damping / level * elastic).reduce_add();
+            start.damping += elements.damping[index] * damping.reduce_add();
+            start.slip += elements.slip[index] * (damping / level * elastic).reduce_add();
         }
         self.start = start;
     }
@@ -221,7 +227,7 @@ impl GuideBank {
         }
     }
 
-    /// Bristle velocities dz/dt at velocity v, m/s (of several elements: the mean, weighted by the shares of stiffness), bristle damping
+    /// Bristle velocities dz/dt at velocity v, m/s (of several elements: the mean, weighted by the shares of damping), bristle damping
     /// there, N s/m, and the power that loads the bristles of each guide, W.
     fn bristle_velocities(&self, velocity: f64) -> (f64x4, f64x4, f64x4) {
         let v = f64x4::splat(velocity);
@@ -233,10 +239,10 @@ impl GuideBank {
             return (rate, damping, self.stiffness * self.bristle * rate);
         };
         let (mut mean, mut power) = (f64x4::ZERO, f64x4::ZERO);
-        for ((bristle, share), ratio) in elements.bristle.iter().zip(elements.share).zip(elements.ratio) {
-            let rate = f64x4::splat(share) * (v - f64x4::splat(ratio) * slip * *bristle);
-            mean += rate;
-            power += self.stiffness * *bristle * rate;
+        for (index, bristle) in elements.bristle.iter().enumerate() {
+            let rate = v - f64x4::splat(elements.ratio[index]) * slip * *bristle;
+            mean += f64x4::splat(elements.damping[index]) * rate;
+            power += f64x4::splat(elements.share[index]) * self.stiffness * *bristle * rate;
         }
         (mean, damping, power)
     }
@@ -334,7 +340,7 @@ impl GuideBank {
         let single_steady = level * self.compliance * f64x4::splat(1f64.copysign(velocity));
         let (stiffness, time) = (self.stiffness, f64x4::splat(step));
         let mut impulse = f64x4::ZERO;
-        let mut element = |bristle: &mut f64x4, share: f64, ratio: f64| {
+        let mut element = |bristle: &mut f64x4, share: f64, ratio: f64, damped: f64| {
             if ratio == 0.0 {
                 return;
             }
@@ -348,14 +354,15 @@ impl GuideBank {
             } else {
                 (*bristle + end) * f64x4::splat(0.5)
             };
-            impulse += f64x4::splat(share) * (stiffness * mean * time + damping * (end - *bristle));
+            impulse +=
+                f64x4::splat(share) * stiffness * mean * time + f64x4::splat(damped) * damping * (end - *bristle);
             *bristle = end;
         };
         match &mut self.elements {
-            None => element(&mut self.bristle, 1.0, 1.0),
+            None => element(&mut self.bristle, 1.0, 1.0, 1.0),
             Some(elements) => {
-                for ((bristle, share), ratio) in elements.bristle.iter_mut().zip(elements.share).zip(elements.ratio) {
-                    element(bristle, share, ratio);
+                for (index, bristle) in elements.bristle.iter_mut().enumerate() {
+                    element(bristle, elements.share[index], elements.ratio[index], elements.damping[index]);
                 }
             }
         }
@@ -415,10 +422,10 @@ mod tests {
 
     #[test]
     fn one_element_with_every_share_is_the_single_bristle() {
-        let one = BristleShare { stiffness: 1.0, strength: 1.0 };
+        let one = BristleShare { stiffness: 1.0, damping: 1.0, strength: 1.0 };
         let none = BristleShare::default();
-        let halves = [BristleShare { stiffness: 0.5, strength: 0.5 }; 2];
-        for shares in [[one, none, none], [halves[0], halves[1], none]] {
+        let halves = [BristleShare { stiffness: 0.5, damping: 0.5, strength: 0.5 }; 2];
+        for shares in [[one, none, none, none], [halves[0], halves[1], none, none]] {
             let mut single = GuideBank::new(&[guide()]);
             let mut parallel = GuideBank::with_elements(&[guide()], &shares);
             for k in 0..2000 {

@@ -304,7 +304,8 @@ table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabula
 caption { caption-side: top; text-align: left; color: var(--soft); padding-bottom: 6px; }
 th, td { padding: 6px 14px 6px 0; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line); }
 th { font-weight: 600; color: var(--soft); border-bottom: 2px solid var(--line); vertical-align: bottom; }
-th.right, td.right { text-align: right; padding: 6px 14px; white-space: nowrap; }
+th.right, td.right { text-align: right; padding: 6px 10px; }
+td.right { white-space: nowrap; }
 .badge { display: inline-block; padding: 0 9px; border-radius: 10px; font-size: 13px; font-weight: 600; white-space: nowrap; }
 .note { padding: 10px 14px; border-left: 4px solid; border-radius: 0 6px 6px 0; max-width: none; }
 .badge.good, .note.good { color: var(--good); background: var(--good-ground); }

@@ -284,7 +284,7 @@ fn spectra(residuals: &Residuals) -> anyhow::Result<Vec<Figure>> {
 fn binned(along: &[f64], values: &[f64]) -> Vec<(f64, f64, f64)> {
     let low = along.iter().copied().fold(f64::INFINITY, f64::min);
     let high = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if !(high > low) {
+    if high.is_nan() || high <= low {
         return Vec::new();
     }
     let width = (high - low) / BINS as f64;

@@ -14,6 +14,8 @@ const LONGEST: f64 = 0.05;
 const KEPT: usize = 1024;
 /// Shortest lag of a proposal, s: a tenth of a sample at 20 kHz.
 const SHORTEST: f64 = 5e-6;
+/// Times closer than this are the same, s.
+const INSTANT: f64 = 1e-9;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "actuator_lag",
@@ -88,10 +90,22 @@ impl ActuatorLag {
     }
 }
 
+impl ActuatorLag {
+    /// y at the end of the last step, at `time` (s), N; 0 before the first.
+    fn present(&self, time: f64) -> f64 {
+        if self.time_constant > 0.0 {
+            return self.output;
+        }
+        let reached = (0..self.count).map(|index| self.held[(self.oldest + index) % KEPT]);
+        // What arrives at this very instant was not there before it.
+        reached.take_while(|(since, _)| *since < time - self.delay - INSTANT).last().map_or(0.0, |(_, force)| force)
+    }
+}
+
 impl Effect for ActuatorLag {
     fn force(&mut self, motion: &Motion, step: f64) -> f64 {
         if step <= 0.0 {
-            return 0.0;
+            return self.present(motion.time) - motion.motor_force;
         }
         let delayed = self.delayed(motion.time - 0.5 * step, step, motion.motor_force);
         if self.time_constant <= 0.0 {

@@ -1,8 +1,9 @@
 //! Distributed bristles: each guide has several bristle elements in parallel, which slip one after another.
 //!
-//! dz_i/dt = v - a_i sigma0 |v| z_i / (b_i g(v)), F = sum of a_i (sigma0 z_i + sigma1 dz_i/dt) + sigma2 v, i = 1 to 3: a_i stiffness_share_i, b_i strength_share_i; the third
-//! element has what the two leave: each kind of share sums to 1. A share of 0 takes an element away. The same shares in every guide.
-//! Effective stiffness of a slow loop of amplitude A: sum of b_i Fs tanh(a_i sigma0 A / (b_i Fs)) / A: it falls over a wider range of A than one bristle's.
+//! dz_i/dt = v - c a_i sigma0 |v| z_i / (b_i g(v)), F = sum of a_i (c sigma0 z_i + sigma1 dz_i/dt) + sigma2 v, i = 1 to 4: a_i stiffness_share_i, b_i
+//! strength_share_i, of which the fourth element has what the others leave (each kind sums to 1); c stiffness, the stiffness at the smallest motion over
+//! sigma0. A share of 0 takes an element away. The same shares in every guide.
+//! Effective stiffness of a slow loop of amplitude A: sum of b_i Fs tanh(c a_i sigma0 A / (b_i Fs)) / A: it falls over a wider range of A than one bristle's.
 //! Source: parallel elasto-slip elements (W. Iwan, J. Appl. Mech. 33, 1966; generalized Maxwell slip: Al-Bender, Lampaert, Swevers, IEEE TAC 50(11), 2005), here
 //! with LuGre elements, which turn smoothly. Sizes: assumed.
 //! Stored energy: that of the bristles. Memory of loops within loops is as good as the elements are many: each forgets over its own break-away distance.
@@ -17,15 +18,18 @@ use crate::model::ModelError;
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "distributed_bristles",
     side: Side::Carriage,
-    law: "three LuGre bristles in parallel per guide: stiffness a_i sigma0, damping a_i sigma1, level b_i g(v)",
+    law: "up to four LuGre bristles in parallel per guide: stiffness c a_i sigma0, damping a_i sigma1, level b_i g(v)",
     source: "Iwan 1966; Al-Bender, Lampaert, Swevers 2005, with LuGre elements",
     telltale: "stiffer at the smallest loops and softer at larger ones than one bristle, loops within loops",
     confused_with: &["stiction_aging", "cable_chain"],
     parameters: &[
-        EffectParameter::optional("stiffness_share_1", "1", "part of sigma0 and sigma1 in element 1", (0.0, 1.0), 0.1, 1.0),
+        EffectParameter::optional("stiffness_share_1", "1", "part of the stiffness in element 1", (0.0, 1.0), 0.1, 1.0),
         EffectParameter::optional("strength_share_1", "1", "part of g in element 1", (0.0, 1.0), 0.1, 1.0),
-        EffectParameter::optional("stiffness_share_2", "1", "part of sigma0 and sigma1 in element 2", (0.0, 1.0), 0.1, 0.0),
+        EffectParameter::optional("stiffness_share_2", "1", "part of the stiffness in element 2", (0.0, 1.0), 0.1, 0.0),
         EffectParameter::optional("strength_share_2", "1", "part of g in element 2", (0.0, 1.0), 0.1, 0.0),
+        EffectParameter::optional("stiffness_share_3", "1", "part of the stiffness in element 3", (0.0, 1.0), 0.1, 0.0),
+        EffectParameter::optional("strength_share_3", "1", "part of g in element 3", (0.0, 1.0), 0.1, 0.0),
+        EffectParameter::optional("stiffness", "1", "stiffness of all elements over sigma0", (0.2, 5.0), 0.5, 1.0),
     ],
     check,
     free: super::all_free,
@@ -37,23 +41,29 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
 const ROUNDING: f64 = 1e-9;
 
 fn check(values: &[f64]) -> Result<(), ModelError> {
-    for (kind, sum) in [("stiffness", values[0] + values[2]), ("strength", values[1] + values[3])] {
+    for (kind, sum) in [("stiffness", values[0] + values[2] + values[4]), ("strength", values[1] + values[3] + values[5])] {
         if sum > 1.0 + ROUNDING {
-            let key = format!("effects.distributed_bristles: {kind}_share_1 + {kind}_share_2");
-            return Err(ModelError::Value { key, value: sum, limit: "not be above 1: the third element has the rest".to_owned() });
+            let key = format!("effects.distributed_bristles: {kind}_share_1 + {kind}_share_2 + {kind}_share_3");
+            return Err(ModelError::Value { key, value: sum, limit: "not be above 1: the fourth element has the rest".to_owned() });
         }
     }
     Ok(())
 }
 
-/// Shares of all three elements. Where a search goes beyond a sum of 1, the two are scaled back to it.
+/// Shares of all elements. Where a search goes beyond a sum of 1, they are scaled back to it.
 fn shares(values: &[f64]) -> [BristleShare; MAX_ELEMENTS] {
-    let complete = |first: f64, second: f64| {
-        let sum = (first + second).max(1.0);
-        [first / sum, second / sum, (1.0 - (first + second) / sum).max(0.0)]
+    let complete = |given: [f64; MAX_ELEMENTS - 1]| -> [f64; MAX_ELEMENTS] {
+        let sum: f64 = given.iter().sum();
+        let over = sum.max(1.0);
+        std::array::from_fn(|element| given.get(element).map_or((1.0 - sum / over).max(0.0), |share| share / over))
     };
-    let (stiffness, strength) = (complete(values[0], values[2]), complete(values[1], values[3]));
-    std::array::from_fn(|element| BristleShare { stiffness: stiffness[element], strength: strength[element] })
+    let stiffness = complete([values[0], values[2], values[4]]);
+    let strength = complete([values[1], values[3], values[5]]);
+    std::array::from_fn(|element| BristleShare {
+        stiffness: values[6] * stiffness[element],
+        damping: stiffness[element],
+        strength: strength[element],
+    })
 }
 
 #[derive(Debug)]
@@ -74,10 +84,10 @@ const WIDTH_STEP: f64 = 1.6;
 /// What a set of elements leaves of the residual, N^2, their indices, and their strengths, N.
 type Combination = (f64, Vec<usize>, Vec<f64>);
 
-/// Elements that turn over two or three different distances, from what they would add to one bristle.
+/// Elements that turn over two to four different distances, from what they would add to one bristle.
 ///
 /// The modelled friction gives the distance w of the single bristle, whose slow loops are dh/dx = (sign(v) - h) / w. The residual is
-/// then F0 h_w less the sum of B_i h_wi: b_i is B_i, a_i is B_i / w_i, each over its sum.
+/// then F0 h_w less the sum of B_i h_wi: b_i is B_i, a_i is B_i / w_i, each over its sum, and c the sum of B_i / w_i over F0 / w.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let count = residual.force.len();
     if count < 100 {
@@ -100,12 +110,14 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         let strengths = left.cholesky()?.solve(&side);
         strengths.iter().all(|strength| *strength > 0.0).then(|| (target_square - strengths.dot(&side), strengths.as_slice().to_vec()))
     };
-    let mut best: [Option<Combination>; 2] = [None, None];
+    let mut best: [Option<Combination>; MAX_ELEMENTS - 1] = [None, None, None];
     let mut tried = 0;
     for i in 0..widths.len() {
         for j in i + 1..widths.len() {
             let triples = (j + 1..widths.len()).map(|k| vec![i, j, k]);
-            for set in std::iter::once(vec![i, j]).chain(triples) {
+            let quadruples =
+                (j + 1..widths.len()).flat_map(|k| (k + 1..widths.len()).map(move |l| vec![i, j, k, l]));
+            for set in std::iter::once(vec![i, j]).chain(triples).chain(quadruples) {
                 tried += 1;
                 let place = &mut best[set.len() - 2];
                 if let Some((rest, strengths)) = fit(&set)
@@ -116,16 +128,30 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
             }
         }
     }
-    let [pair, triple] = best;
     // Two numbers more per element than one bristle has.
-    let pair = pair.filter(|pair| beyond_chance(total - pair.0, pair.0, count, 2, tried));
-    let reached = pair.as_ref().map_or(total, |pair| pair.0);
-    let triple = triple.filter(|triple| beyond_chance(reached - triple.0, triple.0, count, 2, tried));
-    let (_, set, strengths) = triple.or(pair)?;
+    let mut reached = total;
+    let mut chosen = None;
+    for combination in best.into_iter().flatten() {
+        if beyond_chance(reached - combination.0, combination.0, count, 2, tried) {
+            reached = combination.0;
+            chosen = Some(combination);
+        }
+    }
+    let (_, set, strengths) = chosen?;
     let strength_sum: f64 = strengths.iter().sum();
     let stiffnesses: Vec<f64> = strengths.iter().zip(&set).map(|(strength, index)| strength / widths[*index]).collect();
     let stiffness_sum: f64 = stiffnesses.iter().sum();
-    Some((0..2).flat_map(|element| [stiffnesses[element] / stiffness_sum, strengths[element] / strength_sum]).collect())
+    let share = |values: &[f64], element: usize, sum: f64| values.get(element).map_or(0.0, |value| value / sum);
+    // Two elements: the second has what the first leaves, and is the fourth.
+    let given = set.len() - 1;
+    let mut values: Vec<f64> = (0..MAX_ELEMENTS - 1)
+        .flat_map(|element| match element < given {
+            true => [share(&stiffnesses, element, stiffness_sum), share(&strengths, element, strength_sum)],
+            false => [0.0, 0.0],
+        })
+        .collect();
+    values.push((stiffness_sum * width / strength).clamp(0.2, 5.0));
+    Some(values)
 }
 
 #[cfg(test)]
@@ -136,7 +162,7 @@ mod tests {
     use crate::model::{Catalogue, EffectParameters, Guide, StageModel};
     use crate::plant::{Body, GuideBank};
 
-    const SHARES: [f64; 4] = [0.6, 0.1, 0.3, 0.3];
+    const SHARES: [f64; 7] = [0.6, 0.1, 0.3, 0.3, 0.0, 0.0, 1.2];
 
     fn guide() -> Guide {
         Catalogue::builtin().guide("guide_1").unwrap()
@@ -167,6 +193,7 @@ mod tests {
             let found = (forces[58] - forces[59]) / (2.0 * amplitude);
             let expected: f64 = shares(&SHARES)
                 .iter()
+                .filter(|share| share.strength > 0.0)
                 .map(|share| {
                     let strength = share.strength * guide.static_force;
                     strength * (share.stiffness * guide.stiffness * amplitude / strength).tanh() / amplitude
@@ -190,8 +217,8 @@ mod tests {
     #[test]
     fn after_an_inner_loop_closes_the_force_returns_onto_the_outer_branch() {
         // Elements that turn over 0.05, 23 and 1000 times the single bristle's distance: the loop turns the first and hardly moves the others.
-        let share = |stiffness, strength| BristleShare { stiffness, strength };
-        let apart = [share(0.98, 0.05), share(0.0195, 0.45), share(0.0005, 0.5)];
+        let share = |stiffness, strength| BristleShare { stiffness, damping: stiffness, strength };
+        let apart = [share(0.98, 0.05), share(0.0195, 0.45), share(0.0005, 0.5), BristleShare::default()];
         let (single, distributed) = (missed(GuideBank::new(&[guide()])), missed(GuideBank::with_elements(&[guide()], &apart)));
         assert!(single > 0.1, "one bristle forgets: {single}");
         assert!(distributed < 0.1 * single, "{distributed} against {single} of one bristle");

@@ -1,0 +1,535 @@
+//! How well identification does on recordings whose hidden effects it is not told: false alarms, right names, detection over
+//! size, effects that are in nobody's list, and several at once.
+//!
+//! `cargo bench --bench identify -- none --runs 200`, `names --runs 3`, `power --only cogging --factors 0.05,0.1,0.2`,
+//! `unlisted`, `mixed --runs 20`; `--json` writes one JSON object per run instead of text. The recordings come from
+//! `tests/generator`, which shares no equation, integrator, controller or noise source with the library; the declared model is the
+//! nominal one of the recorded stage runs. One line per run on stdout, as soon as it is known, then a summary; progress on stderr.
+
+#[path = "../tests/generator/mod.rs"]
+mod generator;
+
+use std::collections::BTreeMap;
+use std::io::Write as _;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, bail};
+use clap::{Parser, Subcommand};
+use friction_stage::identify::{
+    Evidence, Fitted, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection, Tolerances, Verdict, Watch,
+    search,
+};
+use friction_stage::model::{Coordinate, Guide, GuideSource, StageModel};
+use serde::Serialize;
+
+use generator::effects::{self, CATALOGUE, LISTED};
+use generator::{Columns, Effect, GeneratedRun, Programme, RecordTruth, Setup};
+
+/// Half of a 95 % interval in standard deviations.
+const HALF_95: f64 = 1.96;
+
+#[derive(Parser)]
+#[command(about = "Blind tests of identification")]
+struct Arguments {
+    #[command(subcommand)]
+    what: What,
+    /// First seed; each run takes the next.
+    #[arg(long, global = true, default_value_t = 1)]
+    first: u64,
+    /// Vary speeds, amplitudes, strokes and rests of the motion from run to run.
+    #[arg(long, global = true)]
+    varied: bool,
+    /// One JSON object per run and one for the summary.
+    #[arg(long, global = true)]
+    json: bool,
+    /// Cargo says so to every bench.
+    #[arg(long, global = true, hide = true)]
+    bench: bool,
+}
+
+#[derive(Subcommand)]
+enum What {
+    /// Nothing hidden: how often is something found?
+    None {
+        #[arg(long, default_value_t = 8)]
+        runs: u64,
+    },
+    /// Each listed effect at its usual size: is it named?
+    Names {
+        /// Per effect.
+        #[arg(long, default_value_t = 1)]
+        runs: u64,
+        #[arg(long, value_delimiter = ',')]
+        only: Vec<String>,
+    },
+    /// One effect over its size.
+    Power {
+        #[arg(long)]
+        only: String,
+        /// Sizes in units of the usual one.
+        #[arg(long, value_delimiter = ',', default_value = "0.02,0.05,0.1,0.2,0.5,1")]
+        factors: Vec<f64>,
+        /// Per size.
+        #[arg(long, default_value_t = 4)]
+        runs: u64,
+    },
+    /// Effects that no candidate expresses: is the answer "unknown", with the right coordinate?
+    Unlisted {
+        /// Per effect.
+        #[arg(long, default_value_t = 1)]
+        runs: u64,
+        #[arg(long, value_delimiter = ',')]
+        only: Vec<String>,
+    },
+    /// One to three effects at once.
+    Mixed {
+        #[arg(long, default_value_t = 6)]
+        runs: u64,
+    },
+}
+
+/// What a run shows.
+#[derive(Serialize)]
+struct Report {
+    seed: u64,
+    /// Of the usual size.
+    factor: f64,
+    hidden: Vec<Hidden>,
+    verdict: &'static str,
+    /// Names that were found, without maps.
+    found: Vec<&'static str>,
+    coordinate: Option<&'static str>,
+    inseparable: Vec<(&'static str, &'static str)>,
+    /// Something other than "none".
+    detected: bool,
+    /// Verdict and names (or coordinate) as they should be.
+    right: bool,
+    /// All hidden names are among those found and their rivals, and the verdict says that they are not separable.
+    open: bool,
+    explained_share: f64,
+    /// Held-out force residual of motor and carriage side, N rms.
+    before: [f64; 2],
+    after: [f64; 2],
+    floor: [f64; 2],
+    /// Parameters that a truth of the same name exists for: distance in standard deviations.
+    deviations: BTreeMap<String, f64>,
+    evidence: Vec<Tried>,
+    parameters: Vec<String>,
+    seconds: f64,
+}
+
+/// A hidden effect as the filtered held-out record shows it.
+#[derive(Serialize)]
+struct Hidden {
+    name: &'static str,
+    listed: bool,
+    coordinate: Option<&'static str>,
+    parameters: BTreeMap<&'static str, f64>,
+    /// Force that it adds or feigns, N rms in the band that is compared.
+    force: f64,
+    /// The same in floors of its side.
+    floors: f64,
+}
+
+#[derive(Serialize)]
+struct Tried {
+    round: usize,
+    name: &'static str,
+    free: usize,
+    train_gain: f64,
+    holdout_gain: f64,
+    outcome: String,
+}
+
+/// Progress on stderr where it is a terminal.
+struct Progress(indicatif::ProgressBar);
+
+impl Watch for Progress {
+    fn progress(&self, what: &str, share: f64) {
+        self.0.set_position((1000.0 * share) as u64);
+        self.0.set_message(what.to_owned());
+    }
+}
+
+fn main() -> Result<()> {
+    let arguments = Arguments::parse();
+    let mut session = Session { arguments: &arguments, reports: Vec::new() };
+    match &arguments.what {
+        What::None { runs } => {
+            for seed in session.seeds(*runs) {
+                session.run(seed, 1.0, Vec::new())?;
+            }
+        }
+        What::Names { runs, only } => session.each(&CATALOGUE[..LISTED], *runs, only)?,
+        What::Unlisted { runs, only } => session.each(&CATALOGUE[LISTED..], *runs, only)?,
+        What::Power { only, factors, runs } => {
+            for &factor in factors {
+                for seed in session.seeds(*runs) {
+                    session.run(seed, factor, vec![drawn(only, seed)?.scaled(factor)])?;
+                }
+            }
+        }
+        What::Mixed { runs } => {
+            for seed in session.seeds(*runs) {
+                session.run(seed, 1.0, effects::composition(1 + (seed % 3) as usize, seed))?;
+            }
+        }
+    }
+    session.summary()
+}
+
+fn drawn(name: &str, seed: u64) -> Result<Effect> {
+    effects::by_name(name, seed).with_context(|| {
+        let known: Vec<&str> = CATALOGUE.iter().map(|(name, _)| *name).collect();
+        format!("no effect {name}: one of {}", known.join(", "))
+    })
+}
+
+struct Session<'a> {
+    arguments: &'a Arguments,
+    reports: Vec<Report>,
+}
+
+impl Session<'_> {
+    fn seeds(&self, runs: u64) -> std::ops::Range<u64> {
+        self.arguments.first..self.arguments.first + runs
+    }
+
+    fn each(&mut self, list: &[(&str, effects::Draw)], runs: u64, only: &[String]) -> Result<()> {
+        if let Some(strange) = only.iter().find(|name| list.iter().all(|(known, _)| known != name)) {
+            let known: Vec<&str> = list.iter().map(|(name, _)| *name).collect();
+            bail!("no effect {strange} here: one of {}", known.join(", "));
+        }
+        for seed in self.seeds(runs) {
+            for (name, _) in list.iter().filter(|(name, _)| only.is_empty() || only.iter().any(|one| one == name)) {
+                self.run(seed, 1.0, vec![drawn(name, seed)?])?;
+            }
+        }
+        Ok(())
+    }
+
+    fn run(&mut self, seed: u64, factor: f64, hidden: Vec<Effect>) -> Result<()> {
+        let setup = Setup {
+            programme: if self.arguments.varied { Programme::Varied } else { Programme::Recorded },
+            ..Setup::new(seed).with_all(hidden)
+        };
+        let names: Vec<&str> = setup.effects.iter().map(|effect| effect.name()).collect();
+        let title = if names.is_empty() { "nothing".to_owned() } else { names.join(" + ") };
+        // A setup that the controller cannot hold is no recording: said, counted nowhere.
+        let run = match setup.generate() {
+            Ok(run) => run,
+            Err(error) => {
+                eprintln!("{title} seed {seed}: {error}");
+                return Ok(());
+            }
+        };
+        let bar = indicatif::ProgressBar::new(1000)
+            .with_style(indicatif::ProgressStyle::with_template("{prefix} [{elapsed}] {bar:20} {msg}")?)
+            .with_prefix(format!("{title} seed {seed}"));
+        let report = judge(&run, factor, &Progress(bar.clone())).with_context(|| format!("{title} seed {seed}"))?;
+        bar.finish_and_clear();
+        let mut out = std::io::stdout().lock();
+        if self.arguments.json {
+            writeln!(out, "{}", serde_json::to_string(&report)?)?;
+        } else {
+            write!(out, "{}", report.text(&title))?;
+        }
+        out.flush()?;
+        self.reports.push(report);
+        Ok(())
+    }
+
+    fn summary(&self) -> Result<()> {
+        let mut groups: BTreeMap<String, Vec<&Report>> = BTreeMap::new();
+        for report in &self.reports {
+            let names: Vec<&str> = report.hidden.iter().map(|hidden| hidden.name).collect();
+            let title = match &self.arguments.what {
+                What::None { .. } => "nothing".to_owned(),
+                What::Mixed { .. } => format!("{} effects", names.len()),
+                What::Power { .. } => format!("{} x {:8.4}", names.join(" + "), report.factor),
+                _ => names.join(" + "),
+            };
+            groups.entry(title).or_default().push(report);
+        }
+        if self.arguments.json {
+            let all = self.reports.len();
+            let right = self.reports.iter().filter(|report| report.right).count();
+            println!("{}", serde_json::json!({ "runs": all, "right": right }));
+            return Ok(());
+        }
+        println!(
+            "\n{:32} {:>4} {:>8} {:>5} {:>5} {:>8} {:>8} {:>9} {:>7}",
+            "hidden", "runs", "detected", "right", "open", "floors", "share", "covered", "s"
+        );
+        let all: Vec<&Report> = self.reports.iter().collect();
+        for (title, group) in groups.iter().map(|(title, group)| (title.as_str(), group)).chain([("all", &all)]) {
+            let count = group.len().max(1) as f64;
+            let mean = |value: &dyn Fn(&Report) -> f64| group.iter().map(|report| value(report)).sum::<f64>() / count;
+            let deviations: Vec<f64> = group
+                .iter()
+                .filter(|report| report.right)
+                .flat_map(|report| report.deviations.values().copied())
+                .collect();
+            let covered = deviations.iter().filter(|deviation| deviation.abs() <= HALF_95).count();
+            println!(
+                "{title:32} {:4} {:8} {:5} {:5} {:8.2} {:8.3} {:>9} {:7.1}",
+                group.len(),
+                group.iter().filter(|report| report.detected).count(),
+                group.iter().filter(|report| report.right).count(),
+                group.iter().filter(|report| report.open).count(),
+                mean(&|report| report.hidden.iter().map(|hidden| hidden.floors.powi(2)).sum::<f64>().sqrt()),
+                mean(&|report| report.explained_share),
+                format!("{covered}/{}", deviations.len()),
+                mean(&|report| report.seconds),
+            );
+        }
+        Ok(())
+    }
+}
+
+/// The declared model of the recorded stage runs.
+fn declared() -> StageModel {
+    let guide = Guide {
+        stiffness: 4.5e5,
+        bristle_damping: 900.0,
+        viscous_friction: 18.0,
+        coulomb_force: 13.5,
+        static_force: 16.8,
+        stribeck_velocity: 5e-3,
+        damping_velocity: None,
+    };
+    StageModel { guides: vec![GuideSource::Inline(guide); 4], ..StageModel::default() }
+}
+
+fn judge(run: &GeneratedRun, factor: f64, watch: &dyn Watch) -> Result<Report, IdentifyError> {
+    let model = declared();
+    let start = Instant::now();
+    let measured = |columns: &Columns, name: &str| Measured::new(&columns.to_trace(), &model, name);
+    let (train, check) = (measured(&run.train, "train")?, measured(&run.check, "check")?);
+    let selection = search(&model, Tolerances::default(), &train, &check, watch)?;
+    let seconds = start.elapsed().as_secs_f64();
+
+    let found: Vec<&'static str> = selection
+        .after
+        .hypothesis
+        .effects
+        .iter()
+        .map(|part| part.descriptor.name)
+        .filter(|name| *name != "map")
+        .collect();
+    let coordinate = selection.coordinate.map(|coordinate| match coordinate {
+        Coordinate::Position => "position",
+        Coordinate::Velocity => "velocity",
+        Coordinate::Time => "time",
+    });
+    let hidden: Vec<Hidden> = run
+        .truth
+        .effects
+        .iter()
+        .zip(&run.truth.check.hidden)
+        .map(|(truth, signal)| {
+            let force = shown(signal, &run.truth.check, &check, run.truth.mass);
+            let floor = match truth.side {
+                effects::Side::Motor => selection.floor.motor,
+                _ => selection.floor.carriage,
+            };
+            Hidden {
+                name: truth.name,
+                listed: truth.listed,
+                coordinate: truth.coordinate,
+                parameters: truth.parameters.clone(),
+                force,
+                floors: force / floor,
+            }
+        })
+        .collect();
+    let right = right(&hidden, &selection, &found, coordinate);
+    let rms = |motor: f64, carriage: f64| [motor.sqrt(), carriage.sqrt()];
+    Ok(Report {
+        seed: run.truth.seed,
+        factor,
+        verdict: match selection.verdict {
+            Verdict::Found => "found",
+            Verdict::None => "none",
+            Verdict::Unknown => "unknown",
+            Verdict::NotSeparable => "not_separable",
+        },
+        coordinate,
+        inseparable: selection.inseparable.clone(),
+        detected: selection.verdict != Verdict::None,
+        open: selection.verdict == Verdict::NotSeparable
+            && hidden.iter().all(|hidden| {
+                found.contains(&hidden.name) || selection.inseparable.iter().any(|(_, rival)| *rival == hidden.name)
+            }),
+        right,
+        explained_share: selection.explained_share(),
+        before: rms(selection.errors_before.holdout_motor, selection.errors_before.holdout_carriage),
+        after: rms(selection.errors_after.holdout_motor, selection.errors_after.holdout_carriage),
+        floor: [selection.floor.motor, selection.floor.carriage],
+        deviations: deviations(&hidden, run.truth.mass, &selection.after),
+        evidence: strongest(&selection.evidence),
+        parameters: described(&selection.after.hypothesis),
+        hidden,
+        found,
+        seconds,
+    })
+}
+
+/// Whether this is the answer that an engineer who knows the truth would accept.
+fn right(hidden: &[Hidden], selection: &Selection, found: &[&str], coordinate: Option<&str>) -> bool {
+    if hidden.is_empty() {
+        return selection.verdict == Verdict::None;
+    }
+    if let Some(strange) = hidden.iter().find(|hidden| !hidden.listed) {
+        // A curve over one coordinate cannot say "travelled distance": any will do there.
+        let followed = match strange.coordinate {
+            Some(one @ ("position" | "velocity" | "time")) => coordinate == Some(one),
+            _ => true,
+        };
+        return selection.verdict == Verdict::Unknown
+            && followed
+            && selection.errors_after.holdout() < selection.errors_before.holdout();
+    }
+    let mut wanted: Vec<&str> = hidden.iter().map(|hidden| hidden.name).collect();
+    let mut named = found.to_vec();
+    wanted.sort_unstable();
+    named.sort_unstable();
+    // Several harmonics or lines are one effect.
+    named.dedup();
+    selection.verdict == Verdict::Found && named == wanted
+}
+
+/// Force that a hidden effect adds or feigns in the record that is compared, N rms.
+fn shown(signal: &generator::Hidden, truth: &RecordTruth, measured: &Measured, mass: f64) -> f64 {
+    let count = truth.position.len();
+    let rate = measured.rate;
+    let force: Vec<f64> = (0..count)
+        .map(|k| {
+            let (before, after) = (k.saturating_sub(1), (k + 1).min(count - 1));
+            let bend = signal.encoder[after] - 2.0 * signal.encoder[k] + signal.encoder[before];
+            0.5 * (signal.force[k] + signal.force[after] + signal.cell[k] + signal.cell[after])
+                - mass * bend * rate * rate
+        })
+        .collect();
+    generator::rms(&measured.filtered(&force))
+}
+
+/// Parameters of the hidden effects, by name, and the mass: how many standard deviations the fit is off.
+fn deviations(hidden: &[Hidden], mass: f64, fitted: &Fitted) -> BTreeMap<String, f64> {
+    let mut all = BTreeMap::new();
+    for (coordinate, deviation) in fitted.coordinates.iter().zip(&fitted.deviations) {
+        if !deviation.is_finite() || *deviation <= 0.0 {
+            continue;
+        }
+        match coordinate.place {
+            Place::Declared(0) => {
+                let value = fitted.hypothesis.mass();
+                all.insert("mass".to_owned(), (value - mass) / (deviation * value));
+            }
+            Place::Declared(_) | Place::Spread { .. } => {}
+            Place::Effect { effect, value } => {
+                let part = &fitted.hypothesis.effects[effect];
+                let parameter = part.descriptor.parameters[value].name;
+                let truth = hidden
+                    .iter()
+                    .find(|hidden| hidden.name == part.descriptor.name)
+                    .and_then(|hidden| hidden.parameters.get(parameter));
+                // Where a phase begins is a convention.
+                if let (Some(truth), false) = (truth, parameter == "phase") {
+                    all.insert(format!("{}.{parameter}", part.descriptor.name), (coordinate.value - truth) / deviation);
+                }
+            }
+        }
+    }
+    all
+}
+
+/// Of each round, the three candidates with most gain.
+fn strongest(evidence: &[Evidence]) -> Vec<Tried> {
+    let rounds = evidence.iter().map(|one| one.round + 1).max().unwrap_or(0);
+    (0..rounds)
+        .flat_map(|round| {
+            let mut tried: Vec<&Evidence> = evidence.iter().filter(|one| one.round == round).collect();
+            tried.sort_by(|a, b| b.holdout_gain.total_cmp(&a.holdout_gain));
+            let kept = tried.iter().enumerate().filter(|(rank, one)| *rank < 3 || one.outcome == Outcome::Chosen);
+            kept.map(|(_, one)| Tried {
+                round,
+                name: one.name,
+                free: one.free,
+                train_gain: one.train_gain,
+                holdout_gain: one.holdout_gain,
+                outcome: format!("{:?}", one.outcome),
+            })
+            .collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+fn described(hypothesis: &Hypothesis) -> Vec<String> {
+    hypothesis
+        .effects
+        .iter()
+        .map(|part| {
+            let values: Vec<String> = part
+                .descriptor
+                .parameters
+                .iter()
+                .zip(&part.values)
+                .map(|(parameter, value)| format!("{} {value:.4e}", parameter.name))
+                .collect();
+            format!("{}: {}", part.descriptor.name, values.join(", "))
+        })
+        .collect()
+}
+
+impl Report {
+    fn text(&self, title: &str) -> String {
+        use std::fmt::Write as _;
+        let mut text = String::new();
+        let mut line = |content: std::fmt::Arguments<'_>| {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "{content}");
+        };
+        line(format_args!(
+            "{} {title} seed {} x {}: {} [{}]{} share {:.3} in {:.1} s",
+            if self.right {
+                "right"
+            } else if self.open {
+                "open "
+            } else {
+                "WRONG"
+            },
+            self.seed,
+            self.factor,
+            self.verdict,
+            self.found.join(" + "),
+            self.coordinate.map(|coordinate| format!(" map over {coordinate}")).unwrap_or_default(),
+            self.explained_share,
+            self.seconds,
+        ));
+        for hidden in &self.hidden {
+            line(format_args!(
+                "    hidden {} {:.3} N rms = {:.2} floors {:?}",
+                hidden.name, hidden.force, hidden.floors, hidden.parameters
+            ));
+        }
+        line(format_args!(
+            "    held out motor/carriage {:.4}/{:.4} -> {:.4}/{:.4} N, floor {:.4}/{:.4}",
+            self.before[0], self.before[1], self.after[0], self.after[1], self.floor[0], self.floor[1],
+        ));
+        for one in &self.parameters {
+            line(format_args!("    found {one}"));
+        }
+        line(format_args!("    off by {:.1?} standard deviations", self.deviations));
+        for one in &self.evidence {
+            line(format_args!(
+                "    round {} {:28} free {:2} gain train {:.5} held out {:.5} {}",
+                one.round, one.name, one.free, one.train_gain, one.holdout_gain, one.outcome
+            ));
+        }
+        if !self.inseparable.is_empty() {
+            line(format_args!("    not separable {:?}", self.inseparable));
+        }
+        text
+    }
+}
