@@ -259,6 +259,8 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
     let mut warnings = Vec::new();
     for (index, coordinate) in fitted.coordinates.iter().enumerate() {
         let (name, value, unit) = match coordinate.place {
+            // How the guides differ is not asked for: their sum is.
+            Place::Spread { .. } => continue,
             Place::Declared(declared) => {
                 let (name, unit) = DECLARED[declared];
                 (name.to_owned(), fitted.hypothesis.declared_value(declared, rate), unit)
