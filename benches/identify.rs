@@ -16,7 +16,8 @@ use std::time::Instant;
 use anyhow::{Context as _, Result, bail};
 use clap::{Parser, Subcommand};
 use friction_stage::identify::{
-    Evidence, Fitted, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection, Tolerances, Verdict, Watch, search,
+    Evidence, Fitted, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection, Tolerances, Verdict, Watch,
+    search,
 };
 use friction_stage::model::{Coordinate, Guide, GuideSource, StageModel};
 use serde::Serialize;
@@ -256,7 +257,10 @@ impl Session<'_> {
             println!("{}", serde_json::json!({ "runs": all, "right": right }));
             return Ok(());
         }
-        println!("\n{:32} {:>4} {:>8} {:>5} {:>5} {:>8} {:>8} {:>9} {:>7}", "hidden", "runs", "detected", "right", "open", "floors", "share", "covered", "s");
+        println!(
+            "\n{:32} {:>4} {:>8} {:>5} {:>5} {:>8} {:>8} {:>9} {:>7}",
+            "hidden", "runs", "detected", "right", "open", "floors", "share", "covered", "s"
+        );
         let all: Vec<&Report> = self.reports.iter().collect();
         for (title, group) in groups.iter().map(|(title, group)| (title.as_str(), group)).chain([("all", &all)]) {
             let count = group.len().max(1) as f64;
@@ -403,7 +407,8 @@ fn shown(signal: &generator::Hidden, truth: &RecordTruth, measured: &Measured, m
         .map(|k| {
             let (before, after) = (k.saturating_sub(1), (k + 1).min(count - 1));
             let bend = signal.encoder[after] - 2.0 * signal.encoder[k] + signal.encoder[before];
-            0.5 * (signal.force[k] + signal.force[after] + signal.cell[k] + signal.cell[after]) - mass * bend * rate * rate
+            0.5 * (signal.force[k] + signal.force[after] + signal.cell[k] + signal.cell[after])
+                - mass * bend * rate * rate
         })
         .collect();
     generator::rms(&measured.filtered(&force))
@@ -487,7 +492,13 @@ impl Report {
         };
         line(format_args!(
             "{} {title} seed {} x {}: {} [{}]{} share {:.3} in {:.1} s",
-            if self.right { "right" } else if self.open { "open " } else { "WRONG" },
+            if self.right {
+                "right"
+            } else if self.open {
+                "open "
+            } else {
+                "WRONG"
+            },
             self.seed,
             self.factor,
             self.verdict,
@@ -497,7 +508,10 @@ impl Report {
             self.seconds,
         ));
         for hidden in &self.hidden {
-            line(format_args!("    hidden {} {:.3} N rms = {:.2} floors {:?}", hidden.name, hidden.force, hidden.floors, hidden.parameters));
+            line(format_args!(
+                "    hidden {} {:.3} N rms = {:.2} floors {:?}",
+                hidden.name, hidden.force, hidden.floors, hidden.parameters
+            ));
         }
         line(format_args!(
             "    held out motor/carriage {:.4}/{:.4} -> {:.4}/{:.4} N, floor {:.4}/{:.4}",

@@ -188,7 +188,10 @@ fn simulate(selection: &Selection, input: &Input, warnings: &mut Vec<String>) ->
                     .collect::<Result<Vec<_>, _>>()
                     .map(|errors| errors.concat())
             };
-            Ok::<_, crate::identify::ClosedLoopError>(figures::LoopError { before: each(&before)?, after: each(&after)? })
+            Ok::<_, crate::identify::ClosedLoopError>(figures::LoopError {
+                before: each(&before)?,
+                after: each(&after)?,
+            })
         };
         Ok(LoopErrors { train: errors(&input.train, &controller)?, holdout: errors(&input.holdout, &controller)? })
     };
@@ -245,7 +248,8 @@ fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Re
     for effect in &summary.effects {
         writeln!(out, "  {} ({} side)", effect.name, effect.side)?;
         for (name, parameter) in &effect.parameters {
-            let interval = parameter.ci95.map_or_else(String::new, |[low, high]| format!("  95 %: {low:.6} to {high:.6}"));
+            let interval =
+                parameter.ci95.map_or_else(String::new, |[low, high]| format!("  95 %: {low:.6} to {high:.6}"));
             writeln!(out, "    {name:18} {:.6} {}{interval}", parameter.value, parameter.unit)?;
         }
     }

@@ -183,7 +183,9 @@ impl Running<'_> {
         } else {
             let past: f64 = self.controller.past.iter().zip(&self.past).map(|(a, u)| a * u).sum();
             let driven: f64 = (0..3)
-                .map(|input| (0..INPUTS).map(|lag| self.controller.inputs[input][lag] * self.inputs[lag][input]).sum::<f64>())
+                .map(|input| {
+                    (0..INPUTS).map(|lag| self.controller.inputs[input][lag] * self.inputs[lag][input]).sum::<f64>()
+                })
                 .sum();
             (past + driven).clamp(-self.controller.limit, self.controller.limit)
         };
@@ -199,7 +201,7 @@ pub fn controller_of(train: &Trace, records: &[&Trace]) -> Result<LinearControll
     let controller = LinearController::fit(train)?;
     for record in records {
         let share = controller.share_missed(record)?;
-        if !(share <= FAITHFUL) {
+        if share.is_nan() || share > FAITHFUL {
             return Err(ClosedLoopError::NotLinear { share });
         }
     }
@@ -270,8 +272,8 @@ pub fn joined(traces: &[&Trace], model: &StageModel) -> Result<Trace, IdentifyEr
     let mut all = Trace::default();
     let Some(first) = traces.first() else { return Ok(all) };
     let step = step_of(first);
-    let forget = 7.0
-        * model.resolved_guides()?.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
+    let forget =
+        7.0 * model.resolved_guides()?.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
     for (index, trace) in traces.iter().enumerate() {
         let own = step_of(trace);
         if (own / step - 1.0).abs() > 1e-5 {

@@ -16,7 +16,11 @@ const STIFFNESS: f64 = 1e-6;
 
 /// The curve over one coordinate that predicts left-out blocks of the residual best, with the share of its mean square that it takes
 /// out there; `None` where it takes out nothing.
-pub fn propose(residual: &Residual, coordinate: Coordinate, side: CurveSide) -> Result<Option<(Part, f64)>, ModelError> {
+pub fn propose(
+    residual: &Residual,
+    coordinate: Coordinate,
+    side: CurveSide,
+) -> Result<Option<(Part, f64)>, ModelError> {
     let along = match coordinate {
         Coordinate::Position => residual.position,
         Coordinate::Velocity => residual.velocity,

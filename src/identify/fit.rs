@@ -148,8 +148,8 @@ fn derivatives(
                 moved.set(coordinate.place, coordinate.value + step);
                 Ok((stacked(moved.missing(measured, sides)?) - residual) * (coordinate.scale / step))
             };
-            // Some values are possible only together: then the other direction is.
-            quotient(step).or_else(|_| quotient(-step))
+            // Some values are possible only together: then the other direction is, or none.
+            Ok(quotient(step).or_else(|_| quotient(-step)).unwrap_or_else(|_| DVector::zeros(residual.len())))
         })
         .collect::<Result<Vec<_>, ModelError>>()?;
     if columns.is_empty() {
@@ -169,7 +169,10 @@ fn uncertainty(
     let count = coordinates.len();
     let mut deviations = vec![f64::INFINITY; count];
     let mut correlations = vec![vec![0.0; count]; count];
-    let free: Vec<usize> = (0..count).filter(|index| !at_bound[*index]).collect();
+    // What does not move the residual at all is not known, and must not hide what the data say about the others.
+    let most = jacobian.column_iter().map(|column| column.norm()).fold(0.0, f64::max);
+    let free: Vec<usize> =
+        (0..count).filter(|index| !at_bound[*index] && jacobian.column(*index).norm() > 1e-9 * most).collect();
     if free.is_empty() || residual.is_empty() {
         return (deviations, correlations);
     }

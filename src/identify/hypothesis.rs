@@ -95,8 +95,14 @@ pub struct Coordinate {
 pub enum Place {
     Declared(usize),
     /// Difference between guides: index in [`SPREAD`], contrast.
-    Spread { parameter: usize, contrast: usize },
-    Effect { effect: usize, value: usize },
+    Spread {
+        parameter: usize,
+        contrast: usize,
+    },
+    Effect {
+        effect: usize,
+        value: usize,
+    },
 }
 
 /// What is compared: the motor side, the carriage side or both.
@@ -201,7 +207,8 @@ impl Hypothesis {
     pub fn guides(&self) -> Vec<Guide> {
         let [_, _, damping, viscous, ..] = self.moved.map(f64::exp);
         let factor = |parameter: usize, guide: usize| {
-            let differs: f64 = self.spread[parameter].iter().zip(&CONTRASTS).map(|(value, row)| value * row[guide]).sum();
+            let differs: f64 =
+                self.spread[parameter].iter().zip(&CONTRASTS).map(|(value, row)| value * row[guide]).sum();
             (self.moved[SPREAD[parameter]] + differs).exp()
         };
         self.guides
@@ -348,13 +355,15 @@ impl Hypothesis {
             let ahead = (0.01 * measured.rate) as usize + 2;
             let force = start[1..ahead.min(count - 1)].iter().sum::<f64>() / (ahead.min(count - 1) - 1) as f64;
             let stiffness: f64 = guides.iter().map(|guide| guide.stiffness).sum();
-            let limit = guides.iter().map(|guide| 0.9 * guide.coulomb_force / guide.stiffness).fold(f64::INFINITY, f64::min);
+            let limit =
+                guides.iter().map(|guide| 0.9 * guide.coulomb_force / guide.stiffness).fold(f64::INFINITY, f64::min);
             let bristle = (force / stiffness).clamp(-limit, limit);
             bank.set_bristles(&vec![bristle; guides.len()], 0.0);
         }
         if sides.carriage || !effects.is_empty() {
             for (index, step) in measured.steps.iter().enumerate() {
-                let scale = if effects.is_empty() { FrictionScale::ONE } else { effects.friction(&step.motion, step.duration) };
+                let scale =
+                    if effects.is_empty() { FrictionScale::ONE } else { effects.friction(&step.motion, step.duration) };
                 let (motor_side, on_carriage) =
                     if effects.is_empty() { (0.0, 0.0) } else { effects.advance(&step.motion, step.duration) };
                 let node = step.node;
@@ -380,7 +389,12 @@ impl Hypothesis {
         let reads = self.effects.iter().any(|part| part.side() == Side::Sensor);
         let true_cell: Option<Vec<f64>> = cell.map(|cell| match reads {
             false => cell.to_vec(),
-            true => measured.time.iter().zip(cell).map(|(time, reading)| undo(*reading, |force| effects.read(*time, 0.0, force).1)).collect(),
+            true => measured
+                .time
+                .iter()
+                .zip(cell)
+                .map(|(time, reading)| undo(*reading, |force| effects.read(*time, 0.0, force).1))
+                .collect(),
         });
         let mut missing = Missing::default();
         if let (true, Some(cell)) = (sides.motor, &true_cell) {
@@ -391,7 +405,12 @@ impl Hypothesis {
             let mass = self.mass() + effects.added_mass();
             let shift = 0.5 * self.moved[7];
             let encoder_error: Option<Vec<f64>> = reads.then(|| {
-                measured.time.iter().zip(&measured.position).map(|(time, x)| effects.read(*time, *x, 0.0).0 - x).collect()
+                measured
+                    .time
+                    .iter()
+                    .zip(&measured.position)
+                    .map(|(time, x)| effects.read(*time, *x, 0.0).0 - x)
+                    .collect()
             });
             missing.carriage = (0..count)
                 .map(|k| {

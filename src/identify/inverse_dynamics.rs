@@ -60,7 +60,8 @@ impl Regression {
         let when = |holds: fn(f64) -> bool, value: fn(f64) -> f64| -> Vec<f64> {
             velocity.iter().map(|v| if holds(*v) { value(*v) } else { 0.0 }).collect()
         };
-        let (forward, backward): (fn(f64) -> bool, fn(f64) -> bool) = (|v| v > 0.0, |v| v < 0.0);
+        let forward: fn(f64) -> bool = |v| v > 0.0;
+        let backward: fn(f64) -> bool = |v| v < 0.0;
         let mut columns = vec![acceleration];
         match law {
             FrictionLaw::Symmetric => {
@@ -103,7 +104,12 @@ impl Protocol {
     }
 
     /// norm(missing force) / norm(F) of a hypothesis on a record without a force cell, prepared and thinned out like the regression.
-    pub fn relative_error(&self, hypothesis: &Hypothesis, trace: &Trace, model: &StageModel) -> Result<f64, IdentifyError> {
+    pub fn relative_error(
+        &self,
+        hypothesis: &Hypothesis,
+        trace: &Trace,
+        model: &StageModel,
+    ) -> Result<f64, IdentifyError> {
         let rate = rate_of(trace)?;
         let mut smooth = trace.clone();
         smooth.position = ZeroPhase::butterworth(4, self.corner / rate).filter(&trace.position);

@@ -88,7 +88,7 @@ impl Measured {
         let lowest = position.iter().copied().fold(f64::INFINITY, f64::min);
         let highest = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let count_size = model.encoder.resolution.max(1e-12);
-        if !(highest - lowest > 10.0 * (count_size + model.encoder.noise)) {
+        if highest - lowest <= 10.0 * (count_size + model.encoder.noise) {
             return Err(IdentifyError::NoMotion { name: name.to_owned(), travel: highest - lowest });
         }
         let mut note = |values: &[f64]| {
@@ -145,8 +145,7 @@ impl Measured {
             let path = |s: f64| s * (start + s * (square + s * cube));
             for part in 0..parts {
                 let (from, to) = (part as f64 / parts as f64, (part + 1) as f64 / parts as f64);
-                let (moved_from, moved_to) =
-                    if parts == 1 { (0.0, mean) } else { (path(from), path(to)) };
+                let (moved_from, moved_to) = if parts == 1 { (0.0, mean) } else { (path(from), path(to)) };
                 let middle = 0.5 * (from + to);
                 steps.push(Step {
                     motion: Motion {
@@ -235,7 +234,8 @@ impl Measured {
     pub fn floor(&self, model: &StageModel) -> Floor {
         let encoder = model.encoder.noise.hypot(model.encoder.resolution / 12f64.sqrt());
         let inertia = model.mass * self.rate * self.rate * encoder * self.lowpass.noise_gain(&[1.0, -2.0, 1.0]);
-        let cell = if self.cell.is_some() { model.force_cell.noise * self.lowpass.noise_gain(&[0.5, 0.5]) } else { 0.0 };
+        let cell =
+            if self.cell.is_some() { model.force_cell.noise * self.lowpass.noise_gain(&[0.5, 0.5]) } else { 0.0 };
         Floor { motor: cell, carriage: inertia.hypot(cell) }
     }
 }
@@ -256,8 +256,7 @@ impl Floor {
 
 /// Sample at which the guides have first slid far enough to have forgotten their initial deflection; `None` if they never do.
 fn sliding_start(position: &[f64], model: &StageModel) -> Result<Option<usize>, IdentifyError> {
-    let longest =
-        model.resolved_guides()?.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
+    let longest = model.resolved_guides()?.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
     Ok(position.iter().position(|x| (x - position[0]).abs() > FORGETTING * longest))
 }
 
@@ -273,8 +272,8 @@ fn filled(values: &[f64]) -> Vec<f64> {
             None => filled[..index].fill(values[index]),
             Some(before) => {
                 let slope = (values[index] - values[before]) / (index - before) as f64;
-                for between in before + 1..index {
-                    filled[between] = values[before] + slope * (between - before) as f64;
+                for (offset, between) in filled[before + 1..index].iter_mut().enumerate() {
+                    *between = values[before] + slope * (offset + 1) as f64;
                 }
             }
         }
@@ -290,8 +289,7 @@ fn filled(values: &[f64]) -> Vec<f64> {
 /// White noise of a smooth signal from its third differences, median-based so that steps do not count: their variance is 20 times
 /// that of the noise.
 fn noise_of(values: &[f64]) -> f64 {
-    let mut differences: Vec<f64> =
-        values.windows(4).map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()).collect();
+    let mut differences: Vec<f64> = values.windows(4).map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()).collect();
     if differences.is_empty() {
         return 0.0;
     }
@@ -305,9 +303,8 @@ fn at_rest_smoothed(position: &[f64], rate: f64, noise: f64) -> Vec<f64> {
     let lowpass = Lowpass::new(REST_CORNER.min(rate / 5.0), rate);
     let (count, half) = (position.len(), lowpass.half());
     let feigned = 2f64.sqrt() * noise * rate;
-    let smooth: Vec<f64> = (0..count)
-        .map(|k| if k < half || k + half >= count { position[k] } else { lowpass.at(position, k) })
-        .collect();
+    let smooth: Vec<f64> =
+        (0..count).map(|k| if k < half || k + half >= count { position[k] } else { lowpass.at(position, k) }).collect();
     let speed: Vec<f64> = (0..count)
         .map(|k| {
             let (before, after) = (k.saturating_sub(half), (k + half).min(count - 1));

@@ -12,6 +12,7 @@ mod hypothesis;
 pub mod inverse_dynamics;
 mod lowpass;
 mod measured;
+mod phase;
 mod selection;
 pub mod spectrum;
 mod summary;
@@ -20,6 +21,7 @@ pub use fit::{Fitted, correlation_length, fit};
 pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
+pub use phase::{RippleElsewhere, ripple_elsewhere};
 
 pub use closed_loop::{ClosedLoopError, LinearController};
 pub use selection::{Errors, Evidence, Outcome, Selection, Silent, Verdict, Watch, search};

@@ -6,11 +6,11 @@ use crate::model::{Coordinate, CurveSide, StageModel};
 use crate::plant::effects::ALL;
 use crate::plant::{EffectDescriptor, Residual, Side};
 
+use super::IdentifyError;
 use super::curve;
 use super::fit::{Fitted, fit};
 use super::hypothesis::{Hypothesis, Part, Sides, Tolerances};
 use super::measured::{Floor, Measured};
-use super::IdentifyError;
 
 /// Most effects that are added.
 const MOST_EFFECTS: usize = 4;
@@ -415,8 +415,9 @@ fn with_different_guides(alike: Fitted, train: &Measured) -> Result<Fitted, Iden
 
 /// Index of a delay that the fit may move.
 fn delay_of(part: &Part) -> Option<usize> {
-    (0..part.values.len().min(part.descriptor.parameters.len()))
-        .find(|index| part.descriptor.parameters[*index].name == "delay" && (part.descriptor.free)(&part.values, *index))
+    (0..part.values.len().min(part.descriptor.parameters.len())).find(|index| {
+        part.descriptor.parameters[*index].name == "delay" && (part.descriptor.free)(&part.values, *index)
+    })
 }
 
 /// Values that a fit starts from. A force cell that is sampled at the ticks shows a delay in whole ticks: the fit cannot step from one to the next.

@@ -67,14 +67,14 @@ pub fn over_position(position: &[f64], velocity: &[f64], kept_rate: f64, values:
     }
     let every = moving.len().div_ceil(MOST_ROWS);
     let moving: Vec<usize> = moving.into_iter().step_by(every).collect();
-    let (low, high) = moving
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), row| (low.min(position[*row]), high.max(position[*row])));
+    let (low, high) = moving.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), row| {
+        (low.min(position[*row]), high.max(position[*row]))
+    });
     let mut speeds: Vec<f64> = moving.iter().map(|row| velocity[*row].abs()).collect();
     let middle = speeds.len() / 2;
     let usual = *speeds.select_nth_unstable_by(middle, f64::total_cmp).1;
     let shortest = (2.0 * usual * every as f64 / kept_rate).max(2e-5);
-    if !(high - low > 2.0 * shortest) {
+    if high - low <= 2.0 * shortest {
         return Vec::new();
     }
     let mean = moving.iter().map(|row| values[*row]).sum::<f64>() / moving.len() as f64;

@@ -132,8 +132,9 @@ impl Summary {
     ) -> Summary {
         let fitted = &selection.after;
         let declared_effects = selection.before.hypothesis.effects.len();
-        let mut declared_parameters: BTreeMap<String, FoundParameter> =
-            (0..DECLARED.len()).map(|index| (DECLARED[index].0.to_owned(), declared(fitted, index, train.rate))).collect();
+        let mut declared_parameters: BTreeMap<String, FoundParameter> = (0..DECLARED.len())
+            .map(|index| (DECLARED[index].0.to_owned(), declared(fitted, index, train.rate)))
+            .collect();
         for (index, part) in fitted.hypothesis.effects.iter().enumerate().take(declared_effects) {
             for (name, parameter) in parameters(fitted, index) {
                 declared_parameters.insert(format!("{}.{name}", part.descriptor.name), parameter);
@@ -150,10 +151,12 @@ impl Summary {
                 side: side_name(part.side()).to_owned(),
                 coordinate: part.parameters().curve.map(|curve| curve.coordinate.name().to_owned()),
                 parameters: parameters(fitted, index),
-                runner_up: selection.runners_up.get(index).copied().flatten().map(|(name, rms)| RunnerUp {
-                    name: name.to_owned(),
-                    holdout_force_rms: rms,
-                }),
+                runner_up: selection
+                    .runners_up
+                    .get(index)
+                    .copied()
+                    .flatten()
+                    .map(|(name, rms)| RunnerUp { name: name.to_owned(), holdout_force_rms: rms }),
             })
             .collect();
         let (before, after) = (selection.errors_before, selection.errors_after);
@@ -187,10 +190,8 @@ impl Summary {
     pub fn worse(&self) -> Vec<String> {
         let mut worse = Vec::new();
         for (record, errors) in [("train", &self.errors.train), ("hold-out", &self.errors.holdout)] {
-            let figures = [
-                ("force residual", errors.force_rms, "N"),
-                ("closed-loop position error", errors.position_rms, "m"),
-            ];
+            let figures =
+                [("force residual", errors.force_rms, "N"), ("closed-loop position error", errors.position_rms, "m")];
             for (name, change, unit) in figures {
                 if let (Some(before), Some(after)) = (change.before, change.after)
                     && after > before
@@ -243,7 +244,7 @@ fn parameters(fitted: &Fitted, effect: usize) -> BTreeMap<String, FoundParameter
                 Some(_) => "s",
                 None => parameter.unit,
             };
-            let ci95 = reach.is_finite().then(|| [value - reach, value + reach]);
+            let ci95 = reach.is_finite().then_some([value - reach, value + reach]);
             (parameter.name.to_owned(), FoundParameter { value, unit: unit.to_owned(), ci95 })
         })
         .collect()
@@ -273,7 +274,8 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
         };
         let (lower, upper) = coordinate.bounds;
         let deviation = fitted.deviations[index];
-        let nothing = matches!(coordinate.place, Place::Effect { .. }) && lower == 0.0 && value < 1e-3 * coordinate.scale;
+        let nothing =
+            matches!(coordinate.place, Place::Effect { .. }) && lower == 0.0 && value < 1e-3 * coordinate.scale;
         if fitted.at_bound[index] && nothing {
             // A term of the law that is not there is no doubt about the others.
             continue;
@@ -283,7 +285,9 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
                 "{name} ended on its {which} bound ({value:.6} {unit}): the truth may lie beyond, or another effect hides in it"
             ));
         } else if !deviation.is_finite() {
-            warnings.push(format!("{name} is not identifiable from these data; {value:.6} {unit} is where the fit left it"));
+            warnings.push(format!(
+                "{name} is not identifiable from these data; {value:.6} {unit} is where the fit left it"
+            ));
         } else if is_share(coordinate.place) && TWO_SIDED_95 * deviation > upper {
             warnings.push(format!(
                 "{name} is hardly identifiable from these data: {value:.6} {unit}, known to {:.0} % at the best, its tolerance is {:.0} %",

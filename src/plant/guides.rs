@@ -354,7 +354,8 @@ impl GuideBank {
             } else {
                 (*bristle + end) * f64x4::splat(0.5)
             };
-            impulse += f64x4::splat(share) * stiffness * mean * time + f64x4::splat(damped) * damping * (end - *bristle);
+            impulse +=
+                f64x4::splat(share) * stiffness * mean * time + f64x4::splat(damped) * damping * (end - *bristle);
             *bristle = end;
         };
         match &mut self.elements {

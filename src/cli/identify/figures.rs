@@ -131,7 +131,8 @@ fn force(residuals: &Residuals) -> anyhow::Result<Figure> {
     let measured = residuals.measured;
     let time = measured.at_rows(&measured.time);
     let reading = measured.filtered(measured.cell.as_deref().unwrap_or(&measured.command));
-    let model = |missing: &[f64]| reading.iter().zip(missing).map(|(force, missing)| force + missing).collect::<Vec<_>>();
+    let model =
+        |missing: &[f64]| reading.iter().zip(missing).map(|(force, missing)| force + missing).collect::<Vec<_>>();
     let (before, after) = (model(&residuals.before.carriage), model(&residuals.after.carriage));
     // Where the declared model is worst.
     let window = ((CLOSE_UP * measured.lowpass.kept_rate()) as usize).clamp(2, time.len().max(2));
@@ -165,7 +166,10 @@ fn force(residuals: &Residuals) -> anyhow::Result<Figure> {
     let panels = [
         panel("whole record".to_owned(), curves(0..time.len())),
         panel(
-            format!("the {:.1} s where the declared model misses most on the carriage side", part.len() as f64 / measured.lowpass.kept_rate()),
+            format!(
+                "the {:.1} s where the declared model misses most on the carriage side",
+                part.len() as f64 / measured.lowpass.kept_rate()
+            ),
             curves(part),
         ),
     ];
@@ -186,7 +190,8 @@ fn position(record: &Record, error: &LoopError) -> anyhow::Result<Figure> {
         let from = time.last().copied().unwrap_or(0.0);
         time.extend(trace.time.iter().map(|t| from + t));
     }
-    let largest = error.before.iter().chain(&error.after).filter(|e| e.is_finite()).fold(0.0, |m: f64, e| m.max(e.abs()));
+    let largest =
+        error.before.iter().chain(&error.after).filter(|e| e.is_finite()).fold(0.0, |m: f64, e| m.max(e.abs()));
     let (scale, unit) = if largest < 1e-6 { (1e9, "nm") } else { (1e6, "um") };
     let curve = |name: &str, values: &[f64]| Curve {
         name: name.to_owned(),
@@ -274,7 +279,7 @@ fn spectra(residuals: &Residuals) -> anyhow::Result<Vec<Figure>> {
 fn binned(along: &[f64], values: &[f64]) -> Vec<(f64, f64, f64)> {
     let low = along.iter().copied().fold(f64::INFINITY, f64::min);
     let high = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if !(high > low) {
+    if high.is_nan() || high <= low {
         return Vec::new();
     }
     let width = (high - low) / BINS as f64;

@@ -104,7 +104,8 @@ impl Input {
                 path.display(),
                 fatal.join("; ")
             );
-            for warning in recording.quality.notes.iter().cloned().chain(found.problems.iter().map(ToString::to_string)) {
+            for warning in recording.quality.notes.iter().cloned().chain(found.problems.iter().map(ToString::to_string))
+            {
                 warnings.push(format!("{}: {warning}", path.display()));
             }
             bags.push(recording);
@@ -130,7 +131,11 @@ impl Record {
 }
 
 /// Leaves out a force that only some of the recordings have: errors on one side of the cell do not compare with errors on both.
-fn common_signals(train: &mut [Recording], holdout: &mut [Recording], warnings: &mut Vec<String>) -> anyhow::Result<()> {
+fn common_signals(
+    train: &mut [Recording],
+    holdout: &mut [Recording],
+    warnings: &mut Vec<String>,
+) -> anyhow::Result<()> {
     let mut left = 0;
     for signal in [Signal::ForceCell, Signal::Force] {
         let with = train.iter().chain(holdout.iter()).filter(|recording| recording.has(signal)).count();

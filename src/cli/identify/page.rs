@@ -60,8 +60,22 @@ pub fn page(
         ("program", format!("friction-stage {}", env!("CARGO_PKG_VERSION"))),
         ("train", record(train)),
         ("hold-out", record(holdout)),
-        ("force", if train.measured.cell.is_some() { "cell and command" } else { "one force only: the sides cannot be told apart" }.to_owned()),
-        ("floor of the residual", format!("motor side {:.4} N, carriage side {:.4} N, from the declared sensor noise", selection.floor.motor, selection.floor.carriage)),
+        (
+            "force",
+            if train.measured.cell.is_some() {
+                "cell and command"
+            } else {
+                "one force only: the sides cannot be told apart"
+            }
+            .to_owned(),
+        ),
+        (
+            "floor of the residual",
+            format!(
+                "motor side {:.4} N, carriage side {:.4} N, from the declared sensor noise",
+                selection.floor.motor, selection.floor.carriage
+            ),
+        ),
         ("identified model", summary.model.clone()),
     ]);
     page.text(
@@ -83,15 +97,26 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
     let names = names.join(", ");
     let (mark, sentence) = match selection.verdict {
         Verdict::Found => (Mark::Good, format!("The declared model lacks: {names}.")),
-        Verdict::None => (Mark::Good, "Nothing is missing: what the refitted model leaves is not more than noise and chance.".to_owned()),
-        Verdict::Unknown => (Mark::Warning, format!(
-            "Something is there over {} that no law of the list explains; an empirical map stands for it. In the model now: {names}.",
-            selection.coordinate.map_or("an unknown coordinate", |coordinate| coordinate.name())
-        )),
-        Verdict::NotSeparable => (Mark::Warning, format!("Several laws explain the data equally; in the model now: {names}.")),
+        Verdict::None => (
+            Mark::Good,
+            "Nothing is missing: what the refitted model leaves is not more than noise and chance.".to_owned(),
+        ),
+        Verdict::Unknown => (
+            Mark::Warning,
+            format!(
+                "Something is there over {} that no law of the list explains; an empirical map stands for it. In the model now: {names}.",
+                selection.coordinate.map_or("an unknown coordinate", |coordinate| coordinate.name())
+            ),
+        ),
+        Verdict::NotSeparable => {
+            (Mark::Warning, format!("Several laws explain the data equally; in the model now: {names}."))
+        }
     };
     if selection.stopped {
-        page.note(Mark::Bad, "Partial report: the search was stopped before its end. The verdict is that of what had been tried.");
+        page.note(
+            Mark::Bad,
+            "Partial report: the search was stopped before its end. The verdict is that of what had been tried.",
+        );
     }
     page.note(mark, &sentence);
     let (force, position) = (summary.errors.holdout.force_rms, summary.errors.holdout.position_rms);
@@ -101,21 +126,42 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
         (Some(before), Some(after)) if after > before => Mark::Bad,
         _ => Mark::Neutral,
     };
-    let tile = |name: &str, value: String, detail: String, mark: Mark| Tile { name: name.to_owned(), value, detail, mark };
+    let tile =
+        |name: &str, value: String, detail: String, mark: Mark| Tile { name: name.to_owned(), value, detail, mark };
     page.tiles(&[
-        tile("verdict", summary.verdict.replace('_', " "), if names.is_empty() { "no effect added".to_owned() } else { names }, mark),
+        tile(
+            "verdict",
+            summary.verdict.replace('_', " "),
+            if names.is_empty() { "no effect added".to_owned() } else { names },
+            mark,
+        ),
         tile(
             "force residual, hold-out",
             format!("{} N", number(force.after)),
             format!("before {} N, floor {:.3} N", number(force.before), summary.floor.force_rms),
             better(force),
         ),
-        tile("position error, hold-out", metres(position.after), format!("before {}", metres(position.before)), better(position)),
+        tile(
+            "position error, hold-out",
+            metres(position.after),
+            format!("before {}", metres(position.before)),
+            better(position),
+        ),
         tile(
             "explained share",
-            if summary.effects.is_empty() { "-".to_owned() } else { format!("{:.1} %", 100.0 * summary.explained_share) },
+            if summary.effects.is_empty() {
+                "-".to_owned()
+            } else {
+                format!("{:.1} %", 100.0 * summary.explained_share)
+            },
             "of the held-out residual above the floor".to_owned(),
-            if summary.effects.is_empty() { Mark::Neutral } else if summary.explained_share >= 0.9 { Mark::Good } else { Mark::Warning },
+            if summary.effects.is_empty() {
+                Mark::Neutral
+            } else if summary.explained_share >= 0.9 {
+                Mark::Good
+            } else {
+                Mark::Warning
+            },
         ),
     ]);
     if !summary.warnings.is_empty() {
@@ -131,7 +177,8 @@ fn figures_of(value: f64, ci95: Option<[f64; 2]>) -> String {
     let size = ci95.map_or(value.abs() * 1e-3, |[low, high]| 0.5 * (high - low)).max(value.abs() * 1e-9);
     let digits = if size > 0.0 { (2.0 - size.log10().ceil()).clamp(0.0, 12.0) as usize } else { 3 };
     if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e6) {
-        let relative = if size > 0.0 { (value.abs().log10().floor() - size.log10().floor() + 1.0).clamp(2.0, 9.0) } else { 3.0 };
+        let relative =
+            if size > 0.0 { (value.abs().log10().floor() - size.log10().floor() + 1.0).clamp(2.0, 9.0) } else { 3.0 };
         return format!("{value:.*e}", relative as usize);
     }
     format!("{value:.digits$}")
@@ -140,7 +187,9 @@ fn figures_of(value: f64, ci95: Option<[f64; 2]>) -> String {
 fn interval(ci95: Option<[f64; 2]>) -> String {
     ci95.map_or_else(
         || "\u{2013}".to_owned(),
-        |[low, high]| format!("{} \u{2026} {}", figures_of(low, Some([low, high])), figures_of(high, Some([low, high]))),
+        |[low, high]| {
+            format!("{} \u{2026} {}", figures_of(low, Some([low, high])), figures_of(high, Some([low, high])))
+        },
     )
 }
 
@@ -155,8 +204,12 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         if let Ok(descriptor) = EffectDescriptor::find(&effect.name) {
             page.facts([("law", descriptor.law), ("source", descriptor.source), ("telltale", descriptor.telltale)]);
         }
-        let mut table =
-            Table::new(&[("parameter", Align::Left), ("value", Align::Right), ("unit", Align::Left), ("95 % interval", Align::Right)]);
+        let mut table = Table::new(&[
+            ("parameter", Align::Left),
+            ("value", Align::Right),
+            ("unit", Align::Left),
+            ("95 % interval", Align::Right),
+        ]);
         for (name, parameter) in &effect.parameters {
             table.row([
                 Cell::code(name),
@@ -218,7 +271,9 @@ fn errors(page: &mut Page, summary: &Summary) {
             ]);
         }
     }
-    page.table(&table.captioned("Before: the declared model, refitted. After: the identified model. No fit has seen the hold-out record."));
+    page.table(&table.captioned(
+        "Before: the declared model, refitted. After: the identified model. No fit has seen the hold-out record.",
+    ));
     page.text(&format!(
         "The declared sensor noise alone leaves a force residual of {:.4} N rms.",
         summary.floor.force_rms
