@@ -12,6 +12,11 @@ use crate::model::ModelError;
 const DIFFERENCE: f64 = 1e-4;
 /// Share by which the sum of squares must fall for another iteration to be worth it.
 const PROGRESS: f64 = 1e-4;
+/// Dampings that are tried, each five times the one before, until a step makes the error smaller.
+const DAMPINGS: usize = 10;
+/// Least curvature that the damping acts on, as a part of the largest one: a coordinate with hardly any slope, such as a difference
+/// between guides near 0, must not jump to its bound. All coordinates are scaled by their tolerance, so their curvatures compare.
+const LEAST_CURVATURE: f64 = 1e-3;
 
 /// A hypothesis at its best, with what the fit knows about it.
 #[derive(Clone, Debug)]
@@ -73,12 +78,12 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
             .collect();
         let normal = jacobian.tr_mul(&jacobian);
         let mut better = None;
-        for _ in 0..6 {
+        let least = LEAST_CURVATURE * normal.diagonal().max();
+        for _ in 0..DAMPINGS {
             let mut matrix = normal.clone();
             let mut right = -&gradient;
             for index in 0..coordinates.len() {
-                matrix[(index, index)] *= 1.0 + damping;
-                matrix[(index, index)] += f64::MIN_POSITIVE;
+                matrix[(index, index)] += damping * matrix[(index, index)].max(least) + f64::MIN_POSITIVE;
                 if held[index] {
                     matrix.row_mut(index).fill(0.0);
                     matrix.column_mut(index).fill(0.0);

@@ -183,19 +183,20 @@ impl Hypothesis {
         self.declared.mass * self.moved[0].exp()
     }
 
-    /// Starts for a fit that makes the guides different from each other; none for a single guide.
-    pub fn different_guides(&self) -> Vec<Hypothesis> {
+    /// A start for a fit that makes the guides different from each other, whatever the differences were; `None` for a single guide.
+    pub fn different_guides(&self) -> Option<Hypothesis> {
         let contrasts = self.guides.len().saturating_sub(1);
+        if contrasts == 0 {
+            return None;
+        }
         let start = START_SPREAD * self.tolerances.guides;
-        (0..contrasts)
-            .map(|turn| {
-                let mut freed = self.holding_guides(false);
-                for (parameter, spread) in freed.spread.iter_mut().enumerate() {
-                    spread[(turn * parameter) % contrasts] = if turn == 1 && parameter == 0 { -start } else { start };
-                }
-                freed
-            })
-            .collect()
+        let mut freed = self.holding_guides(false);
+        freed.spread = [[0.0; MAX_GUIDES - 1]; SPREAD.len()];
+        for (parameter, spread) in freed.spread.iter_mut().enumerate() {
+            // Each in a contrast of its own as far as they go, so that no two are tied together.
+            spread[parameter % contrasts] = start;
+        }
+        Some(freed)
     }
 
     /// The same with the differences between the guides held, or not.

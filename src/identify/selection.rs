@@ -199,7 +199,7 @@ pub fn search(
     let floor = holdout.floor(declared);
     watch.progress("fit of the declared model", 0.0);
     let alike = fit(&Hypothesis::new(declared, tolerances)?, train, Sides::BOTH, 15)?;
-    let before = with_different_guides(alike, train)?;
+    let before = with_different_guides(&alike.hypothesis, train)?;
     let errors_before = errors(&before.hypothesis, train, holdout)?;
     let declared_effects = before.hypothesis.effects.len();
 
@@ -313,7 +313,7 @@ pub fn search(
         }
         let chosen = tried[winner].1.holding_guides(false);
         evidence.extend(tried.into_iter().map(|(one, _)| one));
-        best = fit(&chosen, train, Sides::BOTH, ITERATIONS)?;
+        best = with_different_guides(&chosen, train)?;
         best_errors = errors(&best.hypothesis, train, holdout)?;
         runners_up.push(runner_up);
     }
@@ -357,7 +357,7 @@ pub fn search(
         watch.progress("pruning", 0.95);
         let part = &best.hypothesis.effects[index];
         let (name, side) = (part.descriptor.name, part.side());
-        let fewer = fit(&best.hypothesis.without(index), train, Sides::BOTH, ITERATIONS)?;
+        let fewer = with_different_guides(&best.hypothesis.without(index), train)?;
         let found = errors(&fewer.hypothesis, train, holdout)?;
         if found.holdout() - best_errors.holdout() < threshold(side, has_cell, floor) {
             for one in evidence.iter_mut().filter(|one| one.name == name && one.outcome == Outcome::Chosen) {
@@ -400,17 +400,17 @@ pub fn search(
     })
 }
 
-/// The fit with guides that differ from each other, from several starts: the sum of the guides depends on the products of
-/// their differences, which has more than one minimum.
-fn with_different_guides(alike: Fitted, train: &Measured) -> Result<Fitted, IdentifyError> {
-    let mut best = alike;
-    for start in best.hypothesis.different_guides() {
-        let one = fit(&start, train, Sides::CARRIAGE, ITERATIONS)?;
-        if one.squares() < best.missing.carriage.iter().map(|left| left * left).sum() {
+/// The fit with guides that differ from each other, from the differences that there are and afresh: the sum of the guides depends
+/// on the products of their differences, and what an effect not yet known bent them to is no good start.
+fn with_different_guides(start: &Hypothesis, train: &Measured) -> Result<Fitted, IdentifyError> {
+    let mut best = fit(&start.holding_guides(false), train, Sides::BOTH, ITERATIONS)?;
+    if let Some(afresh) = start.different_guides() {
+        let one = fit(&afresh, train, Sides::BOTH, ITERATIONS)?;
+        if one.squares() < best.squares() {
             best = one;
         }
     }
-    Ok(fit(&best.hypothesis, train, Sides::BOTH, ITERATIONS)?)
+    Ok(best)
 }
 
 /// Index of a delay that the fit may move.
