@@ -242,7 +242,8 @@ pub fn search(
                         // A delay within a sample shows behind the cell only.
                         let delayed = delay_of(&part).is_some();
                         let sides = if delayed { Sides::BOTH } else { sides_of(side, has_cell) };
-                        let one = fit(&held.with(part), train, sides, ITERATIONS)?;
+                        // A law whose values do not go together has lost; it does not end the search.
+                        let Ok(one) = fit(&held.with(part), train, sides, ITERATIONS) else { continue };
                         if fitted.as_ref().is_none_or(|best| one.squares() < best.squares()) {
                             fitted = Some(one);
                         }
