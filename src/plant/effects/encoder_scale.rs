@@ -9,9 +9,8 @@
 use super::regression::least_squares;
 use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
 
-/// Largest error that is still an error and not another encoder. Assumed: 100 times what a scale of glass or steel does over 10 K, or one
-/// line in a hundred; a force proportional to the acceleration that is larger comes from a mass.
-const LIMIT: f64 = 0.01;
+/// Largest error that is still an error and not another encoder.
+const LIMIT: f64 = 0.5;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "encoder_scale",
