@@ -128,7 +128,8 @@ fn force(residuals: &Residuals) -> anyhow::Result<[Figure; 2]> {
     let measured = residuals.measured;
     let time = measured.at_rows(&measured.time);
     let reading = measured.filtered(measured.cell.as_deref().unwrap_or(&measured.command));
-    let model = |missing: &[f64]| reading.iter().zip(missing).map(|(force, missing)| force + missing).collect::<Vec<_>>();
+    let model =
+        |missing: &[f64]| reading.iter().zip(missing).map(|(force, missing)| force + missing).collect::<Vec<_>>();
     let (before, after) = (model(&residuals.before.carriage), model(&residuals.after.carriage));
     // Where the declared model is worst.
     let window = ((CLOSE_UP * measured.lowpass.kept_rate()) as usize).clamp(2, time.len().max(2));
@@ -181,10 +182,12 @@ fn position(record: &Record, error: &LoopError) -> anyhow::Result<Figure> {
         let from = time.last().copied().unwrap_or(0.0);
         time.extend(trace.time.iter().map(|t| from + t));
     }
-    let largest = error.before.iter().chain(&error.after).filter(|e| e.is_finite()).fold(0.0, |m: f64, e| m.max(e.abs()));
+    let largest =
+        error.before.iter().chain(&error.after).filter(|e| e.is_finite()).fold(0.0, |m: f64, e| m.max(e.abs()));
     let (scale, unit) = if largest < 1e-6 { (1e9, "nm") } else { (1e6, "um") };
     let scaled = |values: &[f64]| values.iter().map(|value| value * scale).collect::<Vec<_>>();
-    let mut chart = Chart::new("Position in closed loop, hold-out record", "time, s", format!("simulated less encoder, {unit}"));
+    let mut chart =
+        Chart::new("Position in closed loop, hold-out record", "time, s", format!("simulated less encoder, {unit}"));
     pair(&mut chart, &time, &scaled(&error.before), &scaled(&error.after));
     Ok(Figure {
         name: "position_error_in_closed_loop".to_owned(),
@@ -201,7 +204,8 @@ fn over_time(residuals: &Residuals, record: &str) -> anyhow::Result<Vec<Figure>>
         .sides()
         .into_iter()
         .map(|(side, _, before, after)| {
-            let mut chart = Chart::new(format!("Residual over time, {side}, {record} record"), "time, s", "missing force, N");
+            let mut chart =
+                Chart::new(format!("Residual over time, {side}, {record} record"), "time, s", "missing force, N");
             pair(&mut chart, &time, before, after);
             let law = match side {
                 "motor side" => "cell less command and motor effects",
