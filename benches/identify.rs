@@ -434,9 +434,10 @@ fn deviations(hidden: &[Hidden], mass: f64, fitted: &Fitted) -> BTreeMap<String,
                     .iter()
                     .find(|hidden| hidden.name == part.descriptor.name)
                     .and_then(|hidden| hidden.parameters.get(parameter));
-                // Where a phase begins is a convention.
+                // Where a phase begins is a convention. Of several harmonics or lines the first is the one that the truth names.
                 if let (Some(truth), false) = (truth, parameter == "phase") {
-                    all.insert(format!("{}.{parameter}", part.descriptor.name), (coordinate.value - truth) / deviation);
+                    all.entry(format!("{}.{parameter}", part.descriptor.name))
+                        .or_insert((coordinate.value - truth) / deviation);
                 }
             }
         }

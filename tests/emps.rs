@@ -78,7 +78,8 @@ fn search_on_train_alone_finds_friction_per_direction_and_lowers_the_error_on_ch
     assert!(after[0] <= 3.0 && after[1] <= 3.7, "{after:?}");
     assert!(own_after[0] < 0.85 * own_before[0] && own_after[1] < 0.9 * own_before[1], "{own_before:?} {own_after:?}");
 
-    assert_eq!(found.verdict, Verdict::Found);
+    // A real machine: what is left is far above the encoder's noise, above all a ripple whose phase differs between the records.
+    assert_eq!(found.verdict, Verdict::Unknown);
     let added: Vec<&str> = found.after.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
     assert_eq!(added, ["constant_force", "asymmetric_friction"]);
     // The authors' own viscous friction per direction: 167 and 240 N s/m.

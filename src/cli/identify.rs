@@ -231,6 +231,14 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
             coordinate.name()
         ));
     }
+    if selection.verdict == Verdict::Unknown && selection.coordinate.is_none() {
+        remarks.push(format!(
+            "what is left, {:.4} N, is {:.1} times what the declared noise leaves, and neither a law of the list nor a map takes it out of the hold-out: \
+             an effect whose phase or state differs between the records would look like this",
+            selection.errors_after.holdout().sqrt(),
+            selection.errors_after.holdout().sqrt() / selection.floor.total()
+        ));
+    }
     remarks.extend(parameter_warnings(&selection.after, rate));
     remarks
 }

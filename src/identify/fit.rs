@@ -57,7 +57,14 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
         coordinate.value = coordinate.value.clamp(lower + margin, upper - margin);
         hypothesis.set(coordinate.place, coordinate.value);
     }
-    let mut missing = hypothesis.missing(measured, sides)?;
+    let mut missing = match hypothesis.missing(measured, sides) {
+        Ok(missing) => missing,
+        // Values that do not go together any more a little inside their bounds: the start is as it was given.
+        Err(_) => {
+            (hypothesis, coordinates) = (start.clone(), start.coordinates(sides, has_cell));
+            hypothesis.missing(measured, sides)?
+        }
+    };
     let mut residual = stacked(missing.clone());
     let mut squares = residual.norm_squared();
     let mut damping = 1e-3;

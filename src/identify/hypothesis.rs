@@ -74,7 +74,7 @@ pub struct Hypothesis {
     tolerances: Tolerances,
     /// Logarithms of the factors on mass and the six LuGre parameters (of all guides alike), then the shift of the sensors in samples.
     pub moved: [f64; DECLARED.len()],
-    /// Differences between the guides in the parameters of [`SPREAD`]: logarithms of factors, per contrast.
+    /// Differences between the guides in the parameters of `SPREAD`: logarithms of factors, per contrast.
     pub spread: [[f64; MAX_GUIDES - 1]; SPREAD.len()],
     /// Whether a fit may move the differences between the guides.
     pub guides_differ: bool,
@@ -94,7 +94,7 @@ pub struct Coordinate {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     Declared(usize),
-    /// Difference between guides: index in [`SPREAD`], contrast.
+    /// Difference between guides: index in `SPREAD`, contrast.
     Spread {
         parameter: usize,
         contrast: usize,

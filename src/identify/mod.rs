@@ -2,7 +2,7 @@
 //!
 //! In come a declared model and recordings; out go the fitted model, the effects that it lacked, the errors before and after on data
 //! that no fit has seen, and a verdict. The steps: fit what is declared ([`fit`]); drive guides and effects along the measured motion and
-//! see what force is missing ([`hypothesis`]); let every effect of the plant propose and refit itself; keep one only if it lowers
+//! see what force is missing ([`Hypothesis`]); let every effect of the plant propose and refit itself; keep one only if it lowers
 //! the error on held-out data by more than chance and more than its rivals.
 
 pub mod closed_loop;

@@ -300,7 +300,9 @@ fn parameters(fitted: &Fitted, effect: usize) -> BTreeMap<String, FoundParameter
                 Some(_) => "s",
                 None => parameter.unit,
             };
-            let ci95 = reach.is_finite().then_some([value - reach, value + reach]);
+            // An interval wider than what is possible says nothing.
+            let says = reach.is_finite() && 2.0 * reach < parameter.bounds.1 - parameter.bounds.0;
+            let ci95 = says.then_some([value - reach, value + reach]);
             (parameter.name.to_owned(), FoundParameter { value, unit: unit.to_owned(), ci95 })
         })
         .collect()
@@ -343,7 +345,9 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
             warnings.push(format!(
                 "{name} ended on its {which} bound ({value:.6} {unit}): the truth may lie beyond, or another effect hides in it"
             ));
-        } else if !deviation.is_finite() {
+        } else if !deviation.is_finite()
+            || (matches!(coordinate.place, Place::Effect { .. }) && 2.0 * TWO_SIDED_95 * deviation >= upper - lower)
+        {
             warnings.push(format!(
                 "{name} is not identifiable from these data; {value:.6} {unit} is where the fit left it"
             ));

@@ -103,10 +103,19 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
         ),
         Verdict::Unknown => (
             Mark::Warning,
-            format!(
-                "Something is there over {} that no law of the list explains; an empirical map stands for it. In the model now: {names}.",
-                selection.coordinate.map_or("an unknown coordinate", |coordinate| coordinate.name())
-            ),
+            match selection.coordinate {
+                Some(coordinate) => format!(
+                    "Something is there over {} that no law of the list explains; an empirical map stands for it. In the model now: {names}.",
+                    coordinate.name()
+                ),
+                None if names.is_empty() => {
+                    "Something is there that no law of the list and no map explains: what is left is not noise."
+                        .to_owned()
+                }
+                None => format!(
+                    "Something is there that no law of the list and no map explains: what is left is not noise. In the model now, and not all of it: {names}."
+                ),
+            },
         ),
         Verdict::NotSeparable => {
             (Mark::Warning, format!("Several laws explain the data equally; in the model now: {names}."))

@@ -9,9 +9,8 @@
 use super::regression::least_squares;
 use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
 
-/// Largest error that is still an error and not another encoder. Assumed: 100 times what a scale of glass or steel does over 10 K, or one
-/// line in a hundred; a force proportional to the acceleration that is larger comes from a mass.
-const LIMIT: f64 = 0.01;
+/// Largest error that is still an error and not another encoder.
+const LIMIT: f64 = 0.5;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "encoder_scale",
@@ -20,7 +19,13 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     source: "linear scale error (assumed)",
     telltale: "proportional to the acceleration, as a payload of the opposite sign; distances differ from those of another gauge",
     confused_with: &["payload", "force_cell_gain"],
-    parameters: &[EffectParameter::required("fraction", "1", "reading beyond the position, as a part of it", (-LIMIT, LIMIT), 0.01)],
+    parameters: &[EffectParameter::required(
+        "fraction",
+        "1",
+        "reading beyond the position, as a part of it",
+        (-LIMIT, LIMIT),
+        0.01,
+    )],
     check: super::any,
     free: super::all_free,
     build: |values| Box::new(EncoderScale { fraction: values[0] }),
