@@ -18,9 +18,10 @@ use self::figures::LoopErrors;
 use self::input::{Input, Record};
 use super::Outcome;
 use crate::bag::Mapping;
+use crate::identify::Outcome::TooSmall;
 use crate::identify::{
     Change, LinearController, PositionErrors, Selection, Summary, Tolerances, Verdict, Watch, closed_loop,
-    parameter_warnings, search,
+    parameter_warnings, ripple_elsewhere, search,
 };
 use crate::model::StageModel;
 use crate::node::stage_settings;
@@ -131,6 +132,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let model = selection.after.hypothesis.model();
     let loops = simulate(&selection, &input, &mut warnings);
     warnings.extend(remarks(&selection, input.train.measured.rate));
+    warnings.extend(moved_ripples(&selection, &input)?);
     let position = PositionErrors {
         train: loops.as_ref().map_or_else(Change::default, |loops| loops.train.change()),
         holdout: loops.as_ref().map_or_else(Change::default, |loops| loops.holdout.change()),
@@ -239,6 +241,25 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     }
     remarks.extend(parameter_warnings(&selection.after, rate));
     remarks
+}
+
+/// Ripples of the train record that the hold-out has too, but with another phase: as found they would make it worse.
+fn moved_ripples(selection: &Selection, input: &Input) -> anyhow::Result<Vec<String>> {
+    let Some(last) = selection.evidence.iter().map(|one| one.round).max() else { return Ok(Vec::new()) };
+    // What counts as more than chance on the carriage side: half the floor's square.
+    let least = 0.5 * selection.floor.carriage.powi(2);
+    let mut remarks = Vec::new();
+    for one in selection.evidence.iter().filter(|one| one.round == last && one.outcome == TooSmall) {
+        let found = ripple_elsewhere(&one.part, &selection.after.hypothesis, &input.holdout.measured)?;
+        if let Some(ripple) = found.filter(|ripple| one.train_gain > least && ripple.has_moved(least)) {
+            remarks.push(format!(
+                "{} with a period of {:.4e} m is on both records, but shifted by {:.2} rad on the hold-out: with a fixed phase it would \
+                 make the hold-out worse, so that it is left out",
+                one.name, ripple.period, ripple.phase_shift
+            ));
+        }
+    }
+    Ok(remarks)
 }
 
 /// A number with its unit in a size that reads well.

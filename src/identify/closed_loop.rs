@@ -57,7 +57,7 @@ pub struct LinearController {
     limit: f64,
 }
 
-/// Inputs of the controller at the rows of a trace: reference velocity and acceleration, zero where they are not recorded.
+/// What the controller is to follow, at the rows of a trace.
 struct Setpoint {
     position: Vec<f64>,
     velocity: Vec<f64>,
@@ -70,12 +70,22 @@ impl Setpoint {
         if absent(&trace.reference_position) {
             return Err(ClosedLoopError::NoSetpoint);
         }
-        let or_zero = |values: &Vec<f64>| if absent(values) { vec![0.0; values.len()] } else { values.clone() };
-        Ok(Setpoint {
-            position: trace.reference_position.clone(),
-            velocity: or_zero(&trace.reference_velocity),
-            acceleration: or_zero(&trace.reference_acceleration),
-        })
+        // Where a recording has the position only, the rest follows from it.
+        let step = step_of(trace);
+        let slope = |values: &[f64]| -> Vec<f64> {
+            let last = values.len() - 1;
+            (0..=last)
+                .map(|row| {
+                    let (before, after) = (row.saturating_sub(1), (row + 1).min(last));
+                    (values[after] - values[before]) / ((after - before).max(1) as f64 * step)
+                })
+                .collect()
+        };
+        let position = trace.reference_position.clone();
+        let or_slope = |values: &[f64], of: &[f64]| if absent(values) { slope(of) } else { values.to_vec() };
+        let velocity = or_slope(&trace.reference_velocity, &position);
+        let acceleration = or_slope(&trace.reference_acceleration, &velocity);
+        Ok(Setpoint { position, velocity, acceleration })
     }
 
     /// Error of now; velocity and acceleration of the next sample, because a feedforward may look that far ahead.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::fit::Fitted;
@@ -212,16 +213,71 @@ fn coordinate(fitted: &Fitted, place: Place) -> Option<(&Coordinate, f64, bool)>
     Some((&fitted.coordinates[index], fitted.deviations[index], fitted.at_bound[index]))
 }
 
+/// Standard deviation of the mean over the guides of a declared parameter, as a share of it (of the shift: s): how the guides differ is
+/// fitted too, and what one of them does not know of itself the sum of all may know. First order in the deviations of all coordinates.
+/// Infinite where the parameter is on a bound or the data say nothing.
+fn deviation_of_declared(fitted: &Fitted, index: usize, rate: f64) -> f64 {
+    match coordinate(fitted, Place::Declared(index)) {
+        Some((_, deviation, false)) if deviation.is_finite() => {}
+        _ => return f64::INFINITY,
+    }
+    let value = fitted.hypothesis.declared_value(index, rate);
+    let whole = if DECLARED[index].0 == "sensor_shift" { 1.0 } else { value };
+    let slopes: Vec<f64> = fitted
+        .coordinates
+        .iter()
+        .zip(&fitted.deviations)
+        .map(|(coordinate, deviation)| {
+            let ours = matches!(coordinate.place, Place::Declared(_) | Place::Spread { .. });
+            if !ours || !deviation.is_finite() {
+                return 0.0;
+            }
+            let step = 1e-4 * coordinate.scale;
+            let at = |moved: f64| {
+                let mut hypothesis = fitted.hypothesis.clone();
+                hypothesis.set(coordinate.place, coordinate.value + moved);
+                hypothesis.declared_value(index, rate)
+            };
+            (at(step) - at(-step)) / (2.0 * step * whole) * deviation
+        })
+        .collect();
+    let variance: f64 = slopes
+        .iter()
+        .zip(&fitted.correlations)
+        .map(|(slope, row)| slope * slopes.iter().zip(row).map(|(other, correlation)| other * correlation).sum::<f64>())
+        .sum();
+    variance.max(0.0).sqrt()
+}
+
+/// Standard deviation of a coordinate if it were known how the guides differ: what the motion says about the parameter at all.
+fn deviation_of_alike(fitted: &Fitted, index: usize) -> f64 {
+    let deviation = fitted.deviations[index];
+    let spread: Vec<usize> = (0..fitted.coordinates.len())
+        .filter(|other| {
+            matches!(fitted.coordinates[*other].place, Place::Spread { .. }) && fitted.deviations[*other].is_finite()
+        })
+        .collect();
+    if spread.is_empty() || !deviation.is_finite() {
+        return deviation;
+    }
+    let among =
+        DMatrix::from_fn(spread.len(), spread.len(), |row, column| fitted.correlations[spread[row]][spread[column]]);
+    let with = DVector::from_fn(spread.len(), |row, _| fitted.correlations[index][spread[row]]);
+    match among.cholesky() {
+        Some(factors) => deviation * (1.0 - with.dot(&factors.solve(&with))).max(0.0).sqrt(),
+        None => deviation,
+    }
+}
+
 fn declared(fitted: &Fitted, index: usize, rate: f64) -> FoundParameter {
     let value = fitted.hypothesis.declared_value(index, rate);
-    let deviation = coordinate(fitted, Place::Declared(index)).map_or(f64::INFINITY, |(_, deviation, _)| deviation);
-    let reach = TWO_SIDED_95 * deviation;
-    let ci95 = reach.is_finite().then(|| match DECLARED[index].0 {
-        "sensor_shift" => [value - reach / rate, value + reach / rate],
+    let reach = TWO_SIDED_95 * deviation_of_declared(fitted, index, rate);
+    let ci95 = match DECLARED[index].0 {
+        "sensor_shift" => [value - reach, value + reach],
         // The others are fitted as the logarithm of a factor.
         _ => [value * (-reach).exp(), value * reach.exp()],
-    });
-    let ci95 = ci95.filter(|[low, high]| low.is_finite() && high.is_finite());
+    };
+    let ci95 = Some(ci95).filter(|[low, high]| low.is_finite() && high.is_finite());
     FoundParameter { value, unit: DECLARED[index].1.to_owned(), ci95 }
 }
 
@@ -244,7 +300,9 @@ fn parameters(fitted: &Fitted, effect: usize) -> BTreeMap<String, FoundParameter
                 Some(_) => "s",
                 None => parameter.unit,
             };
-            let ci95 = reach.is_finite().then_some([value - reach, value + reach]);
+            // An interval wider than what is possible says nothing.
+            let says = reach.is_finite() && 2.0 * reach < parameter.bounds.1 - parameter.bounds.0;
+            let ci95 = says.then_some([value - reach, value + reach]);
             (parameter.name.to_owned(), FoundParameter { value, unit: unit.to_owned(), ci95 })
         })
         .collect()
@@ -273,7 +331,10 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
             }
         };
         let (lower, upper) = coordinate.bounds;
-        let deviation = fitted.deviations[index];
+        let deviation = match coordinate.place {
+            Place::Declared(_) => deviation_of_alike(fitted, index),
+            _ => fitted.deviations[index],
+        };
         let nothing =
             matches!(coordinate.place, Place::Effect { .. }) && lower == 0.0 && value < 1e-3 * coordinate.scale;
         if fitted.at_bound[index] && nothing {
@@ -284,7 +345,9 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
             warnings.push(format!(
                 "{name} ended on its {which} bound ({value:.6} {unit}): the truth may lie beyond, or another effect hides in it"
             ));
-        } else if !deviation.is_finite() {
+        } else if !deviation.is_finite()
+            || (matches!(coordinate.place, Place::Effect { .. }) && 2.0 * TWO_SIDED_95 * deviation >= upper - lower)
+        {
             warnings.push(format!(
                 "{name} is not identifiable from these data; {value:.6} {unit} is where the fit left it"
             ));

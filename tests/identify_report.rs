@@ -1,0 +1,229 @@
+//! What `friction-stage identify` writes, how it ends on data that cannot be identified on, and what Ctrl-C leaves.
+//!
+//! The recordings are too large for the repository: they are read from the directory in FRICTION_STAGE_RECORDINGS, or from
+//! `../shared/measured`; where there are none the tests say so and check nothing.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
+
+use friction_stage::identify::Summary;
+use friction_stage::model::StageModel;
+use serde_json::Value;
+use tempfile::TempDir;
+
+const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/launch_config/stage_measured_runs.yaml");
+
+fn runs() -> Option<PathBuf> {
+    let home = std::env::var_os("FRICTION_STAGE_RECORDINGS")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/measured"), PathBuf::from);
+    if !home.join("a/train").is_dir() {
+        eprintln!("SKIPPED: no stage runs in {}; FRICTION_STAGE_RECORDINGS names their directory", home.display());
+        return None;
+    }
+    Some(home)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn identify(train: &Path, holdout: &Path, out: &Path, more: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_friction-stage"));
+    command.args(["identify", "--model", MODEL, "--train", text(train), "--holdout", text(holdout)]);
+    command.args(["--out", text(out)]).args(more);
+    command
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Identifies a stage run with default settings and gives its summary; checks what holds for every run.
+fn summary_of(run: &str) -> Option<(Summary, TempDir)> {
+    let home = runs()?.join(run);
+    let out = TempDir::new().unwrap();
+    let output = identify(&home.join("train"), &home.join("check"), out.path(), &["--json"]).output().unwrap();
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{}", stderr(&output));
+    let written = std::fs::read_to_string(out.path().join("summary.json")).unwrap();
+    assert_eq!(String::from_utf8(output.stdout).unwrap(), written);
+    let summary: Summary = serde_json::from_str(&written).unwrap();
+    println!("{run}: {written}");
+    assert_eq!(output.status.code(), Some(if summary.warnings.is_empty() { 0 } else { 3 }));
+    assert_eq!(summary.schema_version, 1);
+    let model = StageModel::load(&out.path().join(&summary.model)).unwrap();
+    let found: Vec<&str> = model.effects.iter().map(|effect| effect.name.as_str()).collect();
+    let told: Vec<&str> = summary.effects.iter().map(|effect| effect.name.as_str()).collect();
+    assert_eq!(found, told);
+    Some((summary, out))
+}
+
+#[test]
+fn a_spring_along_the_way_is_found_and_everything_is_written() {
+    let Some((summary, out)) = summary_of("c") else { return };
+    assert_eq!(summary.verdict, "found");
+    let [effect] = summary.effects.as_slice() else { panic!("{:?}", summary.effects) };
+    assert_eq!((effect.name.as_str(), effect.side.as_str()), ("cable_chain", "carriage"));
+    let stiffness = &effect.parameters["stiffness"];
+    let [low, high] = stiffness.ci95.unwrap();
+    assert!(low < stiffness.value && stiffness.value < high && high - low < 0.1 * stiffness.value, "{stiffness:?}");
+    assert!(summary.explained_share > 0.9);
+    let position = summary.errors.holdout.position_rms;
+    assert!(position.after.unwrap() < 0.3 * position.before.unwrap(), "{position:?}");
+
+    // The file as other programs read it.
+    let json: Value = serde_json::from_str(&std::fs::read_to_string(out.path().join("summary.json")).unwrap()).unwrap();
+    for key in [
+        "/schema_version",
+        "/verdict",
+        "/effects/0/name",
+        "/effects/0/side",
+        "/effects/0/coordinate",
+        "/effects/0/parameters/stiffness/value",
+        "/effects/0/parameters/stiffness/unit",
+        "/effects/0/parameters/stiffness/ci95/1",
+        "/effects/0/runner_up/name",
+        "/effects/0/runner_up/holdout_force_rms",
+        "/errors/train/force_rms/before",
+        "/errors/train/force_relative/after",
+        "/errors/train/position_rms/before",
+        "/errors/holdout/force_rms/after",
+        "/errors/holdout/force_relative/before",
+        "/errors/holdout/position_rms/after",
+        "/floor/force_rms",
+        "/explained_share",
+        "/declared_parameters/mass/value",
+        "/declared_parameters/mass/unit",
+        "/declared_parameters/mass/ci95/0",
+        "/model",
+        "/warnings",
+    ] {
+        assert!(json.pointer(key).is_some(), "no {key} in {json}");
+    }
+
+    let page = std::fs::read_to_string(out.path().join("report.html")).unwrap();
+    for words in [
+        "cable_chain",
+        "explained share",
+        "Declared parameters",
+        "Residual over jerk",
+        "Spectrum over position",
+        "Round 1",
+    ] {
+        assert!(page.contains(words), "no {words}");
+    }
+    // Nothing from elsewhere: the name space of SVG is no address that anybody loads.
+    let addresses = page.replace("http://www.w3.org/2000/svg", "");
+    for word in ["http://", "https://", "<script", "<link", "<img", "@import", "url("] {
+        assert!(!addresses.contains(word), "{word}");
+    }
+    assert!(!page.contains("NaN"));
+    assert!(out.path().join("figures/residual_over_position.svg").is_file());
+}
+
+/// A record of a stage as CSV with the columns of a trace: a mass of 40 kg with friction under a force, in place of any.
+fn csv(path: &Path, rows: usize, change: impl Fn(usize, &mut [f64; 4])) {
+    let mut text = String::from("time,position,force_cell,force\n");
+    for k in 0..rows {
+        let t = k as f64 / 2000.0;
+        let w = std::f64::consts::TAU * (0.5 + 0.1 * (0.3 * t).sin());
+        let (s, c) = (w * t).sin_cos();
+        let (x, a) = (0.02 * s, -0.02 * w * w * s);
+        let force = 40.0 * a + 54.0 * (c / 0.02).tanh() + 72.0 * 0.02 * w * c;
+        let mut row = [t, x, force, force];
+        change(k, &mut row);
+        text += &format!("{},{},{},{}\n", row[0], row[1], row[2], row[3]);
+    }
+    std::fs::write(path, text).unwrap();
+}
+
+#[test]
+fn bad_data_end_with_a_sentence_and_never_with_a_verdict() {
+    let home = TempDir::new().unwrap();
+    let good = home.path().join("good.csv");
+    csv(&good, 12_000, |_, _| ());
+    type Change = fn(usize, &mut [f64; 4]);
+    let cases: [(&str, usize, Change, &str); 6] = [
+        ("still", 12_000, |_, row| row[1] = 0.0, "moves"),
+        ("swapped", 12_000, |_, row| (row[2], row[3]) = (-row[2], -row[3]), "sign"),
+        ("millimetres", 12_000, |_, row| row[1] *= 1e3, "unit"),
+        ("short", 10, |_, _| (), "rows"),
+        ("without_force", 12_000, |_, row| (row[2], row[3]) = (f64::NAN, f64::NAN), "force"),
+        ("heavy", 12_000, |_, row| (row[2], row[3]) = (9.0 * row[2], 9.0 * row[3]), "kg"),
+    ];
+    for (name, rows, change, words) in cases {
+        let bad = home.path().join(format!("{name}.csv"));
+        csv(&bad, rows, change);
+        let out = home.path().join(format!("out_{name}"));
+        for (train, holdout) in [(&bad, &good), (&good, &bad)] {
+            let output = identify(train, holdout, &out, &[]).output().unwrap();
+            assert_eq!(output.status.code(), Some(1), "{name}: {}", stderr(&output));
+            let told = stderr(&output);
+            assert!(told.contains(words) && told.contains(name), "{name}: {told}");
+            assert!(!told.contains("panicked"), "{told}");
+            assert!(!out.join("summary.json").exists(), "{name}");
+        }
+    }
+}
+
+#[test]
+fn a_hold_out_that_is_the_train_record_is_refused() {
+    let home = TempDir::new().unwrap();
+    let (one, copy, part) = (home.path().join("one.csv"), home.path().join("copy.csv"), home.path().join("part.csv"));
+    csv(&one, 12_000, |_, _| ());
+    std::fs::copy(&one, &copy).unwrap();
+    csv(&part, 9000, |_, _| ());
+    let out = home.path().join("out");
+    let same = identify(&one, &one, &out, &[]).output().unwrap();
+    assert_eq!(same.status.code(), Some(2), "{}", stderr(&same));
+    assert!(stderr(&same).contains("both train and hold-out"));
+    for other in [&copy, &part] {
+        let output = identify(&one, other, &out, &[]).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+        assert!(stderr(&output).contains("sample by sample"), "{}", stderr(&output));
+    }
+    assert!(!out.exists());
+}
+
+#[test]
+fn wrong_arguments_end_with_2_and_missing_files_with_1() {
+    let home = TempDir::new().unwrap();
+    let out = home.path().join("out");
+    let nothing = home.path().join("nothing");
+    for more in [["--guide-tolerance", "16"].as_slice(), &["--mass-tolerance", "-1"], &["--no-such-option"]] {
+        assert_eq!(identify(&nothing, &nothing, &out, more).output().unwrap().status.code(), Some(2), "{more:?}");
+    }
+    let bare = Command::new(env!("CARGO_BIN_EXE_friction-stage")).args(["identify", "--train", "a"]).output().unwrap();
+    assert_eq!(bare.status.code(), Some(2));
+    let other = home.path().join("other");
+    let absent = identify(&nothing, &other, &out, &[]).output().unwrap();
+    assert_eq!(absent.status.code(), Some(1));
+    assert!(stderr(&absent).contains("nothing"), "{}", stderr(&absent));
+    std::fs::create_dir(&out).unwrap();
+    std::fs::write(out.join("summary.json"), "{\"statements\": []}").unwrap();
+    let foreign = identify(&nothing, &other, &out, &[]).output().unwrap();
+    assert_eq!(foreign.status.code(), Some(1));
+    assert!(stderr(&foreign).contains("another command"), "{}", stderr(&foreign));
+}
+
+#[test]
+fn ctrl_c_leaves_a_partial_report_that_says_so() {
+    let Some(home) = runs() else { return };
+    let out = TempDir::new().unwrap();
+    let run = home.join("c");
+    let mut child = identify(&run.join("train"), &run.join("check"), out.path(), &["--json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_secs(4));
+    // SAFETY: the process is a child of ours that has not been waited for.
+    let sent = unsafe { libc::kill(child.id() as i32, libc::SIGINT) };
+    assert_eq!(sent, 0);
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(3));
+    let summary: Summary = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(summary.warnings.iter().any(|warning| warning.contains("stopped")), "{:?}", summary.warnings);
+    let page = std::fs::read_to_string(out.path().join("report.html")).unwrap();
+    assert!(page.contains("Partial report"));
+}
