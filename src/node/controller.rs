@@ -122,7 +122,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         setpoint: Inlet::new(&participant, &startup.topic(&format!("{stage}/setpoint")), &COMMANDS)?,
         control: control_inbox,
         force: Outlet::new(&participant, &startup.topic(&format!("{stage}/force")), &FORCES)?,
-        state: Outlet::new(&participant, &startup.topic("~/state"), &SAMPLES)?,
+        state: Outlet::new(&participant, &startup.topic("~/state"), &SAMPLES)?.patient(),
         period: (1e9 / controller.settings().rate).round() as i64,
         controller,
         follower: Follower::new(jump_limit),

@@ -6,7 +6,10 @@
 //! one ends: 20 s for rclpy, 50 s for rustdds. An outlet answers a full window with a successor: a
 //! new writer, made and matched on a helper thread while messages are held in order, typically
 //! 2 ms. The old writer lives on for a while, so that healthy subscribers get what they still
-//! miss. They lose nothing and see the order kept; the dead one gets a new window to fill.
+//! miss. They lose nothing; the dead one gets a new window to fill. DDS keeps the order of one
+//! writer only: what a healthy subscriber asks the old writer for may reach it after the first
+//! samples of the new one. Where that matters more than the moment, as in lockstep, an outlet is
+//! [patient](Outlet::patient).
 //!
 //! In: messages, from any thread that may allocate. Out: the topic, and counts of what happened.
 
@@ -32,6 +35,9 @@ const RETIREMENT: Duration = Duration::from_secs(2);
 /// Longest wait for the successor to find the subscribers of the old writer. Measured: 1 to 3 ms;
 /// a subscriber that leaves meanwhile would be waited for in vain.
 const MATCH_WITHIN: Duration = Duration::from_millis(200);
+/// How long a patient outlet lets the old writer repeat what is missing before its successor sends:
+/// two of its heartbeats, each of which a subscriber answers with what it misses.
+const PATIENCE: Duration = Duration::from_millis(200);
 /// Pause after a successor that could not be made.
 const RETRY_AFTER: Duration = Duration::from_millis(100);
 
@@ -71,6 +77,7 @@ pub struct Outlet<M: RosMessage> {
     topic: Topic,
     name: String,
     most_held: usize,
+    patience: Duration,
     writer: Publisher<M>,
     waiting: VecDeque<M>,
     successor: Option<Receiver<Result<Publisher<M>, String>>>,
@@ -107,6 +114,7 @@ impl<M: RosMessage> Outlet<M> {
             topic,
             name: name.to_owned(),
             most_held: qos.window as usize,
+            patience: Duration::ZERO,
             writer,
             waiting: VecDeque::new(),
             successor: None,
@@ -115,6 +123,13 @@ impl<M: RosMessage> Outlet<M> {
             fault: None,
             counts: Counts::default(),
         })
+    }
+
+    /// With a successor that sends only when healthy subscribers had the time to get from the old
+    /// writer what they miss, so that they see the order kept; messages are held meanwhile, 0.2 s.
+    pub fn patient(mut self) -> Self {
+        self.patience = PATIENCE;
+        self
     }
 
     /// Hands `message` to DDS, after those that wait. Never waits for a subscriber.
@@ -245,6 +260,7 @@ impl<M: RosMessage> Outlet<M> {
         let topic = self.topic.clone();
         let name = self.name.clone();
         let old = self.writer.guid();
+        let due = Instant::now() + self.patience;
         let make = move || {
             let made = participant.node().create_publisher::<M>(&topic, None);
             let made = made.map_err(|e| e.to_string());
@@ -253,6 +269,7 @@ impl<M: RosMessage> Outlet<M> {
                 // Those of the old writer that are still there.
                 let wanted = participant.watch().matches(old).min(participant.readers_of(&topic));
                 participant.watch().wait_for_matches(writer.guid(), wanted, MATCH_WITHIN);
+                thread::sleep(due.saturating_duration_since(Instant::now()));
             }
             // The outlet may be gone: then nobody needs the writer.
             let _ = hand_over.send(made);

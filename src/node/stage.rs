@@ -131,7 +131,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         tracing::info!("recording to {}", directory.display());
     }
     let inbox = Inbox::new(&startup, &participant, &settings.joint, control_inbox, handle.clone())?;
-    let outlets = StageOutlets::new(&startup, &participant, names, settings.publish_clock, settings.clock_pause)?;
+    let outlets = StageOutlets::new(&startup, &participant, names, &settings)?;
 
     background.serve_enable(&startup, &participant)?;
     background.serve_reset(&startup, &participant)?;

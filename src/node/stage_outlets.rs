@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use super::outlet::{Outlet, Published};
 use super::participant::{Participant, ParticipantError};
-use super::qos::{CLOCK, SAMPLES};
+use super::qos::{CLOCK, Qos, SAMPLES};
 use super::runtime::Startup;
+use super::stage_settings::{Mode, StageSettings};
 use super::wire::{StageNames, Tick};
 use crate::message::{Clock, JointState, KeyValue, RosMessage, StageState, WrenchStamped};
 
@@ -27,16 +28,18 @@ impl StageOutlets {
         startup: &Startup,
         participant: &Participant,
         names: StageNames,
-        with_clock: bool,
-        clock_pause: Duration,
+        settings: &StageSettings,
     ) -> Result<StageOutlets, ParticipantError> {
         Ok(StageOutlets {
-            encoder: Outlet::new(participant, &startup.topic("~/encoder"), &SAMPLES)?,
-            force_cell: Outlet::new(participant, &startup.topic("~/force_cell"), &SAMPLES)?,
-            state: Outlet::new(participant, &startup.topic("~/state"), &SAMPLES)?,
-            clock: with_clock.then(|| Outlet::new(participant, &startup.topic("/clock"), &CLOCK)).transpose()?,
+            encoder: outlet(startup, participant, settings, "~/encoder", &SAMPLES)?,
+            force_cell: outlet(startup, participant, settings, "~/force_cell", &SAMPLES)?,
+            state: outlet(startup, participant, settings, "~/state", &SAMPLES)?,
+            clock: match settings.publish_clock {
+                true => Some(outlet(startup, participant, settings, "/clock", &CLOCK)?),
+                false => None,
+            },
             names,
-            clock_pause,
+            clock_pause: settings.clock_pause,
         })
     }
 
@@ -84,6 +87,18 @@ impl StageOutlets {
             KeyValue::new("writers_replaced", sum(|counts| counts.recreated)),
         ]
     }
+}
+
+/// In lockstep samples wait for subscribers, and their order counts more than the moment.
+fn outlet<M: RosMessage>(
+    startup: &Startup,
+    participant: &Participant,
+    settings: &StageSettings,
+    name: &str,
+    qos: &Qos,
+) -> Result<Outlet<M>, ParticipantError> {
+    let outlet = Outlet::new(participant, &startup.topic(name), qos)?;
+    Ok(if settings.mode == Mode::Lockstep { outlet.patient() } else { outlet })
 }
 
 fn settled<M: RosMessage>(outlet: &mut Outlet<M>, message: M) {
