@@ -130,7 +130,15 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     bar.set_message("closed loop");
     let mut warnings = input.warnings.clone();
     let model = selection.after.hypothesis.model();
-    let loops = simulate(&selection, &input, &mut warnings);
+    let there = selection.after.hypothesis.in_record(&input.holdout.measured)?;
+    if there.model() != model {
+        warnings.push(
+            "external_vibration counts its phase from the start of a record: the errors on the hold-out are those with the phase that fits the \
+             hold-out best, and the model has that of the train record"
+                .to_owned(),
+        );
+    }
+    let loops = simulate(&selection, &input, &there.model(), &mut warnings);
     warnings.extend(remarks(&selection, input.train.measured.rate));
     warnings.extend(moved_ripples(&selection, &input)?);
     let position = PositionErrors {
@@ -177,12 +185,17 @@ fn write(path: &Path, text: &str) -> anyhow::Result<()> {
 }
 
 /// Closed-loop position errors before and after, on both records; without them a warning says why.
-fn simulate(selection: &Selection, input: &Input, warnings: &mut Vec<String>) -> Option<LoopErrors> {
+fn simulate(
+    selection: &Selection,
+    input: &Input,
+    on_holdout: &StageModel,
+    warnings: &mut Vec<String>,
+) -> Option<LoopErrors> {
     let run = || -> Result<LoopErrors, crate::identify::ClosedLoopError> {
         let all: Vec<_> = input.train.traces().chain(input.holdout.traces()).collect();
         let controller = closed_loop::controller_of(all[0], &all)?;
         let (before, after) = (selection.before.hypothesis.model(), selection.after.hypothesis.model());
-        let errors = |record: &Record, controller: &LinearController| {
+        let errors = |record: &Record, after: &StageModel, controller: &LinearController| {
             let each = |model: &StageModel| {
                 record
                     .traces()
@@ -192,10 +205,13 @@ fn simulate(selection: &Selection, input: &Input, warnings: &mut Vec<String>) ->
             };
             Ok::<_, crate::identify::ClosedLoopError>(figures::LoopError {
                 before: each(&before)?,
-                after: each(&after)?,
+                after: each(after)?,
             })
         };
-        Ok(LoopErrors { train: errors(&input.train, &controller)?, holdout: errors(&input.holdout, &controller)? })
+        Ok(LoopErrors {
+            train: errors(&input.train, &after, &controller)?,
+            holdout: errors(&input.holdout, on_holdout, &controller)?,
+        })
     };
     match run() {
         Ok(loops) => Some(loops),

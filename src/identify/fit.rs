@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::hypothesis::{Coordinate, Hypothesis, Missing, Sides};
+use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
 use super::measured::Measured;
 use crate::model::ModelError;
 
@@ -18,13 +18,16 @@ const DAMPINGS: usize = 10;
 /// between guides near 0, must not jump to its bound. All coordinates are scaled by their tolerance, so their curvatures compare.
 const LEAST_CURVATURE: f64 = 1e-3;
 
+/// Pieces of a record whose gradients count as independent of each other: about a second each.
+const PIECES: usize = 40;
+
 /// A hypothesis at its best, with what the fit knows about it.
 #[derive(Clone, Debug)]
 pub struct Fitted {
     pub hypothesis: Hypothesis,
     pub missing: Missing,
     pub coordinates: Vec<Coordinate>,
-    /// Standard deviation of each coordinate, widened for the correlation of the residual over time; infinite where the data say nothing.
+    /// Standard deviation of each coordinate; infinite where the data say nothing.
     pub deviations: Vec<f64>,
     /// Correlation matrix of the coordinates, row by row.
     pub correlations: Vec<Vec<f64>>,
@@ -33,16 +36,30 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    /// Sum of the squares that the fit made least, N^2.
+    /// Sum of the squares of the missing force, N^2.
     pub fn squares(&self) -> f64 {
         self.missing.motor.iter().chain(&self.missing.carriage).map(|left| left * left).sum()
     }
 }
 
-fn stacked(missing: Missing) -> DVector<f64> {
-    let mut all = missing.motor;
-    all.extend(missing.carriage);
-    DVector::from_vec(all)
+/// The missing force of both sides and, for each declared parameter, how far it is from its declared value: a row of one standard
+/// deviation of the noise per standard deviation of the tolerance, taken as a uniform distribution. It decides only where the data do
+/// not: a payload against the mass itself, a difference between guides that no motion shows.
+fn stacked(missing: &Missing, coordinates: &[Coordinate], noise: f64) -> DVector<f64> {
+    let declared =
+        coordinates.iter().map(|coordinate| expectation(coordinate, noise) * coordinate.value / coordinate.scale);
+    DVector::from_iterator(
+        missing.motor.len() + missing.carriage.len() + coordinates.len(),
+        missing.motor.iter().chain(&missing.carriage).copied().chain(declared),
+    )
+}
+
+/// Weight of a declared parameter's distance from its declared value, N per scale; 0 for what nobody declared.
+fn expectation(coordinate: &Coordinate, noise: f64) -> f64 {
+    match coordinate.place {
+        Place::Declared(_) | Place::Spread { .. } => 3f64.sqrt() * noise,
+        Place::Effect { .. } => 0.0,
+    }
 }
 
 /// Moves everything that may move on these sides until the missing force is least.
@@ -54,6 +71,10 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
     for coordinate in &mut coordinates {
         let (lower, upper) = coordinate.bounds;
         let margin = 1e-3 * (upper - lower).min(coordinate.scale);
+        // A declared parameter that was bent to its bound has stood for something that the model lacked: begin as declared.
+        if matches!(coordinate.place, Place::Declared(_)) && (coordinate.value <= lower || coordinate.value >= upper) {
+            coordinate.value = 0.0;
+        }
         coordinate.value = coordinate.value.clamp(lower + margin, upper - margin);
         hypothesis.set(coordinate.place, coordinate.value);
     }
@@ -65,12 +86,13 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
             hypothesis.missing(measured, sides)?
         }
     };
-    let mut residual = stacked(missing.clone());
+    let noise = start.floor(measured).carriage;
+    let mut residual = stacked(&missing, &coordinates, noise);
     let mut squares = residual.norm_squared();
     let mut damping = 1e-3;
     let mut jacobian = DMatrix::zeros(0, 0);
     for iteration in 0..=iterations {
-        jacobian = derivatives(&hypothesis, &coordinates, measured, sides, &residual)?;
+        jacobian = derivatives(&hypothesis, &coordinates, measured, sides, &residual, noise)?;
         if iteration == iterations || coordinates.is_empty() {
             break;
         }
@@ -114,7 +136,7 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
                 damping *= 5.0;
                 continue;
             };
-            let stack = stacked(left.clone());
+            let stack = stacked(&left, &moved, noise);
             if stack.norm_squared() < squares {
                 better = Some((tried, moved, left, stack));
                 damping *= 0.2;
@@ -127,7 +149,7 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
         (hypothesis, coordinates, missing, residual) = (tried, moved, left, stack);
         squares = residual.norm_squared();
         if fallen < PROGRESS * squares {
-            jacobian = derivatives(&hypothesis, &coordinates, measured, sides, &residual)?;
+            jacobian = derivatives(&hypothesis, &coordinates, measured, sides, &residual, noise)?;
             break;
         }
     }
@@ -138,7 +160,7 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
             c.value <= c.bounds.0 + margin || c.value >= c.bounds.1 - margin
         })
         .collect::<Vec<_>>();
-    let (deviations, correlations) = uncertainty(&jacobian, &residual, &missing, &coordinates, &at_bound);
+    let (deviations, correlations) = uncertainty(&jacobian, &residual, &missing, &coordinates, &at_bound, noise);
     Ok(Fitted { hypothesis, missing, coordinates, deviations, correlations, at_bound })
 }
 
@@ -149,16 +171,20 @@ fn derivatives(
     measured: &Measured,
     sides: Sides,
     residual: &DVector<f64>,
+    noise: f64,
 ) -> Result<DMatrix<f64>, ModelError> {
     let columns = coordinates
         .par_iter()
-        .map(|coordinate| {
+        .enumerate()
+        .map(|(index, coordinate)| {
             let step = DIFFERENCE * coordinate.scale;
             let step = if coordinate.value + step > coordinate.bounds.1 { -step } else { step };
             let quotient = |step: f64| -> Result<DVector<f64>, ModelError> {
                 let mut moved = hypothesis.clone();
                 moved.set(coordinate.place, coordinate.value + step);
-                Ok((stacked(moved.missing(measured, sides)?) - residual) * (coordinate.scale / step))
+                let mut there = coordinates.to_vec();
+                there[index].value += step;
+                Ok((stacked(&moved.missing(measured, sides)?, &there, noise) - residual) * (coordinate.scale / step))
             };
             // Some values are possible only together: then the other direction is, or none.
             Ok(quotient(step).or_else(|_| quotient(-step)).unwrap_or_else(|_| DVector::zeros(residual.len())))
@@ -170,13 +196,18 @@ fn derivatives(
     Ok(DMatrix::from_columns(&columns))
 }
 
-/// Standard deviations and correlations from the Jacobian, with the residual's own size as the noise. Coordinates on a bound are held.
+/// Standard deviations and correlations of the coordinates; those on a bound are held.
+///
+/// The covariance is H^-1 S H^-1 with the normal matrix H of the Jacobian and S the covariance of the gradient: the larger, coordinate
+/// by coordinate, of two estimates. One takes the residual of each side as noise of its own size and correlation length. The other sums
+/// the gradient over pieces of the record (Liang, Zeger, Biometrika 73, 1986), and so counts what a model misses here and there.
 fn uncertainty(
     jacobian: &DMatrix<f64>,
     residual: &DVector<f64>,
     missing: &Missing,
     coordinates: &[Coordinate],
     at_bound: &[bool],
+    noise: f64,
 ) -> (Vec<f64>, Vec<Vec<f64>>) {
     let count = coordinates.len();
     let mut deviations = vec![f64::INFINITY; count];
@@ -190,12 +221,36 @@ fn uncertainty(
     }
     let columns = jacobian.select_columns(free.iter());
     let normal = columns.tr_mul(&columns);
-    let inverse = normal.clone().cholesky().map(|factors| factors.inverse());
-    let Some(inverse) = inverse else { return (deviations, correlations) };
-    let longer = correlation_length(&missing.carriage).max(correlation_length(&missing.motor));
-    let variance = residual.norm_squared() / residual.len() as f64 * longer;
+    let Some(inverse) = normal.cholesky().map(|factors| factors.inverse()) else { return (deviations, correlations) };
+
+    let (mut as_noise, mut in_pieces) =
+        (DMatrix::zeros(free.len(), free.len()), DMatrix::zeros(free.len(), free.len()));
+    let mut gradients = vec![DVector::zeros(free.len()); PIECES];
+    let mut from = 0;
+    for side in [&missing.motor, &missing.carriage] {
+        let rows = side.len();
+        let slopes = columns.rows(from, rows);
+        if rows > 0 {
+            let variance = side.iter().map(|left| left * left).sum::<f64>() / rows as f64 * correlation_length(side);
+            as_noise += slopes.tr_mul(&slopes) * variance;
+            for (piece, gradient) in gradients.iter_mut().enumerate() {
+                let (start, end) = (piece * rows / PIECES, (piece + 1) * rows / PIECES);
+                *gradient += slopes.rows(start, end - start).tr_mul(&residual.rows(from + start, end - start));
+            }
+        }
+        from += rows;
+    }
+    let expected = columns.rows(from, coordinates.len());
+    let expected = expected.tr_mul(&expected) * (noise * noise);
+    as_noise += &expected;
+    in_pieces += &expected;
+    for gradient in &gradients {
+        in_pieces += gradient * gradient.transpose() * (PIECES as f64 / (PIECES - 1) as f64);
+    }
+    let [as_noise, in_pieces] = [as_noise, in_pieces].map(|spread| &inverse * spread * &inverse);
     for (row, index) in free.iter().enumerate() {
-        deviations[*index] = (inverse[(row, row)] * variance).sqrt() * coordinates[*index].scale;
+        let variance = as_noise[(row, row)].max(in_pieces[(row, row)]);
+        deviations[*index] = variance.sqrt() * coordinates[*index].scale;
         for (column, other) in free.iter().enumerate() {
             correlations[*index][*other] =
                 inverse[(row, column)] / (inverse[(row, row)] * inverse[(column, column)]).sqrt();

@@ -1,10 +1,14 @@
 //! What might be true: declared parameters within their tolerances and a list of effects, and the residual that this leaves.
 
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix3, Vector3};
+
 use crate::model::{EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
 use crate::plant::effects::Effects;
 use crate::plant::{EffectDescriptor, FrictionScale, GuideBank, Motion, Side};
 
-use super::measured::Measured;
+use super::measured::{Floor, Measured};
 
 /// How far the real machine may be from the declared one, as shares of the declared values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +51,9 @@ const CONTRASTS: [[f64; MAX_GUIDES]; MAX_GUIDES - 1] =
     [[1.0, -1.0, 0.0, 0.0], [0.5, 0.5, -1.0, 0.0], [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, -1.0]];
 /// Contrast that a fit starts from, in tolerances: at none at all no direction is better than its opposite.
 const START_SPREAD: f64 = 0.25;
+
+/// Effects whose phase counts from the start of a record and therefore means nothing in another one: each record has its own.
+const PHASE_OF_RECORD: [&str; 1] = ["external_vibration"];
 
 /// An effect with values in the order of its descriptor's parameters.
 #[derive(Clone, Debug)]
@@ -177,6 +184,40 @@ impl Hypothesis {
         let mut less = self.clone();
         less.effects.remove(effect);
         less
+    }
+
+    /// The same in another record: phases that count from the start of a record are those that fit this one best. Amplitudes and
+    /// frequencies stay.
+    pub fn in_record(&self, measured: &Measured) -> Result<Hypothesis, ModelError> {
+        let mut here = self.clone();
+        for effect in 0..self.effects.len() {
+            let descriptor = self.effects[effect].descriptor;
+            if !PHASE_OF_RECORD.contains(&descriptor.name) {
+                continue;
+            }
+            let index_of = |name: &str| descriptor.parameters.iter().position(|parameter| parameter.name == name);
+            let (Some(frequency), Some(phase)) = (index_of("frequency"), index_of("phase")) else { continue };
+            let frequency = here.effects[effect].values[frequency];
+            let missing = here.without(effect).missing(measured, Sides::CARRIAGE)?;
+            let time = measured.at_rows(&measured.time);
+            let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+            for (time, force) in time.iter().zip(&missing.carriage) {
+                let (sine, cosine) = (TAU * frequency * time).sin_cos();
+                let row = Vector3::new(sine, cosine, 1.0);
+                normal += row * row.transpose();
+                right += row * *force;
+            }
+            if let Some(factors) = normal.cholesky() {
+                let best = factors.solve(&right);
+                here.effects[effect].values[phase] = best[1].atan2(best[0]);
+            }
+        }
+        Ok(here)
+    }
+
+    /// What the declared noise of the sensors leaves on a record.
+    pub fn floor(&self, measured: &Measured) -> Floor {
+        measured.floor(&self.declared)
     }
 
     pub fn mass(&self) -> f64 {

@@ -18,7 +18,7 @@ const MOST_EFFECTS: usize = 4;
 /// model of the motor is exact; on the carriage the measured motion stands for the true one, and that costs about half a floor.
 const MOTOR_GAIN: f64 = 0.02;
 const CARRIAGE_GAIN: f64 = 0.5;
-/// Share of what is still explainable on the hold-out that an effect must take out: below it the law only bends towards what it is not.
+/// Share of what is still explainable on each record that an effect must take out: below it the law only bends towards what it is not.
 const LEAST_SHARE: f64 = 0.1;
 /// Effects of which there may be several: harmonics of a period, lines of a spectrum.
 const SEVERAL: [&str; 4] = ["cogging", "force_ripple", "ball_passage", "external_vibration"];
@@ -125,7 +125,7 @@ impl Watch for Silent {}
 
 fn errors(hypothesis: &Hypothesis, train: &Measured, holdout: &Measured) -> Result<Errors, IdentifyError> {
     let (train_motor, train_carriage) = hypothesis.missing(train, Sides::BOTH)?.squares();
-    let (holdout_motor, holdout_carriage) = hypothesis.missing(holdout, Sides::BOTH)?.squares();
+    let (holdout_motor, holdout_carriage) = hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
     Ok(Errors { train_motor, train_carriage, holdout_motor, holdout_carriage })
 }
 
@@ -279,10 +279,11 @@ pub fn search(
         }
         let mut tried: Vec<(Evidence, Hypothesis)> = tried.into_iter().flatten().collect();
         tried.sort_by(|a, b| b.0.holdout_gain.total_cmp(&a.0.holdout_gain));
-        let explainable = (best_errors.holdout() - floor.total().powi(2)).max(0.0);
+        let least_of = |left: f64| LEAST_SHARE * (left - floor.total().powi(2));
+        let (least_on_train, least_on_holdout) = (least_of(best_errors.train()), least_of(best_errors.holdout()));
         for (one, _) in &mut tried {
             let least = threshold(one.side, has_cell, floor);
-            if one.holdout_gain < least.max(LEAST_SHARE * explainable) || one.train_gain < least {
+            if one.holdout_gain < least.max(least_on_holdout) || one.train_gain < least.max(least_on_train) {
                 one.outcome = Outcome::TooSmall;
             }
         }
@@ -297,7 +298,8 @@ pub fn search(
                 let one = &tried[*index].0;
                 one.outcome != Outcome::TooSmall && one.holdout_gain >= SIMPLER * strongest
             })
-            .min_by_key(|index| tried[*index].0.free)
+            // Of equals the one that stands first in the list: the answer must not hang on the last digit.
+            .min_by_key(|index| (tried[*index].0.free, ALL.iter().position(|one| one.name == tried[*index].0.name)))
             .unwrap_or(0);
         tried[winner].0.outcome = Outcome::Chosen;
         let (gain, free, name) = (tried[winner].0.holdout_gain, tried[winner].0.free, tried[winner].0.name);

@@ -16,6 +16,9 @@ pub const SCHEMA_VERSION: u32 = 1;
 /// Standard deviations on each side of a value that hold 95 % of a normal distribution.
 const TWO_SIDED_95: f64 = 1.96;
 
+/// Correlation from which two parameters are told to be tied. Assumed: at 0.98 each is known five times worse than if the other were given.
+const TIED: f64 = 0.98;
+
 /// The whole file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -313,23 +316,12 @@ fn is_share(place: Place) -> bool {
     matches!(place, Place::Declared(index) if DECLARED[index].0 != "sensor_shift")
 }
 
-/// What deserves a word about the parameters of a fit: on a bound, or hardly or not determined by the data.
+/// What deserves a word about the parameters of a fit: on a bound, hardly or not determined by the data, or tied to another one.
 pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
     let mut warnings = Vec::new();
     for (index, coordinate) in fitted.coordinates.iter().enumerate() {
-        let (name, value, unit) = match coordinate.place {
-            // How the guides differ is not asked for: their sum is.
-            Place::Spread { .. } => continue,
-            Place::Declared(declared) => {
-                let (name, unit) = DECLARED[declared];
-                (name.to_owned(), fitted.hypothesis.declared_value(declared, rate), unit)
-            }
-            Place::Effect { effect, value } => {
-                let part = &fitted.hypothesis.effects[effect];
-                let Some(parameter) = part.descriptor.parameters.get(value) else { continue };
-                (format!("{}.{}", part.descriptor.name, parameter.name), part.values[value], parameter.unit)
-            }
-        };
+        // How the guides differ is not asked for: their sum is.
+        let Some((name, value, unit)) = told(fitted, coordinate.place, rate) else { continue };
         let (lower, upper) = coordinate.bounds;
         let deviation = match coordinate.place {
             Place::Declared(_) => deviation_of_alike(fitted, index),
@@ -359,5 +351,50 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
             ));
         }
     }
+    warnings.extend(tied(fitted, rate));
     warnings
+}
+
+/// Name of a coordinate, its value and unit; `None` for the differences between guides and the knots of a map.
+fn told(fitted: &Fitted, place: Place, rate: f64) -> Option<(String, f64, &'static str)> {
+    match place {
+        Place::Spread { .. } => None,
+        Place::Declared(declared) => {
+            let (name, unit) = DECLARED[declared];
+            Some((name.to_owned(), fitted.hypothesis.declared_value(declared, rate), unit))
+        }
+        Place::Effect { effect, value } => {
+            let part = &fitted.hypothesis.effects[effect];
+            let parameter = part.descriptor.parameters.get(value)?;
+            Some((format!("{}.{}", part.descriptor.name, parameter.name), part.values[value], parameter.unit))
+        }
+    }
+}
+
+/// Parameters of effects that the data tie to a parameter of something else: the closest tie of each effect.
+fn tied(fitted: &Fitted, rate: f64) -> Vec<String> {
+    let effect_of = |index: usize| match fitted.coordinates[index].place {
+        Place::Effect { effect, .. } => Some(effect),
+        _ => None,
+    };
+    (0..fitted.hypothesis.effects.len())
+        .filter_map(|effect| {
+            let own = (0..fitted.coordinates.len()).filter(|index| effect_of(*index) == Some(effect));
+            let pairs = own.flat_map(|index| (0..fitted.coordinates.len()).map(move |other| (index, other)));
+            let (index, other) = pairs
+                .filter(|(_, other)| effect_of(*other) != Some(effect))
+                .filter(|(_, other)| told(fitted, fitted.coordinates[*other].place, rate).is_some())
+                .max_by(|a, b| {
+                    fitted.correlations[a.0][a.1].abs().total_cmp(&fitted.correlations[b.0][b.1].abs())
+                })?;
+            let correlation = fitted.correlations[index][other];
+            let name = |index: usize| told(fitted, fitted.coordinates[index].place, rate).map(|(name, ..)| name);
+            (correlation.abs() >= TIED).then_some(())?;
+            Some(format!(
+                "{} and {} are correlated by {correlation:.3}: these data know the two together better than each of them",
+                name(index)?,
+                name(other)?
+            ))
+        })
+        .collect()
 }

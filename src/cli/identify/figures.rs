@@ -58,7 +58,7 @@ impl Residuals<'_> {
         Ok(Residuals {
             measured,
             before: selection.before.hypothesis.missing(measured, Sides::BOTH)?,
-            after: selection.after.hypothesis.missing(measured, Sides::BOTH)?,
+            after: selection.after.hypothesis.in_record(measured)?.missing(measured, Sides::BOTH)?,
         })
     }
 

@@ -51,8 +51,9 @@ impl Effect for EncoderSde {
 const LONGEST: f64 = 256e-6;
 /// Shortest period that is looked for, m.
 const SHORTEST: f64 = 1e-6;
-/// Samples per period at which a sample still counts: filters of a tenth of the rate pass it.
-const SAMPLES_PER_PERIOD: f64 = 8.0;
+/// Samples per period at which a sample still counts. Each is weighed where it stands, so that what limits it is the lowpass on the forces, whose
+/// corner lies at 2 to 2.5 samples per period.
+const SAMPLES_PER_PERIOD: f64 = 3.0;
 /// Bins per shortest period of an octave, and most bins.
 const BINS_PER_PERIOD: f64 = 8.0;
 const MOST_BINS: usize = 1 << 21;
