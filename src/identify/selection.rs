@@ -4,11 +4,11 @@ use rayon::prelude::*;
 
 use crate::model::{Coordinate, CurveSide, StageModel};
 use crate::plant::effects::ALL;
-use crate::plant::{EffectDescriptor, Residual, Side};
+use crate::plant::{EffectDescriptor, Residual, Samples, Side};
 
 use super::IdentifyError;
 use super::curve;
-use super::fit::{Fitted, fit};
+use super::fit::{Fitted, correlation_length, fit};
 use super::hypothesis::{Hypothesis, Part, Sides, Tolerances};
 use super::measured::{Floor, Measured};
 
@@ -21,7 +21,7 @@ const CARRIAGE_GAIN: f64 = 0.5;
 /// Share of what is still explainable on each record that an effect must take out: below it the law only bends towards what it is not.
 const LEAST_SHARE: f64 = 0.1;
 /// Effects of which there may be several: harmonics of a period, lines of a spectrum.
-const SEVERAL: [&str; 4] = ["cogging", "force_ripple", "ball_passage", "external_vibration"];
+const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
 /// Share of the best gain that a law with fewer parameters must reach to be preferred.
 const SIMPLER: f64 = 0.97;
 /// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to be separable.
@@ -31,6 +31,8 @@ const UNEXPLAINED: f64 = 0.1;
 /// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.1 to 1.5: friction driven along a measured
 /// motion, and guides of which no two are alike, cost the rest.
 const NOISE_LIKE: f64 = 2.0;
+/// Share of the squares of a fit from a simpler start below which a later one replaces it.
+const BETTER_START: f64 = 0.99;
 const ITERATIONS: usize = 8;
 
 /// Errors of a hypothesis: mean squares of the missing force, N^2.
@@ -65,6 +67,8 @@ pub struct Evidence {
     /// Fall of the mean square with this candidate, N^2.
     pub train_gain: f64,
     pub holdout_gain: f64,
+    /// Fall of the mean square of train that as many parameters would take out of what is left by chance, N^2.
+    pub chance: f64,
     pub outcome: Outcome,
 }
 
@@ -129,6 +133,15 @@ fn errors(hypothesis: &Hypothesis, train: &Measured, holdout: &Measured) -> Resu
     Ok(Errors { train_motor, train_carriage, holdout_motor, holdout_carriage })
 }
 
+/// What `free` parameters take out of the mean square of a residual by chance, N^2, twice over: each its share of the values that are
+/// independent of each other. What drifts or wanders has few of them.
+fn by_chance(hypothesis: &Hypothesis, free: usize, train: &Measured) -> Result<f64, IdentifyError> {
+    let missing = hypothesis.missing(train, Sides::BOTH)?;
+    let (motor, carriage) = missing.squares();
+    let per_parameter = motor * correlation_length(&missing.motor) + carriage * correlation_length(&missing.carriage);
+    Ok(2.0 * free as f64 * per_parameter / train.rows.len() as f64)
+}
+
 /// Columns that proposals look at, on the train record.
 struct Columns {
     time: Vec<f64>,
@@ -140,6 +153,12 @@ struct Columns {
     motor: Vec<f64>,
     carriage: Vec<f64>,
     mass: f64,
+    /// Of the carriage at every sample, N.
+    unfiltered: Vec<f64>,
+    /// Encoder at every sample, m.
+    encoder: Vec<f64>,
+    /// s
+    step: f64,
 }
 
 impl Columns {
@@ -156,6 +175,9 @@ impl Columns {
             motor,
             carriage: missing.carriage,
             mass: hypothesis.mass(),
+            unfiltered: hypothesis.missing_at_samples(measured, Sides::CARRIAGE)?.carriage,
+            encoder: measured.position.clone(),
+            step: measured.rate.recip(),
         })
     }
 
@@ -169,6 +191,7 @@ impl Columns {
             friction: &self.friction,
             force: if motor { &self.motor } else { &self.carriage },
             mass: self.mass,
+            samples: Samples { position: &self.encoder, force: &self.unfiltered, step: self.step },
         }
     }
 }
@@ -241,13 +264,13 @@ pub fn search(
                     let part = Part { descriptor, values };
                     let side = part.side();
                     let mut fitted: Option<Fitted> = None;
-                    for part in starts(part, train.rate.recip()) {
-                        // A delay within a sample shows behind the cell only.
-                        let delayed = delay_of(&part).is_some();
-                        let sides = if delayed { Sides::BOTH } else { sides_of(side, has_cell) };
+                    let starts = starts(part, train.rate.recip());
+                    // A delay within a sample shows behind the cell only.
+                    let sides = if starts.len() > 1 { Sides::BOTH } else { sides_of(side, has_cell) };
+                    for part in starts {
                         // A law whose values do not go together has lost; it does not end the search.
                         let Ok(one) = fit(&held.with(part), train, sides, ITERATIONS) else { continue };
-                        if fitted.as_ref().is_none_or(|best| one.squares() < best.squares()) {
+                        if fitted.as_ref().is_none_or(|best| one.squares() < BETTER_START * best.squares()) {
                             fitted = Some(one);
                         }
                     }
@@ -265,6 +288,7 @@ pub fn search(
                             errors: found,
                             train_gain: best_errors.train() - found.train(),
                             holdout_gain: best_errors.holdout() - found.holdout(),
+                            chance: by_chance(&fitted.hypothesis, free, train)?,
                             outcome: Outcome::Beaten,
                         },
                         fitted.hypothesis,
@@ -283,7 +307,9 @@ pub fn search(
         let (least_on_train, least_on_holdout) = (least_of(best_errors.train()), least_of(best_errors.holdout()));
         for (one, _) in &mut tried {
             let least = threshold(one.side, has_cell, floor);
-            if one.holdout_gain < least.max(least_on_holdout) || one.train_gain < least.max(least_on_train) {
+            if one.holdout_gain < least.max(least_on_holdout)
+                || one.train_gain < least.max(least_on_train).max(one.chance)
+            {
                 one.outcome = Outcome::TooSmall;
             }
         }
@@ -422,27 +448,31 @@ fn with_different_guides(start: &Hypothesis, train: &Measured) -> Result<Fitted,
     Ok(best)
 }
 
-/// Index of a delay that the fit may move.
-fn delay_of(part: &Part) -> Option<usize> {
-    (0..part.values.len().min(part.descriptor.parameters.len())).find(|index| {
-        part.descriptor.parameters[*index].name == "delay" && (part.descriptor.free)(&part.values, *index)
-    })
-}
-
-/// Values that a fit starts from. A force cell that is sampled at the ticks shows a delay in whole ticks: the fit cannot step from one to the next.
+/// Values that a fit starts from, the simplest first. A force cell that is sampled at the ticks shows a delay in whole ticks: the fit cannot step
+/// from one to the next. A lag may be of first order, a delay or both, which a proposal hardly tells apart.
 fn starts(part: Part, dt: f64) -> Vec<Part> {
-    let Some(index) = delay_of(&part) else { return vec![part] };
-    let ticks = (part.values[index] / dt).round();
-    [ticks - 0.5, ticks + 0.5]
+    let index_of = |name: &str| part.descriptor.parameters.iter().position(|parameter| parameter.name == name);
+    let Some(delay) = index_of("delay") else { return vec![part] };
+    let lag = index_of("time_constant");
+    let with = |first_order: f64, late: f64| {
+        let mut start = part.clone();
+        start.values[delay] = late;
+        if let Some(lag) = lag {
+            start.values[lag] = first_order;
+        }
+        start
+    };
+    let length = part.values[delay] + lag.map_or(0.0, |lag| part.values[lag]);
+    let ticks = (length / dt).round();
+    let mut all: Vec<Part> = [length, (ticks - 0.5) * dt, (ticks + 0.5) * dt]
         .into_iter()
-        .filter(|ticks| *ticks > 0.0)
-        .map(|ticks| {
-            let mut start = part.clone();
-            start.values[index] = ticks * dt;
-            start
-        })
-        .chain(std::iter::once(part.clone()))
-        .collect()
+        .filter(|late| *late > 0.0)
+        .map(|late| with(0.0, late))
+        .collect();
+    if lag.is_some() {
+        all.extend([with(length, 0.0), with(0.5 * length, 0.5 * length)]);
+    }
+    all
 }
 
 /// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false).

@@ -51,70 +51,61 @@ impl Effect for EncoderSde {
 const LONGEST: f64 = 256e-6;
 /// Shortest period that is looked for, m.
 const SHORTEST: f64 = 1e-6;
-/// Samples per period at which a sample still counts. Each is weighed where it stands, so that what limits it is the lowpass on the forces, whose
-/// corner lies at 2 to 2.5 samples per period.
-const SAMPLES_PER_PERIOD: f64 = 3.0;
 /// Bins per shortest period of an octave, and most bins.
 const BINS_PER_PERIOD: f64 = 8.0;
 const MOST_BINS: usize = 1 << 21;
 
-/// The wave over position, weighted by v^2, that takes most out of the residual: octave by octave of the period a spectrum over position of the samples
-/// slow enough for it; then refined with the whole law.
+/// The wave over position whose second difference over time takes most out of the residual: octave by octave of the period a spectrum
+/// over position; then refined with the whole law.
+///
+/// At every sample and before the lowpass: the error is a function of the position however fast the carriage passes, and between samples
+/// it may well run through more than one period.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
-    let count = residual.force.len();
-    if count < 100 {
+    let samples = residual.samples;
+    let count = samples.force.len();
+    if count < 100 || samples.position.iter().chain(samples.force).any(|value| !value.is_finite()) {
         return None;
     }
-    let step = (residual.time[count - 1] - residual.time[0]) / (count - 1) as f64;
+    // The sum over k of force_k D2 exp(i q x_k), with D2 the second difference, is that of D2 force_k exp(i q x_k).
+    let bends: Vec<f64> =
+        samples.force.windows(3).map(|three| three[2] - 2.0 * three[1] + three[0]).collect();
+    let along = &samples.position[1..count - 1];
+    let lowest = along.iter().copied().fold(f64::INFINITY, f64::min);
+    let highest = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let mut planner = FftPlanner::new();
     let mut best: Option<(f64, f64, f64)> = None;
     let mut tried = 0;
     let mut shortest = SHORTEST;
-    while shortest < LONGEST {
-        let slow = shortest / (SAMPLES_PER_PERIOD * step);
-        let usable = |k: &usize| {
-            residual.velocity[*k].abs() < slow && residual.velocity[*k] != 0.0 && residual.force[*k].is_finite()
-        };
-        let lowest = (0..count).filter(usable).map(|k| residual.position[k]).fold(f64::INFINITY, f64::min);
-        let highest = (0..count).filter(usable).map(|k| residual.position[k]).fold(f64::NEG_INFINITY, f64::max);
+    while shortest < LONGEST && highest - lowest > 4.0 * shortest {
         let width = shortest / BINS_PER_PERIOD;
-        if highest - lowest > 4.0 * shortest {
-            let bins = ((((highest - lowest) / width) as usize + 2).next_power_of_two()).clamp(256, MOST_BINS);
-            let mut spectrum = vec![Complex::new(0.0, 0.0); bins];
-            let mut weight = 0.0;
-            for k in (0..count).filter(usable) {
-                let bin = ((residual.position[k] - lowest) / width) as usize;
-                if bin < bins {
-                    let squared = residual.velocity[k] * residual.velocity[k];
-                    spectrum[bin].re += squared * residual.force[k];
-                    weight += squared * squared;
-                }
+        let bins = ((((highest - lowest) / width) as usize + 2).next_power_of_two()).clamp(256, MOST_BINS);
+        let mut spectrum = vec![Complex::new(0.0, 0.0); bins];
+        for (position, bend) in along.iter().zip(&bends) {
+            let bin = ((position - lowest) / width) as usize;
+            if bin < bins {
+                spectrum[bin].re += bend;
             }
-            planner.plan_fft_forward(bins).process(&mut spectrum);
-            // Cycles over all bins of the octave from 2 `shortest` down to `shortest`.
-            let cycles = (bins as f64 / (2.0 * BINS_PER_PERIOD)) as usize..=(bins as f64 / BINS_PER_PERIOD) as usize;
-            tried += cycles.end() - cycles.start() + 1;
-            for cycle in cycles {
-                let explained = 2.0 * spectrum[cycle].norm_sqr() / weight;
-                if best.is_none_or(|best| explained > best.0) {
-                    let length = bins as f64 * width;
-                    best = Some((explained, TAU * cycle as f64 / length, TAU / length));
-                }
+        }
+        planner.plan_fft_forward(bins).process(&mut spectrum);
+        // Cycles over all bins of the octave from 2 `shortest` down to `shortest`.
+        let cycles = (bins as f64 / (2.0 * BINS_PER_PERIOD)) as usize..=(bins as f64 / BINS_PER_PERIOD) as usize;
+        tried += cycles.end() - cycles.start() + 1;
+        for cycle in cycles {
+            let power = spectrum[cycle].norm_sqr();
+            if best.is_none_or(|best| power > best.0) {
+                let length = bins as f64 * width;
+                best = Some((power, TAU * cycle as f64 / length, TAU / length));
             }
         }
         shortest *= 2.0;
     }
     let (_, coarse, spacing) = best?;
-    let slow = TAU / (coarse * SAMPLES_PER_PERIOD * step) * 1.1;
-    let usable: Vec<usize> = (0..count).filter(|k| residual.velocity[*k].abs() < slow).collect();
-    let force: Vec<f64> = usable.iter().map(|k| residual.force[*k]).collect();
+    let inertia = residual.mass / (samples.step * samples.step);
     let fit = |wave_number: f64| -> Option<Fit<2>> {
-        least_squares(&force, |index| {
-            let k = usable[index];
-            let (sine, cosine) = (wave_number * residual.position[k]).sin_cos();
-            let square = (wave_number * residual.velocity[k]).powi(2);
-            let linear = wave_number * residual.acceleration[k];
-            [residual.mass * (linear * cosine - square * sine), -residual.mass * (linear * sine + square * cosine)]
+        let waves: Vec<(f64, f64)> = samples.position.iter().map(|x| (wave_number * x).sin_cos()).collect();
+        least_squares(&samples.force[1..count - 1], |index| {
+            let (before, here, after) = (waves[index], waves[index + 1], waves[index + 2]);
+            [inertia * (after.0 - 2.0 * here.0 + before.0), inertia * (after.1 - 2.0 * here.1 + before.1)]
         })
     };
     let explained = |wave_number: f64| fit(wave_number).map_or(0.0, |fit| fit.explained);

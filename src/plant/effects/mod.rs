@@ -194,6 +194,19 @@ pub struct Residual<'a> {
     pub force: &'a [f64],
     /// Moving mass as modelled, kg.
     pub mass: f64,
+    /// The carriage side before the lowpass and at every sample: what is too fast for the rows above shows here.
+    pub samples: Samples<'a>,
+}
+
+/// A residual at the rate of the recording.
+#[derive(Clone, Copy, Debug)]
+pub struct Samples<'a> {
+    /// As the encoder says, m.
+    pub position: &'a [f64],
+    /// What an effect would have to add, N.
+    pub force: &'a [f64],
+    /// Time between samples, s.
+    pub step: f64,
 }
 
 /// Everything the rest of the program knows of an effect.

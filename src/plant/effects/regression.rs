@@ -366,7 +366,7 @@ pub(super) mod record {
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    use super::super::{EffectDescriptor, Motion, Residual};
+    use super::super::{EffectDescriptor, Motion, Residual, Samples};
     use crate::model::Catalogue;
     use crate::plant::{FrictionScale, GuideBank};
 
@@ -480,6 +480,7 @@ pub(super) mod record {
                 friction: &self.friction,
                 force: &self.force,
                 mass: MASS,
+                samples: Samples { position: &self.position, force: &self.force, step: STEP },
             }
         }
     }
