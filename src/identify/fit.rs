@@ -39,7 +39,8 @@ impl Fitted {
     }
 }
 
-fn stacked(missing: Missing) -> DVector<f64> {
+/// Both sides behind one another.
+pub(super) fn stacked(missing: Missing) -> DVector<f64> {
     let mut all = missing.motor;
     all.extend(missing.carriage);
     DVector::from_vec(all)
@@ -143,7 +144,7 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
 }
 
 /// Derivatives of the residual by the scaled coordinates, by forward differences (backward at the upper bound).
-fn derivatives(
+pub(super) fn derivatives(
     hypothesis: &Hypothesis,
     coordinates: &[Coordinate],
     measured: &Measured,
