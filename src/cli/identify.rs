@@ -21,8 +21,8 @@ use super::Outcome;
 use crate::bag::{Mapping, topics};
 use crate::identify::Outcome::TooSmall;
 use crate::identify::{
-    Change, LinearController, NextExperiment, PositionErrors, Selection, Summary, Tolerances, Verdict, Watch, closed_loop,
-    next_experiment, parameter_warnings, ripple_elsewhere, search,
+    Change, LinearController, NextExperiment, PositionErrors, Selection, Summary, Tolerances, Verdict, Watch,
+    closed_loop, next_experiment, parameter_warnings, ripple_elsewhere, search,
 };
 use crate::model::StageModel;
 use crate::node::stage_settings;

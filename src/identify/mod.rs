@@ -21,8 +21,8 @@ mod summary;
 pub use fit::{Fitted, correlation_length, fit};
 pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
-pub use next_experiment::{Limits, NextExperiment, NextExperimentError, Plan};
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
+pub use next_experiment::{Limits, NextExperiment, NextExperimentError, Plan};
 pub use phase::{RippleElsewhere, ripple_elsewhere};
 
 pub use closed_loop::{ClosedLoopError, LinearController};

@@ -46,9 +46,13 @@ pub enum NextExperimentError {
     Stroke { low: f64, high: f64, least: f64 },
     #[error("the largest speed is {given} m/s: must be finite and at least {least:e} m/s")]
     Speed { given: f64, least: f64 },
-    #[error("the largest force is {given} N: must be above {needed:.1} N, which the friction of the guides takes alone")]
+    #[error(
+        "the largest force is {given} N: must be above {needed:.1} N, which the friction of the guides takes alone"
+    )]
     Force { given: f64, needed: f64 },
-    #[error("the largest force is {given} N, and the motor of the model has {limit} N (motor.force_limit): at most that")]
+    #[error(
+        "the largest force is {given} N, and the motor of the model has {limit} N (motor.force_limit): at most that"
+    )]
     Motor { given: f64, limit: f64 },
     #[error("the motion may take {given} s: must be between {least} and {most} s")]
     Duration { given: f64, least: f64, most: f64 },
@@ -244,14 +248,34 @@ const USUAL: [(&str, &[f64]); 20] = [
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Segment {
     /// There and back at a constant speed, about the middle of the stroke.
-    ConstantSpeed { speed: f64, distance: f64 },
+    ConstantSpeed {
+        speed: f64,
+        distance: f64,
+    },
     /// There and back between two places, again and again.
-    Passes { speed: f64, from: f64, to: f64, count: usize },
-    Oscillation { amplitude: f64, frequency: f64, count: usize },
+    Passes {
+        speed: f64,
+        from: f64,
+        to: f64,
+        count: usize,
+    },
+    Oscillation {
+        amplitude: f64,
+        frequency: f64,
+        count: usize,
+    },
     /// A rest, then a slow start over a short way, then the same backwards.
-    RestAndBreakAway { rest: f64, distance: f64, speed: f64 },
+    RestAndBreakAway {
+        rest: f64,
+        distance: f64,
+        speed: f64,
+    },
     /// Rest-to-rest moves there and back.
-    FastMoves { distance: f64, duration: f64, count: usize },
+    FastMoves {
+        distance: f64,
+        duration: f64,
+        count: usize,
+    },
 }
 
 impl Segment {
@@ -1011,9 +1035,7 @@ pub fn plan(
     let mut untested: Vec<(usize, &'static str, f64)> = questions
         .of(|subject| matches!(subject, Subject::Untested { .. }))
         .filter_map(|question| match questions.questions[question].subject {
-            Subject::Untested { effect } => {
-                Some((question, effect, questions.separable(question, &present, &present)))
-            }
+            Subject::Untested { effect } => Some((question, effect, questions.separable(question, &present, &present))),
             _ => None,
         })
         .collect();
@@ -1132,11 +1154,7 @@ pub fn plan(
         .map(|piece| {
             let mut alone = Path::at(piece.start(limits.stroke));
             piece.follow(&mut alone, layout.gentle);
-            Planned {
-                kind: piece.kind().to_owned(),
-                description: piece.description(),
-                duration: alone.seconds(),
-            }
+            Planned { kind: piece.kind().to_owned(), description: piece.description(), duration: alone.seconds() }
         })
         .collect();
     Ok(Plan {
@@ -1172,4 +1190,101 @@ pub fn trajectory_yaml(points: &[Point], joint: &str, comments: &[String]) -> St
         text.push_str(&format!("  time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}\n"));
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn limits() -> Limits {
+        Limits { stroke: (-0.05, 0.05), speed: 1.0, force: 1500.0, duration: 20.0 }
+    }
+
+    #[test]
+    fn the_least_of_a_square_form_stays_within_its_bounds() {
+        // (p0 - 3)^2 + (p1 + p0 - 1)^2: free it is at (3, -2).
+        let gram = DMatrix::from_row_slice(2, 2, &[2.0, 1.0, 1.0, 1.0]);
+        let slope = DVector::from_column_slice(&[4.0, 1.0]);
+        let free = within_bounds(&gram, &slope, &[(-10.0, 10.0), (-10.0, 10.0)]);
+        assert!((free[0] - 3.0).abs() < 1e-6 && (free[1] + 2.0).abs() < 1e-6, "{free}");
+        // With p1 at least -1 the rest follows from it: p0 = (4 + 1)/2.
+        let bounded = within_bounds(&gram, &slope, &[(-10.0, 10.0), (-1.0, 10.0)]);
+        assert!((bounded[1] + 1.0).abs() < 1e-9 && (bounded[0] - 2.5).abs() < 1e-6, "{bounded}");
+        // With p0 at most 1 as well, p1 is free again: p1 = 0.
+        let both = within_bounds(&gram, &slope, &[(-10.0, 1.0), (-1.0, 10.0)]);
+        assert!((both[0] - 1.0).abs() < 1e-9 && both[1].abs() < 1e-6, "{both}");
+        // A coordinate that does nothing stays where it is.
+        let idle = within_bounds(
+            &DMatrix::from_row_slice(2, 2, &[1.0, 0.0, 0.0, 0.0]),
+            &DVector::from_column_slice(&[0.5, 0.0]),
+            &[(-1.0, 1.0); 2],
+        );
+        assert!((idle[0] - 0.5).abs() < 1e-6 && idle[1] == 0.0, "{idle}");
+    }
+
+    #[test]
+    fn impossible_limits_are_refused_with_what_would_be_right() {
+        let model = StageModel::default();
+        assert!(limits().check(&model).is_ok());
+        let wrong = [
+            (Limits { stroke: (0.05, -0.05), ..limits() }, ["upside down", "at least"]),
+            (Limits { stroke: (0.0, 1e-5), ..limits() }, ["too short", "at least"]),
+            (Limits { speed: 0.0, ..limits() }, ["speed is 0 m/s", "at least 1e-4"]),
+            (Limits { speed: f64::NAN, ..limits() }, ["speed is NaN", "finite"]),
+            (Limits { force: 20.0, ..limits() }, ["force is 20 N", "friction"]),
+            (Limits { force: 1e4, ..limits() }, ["force is 10000 N", "motor.force_limit"]),
+            (Limits { duration: 0.1, ..limits() }, ["may take 0.1 s", "between 2 and 3600"]),
+        ];
+        for (limits, words) in wrong {
+            let told = limits.check(&model).unwrap_err().to_string();
+            for word in words {
+                assert!(told.contains(word), "{word:?} is not in {told:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_effect_but_the_map_has_a_usual_size_that_is_possible() {
+        let mut known: Vec<&str> = USUAL.iter().map(|(name, _)| *name).collect();
+        known.push("map");
+        known.sort_unstable();
+        let all: Vec<&str> = crate::plant::effects::ALL.iter().map(|effect| effect.name).collect();
+        assert_eq!(known, all);
+        for (name, values) in USUAL {
+            let descriptor = EffectDescriptor::find(name).unwrap();
+            let part = Part { descriptor, values: values.to_vec() };
+            descriptor.values_of(&part.parameters()).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_run_goes_where_it_should_at_the_speed_that_it_says() {
+        for (way, speed) in [(0.02, 0.05), (-0.02, 0.05), (0.02, 0.013), (0.0005, 0.1)] {
+            let mut path = Path::at(0.01);
+            path.run(way, speed, 5.0);
+            assert!((path.position - 0.01 - way).abs() < 1e-12);
+            let fastest =
+                path.points.iter().filter_map(|point| point.velocity).fold(0.0, |most: f64, v| most.max(v.abs()));
+            assert!(fastest <= speed * 1.000_001, "{fastest} {speed}");
+            assert!(way.abs() < 0.01 || fastest > 0.98 * speed, "{fastest} {speed}");
+            assert!(path.points.windows(2).all(|pair| pair[1].time > pair[0].time));
+        }
+    }
+
+    #[test]
+    fn the_trajectory_is_yaml_that_takes_every_number_for_a_number() {
+        let mut path = Path::at(0.0);
+        path.run(-1e-6, 1e-4, 1.0);
+        path.oscillate(1e-6, 2.0, 1);
+        let text = trajectory_yaml(&path.points, "stage", &["what it is for".to_owned()]);
+        assert!(
+            text.starts_with("# what it is for\njoint_names: [stage]\npoints:\n- positions: [-0.000001000000]\n"),
+            "{text}"
+        );
+        for line in text.lines().filter(|line| line.contains("positions") || line.contains("ties")) {
+            let number = line.split(['[', ']']).nth(1).unwrap();
+            assert!(number.contains('.') && !number.contains('e') && number.parse::<f64>().is_ok(), "{line}");
+        }
+        assert_eq!(text.matches("time_from_start").count(), path.points.len());
+    }
 }

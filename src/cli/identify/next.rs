@@ -84,7 +84,12 @@ pub fn lines(next: &NextExperiment) -> Vec<String> {
             (Some(value), "1") => format!("{:.1} %", 100.0 * value),
             (Some(value), unit) => format!("{value:.3e} {unit}"),
         };
-        format!("sharpens {}: known to {} now, to {} with this motion", parameter.name, reach(parameter.before), reach(parameter.after))
+        format!(
+            "sharpens {}: known to {} now, to {} with this motion",
+            parameter.name,
+            reach(parameter.before),
+            reach(parameter.after)
+        )
     }));
     lines.extend(next.untested.iter().map(|shown| {
         format!(

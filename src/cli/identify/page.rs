@@ -228,7 +228,12 @@ fn next_experiment(page: &mut Page, next: &NextExperiment) {
         page.text(&format!("It passes again and again over the {coordinate} of the force that no law explains."));
     }
     let columns = |what: &'static str| {
-        Table::new(&[(what, Align::Left), ("present record", Align::Right), ("this motion", Align::Right), ("", Align::Left)])
+        Table::new(&[
+            (what, Align::Left),
+            ("present record", Align::Right),
+            ("this motion", Align::Right),
+            ("", Align::Left),
+        ])
     };
     if !next.rivals.is_empty() {
         let mut table = columns("effect against rival");
@@ -252,7 +257,8 @@ fn next_experiment(page: &mut Page, next: &NextExperiment) {
     if !next.parameters.is_empty() {
         let mut table = columns("parameter, half width of its 95 % interval");
         for parameter in &next.parameters {
-            let reach = |value: Option<f64>| value.map_or_else(|| "\u{2013}".to_owned(), |value| format!("{value:.3e}"));
+            let reach =
+                |value: Option<f64>| value.map_or_else(|| "\u{2013}".to_owned(), |value| format!("{value:.3e}"));
             table.row([
                 Cell::code(&parameter.name),
                 Cell::text(reach(parameter.before)),
@@ -265,7 +271,12 @@ fn next_experiment(page: &mut Page, next: &NextExperiment) {
     if !next.untested.is_empty() {
         let mut table = columns("effect of a usual size");
         for shown in &next.untested {
-            table.row([Cell::code(&shown.effect), Cell::number(shown.before, 2), Cell::number(shown.after, 2), Cell::text("")]);
+            table.row([
+                Cell::code(&shown.effect),
+                Cell::number(shown.before, 2),
+                Cell::number(shown.after, 2),
+                Cell::text(""),
+            ]);
         }
         page.table(&table.captioned(
             "Rms of what it would leave that the model cannot imitate, in floors of the sensors\u{2019} noise: these the present record shows least.",
