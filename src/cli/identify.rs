@@ -149,18 +149,20 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let (train, holdout) = (&input.train.measured, &input.holdout.measured);
     let mut summary = Summary::new(&selection, train, holdout, position, MODEL_FILE, warnings);
     summary.warnings.extend(summary.worse());
-    let plan = match limits {
-        Some(limits) => {
-            bar.set_message("next experiment");
-            let plan = next_experiment::plan(&selection, &declared, train, limits)
-                .context("no next experiment, because no motion could be worked out")?;
-            let file = args.next_experiment.clone().flatten().unwrap_or_else(|| args.out.join(next::FILE));
-            summary.warnings.extend(next::warnings(&plan.next));
-            summary.next_experiment = Some(NextExperiment { file: file.display().to_string(), ..plan.next });
-            Some((file, plan.points))
+    let mut motion = None;
+    if let Some(limits) = limits {
+        bar.set_message("next experiment");
+        match next_experiment::plan(&selection, &declared, train, limits) {
+            Ok(plan) => {
+                let file = args.next_experiment.clone().flatten().unwrap_or_else(|| args.out.join(next::FILE));
+                summary.warnings.extend(next::warnings(&plan.next));
+                summary.next_experiment = Some(NextExperiment { file: file.display().to_string(), ..plan.next });
+                motion = Some((file, plan.points));
+            }
+            // The search took its time: its results are not thrown away for this.
+            Err(error) => summary.warnings.push(format!("no next experiment: {error}")),
         }
-        None => None,
-    };
+    }
 
     bar.set_message("report");
     let figures = figures::draw(&selection, &input, loops.as_ref())?;
@@ -172,7 +174,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         write(&args.out.join("figures").join(format!("{}.svg", figure.name)), &figure.svg)?;
     }
     write(&args.out.join("report.html"), &html)?;
-    if let (Some((file, points)), Some(next)) = (&plan, &summary.next_experiment) {
+    if let (Some((file, points)), Some(next)) = (&motion, &summary.next_experiment) {
         write(file, &next_experiment::trajectory_yaml(points, topics::JOINT, &next::lines(next)))?;
     }
     let json = serde_json::to_string_pretty(&summary)? + "\n";

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::IdentifyError;
-use super::fit::{Fitted, correlation_length, derivatives, fit, stacked};
+use super::fit::{correlation_length, derivatives, fit, stacked};
 use super::hypothesis::{Coordinate, DECLARED, Hypothesis, Part, Place, Sides};
 use super::measured::Measured;
 use super::selection::{CARRIAGE_GAIN, Outcome, RIVAL, SEVERAL, Selection, Verdict};
@@ -207,13 +207,15 @@ const BANDWIDTH: (f64, f64) = (60.0, 1.0 / 14.0);
 /// Internal rate of the simulated stage, Hz, at least.
 const PHYSICS_RATE: f64 = 40_000.0;
 /// Part of the first piece's evidence per second below which a further piece is not worth its time.
-const WORTH: f64 = 0.05;
+const WORTH: f64 = 0.02;
 /// Rise of the logarithmic evidence below which nothing has been gained at all.
 const NOTHING: f64 = 1e-3;
 /// Most pieces: a motion that a person can still read.
 const MOST_PIECES: usize = 8;
 /// Half width of the 95 % interval of an effect's parameter, as a part of its value, above which it counts as open.
 const VAGUE: f64 = 0.2;
+/// Standard deviation of a declared parameter, in its tolerance, above which the data have told hardly anything about it.
+const UNTOLD: f64 = 0.5;
 /// Untested effects that a motion is made for, where nothing else is open.
 const MOST_UNTESTED: usize = 5;
 /// Iterations of the refit of a rival on the present record, which starts from what the search left.
@@ -485,8 +487,6 @@ struct Questions {
     /// The first one is the identified model.
     alternatives: Vec<Alternative>,
     questions: Vec<Question>,
-    /// Coordinates of the first alternative that the data hardly know.
-    vague: Vec<usize>,
     /// Variance of a row's noise, widened for its correlation, N^2.
     variance: f64,
     sides: Sides,
@@ -541,7 +541,6 @@ impl Questions {
         let floor = selection.floor.total();
         let longer = correlation_length(&missing.carriage).max(correlation_length(&missing.motor));
         Ok(Questions {
-            vague: vague(&selection.after, &alternatives[0].coordinates),
             alternatives,
             questions,
             variance: mean.max(0.5 * floor * floor).max(f64::MIN_POSITIVE) * longer,
@@ -603,17 +602,38 @@ impl Questions {
         self.left(question, part, &self.adapted(question, all)) / part.rows.max(1) as f64
     }
 
-    /// Standard deviations of the vague coordinates, in their scales: from the data and their tolerance.
+    /// Standard deviations of the coordinates of the identified model, in their scales: from the data and their tolerance.
     fn deviations(&self, sums: &Sums) -> Vec<f64> {
+        let coordinates = &self.alternatives[0].coordinates;
         let mut information = &sums.gram[0] / self.variance;
-        for (index, one) in self.alternatives[0].coordinates.iter().enumerate() {
+        for (index, one) in coordinates.iter().enumerate() {
             // A tolerance is knowledge; the bounds of an effect are not.
             information[(index, index)] += if matches!(one.place, Place::Effect { .. }) { 1e-9 } else { 1.0 };
         }
-        let Some(inverse) = information.cholesky().map(|factors| factors.inverse()) else {
-            return vec![1.0; self.vague.len()];
-        };
-        self.vague.iter().map(|index| inverse[(*index, *index)].max(0.0).sqrt()).collect()
+        match information.cholesky().map(|factors| factors.inverse()) {
+            Some(inverse) => inverse.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect(),
+            None => vec![1.0; coordinates.len()],
+        }
+    }
+
+    /// Coordinates of the identified model that its data hardly know, by their index.
+    fn vague(&self, deviations: &[f64]) -> Vec<usize> {
+        let coordinates = &self.alternatives[0].coordinates;
+        (0..coordinates.len())
+            .filter(|index| {
+                let (one, deviation) = (&coordinates[*index], deviations[*index]);
+                match one.place {
+                    // How the guides differ is not asked for: their sum is.
+                    Place::Spread { .. } => false,
+                    Place::Declared(declared) => DECLARED[declared].0 != "sensor_shift" && deviation > UNTOLD,
+                    // A term that is not there is no doubt.
+                    Place::Effect { .. } => {
+                        one.value.abs() > 1e-3 * one.scale
+                            && TWO_SIDED_95 * deviation * one.scale > VAGUE * one.value.abs()
+                    }
+                }
+            })
+            .collect()
     }
 
     /// The larger of both ways round: of two laws of which one contains the other, only the richer one can be recognised.
@@ -659,26 +679,6 @@ fn rivals(selection: &Selection) -> Vec<(usize, Part)> {
         }
     }
     rivals
-}
-
-/// Coordinates of the identified model that its data hardly know, by their index among all.
-fn vague(fitted: &Fitted, coordinates: &[Coordinate]) -> Vec<usize> {
-    let known = |place: Place| fitted.coordinates.iter().position(|one| one.place == place);
-    (0..coordinates.len())
-        .filter(|index| {
-            let one = &coordinates[*index];
-            let Some(at) = known(one.place) else { return false };
-            let reach = TWO_SIDED_95 * fitted.deviations[at];
-            match one.place {
-                Place::Spread { .. } => false,
-                Place::Declared(declared) => DECLARED[declared].0 != "sensor_shift" && reach > one.bounds.1,
-                // A term that is not there is no doubt.
-                Place::Effect { .. } => {
-                    one.value.abs() > 1e-3 * one.scale && !fitted.at_bound[at] && reach > VAGUE * one.value.abs()
-                }
-            }
-        })
-        .collect()
 }
 
 /// The p within `bounds`, which hold 0, that makes p'Gp - 2 g'p least: Newton steps on the free coordinates up to the first bound, which is
@@ -857,26 +857,47 @@ impl<'a> Layout<'a> {
         }
         let curve = selection.after.hypothesis.effects.iter().find_map(|part| part.parameters().curve);
         let (low, high) = self.limits.stroke;
-        let speed = self.limits.speed;
-        let runs = |shares: &[f64], from: f64, to: f64, count: usize| -> Vec<Segment> {
-            shares
-                .iter()
-                .map(|share| {
-                    // No faster than the way to get up to speed and down again allows.
-                    let reachable = (0.5 * (to - from) * self.gentle / RAMP_PEAK).sqrt();
-                    Segment::Passes { speed: (share * speed).min(reachable), from, to, count }
-                })
-                .collect()
-        };
-        match curve {
+        let (kind, from, to) = match &curve {
             Some(curve) if curve.coordinate == Over::Position => {
                 let (from, to) = (curve.from.max(low), curve.to.min(high));
+                // A map that lies outside the stroke: then all of the stroke.
                 let (from, to) = if to - from >= 4.0 * self.forget { (from, to) } else { (low, high) };
-                runs(&[0.05, 0.2, 0.8], from, to, 2)
+                (Over::Position, from, to)
             }
-            Some(curve) if curve.coordinate == Over::Velocity => runs(&[0.01, 0.05, 0.2, 0.5, 1.0], low, high, 1),
-            _ => runs(&[0.3, 0.3], low, high, 3),
+            Some(curve) => (curve.coordinate, low, high),
+            None => (Over::Time, low, high),
+        };
+        let (runs, count): (usize, usize) = match kind {
+            Over::Position => (3, 2),
+            Over::Velocity => (5, 1),
+            Over::Time => (2, 2),
+        };
+        // No faster than the way to get up to speed and down again allows, and so slow that the slowest takes half of the time, or a
+        // third of the fastest where there is time for less.
+        let reachable = (0.5 * (to - from) * self.gentle / RAMP_PEAK).sqrt();
+        let fastest = reachable.min(0.9 * self.limits.speed);
+        let time = 0.9 * self.limits.duration;
+        let slowest = (4.0 * count as f64 * (to - from) / time).min(fastest / 3.0);
+        let mut pieces: Vec<Segment> = (0..runs)
+            .map(|run| {
+                let share = run as f64 / (runs - 1) as f64;
+                // Over time the same motion again: what has changed is not the motion.
+                let speed = if kind == Over::Time { fastest / 3.0 } else { slowest * (fastest / slowest).powf(share) };
+                Segment::Passes { speed, from, to, count }
+            })
+            .collect();
+        // What does not fit goes, the slow ones first.
+        while pieces.len() > 1 && pieces.iter().map(|piece| self.duration(piece)).sum::<f64>() > self.limits.duration {
+            pieces.remove(0);
         }
+        pieces
+    }
+
+    /// Of a piece without the way to it, s.
+    fn duration(&self, piece: &Segment) -> f64 {
+        let mut alone = Path::at(piece.start(self.limits.stroke));
+        piece.follow(&mut alone, self.gentle);
+        alone.seconds()
     }
 
     fn bandwidth(&self) -> f64 {
@@ -1044,23 +1065,25 @@ pub fn plan(
 
     // Evidence for each open question, and knowledge of each vague parameter, both as logarithms: no one drowns the others.
     let before = questions.deviations(&present);
-    let evidence = |all: &Sums, asked: &[usize], vague: bool| -> f64 {
+    let vague = questions.vague(&before);
+    let evidence = |all: &Sums, asked: &[usize], vague: &[usize]| -> f64 {
         let unit = present.rows as f64 * floor * floor;
         let told: f64 = asked
             .iter()
             .map(|question| (questions.left(*question, all, &questions.adapted(*question, all)) / unit).ln_1p())
             .sum();
-        let known: f64 = if vague {
-            before.iter().zip(questions.deviations(all)).map(|(before, after)| (before / after).ln()).sum()
-        } else {
+        let known: f64 = if vague.is_empty() {
             0.0
+        } else {
+            let now = questions.deviations(all);
+            vague.iter().map(|index| (before[*index] / now[*index]).ln()).sum()
         };
         told + known
     };
-    let choose = |forced: &[Segment], asked: &[usize], vague: bool| -> Vec<Segment> {
+    let choose = |forced: &[Segment], asked: &[usize], vague: &[usize]| -> Vec<Segment> {
         let mut pieces = forced.to_vec();
         let mut all = present.clone();
-        let mut left = limits.duration;
+        let mut left = limits.duration - forced.iter().map(|piece| layout.duration(piece)).sum::<f64>();
         let mut best_rate = 0.0;
         let mut value = evidence(&all, asked, vague);
         while pieces.len() < MOST_PIECES {
@@ -1083,12 +1106,12 @@ pub fn plan(
         pieces
     };
     let forced = layout.repeated(selection);
-    let mut pieces = choose(&forced, &asked, true);
+    let mut pieces = choose(&forced, &asked, &vague);
     // Nothing is open, or no motion tells: then for what the data have not shown.
     let settled = pieces.is_empty();
     if settled {
         let asked: Vec<usize> = untested.iter().map(|(question, ..)| *question).collect();
-        pieces = choose(&[], &asked, false);
+        pieces = choose(&[], &asked, &[]);
     }
     if pieces.is_empty() {
         pieces = vec![candidates[0].segment];
@@ -1116,11 +1139,10 @@ pub fn plan(
             }
         })
         .collect();
-    let parameters = questions
-        .vague
+    let sharpened = questions.deviations(&all);
+    let parameters = vague
         .iter()
-        .zip(before.iter().zip(questions.deviations(&all)))
-        .map(|(index, (before, after))| {
+        .map(|index| {
             let one = &questions.alternatives[0].coordinates[*index];
             let (name, unit) = match one.place {
                 Place::Effect { effect, value } => {
@@ -1133,7 +1155,7 @@ pub fn plan(
                 Place::Spread { .. } => ("difference between guides".to_owned(), "1"),
             };
             let reach = |deviation: f64| Some(TWO_SIDED_95 * deviation * one.scale).filter(|reach| reach.is_finite());
-            Sharpened { name, unit: unit.to_owned(), before: reach(*before), after: reach(after) }
+            Sharpened { name, unit: unit.to_owned(), before: reach(before[*index]), after: reach(sharpened[*index]) }
         })
         .collect();
     let untested = untested
@@ -1286,5 +1308,163 @@ mod tests {
             assert!(number.contains('.') && !number.contains('e') && number.parse::<f64>().is_ok(), "{line}");
         }
         assert_eq!(text.matches("time_from_start").count(), path.points.len());
+    }
+
+    use crate::identify::{Errors, Evidence, Selection, Tolerances};
+    use crate::plant::Side;
+
+    const RATE: f64 = 2000.0;
+
+    /// A recording of a stage with hidden effects under our own controller.
+    fn record(declared: &StageModel, hidden: &[(&str, &[(&str, f64)])], path: &Path) -> Measured {
+        let mut model = declared.clone();
+        model.effects = hidden
+            .iter()
+            .map(|(name, values)| crate::model::EffectParameters::new(name, values.iter().copied()))
+            .collect();
+        let mut stage = Stage::new(&model, Rates::new(RATE, 40_000.0).unwrap(), 5).unwrap();
+        let mut controller = Controller::new(ControllerSettings::paper(40.0, RATE, 2000.0)).unwrap();
+        let mut follower = Follower::new(f64::INFINITY);
+        let mut trace = Trace::default();
+        while trace.time.last().is_none_or(|time| *time < path.seconds()) {
+            let sample = stage.sample();
+            if trace.is_empty() {
+                follower.hold(0, sample.position);
+                follower.follow(0, Trajectory::new(0, path.points.clone()).unwrap()).unwrap();
+            }
+            let terms = controller.update(sample.time, sample.position, &mut follower);
+            trace.time.push(sample.time as f64 * 1e-9);
+            trace.position.push(sample.position);
+            trace.force_cell.push(sample.force_cell);
+            trace.force.push(terms.output);
+            trace.reference_position.push(terms.reference.position);
+            trace.reference_velocity.push(terms.reference.velocity);
+            trace.reference_acceleration.push(terms.reference.acceleration);
+            stage.advance(terms.output);
+        }
+        Measured::new(&trace, declared, "the record").unwrap()
+    }
+
+    fn slow() -> Path {
+        let mut path = Path::at(0.0);
+        for way in [0.008, -0.012, 0.004] {
+            path.to(1.5, way, 0.0, 0.0);
+            path.rest(REST);
+        }
+        path
+    }
+
+    fn fast() -> Path {
+        let mut path = Path::at(0.0);
+        for way in [0.03, -0.03, 0.03, -0.03] {
+            path.to(0.12, way, 0.0, 0.0);
+            path.rest(REST);
+        }
+        path.run(0.02, 0.02, 5.0);
+        path
+    }
+
+    fn part(name: &str, values: &[f64]) -> Part {
+        Part { descriptor: EffectDescriptor::find(name).unwrap(), values: values.to_vec() }
+    }
+
+    /// What a search would say that has found these effects, with rivals that are as good.
+    fn found(
+        declared: &StageModel,
+        train: &Measured,
+        effects: &[Part],
+        rivals: &[Part],
+        verdict: Verdict,
+    ) -> Selection {
+        let sides = Sides::BOTH;
+        let hypothesis = Hypothesis::new(declared, Tolerances::default()).unwrap();
+        let before = fit(&hypothesis, train, sides, 6).unwrap();
+        let with = effects.iter().fold(before.hypothesis.clone(), |hypothesis, part| hypothesis.with(part.clone()));
+        let after = fit(&with, train, sides, 6).unwrap();
+        let one = |part: &Part, outcome| Evidence {
+            round: 0,
+            name: part.descriptor.name,
+            side: Side::Carriage,
+            free: 1,
+            part: part.clone(),
+            errors: Errors::default(),
+            train_gain: 1.0,
+            holdout_gain: 1.0,
+            outcome,
+        };
+        let evidence = effects.iter().map(|part| one(part, Outcome::Chosen));
+        let evidence = evidence.chain(rivals.iter().map(|part| one(part, Outcome::Equal))).collect();
+        let inseparable = rivals.iter().map(|rival| (effects[0].descriptor.name, rival.descriptor.name)).collect();
+        Selection {
+            verdict,
+            before,
+            after,
+            errors_before: Errors::default(),
+            errors_after: Errors::default(),
+            evidence,
+            coordinate: effects.iter().find_map(|part| part.parameters().curve.map(|curve| curve.coordinate)),
+            runners_up: vec![None; effects.len()],
+            inseparable,
+            floor: train.floor(declared),
+            stopped: false,
+        }
+    }
+
+    #[test]
+    fn gains_of_motor_and_cell_are_alike_in_slow_moves_and_told_apart_by_accelerations() {
+        let declared = StageModel::default();
+        let train = record(&declared, &[("motor_gain", &[("fraction", 0.03)])], &slow());
+        let (motor, cell) = (part("motor_gain", &[0.03]), part("force_cell_gain", &[0.03]));
+        let selection = found(&declared, &train, &[motor], &[cell], Verdict::NotSeparable);
+        let limits = Limits { speed: 0.3, force: 700.0, duration: 5.0, ..limits() };
+        let Plan { points, next } = plan(&selection, &declared, &train, limits).unwrap();
+        let [rival] = next.rivals.as_slice() else { panic!("one rival: {next:?}") };
+        assert_eq!((rival.effect.as_str(), rival.rival.as_str()), ("motor_gain", "force_cell_gain"));
+        assert!(rival.before < 2.0 && rival.after > 20.0 && rival.separates, "{next:#?}");
+        // Within the limits, at the points and in between.
+        assert!(next.peak_force <= limits.force && next.peak_speed <= 1.001 * limits.speed, "{next:#?}");
+        assert!(next.stroke[0] >= limits.stroke.0 && next.stroke[1] <= limits.stroke.1, "{next:#?}");
+        assert!(next.duration < 2.0 * limits.duration && points.last().unwrap().velocity == Some(0.0), "{next:#?}");
+        // A limit that allows no more acceleration than the record had leaves the doubt, and says so.
+        let gentle = Limits { force: 90.0, speed: 0.02, ..limits };
+        let next = plan(&selection, &declared, &train, gentle).unwrap().next;
+        assert!(!next.rivals[0].separates, "{next:#?}");
+    }
+
+    #[test]
+    fn what_no_motion_tells_apart_is_not_promised() {
+        let declared = StageModel::default();
+        let train = record(&declared, &[("payload", &[("mass", 2.0)])], &fast());
+        let (payload, scale) = (part("payload", &[2.0]), part("encoder_scale", &[-0.05]));
+        let selection = found(&declared, &train, &[payload], &[scale], Verdict::NotSeparable);
+        let next = plan(&selection, &declared, &train, Limits { duration: 6.0, ..limits() }).unwrap().next;
+        assert!(next.rivals.iter().all(|rival| !rival.separates && rival.after < 0.5 * rival.needed), "{next:#?}");
+    }
+
+    #[test]
+    fn without_a_doubt_the_motion_shows_what_the_record_did_not() {
+        let declared = StageModel::default();
+        let train = record(&declared, &[], &slow());
+        let selection = found(&declared, &train, &[], &[], Verdict::None);
+        let next = plan(&selection, &declared, &train, Limits { duration: 6.0, ..limits() }).unwrap().next;
+        assert!(next.rivals.is_empty() && next.untested.len() == MOST_UNTESTED, "{next:#?}");
+        // A structural mode is not seen in slow moves, which do not excite it.
+        assert!(next.untested.iter().any(|shown| shown.before < 0.5 && shown.after > 5.0 * shown.before), "{next:#?}");
+    }
+
+    #[test]
+    fn an_unexplained_force_over_position_is_passed_again_at_several_speeds_both_ways() {
+        let declared = StageModel::default();
+        let train = record(&declared, &[], &fast());
+        let bump: Vec<f64> = [0.0, 0.0, 0.01, 0.03].into_iter().chain((0..9).map(|k| f64::from(k % 3))).collect();
+        let mut selection = found(&declared, &train, &[part("map", &bump)], &[], Verdict::Unknown);
+        selection.coordinate = Some(Over::Position);
+        let Plan { points, next } = plan(&selection, &declared, &train, limits()).unwrap();
+        assert_eq!(next.coordinate.as_deref(), Some("position"));
+        let passes: Vec<&Planned> = next.segments.iter().filter(|one| one.kind == "passes").collect();
+        assert!(passes.len() >= 3 && passes[0].description.contains("from 10.0 mm to 30.0 mm"), "{next:#?}");
+        assert!(next.segments.iter().map(|one| one.duration).sum::<f64>() <= 20.0, "{next:#?}");
+        let crossed = |sign: f64| points.iter().filter(|one| one.velocity.is_some_and(|v| v * sign > 1e-3)).count();
+        assert!(crossed(1.0) >= 6 && crossed(-1.0) >= 6);
     }
 }

@@ -79,6 +79,11 @@ pub fn lines(next: &NextExperiment) -> Vec<String> {
         )
     }));
     lines.extend(next.parameters.iter().map(|parameter| {
+        // Less than a tenth is no gain.
+        let no_better = |before: f64, after: f64| after > 0.9 * before;
+        if parameter.before.zip(parameter.after).is_none_or(|(before, after)| no_better(before, after)) {
+            return format!("does not sharpen {}: no motion that was tried shows it better", parameter.name);
+        }
         let reach = |value: Option<f64>| match (value, parameter.unit.as_str()) {
             (None, _) => "nothing".to_owned(),
             (Some(value), "1") => format!("{:.1} %", 100.0 * value),
