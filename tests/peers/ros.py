@@ -107,8 +107,8 @@ class Ros:
         self.until(lambda: publisher.get_subscription_count() >= readers, f"{readers} subscribers of {topic}")
         return publisher
 
-    def follow(self, points: list[dict] | JointTrajectory, lead: float = 2.0) -> int:
-        """Has the controller follow a trajectory, given as points or as a message, `lead` s of the stage's time from now. Returns its start, ns.
+    def follow(self, points: list[dict], lead: float = 2.0) -> int:
+        """Has the controller follow a trajectory `lead` s of the stage's time from now. Returns its start, ns.
 
         In lockstep time runs several times as fast as the wall clock, and the first message to a new subscriber may take
         3 s: a trajectory that came too late is sent again with a later start.
@@ -119,9 +119,7 @@ class Ros:
         self.until(lambda: states, "the state of the controller")
         for _ in range(10):
             start = nanoseconds(states[-1].header.stamp) + round(lead * 1e9)
-            message = points if isinstance(points, JointTrajectory) else trajectory(points)
-            message.header.stamp = stamp(start)
-            setpoint.publish(message)
+            setpoint.publish(trajectory(points, start))
             self.until(
                 lambda: nanoseconds(states[-1].setpoint_stamp) == start or nanoseconds(states[-1].header.stamp) > start,
                 "acceptance of the trajectory",

@@ -7,79 +7,97 @@ guides that rub 3 % less, looks the same: only the mass, which is declared to ha
 
 import json
 import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import bags
 import pytest
-import yaml
+from builtin_interfaces.msg import Duration
 from conftest import BINARIES
-from play_trajectory import scaled, trajectory_of
-from builtin_interfaces.msg import Time as Stamp
-from ros import Ros, nanoseconds, rest
+from ros import Ros, nanoseconds
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-RATE = 2000.0
-DECLARED = Path(__file__).parents[2] / "launch_config" / "stage_measured_runs.yaml"
+ROOT = Path(__file__).parents[2]
+DECLARED = ROOT / "launch_config" / "stage_measured_runs.yaml"
+EXAMPLE = ROOT / "examples" / "closing_the_loop"
+REAL = EXAMPLE / "real.yaml"
+# What stands in it: the part by which the motor gives more force.
 HIDDEN = 0.03
+RATE = 2000.0
 # What the next motion may do: m, m/s, N.
 STROKE, SPEED, FORCE = (-0.03, 0.03), 0.5, 800.0
 
-
-def slow_moves(*moves: tuple[float, float]) -> list[dict]:
-    """Rest-to-rest moves: (position, duration), with rests between."""
-    time, points = 0.0, []
-    for position, duration in moves:
-        time += duration
-        points.append(rest(time, position))
-        time += 0.1
-        points.append(rest(time, position))
-    return points
+sys.path.insert(0, str(EXAMPLE))
+from play_trajectory import trajectory_of  # noqa: E402
 
 
-FIRST = slow_moves((0.01, 1.5), (0.02, 2.5), (-0.01, 2.0), (-0.0099, 0.3), (-0.01, 0.3), (-0.02, 3.0), (0.0, 1.0))
-FIRST_HELD_OUT = slow_moves((-0.012, 1.2), (0.008, 1.5), (0.0081, 0.3), (0.0, 1.5))
+def seconds(motion: JointTrajectory) -> float:
+    last = motion.points[-1].time_from_start
+    return last.sec + last.nanosec * 1e-9
 
 
-@pytest.fixture
-def real(tmp_path) -> Path:
-    """The stage as it is: within the tolerances of the declared model, and with what nobody declared."""
-    model = yaml.safe_load(DECLARED.read_text())
-    # YAML 1.1 takes 4.5e5 for a text.
-    guides = [{key: float(value) for key, value in guide.items()} for guide in model["guides"]]
-    for guide, coulomb, stiffness in zip(guides, [1.05, 0.97, 1.0, 1.08], [0.95, 1.06, 1.1, 0.98]):
-        guide["coulomb_force"] *= coulomb
-        guide["static_force"] *= coulomb
-        guide["stiffness"] *= stiffness
-    model.update(mass=40.1, guides=guides, effects=[{"motor_gain": {"fraction": HIDDEN}}])
-    path = tmp_path / "real.yaml"
-    path.write_text(yaml.safe_dump(model))
-    return path
+def stretched(motion: JointTrajectory, factor: float) -> JointTrajectory:
+    """The same way in `factor` times the time."""
+    slower = JointTrajectory(joint_names=motion.joint_names)
+    for point in motion.points:
+        at = round((point.time_from_start.sec * 10**9 + point.time_from_start.nanosec) * factor)
+        slower.points.append(
+            JointTrajectoryPoint(
+                positions=point.positions,
+                velocities=[velocity / factor for velocity in point.velocities],
+                accelerations=[acceleration / factor**2 for acceleration in point.accelerations],
+                time_from_start=Duration(sec=at // 10**9, nanosec=at % 10**9),
+            )
+        )
+    return slower
 
 
 class Recorder:
-    """Plays motions to the running stage and records each into a bag of its own."""
+    """Records what is played to the running stage, each motion into a bag of its own.
+
+    In lockstep a disabled controller lets time stand still: it runs only along the motions.
+    """
 
     def __init__(self, ros: Ros, directory: Path) -> None:
         self.ros = ros
         self.directory = directory
+        self.states = ros.collect("/controller/state")
+        # The stage hears setpoints too, for its recording.
+        self.setpoint = ros.publisher("/stage/setpoint", readers=2)
+        ros.until(lambda: self.states, "the state of the controller")
+        self.switch("/controller/enable", False)
 
-    def __call__(self, motion: list[dict] | JointTrajectory) -> Path:
-        ros = self.ros
-        before = set(self.directory.iterdir())
-        # In lockstep a disabled controller lets time stand still: it runs only while something is played.
-        assert ros.call(SetBool, "/controller/enable", data=True).success
-        assert ros.call(SetBool, "/stage/record", data=True).success
-        states = ros.collect("/controller/state", depth=10)
-        start = ros.follow(motion, lead=0.5)
-        last = motion.points[-1].time_from_start if isinstance(motion, JointTrajectory) else None
-        end = start + (round(motion[-1]["time"] * 1e9) if last is None else last.sec * 10**9 + last.nanosec)
-        ros.until(lambda: states and nanoseconds(states[-1].header.stamp) > end + 100_000_000, "the end of the motion", 60.0)
-        assert ros.call(SetBool, "/stage/record", data=False).success
-        assert ros.call(SetBool, "/controller/enable", data=False).success
+    def switch(self, service: str, on: bool) -> None:
+        response = self.ros.call(SetBool, service, data=on)
+        assert response.success, response.message
+
+    def record(self, motion: JointTrajectory, play: Callable[[], Any]) -> Path:
+        """The bag of a motion that `play` sends without a stamp: it starts when the controller hears it."""
+        ros, before = self.ros, set(self.directory.iterdir())
+        last = nanoseconds(self.states[-1].setpoint_stamp)
+        self.switch("/stage/record", True)
+        play()
+        ros.until(lambda: nanoseconds(self.states[-1].setpoint_stamp) > last, "acceptance of the motion")
+        end = nanoseconds(self.states[-1].setpoint_stamp) + round((seconds(motion) + 0.1) * 1e9)
+        self.switch("/controller/enable", True)
+        ros.until(lambda: nanoseconds(self.states[-1].header.stamp) > end, "the end of the motion", 60.0)
+        self.switch("/controller/enable", False)
+        self.switch("/stage/record", False)
         [bag] = set(self.directory.iterdir()) - before
         return bag
+
+    def play(self, motion: JointTrajectory) -> Path:
+        """Played by the node of this test."""
+        return self.record(motion, lambda: self.setpoint.publish(motion))
+
+    def play_by_script(self, file: Path) -> Path:
+        """Played by the script of the example, as a process of its own."""
+        script = [sys.executable, EXAMPLE / "play_trajectory.py", file]
+        return self.record(trajectory_of(file.read_text()), lambda: subprocess.run(script, check=True, timeout=30))
 
 
 def friction_stage(*arguments: object) -> tuple[int, str]:
@@ -108,13 +126,37 @@ def rms(values: list[float]) -> float:
     return (sum(value * value for value in values) / len(values)) ** 0.5
 
 
-def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(ros, stage, controller, start, real, tmp_path):
+def beside(ros: Ros, motion: JointTrajectory, stages: list[str]) -> None:
+    """Plays a motion to several stages at once, each from its first sample on, and waits until all have made it."""
+    publishers = [ros.node.create_publisher(JointTrajectory, f"/{name}/setpoint", 10) for name in stages]
+    last = {name: [] for name in stages}
+    for name in stages:
+        ros.node.create_subscription(JointState, f"/{name}/encoder", last[name].append, 10)
+    for publisher in publishers:
+        # The stage and its controller.
+        ros.until(lambda publisher=publisher: publisher.get_subscription_count() >= 2, "the stages and their controllers")
+    for publisher in publishers:
+        publisher.publish(motion)
+    end = round(seconds(motion) * 1e9)
+
+    def arrived() -> bool:
+        return all(
+            samples and nanoseconds(samples[-1].header.stamp) - nanoseconds(samples[0].header.stamp) > end
+            for samples in last.values()
+        )
+
+    ros.until(arrived, "the end of the motion on all stages", 60.0)
+
+
+def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(ros, stage, controller, start, tmp_path):
     recorded = tmp_path / "bags"
     recorded.mkdir()
-    real_stage = stage(mode="lockstep", model=real, control_rate=RATE, record_into=recorded, answer_timeout=600.0)
+    real_stage = stage(mode="lockstep", model=REAL, control_rate=RATE, record_into=recorded, answer_timeout=600.0)
     its_controller = controller(rate=RATE)
-    play = Recorder(ros, recorded)
-    first, first_held_out = play(FIRST), play(FIRST_HELD_OUT)
+    recorder = Recorder(ros, recorded)
+    first, first_held_out = (
+        recorder.play(trajectory_of((EXAMPLE / name).read_text())) for name in ("slow_moves.yaml", "slow_moves_to_check.yaml")
+    )
 
     # The doubt, and the motion that settles it.
     file = tmp_path / "next.yaml"
@@ -129,8 +171,8 @@ def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(ros, stage, con
     assert STROKE[0] <= min(positions) and max(positions) <= STROKE[1]
     assert max(abs(point.velocities[0]) for point in motion.points) <= SPEED * 1.001
 
-    # Played by this script, and once more, slower, to hold out: no sample of the one is a sample of the other.
-    second, third = play(motion), play(scaled(motion, 1.25))
+    # Played by a script, and once more, slower, to hold out.
+    second, third = recorder.play_by_script(file), recorder.play(stretched(motion, 1.25))
     for bag in (second, third):
         forces = [abs(force.wrench.force.x) for force in bags.with_rosbags(bag)["/stage/force"]]
         assert max(forces) <= 1.05 * FORCE
@@ -154,7 +196,7 @@ def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(ros, stage, con
 
     # Three stages side by side, each in its own lockstep, under the same motion: the real one, the declared model, the identified one.
     traces = {}
-    for name, model in [("real", real), ("declared", DECLARED), ("identified", identified)]:
+    for name, model in [("real", REAL), ("declared", DECLARED), ("identified", identified)]:
         bag = tmp_path / f"beside_{name}"
         names_of = ["--ros-args", "-r", f"__node:={name}", "--"]
         start("stage_node", *names_of, mode="lockstep", model=model, control_rate=RATE, wait_for_command=True, record=bag)
@@ -172,31 +214,3 @@ def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(ros, stage, con
     }
     print(f"beside the real stage: declared {apart['declared'] * 1e9:.1f} nm rms, identified {apart['identified'] * 1e9:.1f} nm rms")
     assert apart["identified"] < 0.2 * apart["declared"]
-
-
-def seconds(motion: JointTrajectory) -> float:
-    last = motion.points[-1].time_from_start
-    return last.sec + last.nanosec * 1e-9
-
-
-def beside(ros: Ros, motion: JointTrajectory, stages: list[str]) -> None:
-    """Plays a motion to several stages at once, each from its first sample on, and waits until all have made it."""
-    motion.header.stamp = Stamp()
-    publishers = [ros.node.create_publisher(JointTrajectory, f"/{name}/setpoint", 10) for name in stages]
-    last = {name: [] for name in stages}
-    for name in stages:
-        ros.node.create_subscription(JointState, f"/{name}/encoder", last[name].append, 10)
-    for publisher in publishers:
-        # The stage and its controller.
-        ros.until(lambda publisher=publisher: publisher.get_subscription_count() >= 2, "the stages and their controllers")
-    for publisher in publishers:
-        publisher.publish(motion)
-    end = round(seconds(motion) * 1e9)
-
-    def arrived() -> bool:
-        return all(
-            samples and nanoseconds(samples[-1].header.stamp) - nanoseconds(samples[0].header.stamp) > end
-            for samples in last.values()
-        )
-
-    ros.until(arrived, "the end of the motion on all stages", 60.0)
