@@ -16,6 +16,8 @@ import bags
 import pytest
 from builtin_interfaces.msg import Duration
 from conftest import BINARIES
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
 from ros import Ros, nanoseconds
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
@@ -28,6 +30,8 @@ REAL = EXAMPLE / "real.yaml"
 # What stands in it: the part by which the motor gives more force.
 HIDDEN = 0.03
 RATE = 2000.0
+# Pause per sample between the motions, s: 0.1 s of the stage's time then take ten.
+SLOW = 0.05
 # What the next motion may do: m, m/s, N.
 STROKE, SPEED, FORCE = (-0.03, 0.03), 0.5, 800.0
 
@@ -59,7 +63,8 @@ def stretched(motion: JointTrajectory, factor: float) -> JointTrajectory:
 class Recorder:
     """Records what is played to the running stage, each motion into a bag of its own.
 
-    In lockstep a disabled controller lets time stand still: it runs only along the motions.
+    Between the motions the time of the stage, which is in lockstep, nearly stands still: a rest of many seconds says nothing, and friction
+    that is driven along an encoder's noise drifts.
     """
 
     def __init__(self, ros: Ros, directory: Path) -> None:
@@ -68,25 +73,33 @@ class Recorder:
         self.states = ros.collect("/controller/state")
         # The stage hears setpoints too, for its recording.
         self.setpoint = ros.publisher("/stage/setpoint", readers=2)
+        self.parameters = AsyncParameterClient(ros.node, "/stage")
+        ros.until(self.parameters.services_are_ready, "the parameters of the stage")
         ros.until(lambda: self.states, "the state of the controller")
-        self.switch("/controller/enable", False)
+        self.pause(SLOW)
 
-    def switch(self, service: str, on: bool) -> None:
-        response = self.ros.call(SetBool, service, data=on)
+    def pause(self, seconds: float) -> None:
+        """Between a sample and its clock, which the controller waits for."""
+        future = self.parameters.set_parameters([Parameter("clock_pause", value=seconds)])
+        [result] = self.ros.result(future, "the answer of the stage").results
+        assert result.successful, result.reason
+
+    def switch(self, on: bool) -> None:
+        response = self.ros.call(SetBool, "/stage/record", data=on)
         assert response.success, response.message
 
     def record(self, motion: JointTrajectory, play: Callable[[], Any]) -> Path:
         """The bag of a motion that `play` sends without a stamp: it starts when the controller hears it."""
         ros, before = self.ros, set(self.directory.iterdir())
         last = nanoseconds(self.states[-1].setpoint_stamp)
-        self.switch("/stage/record", True)
+        self.switch(True)
         play()
         ros.until(lambda: nanoseconds(self.states[-1].setpoint_stamp) > last, "acceptance of the motion")
         end = nanoseconds(self.states[-1].setpoint_stamp) + round((seconds(motion) + 0.1) * 1e9)
-        self.switch("/controller/enable", True)
+        self.pause(0.0)
         ros.until(lambda: nanoseconds(self.states[-1].header.stamp) > end, "the end of the motion", 60.0)
-        self.switch("/controller/enable", False)
-        self.switch("/stage/record", False)
+        self.pause(SLOW)
+        self.switch(False)
         [bag] = set(self.directory.iterdir()) - before
         return bag
 
