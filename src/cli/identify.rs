@@ -206,7 +206,10 @@ fn write(path: &Path, text: &str) -> anyhow::Result<()> {
 fn simulate(selection: &Selection, input: &Input, warnings: &mut Vec<String>) -> Option<LoopErrors> {
     let run = || -> Result<LoopErrors, crate::identify::ClosedLoopError> {
         let all: Vec<_> = input.train.traces().chain(input.holdout.traces()).collect();
-        let controller = closed_loop::controller_of(all[0], &all)?;
+        // Slow moves do not show all of a controller: another train record may.
+        let mut found = input.train.traces().map(|trace| closed_loop::controller_of(trace, &all));
+        let first = found.next().unwrap_or(Err(crate::identify::ClosedLoopError::NoSetpoint));
+        let controller = first.or_else(|error| found.find_map(Result::ok).ok_or(error))?;
         let (before, after) = (selection.before.hypothesis.model(), selection.after.hypothesis.model());
         let errors = |record: &Record, controller: &LinearController| {
             let each = |model: &StageModel| {
