@@ -2,6 +2,7 @@
 
 mod figures;
 mod input;
+mod next;
 mod page;
 
 use std::io::Write;
@@ -17,11 +18,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use self::figures::LoopErrors;
 use self::input::{Input, Record};
 use super::Outcome;
-use crate::bag::Mapping;
+use crate::bag::{Mapping, topics};
 use crate::identify::Outcome::TooSmall;
 use crate::identify::{
-    Change, LinearController, PositionErrors, Selection, Summary, Tolerances, Verdict, Watch, closed_loop,
-    parameter_warnings, ripple_elsewhere, search,
+    Change, LinearController, NextExperiment, PositionErrors, Selection, Summary, Tolerances, Verdict, Watch,
+    closed_loop, next_experiment, parameter_warnings, ripple_elsewhere, search,
 };
 use crate::model::StageModel;
 use crate::node::stage_settings;
@@ -37,7 +38,8 @@ use crate::node::stage_settings;
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:\n  \
     friction-stage identify --model stage.yaml --train run/train --holdout run/check --out result\n  \
-    friction-stage identify --model drive.yaml --train a.csv --holdout b.csv --mapping drive_csv.yaml --out result --json | jq .verdict")]
+    friction-stage identify --model drive.yaml --train a.csv --holdout b.csv --mapping drive_csv.yaml --out result --json | jq .verdict\n  \
+    friction-stage identify --model stage.yaml --train run/train --holdout run/check --out result --next-experiment --stroke -0.05 0.05")]
 pub struct IdentifyArgs {
     /// Model file or catalogue guide: what the stage is declared to be
     #[arg(long, value_name = "MODEL")]
@@ -64,6 +66,12 @@ pub struct IdentifyArgs {
     /// a factor of 1 + SHARE either way [default: that of the guides]
     #[arg(long, value_name = "SHARE", value_parser = positive)]
     pub presliding_tolerance: Option<f64>,
+    /// Write the motion that would best settle what these data leave open, as a trajectory_msgs/JointTrajectory in YAML for `ros2 topic
+    /// pub` and rclpy [default FILE: next_experiment.yaml in the directory of the results]
+    #[arg(long, value_name = "FILE", num_args = 0..=1)]
+    pub next_experiment: Option<Option<PathBuf>>,
+    #[command(flatten)]
+    pub limits: next::LimitArgs,
     /// Print summary.json instead of text
     #[arg(long)]
     pub json: bool,
@@ -120,6 +128,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     bar.set_message("reading");
 
     let input = Input::load(&args.train, &args.holdout, mapping.as_ref(), &declared)?;
+    let limits = args.next_experiment.as_ref().map(|_| args.limits.limits(&declared, &input)).transpose()?;
     let tolerances = Tolerances {
         mass: args.mass_tolerance,
         guides: args.guide_tolerance,
@@ -148,6 +157,20 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let (train, holdout) = (&input.train.measured, &input.holdout.measured);
     let mut summary = Summary::new(&selection, train, holdout, position, MODEL_FILE, warnings);
     summary.warnings.extend(summary.worse());
+    let mut motion = None;
+    if let Some(limits) = limits {
+        bar.set_message("next experiment");
+        match next_experiment::plan(&selection, &declared, train, limits) {
+            Ok(plan) => {
+                let file = args.next_experiment.clone().flatten().unwrap_or_else(|| args.out.join(next::FILE));
+                summary.warnings.extend(next::warnings(&plan.next));
+                summary.next_experiment = Some(NextExperiment { file: file.display().to_string(), ..plan.next });
+                motion = Some((file, plan.points));
+            }
+            // The search took its time: its results are not thrown away for this.
+            Err(error) => summary.warnings.push(format!("no next experiment: {error}")),
+        }
+    }
 
     bar.set_message("report");
     let figures = figures::draw(&selection, &input, loops.as_ref())?;
@@ -159,6 +182,9 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         write(&args.out.join("figures").join(format!("{}.svg", figure.name)), &figure.svg)?;
     }
     write(&args.out.join("report.html"), &html)?;
+    if let (Some((file, points)), Some(next)) = (&motion, &summary.next_experiment) {
+        write(file, &next_experiment::trajectory_yaml(points, topics::JOINT, &next::lines(next)))?;
+    }
     let json = serde_json::to_string_pretty(&summary)? + "\n";
     write(&args.out.join("summary.json"), &json)?;
     bar.finish_and_clear();
@@ -193,7 +219,10 @@ fn simulate(
 ) -> Option<LoopErrors> {
     let run = || -> Result<LoopErrors, crate::identify::ClosedLoopError> {
         let all: Vec<_> = input.train.traces().chain(input.holdout.traces()).collect();
-        let controller = closed_loop::controller_of(all[0], &all)?;
+        // Slow moves do not show all of a controller: another train record may.
+        let mut found = input.train.traces().map(|trace| closed_loop::controller_of(trace, &all));
+        let first = found.next().unwrap_or(Err(crate::identify::ClosedLoopError::NoSetpoint));
+        let controller = first.or_else(|error| found.find_map(Result::ok).ok_or(error))?;
         let (before, after) = (selection.before.hypothesis.model(), selection.after.hypothesis.model());
         let errors = |record: &Record, after: &StageModel, controller: &LinearController| {
             let each = |model: &StageModel| {
@@ -316,6 +345,9 @@ fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Re
         "explained share {:.3} of the held-out residual above the floor of {:.4} N",
         summary.explained_share, summary.floor.force_rms
     )?;
+    for (index, line) in summary.next_experiment.iter().flat_map(next::lines).enumerate() {
+        writeln!(out, "{}{line}", if index == 0 { "" } else { "  " })?;
+    }
     for warning in &summary.warnings {
         writeln!(out, "warning: {warning}")?;
     }

@@ -7,6 +7,7 @@ pub mod fit_guide;
 pub mod identify;
 pub mod import;
 pub mod merge;
+pub mod play;
 pub mod recover;
 pub mod replay;
 pub mod select;
@@ -39,6 +40,7 @@ enum Command {
     Merge(merge::MergeArgs),
     Experiment(experiment::ExperimentArgs),
     Identify(identify::IdentifyArgs),
+    Play(play::PlayArgs),
     Replay(replay::ReplayArgs),
     Import(import::ImportArgs),
     Check(check::CheckArgs),
@@ -77,6 +79,7 @@ impl Arguments {
             Command::Merge(arguments) => merge::run(&arguments, out),
             Command::Experiment(arguments) => experiment::run(&arguments, out),
             Command::Identify(arguments) => identify::run(&arguments, out),
+            Command::Play(arguments) => play::run(&arguments, out),
             Command::Replay(arguments) => replay::run(&arguments, out),
             Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),

@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::Outcome;
 use crate::bag::{BagReader, Trace};
+use crate::identify::{ClosedLoopError, Hypothesis, IdentifyError, Measured, Sides, Tolerances, closed_loop};
 use crate::model::StageModel;
 use crate::node::stage_settings;
 use crate::plant::{Rates, Stage};
@@ -17,6 +18,10 @@ use crate::plant::{Rates, Stage};
 ///
 /// Without options the stage is the one that the bag was recorded from: model, seed and rates stand in the bag, and a
 /// lockstep recording is reproduced bit for bit. With --model another model gets the same forces.
+///
+/// Forces that were recorded with one stage leave another one somewhere else soon, however good its model. Two more figures say how good
+/// it is: the force that the model misses along the recorded motion, and the position error in closed loop, with the recorded
+/// setpoint and the controller that the recording shows.
 #[derive(Debug, Clone, Args)]
 #[command(
     after_help = "Examples:\n  friction-stage replay demo/guide_1\n  friction-stage replay demo/guide_1 --model guide_2 --csv out.csv"
@@ -50,6 +55,12 @@ struct ReplayReport {
     position_rms_m: f64,
     position_max_m: f64,
     force_cell_rms_n: f64,
+    /// Force that the model misses along the recorded motion; null where the recording does not show it.
+    missing_force_rms_n: Option<f64>,
+    /// Encoder of the closed loop less the recorded one; null where the loop cannot be simulated.
+    closed_loop_position_rms_m: Option<f64>,
+    /// Why one of these figures is not there.
+    notes: Vec<String>,
 }
 
 /// Runs the command; the report goes to `out`.
@@ -90,6 +101,9 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         position_rms_m: 0.0,
         position_max_m: 0.0,
         force_cell_rms_n: 0.0,
+        missing_force_rms_n: None,
+        closed_loop_position_rms_m: None,
+        notes: Vec::new(),
     };
     let mut table = args
         .csv
@@ -121,6 +135,14 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let count = report.samples.max(1) as f64;
     report.position_rms_m = (report.position_rms_m / count).sqrt();
     report.force_cell_rms_n = (report.force_cell_rms_n / count).sqrt();
+    match missing_force(&model, &trace) {
+        Ok(rms) => report.missing_force_rms_n = Some(rms),
+        Err(error) => report.notes.push(format!("no missing force: {error}")),
+    }
+    match closed_loop_error(&model, &trace) {
+        Ok(rms) => report.closed_loop_position_rms_m = Some(rms),
+        Err(error) => report.notes.push(format!("no closed loop: {error}")),
+    }
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
@@ -134,6 +156,31 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             report.position_max_m * 1e9,
             report.force_cell_rms_n
         )?;
+        if let Some(rms) = report.missing_force_rms_n {
+            writeln!(out, "along the recorded motion the model misses a force of {rms:.4} N rms")?;
+        }
+        if let Some(rms) = report.closed_loop_position_rms_m {
+            writeln!(
+                out,
+                "in closed loop, with the recorded setpoint and controller: encoder rms {:.3} nm",
+                rms * 1e9
+            )?;
+        }
+        for note in &report.notes {
+            writeln!(out, "{note}")?;
+        }
     }
     Ok(Outcome::Done)
+}
+
+/// Rms of the force that the model misses along the recorded motion, both sides of the cell together, N.
+fn missing_force(model: &StageModel, trace: &Trace) -> Result<f64, IdentifyError> {
+    let measured = Measured::new(trace, model, "the recording")?;
+    Ok(Hypothesis::new(model, Tolerances::default())?.missing(&measured, Sides::BOTH)?.rms())
+}
+
+/// Rms of the closed loop's encoder less the recorded one, m.
+fn closed_loop_error(model: &StageModel, trace: &Trace) -> Result<f64, ClosedLoopError> {
+    let controller = closed_loop::controller_of(trace, &[trace])?;
+    Ok(closed_loop::rms(&closed_loop::position_error(model, trace, &controller)?))
 }

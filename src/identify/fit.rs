@@ -45,7 +45,7 @@ impl Fitted {
 /// The missing force of both sides and, for each declared parameter, how far it is from its declared value: a row of one standard
 /// deviation of the noise per standard deviation of the tolerance, taken as a uniform distribution. It decides only where the data do
 /// not: a payload against the mass itself, a difference between guides that no motion shows.
-fn stacked(missing: &Missing, coordinates: &[Coordinate], noise: f64) -> DVector<f64> {
+pub(super) fn stacked(missing: &Missing, coordinates: &[Coordinate], noise: f64) -> DVector<f64> {
     let declared =
         coordinates.iter().map(|coordinate| expectation(coordinate, noise) * coordinate.value / coordinate.scale);
     DVector::from_iterator(
@@ -165,7 +165,7 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
 }
 
 /// Derivatives of the residual by the scaled coordinates, by forward differences (backward at the upper bound).
-fn derivatives(
+pub(super) fn derivatives(
     hypothesis: &Hypothesis,
     coordinates: &[Coordinate],
     measured: &Measured,

@@ -12,6 +12,7 @@ mod hypothesis;
 pub mod inverse_dynamics;
 mod lowpass;
 mod measured;
+pub mod next_experiment;
 mod phase;
 mod selection;
 pub mod spectrum;
@@ -21,6 +22,7 @@ pub use fit::{Fitted, correlation_length, fit};
 pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
+pub use next_experiment::{Limits, NextExperiment, NextExperimentError, Plan};
 pub use phase::{RippleElsewhere, ripple_elsewhere};
 
 pub use closed_loop::{ClosedLoopError, LinearController};

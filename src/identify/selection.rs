@@ -17,15 +17,15 @@ const MOST_EFFECTS: usize = 4;
 /// What an effect must take off the mean square of train and of hold-out, in squares of the floor of its side. Behind the force cell the
 /// model of the motor is exact; on the carriage the measured motion stands for the true one, and that costs about half a floor.
 const MOTOR_GAIN: f64 = 0.02;
-const CARRIAGE_GAIN: f64 = 0.5;
+pub(super) const CARRIAGE_GAIN: f64 = 0.5;
 /// Share of what is still explainable on each record that an effect must take out: below it the law only bends towards what it is not.
 const LEAST_SHARE: f64 = 0.1;
 /// Effects of which there may be several: harmonics of a period, lines of a spectrum.
-const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
+pub(super) const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
 /// Share of the best gain that a law with fewer parameters must reach to be preferred.
 const SIMPLER: f64 = 0.97;
 /// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to be separable.
-const RIVAL: f64 = 0.985;
+pub(super) const RIVAL: f64 = 0.985;
 /// Share of the explainable residual that a map must take out beyond the laws for the verdict to become unknown.
 const UNEXPLAINED: f64 = 0.1;
 /// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.1 to 1.5: friction driven along a measured

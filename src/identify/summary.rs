@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::fit::Fitted;
 use super::hypothesis::{Coordinate, DECLARED, Place};
 use super::measured::Measured;
+use super::next_experiment::NextExperiment;
 use super::selection::{Selection, Verdict};
 use crate::plant::Side;
 
@@ -36,6 +37,9 @@ pub struct Summary {
     /// File name of the identified model, beside the summary.
     pub model: String,
     pub warnings: Vec<String>,
+    /// The motion that would settle most of what is open, where one was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub next_experiment: Option<NextExperiment>,
 }
 
 /// An effect that the declared model lacked.
@@ -187,6 +191,7 @@ impl Summary {
             declared_parameters,
             model: model.to_owned(),
             warnings,
+            next_experiment: None,
         }
     }
 

@@ -61,6 +61,23 @@ impl Inbox {
     }
 
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<Event> {
+        // First what comes seldom: where a command is always there already, as in lockstep with a pause, it would never have its turn.
+        match std::pin::Pin::new(&mut self.control).poll_next(context) {
+            Poll::Ready(Some(control)) => return Poll::Ready(Event::Control(control)),
+            // Everybody who could control this loop is gone.
+            Poll::Ready(None) => return Poll::Ready(Event::Control(Control::Shutdown)),
+            Poll::Pending => {}
+        }
+        if let Poll::Ready(result) = self.setpoint.poll_take(context) {
+            match result {
+                Ok(message) => {
+                    // A setpoint's stamp is when it starts, which may be long after it came: record it as of now.
+                    self.recorder.hear(0, || Heard::Setpoint(message.clone()));
+                    return Poll::Ready(Event::Setpoint(message));
+                }
+                Err(error) => tracing::warn!("a setpoint could not be read: {error}"),
+            }
+        }
         if let Poll::Ready(result) = self.force.poll_take_from(context) {
             return Poll::Ready(match result {
                 Ok((message, writer)) => {
@@ -91,21 +108,6 @@ impl Inbox {
                 Err(error) => Event::Unreadable(CommandTopic::Commands, error),
             });
         }
-        if let Poll::Ready(result) = self.setpoint.poll_take(context) {
-            match result {
-                Ok(message) => {
-                    // A setpoint's stamp is when it starts, which may be long after it came: record it as of now.
-                    self.recorder.hear(0, || Heard::Setpoint(message.clone()));
-                    return Poll::Ready(Event::Setpoint(message));
-                }
-                Err(error) => tracing::warn!("a setpoint could not be read: {error}"),
-            }
-        }
-        match std::pin::Pin::new(&mut self.control).poll_next(context) {
-            Poll::Ready(Some(control)) => Poll::Ready(Event::Control(control)),
-            // Everybody who could control this loop is gone.
-            Poll::Ready(None) => Poll::Ready(Event::Control(Control::Shutdown)),
-            Poll::Pending => Poll::Pending,
-        }
+        Poll::Pending
     }
 }

@@ -3,7 +3,7 @@
 use super::figures::{Figure, Group};
 use super::input::Input;
 use super::metres;
-use crate::identify::{Evidence, Outcome, Selection, Summary, Verdict};
+use crate::identify::{Evidence, NextExperiment, Outcome, Selection, Summary, Verdict};
 use crate::model::{ModelError, StageModel};
 use crate::plant::{EffectDescriptor, Side};
 use crate::report::page::{Align, Cell, Mark, Page, Table, Tile};
@@ -45,6 +45,10 @@ pub fn page(
     }
     page.section("Candidates");
     candidates(&mut page, selection);
+    if let Some(next) = &summary.next_experiment {
+        page.section("Next experiment");
+        next_experiment(&mut page, next);
+    }
     page.section("Data and method");
     let record = |record: &super::input::Record| {
         let measured = &record.measured;
@@ -203,6 +207,81 @@ fn interval(ci95: Option<[f64; 2]>) -> String {
             format!("{} \u{2026} {}", figures_of(low, Some([low, high])), figures_of(high, Some([low, high])))
         },
     )
+}
+
+fn next_experiment(page: &mut Page, next: &NextExperiment) {
+    page.text(&format!(
+        "The motion that settles most of what these data leave open, within the limits: {}, {:.1} s between {:.4} m and {:.4} m, up to {:.3} \
+         m/s and {:.0} N.",
+        next.file, next.duration, next.stroke[0], next.stroke[1], next.peak_speed, next.peak_force
+    ));
+    let mut table = Table::new(&[("piece", Align::Left), ("motion", Align::Left), ("s", Align::Right)]);
+    for segment in &next.segments {
+        table.row([
+            Cell::text(segment.kind.replace('_', " ")),
+            Cell::text(&segment.description),
+            Cell::number(segment.duration, 1),
+        ]);
+    }
+    page.table(&table);
+    if let Some(coordinate) = &next.coordinate {
+        page.text(&format!("It passes again and again over the {coordinate} of the force that no law explains."));
+    }
+    let columns = |what: &'static str| {
+        Table::new(&[
+            (what, Align::Left),
+            ("present record", Align::Right),
+            ("this motion", Align::Right),
+            ("", Align::Left),
+        ])
+    };
+    if !next.rivals.is_empty() {
+        let mut table = columns("effect against rival");
+        for rival in &next.rivals {
+            let badge = if rival.separates {
+                Cell::badge(Mark::Good, "separates")
+            } else {
+                Cell::badge(Mark::Warning, "does not separate")
+            };
+            table.row([
+                Cell::text(format!("{} against {}", rival.effect, rival.rival)),
+                Cell::number(rival.before, 2),
+                Cell::number(rival.after, 2),
+                badge,
+            ]);
+        }
+        page.table(&table.captioned(
+            "Rms of the force that one of the two has and the other, refitted, cannot imitate, in floors of the sensors\u{2019} noise.",
+        ));
+    }
+    if !next.parameters.is_empty() {
+        let mut table = columns("parameter, half width of its 95 % interval");
+        for parameter in &next.parameters {
+            let reach =
+                |value: Option<f64>| value.map_or_else(|| "\u{2013}".to_owned(), |value| format!("{value:.3e}"));
+            table.row([
+                Cell::code(&parameter.name),
+                Cell::text(reach(parameter.before)),
+                Cell::text(reach(parameter.after)),
+                Cell::text(if parameter.unit == "1" { "of the value" } else { &parameter.unit }),
+            ]);
+        }
+        page.table(&table);
+    }
+    if !next.untested.is_empty() {
+        let mut table = columns("effect of a usual size");
+        for shown in &next.untested {
+            table.row([
+                Cell::code(&shown.effect),
+                Cell::number(shown.before, 2),
+                Cell::number(shown.after, 2),
+                Cell::text(""),
+            ]);
+        }
+        page.table(&table.captioned(
+            "Rms of what it would leave that the model cannot imitate, in floors of the sensors\u{2019} noise: these the present record shows least.",
+        ));
+    }
 }
 
 fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
