@@ -49,7 +49,7 @@ pub struct ExperimentArgs {
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Rest between the conditioning move and the fast move or fine step, simulated seconds; the paper: a minute
-    #[arg(long, default_value_t = 60.0, value_name = "SECONDS", value_parser = rest_seconds)]
+    #[arg(long, default_value_t = lab::Conditioning::PAPER_REST, value_name = "SECONDS", value_parser = rest_seconds)]
     pub rest: f64,
     /// Write no bags
     #[arg(long)]

@@ -23,9 +23,7 @@ mod statements;
 mod stribeck;
 mod variant;
 
-pub use application::{
-    Application, ApplicationError, Conditioning, Constraints, Loop, Motion, Requirement, Sealing, Tolerances,
-};
+pub use application::{Application, ApplicationError, Constraints, Loop, Motion, Requirement, Sealing, Tolerances};
 pub use closed_loop::{ClosedLoop, Cycle};
 pub use dahl::{
     AMPLITUDES, DahlCurves, DahlResonance, HysteresisLoop, LoopTiming, PAPER_AMPLITUDES, dahl, hysteresis_loop, length,
@@ -37,7 +35,7 @@ pub use frequency_response::{FrequencyResponse, Resonance, ResponseLevel, Respon
 pub use guide_fit::{Fitted, GuideFit, GuideFitError, fit_guide};
 pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};
 pub use least_squares::{FitError, Minimum, minimise};
-pub use paper::{Move, MoveKind, PaperMotion};
+pub use paper::{Conditioning, Move, MoveKind, PaperMotion};
 pub use rig::{RIG_TICKS, RigBias, rig};
 pub use rig_motion::{RigError, RigRecord, dahl_motion, rig_of, run_rig, stribeck_motion};
 pub use selection::{Candidate, Plan, Quantiles, Ranked, Selection, SelectionError, Shard, Tally};
