@@ -64,3 +64,21 @@ fn a_motor_that_the_motion_exceeds_is_named() {
     let message = text(&output.stderr);
     assert!(message.contains("500 N") && message.contains("weak") && message.contains("force_limit"), "{message}");
 }
+
+#[test]
+fn guides_of_a_catalogue_beside_the_model_file_are_run_and_recorded() {
+    let directory = tempfile::tempdir().unwrap();
+    let own = include_str!("../launch_config/own_guide_catalogue.yaml");
+    std::fs::create_dir(directory.path().join("models")).unwrap();
+    std::fs::write(directory.path().join("models/own.yaml"), own).unwrap();
+    let model = "name: mine\ncatalogue: own.yaml\nguides: [my_guide, my_guide, my_guide, my_guide]\n";
+    std::fs::write(directory.path().join("models/stage.yaml"), model).unwrap();
+    let arguments = ["experiment", "fine-step", "--model", "models/stage.yaml", "--rest", "0.2", "--out", "o"];
+    let output = friction_stage(&arguments, directory.path());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    // The bag repeats without the catalogue.
+    std::fs::remove_dir_all(directory.path().join("models")).unwrap();
+    let replay = friction_stage(&["replay", "o/bags/mine_fine_step", "--json"], directory.path());
+    let replayed: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
+    assert_eq!(replayed["identical"], replayed["samples"], "{replayed}");
+}
