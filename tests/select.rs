@@ -235,6 +235,33 @@ fn bad_input_is_said_with_the_right_code() {
     assert!(code == 1 && stderr.contains("nowhere holds no selection"), "{code} {stderr}");
 }
 
+/// As in a pipe whose reader ends first, such as `head`.
+#[test]
+fn output_that_nobody_reads_is_no_error() {
+    let directory = tempfile::tempdir().unwrap();
+    let application = short_application(directory.path());
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    let (whole, merged) = (at("whole"), at("merged"));
+    let select = ["select", "--application", &application, "--variants", "20", "--out", &whole];
+    let merge = ["merge", &whole, "--out", &merged, "--json"];
+    for (arguments, code) in [(select.as_slice(), 3), (&merge, 3), (&["merge", "nowhere", "--out", "no"], 1)] {
+        let mut child = program(arguments)
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        if code == 1 {
+            drop(child.stderr.take());
+        }
+        let Output { status, stderr, .. } = child.wait_with_output().unwrap();
+        let told = String::from_utf8(stderr).unwrap();
+        assert_eq!(status.code(), Some(code), "{arguments:?}: {told}");
+        assert!(!told.contains("pipe") && !told.contains("panicked"), "{told}");
+    }
+    assert!(directory.path().join("merged/summary.json").exists());
+}
+
 fn write_bag(directory: &Path, record: &RigRecord, model_yaml: &str, with_cell: bool) -> String {
     let provenance = Provenance { model_yaml: model_yaml.to_owned(), ..Provenance::default() };
     let mut bag =
