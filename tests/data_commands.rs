@@ -65,8 +65,10 @@ fn a_csv_file_is_imported_checked_and_told_in_sentences_and_json() {
     let problems = report["identification"]["problems"].as_array().unwrap();
     let kinds: Vec<&str> = problems.iter().map(|p| p["kind"].as_str().unwrap()).collect();
     assert!(kinds.contains(&"no_command") && kinds.contains(&"no_setpoint"), "{kinds:?}");
+    assert!(!report["identification"]["judgements"].to_string().contains("assumed"), "{report}");
     let direct = friction_stage(&["check", text(&csv), "--mapping", text(&mapping)]);
     let told = stdout(&direct);
+    assert!(told.contains("Stribeck velocity of 1.0e-3 m/s (assumed: no model declares one)"), "{told}");
     assert_eq!(direct.status.code(), Some(3), "{told}");
     assert!(told.contains("mass: can be identified") && told.contains("closed loop: cannot be identified"), "{told}");
 }

@@ -45,6 +45,8 @@ fn wrong_arguments_are_told_and_end_with_2() {
         (["experiment", "dahl", "--guides", "guide_4"], "did you mean `guide_"),
         (["experiment", "dahl", "--guides", "guide_2+distributed_bristles"], "no distributed bristles"),
         (["experiment", "fast-move", "--rest", "0"], "between 0.01 and 3600 s"),
+        (["experiment", "dahl", "--amplitudes", "1e-3,0"], "between 1e-9 and 0.05 m"),
+        (["experiment", "stribeck", "--amplitudes", "1e-3"], "for the loops of dahl"),
     ] {
         let output = friction_stage(&arguments, directory.path());
         assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text(&output.stderr));
@@ -63,4 +65,57 @@ fn a_motor_that_the_motion_exceeds_is_named() {
     assert_eq!(output.status.code(), Some(1));
     let message = text(&output.stderr);
     assert!(message.contains("500 N") && message.contains("weak") && message.contains("force_limit"), "{message}");
+}
+
+#[test]
+fn guides_of_a_catalogue_beside_the_model_file_are_run_and_recorded() {
+    let directory = tempfile::tempdir().unwrap();
+    let own = include_str!("../launch_config/own_guide_catalogue.yaml");
+    std::fs::create_dir(directory.path().join("models")).unwrap();
+    std::fs::write(directory.path().join("models/own.yaml"), own).unwrap();
+    let model = "name: mine\ncatalogue: own.yaml\nguides: [my_guide, my_guide, my_guide, my_guide]\n";
+    std::fs::write(directory.path().join("models/stage.yaml"), model).unwrap();
+    let arguments = ["experiment", "fine-step", "--model", "models/stage.yaml", "--rest", "0.2", "--out", "o"];
+    let output = friction_stage(&arguments, directory.path());
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    // The bag repeats without the catalogue.
+    std::fs::remove_dir_all(directory.path().join("models")).unwrap();
+    let replay = friction_stage(&["replay", "o/bags/mine_fine_step", "--json"], directory.path());
+    let replayed: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
+    assert_eq!(replayed["identical"], replayed["samples"], "{replayed}");
+}
+
+/// `cargo test --release --test experiment -- --ignored`: a minute of computing.
+#[test]
+#[ignore = "all experiments on all guides take a minute with --release"]
+fn the_papers_statements_hold_but_for_the_four_that_the_readme_names() {
+    let directory = tempfile::tempdir().unwrap();
+    let output = friction_stage(&["experiment", "paper", "--no-bags", "--json", "--out", "paper"], directory.path());
+    assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let statements = summary["statements"].as_array().unwrap();
+    let words = |statement: &serde_json::Value, key: &str| statement[key].as_str().unwrap_or_default().to_owned();
+    let fail: Vec<&serde_json::Value> = statements.iter().filter(|statement| statement["holds"] != true).collect();
+    let expected = [
+        ("guide 1 at 10 nm: 7.5e5 N/m", "one bristle has"),
+        ("guide 1 at 40 um: 2.3e5 N/m", "one bristle has"),
+        ("guide 3 reaches the required position last", "guide 2 does overtake it"),
+        ("exceeds the proportional gain", "one bristle cannot"),
+    ];
+    assert_eq!((statements.len(), fail.len()), (28, expected.len()), "{fail:#?}");
+    for (statement, (paper, reason)) in fail.iter().zip(expected) {
+        assert!(
+            words(statement, "paper").contains(paper) && words(statement, "reason").contains(reason),
+            "{statement:#}"
+        );
+    }
+    // The table of the README, in percent: catalogue, best single bristle, distributed.
+    let errors = summary["stiffness_of_guide_1"]["errors"].as_array().unwrap();
+    let table = [(-39.8, -43.6, -0.5), (-0.2, -6.0, -0.2), (44.0, 39.6, -0.4)];
+    for (row, (catalogue, best_single, distributed)) in errors.iter().zip(table) {
+        for (key, expected) in [("catalogue", catalogue), ("best_single", best_single), ("distributed", distributed)] {
+            let found = 100.0 * row[key].as_f64().unwrap();
+            assert!((found - expected).abs() < 0.1, "{key} {found} {expected}");
+        }
+    }
 }

@@ -211,7 +211,7 @@ fn ctrl_c_leaves_a_partial_report_that_says_so() {
     let Some(home) = runs() else { return };
     let out = TempDir::new().unwrap();
     let run = home.join("c");
-    let mut child = identify(&run.join("train"), &run.join("check"), out.path(), &["--json"])
+    let child = identify(&run.join("train"), &run.join("check"), out.path(), &["--json"])
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()

@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use friction_stage::bag::{BagOptions, BagWriter, OfferedQos, Provenance, topics};
-use friction_stage::lab::{RigRecord, dahl_motion, rig_of, run_rig, stribeck_motion};
+use friction_stage::lab::RigRecord;
 use friction_stage::message::{Header, JointState, WrenchStamped};
-use friction_stage::model::Catalogue;
-use friction_stage::plant::Rates;
+use friction_stage::model::{Catalogue, StageModel};
 
 fn program(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_friction-stage"));
@@ -235,6 +234,33 @@ fn bad_input_is_said_with_the_right_code() {
     assert!(code == 1 && stderr.contains("nowhere holds no selection"), "{code} {stderr}");
 }
 
+/// As in a pipe whose reader ends first, such as `head`.
+#[test]
+fn output_that_nobody_reads_is_no_error() {
+    let directory = tempfile::tempdir().unwrap();
+    let application = short_application(directory.path());
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    let (whole, merged) = (at("whole"), at("merged"));
+    let select = ["select", "--application", &application, "--variants", "20", "--out", &whole];
+    let merge = ["merge", &whole, "--out", &merged, "--json"];
+    for (arguments, code) in [(select.as_slice(), 3), (&merge, 3), (&["merge", "nowhere", "--out", "no"], 1)] {
+        let mut child = program(arguments)
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        if code == 1 {
+            drop(child.stderr.take());
+        }
+        let Output { status, stderr, .. } = child.wait_with_output().unwrap();
+        let told = String::from_utf8(stderr).unwrap();
+        assert_eq!(status.code(), Some(code), "{arguments:?}: {told}");
+        assert!(!told.contains("pipe") && !told.contains("panicked"), "{told}");
+    }
+    assert!(directory.path().join("merged/summary.json").exists());
+}
+
 fn write_bag(directory: &Path, record: &RigRecord, model_yaml: &str, with_cell: bool) -> String {
     let provenance = Provenance { model_yaml: model_yaml.to_owned(), ..Provenance::default() };
     let mut bag =
@@ -260,48 +286,44 @@ fn write_bag(directory: &Path, record: &RigRecord, model_yaml: &str, with_cell: 
     directory.display().to_string()
 }
 
+/// Runs of the rig by the commands that the README names; the bags of the Stribeck runs and of the loops.
+fn measured(directory: &Path, guide: &str) -> (String, String) {
+    let out = |name: &str| directory.join(format!("{guide}_{name}")).display().to_string();
+    let (runs, loops) = (out("runs"), out("loops"));
+    let (code, _, stderr) = run(&["experiment", "stribeck", "--guides", guide, "--out", &runs]);
+    assert_eq!(code, 0, "{stderr}");
+    let (code, _, stderr) = run(&["experiment", "dahl", "--guides", guide, "--amplitudes", "420e-6", "--out", &loops]);
+    assert_eq!(code, 0, "{stderr}");
+    (format!("{runs}/bags/{guide}_stribeck"), format!("{loops}/bags/{guide}_dahl"))
+}
+
 #[test]
 fn a_guide_goes_from_the_rig_through_bags_into_the_catalogue_and_is_chosen_from_it() {
     let directory = tempfile::tempdir().unwrap();
-    let guide = Catalogue::builtin().guide("guide_1").unwrap();
-    let model = rig_of(&guide);
-    let yaml = model.to_yaml().unwrap();
-    let speeds: Vec<f64> = (0..10).map(|k| 3e-4 * 10f64.powf(f64::from(k) / 3.0)).collect();
-    let runs = run_rig(&model, stribeck_motion(&speeds), Rates::DEFAULT, 1).unwrap();
-    let loops = run_rig(&model, dahl_motion(&[(420e-6, 2.0, 2), (40e-6, 1.0, 2)]), Rates::DEFAULT, 2).unwrap();
     let at = |name: &str| directory.path().join(name);
-    let stribeck = write_bag(&at("stribeck"), &runs, &yaml, true);
-    let dahl = write_bag(&at("dahl"), &loops, &yaml, true);
+    let (stribeck, loops) = measured(directory.path(), "guide_1");
+    let dahl = format!("{loops}_quick");
     let out = at("fitted.yaml").display().to_string();
     let fit = |stribeck: &str, more: &[&str]| {
         let mut arguments = vec!["fit-guide", "--stribeck", stribeck, "--dahl", &dahl, "--out", &out];
         arguments.extend(more);
         run(&arguments)
     };
-    let blind = write_bag(&at("blind"), &runs, &yaml, false);
+    let record = RigRecord { time: vec![0.0, 1e-3], position: vec![0.0; 2], force: vec![0.0; 2] };
+    let yaml = StageModel::measuring_rig("guide_1").unwrap().to_yaml().unwrap();
+    let blind = write_bag(&at("blind"), &record, &yaml, false);
     let (code, _, stderr) = fit(&blind, &[]);
     assert!(code == 1 && stderr.contains("/stage/force_cell") && stderr.contains("it has /stage/encoder"), "{stderr}");
-    let (code, _, stderr) = fit(&dahl, &[]);
-    assert!(code == 1 && stderr.contains("runs at constant velocity"), "{code} {stderr}");
-    let massless = write_bag(&at("massless"), &runs, "", true);
+    let massless = write_bag(&at("massless"), &record, "", true);
     let (code, _, stderr) = fit(&massless, &[]);
     assert!(code == 1 && stderr.contains("--mass"), "{code} {stderr}");
+    let (code, _, stderr) = fit(&dahl, &[]);
+    assert!(code == 1 && stderr.contains("runs at constant velocity"), "{code} {stderr}");
 
     let (code, stdout, stderr) = fit(&stribeck, &["--name", "fitted", "--seals", "--cage", "--lubricant", "standard"]);
     assert_eq!(code, 0, "{stdout}{stderr}");
     let fitted = Catalogue::load(Path::new(&out)).unwrap();
-    let found = fitted.guide("fitted").unwrap();
-    for (found, truth) in [
-        (found.stiffness, guide.stiffness),
-        (found.bristle_damping, guide.bristle_damping),
-        (found.viscous_friction, guide.viscous_friction),
-        (found.coulomb_force, guide.coulomb_force),
-        (found.static_force, guide.static_force),
-        (found.stribeck_velocity, guide.stribeck_velocity),
-    ] {
-        assert!((found / truth - 1.0).abs() < 0.03, "{found} {truth}\n{stdout}");
-    }
-    assert!(fitted.entry("fitted").unwrap().stiffness.ci95.is_some());
+    assert_near(&fitted, "fitted", "guide_1", 6);
     let (code, _, stderr) = fit(&stribeck, &[]);
     assert!(code == 1 && stderr.contains("is there already"), "{code} {stderr}");
 
@@ -323,4 +345,44 @@ fn a_guide_goes_from_the_rig_through_bags_into_the_catalogue_and_is_chosen_from_
     ]);
     let summary: serde_json::Value = serde_json::from_str(&stdout).unwrap_or_else(|error| panic!("{error}: {stderr}"));
     assert_eq!(summary["choice"], "fitted");
+}
+
+/// Parameters of a fitted guide within 3 % of those of the catalogue, and `least` of them inside of their intervals.
+fn assert_near(fitted: &Catalogue, name: &str, truth: &str, least: usize) {
+    let builtin = Catalogue::builtin();
+    let (found, truth) = (fitted.entry(name).unwrap(), builtin.entry(truth).unwrap());
+    let pairs = [
+        (&found.stiffness, &truth.stiffness),
+        (&found.bristle_damping, &truth.bristle_damping),
+        (&found.viscous_friction, &truth.viscous_friction),
+        (&found.coulomb_force, &truth.coulomb_force),
+        (&found.static_force, &truth.static_force),
+        (&found.stribeck_velocity, &truth.stribeck_velocity),
+    ];
+    let mut inside = 0;
+    for (found, truth) in pairs {
+        assert!((found.value / truth.value - 1.0).abs() < 0.03, "{found:?}, {truth:?}");
+        inside += usize::from(found.ci95.is_some_and(|[low, high]| (low..=high).contains(&truth.value)));
+    }
+    assert!(inside >= least, "{inside} of 6: {found:?}");
+}
+
+/// The damping hides in slow loops, which must be said; in quick ones it shows.
+#[test]
+fn loops_too_slow_for_the_damping_are_told() {
+    let directory = tempfile::tempdir().unwrap();
+    let (stribeck, loops) = measured(directory.path(), "guide_2");
+    let fit = |dahl: &str, name: &str| {
+        let out = directory.path().join(name);
+        let (code, stdout, stderr) =
+            run(&["fit-guide", "--stribeck", &stribeck, "--dahl", dahl, "--out", out.to_str().unwrap()]);
+        assert!(stdout.contains("bristle_damping"), "{stderr}");
+        (code, stdout, Catalogue::load(&out).unwrap())
+    };
+    let (code, stdout, quick) = fit(&format!("{loops}_quick"), "quick.yaml");
+    assert_eq!(code, 0, "{stdout}");
+    // Guide 2 has no Stribeck effect: its velocity has no interval, and of the other five one may miss.
+    assert_near(&quick, "quick", "guide_2", 4);
+    let (code, stdout, _) = fit(&format!("{loops}_420um"), "slow.yaml");
+    assert!(code == 3 && stdout.contains("make the loops quicker"), "{code} {stdout}");
 }

@@ -21,6 +21,8 @@ const LEAST_ROWS: usize = 500;
 /// Half of the time over which velocity and acceleration are taken, s. Assumed: short against a 60 Hz loop's 17 ms period,
 /// long enough that 1 nm of noise is 0.1 mm/s² of acceleration.
 const HALF_BASE: f64 = 5e-3;
+/// Stribeck velocity, m/s, where no model declares one. Assumed: the low end of the usual 1 to 10 mm/s.
+const USUAL_STRIBECK_VELOCITY: f64 = 1e-3;
 /// Slower than this, m/s, the carriage rests. Assumed: a hundredth of a usual Stribeck velocity of 1 mm/s and more.
 const REST_SPEED: f64 = 1e-5;
 /// Shortest stretch of one speed, and of rest, s. Assumed.
@@ -837,17 +839,21 @@ fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
         fit.is_some() && !one_speed,
         format!("velocities up to {fastest:.4} m/s; speeds that are held: {speeds}"),
     );
-    let stribeck = model
+    let declared = model
         .and_then(|m| m.resolved_guides().ok())
-        .map_or(1e-3, |guides| guides.iter().map(|g| g.stribeck_velocity).fold(f64::INFINITY, f64::min));
+        .map(|guides| guides.iter().map(|g| g.stribeck_velocity).fold(f64::INFINITY, f64::min));
+    let stribeck = declared.unwrap_or(USUAL_STRIBECK_VELOCITY);
+    let source = if declared.is_some() { "" } else { " (assumed: no model declares one)" };
     let slow = found.speeds.iter().copied().find(|s| *s < stribeck);
     say(
         "Stribeck curve",
         fit.is_some() && slow.is_some() && fastest > 3.0 * stribeck,
         match slow {
-            Some(slow) => format!("it is held at {slow:.2e} m/s, below the Stribeck velocity of {stribeck:.1e} m/s"),
+            Some(slow) => {
+                format!("it is held at {slow:.2e} m/s, below the Stribeck velocity of {stribeck:.1e} m/s{source}")
+            }
             None => format!(
-                "no speed below the Stribeck velocity of {stribeck:.1e} m/s is held, so only reversals pass through it"
+                "no speed below the Stribeck velocity of {stribeck:.1e} m/s{source} is held, so only reversals pass through it"
             ),
         },
     );

@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use friction_stage::cli::{Arguments, exit_code};
+use friction_stage::cli::{Arguments, Printed, exit_code};
 
 fn main() -> ExitCode {
-    exit_code(Arguments::parse().run(&mut std::io::stdout().lock()))
+    exit_code(Arguments::parse().run(&mut Printed::new(std::io::stdout().lock())))
 }

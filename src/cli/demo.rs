@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::Outcome;
 use crate::bag::{BagReader, topics};
-use crate::lab::{Move, MoveKind, MoveResult, PaperMotion, settling};
+use crate::lab::{Conditioning, Move, MoveKind, MoveResult, PaperMotion, settling};
 use crate::message::ControllerState;
 use crate::node::LOCKSTEP_EPOCH;
 use crate::node::cpu;
@@ -36,8 +36,8 @@ pub struct DemoArgs {
     /// Directory for bags and figures [default: demo_ and the date]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Rest after the conditioning move, simulated seconds (the paper rests a minute; this friction model has no memory of rest)
-    #[arg(long, default_value_t = REST, value_name = "SECONDS")]
+    /// Rest after a return move, before the fast move and before the steps, simulated seconds; the paper: a minute
+    #[arg(long, default_value_t = Conditioning::DEMO_REST, value_name = "SECONDS")]
     pub rest: f64,
     /// Steps of 10 um
     #[arg(long, default_value_t = FINE_STEPS, value_name = "N")]
@@ -50,7 +50,6 @@ pub struct DemoArgs {
     pub json: bool,
 }
 
-const REST: f64 = 2.0;
 const FINE_STEPS: usize = 5;
 
 fn guides() -> Vec<String> {
@@ -59,7 +58,14 @@ fn guides() -> Vec<String> {
 
 impl Default for DemoArgs {
     fn default() -> Self {
-        DemoArgs { guides: guides(), out: None, rest: REST, fine_steps: FINE_STEPS, seed: 1, json: false }
+        DemoArgs {
+            guides: guides(),
+            out: None,
+            rest: Conditioning::DEMO_REST,
+            fine_steps: FINE_STEPS,
+            seed: 1,
+            json: false,
+        }
     }
 }
 

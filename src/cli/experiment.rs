@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use self::bags::write_bag;
 use self::sections::Report;
 use self::summary::{Results, Summary};
-use super::Outcome;
+use super::{Outcome, WrongArguments};
 use crate::lab::{self, LabError, PaperResults, Recording, Settings, Specimen};
 use crate::model::{Catalogue, StageModel};
 use crate::node::recorder::dated_directory;
@@ -45,11 +45,14 @@ pub struct ExperimentArgs {
     /// Directory for bags, figures and report [default: experiment_NAME_ and the date]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Amplitudes of the loops of `dahl`, m [default: twelve from 10e-9 to 1e-3]
+    #[arg(long, value_delimiter = ',', value_name = "METRES", value_parser = amplitude)]
+    pub amplitudes: Vec<f64>,
     /// Seed of the sensor noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Rest between the conditioning move and the fast move or fine step, simulated seconds; the paper: a minute
-    #[arg(long, default_value_t = 60.0, value_name = "SECONDS", value_parser = rest_seconds)]
+    #[arg(long, default_value_t = lab::Conditioning::PAPER_REST, value_name = "SECONDS", value_parser = rest_seconds)]
     pub rest: f64,
     /// Write no bags
     #[arg(long)]
@@ -92,6 +95,11 @@ fn rest_seconds(text: &str) -> Result<f64, String> {
     if (0.01..=3600.0).contains(&value) { Ok(value) } else { Err(format!("{value} must be between 0.01 and 3600 s")) }
 }
 
+fn amplitude(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    if (1e-9..=0.05).contains(&value) { Ok(value) } else { Err(format!("{value} must be between 1e-9 and 0.05 m")) }
+}
+
 fn specimen(name: &str) -> anyhow::Result<Specimen> {
     let Some(guide) = name.strip_suffix(BRISTLES) else { return Ok(Specimen::of_guide(name)?) };
     Specimen::of_guide(guide)?;
@@ -117,10 +125,10 @@ impl Experiment {
     }
 
     /// Steps of the progress bar for one specimen.
-    fn ticks(self) -> usize {
+    fn ticks(self, amplitudes: usize) -> usize {
         let parts = [
             (Experiment::Stribeck, lab::SPEEDS.len()),
-            (Experiment::Dahl, lab::AMPLITUDES.len()),
+            (Experiment::Dahl, amplitudes),
             (Experiment::FrequencyResponse, lab::FrequencyResponse::TICKS),
             (Experiment::FastMove, 2),
             (Experiment::FineStep, 2),
@@ -133,8 +141,12 @@ impl Experiment {
 
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
-    let specimens = specimens(args)?;
     let name = args.experiment.name();
+    if !args.amplitudes.is_empty() && args.experiment != Experiment::Dahl {
+        return Err(WrongArguments(format!("--amplitudes is for the loops of dahl, not for {name}")).into());
+    }
+    let amplitudes = amplitudes(args);
+    let specimens = specimens(args)?;
     let directory = args.out.clone().unwrap_or_else(|| dated_directory(Path::new(""), &format!("experiment_{name}")));
     anyhow::ensure!(
         !directory.join("summary.json").exists(),
@@ -144,7 +156,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     std::fs::create_dir_all(&directory).with_context(|| format!("cannot create {}", directory.display()))?;
     let settings = Settings { seed: args.seed, rates: Rates::DEFAULT };
 
-    let bar = ProgressBar::new((specimens.len() * args.experiment.ticks()) as u64);
+    let bar = ProgressBar::new((specimens.len() * args.experiment.ticks(amplitudes.len())) as u64);
     bar.set_style(ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?.progress_chars("=> "));
     bar.enable_steady_tick(Duration::from_millis(200));
     bar.set_message(name.clone());
@@ -211,6 +223,17 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     })
 }
 
+/// Amplitudes of the loops, m, ascending.
+fn amplitudes(args: &ExperimentArgs) -> Vec<f64> {
+    if args.amplitudes.is_empty() {
+        return lab::AMPLITUDES.into();
+    }
+    let mut found = args.amplitudes.clone();
+    found.sort_by(f64::total_cmp);
+    found.dedup();
+    found
+}
+
 fn specimens(args: &ExperimentArgs) -> anyhow::Result<Vec<Specimen>> {
     let mut names = args.guides.clone();
     if names.is_empty() && args.model.is_empty() {
@@ -253,8 +276,11 @@ fn measure(
         results.stribeck.push(found);
     }
     if asked(Experiment::Dahl) {
-        let (found, recordings) = lab::dahl(of, settings, &lab::AMPLITUDES, tick)?;
+        let (found, recordings) = lab::dahl(of, settings, &amplitudes(args), tick)?;
         keep(&recordings)?;
+        if !args.no_bags {
+            keep(&[lab::quick_loops(of, settings, &lab::QUICK_LOOPS)?])?;
+        }
         results.dahl.push(found);
     }
     if asked(Experiment::FrequencyResponse) {

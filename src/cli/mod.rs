@@ -90,6 +90,40 @@ impl Arguments {
     }
 }
 
+/// What a command prints, until whoever reads it goes away, as `head` does behind a pipe: what comes then is dropped, and the command
+/// goes on to its end, with its files and its exit code.
+#[derive(Debug)]
+pub struct Printed<W> {
+    reader: Option<W>,
+}
+
+impl<W: Write> Printed<W> {
+    pub fn new(reader: W) -> Printed<W> {
+        Printed { reader: Some(reader) }
+    }
+
+    fn tell<T>(&mut self, unread: T, action: impl FnOnce(&mut W) -> std::io::Result<T>) -> std::io::Result<T> {
+        let Some(reader) = &mut self.reader else { return Ok(unread) };
+        match action(reader) {
+            Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => {
+                self.reader = None;
+                Ok(unread)
+            }
+            done => done,
+        }
+    }
+}
+
+impl<W: Write> Write for Printed<W> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.tell(bytes.len(), |reader| reader.write(bytes))
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.tell((), Write::flush)
+    }
+}
+
 /// Arguments that are well-formed and yet wrong, found out after parsing: exit 2, as for those that clap refuses.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
@@ -101,7 +135,8 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Warnings) => ExitCode::from(3),
         Err(error) => {
-            eprintln!("error: {}", in_one_line(&error));
+            // Nobody may read stderr any more, and `eprintln!` would panic of that.
+            let _ = writeln!(std::io::stderr(), "error: {}", in_one_line(&error));
             if error.is::<WrongArguments>() { ExitCode::from(2) } else { ExitCode::FAILURE }
         }
     }

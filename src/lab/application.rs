@@ -5,6 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::paper::Conditioning;
 use crate::model::{CatalogueEntry, Guide, MAX_GUIDES, StageModel, nearest};
 
 /// An application for which a guide is to be chosen. SI units.
@@ -46,18 +47,6 @@ pub struct Motion {
     pub and_return: bool,
     #[serde(default)]
     pub conditioning: Conditioning,
-}
-
-/// What comes before the move: a move the other way and a rest.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Conditioning {
-    /// Way of the move, m, against the direction of the move that is judged.
-    pub distance: f64,
-    /// Time of the move, s.
-    pub duration: f64,
-    /// Time at rest after it, s.
-    pub rest: f64,
 }
 
 /// The controller: the paper's PID with lowpass and ideal mass feedforward.
@@ -154,14 +143,6 @@ fn mass() -> f64 {
 
 fn guides() -> usize {
     MAX_GUIDES
-}
-
-impl Default for Conditioning {
-    /// 50 mm back in 100 ms, as the paper, and 0.4 s at rest in place of its minute: LuGre guides know no time of rest, and
-    /// by then the error of that move is gone. A shorter move leaves the bristles loaded another way, with another error.
-    fn default() -> Self {
-        Conditioning { distance: 50e-3, duration: 0.1, rest: 0.4 }
-    }
 }
 
 impl Default for Loop {

@@ -117,7 +117,7 @@ impl LoopTiming {
 }
 
 /// Measures loops at `amplitudes` (ascending, m) and derives the stage's resonance; `tick` is called after each. Recordings
-/// hold the paper's amplitudes, at most 100 s of each.
+/// hold the paper's amplitudes, or all where there are no more than those, at most 100 s of each.
 pub fn dahl(
     specimen: &Specimen,
     settings: &Settings,
@@ -141,7 +141,7 @@ pub fn dahl(
         found.area_is_resolved = amplitude >= AREA_FROM && found.area.standard_error < 0.2 * found.area.value;
         curves.resonances.push(resonance(&found, guides, specimen.stage.mass));
         curves.loops.push(found);
-        if PAPER_AMPLITUDES.contains(&amplitude) {
+        if PAPER_AMPLITUDES.contains(&amplitude) || amplitudes.len() <= PAPER_AMPLITUDES.len() {
             recordings.push(recording);
         }
         tick();

@@ -14,8 +14,8 @@ mod guide_fit;
 mod hunting;
 mod least_squares;
 mod paper;
+mod quick_loops;
 mod rig;
-mod rig_motion;
 mod selection;
 mod settling;
 mod specimen;
@@ -23,9 +23,7 @@ mod statements;
 mod stribeck;
 mod variant;
 
-pub use application::{
-    Application, ApplicationError, Conditioning, Constraints, Loop, Motion, Requirement, Sealing, Tolerances,
-};
+pub use application::{Application, ApplicationError, Constraints, Loop, Motion, Requirement, Sealing, Tolerances};
 pub use closed_loop::{ClosedLoop, Cycle};
 pub use dahl::{
     AMPLITUDES, DahlCurves, DahlResonance, HysteresisLoop, LoopTiming, PAPER_AMPLITUDES, dahl, hysteresis_loop, length,
@@ -34,12 +32,12 @@ pub use distributed_fit::{DistributedFit, NoDistributedFit, best_single, fit as 
 pub use fast_move::{FastMove, WAVE, fast_move};
 pub use fine_step::{FineStep, STEPS, fine_step};
 pub use frequency_response::{FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response};
-pub use guide_fit::{Fitted, GuideFit, GuideFitError, fit_guide};
+pub use guide_fit::{Fitted, GuideFit, GuideFitError, RigRecord, fit_guide};
 pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};
 pub use least_squares::{FitError, Minimum, minimise};
-pub use paper::{Move, MoveKind, PaperMotion};
+pub use paper::{Conditioning, Move, MoveKind, PaperMotion};
+pub use quick_loops::{QUICK_LOOPS, quick_loops};
 pub use rig::{RIG_TICKS, RigBias, rig};
-pub use rig_motion::{RigError, RigRecord, dahl_motion, rig_of, run_rig, stribeck_motion};
 pub use selection::{Candidate, Plan, Quantiles, Ranked, Selection, SelectionError, Shard, Tally};
 pub use settling::{MoveResult, SETTLING_BANDS, settling};
 pub use specimen::{LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, closed_loop};

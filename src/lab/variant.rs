@@ -6,7 +6,8 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::application::{Application, LEAD};
 use super::closed_loop::ClosedLoop;
-use crate::control::{Controller, ControllerError, ControllerSettings, Gains, Point, Trajectory, TrajectoryError};
+use super::paper::{Move, MoveKind, PaperMotion};
+use crate::control::{Controller, ControllerError, ControllerSettings, Gains, Trajectory, TrajectoryError};
 use crate::model::{Guide, ModelError};
 use crate::plant::{Rates, RatesError, Stage};
 
@@ -44,8 +45,8 @@ pub struct Experiment {
     rates: Rates,
     settings: ControllerSettings,
     trajectory: Trajectory,
-    /// First instant, arrival and end of each move that is judged, ns.
-    moves: Vec<(i64, i64, i64)>,
+    /// The moves that are judged.
+    moves: Vec<Move>,
 }
 
 /// Seed of a variant: the first word of the ChaCha8 stream whose key is (seed, FNV-1a of the guide's name, variant).
@@ -76,26 +77,13 @@ impl Experiment {
         };
         settings.check()?;
         let motion = &application.motion;
-        let mut points: Vec<Point> = Vec::new();
-        let mut travel = |after: f64, position: f64| {
-            let time = points.last().map_or(0, |point| point.time) + (after * 1e9).round() as i64;
-            if points.last().is_none_or(|point| point.time < time) {
-                points.push(Point { time, position, velocity: Some(0.0), acceleration: Some(0.0), effort: 0.0 });
-            }
-            time
-        };
-        let from = -motion.conditioning.distance;
-        travel(LEAD, 0.0);
-        travel(motion.conditioning.duration, from);
-        let mut start = travel(motion.conditioning.rest, from);
-        let mut moves = Vec::new();
-        for target in [Some(from + motion.distance), motion.and_return.then_some(from)].into_iter().flatten() {
-            let arrival = travel(motion.duration, target);
-            let end = travel(motion.settle, target);
-            moves.push((start, arrival, end));
-            start = end;
+        let mut path = PaperMotion::conditioned(LEAD, &motion.conditioning);
+        path.travel(MoveKind::Application, motion.distance, motion.duration, motion.settle);
+        if motion.and_return {
+            path.travel(MoveKind::Application, -motion.distance, motion.duration, motion.settle);
         }
-        let trajectory = Trajectory::new(0, points)?;
+        let moves = path.moves.iter().filter(|the_move| the_move.kind == MoveKind::Application).copied().collect();
+        let trajectory = Trajectory::new(0, path.points)?;
         Ok(Experiment { application: application.clone(), rates, settings, trajectory, moves })
     }
 
@@ -117,7 +105,7 @@ impl Experiment {
         let mut closed_loop = ClosedLoop::new(stage, controller, self.trajectory.clone());
         let mut result = VariantResult { variant, peak_error: 0.0, settling_time: Some(0.0), saturated: false, guide };
         let band = self.application.requirement.settling_band;
-        for &(start, arrival, end) in &self.moves {
+        for &Move { start, arrival, end, .. } in &self.moves {
             let mut outside = false;
             loop {
                 let cycle = closed_loop.cycle()?;
@@ -187,7 +175,7 @@ mod tests {
     /// The same motion by the laboratory's own moves and its own judgement.
     #[test]
     fn a_variant_without_tolerances_is_the_move_of_the_laboratory() {
-        use super::super::{Move, MoveKind, SETTLING_BANDS, settling};
+        use super::super::{SETTLING_BANDS, settling};
         let mut application = fine();
         application.tolerances = Default::default();
         let nominal = Catalogue::builtin().guide("guide_1").unwrap();
@@ -202,9 +190,7 @@ mod tests {
             .map(|_| closed_loop.cycle().unwrap())
             .map(|cycle| (cycle.sample.time, cycle.terms.error))
             .collect();
-        let (start, arrival, end) = experiment.moves[0];
-        let the_move = Move { kind: MoveKind::FineStep, start, arrival, end, target: 0.0 };
-        let expected = settling(&the_move, errors.into_iter()).unwrap();
+        let expected = settling(&experiment.moves[0], errors.into_iter()).unwrap();
         assert_eq!(SETTLING_BANDS[1], application.requirement.settling_band);
         assert_eq!(found.peak_error, expected.peak_error);
         assert_eq!(found.settling_time, expected.settling[1]);

@@ -126,7 +126,7 @@ impl Catalogue {
     /// Reads a file of a user's entries.
     pub fn load(path: &Path) -> Result<Catalogue, ModelError> {
         let text = std::fs::read_to_string(path)
-            .map_err(|source| ModelError::Read { path: path.display().to_string(), source })?;
+            .map_err(|source| ModelError::ReadCatalogue { path: path.display().to_string(), source })?;
         Catalogue::from_yaml(&text, &path.display().to_string())
     }
 

@@ -5,6 +5,8 @@
 pub enum ModelError {
     #[error("cannot read the model file {path}: {source}")]
     Read { path: String, source: std::io::Error },
+    #[error("cannot read the catalogue {path}: {source}")]
+    ReadCatalogue { path: String, source: std::io::Error },
     #[error("{origin}: {message}{hint}")]
     Yaml { origin: String, message: String, hint: String },
     #[error("{origin}: is empty; a model with every value at its default is `{{}}`")]

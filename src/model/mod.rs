@@ -8,7 +8,7 @@ mod effect;
 mod error;
 mod guide;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +33,12 @@ pub struct StageModel {
     /// One to four guides, each by catalogue name or with its own parameters.
     #[serde(default = "default_guides")]
     pub guides: Vec<GuideSource>,
+    /// File with guides of one's own that `guides` may name beside the built-in ones, relative to the model file.
+    ///
+    /// Reading a model puts their parameters in the place of their names, and nothing here: a model in memory, in a bag or written
+    /// by identification needs no other file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub catalogue: Option<PathBuf>,
     /// Effects beyond the LuGre guides, in the order in which they are reported.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectParameters>,
@@ -122,6 +128,7 @@ impl Default for StageModel {
             name: default_name(),
             mass: default_mass(),
             guides: default_guides(),
+            catalogue: None,
             effects: Vec::new(),
             motor: Motor::default(),
             force_cell: ForceCell::default(),
@@ -156,22 +163,43 @@ impl StageModel {
         })
     }
 
-    /// Reads and checks a model; `origin` names the text in errors (a path, a parameter).
+    /// Reads and checks a model; `origin` names the text in errors (a path, a parameter). Its catalogue is relative to the working directory.
     pub fn from_yaml(text: &str, origin: &str) -> Result<StageModel, ModelError> {
-        // Every key has a default, but a file that was cut off to nothing is no wish for all of them.
-        if text.lines().all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"...")) {
-            return Err(ModelError::Empty { origin: origin.to_owned() });
-        }
-        let model: StageModel = serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
-        model.check()?;
-        Ok(model)
+        StageModel::read(text, origin, Path::new(""))
     }
 
     /// Reads and checks a model file.
     pub fn load(path: &Path) -> Result<StageModel, ModelError> {
         let text = std::fs::read_to_string(path)
             .map_err(|source| ModelError::Read { path: path.display().to_string(), source })?;
-        StageModel::from_yaml(&text, &path.display().to_string())
+        StageModel::read(&text, &path.display().to_string(), path.parent().unwrap_or(Path::new("")))
+    }
+
+    fn read(text: &str, origin: &str, directory: &Path) -> Result<StageModel, ModelError> {
+        // Every key has a default, but a file that was cut off to nothing is no wish for all of them.
+        if text.lines().all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"...")) {
+            return Err(ModelError::Empty { origin: origin.to_owned() });
+        }
+        let mut model: StageModel = serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
+        if let Some(path) = model.catalogue.take() {
+            model.guides_from(&directory.join(path))?;
+        }
+        model.check()?;
+        Ok(model)
+    }
+
+    /// Puts the parameters of a catalogue file in the place of its names.
+    fn guides_from(&mut self, path: &Path) -> Result<(), ModelError> {
+        let own = Catalogue::load(path)?;
+        let mut all = Catalogue::builtin();
+        all.add(own.clone(), &path.display().to_string())?;
+        for (index, source) in self.guides.iter_mut().enumerate() {
+            let guide = source.resolve(&format!("guides[{index}]"), &all)?;
+            if matches!(source, GuideSource::Catalogue(name) if own.entry(name).is_some()) {
+                *source = GuideSource::Inline(guide);
+            }
+        }
+        Ok(())
     }
 
     /// The model as YAML that [`StageModel::from_yaml`] reads back to the same model.
@@ -249,6 +277,34 @@ mod tests {
         model.effects.push(EffectParameters::new("cogging", [("amplitude", 6.0), ("period", 0.1 + 0.2)]));
         let text = model.to_yaml().unwrap();
         assert_eq!(StageModel::from_yaml(&text, "round trip").unwrap(), model, "{text}");
+    }
+
+    #[test]
+    fn a_model_file_names_guides_of_a_catalogue_beside_it_and_needs_it_no_more_once_read() {
+        let directory = tempfile::tempdir().unwrap();
+        let own = include_str!("../../launch_config/own_guide_catalogue.yaml");
+        std::fs::create_dir(directory.path().join("guides")).unwrap();
+        std::fs::write(directory.path().join("guides/own.yaml"), own).unwrap();
+        let path = directory.path().join("stage.yaml");
+        let load = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            StageModel::load(&path)
+        };
+        let model = load("catalogue: guides/own.yaml\nguides: [my_guide, guide_2, my_guide]\n").unwrap();
+        let mine = Catalogue::from_yaml(own, "own.yaml").unwrap().guide("my_guide").unwrap();
+        let two = Catalogue::builtin().guide("guide_2").unwrap();
+        assert_eq!(model.resolved_guides().unwrap(), [mine.clone(), two, mine]);
+        // Written out, as into a bag, it is read where the catalogue is not.
+        assert_eq!(StageModel::from_yaml(&model.to_yaml().unwrap(), "bag").unwrap(), model);
+
+        let message = |text: &str| load(text).unwrap_err().to_string();
+        let unknown = message("catalogue: guides/own.yaml\nguides: [my_gide]\n");
+        assert!(unknown.contains("did you mean `my_guide`") && unknown.contains("guide_1"), "{unknown}");
+        let nowhere = message("catalogue: own.yaml\n");
+        assert!(nowhere.contains("catalogue") && nowhere.contains("own.yaml"), "{nowhere}");
+        std::fs::write(directory.path().join("taken.yaml"), own.replace("my_guide", "guide_1")).unwrap();
+        let taken = message("catalogue: taken.yaml\n");
+        assert!(taken.contains("taken.yaml") && taken.contains("`guide_1`"), "{taken}");
     }
 
     /// Each bad text with the words that its message must hold.
