@@ -412,7 +412,7 @@ fn cpu_seconds(pid: u32) -> f64 {
 enum Out<M: RosMessage> {
     Off,
     Bare(Publisher<M>),
-    Outlet(Outlet<M>),
+    Outlet(Box<Outlet<M>>),
 }
 
 impl<M: RosMessage> Out<M> {
@@ -420,7 +420,7 @@ impl<M: RosMessage> Out<M> {
         if !on {
             Self::Off
         } else if layout.outlets {
-            Self::Outlet(Outlet::new(participant, name, qos).expect("an outlet"))
+            Self::Outlet(Box::new(Outlet::new(participant, name, qos).expect("an outlet")))
         } else {
             let topic = participant.topic(name, M::PACKAGE, M::NAME, qos).expect("a topic");
             Self::Bare(participant.node().create_publisher(&topic, None).expect("a publisher"))

@@ -1394,6 +1394,7 @@ mod tests {
             errors: Errors::default(),
             train_gain: 1.0,
             holdout_gain: 1.0,
+            chance: 0.0,
             outcome,
         };
         let evidence = effects.iter().map(|part| one(part, Outcome::Chosen));

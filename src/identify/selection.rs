@@ -353,33 +353,34 @@ pub fn search(
     // What is left over one coordinate that no law has?
     let mut coordinate = None;
     let excess = (errors_before.holdout() - floor.total().powi(2)).max(0.0);
+    let is_noise = |left: &Errors| left.holdout() <= (NOISE_LIKE * floor.total()).powi(2);
+    let explained = |left: &Errors| left.holdout() - floor.total().powi(2) <= UNEXPLAINED * excess;
     if !stopped {
         watch.progress("curves over position, velocity and time", 0.9);
-        let columns = Columns::new(&best.hypothesis, train)?;
-        let mut mapped: Option<(Hypothesis, Errors, Coordinate)> = None;
-        for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
-            for side in [CurveSide::Carriage, CurveSide::Motor] {
-                if side == CurveSide::Motor && !has_cell {
-                    continue;
-                }
-                let Some((part, _)) = curve::propose(&columns.residual(side == CurveSide::Motor), over, side)? else {
-                    continue;
-                };
-                let with = best.hypothesis.with(part);
-                let found = errors(&with, train, holdout)?;
-                let side = if side == CurveSide::Motor { Side::Motor } else { Side::Carriage };
-                let gain = best_errors.holdout() - found.holdout();
-                let least = threshold(side, has_cell, floor).max(UNEXPLAINED * excess);
-                if gain > least && mapped.as_ref().is_none_or(|(_, errors, _)| found.holdout() < errors.holdout()) {
-                    mapped = Some((with, found, over));
-                }
-            }
-        }
-        if let Some((with, _, over)) = mapped {
+        let least = UNEXPLAINED * excess;
+        if let Some((with, over)) = with_curve(&best, best_errors, least, train, holdout, floor)? {
             coordinate = Some(over);
-            best = fit(&with, train, Sides::BOTH, ITERATIONS)?;
+            best = with;
             best_errors = errors(&best.hypothesis, train, holdout)?;
             runners_up.push(None);
+        }
+        // Laws that explain a part each bend towards what is none of them: one curve alone may say it better.
+        let laws = best.hypothesis.effects.len() - declared_effects;
+        if laws > 0
+            && !is_noise(&best_errors)
+            && !explained(&best_errors)
+            && let Some((alone, over)) = with_curve(&before, errors_before, least, train, holdout, floor)?
+        {
+            let found = errors(&alone.hypothesis, train, holdout)?;
+            if found.holdout() < best_errors.holdout() {
+                (best, best_errors, coordinate) = (alone, found, Some(over));
+                for one in evidence.iter_mut().filter(|one| matches!(one.outcome, Outcome::Chosen | Outcome::Equal)) {
+                    one.outcome = Outcome::Pruned;
+                }
+                inseparable.clear();
+                runners_up.truncate(declared_effects);
+                runners_up.push(None);
+            }
         }
     }
 
@@ -409,9 +410,8 @@ pub fn search(
         coordinate = None;
     }
     // Nothing is `none`, and little is `found`, while what is left is not noise.
-    let explained = 1.0 - (best_errors.holdout() - floor.total().powi(2)).max(0.0) / excess.max(f64::MIN_POSITIVE);
-    let noise = best_errors.holdout() <= (NOISE_LIKE * floor.total()).powi(2);
-    let verdict = if coordinate.is_some() || !(noise || (added > 0 && explained >= 1.0 - UNEXPLAINED)) {
+    let settled = is_noise(&best_errors) || (added > 0 && explained(&best_errors));
+    let verdict = if coordinate.is_some() || !settled {
         Verdict::Unknown
     } else if added == 0 {
         Verdict::None
@@ -433,6 +433,37 @@ pub fn search(
         floor,
         stopped,
     })
+}
+
+/// The curve over position, velocity or time that takes most out of the hold-out, if that is more than chance and than `least` (N^2), refitted.
+fn with_curve(
+    start: &Fitted,
+    start_errors: Errors,
+    least: f64,
+    train: &Measured,
+    holdout: &Measured,
+    floor: Floor,
+) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
+    let has_cell = train.cell.is_some();
+    let columns = Columns::new(&start.hypothesis, train)?;
+    let mut best: Option<(Hypothesis, f64, Coordinate)> = None;
+    for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
+        for side in [CurveSide::Carriage, CurveSide::Motor] {
+            if side == CurveSide::Motor && !has_cell {
+                continue;
+            }
+            let Some((part, _)) = curve::propose(&columns.residual(side == CurveSide::Motor), over, side)? else {
+                continue;
+            };
+            let with = start.hypothesis.with(part);
+            let gain = start_errors.holdout() - errors(&with, train, holdout)?.holdout();
+            let side = if side == CurveSide::Motor { Side::Motor } else { Side::Carriage };
+            if gain > threshold(side, has_cell, floor).max(least) && best.as_ref().is_none_or(|best| gain > best.1) {
+                best = Some((with, gain, over));
+            }
+        }
+    }
+    best.map(|(with, _, over)| Ok((fit(&with, train, Sides::BOTH, ITERATIONS)?, over))).transpose()
 }
 
 /// The fit with guides that differ from each other, from the differences that there are and afresh: the sum of the guides depends
