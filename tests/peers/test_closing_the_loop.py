@@ -70,7 +70,8 @@ class Recorder:
     def __init__(self, ros: Ros, directory: Path) -> None:
         self.ros = ros
         self.directory = directory
-        self.states = ros.collect("/controller/state")
+        # No more than the latest: the stage runs several times as fast as this process can listen.
+        self.states = ros.collect("/controller/state", depth=1)
         # The stage hears setpoints too, for its recording.
         self.setpoint = ros.publisher("/stage/setpoint", readers=2)
         self.parameters = AsyncParameterClient(ros.node, "/stage")
