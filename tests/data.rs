@@ -362,6 +362,21 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
             Severity::Warning,
         ),
         (
+            "a cell that stops",
+            |t| t.force_cell[4000..].fill(3.0),
+            |p| matches!(p, DataProblem::Stuck { signal: Signal::ForceCell, value: 3.0, .. }),
+            Severity::Warning,
+        ),
+        (
+            "an encoder that stops",
+            |t| {
+                let value = t.position[4000];
+                t.position[4000..5000].fill(value);
+            },
+            |p| matches!(p, DataProblem::Stuck { signal: Signal::Position, rows: 1000, .. }),
+            Severity::Warning,
+        ),
+        (
             "a clipped cell",
             |t| t.force_cell.iter_mut().for_each(|f| *f = f.clamp(-50.0, 50.0)),
             |p| matches!(p, DataProblem::Clipped { signal: Signal::ForceCell, value: 50.0, .. }),

@@ -25,6 +25,9 @@ const HALF_BASE: f64 = 5e-3;
 const USUAL_STRIBECK_VELOCITY: f64 = 1e-3;
 /// Slower than this, m/s, the carriage rests. Assumed: a hundredth of a usual Stribeck velocity of 1 mm/s and more.
 const REST_SPEED: f64 = 1e-5;
+/// Longest time, s, for which a signal that changes from row to row elsewhere may have one value while the stage is driven; and share
+/// of the rows elsewhere that may repeat the one before. Assumed: noise repeats no number of seven digits, let alone for so long.
+const STUCK: (f64, f64) = (0.25, 0.1);
 /// Shortest stretch of one speed, and of rest, s. Assumed.
 const SHORTEST_STRETCH: f64 = 0.05;
 /// Speeds within this ratio are the same. Assumed.
@@ -232,6 +235,11 @@ impl<'a> Examiner<'a> {
             }
         }
         self.clipped_position(noise);
+        for (signal, is_there) in [(Signal::Position, moves), usable[0], usable[1]] {
+            if is_there && moves {
+                self.stuck(signal);
+            }
+        }
         let [(_, cell_usable), (_, command_usable)] = usable;
         match (cell_usable, command_usable) {
             (false, false) => self.problems.push(DataProblem::NoForce),
@@ -466,6 +474,51 @@ impl<'a> Examiner<'a> {
         constant
     }
 
+    /// Whether a signal that changes with every row elsewhere stops to, although another one shows that the stage is driven.
+    fn stuck(&mut self, signal: Signal) {
+        let column = self.column(signal);
+        let least = (STUCK.0 * self.recording.rate) as usize;
+        let (mut runs, mut row, mut repeats) = (Vec::new(), 0, 0);
+        for run in column.chunk_by(|a, b| a == b) {
+            // zero for a long time is a motor without a command
+            match run.len() > least && run[0] != 0.0 {
+                true => runs.push(row..row + run.len()),
+                false => repeats += run.len() - 1,
+            }
+            row += run.len();
+        }
+        let elsewhere = column.len() - runs.iter().map(Range::len).sum::<usize>();
+        if repeats as f64 > STUCK.1 * elsewhere as f64 {
+            return;
+        }
+        // what moves on during a run, by at least a tenth of what it does in all
+        let others = match signal {
+            Signal::Position => [Signal::ReferencePosition, Signal::ForceCell, Signal::Force],
+            _ => [Signal::Position, Signal::ReferencePosition, Signal::ReferenceVelocity],
+        };
+        let span = |values: &[f64]| {
+            let [low, high] = values
+                .iter()
+                .filter(|value| value.is_finite())
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(*value), high.max(*value)]);
+            if low < high { high - low } else { 0.0 }
+        };
+        let driven = |run: &Range<usize>| {
+            let mut recorded =
+                others.iter().filter(|other| self.recording.has(**other)).map(|other| self.column(*other));
+            recorded.any(|other| span(&other[run.clone()]) > 0.1 * span(other).max(f64::MIN_POSITIVE))
+        };
+        let stuck: Vec<Range<usize>> = runs.into_iter().filter(driven).collect();
+        for run in stuck {
+            let (value, rows) = (column[run.start], run.len());
+            // an extreme is told as such
+            let told = |problem: &DataProblem| matches!(problem, DataProblem::Clipped { signal: other, value: at, .. } if *other == signal && *at == value);
+            if !self.problems.iter().any(told) {
+                self.problems.push(DataProblem::Stuck { signal, value, seconds: rows as f64 * self.step, rows });
+            }
+        }
+    }
+
     /// Whether a force stays at its extreme.
     fn clipped(&mut self, signal: Signal) {
         let column = self.column(signal);
@@ -596,7 +649,8 @@ impl<'a> Examiner<'a> {
         let reference = self.reference_slope();
         let against = |fit: &RoughFit| format!("force over acceleration gives {:.4} kg", fit.mass);
         if all && negative.len() == clear.len() && (clear.len() == 2 || reference.is_some_and(|s| s < 0.0)) {
-            let evidence = against(&negative[0].1);
+            let alone = if reference.is_some_and(|s| s < 0.0) { "" } else { ", unless it is every force that has it" };
+            let evidence = against(&negative[0].1) + alone;
             self.problems.push(DataProblem::SwappedSign { signal: Signal::Position, evidence });
             told = true;
         } else {
@@ -605,7 +659,8 @@ impl<'a> Examiner<'a> {
                 told = true;
             }
         }
-        // units of the forces and of the position against the declared mass
+        // units of the forces and of the position against the declared mass; a signal that is cut off has another mass for that
+        let cut = self.problems.iter().any(|problem| matches!(problem, DataProblem::Clipped { .. }));
         if let Some(declared) = declared {
             let ratios: Vec<(Signal, RoughFit, f64)> =
                 clear.iter().map(|(s, f)| (*s, *f, f.mass.abs() / declared)).collect();
@@ -614,7 +669,7 @@ impl<'a> Examiner<'a> {
                 let friction: f64 = coulomb?;
                 let fits = (0.2..5.0).contains(&(fit.coulomb.abs() / friction));
                 let (unit, signal) = position_unit(*ratio)?;
-                (same && fits).then_some((unit, signal, *fit))
+                (same && fits && !cut).then_some((unit, signal, *fit))
             });
             if let Some((unit, signal, fit)) = position_unit {
                 let evidence = format!(
@@ -625,7 +680,7 @@ impl<'a> Examiner<'a> {
                 told = true;
             } else {
                 for (signal, fit, ratio) in &ratios {
-                    if let Some(unit) = force_unit(*ratio) {
+                    if let Some(unit) = force_unit(*ratio).filter(|_| !cut) {
                         let evidence = format!(
                             "force over acceleration gives {:.4e} kg where {declared:.4} kg is declared",
                             fit.mass.abs()

@@ -80,6 +80,21 @@ pub enum DataProblem {
         /// Rows that have it.
         rows: usize,
     },
+    /// A signal that stops changing on the way.
+    #[error(
+        "{signal} stays at {value} for {seconds:.2} s ({rows} rows) while the stage is driven, and changes from row to row elsewhere: \
+         it was cut off there"
+    )]
+    Stuck {
+        /// The signal.
+        signal: Signal,
+        /// Its value there, SI.
+        value: f64,
+        /// Length, s.
+        seconds: f64,
+        /// Rows that have it.
+        rows: usize,
+    },
     /// The command reaches the motor's limit.
     #[error("the command reaches {largest:.1} N, the declared motor limits the force to {limit:.1} N in {rows} rows")]
     Saturated {

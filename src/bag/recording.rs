@@ -39,6 +39,28 @@ impl Recording {
         stretches(&self.valid)
     }
 
+    /// Takes the values of a signal for which `unusable` holds as missing, as if they had not been recorded.
+    pub fn leave_out(&mut self, signal: Signal, unusable: impl Fn(f64) -> bool) {
+        let trace = &mut self.trace;
+        let column = match signal {
+            Signal::Time => return,
+            Signal::Position => &mut trace.position,
+            Signal::ForceCell => &mut trace.force_cell,
+            Signal::Force => &mut trace.force,
+            Signal::ReferencePosition => &mut trace.reference_position,
+            Signal::ReferenceVelocity => &mut trace.reference_velocity,
+            Signal::ReferenceAcceleration => &mut trace.reference_acceleration,
+        };
+        column.iter_mut().filter(|value| unusable(**value)).for_each(|value| *value = f64::NAN);
+        let coverage = column.iter().filter(|value| value.is_finite()).count() as f64 / column.len().max(1) as f64;
+        let quality = &mut self.quality;
+        quality.signals.iter_mut().filter(|found| found.signal == signal).for_each(|found| found.coverage = coverage);
+        quality.signals.retain(|found| found.signal != signal || coverage > 0.0);
+        self.valid = valid_rows(&self.trace, &quality.signals);
+        quality.valid_rows = self.valid.iter().filter(|&&v| v).count();
+        quality.segments = stretches(&self.valid).len();
+    }
+
     /// Whether a signal is recorded, in at least half of the rows.
     pub fn has(&self, signal: Signal) -> bool {
         signal == Signal::Time || self.quality.signal(signal).is_some_and(|q| q.coverage >= LEAST_COVERAGE)
@@ -104,15 +126,7 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
     loading.others(&grid, &mut trace, &mut quality)?;
     trace.time = (0..grid.rows).map(|row| row as f64 * grid.step_ns * 1e-9).collect();
     let rows = trace.len();
-    let has = |signal: Signal| quality.iter().any(|q| q.signal == signal && q.coverage >= LEAST_COVERAGE);
-    let (has_cell, has_force) = (has(Signal::ForceCell), has(Signal::Force));
-    let valid: Vec<bool> = (0..rows)
-        .map(|row| {
-            trace.position[row].is_finite()
-                && (!has_cell || trace.force_cell[row].is_finite())
-                && (!has_force || trace.force[row].is_finite())
-        })
-        .collect();
+    let valid = valid_rows(&trace, &quality);
     quality.sort_by_key(|q| q.signal);
     let rate = 1.0 / grid.step;
     let quality = DataQuality {
@@ -125,6 +139,19 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
         notes: loading.notes,
     };
     Ok(Recording { trace, rate, valid, quality })
+}
+
+/// Per row whether the position and every recorded force are known.
+fn valid_rows(trace: &Trace, quality: &[SignalQuality]) -> Vec<bool> {
+    let has = |signal: Signal| quality.iter().any(|q| q.signal == signal && q.coverage >= LEAST_COVERAGE);
+    let (has_cell, has_force) = (has(Signal::ForceCell), has(Signal::Force));
+    (0..trace.len())
+        .map(|row| {
+            trace.position[row].is_finite()
+                && (!has_cell || trace.force_cell[row].is_finite())
+                && (!has_force || trace.force[row].is_finite())
+        })
+        .collect()
 }
 
 /// Whether the rate of a mapping says when the rows of a file without times were taken.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 
-use crate::bag::{self, Mapping, Recording, Severity, Signal, Trace};
+use crate::bag::{self, DataProblem, Mapping, Recording, Severity, Signal, Trace};
 use crate::cli::WrongArguments;
 use crate::identify::{Measured, closed_loop};
 use crate::model::StageModel;
@@ -90,22 +90,30 @@ impl Input {
     ) -> anyhow::Result<Vec<Recording>> {
         let mut bags = Vec::new();
         for path in paths {
-            let recording = bag::load(path, mapping)?;
-            let found = bag::examine(&recording, Some(model));
+            let mut recording = bag::load(path, mapping)?;
+            let mut found = bag::examine(&recording, Some(model));
+            let broken: Vec<DataProblem> =
+                found.problems.iter().filter(|problem| is_broken(problem)).cloned().collect();
+            if !broken.is_empty() {
+                broken.iter().for_each(|problem| leave_out(&mut recording, problem));
+                found = bag::examine(&recording, Some(model));
+            }
             let fatal: Vec<String> = found
                 .problems
                 .iter()
                 .filter(|problem| problem.severity() == Severity::Fatal)
+                .chain(&broken)
                 .map(ToString::to_string)
                 .collect();
             anyhow::ensure!(
-                fatal.is_empty(),
+                fatal.len() == broken.len(),
                 "nothing can be identified from {}: {}",
                 path.display(),
                 fatal.join("; ")
             );
-            for warning in recording.quality.notes.iter().cloned().chain(found.problems.iter().map(ToString::to_string))
-            {
+            let broken = broken.iter().map(|problem| format!("{problem}; these values are left out"));
+            let found = found.problems.iter().map(ToString::to_string);
+            for warning in recording.quality.notes.iter().cloned().chain(broken).chain(found) {
                 warnings.push(format!("{}: {warning}", path.display()));
             }
             bags.push(recording);
@@ -127,6 +135,20 @@ impl Record {
 
     pub fn traces(&self) -> impl Iterator<Item = &Trace> {
         self.recordings.iter().map(|recording| &recording.trace)
+    }
+}
+
+/// Whether a signal has values that no motion made: those of a cable that is off, or of a range that has ended.
+fn is_broken(problem: &DataProblem) -> bool {
+    matches!(problem, DataProblem::Constant { .. } | DataProblem::Clipped { .. } | DataProblem::Stuck { .. })
+}
+
+fn leave_out(recording: &mut Recording, problem: &DataProblem) {
+    if let DataProblem::Constant { signal, value }
+    | DataProblem::Clipped { signal, value, .. }
+    | DataProblem::Stuck { signal, value, .. } = problem
+    {
+        recording.leave_out(*signal, |found| found == *value);
     }
 }
 

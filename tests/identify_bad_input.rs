@@ -1,0 +1,340 @@
+//! `friction-stage identify` on recordings that cannot tell what is asked, at the process boundary: bags and CSV files without a
+//! signal, with a wrong sign or unit, cut off, of another machine. A clear sentence, the right exit code, and never an effect that
+//! only the broken signal made: nothing is hidden in these recordings.
+//!
+//! Each comes from `tests/generator`, which shares no equation with the library.
+
+#[path = "generator/mod.rs"]
+mod generator;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use friction_stage::bag::{BagOptions, BagWriter, OfferedQos, topics};
+use friction_stage::message::{Header, JointState};
+use generator::noise::Noise;
+use generator::programme::Setpoints;
+use generator::{Columns, Guide, Setup};
+use tempfile::TempDir;
+
+const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/launch_config/stage_measured_runs.yaml");
+/// Samples per second, Hz.
+const RATE: f64 = 2000.0;
+
+/// Rest-to-rest moves to places within 50 mm in 0.15 to 1 s, each with a short rest.
+fn moves(seconds: f64, seed: u64) -> Setpoints {
+    let mut noise = Noise::new(seed, 9);
+    let mut rows = Setpoints::default();
+    let mut at = 0.0;
+    while (rows.position.len() as f64) < seconds * RATE {
+        let distance = noise.between(-0.05, 0.05) - at;
+        let duration = noise.between(0.15, 1.0);
+        let count = (duration * RATE) as usize;
+        for k in 0..count {
+            let u = k as f64 / count as f64;
+            rows.position.push(at + distance * u.powi(3) * (10.0 - 15.0 * u + 6.0 * u * u));
+            rows.velocity.push(distance / duration * 30.0 * (u * (1.0 - u)).powi(2));
+            rows.acceleration.push(distance / duration.powi(2) * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u));
+        }
+        at += distance;
+        for _ in 0..(0.1 * RATE) as usize {
+            rows.position.push(at);
+            rows.velocity.push(0.0);
+            rows.acceleration.push(0.0);
+        }
+    }
+    rows
+}
+
+/// There and back over some 40 mm at 50 mm/s, from one direction to the other by half a cosine.
+fn one_speed(seconds: f64) -> Setpoints {
+    let (speed, ramp, period) = (0.05, 0.05, 1.7);
+    let mut rows = Setpoints::default();
+    let (mut position, mut last) = (0.0, 0.0);
+    for k in 0..(seconds * RATE) as usize {
+        let time = k as f64 / RATE;
+        let (sign, since) =
+            if time % period < 0.5 * period { (1.0, time % period) } else { (-1.0, time % period - 0.5 * period) };
+        let turn = (std::f64::consts::PI * since / ramp).cos();
+        let velocity = match since < ramp {
+            true if time < ramp => speed * 0.5 * (1.0 - turn),
+            true => -sign * speed * turn,
+            false => sign * speed,
+        };
+        position += 0.5 * (velocity + last) / RATE;
+        rows.position.push(position);
+        rows.velocity.push(velocity);
+        rows.acceleration.push((velocity - last) * RATE);
+        last = velocity;
+    }
+    rows
+}
+
+/// What encoder, cell and controller show along the setpoints, on a stage within its tolerances and without a hidden effect.
+fn along(setpoints: &Setpoints, seed: u64) -> Columns {
+    let setup = Setup::new(5);
+    let mut drawn = Noise::new(5, 1);
+    let guides = [(); 4].map(|()| Guide::draw(setup.guide_tolerance, &mut drawn));
+    setup.record(40.1, guides, setpoints, "train", seed).unwrap().0
+}
+
+fn train() -> Columns {
+    along(&moves(10.0, 3), 3)
+}
+
+fn holdout() -> Columns {
+    along(&moves(8.0, 4), 4)
+}
+
+fn csv(home: &Path, name: &str, columns: &Columns) -> PathBuf {
+    let path = home.join(format!("{name}.csv"));
+    columns.to_trace().write_csv(&path).unwrap();
+    path
+}
+
+fn identify(model: &str, train: &Path, holdout: &Path, out: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_friction-stage"))
+        .args(["identify", "--model", model, "--json", "--train"])
+        .arg(train)
+        .arg("--holdout")
+        .arg(holdout)
+        .arg("--out")
+        .arg(out)
+        .output()
+        .unwrap()
+}
+
+/// Refused with every one of the words, without a verdict.
+fn assert_refused(name: &str, output: &Output, out: &Path, words: &[&str]) {
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{name}: {told}{}", String::from_utf8_lossy(&output.stdout));
+    for word in words {
+        assert!(told.contains(word), "{name}: {word:?} is not in {told}");
+    }
+    assert!(!told.contains("panicked") && !out.join("summary.json").exists(), "{name}: {told}");
+}
+
+/// Done with warnings, all words in them, without an effect; gives the verdict.
+fn warned(name: &str, output: &Output, words: &[&str]) -> String {
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{name}: {told}");
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let warnings = summary["warnings"].to_string();
+    for word in words {
+        assert!(warnings.contains(word), "{name}: {word:?} is not in {warnings}");
+    }
+    assert_eq!(summary["effects"].as_array().map(Vec::len), Some(0), "{name}: {summary:#}");
+    assert!(summary["verdict"] != "found", "{name}: {summary:#}");
+    summary["verdict"].as_str().unwrap().to_owned()
+}
+
+fn each(column: &mut [f64], change: impl Fn(f64) -> f64) {
+    column.iter_mut().for_each(|value| *value = change(*value));
+}
+
+fn both_forces(columns: &mut Columns, change: impl Fn(f64) -> f64) {
+    each(&mut columns.force_cell, &change);
+    each(&mut columns.force, &change);
+}
+
+fn setpoint(columns: &mut Columns, change: impl Fn(f64) -> f64) {
+    each(&mut columns.reference_position, &change);
+    each(&mut columns.reference_velocity, &change);
+    each(&mut columns.reference_acceleration, &change);
+}
+
+type Case = (&'static str, fn(&mut Columns), &'static [&'static str]);
+
+#[test]
+fn wrong_signs_and_units_are_named_with_the_signal() {
+    let cases: [Case; 13] = [
+        ("cell_swapped", |c| each(&mut c.force_cell, |f| -f), &["force_cell has the wrong sign", "scale: -1"]),
+        ("command_swapped", |c| each(&mut c.force, |f| -f), &["force has the wrong sign"]),
+        // Nothing tells a machine whose position is swapped from one whose forces are.
+        ("forces_swapped", |c| both_forces(c, |f| -f), &["position has the wrong sign", "unless it is every force"]),
+        (
+            "position_swapped",
+            |c| each(&mut c.position, |x| -x),
+            &["position has the wrong sign", "position and reference_position do not fit"],
+        ),
+        (
+            "position_mm",
+            |c| each(&mut c.position, |x| 1e3 * x),
+            &["position seems to be in mm", "40.0000 kg is declared"],
+        ),
+        (
+            "all_mm",
+            |c| {
+                each(&mut c.position, |x| 1e3 * x);
+                setpoint(c, |x| 1e3 * x);
+            },
+            &["position seems to be in mm"],
+        ),
+        ("setpoint_mm", |c| setpoint(c, |x| 1e3 * x), &["position and reference_position do not fit together"]),
+        ("forces_kn", |c| both_forces(c, |f| 1e-3 * f), &["force_cell seems to be in kN", "force seems to be in kN"]),
+        ("cell_kn", |c| each(&mut c.force_cell, |f| 1e-3 * f), &["force_cell seems to be in kN"]),
+        ("command_volt", |c| each(&mut c.force, |f| f / 35.0), &["force_cell and force do not fit together", "unit"]),
+        ("time_ms", |c| each(&mut c.time, |t| 1e3 * t), &["time seems to be in ms"]),
+        (
+            "half",
+            |c| both_forces(c, |f| 0.5 * f),
+            &["declares 40.0000 kg", "another machine, a payload or a wrong unit"],
+        ),
+        ("nine_times", |c| both_forces(c, |f| 7.0 * f), &["declares 40.0000 kg", "another machine"]),
+    ];
+    refused_on_either_side(&cases);
+}
+
+#[test]
+fn what_lacks_motion_force_or_length_is_refused() {
+    let cases: [Case; 6] = [
+        ("no_force", |c| both_forces(c, |_| f64::NAN), &["there is no force", "/stage/force_cell"]),
+        ("no_position", |c| each(&mut c.position, |_| f64::NAN), &["0 usable samples of position"]),
+        ("still", |c| each(&mut c.position, |_| 0.01), &["nothing moves", "record a motion"]),
+        ("dead_forces", |c| both_forces(c, |_| 0.0), &["there is no force", "is constant (0)", "not connected"]),
+        // Cut off below what friction alone needs: nothing is left that could be fitted.
+        ("forces_cut_off", |c| both_forces(c, |f| f.clamp(-20.0, 20.0)), &["stays at its extreme 20"]),
+        (
+            "ten_samples",
+            |c| {
+                for column in [
+                    &mut c.time,
+                    &mut c.position,
+                    &mut c.force_cell,
+                    &mut c.force,
+                    &mut c.reference_position,
+                    &mut c.reference_velocity,
+                    &mut c.reference_acceleration,
+                ] {
+                    column.truncate(10);
+                }
+            },
+            &["10 rows", "record longer"],
+        ),
+    ];
+    refused_on_either_side(&cases);
+}
+
+fn refused_on_either_side(cases: &[Case]) {
+    let home = TempDir::new().unwrap();
+    let (train, holdout) = (train(), holdout());
+    let good = [csv(home.path(), "good_train", &train), csv(home.path(), "good_holdout", &holdout)];
+    for (name, change, words) in cases {
+        let bad = [&train, &holdout].map(|columns| {
+            let mut changed = columns.clone();
+            change(&mut changed);
+            changed
+        });
+        let bad = [csv(home.path(), &format!("{name}_train"), &bad[0]), csv(home.path(), name, &bad[1])];
+        let out = home.path().join(format!("out_{name}"));
+        for (train, holdout, file) in [(&bad[0], &good[1], "_train.csv"), (&good[0], &bad[1], ".csv")] {
+            let output = identify(MODEL, train, holdout, &out);
+            let file = format!("{name}{file}");
+            assert_refused(name, &output, &out, &[words, &[file.as_str()][..]].concat());
+        }
+    }
+}
+
+#[test]
+fn a_signal_that_is_broken_in_part_is_told_and_hides_nothing_new() {
+    let cases: [Case; 8] = [
+        (
+            "cell_constant",
+            |c| each(&mut c.force_cell, |_| 3.0),
+            &["force_cell is constant (3)", "left out", "there is no force cell"],
+        ),
+        ("cell_stuck", |c| c.force_cell[9000..].fill(12.5), &["force_cell stays at 12.5 for", "left out"]),
+        (
+            "position_stuck",
+            |c| {
+                let value = c.position[12_000];
+                c.position[12_000..].fill(value);
+            },
+            &["position stays at", "left out"],
+        ),
+        ("cell_cut_off", |c| each(&mut c.force_cell, |f| f.clamp(-300.0, 300.0)), &["its extreme 300", "left out"]),
+        ("position_cut_off", |c| each(&mut c.position, |x| x.clamp(-0.035, 0.035)), &["its extreme 0.035", "left out"]),
+        ("setpoint_constant", |c| setpoint(c, |_| 0.0), &["reference_position is constant", "there is no setpoint"]),
+        ("nan", |c| c.force_cell[4000..7000].fill(f64::NAN), &["3000 of", "force_cell are NaN", "taken as missing"]),
+        (
+            "infinite",
+            |c| c.position.iter_mut().step_by(997).for_each(|x| *x = f64::INFINITY),
+            &["of position are NaN or infinite"],
+        ),
+    ];
+    let home = TempDir::new().unwrap();
+    let (train, holdout) = (train(), holdout());
+    for (name, change, words) in cases {
+        let [train, holdout] = [&train, &holdout].map(|columns| {
+            let mut changed = columns.clone();
+            change(&mut changed);
+            changed
+        });
+        let (train, holdout) = (csv(home.path(), "train", &train), csv(home.path(), "holdout", &holdout));
+        let verdict = warned(name, &identify(MODEL, &train, &holdout, &home.path().join(name)), words);
+        assert_eq!(verdict, "none", "{name}");
+    }
+}
+
+/// One sided: what the other record has beside it must not become an effect.
+#[test]
+fn a_dead_command_on_one_side_and_one_speed_only_are_told() {
+    let home = TempDir::new().unwrap();
+    let (good, mut dead) = (csv(home.path(), "good", &holdout()), train());
+    each(&mut dead.force, |_| 3.0);
+    let dead = csv(home.path(), "dead", &dead);
+    let output = identify(MODEL, &dead, &good, &home.path().join("dead"));
+    warned("dead", &output, &["dead.csv: force is constant (3)", "not every recording has force"]);
+
+    let slow = csv(home.path(), "one_speed", &along(&one_speed(10.0), 3));
+    let other = csv(home.path(), "one_speed_too", &along(&one_speed(8.0), 4));
+    for holdout in [&good, &other] {
+        let output = identify(MODEL, &slow, holdout, &home.path().join("one_speed"));
+        warned("one speed", &output, &["one_speed.csv: the carriage moves at one speed only", "at least two speeds"]);
+    }
+}
+
+#[test]
+fn another_machine_than_the_declared_one_is_refused() {
+    let home = TempDir::new().unwrap();
+    let model = home.path().join("light.yaml");
+    let declared = std::fs::read_to_string(MODEL).unwrap();
+    assert!(declared.contains("mass: 40"));
+    std::fs::write(&model, declared.replace("mass: 40", "mass: 4")).unwrap();
+    let (train, holdout) = (csv(home.path(), "train", &train()), csv(home.path(), "holdout", &holdout()));
+    let out = home.path().join("out");
+    let output = identify(model.to_str().unwrap(), &train, &holdout, &out);
+    assert_refused("4 kg", &output, &out, &["train.csv", "4.0000 kg"]);
+}
+
+/// The same bag under another name, and a bag of an encoder alone.
+#[test]
+fn bags_that_say_nothing_new_or_no_force_are_refused() {
+    let home = TempDir::new().unwrap();
+    let at = |name: &str| home.path().join(name);
+    let (train, holdout) = (train(), holdout());
+    for (name, columns) in [("train", &train), ("copy", &train), ("holdout", &holdout)] {
+        columns.write_bag(at(name)).unwrap();
+    }
+    let out = at("out");
+    let output = identify(MODEL, &at("train"), &at("copy"), &out);
+    assert_refused("copy", &output, &out, &["copy", "sample by sample", "hold out another recording"]);
+    let same = identify(MODEL, &at("train"), &at("train"), &out);
+    assert_eq!(same.status.code(), Some(2), "{}", String::from_utf8_lossy(&same.stderr));
+
+    let mut bag = BagWriter::create(at("encoder_only"), &BagOptions::default()).unwrap();
+    let encoder = bag.add_topic::<JointState>(topics::ENCODER, &OfferedQos::reliable(100)).unwrap();
+    for (time, position) in train.time.iter().zip(&train.position) {
+        let stamp = 1_760_000_000_000_000_000 + (time * 1e9).round() as i64;
+        let state = JointState {
+            header: Header::new(stamp, topics::JOINT),
+            name: vec![topics::JOINT.into()],
+            position: vec![*position],
+            ..JointState::default()
+        };
+        bag.write(encoder, stamp as u64, &state).unwrap();
+    }
+    bag.finish().unwrap();
+    let output = identify(MODEL, &at("encoder_only"), &at("holdout"), &out);
+    assert_refused("encoder only", &output, &out, &["encoder_only", "there is no force"]);
+}
