@@ -324,8 +324,11 @@ pub fn search(
                 let one = &tried[*index].0;
                 one.outcome != Outcome::TooSmall && one.holdout_gain >= SIMPLER * strongest
             })
-            // Of equals the one that stands first in the list: the answer must not hang on the last digit.
-            .min_by_key(|index| (tried[*index].0.free, ALL.iter().position(|one| one.name == tried[*index].0.name)))
+            // Of equals first what acts, then what only reads wrong: the answer must not hang on the last digit.
+            .min_by_key(|index| {
+                let one = &tried[*index].0;
+                (one.free, one.side == Side::Sensor, ALL.iter().position(|listed| listed.name == one.name))
+            })
             .unwrap_or(0);
         tried[winner].0.outcome = Outcome::Chosen;
         let (gain, free, name) = (tried[winner].0.holdout_gain, tried[winner].0.free, tried[winner].0.name);
@@ -448,8 +451,9 @@ fn with_curve(
     let columns = Columns::new(&start.hypothesis, train)?;
     let mut best: Option<(Hypothesis, f64, Coordinate)> = None;
     for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
-        for side in [CurveSide::Carriage, CurveSide::Motor] {
-            if side == CurveSide::Motor && !has_cell {
+        for side in [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction] {
+            // Friction over velocity is what the guides are fitted for.
+            if side == CurveSide::Motor && !has_cell || side == CurveSide::Friction && over == Coordinate::Velocity {
                 continue;
             }
             let Some((part, _)) = curve::propose(&columns.residual(side == CurveSide::Motor), over, side)? else {

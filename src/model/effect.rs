@@ -50,9 +50,13 @@ pub enum Coordinate {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CurveSide {
+    /// Force on the carriage, N.
     #[default]
     Carriage,
+    /// Force of the motor, N.
     Motor,
+    /// Change of Coulomb and static friction, as a part of them.
+    Friction,
 }
 
 impl CurveSide {

@@ -1,7 +1,8 @@
 //! Map: an empirical curve of force over position, velocity or time, for what no law explains.
 //!
 //! F(c) along +x on the carriage side (or, where the model says so, on the motor side): linear between equidistant knots, constant
-//! beyond the ends; c position (m), velocity (m/s) or time (s since the start).
+//! beyond the ends; c position (m), velocity (m/s) or time (s since the start). Where the model says `side: friction`, the curve is instead the part by
+//! which Coulomb and static friction of all guides are higher: no less than -1.
 //! Source: none, which is the point. Piecewise linear, so that each knot is the force there and a fit is linear in the knots.
 //! Over position the force has a potential; over velocity and time it has none.
 //! Not modelled: dependence on two coordinates at once.
@@ -9,7 +10,7 @@
 use crate::model::{Coordinate, Curve, CurveSide, ModelError};
 
 use super::regression::{beyond_chance, least_squares};
-use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Side};
 
 /// Values before the knots: coordinate, side, from, to.
 const HEAD: usize = 4;
@@ -25,7 +26,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     confused_with: &[],
     parameters: &[
         EffectParameter::required("coordinate", "", "0 position, 1 velocity, 2 time", (0.0, 2.0), 1.0),
-        EffectParameter::optional("side", "", "0 carriage, 1 motor", (0.0, 1.0), 1.0, 0.0),
+        EffectParameter::optional("side", "", "0 carriage, 1 motor, 2 friction", (0.0, 2.0), 1.0, 0.0),
         EffectParameter::required("from", "m, m/s or s", "first knot", (-1e6, 1e6), 0.1),
         EffectParameter::required("to", "m, m/s or s", "last knot", (-1e6, 1e6), 0.1),
     ],
@@ -45,6 +46,7 @@ pub(super) fn values(curve: &Curve) -> Vec<f64> {
     let side = match curve.side {
         CurveSide::Carriage => 0.0,
         CurveSide::Motor => 1.0,
+        CurveSide::Friction => 2.0,
     };
     [coordinate, side, curve.from, curve.to].into_iter().chain(curve.values.iter().copied()).collect()
 }
@@ -56,7 +58,11 @@ pub(super) fn curve(values: &[f64]) -> Curve {
         code if code < 1.5 => Coordinate::Velocity,
         _ => Coordinate::Time,
     };
-    let side = if values[1] < 0.5 { CurveSide::Carriage } else { CurveSide::Motor };
+    let side = match values[1] {
+        code if code < 0.5 => CurveSide::Carriage,
+        code if code < 1.5 => CurveSide::Motor,
+        _ => CurveSide::Friction,
+    };
     Curve { coordinate, side, from: values[2], to: values[3], values: values[HEAD..].to_vec() }
 }
 
@@ -74,6 +80,12 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
     }
     if knots.len() < 2 {
         return refuse("effects.map.values (their number)", knots.len() as f64, "be at least 2".to_owned());
+    }
+    if curve(values).side == CurveSide::Friction
+        && let Some(index) = knots.iter().position(|value| *value < -1.0)
+    {
+        let limit = "be at least -1, where no friction is left".to_owned();
+        return refuse(&format!("effects.map.values[{index}]"), knots[index], limit);
     }
     match knots.iter().position(|value| !value.is_finite()) {
         Some(index) => refuse(&format!("effects.map.values[{index}]"), knots[index], "be finite".to_owned()),
@@ -115,8 +127,8 @@ impl Map {
     }
 }
 
-impl Effect for Map {
-    fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
+impl Map {
+    fn along(&self, motion: &Motion) -> f64 {
         self.at(match self.curve.coordinate {
             Coordinate::Position => motion.position,
             Coordinate::Velocity => motion.velocity,
@@ -124,15 +136,37 @@ impl Effect for Map {
         })
     }
 
+    fn is_force_over_position(&self) -> bool {
+        self.curve.coordinate == Coordinate::Position && self.curve.side != CurveSide::Friction
+    }
+}
+
+impl Effect for Map {
+    fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
+        if self.scales_friction() { 0.0 } else { self.along(motion) }
+    }
+
+    fn friction(&mut self, motion: &Motion, _step: f64, scale: &mut FrictionScale) {
+        if self.scales_friction() {
+            let factor = 1.0 + self.along(motion);
+            scale.coulomb *= factor;
+            scale.stat *= factor;
+        }
+    }
+
+    fn scales_friction(&self) -> bool {
+        self.curve.side == CurveSide::Friction
+    }
+
     fn side(&self) -> Option<Side> {
         Some(match self.curve.side {
-            CurveSide::Carriage => Side::Carriage,
+            CurveSide::Carriage | CurveSide::Friction => Side::Carriage,
             CurveSide::Motor => Side::Motor,
         })
     }
 
     fn stiffness(&self) -> f64 {
-        if self.curve.coordinate != Coordinate::Position {
+        if !self.is_force_over_position() {
             return 0.0;
         }
         self.density * self.curve.values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
@@ -140,7 +174,7 @@ impl Effect for Map {
 
     /// Minus the integral of the force over position from the first knot.
     fn stored_energy(&self, _time: f64, position: f64) -> f64 {
-        if self.curve.coordinate != Coordinate::Position {
+        if !self.is_force_over_position() {
             return 0.0;
         }
         let (knot, part) = self.locate(position);
@@ -209,6 +243,22 @@ mod tests {
             let found = map.force(&Motion { velocity, position: 7.0, time: 9.0, ..Motion::default() }, 1e-4);
             assert!((found - force).abs() < 1e-12, "{velocity} m/s: {found} N, expected {force} N");
         }
+    }
+
+    #[test]
+    fn on_the_side_of_friction_it_scales_coulomb_and_static_friction_and_pushes_nothing() {
+        let given = Curve { side: CurveSide::Friction, from: 0.0, to: 2.0, values: vec![0.0, 0.4, -0.2], ..tent(Coordinate::Time) };
+        assert_eq!(curve(&values(&given)), given);
+        let mut map = Map::new(given.clone());
+        for (time, expected) in [(0.0, 1.0), (0.5, 1.2), (1.0, 1.4), (2.0, 0.8), (5.0, 0.8)] {
+            let motion = Motion { time, velocity: 0.1, ..Motion::default() };
+            let mut scale = FrictionScale::ONE;
+            map.friction(&motion, 1e-4, &mut scale);
+            assert!((scale.coulomb - expected).abs() < 1e-12 && (scale.stat - expected).abs() < 1e-12, "{time} s: {scale:?}");
+            assert_eq!((scale.viscous, map.force(&motion, 1e-4)), (1.0, 0.0));
+        }
+        let message = Effects::new(&[EffectParameters::map(Curve { values: vec![0.0, -1.5], ..given })]).unwrap_err();
+        assert!(message.to_string().contains("-1.5") && message.to_string().contains("at least -1"), "{message}");
     }
 
     #[test]

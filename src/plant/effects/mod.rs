@@ -47,6 +47,7 @@ effects!(
 );
 
 mod regression;
+pub(crate) use regression::viscous_friction;
 
 /// Where an effect enters, which decides who can see it: the force cell sees the motor side only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -80,7 +80,7 @@ const FAST: f64 = 0.1;
 
 /// Viscous friction in the modelled friction of a residual, N s/m: its slope over velocity beside a constant of the sign of v, at more
 /// than a tenth of the highest speed. `None` where the motion does not tell them apart or the slope is not positive.
-pub(super) fn viscous_friction(residual: &Residual) -> Option<f64> {
+pub(crate) fn viscous_friction(residual: &Residual) -> Option<f64> {
     let highest = residual.velocity.iter().fold(0.0f64, |highest, velocity| highest.max(velocity.abs()));
     let fit = least_squares(residual.friction, |k| {
         let velocity = residual.velocity[k];
