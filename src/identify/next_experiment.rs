@@ -1350,8 +1350,17 @@ mod tests {
     }
 
     fn slow() -> Path {
+        to_and_fro(0.004)
+    }
+
+    /// So gentle that the mass does not show.
+    fn crawling() -> Path {
+        to_and_fro(0.0005)
+    }
+
+    fn to_and_fro(way: f64) -> Path {
         let mut path = Path::at(0.0);
-        for way in [0.008, -0.012, 0.004] {
+        for way in [2.0 * way, -3.0 * way, way] {
             path.to(1.5, way, 0.0, 0.0);
             path.rest(REST);
         }
@@ -1421,13 +1430,9 @@ mod tests {
         let declared = StageModel::default();
         let train = record(&declared, &[("motor_gain", &[("fraction", 0.03)])], &slow());
         let (motor, cell) = (part("motor_gain", &[0.03]), part("force_cell_gain", &[0.03]));
-        let selection = |mass: f64| {
-            let tolerances = Tolerances { mass, ..Tolerances::default() };
-            found(tolerances, &declared, &train, &[motor.clone()], &[cell.clone()], Verdict::NotSeparable)
-        };
-        let known = selection(0.005);
+        let selection = found(Tolerances::default(), &declared, &train, &[motor], &[cell], Verdict::NotSeparable);
         let limits = Limits { speed: 0.3, force: 700.0, duration: 5.0, ..limits() };
-        let Plan { points, next } = plan(&known, &declared, &train, limits).unwrap();
+        let Plan { points, next } = plan(&selection, &declared, &train, limits).unwrap();
         let [rival] = next.rivals.as_slice() else { panic!("one rival: {next:?}") };
         assert_eq!((rival.effect.as_str(), rival.rival.as_str()), ("motor_gain", "force_cell_gain"));
         assert!(rival.before < 2.0 && rival.after > 20.0 && rival.separates, "{next:#?}");
@@ -1437,11 +1442,26 @@ mod tests {
         assert!(next.duration < 2.0 * limits.duration && points.last().unwrap().velocity == Some(0.0), "{next:#?}");
         // A limit that allows no more acceleration than the record had leaves the doubt, and says so.
         let gentle = Limits { force: 90.0, speed: 0.02, ..limits };
-        let next = plan(&known, &declared, &train, gentle).unwrap().next;
+        let next = plan(&selection, &declared, &train, gentle).unwrap().next;
         assert!(!next.rivals[0].separates, "{next:#?}");
-        // With a mass that may be anything no acceleration tells: the rival adapts it.
-        let next = plan(&selection(0.1), &declared, &train, limits).unwrap().next;
-        assert!(!next.rivals[0].separates, "{next:#?}");
+    }
+
+    #[test]
+    fn what_the_tolerances_can_imitate_is_no_evidence() {
+        let declared = StageModel::default();
+        let train = record(&declared, &[], &slow());
+        // Share of the force of 1 kg more that a model with this tolerance of its 40 kg cannot imitate.
+        let share = |mass: f64| {
+            let tolerances = Tolerances { mass, ..Tolerances::default() };
+            let selection = found(tolerances, &declared, &train, &[], &[], Verdict::None);
+            let questions = Questions::new(&selection, &train).unwrap();
+            let sums = questions.sums(&train).unwrap();
+            let payload = questions.of(|subject| subject == Subject::Untested { effect: "payload" }).next().unwrap();
+            questions.separable(payload, &sums, &sums) / (sums.square[payload] / sums.rows as f64)
+        };
+        assert!(share(0.1) < 0.01, "{}", share(0.1));
+        // 0.2 kg of 1 kg can be imitated: at least (0.8 - what friction takes on)^2 are left.
+        assert!(share(0.005) > 0.2, "{}", share(0.005));
     }
 
     #[test]
@@ -1457,7 +1477,7 @@ mod tests {
     #[test]
     fn a_mass_that_slow_moves_do_not_show_is_sharpened_by_accelerations() {
         let declared = StageModel::default();
-        let train = record(&declared, &[], &slow());
+        let train = record(&declared, &[], &crawling());
         let selection = found(Tolerances::default(), &declared, &train, &[], &[], Verdict::None);
         let next = plan(&selection, &declared, &train, Limits { duration: 5.0, ..limits() }).unwrap().next;
         let mass = next.parameters.iter().find(|one| one.name == "mass").expect("the mass is vague");
