@@ -411,7 +411,7 @@ fn cpu_seconds(pid: u32) -> f64 {
 /// A publisher of either kind.
 enum Out<M: RosMessage> {
     Off,
-    Bare(Publisher<M>),
+    Bare(Box<Publisher<M>>),
     Outlet(Box<Outlet<M>>),
 }
 
@@ -423,7 +423,7 @@ impl<M: RosMessage> Out<M> {
             Self::Outlet(Box::new(Outlet::new(participant, name, qos).expect("an outlet")))
         } else {
             let topic = participant.topic(name, M::PACKAGE, M::NAME, qos).expect("a topic");
-            Self::Bare(participant.node().create_publisher(&topic, None).expect("a publisher"))
+            Self::Bare(Box::new(participant.node().create_publisher(&topic, None).expect("a publisher")))
         }
     }
 

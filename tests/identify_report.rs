@@ -3,9 +3,9 @@
 //! The recordings are too large for the repository: they are read from the directory in FRICTION_STAGE_RECORDINGS, or from
 //! `../shared/measured`; where there are none the tests say so and check nothing.
 
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::time::Duration;
 
 use friction_stage::identify::Summary;
 use friction_stage::model::StageModel;
@@ -211,12 +211,13 @@ fn ctrl_c_leaves_a_partial_report_that_says_so() {
     let Some(home) = runs() else { return };
     let out = TempDir::new().unwrap();
     let run = home.join("c");
-    let child = identify(&run.join("train"), &run.join("check"), out.path(), &["--json"])
+    let mut child = identify(&run.join("train"), &run.join("check"), out.path(), &["--json"])
         .stdout(Stdio::piped())
-        .stderr(Stdio::null())
+        .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    std::thread::sleep(Duration::from_secs(4));
+    let mut progress = BufReader::new(child.stderr.take().unwrap()).lines();
+    assert!(progress.any(|line| line.unwrap().starts_with("round 1")), "ended without a first round");
     // SAFETY: the process is a child of ours that has not been waited for.
     let sent = unsafe { libc::kill(child.id() as i32, libc::SIGINT) };
     assert_eq!(sent, 0);

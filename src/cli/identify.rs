@@ -7,8 +7,8 @@ mod page;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use anyhow::Context as _;
@@ -94,6 +94,8 @@ fn positive(text: &str) -> Result<f64, String> {
 struct Progress {
     bar: ProgressBar,
     stop: Arc<AtomicBool>,
+    /// What was told last where stderr is no terminal: a line per round and not per candidate.
+    told: Mutex<String>,
 }
 
 impl Watch for Progress {
@@ -104,6 +106,17 @@ impl Watch for Progress {
             self.bar.set_position(position);
         }
         self.bar.set_message(what.to_owned());
+        if !self.bar.is_hidden() {
+            return;
+        }
+        let stage = what.split(':').next().unwrap_or(what);
+        let Ok(mut told) = self.told.lock() else { return };
+        // Threads of a round that has ended may come late.
+        if *told != stage && !(told.starts_with("round") && stage < told.as_str() && stage.starts_with("round")) {
+            stage.clone_into(&mut told);
+            // Nobody may be reading: that is no reason to stop.
+            let _ = writeln!(std::io::stderr(), "{stage}");
+        }
     }
 
     fn stopped(&self) -> bool {
@@ -134,7 +147,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         guides: args.guide_tolerance,
         presliding: args.presliding_tolerance.unwrap_or(args.guide_tolerance),
     };
-    let watch = Progress { bar: bar.clone(), stop };
+    let watch = Progress { bar: bar.clone(), stop, told: Mutex::default() };
     let selection = search(&declared, tolerances, &input.train.measured, &input.holdout.measured, &watch)?;
     bar.set_message("closed loop");
     let mut warnings = input.warnings.clone();
