@@ -402,13 +402,23 @@ impl Hypothesis {
             let bristle = (force / stiffness).clamp(-limit, limit);
             bank.set_bristles(&vec![bristle; guides.len()], 0.0);
         }
+        // What the encoder reads wrong is no motion: neither the mass nor the guides feel it.
+        let reads = self.effects.iter().any(|part| part.side() == Side::Sensor);
         if sides.carriage || !effects.is_empty() {
             for (index, step) in measured.steps.iter().enumerate() {
-                let scale =
-                    if effects.is_empty() { FrictionScale::ONE } else { effects.friction(&step.motion, step.duration) };
-                let (motor_side, on_carriage) =
-                    if effects.is_empty() { (0.0, 0.0) } else { effects.advance(&step.motion, step.duration) };
                 let node = step.node;
+                let mut motion = step.motion;
+                if reads {
+                    let half = 0.5 * motion.velocity * step.duration;
+                    let error = |x: f64| effects.read(motion.time, x, 0.0).0 - x;
+                    let (from, to) = (error(motion.position - half), error(motion.position + half));
+                    motion.position -= 0.5 * (from + to);
+                    motion.velocity -= (to - from) / step.duration;
+                }
+                let scale =
+                    if effects.is_empty() { FrictionScale::ONE } else { effects.friction(&motion, step.duration) };
+                let (motor_side, on_carriage) =
+                    if effects.is_empty() { (0.0, 0.0) } else { effects.advance(&motion, step.duration) };
                 motor[node] += step.early * motor_side;
                 motor[node + 1] += step.late * motor_side;
                 let ends = measured.steps.get(index + 1).is_none_or(|next| next.node != node);
@@ -422,13 +432,12 @@ impl Hypothesis {
                     at_sample[node + 1] = effects.advance(&end, 0.0).0;
                 }
                 if sides.carriage {
-                    let force = bank.drive(step.motion.velocity, step.duration, &scale) - on_carriage;
+                    let force = bank.drive(motion.velocity, step.duration, &scale) - on_carriage;
                     carriage[node] += step.early * force;
                     carriage[node + 1] += step.late * force;
                 }
             }
         }
-        let reads = self.effects.iter().any(|part| part.side() == Side::Sensor);
         let true_cell: Option<Vec<f64>> = cell.map(|cell| match reads {
             false => cell.to_vec(),
             true => measured

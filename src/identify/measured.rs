@@ -14,13 +14,15 @@ const FORCE_CORNER: f64 = 200.0;
 const REST_CORNER: f64 = 100.0;
 /// Speeds, in standard deviations of the speed that encoder noise feigns, below which the position is smoothed wholly and above which
 /// it is left as it is. Assumed: a LuGre bristle relaxes with |v|, so feigned speed makes it drift; well above it |v| is right by itself.
-const REST_SPEED: (f64, f64) = (18.0, 70.0);
+const REST_SPEED: (f64, f64) = (24.0, 93.0);
 /// Steps into which an interval is divided in which the velocity changes its sign or by more than [`STEADY`].
 const SUBSTEPS: usize = 4;
 /// Share of its mean by which the velocity of an interval may change for one step to do.
 const STEADY: f64 = 0.1;
 /// Break-away lengths after which a bristle has forgotten where it came from: exp(-7) is left. The parameters are nominal, hence no less.
 const FORGETTING: f64 = 7.0;
+/// Share of a record, the slowest, that shows the noise of the encoder. Assumed: a recording of a stage has rests or slow moves in it.
+const SLOWEST: f64 = 0.1;
 /// Fewest samples that are worth an attempt: less does not even fill the filters several times.
 pub const MIN_SAMPLES: usize = 1000;
 
@@ -286,16 +288,18 @@ fn filled(values: &[f64]) -> Vec<f64> {
     filled
 }
 
-/// White noise of a smooth signal from its third differences, median-based so that steps do not count: their variance is 20 times
-/// that of the noise.
+/// White noise of a position from its third differences, whose variance is 20 times that of the noise: median-based so that steps do not
+/// count, and of the slowest part of the record, so that an encoder's error that repeats with the position does not.
 fn noise_of(values: &[f64]) -> f64 {
-    let mut differences: Vec<f64> = values.windows(4).map(|w| (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()).collect();
-    if differences.is_empty() {
+    let mut windows: Vec<(f64, f64)> =
+        values.windows(4).map(|w| ((w[3] - w[0]).abs(), (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs())).collect();
+    let slow = (SLOWEST * windows.len() as f64) as usize;
+    if slow == 0 {
         return 0.0;
     }
-    let middle = differences.len() / 2;
-    let (_, median, _) = differences.select_nth_unstable_by(middle, f64::total_cmp);
-    *median / 0.6745 / 20f64.sqrt()
+    let (slowest, ..) = windows.select_nth_unstable_by(slow, |a, b| a.0.total_cmp(&b.0));
+    let (_, median, _) = slowest.select_nth_unstable_by(slow / 2, |a, b| a.1.total_cmp(&b.1));
+    median.1 / 0.6745 / 20f64.sqrt()
 }
 
 /// The position with its noise taken out where the carriage hardly moves.

@@ -28,6 +28,8 @@ const SIMPLER: f64 = 0.97;
 pub(super) const RIVAL: f64 = 0.985;
 /// Share of the explainable residual that a map must take out beyond the laws for the verdict to become unknown.
 const UNEXPLAINED: f64 = 0.1;
+/// Part of what laws leave unexplained that a curve in their place may leave at most: a law says more than a curve of many knots.
+const CURVE_ALONE: f64 = 0.5;
 /// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.1 to 1.5: friction driven along a measured
 /// motion, and guides of which no two are alike, cost the rest.
 const NOISE_LIKE: f64 = 2.0;
@@ -375,7 +377,8 @@ pub fn search(
             && let Some((alone, over)) = with_curve(&before, errors_before, least, train, holdout, floor)?
         {
             let found = errors(&alone.hypothesis, train, holdout)?;
-            if found.holdout() < best_errors.holdout() {
+            let left = |errors: &Errors| errors.holdout() - floor.total().powi(2);
+            if left(&found) < CURVE_ALONE * left(&best_errors) {
                 (best, best_errors, coordinate) = (alone, found, Some(over));
                 for one in evidence.iter_mut().filter(|one| matches!(one.outcome, Outcome::Chosen | Outcome::Equal)) {
                     one.outcome = Outcome::Pruned;
