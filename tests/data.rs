@@ -1,6 +1,8 @@
 //! Data in: recordings of every kind onto one grid, and what is said about data that cannot be used.
 
-use std::path::{Path, PathBuf};
+mod recordings;
+
+use std::path::Path;
 
 use friction_stage::bag::{
     self, BagError, BagOptions, BagWriter, ClockKind, DataProblem, Mapping, OfferedQos, Recording, Severity, Signal,
@@ -515,16 +517,9 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
     }
 }
 
-/// Recordings of a stage and of EMPS, which are too large for the repository: the directory in `FRICTION_STAGE_RECORDINGS`.
-fn measured() -> PathBuf {
-    let path = std::env::var_os("FRICTION_STAGE_RECORDINGS").expect("FRICTION_STAGE_RECORDINGS names the recordings");
-    PathBuf::from(path)
-}
-
 #[test]
-#[ignore = "needs the recordings in FRICTION_STAGE_RECORDINGS"]
 fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
-    let home = measured();
+    let Some(home) = recordings::with("a/train") else { return };
     for run in ["a", "b", "c", "d", "e", "f"] {
         for part in ["train", "check"] {
             let path = home.join(run).join(part);
@@ -544,9 +539,8 @@ fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
 }
 
 #[test]
-#[ignore = "needs the recordings in FRICTION_STAGE_RECORDINGS"]
 fn emps_is_read_through_a_mapping() {
-    let home = measured();
+    let Some(home) = recordings::with("emps") else { return };
     let mapping = Mapping::from_yaml(
         "signals:\n  time: {column: t_s}\n  position: {column: qm_m}\n  reference_position: {column: qg_m}\n  \
          force: {column: vir_V, scale: 35.1507}\n",

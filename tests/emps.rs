@@ -3,7 +3,7 @@
 //! The records state no licence and are not part of the project: they are read from `emps/` in the directory of
 //! FRICTION_STAGE_RECORDINGS, or in `../shared/measured`; where there are none the tests say so and check nothing.
 
-use std::path::{Path, PathBuf};
+mod recordings;
 
 use friction_stage::bag::{self, Mapping, Trace};
 use friction_stage::identify::inverse_dynamics::{EMPS, FrictionLaw, Regression};
@@ -14,16 +14,7 @@ use friction_stage::model::StageModel;
 
 /// Train and check record, or `None` with a message.
 fn records() -> Option<[Trace; 2]> {
-    let home = std::env::var_os("FRICTION_STAGE_RECORDINGS")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/measured"), PathBuf::from)
-        .join("emps");
-    if !home.is_dir() {
-        eprintln!(
-            "SKIPPED: no EMPS records in {}; FRICTION_STAGE_RECORDINGS names the directory above emps/",
-            home.display()
-        );
-        return None;
-    }
+    let home = recordings::with("emps")?.join("emps");
     let mapping = Mapping::from_yaml(include_str!("../launch_config/emps_mapping.yaml"), "emps_mapping.yaml").unwrap();
     Some(["train.csv", "check.csv"].map(|name| bag::load(home.join(name), Some(&mapping)).unwrap().trace))
 }

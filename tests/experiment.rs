@@ -85,9 +85,8 @@ fn guides_of_a_catalogue_beside_the_model_file_are_run_and_recorded() {
     assert_eq!(replayed["identical"], replayed["samples"], "{replayed}");
 }
 
-/// `cargo test --release --test experiment -- --ignored`: a minute of computing.
 #[test]
-#[ignore = "all experiments on all guides take a minute with --release"]
+#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
 fn the_papers_statements_hold_but_for_the_four_that_the_readme_names() {
     let directory = tempfile::tempdir().unwrap();
     let output = friction_stage(&["experiment", "paper", "--no-bags", "--json", "--out", "paper"], directory.path());

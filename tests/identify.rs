@@ -5,20 +5,12 @@
 //! pass. What the recordings hide was inferred from their residuals, down to the noise of the sensors; amplitude and period below are
 //! what the force cell itself shows.
 
-use std::path::{Path, PathBuf};
+mod recordings;
+
+use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::Value;
-
-fn recordings() -> Option<PathBuf> {
-    let place = std::env::var_os("FRICTION_STAGE_RECORDINGS")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/measured"), PathBuf::from);
-    if place.join("a/train").is_dir() {
-        return Some(place);
-    }
-    println!("SKIPPED: no recordings in {}", place.display());
-    None
-}
 
 fn identify(arguments: &[&str]) -> Output {
     let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch_config/stage_measured_runs.yaml");
@@ -32,7 +24,7 @@ fn identify(arguments: &[&str]) -> Output {
 
 /// Summary of a run of the recordings with default settings, and the directory that it was written to.
 fn summary_of(run: &str) -> Option<(Value, tempfile::TempDir)> {
-    let place = recordings()?;
+    let place = recordings::with("a/train")?;
     let out = tempfile::tempdir().expect("a directory for the results");
     let path = |record: &str| place.join(run).join(record).display().to_string();
     let output = identify(&[
@@ -86,7 +78,7 @@ fn a_force_that_no_law_has_gets_unknown_its_coordinate_and_a_model_that_loads() 
 }
 
 #[test]
-#[ignore = "a minute each in the dev profile; run with --release"]
+#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
 fn cogging_with_its_harmonic_is_found_on_the_motor_side() {
     let Some((summary, _out)) = summary_of("a") else { return };
     assert_eq!((names(&summary), summary["verdict"].as_str()), (vec!["cogging", "cogging"], Some("found")));
@@ -97,7 +89,7 @@ fn cogging_with_its_harmonic_is_found_on_the_motor_side() {
 }
 
 #[test]
-#[ignore = "a minute each in the dev profile; run with --release"]
+#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
 fn effects_on_the_carriage_are_found_alone_and_together() {
     assert_found("c", "found", &["cable_chain"], 0.9);
     assert_found("d", "found", &["distributed_bristles"], 0.9);

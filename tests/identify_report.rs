@@ -3,8 +3,10 @@
 //! The recordings are too large for the repository: they are read from the directory in FRICTION_STAGE_RECORDINGS, or from
 //! `../shared/measured`; where there are none the tests say so and check nothing.
 
+mod recordings;
+
 use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 use friction_stage::identify::Summary;
@@ -13,16 +15,6 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/launch_config/stage_measured_runs.yaml");
-
-fn runs() -> Option<PathBuf> {
-    let home = std::env::var_os("FRICTION_STAGE_RECORDINGS")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/measured"), PathBuf::from);
-    if !home.join("a/train").is_dir() {
-        eprintln!("SKIPPED: no stage runs in {}; FRICTION_STAGE_RECORDINGS names their directory", home.display());
-        return None;
-    }
-    Some(home)
-}
 
 fn text(path: &Path) -> &str {
     path.to_str().unwrap()
@@ -41,7 +33,7 @@ fn stderr(output: &Output) -> String {
 
 /// Identifies a stage run with default settings and gives its summary; checks what holds for every run.
 fn summary_of(run: &str) -> Option<(Summary, TempDir)> {
-    let home = runs()?.join(run);
+    let home = recordings::with("a/train")?.join(run);
     let out = TempDir::new().unwrap();
     let output = identify(&home.join("train"), &home.join("check"), out.path(), &["--json"]).output().unwrap();
     assert!(matches!(output.status.code(), Some(0 | 3)), "{}", stderr(&output));
@@ -208,7 +200,7 @@ fn wrong_arguments_end_with_2_and_missing_files_with_1() {
 
 #[test]
 fn ctrl_c_leaves_a_partial_report_that_says_so() {
-    let Some(home) = runs() else { return };
+    let Some(home) = recordings::with("a/train") else { return };
     let out = TempDir::new().unwrap();
     let run = home.join("c");
     let mut child = identify(&run.join("train"), &run.join("check"), out.path(), &["--json"])
