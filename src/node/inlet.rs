@@ -31,7 +31,7 @@ use ros2_client::{ReadError, Subscription, message_info::MessageInfo};
 
 use super::{
     participant::{Participant, ParticipantError},
-    qos::Qos,
+    qos::{DEFAULT_WINDOW, Qos},
 };
 use crate::message::RosMessage;
 
@@ -47,7 +47,8 @@ impl<M: RosMessage> Inlet<M> {
     /// # Errors
     /// [`ParticipantError`] when the name is none or DDS refuses.
     pub fn new(participant: &Participant, name: &str, qos: &Qos) -> Result<Self, ParticipantError> {
-        let topic = participant.topic(name, M::PACKAGE, M::NAME, qos)?;
+        // The window is a publisher's: rustdds 0.15 would keep as many samples that have long been taken.
+        let topic = participant.topic(name, M::PACKAGE, M::NAME, &qos.window(DEFAULT_WINDOW))?;
         let subscription = participant.node().create_subscription(&topic, None).map_err(|e| {
             ParticipantError::Endpoint { what: "subscription", topic: name.to_owned(), reason: e.to_string() }
         })?;

@@ -19,8 +19,6 @@ from std_srvs.srv import SetBool
 
 HERE = Path(__file__).parent
 CONTROLLER = {"rate": 1000.0, "bandwidth": 30.0}
-# Unacknowledged samples that a DDS writer holds before it refuses more.
-WINDOW = 8192
 
 
 def friction_stage(*arguments: object, code: int) -> dict:
@@ -197,10 +195,11 @@ def subscriber(ros, processes, tmp_path):
             process.stop(signal.SIGKILL, expected=-signal.SIGKILL)
 
 
-@pytest.mark.parametrize("mode, windows", [("realtime", 1.4), ("lockstep", 2.2)])
+# Once to the end of their leases, which takes 20 s.
+@pytest.mark.parametrize("mode, seconds", [("realtime", 25.0), ("lockstep", 5.0)])
 def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_healthy_one(
-        ros, start, subscriber, mode, windows):
-    rate, wanted = 2000.0, round(windows * WINDOW)
+        ros, start, subscriber, mode, seconds):
+    rate = 2000.0
     topics = ["/stage/encoder", "/stage/state", "/stage/force", "/controller/state"]
     start("stage_node", mode=mode, control_rate=rate, command_timeout=1.0, answer_timeout=10.0)
     start("controller_node", rate=rate)
@@ -215,20 +214,19 @@ def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_h
     since = len(encoder)
     began = last = time.monotonic()
     longest = 0.0
-    while len(encoder) - since < wanted:
+    while last - began < seconds:
         count = len(encoder)
         ros.until(lambda: len(encoder) > count, "a sample", timeout=5.0)
         longest, last = max(longest, time.monotonic() - last), time.monotonic()
-    elapsed = time.monotonic() - began
     assert longest < 1.0, f"no sample for {longest} s"
     assert_no_holes(encoder, period)
     status = diagnostics.newest()
     assert number(status, "unpublished_samples") == number(status, "missing_answers") == 0
     # The controller's commands came through as well, as those of one source.
     assert number(status, "refused_commands") == number(status, "stale_commands") == 0
+    assert number(status, "refused_by_dds") == 0
     if mode == "realtime":
-        assert number(status, "writers_replaced") > 0 and number(status, "refused_by_dds") == 0
-        assert elapsed == pytest.approx(wanted / rate, rel=0.2)
+        assert len(encoder) - since == pytest.approx(seconds * rate, rel=0.2)
 
 
 def test_a_killed_controller_is_missed_and_another_takes_its_place(ros, stage, controller, start):
