@@ -61,6 +61,22 @@ impl Lowpass {
         sides + self.taps[half] * signal[index]
     }
 
+    /// The filter that gives, from the second differences of a signal, what this one takes out of the signal itself: the rest that lies
+    /// above the corner, integrated twice without a drift.
+    pub fn rest_of_second_differences(&self) -> Lowpass {
+        let half = self.half();
+        let rest = |index: usize| if index == half { 1.0 - self.taps[index] } else { -self.taps[index] };
+        let (mut sum, mut taps) = (0.0, Vec::with_capacity(self.taps.len()));
+        // Summed twice; both sums end at 0 because the taps of the rest are even and add up to 0.
+        let mut twice = 0.0;
+        for index in 0..self.taps.len() {
+            taps.push(twice);
+            sum += rest(index);
+            twice += sum;
+        }
+        Lowpass { taps, ..self.clone() }
+    }
+
     /// Standard deviation of the filtered signal that white noise of standard deviation 1 gives after a stencil (such as a second
     /// difference `[1, -2, 1]`).
     pub fn noise_gain(&self, stencil: &[f64]) -> f64 {
@@ -107,6 +123,24 @@ mod tests {
         let signal: Vec<f64> = (0..400).map(|k| k as f64).collect();
         for index in lowpass.kept(signal.len(), 0) {
             assert!((lowpass.at(&signal, index) - index as f64).abs() < 1e-9);
+        }
+    }
+
+    /// Lowpass of a signal and rest of its second differences are the signal again.
+    #[test]
+    fn the_rest_of_second_differences_is_what_the_lowpass_takes_out() {
+        let lowpass = Lowpass::new(100.0, 2000.0);
+        let rest = lowpass.rest_of_second_differences();
+        for frequency in [3.0, 90.0, 140.0, 700.0] {
+            let signal: Vec<f64> =
+                (0..400).map(|k| (TAU * frequency * k as f64 / 2000.0).sin() + 1e-3 * k as f64).collect();
+            let second: Vec<f64> = (0..400)
+                .map(|k| if k == 0 || k == 399 { 0.0 } else { signal[k + 1] - 2.0 * signal[k] + signal[k - 1] })
+                .collect();
+            for k in [150, 201, 233] {
+                let whole = lowpass.at(&signal, k) + rest.at(&second, k);
+                assert!((whole - signal[k]).abs() < 1e-9, "{frequency} Hz, {k}: {whole} of {}", signal[k]);
+            }
         }
     }
 

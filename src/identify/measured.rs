@@ -10,7 +10,8 @@ use super::lowpass::Lowpass;
 /// Corner of the lowpass on measured and modelled forces, Hz, where the rate allows it. Assumed: above the controller's bandwidth,
 /// below the band where the encoder's noise, differentiated twice, hides everything.
 const FORCE_CORNER: f64 = 200.0;
-/// Corner of the smoothing of the position at rest, Hz. Assumed.
+/// Corner below which the encoder says how the carriage moves at rest, Hz; above it the command does, over the mass and integrated twice.
+/// Assumed: well above the resonance of a mass on its bristles, 30 to 60 Hz, where friction has a part in the motion.
 const REST_CORNER: f64 = 100.0;
 /// Speeds, in standard deviations of the speed that encoder noise feigns, below which the position is smoothed wholly and above which
 /// it is left as it is. Assumed: a LuGre bristle relaxes with |v|, so feigned speed makes it drift; well above it |v| is right by itself.
@@ -108,6 +109,7 @@ impl Measured {
             filled(&trace.force)
         };
         let has_cell = !absent(&trace.force_cell) && !absent(&trace.force);
+        let has_command = !absent(&trace.force);
         let raw_cell = has_cell.then(|| {
             note(&trace.force_cell);
             filled(&trace.force_cell)
@@ -122,7 +124,10 @@ impl Measured {
         let acceleration = inner(&|k| (position[k + 1] - 2.0 * position[k] + position[k - 1]) * rate * rate);
 
         let noise = noise_of(&position).max(model.encoder.resolution / 12f64.sqrt());
-        let smooth = at_rest_smoothed(&position, rate, noise);
+        // A cell's noise would shake the carriage more than the controller does.
+        let shaken =
+            has_command.then(|| command.iter().map(|force| force * dt * dt / model.mass).collect::<Vec<f64>>());
+        let smooth = at_rest_smoothed(&position, shaken.as_deref(), rate, noise);
         // With a force that is held the velocity at a node is the central difference less a quarter of the jump of the acceleration times dt.
         let force = raw_cell.as_ref();
         let velocity = inner(&|k| {
@@ -302,13 +307,21 @@ fn noise_of(values: &[f64]) -> f64 {
     median.1 / 0.6745 / 20f64.sqrt()
 }
 
-/// The position with its noise taken out where the carriage hardly moves.
-fn at_rest_smoothed(position: &[f64], rate: f64, noise: f64) -> Vec<f64> {
+/// The position with its noise taken out where the carriage hardly moves. What shakes it there is mostly what the controller makes of the
+/// encoder's noise, too fast and too small to be seen; bristles relax with it all the same. `shaken`: second differences of the position
+/// by the command alone, m.
+fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: f64) -> Vec<f64> {
     let lowpass = Lowpass::new(REST_CORNER.min(rate / 5.0), rate);
+    let rest = lowpass.rest_of_second_differences();
     let (count, half) = (position.len(), lowpass.half());
     let feigned = 2f64.sqrt() * noise * rate;
-    let smooth: Vec<f64> =
-        (0..count).map(|k| if k < half || k + half >= count { position[k] } else { lowpass.at(position, k) }).collect();
+    let lowpassed = |signal: &[f64]| -> Vec<f64> {
+        (0..count).map(|k| if k < half || k + half >= count { signal[k] } else { lowpass.at(signal, k) }).collect()
+    };
+    let slow = lowpassed(position);
+    // The slow part of the command is what friction holds.
+    let shaken: Option<Vec<f64>> =
+        shaken.map(|shaken| shaken.iter().zip(lowpassed(shaken)).map(|(whole, slow)| whole - slow).collect());
     let speed: Vec<f64> = (0..count)
         .map(|k| {
             let (before, after) = (k.saturating_sub(half), (k + half).min(count - 1));
@@ -317,7 +330,7 @@ fn at_rest_smoothed(position: &[f64], rate: f64, noise: f64) -> Vec<f64> {
             let mut at = before;
             while at < after {
                 let next = (at + half / 2).min(after);
-                largest = largest.max((smooth[next] - smooth[at]).abs() * rate / (next - at) as f64);
+                largest = largest.max((slow[next] - slow[at]).abs() * rate / (next - at) as f64);
                 at = next;
             }
             largest
@@ -326,7 +339,12 @@ fn at_rest_smoothed(position: &[f64], rate: f64, noise: f64) -> Vec<f64> {
     (0..count)
         .map(|k| {
             let share = ((speed[k] / feigned - REST_SPEED.0) / (REST_SPEED.1 - REST_SPEED.0)).clamp(0.0, 1.0);
-            smooth[k] + share * (position[k] - smooth[k])
+            let quick = match &shaken {
+                Some(shaken) if share < 1.0 && k >= half && k + half < count => rest.at(shaken, k),
+                _ => 0.0,
+            };
+            let smooth = slow[k] + quick;
+            smooth + share * (position[k] - smooth)
         })
         .collect()
 }

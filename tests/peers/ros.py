@@ -101,9 +101,9 @@ class Ros:
         self.node.destroy_subscription(subscription)
         return messages[0]
 
-    def publisher(self, topic: str, readers: int = 1) -> Any:
+    def publisher(self, topic: str, readers: int = 1, depth: int = 10) -> Any:
         """A publisher that has found its readers."""
-        publisher = self.node.create_publisher(TOPICS[topic], topic, 10)
+        publisher = self.node.create_publisher(TOPICS[topic], topic, depth)
         self.until(lambda: publisher.get_subscription_count() >= readers, f"{readers} subscribers of {topic}")
         return publisher
 

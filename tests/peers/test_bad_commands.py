@@ -129,8 +129,9 @@ def test_bytes_that_are_no_message_do_not_end_the_nodes(ros, stage, controller, 
     stage(mode="realtime", control_rate=1000.0)
     diagnostics = Diagnostics(ros)
     topics = ["/stage/force", "/stage/joint_commands", "/stage/commands", "/stage/setpoint"]
-    publishers = [ros.publisher(topic) for topic in topics]
-    for count, bad in enumerate(garbage()):
+    # Deep enough that none of a burst gives way to the next before a loaded machine has sent it.
+    publishers = [ros.publisher(topic, depth=100) for topic in topics]
+    for bad in garbage():
         for publisher in publishers:
             publisher.publish(bad)
     # A message behind them, so that they have all been read when it acts.
@@ -139,7 +140,7 @@ def test_bytes_that_are_no_message_do_not_end_the_nodes(ros, stage, controller, 
     status = diagnostics.until(lambda status: number(status, "refused_commands") > 100, "over 100 refusals")
     assert status.level == WARN and "unreadable" in status.message
     controller(rate=1000.0, bandwidth=30.0)
-    setpoint = ros.publisher("/stage/setpoint", readers=2)
+    setpoint = ros.publisher("/stage/setpoint", readers=2, depth=100)
     for bad in garbage():
         setpoint.publish(bad)
     setpoint.publish(trajectory([rest(0.3, 0.001)]))
