@@ -318,10 +318,13 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
     let lowpassed = |signal: &[f64]| -> Vec<f64> {
         (0..count).map(|k| if k < half || k + half >= count { signal[k] } else { lowpass.at(signal, k) }).collect()
     };
+    let rest_of = |signal: &[f64], slow: &[f64]| -> Vec<f64> {
+        signal.iter().zip(slow).map(|(whole, slow)| whole - slow).collect()
+    };
     let slow = lowpassed(position);
-    // The slow part of the command is what friction holds.
-    let shaken: Option<Vec<f64>> =
-        shaken.map(|shaken| shaken.iter().zip(lowpassed(shaken)).map(|(whole, slow)| whole - slow).collect());
+    // The slow part of the command is what friction holds: of the rest of the position again the slow part is the encoder's and the
+    // quick one the command's, so that together they pass all frequencies alike.
+    let quick = shaken.map(|shaken| (rest_of(position, &slow), rest_of(shaken, &lowpassed(shaken))));
     let speed: Vec<f64> = (0..count)
         .map(|k| {
             let (before, after) = (k.saturating_sub(half), (k + half).min(count - 1));
@@ -339,8 +342,10 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
     (0..count)
         .map(|k| {
             let share = ((speed[k] / feigned - REST_SPEED.0) / (REST_SPEED.1 - REST_SPEED.0)).clamp(0.0, 1.0);
-            let quick = match &shaken {
-                Some(shaken) if share < 1.0 && k >= half && k + half < count => rest.at(shaken, k),
+            let quick = match &quick {
+                Some((read, shaken)) if share < 1.0 && k >= half && k + half < count => {
+                    lowpass.at(read, k) + rest.at(shaken, k)
+                }
                 _ => 0.0,
             };
             let smooth = slow[k] + quick;
