@@ -57,8 +57,10 @@ pub struct Measured {
     pub acceleration: Vec<f64>,
     /// Force cell, N; `None` where there is none, and then the command is the force.
     pub cell: Option<Vec<f64>>,
-    /// Command, N.
+    /// Command, N; what the cell read where there is no command.
     pub command: Vec<f64>,
+    /// Whether a cell has read the force on the carriage.
+    pub by_cell: bool,
     /// Reference position, m; NaN where the recording has none.
     pub reference: [Vec<f64>; 3],
     /// Command as recorded, sample by sample, N.
@@ -199,6 +201,7 @@ impl Measured {
             acceleration,
             cell,
             command,
+            by_cell: has_cell || !has_command,
             reference: [
                 trace.reference_position.clone(),
                 trace.reference_velocity.clone(),
@@ -237,13 +240,16 @@ impl Measured {
         self.rows.iter().map(|row| signal[*row]).collect()
     }
 
-    /// Standard deviation of the residuals that the declared sensor noise alone gives, N: motor side (0 without a cell) and carriage side.
+    /// Standard deviation of the residuals that the declared sensor noise alone gives, N: motor side (0 without cell and command) and
+    /// carriage side.
     pub fn floor(&self, model: &StageModel) -> Floor {
         let encoder = model.encoder.noise.hypot(model.encoder.resolution / 12f64.sqrt());
         let inertia = model.mass * self.rate * self.rate * encoder * self.lowpass.noise_gain(&[1.0, -2.0, 1.0]);
-        let cell =
-            if self.cell.is_some() { model.force_cell.noise * self.lowpass.noise_gain(&[0.5, 0.5]) } else { 0.0 };
-        Floor { motor: cell, carriage: inertia.hypot(cell) }
+        let read = model.force_cell.noise * self.lowpass.noise_gain(&[0.5, 0.5]);
+        Floor {
+            motor: if self.cell.is_some() { read } else { 0.0 },
+            carriage: if self.by_cell { inertia.hypot(read) } else { inertia },
+        }
     }
 }
 

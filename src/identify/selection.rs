@@ -15,7 +15,7 @@ use super::measured::{Floor, Measured};
 /// Most effects that are added.
 const MOST_EFFECTS: usize = 4;
 /// What an effect must take off the mean square of train and of hold-out, in squares of the floor of its side. Behind the force cell the
-/// model of the motor is exact; on the carriage the measured motion stands for the true one, and that costs about half a floor.
+/// model of the motor is exact; on the carriage the measured motion stands for the true one, and guides of which no two are alike leave up to a fifth of a square.
 const MOTOR_GAIN: f64 = 0.02;
 pub(super) const CARRIAGE_GAIN: f64 = 0.5;
 /// Share of what is still explainable on each record that an effect must take out: below it the law only bends towards what it is not.
@@ -30,8 +30,8 @@ pub(super) const RIVAL: f64 = 0.985;
 const UNEXPLAINED: f64 = 0.1;
 /// Part of what laws leave unexplained that a curve in their place may leave at most: a law says more than a curve of many knots.
 const CURVE_ALONE: f64 = 0.5;
-/// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.1 to 1.5: friction driven along a measured
-/// motion, and guides of which no two are alike, cost the rest.
+/// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2: friction driven along a measured
+/// motion costs the rest; a real machine is worth more.
 const NOISE_LIKE: f64 = 2.0;
 /// Share of the squares of a fit from a simpler start below which a later one replaces it.
 const BETTER_START: f64 = 0.99;

@@ -17,6 +17,8 @@ pub enum Programme {
     Recorded,
     /// The same kinds of pieces, with every speed, amplitude, stroke and rest drawn within 0.7 to 1.3 of it.
     Varied,
+    /// As recorded, with a rest of 8 s in each record.
+    Resting,
 }
 
 /// Setpoints, one row per tick, starting and ending at rest.
@@ -188,6 +190,11 @@ impl Programme {
         (self == Self::Varied).then(|| Noise::new((noise.unit() * 1e15) as u64, 7))
     }
 
+    /// The rest that may be long, s.
+    fn pause(self, usual: f64) -> f64 {
+        if self == Self::Resting { 8.0 } else { usual }
+    }
+
     /// The train record at `rate` (Hz), about 46 s.
     pub fn train(self, rate: f64, noise: &mut Noise) -> Setpoints {
         let mut path = Path::new(rate, self.vary(noise));
@@ -200,7 +207,7 @@ impl Programme {
             path.rest(if amplitude > 1e-4 { 0.3 } else { 0.2 });
         }
         path.stroke_to(-0.12, 0.6);
-        path.rest(0.3);
+        path.rest(self.pause(0.3));
         for (speed, distance) in SPEEDS {
             let speed = path.about(speed).min(FASTEST);
             for direction in [1.0, -1.0] {
@@ -229,7 +236,7 @@ impl Programme {
         let mut path = Path::new(rate, self.vary(noise));
         path.rest(0.3);
         path.stroke_to(-0.1, 0.5);
-        path.rest(0.4);
+        path.rest(self.pause(0.4));
         for _ in 0..10 {
             let to = noise.between(-0.115, 0.115);
             let shortest = 2.0 * (to - path.at).abs() / FASTEST;
