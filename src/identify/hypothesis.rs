@@ -407,16 +407,20 @@ impl Hypothesis {
         if sides.carriage || !effects.is_empty() {
             for (index, step) in measured.steps.iter().enumerate() {
                 let node = step.node;
-                let mut motion = step.motion;
+                let (mut motion, mut sliding) = (step.motion, step.sliding);
                 if reads {
                     let half = 0.5 * motion.velocity * step.duration;
                     let error = |x: f64| effects.read(motion.time, x, 0.0).0 - x;
                     let (from, to) = (error(motion.position - half), error(motion.position + half));
                     motion.position -= 0.5 * (from + to);
                     motion.velocity -= (to - from) / step.duration;
+                    sliding -= (to - from) / step.duration;
                 }
-                let scale =
-                    if effects.is_empty() { FrictionScale::ONE } else { effects.friction(&motion, step.duration) };
+                let scale = if effects.is_empty() {
+                    FrictionScale::ONE
+                } else {
+                    effects.friction(&Motion { velocity: sliding, ..motion }, step.duration)
+                };
                 let (motor_side, on_carriage) =
                     if effects.is_empty() { (0.0, 0.0) } else { effects.advance(&motion, step.duration) };
                 motor[node] += step.early * motor_side;
@@ -432,7 +436,7 @@ impl Hypothesis {
                     at_sample[node + 1] = effects.advance(&end, 0.0).0;
                 }
                 if sides.carriage {
-                    let force = bank.drive(motion.velocity, step.duration, &scale) - on_carriage;
+                    let force = bank.drive(sliding, step.duration, &scale) - on_carriage;
                     carriage[node] += step.early * force;
                     carriage[node + 1] += step.late * force;
                 }
@@ -488,7 +492,7 @@ impl Hypothesis {
         let mut bank = GuideBank::new(&self.guides());
         let mut friction = vec![0.0; measured.len()];
         for step in &measured.steps {
-            let force = bank.drive(step.motion.velocity, step.duration, &FrictionScale::ONE);
+            let force = bank.drive(step.sliding, step.duration, &FrictionScale::ONE);
             friction[step.node] += step.early * force;
             friction[step.node + 1] += step.late * force;
         }

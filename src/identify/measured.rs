@@ -16,6 +16,9 @@ const REST_CORNER: f64 = 100.0;
 /// Speeds, in standard deviations of the speed that encoder noise feigns, below which the position is smoothed wholly and above which
 /// it is left as it is. Assumed: a LuGre bristle relaxes with |v|, so feigned speed makes it drift; well above it |v| is right by itself.
 const REST_SPEED: (f64, f64) = (24.0, 93.0);
+/// What rings above the corner, rms in standard deviations of the encoder's noise, below which the position is smoothed wholly and above
+/// which it is left as it is. Assumed.
+const RINGING: (f64, f64) = (3.0, 6.0);
 /// Steps into which an interval is divided in which the velocity changes its sign or by more than [`STEADY`].
 const SUBSTEPS: usize = 4;
 /// Share of its mean by which the velocity of an interval may change for one step to do.
@@ -30,8 +33,10 @@ pub const MIN_SAMPLES: usize = 1000;
 /// One step of the measured motion at constant velocity.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
-    /// What an effect sees, at the middle of the step.
+    /// What an effect sees, at the middle of the step: as the encoder says, so that what rings a few nanometres rings here too.
     pub motion: Motion,
+    /// Velocity at which the guides slide, m/s: without what the encoder's noise feigns at rest, which would relax the bristles.
+    pub sliding: f64,
     /// s
     pub duration: f64,
     /// Sample at the start of the interval that the step belongs to.
@@ -132,14 +137,14 @@ impl Measured {
         let smooth = at_rest_smoothed(&position, shaken.as_deref(), rate, noise);
         // With a force that is held the velocity at a node is the central difference less a quarter of the jump of the acceleration times dt.
         let force = raw_cell.as_ref();
-        let velocity = inner(&|k| {
-            let central = 0.5 * (smooth[k + 1] - smooth[k - 1]) * rate;
-            let jump = match force {
-                Some(cell) => cell[k + 1] - cell[k],
-                None => raw_command[k] - raw_command[k - 1],
-            };
-            central - 0.25 * jump * dt / model.mass
-        });
+        let jump = |k: usize| match force {
+            Some(cell) => cell[k + 1] - cell[k],
+            None => raw_command[k] - raw_command[k - 1],
+        };
+        let velocity_of = |position: &[f64]| {
+            inner(&|k| 0.5 * (position[k + 1] - position[k - 1]) * rate - 0.25 * jump(k) * dt / model.mass)
+        };
+        let (velocity, read_velocity) = (velocity_of(&smooth), velocity_of(&position));
 
         let mut steps = Vec::with_capacity(count + count / 4);
         for k in 0..count - 1 {
@@ -149,21 +154,19 @@ impl Measured {
             let turns = start * end <= 0.0 || (end - start).abs() > STEADY * mean.abs();
             let parts = if turns && start.abs().max(end.abs()) > still { SUBSTEPS } else { 1 };
             let duration = dt / parts as f64;
-            // Cubic with these velocities at its ends and this mean.
-            let (square, cube) = (3.0 * mean - 2.0 * start - end, start + end - 2.0 * mean);
-            let path = |s: f64| s * (start + s * (square + s * cube));
+            let (slides, moves) = (path(&smooth, &velocity, k, rate), path(&position, &read_velocity, k, rate));
             for part in 0..parts {
                 let (from, to) = (part as f64 / parts as f64, (part + 1) as f64 / parts as f64);
-                let (moved_from, moved_to) = if parts == 1 { (0.0, mean) } else { (path(from), path(to)) };
                 let middle = 0.5 * (from + to);
                 steps.push(Step {
                     motion: Motion {
                         time: trace.time[k] - trace.time[0] + middle * dt,
-                        position: smooth[k] + 0.5 * (moved_from + moved_to) * dt,
-                        velocity: (moved_to - moved_from) * parts as f64,
+                        position: position[k] + 0.5 * (moves(from) + moves(to)) * dt,
+                        velocity: (moves(to) - moves(from)) * parts as f64,
                         acceleration: 0.5 * (acceleration[k] + acceleration[k + 1]),
                         motor_force: raw_command[k],
                     },
+                    sliding: (slides(to) - slides(from)) * parts as f64,
                     duration,
                     node: k,
                     early: (1.0 - middle) / parts as f64,
@@ -267,6 +270,15 @@ impl Floor {
     }
 }
 
+/// Way from sample `k` over the share s of the interval behind it, over the length of the interval, m/s: a cubic with the velocities of
+/// both samples at its ends.
+fn path(position: &[f64], velocity: &[f64], k: usize, rate: f64) -> impl Fn(f64) -> f64 + use<> {
+    let mean = (position[k + 1] - position[k]) * rate;
+    let (start, end) = (velocity[k], velocity[k + 1]);
+    let (square, cube) = (3.0 * mean - 2.0 * start - end, start + end - 2.0 * mean);
+    move |s| s * (start + s * (square + s * cube))
+}
+
 /// Sample at which the guides have first slid far enough to have forgotten their initial deflection; `None` if they never do.
 fn sliding_start(position: &[f64], model: &StageModel) -> Result<Option<usize>, IdentifyError> {
     let longest = model.resolved_guides()?.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
@@ -328,9 +340,16 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
         signal.iter().zip(slow).map(|(whole, slow)| whole - slow).collect()
     };
     let slow = lowpassed(position);
+    let left = rest_of(position, &slow);
+    let squares: Vec<f64> = std::iter::once(0.0)
+        .chain(left.iter().scan(0.0, |sum, left| {
+            *sum += left * left;
+            Some(*sum)
+        }))
+        .collect();
     // The slow part of the command is what friction holds: of the rest of the position again the slow part is the encoder's and the
     // quick one the command's, so that together they pass all frequencies alike.
-    let quick = shaken.map(|shaken| (rest_of(position, &slow), rest_of(shaken, &lowpassed(shaken))));
+    let shaken = shaken.map(|shaken| rest_of(shaken, &lowpassed(shaken)));
     let speed: Vec<f64> = (0..count)
         .map(|k| {
             let (before, after) = (k.saturating_sub(half), (k + half).min(count - 1));
@@ -347,10 +366,13 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
         .collect();
     (0..count)
         .map(|k| {
-            let share = ((speed[k] / feigned - REST_SPEED.0) / (REST_SPEED.1 - REST_SPEED.0)).clamp(0.0, 1.0);
-            let quick = match &quick {
-                Some((read, shaken)) if share < 1.0 && k >= half && k + half < count => {
-                    lowpass.at(read, k) + rest.at(shaken, k)
+            let (before, after) = (k.saturating_sub(half), (k + half + 1).min(count));
+            let ringing = ((squares[after] - squares[before]) / (after - before) as f64).sqrt();
+            let beyond = |value: f64, (low, high): (f64, f64)| ((value - low) / (high - low)).clamp(0.0, 1.0);
+            let share = beyond(speed[k] / feigned, REST_SPEED).max(beyond(ringing / noise, RINGING));
+            let quick = match &shaken {
+                Some(shaken) if share < 1.0 && k >= half && k + half < count => {
+                    lowpass.at(&left, k) + rest.at(shaken, k)
                 }
                 _ => 0.0,
             };

@@ -268,7 +268,8 @@ pub fn search(
                     let mut fitted: Option<Fitted> = None;
                     let starts = starts(part, train.rate.recip());
                     // A delay within a sample shows behind the cell only.
-                    let sides = if starts.len() > 1 { Sides::BOTH } else { sides_of(side, has_cell) };
+                    let late = descriptor.parameters.iter().any(|parameter| parameter.name == "delay");
+                    let sides = if late { Sides::BOTH } else { sides_of(side, has_cell) };
                     for part in starts {
                         // A law whose values do not go together has lost; it does not end the search.
                         let Ok(one) = fit(&held.with(part), train, sides, ITERATIONS) else { continue };
@@ -487,9 +488,14 @@ fn with_different_guides(start: &Hypothesis, train: &Measured) -> Result<Fitted,
 }
 
 /// Values that a fit starts from, the simplest first. A force cell that is sampled at the ticks shows a delay in whole ticks: the fit cannot step
-/// from one to the next. A lag may be of first order, a delay or both, which a proposal hardly tells apart.
+/// from one to the next. A lag may be of first order, a delay or both, which a proposal hardly tells apart. A law of two forms is tried in both.
 fn starts(part: Part, dt: f64) -> Vec<Part> {
     let index_of = |name: &str| part.descriptor.parameters.iter().position(|parameter| parameter.name == name);
+    if let Some(form) = index_of("form") {
+        let mut other = part.clone();
+        other.values[form] = 1.0;
+        return vec![part, other];
+    }
     let Some(delay) = index_of("delay") else { return vec![part] };
     let lag = index_of("time_constant");
     let with = |first_order: f64, late: f64| {
