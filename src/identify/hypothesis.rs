@@ -52,6 +52,9 @@ const CONTRASTS: [[f64; MAX_GUIDES]; MAX_GUIDES - 1] =
 /// Contrast that a fit starts from, in tolerances: at none at all no direction is better than its opposite.
 const START_SPREAD: f64 = 0.25;
 
+/// Pieces of a step in which a motor force that changes within it is averaged: the samples on either side feel it unequally.
+const PIECES_OF_A_STEP: u32 = 8;
+
 /// Effects whose phase counts from the start of a record and therefore means nothing in another one: each record has its own.
 const PHASE_OF_RECORD: [&str; 1] = ["external_vibration"];
 
@@ -404,6 +407,13 @@ impl Hypothesis {
         }
         // What the encoder reads wrong is no motion: neither the mass nor the guides feel it.
         let reads = self.effects.iter().any(|part| part.side() == Side::Sensor);
+        let pieces = if effects.is_empty() {
+            0
+        } else if effects.changes_within_a_step() {
+            PIECES_OF_A_STEP
+        } else {
+            1
+        };
         if sides.carriage || !effects.is_empty() {
             for (index, step) in measured.steps.iter().enumerate() {
                 let node = step.node;
@@ -421,10 +431,19 @@ impl Hypothesis {
                 } else {
                     effects.friction(&Motion { velocity: sliding, ..motion }, step.duration)
                 };
-                let (motor_side, on_carriage) =
-                    if effects.is_empty() { (0.0, 0.0) } else { effects.advance(&motion, step.duration) };
-                motor[node] += step.early * motor_side;
-                motor[node + 1] += step.late * motor_side;
+                let mut on_carriage = 0.0;
+                for piece in 0..pieces {
+                    // Middle of the piece from the middle of the step, in steps.
+                    let aside = (f64::from(piece) + 0.5) / f64::from(pieces) - 0.5;
+                    let (time, way) = (aside * step.duration, aside * step.duration * motion.velocity);
+                    let there = Motion { time: motion.time + time, position: motion.position + way, ..motion };
+                    let (motor_side, carriage_side) = effects.advance(&there, step.duration / f64::from(pieces));
+                    let share = step.early + step.late;
+                    let late = step.late + aside * share * share;
+                    motor[node] += (share - late) / f64::from(pieces) * motor_side;
+                    motor[node + 1] += late / f64::from(pieces) * motor_side;
+                    on_carriage += carriage_side / f64::from(pieces);
+                }
                 let ends = measured.steps.get(index + 1).is_none_or(|next| next.node != node);
                 if on_motor && ends {
                     let end = Motion {

@@ -197,17 +197,27 @@ impl Stage {
         self.steps.max((fastest * speed * self.tick / STIFFEST).ceil() as usize)
     }
 
+    /// Ends of the steps of an interval, s since its start: equal steps, and the instants at which a late command comes.
+    fn edges(&self) -> Vec<f64> {
+        let steps = self.steps_now();
+        let late = self.effects.iter().filter_map(|effect| effect.delay()).map(|delay| delay.rem_euclid(self.tick));
+        let mut edges: Vec<f64> = (0..=steps).map(|step| step as f64 * self.tick / steps as f64).chain(late).collect();
+        edges.sort_by(f64::total_cmp);
+        // Shorter steps than this are rounding.
+        edges.dedup_by(|after, before| *after - *before < 1e-9 * self.tick);
+        edges
+    }
+
     /// Holds a command (N) for one interval.
     pub fn advance(&mut self, command: f64, noise: &mut Noise) {
         self.commands.rotate_right(1);
         self.commands[0] = command;
         let mut work = std::mem::take(&mut self.work);
         work[0].copy_from_slice(&self.state);
-        let steps = self.steps_now();
-        let h = self.tick / steps as f64;
         let start = self.ticks as f64 * self.tick;
-        for step in 0..steps {
-            let (since, middle) = (step as f64 * h, (step as f64 + 0.5) * h);
+        for ends in self.edges().windows(2) {
+            let (since, h) = (ends[0], ends[1] - ends[0]);
+            let middle = since + 0.5 * h;
             let time = start + since;
             self.runge_kutta(&mut work, time, middle, h);
             let (before, after) = (work[0][1], work[4][1]);

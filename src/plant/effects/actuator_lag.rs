@@ -103,6 +103,10 @@ impl ActuatorLag {
 }
 
 impl Effect for ActuatorLag {
+    fn changes_within_a_step(&self) -> bool {
+        true
+    }
+
     fn force(&mut self, motion: &Motion, step: f64) -> f64 {
         if step <= 0.0 {
             return self.present(motion.time) - motion.motor_force;

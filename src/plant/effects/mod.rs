@@ -94,6 +94,11 @@ pub trait Effect: Debug + Send + Sync {
         false
     }
 
+    /// Whether the force changes much within a step as long as a control cycle though the motion is smooth.
+    fn changes_within_a_step(&self) -> bool {
+        false
+    }
+
     /// Shares of the elements that stand in parallel in each guide, in place of its one bristle.
     fn bristle_shares(&self) -> Option<[BristleShare; MAX_ELEMENTS]> {
         None
@@ -378,6 +383,11 @@ impl Effects {
     /// Shares of the bristle elements of each guide, of the last effect that has some; `None`: one bristle.
     pub fn bristle_shares(&self) -> Option<[BristleShare; MAX_ELEMENTS]> {
         self.list.iter().rev().find_map(|entry| entry.effect.bristle_shares())
+    }
+
+    /// Whether a force changes much within a step as long as a control cycle.
+    pub fn changes_within_a_step(&self) -> bool {
+        self.list.iter().any(|entry| entry.effect.changes_within_a_step())
     }
 
     /// Whether the guides' laws or bristles are not those of the model alone.

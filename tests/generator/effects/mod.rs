@@ -102,6 +102,10 @@ pub trait Law: std::fmt::Debug + Send + Sync {
     /// Once per tick, for phases that wander.
     fn tick(&mut self, _now: &Now<'_>, _noise: &mut Noise) {}
 
+    /// By how much it has commands come late, s: the force jumps within an interval.
+    fn delay(&self) -> Option<f64> {
+        None
+    }
     /// Place in the chain of the motor; the lowest comes first.
     fn rank(&self) -> u8 {
         9

@@ -121,7 +121,7 @@ impl Law for MotorGain {
     }
 }
 
-/// Current loop: tau dF/dt = F_command(t - delay) - F. The delay acts to the integrator's step.
+/// Current loop: tau dF/dt = F_command(t - delay) - F.
 #[derive(Debug, Clone)]
 pub struct ActuatorLag {
     /// tau, s; 0 leaves the delay only.
@@ -150,6 +150,9 @@ impl Law for ActuatorLag {
     }
     fn scaled(&self, factor: f64) -> Effect {
         Box::new(Self { time_constant: factor * self.time_constant, delay: factor * self.delay })
+    }
+    fn delay(&self) -> Option<f64> {
+        Some(self.delay)
     }
     fn rank(&self) -> u8 {
         0
