@@ -1,7 +1,7 @@
 //! How well identification does on recordings whose hidden effects it is not told: false alarms, right names, detection over
 //! size, effects that are in nobody's list, and several at once.
 //!
-//! `cargo bench --bench identify -- none --runs 200`, `names --runs 3`, `power --only cogging --factors 0.05,0.1,0.2`,
+//! `cargo bench --bench identify -- none --runs 200`, `names --runs 3`, `power --only cogging --floors 0.5,1,2`,
 //! `unlisted`, `mixed --runs 20`; `--json` writes one JSON object per run instead of text. The recordings come from
 //! `tests/generator`, which shares no equation, integrator, controller or noise source with the library; the declared model is the
 //! nominal one of the recorded stage runs. One line per run on stdout, as soon as it is known, then a summary; progress on stderr.
@@ -62,15 +62,15 @@ enum What {
         #[arg(long, value_delimiter = ',')]
         only: Vec<String>,
     },
-    /// One effect over its size.
+    /// Each listed effect over its size: how often is it detected and named?
     Power {
-        #[arg(long)]
-        only: String,
-        /// Sizes in units of the usual one.
-        #[arg(long, value_delimiter = ',', default_value = "0.02,0.05,0.1,0.2,0.5,1")]
-        factors: Vec<f64>,
-        /// Per size.
-        #[arg(long, default_value_t = 4)]
+        #[arg(long, value_delimiter = ',')]
+        only: Vec<String>,
+        /// Sizes: held-out force in floors of the sensors' noise.
+        #[arg(long, value_delimiter = ',', default_value = "0.25,0.5,1,2,5,10")]
+        floors: Vec<f64>,
+        /// Per effect and size.
+        #[arg(long, default_value_t = 3)]
         runs: u64,
     },
     /// Effects that no candidate expresses: is the answer "unknown", with the right coordinate?
@@ -94,6 +94,8 @@ struct Report {
     seed: u64,
     /// Of the usual size.
     factor: f64,
+    /// Size that was asked for, floors; 0 where none was.
+    size: f64,
     hidden: Vec<Hidden>,
     verdict: &'static str,
     /// Names that were found, without maps.
@@ -153,7 +155,7 @@ impl Watch for Progress {
 
 fn main() -> Result<()> {
     let arguments = Arguments::parse();
-    let mut session = Session { arguments: &arguments, reports: Vec::new() };
+    let mut session = Session { arguments: &arguments, size: 0.0, reports: Vec::new() };
     match &arguments.what {
         What::None { runs } => {
             for seed in session.seeds(*runs) {
@@ -162,10 +164,15 @@ fn main() -> Result<()> {
         }
         What::Names { runs, only } => session.each(&CATALOGUE[..LISTED], *runs, only)?,
         What::Unlisted { runs, only } => session.each(&CATALOGUE[LISTED..], *runs, only)?,
-        What::Power { only, factors, runs } => {
-            for &factor in factors {
+        What::Power { only, floors, runs } => {
+            for name in chosen(&CATALOGUE[..LISTED], only)? {
                 for seed in session.seeds(*runs) {
-                    session.run(seed, factor, vec![drawn(only, seed)?.scaled(factor)])?;
+                    let usual = drawn(name, seed)?;
+                    let size = session.floors_of(seed, usual.copy())?;
+                    for &wanted in floors {
+                        session.size = wanted;
+                        session.run(seed, wanted / size, vec![usual.scaled(wanted / size)])?;
+                    }
                 }
             }
         }
@@ -185,8 +192,20 @@ fn drawn(name: &str, seed: u64) -> Result<Effect> {
     })
 }
 
+/// Names of a list, those that are asked for.
+fn chosen(list: &[(&'static str, effects::Draw)], only: &[String]) -> Result<Vec<&'static str>> {
+    if let Some(strange) = only.iter().find(|name| list.iter().all(|(known, _)| known != name)) {
+        let known: Vec<&str> = list.iter().map(|(name, _)| *name).collect();
+        bail!("no effect {strange} here: one of {}", known.join(", "));
+    }
+    let wanted = |name: &str| only.is_empty() || only.iter().any(|one| one == name);
+    Ok(list.iter().map(|(name, _)| *name).filter(|name| wanted(name)).collect())
+}
+
 struct Session<'a> {
     arguments: &'a Arguments,
+    /// Size that the next run is made for, floors.
+    size: f64,
     reports: Vec<Report>,
 }
 
@@ -195,24 +214,31 @@ impl Session<'_> {
         self.arguments.first..self.arguments.first + runs
     }
 
-    fn each(&mut self, list: &[(&str, effects::Draw)], runs: u64, only: &[String]) -> Result<()> {
-        if let Some(strange) = only.iter().find(|name| list.iter().all(|(known, _)| known != name)) {
-            let known: Vec<&str> = list.iter().map(|(name, _)| *name).collect();
-            bail!("no effect {strange} here: one of {}", known.join(", "));
-        }
+    fn each(&mut self, list: &[(&'static str, effects::Draw)], runs: u64, only: &[String]) -> Result<()> {
         for seed in self.seeds(runs) {
-            for (name, _) in list.iter().filter(|(name, _)| only.is_empty() || only.iter().any(|one| one == name)) {
+            for name in chosen(list, only)? {
                 self.run(seed, 1.0, vec![drawn(name, seed)?])?;
             }
         }
         Ok(())
     }
 
-    fn run(&mut self, seed: u64, factor: f64, hidden: Vec<Effect>) -> Result<()> {
-        let setup = Setup {
+    fn setup(&self, seed: u64, hidden: Vec<Effect>) -> Setup {
+        Setup {
             programme: if self.arguments.varied { Programme::Varied } else { Programme::Recorded },
             ..Setup::new(seed).with_all(hidden)
-        };
+        }
+    }
+
+    /// Held-out force of an effect in floors.
+    fn floors_of(&self, seed: u64, effect: Effect) -> Result<f64> {
+        let run = self.setup(seed, vec![effect]).generate()?;
+        let check = Measured::new(&run.check.to_trace(), &declared(), "check")?;
+        Ok(hidden(&run, &check).iter().map(|hidden| hidden.floors).sum())
+    }
+
+    fn run(&mut self, seed: u64, factor: f64, hidden: Vec<Effect>) -> Result<()> {
+        let setup = self.setup(seed, hidden);
         let names: Vec<&str> = setup.effects.iter().map(|effect| effect.name()).collect();
         let title = if names.is_empty() { "nothing".to_owned() } else { names.join(" + ") };
         // A setup that the controller cannot hold is no recording: said, counted nowhere.
@@ -226,7 +252,8 @@ impl Session<'_> {
         let bar = indicatif::ProgressBar::new(1000)
             .with_style(indicatif::ProgressStyle::with_template("{prefix} [{elapsed}] {bar:20} {msg}")?)
             .with_prefix(format!("{title} seed {seed}"));
-        let report = judge(&run, factor, &Progress(bar.clone())).with_context(|| format!("{title} seed {seed}"))?;
+        let report =
+            judge(&run, factor, self.size, &Progress(bar.clone())).with_context(|| format!("{title} seed {seed}"))?;
         bar.finish_and_clear();
         let mut out = std::io::stdout().lock();
         if self.arguments.json {
@@ -246,7 +273,7 @@ impl Session<'_> {
             let title = match &self.arguments.what {
                 What::None { .. } => "nothing".to_owned(),
                 What::Mixed { .. } => format!("{} effects", names.len()),
-                What::Power { .. } => format!("{} x {:8.4}", names.join(" + "), report.factor),
+                What::Power { .. } => format!("{} of {:5.2}", names.join(" + "), report.size),
                 _ => names.join(" + "),
             };
             groups.entry(title).or_default().push(report);
@@ -283,7 +310,45 @@ impl Session<'_> {
                 mean(&|report| report.seconds),
             );
         }
+        if let What::Power { floors, .. } = &self.arguments.what {
+            self.curves(floors);
+        }
         Ok(())
+    }
+
+    /// Per effect: shares that are detected and named over the size, the size at which half are detected, and the share that is named from
+    /// five times that size on. Named is also what the verdict says cannot be told from its rival.
+    fn curves(&self, sizes: &[f64]) {
+        print!("\ndetected / named, %, at floors{:6}", "");
+        sizes.iter().for_each(|size| print!("{size:>10}"));
+        println!("{:>10} {:>18}", "half at", "named from 5 times");
+        let mut effects: BTreeMap<&str, Vec<&Report>> = BTreeMap::new();
+        for report in &self.reports {
+            effects.entry(report.hidden[0].name).or_default().push(report);
+        }
+        for (name, reports) in effects {
+            let share = |of: &[&Report], what: &dyn Fn(&Report) -> bool| {
+                of.iter().filter(|report| what(report)).count() as f64 / of.len().max(1) as f64
+            };
+            let named = |report: &Report| report.right || report.open;
+            print!("{name:36}");
+            let (mut half, mut last): (Option<f64>, Option<(f64, f64)>) = (None, None);
+            for &size in sizes {
+                let at: Vec<&Report> = reports.iter().copied().filter(|report| report.size == size).collect();
+                let detected = share(&at, &|report| report.detected);
+                print!("{:>10}", format!("{:.0}/{:.0}", 100.0 * detected, 100.0 * share(&at, &named)));
+                if half.is_none() && detected >= 0.5 {
+                    // Between two sizes on a logarithmic scale.
+                    half = Some(last.map_or(size, |(before, share)| {
+                        before * (size / before).powf((0.5 - share) / (detected - share))
+                    }));
+                }
+                last = Some((size, detected));
+            }
+            let half = half.unwrap_or(f64::INFINITY);
+            let large: Vec<&Report> = reports.into_iter().filter(|report| report.size >= 5.0 * half).collect();
+            println!("{half:>10.2} {:>18}", format!("{:.0} % of {}", 100.0 * share(&large, &named), large.len()));
+        }
     }
 }
 
@@ -301,7 +366,7 @@ fn declared() -> StageModel {
     StageModel { guides: vec![GuideSource::Inline(guide); 4], ..StageModel::default() }
 }
 
-fn judge(run: &GeneratedRun, factor: f64, watch: &dyn Watch) -> Result<Report, IdentifyError> {
+fn judge(run: &GeneratedRun, factor: f64, size: f64, watch: &dyn Watch) -> Result<Report, IdentifyError> {
     let model = declared();
     let start = Instant::now();
     let measured = |columns: &Columns, name: &str| Measured::new(&columns.to_trace(), &model, name);
@@ -322,32 +387,13 @@ fn judge(run: &GeneratedRun, factor: f64, watch: &dyn Watch) -> Result<Report, I
         Coordinate::Velocity => "velocity",
         Coordinate::Time => "time",
     });
-    let hidden: Vec<Hidden> = run
-        .truth
-        .effects
-        .iter()
-        .zip(&run.truth.check.hidden)
-        .map(|(truth, signal)| {
-            let force = shown(signal, &run.truth.check, &check, run.truth.mass);
-            let floor = match truth.side {
-                effects::Side::Motor => selection.floor.motor,
-                _ => selection.floor.carriage,
-            };
-            Hidden {
-                name: truth.name,
-                listed: truth.listed,
-                coordinate: truth.coordinate,
-                parameters: truth.parameters.clone(),
-                force,
-                floors: force / floor,
-            }
-        })
-        .collect();
+    let hidden = hidden(run, &check);
     let right = right(&hidden, &selection, &found, coordinate);
     let rms = |motor: f64, carriage: f64| [motor.sqrt(), carriage.sqrt()];
     Ok(Report {
         seed: run.truth.seed,
         factor,
+        size,
         verdict: match selection.verdict {
             Verdict::Found => "found",
             Verdict::None => "none",
@@ -373,6 +419,31 @@ fn judge(run: &GeneratedRun, factor: f64, watch: &dyn Watch) -> Result<Report, I
         found,
         seconds,
     })
+}
+
+/// What the held-out record shows of each hidden effect.
+fn hidden(run: &GeneratedRun, check: &Measured) -> Vec<Hidden> {
+    let floor = check.floor(&declared());
+    run.truth
+        .effects
+        .iter()
+        .zip(&run.truth.check.hidden)
+        .map(|(truth, signal)| {
+            let force = shown(signal, &run.truth.check, check, run.truth.mass);
+            let floor = match truth.side {
+                effects::Side::Motor => floor.motor,
+                _ => floor.carriage,
+            };
+            Hidden {
+                name: truth.name,
+                listed: truth.listed,
+                coordinate: truth.coordinate,
+                parameters: truth.parameters.clone(),
+                force,
+                floors: force / floor,
+            }
+        })
+        .collect()
 }
 
 /// Whether this is the answer that an engineer who knows the truth would accept.
