@@ -130,7 +130,8 @@ impl Measured {
         let cell = raw_cell.as_ref().map(|cell| inner(&|k| 0.5 * (cell[k] + cell[k + 1])));
         let acceleration = inner(&|k| (position[k + 1] - 2.0 * position[k] + position[k - 1]) * rate * rate);
 
-        let noise = noise_of(&position).max(model.encoder.resolution / 12f64.sqrt());
+        // An encoder without any noise is no division by 0.
+        let noise = noise_of(&position).max(model.encoder.resolution / 12f64.sqrt()).max(f64::MIN_POSITIVE);
         // A cell's noise would shake the carriage more than the controller does.
         let shaken =
             has_command.then(|| command.iter().map(|force| force * dt * dt / model.mass).collect::<Vec<f64>>());
@@ -380,4 +381,56 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
             smooth + share * (position[k] - smooth)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    /// 2 s at 2 kHz: 20 mm to and fro, then rest.
+    fn trace(noise: impl Fn(usize) -> f64) -> Trace {
+        let count = 4000;
+        let at = |k: usize| if k < 2000 { 0.01 * (1.0 - (TAU * k as f64 / 2000.0).cos()) } else { 0.0 };
+        Trace {
+            origin_ns: 0,
+            time: (0..count).map(|k| k as f64 / 2000.0).collect(),
+            reference_position: vec![f64::NAN; count],
+            reference_velocity: vec![f64::NAN; count],
+            reference_acceleration: vec![f64::NAN; count],
+            position: (0..count).map(|k| at(k) + noise(k)).collect(),
+            force_cell: vec![f64::NAN; count],
+            force: vec![0.0; count],
+        }
+    }
+
+    #[test]
+    fn an_encoder_without_noise_is_followed_as_it_is() {
+        let mut model = StageModel::default();
+        (model.encoder.noise, model.encoder.resolution) = (0.0, 0.0);
+        let measured = Measured::new(&trace(|_| 0.0), &model, "exact").unwrap();
+        for step in &measured.steps {
+            assert!(step.sliding.is_finite() && (step.sliding - step.motion.velocity).abs() < 1e-9, "{step:?}");
+        }
+    }
+
+    /// Guides at rest see neither the noise nor, in a moving carriage, anything but the motion.
+    #[test]
+    fn noise_at_rest_does_not_slide_the_guides_and_a_ringing_carriage_does() {
+        let chaos = |k: usize| 1e-9 * ((k * 7919 % 1009) as f64 / 504.5 - 1.0);
+        let path = |measured: &Measured| -> f64 {
+            let rest = measured.steps.iter().filter(|step| (2500..3500).contains(&step.node));
+            rest.map(|step| step.sliding.abs() * step.duration).sum()
+        };
+        let model = StageModel::default();
+        let still = path(&Measured::new(&trace(chaos), &model, "still").unwrap());
+        let read: f64 = (2500..3500).map(|k| (chaos(k + 1) - chaos(k)).abs()).sum();
+        assert!(still < 0.1 * read, "{still} m of {read} m that the encoder reads");
+        // 40 nm at 130 Hz.
+        let ring = |k: usize| 40e-9 * (TAU * 130.0 * k as f64 / 2000.0).sin();
+        let ringing = path(&Measured::new(&trace(|k| chaos(k) + ring(k)), &model, "ringing").unwrap());
+        let way = 4.0 * 40e-9 * 130.0 * 0.5;
+        assert!((ringing / way - 1.0).abs() < 0.1, "{ringing} m of {way} m");
+    }
 }
