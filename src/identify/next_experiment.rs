@@ -246,7 +246,7 @@ const USUAL: [(&str, &[f64]); 20] = [
     ("quadratic_drag", &[5.0]),
     ("stiction_aging", &[0.1, 1.0, 2e-4]),
     ("structural_mode", &[4.0, 100.0, 0.02]),
-    ("viscous_warm_up", &[0.1, 1.0, 1e6]),
+    ("viscous_warm_up", &[0.1, 1.0, 1e6, 0.0]),
 ];
 
 /// A piece of motion, begun and ended at rest. m, m/s, Hz, s.
@@ -1278,6 +1278,7 @@ mod tests {
         assert_eq!(known, all);
         for (name, values) in USUAL {
             let descriptor = EffectDescriptor::find(name).unwrap();
+            assert_eq!(values.len(), descriptor.parameters.len(), "{name}");
             let part = Part { descriptor, values: values.to_vec() };
             descriptor.values_of(&part.parameters()).unwrap();
         }
