@@ -2,8 +2,9 @@
 //!
 //! A reliable DDS writer keeps every sample until the slowest matched subscriber has acknowledged
 //! it. A frozen or killed subscriber acknowledges nothing, so the window fills (8192 samples in
-//! rustdds) and every further publish is refused, for all subscribers, until the lease of the dead
-//! one ends: 20 s for rclpy, 50 s for rustdds. An outlet answers a full window with a successor: a
+//! rustdds if nothing else is said; [`SAMPLES`](super::qos::SAMPLES) outlast most leases) and every
+//! further publish is refused, for all subscribers, until the lease of the dead one ends: 20 s for
+//! rclpy, 50 s for rustdds. An outlet answers a full window with a successor: a
 //! new writer, made and matched on a helper thread while messages are held in order, typically
 //! 2 ms. The old writer lives on for a while, so that healthy subscribers get what they still
 //! miss. They lose nothing; the dead one gets a new window to fill. DDS keeps the order of one
