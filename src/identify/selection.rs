@@ -261,14 +261,13 @@ pub fn search(
                 let share = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) as f64 / candidates.len() as f64;
                 watch.progress(&format!("round {}: {}", round + 1, descriptor.name), (round as f64 + share) / 3.0);
                 let mut trials: Vec<(Evidence, Hypothesis)> = Vec::new();
-                for on_motor in looks(descriptor.side, has_cell) {
+                let late = descriptor.parameters.iter().any(|parameter| parameter.name == "delay");
+                for on_motor in looks(descriptor.side, late, has_cell) {
                     let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
                     let part = Part { descriptor, values };
                     let side = part.side();
                     let mut fitted: Option<Fitted> = None;
                     let starts = starts(part, train.rate.recip());
-                    // A delay within a sample shows behind the cell only.
-                    let late = descriptor.parameters.iter().any(|parameter| parameter.name == "delay");
                     let sides = if late { Sides::BOTH } else { sides_of(side, has_cell) };
                     for part in starts {
                         // A law whose values do not go together has lost; it does not end the search.
@@ -309,7 +308,10 @@ pub fn search(
         let least_of = |left: f64| LEAST_SHARE * (left - floor.total().powi(2));
         let (least_on_train, least_on_holdout) = (least_of(best_errors.train()), least_of(best_errors.holdout()));
         for (one, _) in &mut tried {
-            let least = threshold(one.side, has_cell, floor);
+            // What a motor effect explains on the carriage alone is judged as what acts there.
+            let on_motor = best_errors.holdout_motor - one.errors.holdout_motor;
+            let side = if on_motor < threshold(Side::Motor, has_cell, floor) { Side::Carriage } else { one.side };
+            let least = threshold(side, has_cell, floor);
             if one.holdout_gain < least.max(least_on_holdout)
                 || one.train_gain < least.max(least_on_train).max(one.chance)
             {
@@ -519,9 +521,11 @@ fn starts(part: Part, dt: f64) -> Vec<Part> {
     all
 }
 
-/// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false).
-fn looks(side: Side, has_cell: bool) -> &'static [bool] {
+/// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false). What is late by less than a cycle is there
+/// when the cell reads: the carriage alone shows it.
+fn looks(side: Side, late: bool, has_cell: bool) -> &'static [bool] {
     match side {
+        Side::Motor if late && has_cell => &[true, false],
         Side::Motor => &[true],
         Side::Carriage => &[false],
         Side::Sensor if has_cell => &[true, false],

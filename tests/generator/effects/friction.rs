@@ -45,7 +45,7 @@ impl Law for AsymmetricFriction {
 /// How friction varies along the rail.
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
-    /// exp(-(x - center)^2/(2 width^2)): a tight place.
+    /// exp(-((x - center)/width)^2): a tight place.
     Bump {
         /// m.
         center: f64,
@@ -101,7 +101,7 @@ impl Law for PositionDependentFriction {
     }
     fn friction(&self, now: &Now<'_>, _state: &[f64], change: &mut Change) {
         let shape = match self.shape {
-            Shape::Bump { center, width } => (-0.5 * ((now.x - center) / width).powi(2)).exp(),
+            Shape::Bump { center, width } => (-((now.x - center) / width).powi(2)).exp(),
             Shape::Wave { period, phase } => (TAU * now.x / period - phase).cos(),
         };
         change.level *= 1.0 + self.fraction * shape;
