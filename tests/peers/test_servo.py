@@ -11,8 +11,8 @@ COULOMB, VISCOUS = 4.8, 18.0
 
 def test_the_measuring_rig_follows_a_motion_and_its_cell_reads_the_friction_of_the_guide(ros, stage):
     stage(model="rig:guide_2", drive="servo", control_rate=1000.0, physics_rate=100000.0, servo_bandwidth=60.0)
-    cell = ros.collect("/stage/force_cell", depth=5000)
-    encoder = ros.collect("/stage/encoder", depth=5000)
+    cell = ros.collect("/stage/force_cell")
+    encoder = ros.collect("/stage/encoder")
     setpoint = ros.publisher("/stage/setpoint")
     # 40 mm at 40 mm/s, with a ramp at both ends.
     setpoint.publish(trajectory([
