@@ -50,7 +50,8 @@ impl Source {
             None if is_csv => Mapping::own_csv(),
             None => Mapping::own_bag(),
         };
-        if mapping.is_for_csv() != is_csv {
+        // What is not there is neither.
+        if path.exists() && mapping.is_for_csv() != is_csv {
             let (is, wants) = if is_csv { ("a CSV file", "topics") } else { ("a bag", "columns") };
             return Err(BagError::Mapping {
                 origin: path.display().to_string(),
@@ -97,7 +98,10 @@ impl Source {
                     reader.topics().iter().map(|t| format!("{} ({})", t.name, t.type_name)).collect();
                 names.join(", ")
             }
-            Self::Csv { path, .. } => format!("the columns of {}", path.display()),
+            Self::Csv { path, layout, .. } => match CsvTable::open(path, layout) {
+                Ok(table) => table.names(),
+                Err(error) => error.to_string(),
+            },
         }
     }
 

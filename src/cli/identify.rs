@@ -21,8 +21,8 @@ use super::Outcome;
 use crate::bag::{Mapping, topics};
 use crate::identify::Outcome::TooSmall;
 use crate::identify::{
-    Change, LinearController, NextExperiment, PositionErrors, Selection, Summary, Tolerances, Verdict, Watch,
-    closed_loop, next_experiment, parameter_warnings, ripple_elsewhere, search,
+    Change, LinearController, NOISE_LIKE, NextExperiment, PositionErrors, Selection, Summary, Tolerances, Verdict,
+    Watch, closed_loop, next_experiment, parameter_warnings, ripple_elsewhere, search, taking_part,
 };
 use crate::model::StageModel;
 use crate::node::stage_settings;
@@ -297,6 +297,16 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
             selection.errors_after.holdout().sqrt() / selection.floor.total()
         ));
     }
+    let left = selection.errors_after.holdout().sqrt();
+    if matches!(selection.verdict, Verdict::Found | Verdict::NotSeparable)
+        && left > NOISE_LIKE * selection.floor.total()
+    {
+        remarks.push(format!(
+            "what is left, {left:.4} N, is {:.1} times what the declared noise leaves: the laws that were found hold roughly, and their values no better \
+             than they do",
+            left / selection.floor.total()
+        ));
+    }
     remarks.extend(parameter_warnings(&selection.after, rate));
     remarks
 }
@@ -334,7 +344,8 @@ fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Re
     writeln!(out, "verdict: {}", summary.verdict)?;
     for effect in &summary.effects {
         writeln!(out, "  {} ({} side)", effect.name, effect.side)?;
-        for (name, parameter) in &effect.parameters {
+        for name in taking_part(effect) {
+            let Some(parameter) = effect.parameters.get(name) else { continue };
             let interval =
                 parameter.ci95.map_or_else(String::new, |[low, high]| format!("  95 %: {low:.6} to {high:.6}"));
             writeln!(out, "    {name:18} {:.6} {}{interval}", parameter.value, parameter.unit)?;

@@ -36,13 +36,14 @@ pub fn propose(
     if !(to > from && (to - from).is_finite() && total > 0.0) {
         return Ok(None);
     }
-    // Force that a knot of 1 adds: 1 N, or as a change of friction all of its Coulomb part, against the motion.
+    // Force that a knot of 1 adds: 1 N, or as a change of friction all of its Coulomb or its viscous part, against the motion.
     let viscous = viscous_friction(residual).unwrap_or(0.0);
     let gain: Vec<f64> = match side {
         CurveSide::Carriage | CurveSide::Motor => vec![1.0; along.len()],
         CurveSide::Friction => {
             residual.friction.iter().zip(residual.velocity).map(|(friction, v)| viscous * v - friction).collect()
         }
+        CurveSide::Viscous => residual.velocity.iter().map(|v| -viscous * v).collect(),
     };
     let count = along.len();
     let fold = |index: usize| index * BLOCKS / count % 2;
@@ -65,7 +66,7 @@ pub fn propose(
     let Some((left, knots)) = best.filter(|(left, _)| *left < total) else { return Ok(None) };
     let Some(values) = solve(along, residual.force, &gain, (from, to), knots, |_| true) else { return Ok(None) };
     let values = match side {
-        CurveSide::Friction => values.into_iter().map(|value| value.max(NO_FRICTION)).collect(),
+        CurveSide::Friction | CurveSide::Viscous => values.into_iter().map(|value| value.max(NO_FRICTION)).collect(),
         CurveSide::Carriage | CurveSide::Motor => values,
     };
     let curve = Curve { coordinate, side, from, to, values };

@@ -18,6 +18,11 @@ const DAMPINGS: usize = 10;
 /// between guides near 0, must not jump to its bound. All coordinates are scaled by their tolerance, so their curvatures compare.
 const LEAST_CURVATURE: f64 = 1e-3;
 
+/// Eigenvalue of the normal matrix with columns of length 1 below which the data say nothing about a direction: derivatives by differences
+/// are no better than that.
+const UNKNOWN: f64 = 1e-12;
+/// Part of a coordinate in such a direction below which it is known all the same.
+const HAS_NO_PART: f64 = 1e-3;
 /// Pieces of a record whose gradients count as independent of each other: about a second each.
 const PIECES: usize = 40;
 
@@ -221,7 +226,7 @@ fn uncertainty(
     }
     let columns = jacobian.select_columns(free.iter());
     let normal = columns.tr_mul(&columns);
-    let Some(inverse) = normal.cholesky().map(|factors| factors.inverse()) else { return (deviations, correlations) };
+    let (inverse, known) = inverse_where_known(&normal);
 
     let (mut as_noise, mut in_pieces) =
         (DMatrix::zeros(free.len(), free.len()), DMatrix::zeros(free.len(), free.len()));
@@ -248,15 +253,35 @@ fn uncertainty(
         in_pieces += gradient * gradient.transpose() * (PIECES as f64 / (PIECES - 1) as f64);
     }
     let [as_noise, in_pieces] = [as_noise, in_pieces].map(|spread| &inverse * spread * &inverse);
-    for (row, index) in free.iter().enumerate() {
+    for (row, index) in free.iter().enumerate().filter(|(row, _)| known[*row]) {
         let variance = as_noise[(row, row)].max(in_pieces[(row, row)]);
         deviations[*index] = variance.sqrt() * coordinates[*index].scale;
-        for (column, other) in free.iter().enumerate() {
+        for (column, other) in free.iter().enumerate().filter(|(column, _)| known[*column]) {
             correlations[*index][*other] =
                 inverse[(row, column)] / (inverse[(row, row)] * inverse[(column, column)]).sqrt();
         }
     }
     (deviations, correlations)
+}
+
+/// Inverse of a normal matrix without the directions in which the data say nothing, and which coordinates have no part in these.
+fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>) {
+    let count = normal.nrows();
+    // Columns of length 1, so that the eigenvalues are those of correlations.
+    let length: Vec<f64> = normal.diagonal().iter().map(|square| square.sqrt()).collect();
+    let scaled = DMatrix::from_fn(count, count, |row, column| normal[(row, column)] / (length[row] * length[column]));
+    let eigen = scaled.symmetric_eigen();
+    let (mut inverse, mut known) = (DMatrix::zeros(count, count), vec![true; count]);
+    for (value, direction) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        if *value > UNKNOWN {
+            inverse += direction * direction.transpose() / *value;
+        } else {
+            for (known, part) in known.iter_mut().zip(direction.iter()) {
+                *known &= part.abs() < HAS_NO_PART;
+            }
+        }
+    }
+    (DMatrix::from_fn(count, count, |row, column| inverse[(row, column)] / (length[row] * length[column])), known)
 }
 
 /// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation up to its first zero.

@@ -175,9 +175,21 @@ impl Hypothesis {
         })
     }
 
-    /// The same with one more effect.
+    /// The same with one more effect. A scale that reads too much has shown all lengths too long: those of the other effects become what
+    /// they are, for a fit hardly finds the period of a ripple by itself where many of them lie along the stroke.
     pub fn with(&self, part: Part) -> Hypothesis {
         let mut more = self.clone();
+        if part.descriptor.name == "encoder_scale"
+            && let Some(fraction) = part.values.first()
+        {
+            for other in &mut more.effects {
+                for (value, parameter) in other.values.iter_mut().zip(other.descriptor.parameters) {
+                    if parameter.unit == "m" && parameter.name != "amplitude" {
+                        *value = (*value / (1.0 + fraction)).clamp(parameter.bounds.0, parameter.bounds.1);
+                    }
+                }
+            }
+        }
         more.effects.push(part);
         more
     }
@@ -414,14 +426,23 @@ impl Hypothesis {
         } else {
             1
         };
+        let mut encoder_errors = vec![0.0; if reads { count } else { 0 }];
+        let (mut error_at_end, mut friction) = (0.0, 0.0);
+        if reads {
+            error_at_end = encoder_error(&effects, measured.time[0], measured.position[0]);
+            encoder_errors[0] = error_at_end;
+        }
         if sides.carriage || !effects.is_empty() {
             for (index, step) in measured.steps.iter().enumerate() {
                 let node = step.node;
-                let (mut motion, mut sliding) = (step.motion, step.sliding);
+                let (mut motion, mut sliding) = (Motion { friction, ..step.motion }, step.sliding);
                 if reads {
-                    let half = 0.5 * motion.velocity * step.duration;
-                    let error = |x: f64| effects.read(motion.time, x, 0.0).0 - x;
-                    let (from, to) = (error(motion.position - half), error(motion.position + half));
+                    // Each step begins where the one before it ended.
+                    let from = error_at_end;
+                    let to =
+                        encoder_error(&effects, motion.time, motion.position + 0.5 * motion.velocity * step.duration);
+                    error_at_end = to;
+                    encoder_errors[node + 1] = to;
                     motion.position -= 0.5 * (from + to);
                     motion.velocity -= (to - from) / step.duration;
                     sliding -= (to - from) / step.duration;
@@ -431,18 +452,23 @@ impl Hypothesis {
                 } else {
                     effects.friction(&Motion { velocity: sliding, ..motion }, step.duration)
                 };
-                let mut on_carriage = 0.0;
                 for piece in 0..pieces {
                     // Middle of the piece from the middle of the step, in steps.
                     let aside = (f64::from(piece) + 0.5) / f64::from(pieces) - 0.5;
-                    let (time, way) = (aside * step.duration, aside * step.duration * motion.velocity);
-                    let there = Motion { time: motion.time + time, position: motion.position + way, ..motion };
+                    let time = aside * step.duration;
+                    let there = Motion {
+                        time: motion.time + time,
+                        position: motion.position + time * motion.velocity,
+                        velocity: motion.velocity + time * motion.acceleration,
+                        ..motion
+                    };
                     let (motor_side, carriage_side) = effects.advance(&there, step.duration / f64::from(pieces));
                     let share = step.early + step.late;
                     let late = step.late + aside * share * share;
                     motor[node] += (share - late) / f64::from(pieces) * motor_side;
                     motor[node + 1] += late / f64::from(pieces) * motor_side;
-                    on_carriage += carriage_side / f64::from(pieces);
+                    carriage[node] -= (share - late) / f64::from(pieces) * carriage_side;
+                    carriage[node + 1] -= late / f64::from(pieces) * carriage_side;
                 }
                 let ends = measured.steps.get(index + 1).is_none_or(|next| next.node != node);
                 if on_motor && ends {
@@ -455,9 +481,9 @@ impl Hypothesis {
                     at_sample[node + 1] = effects.advance(&end, 0.0).0;
                 }
                 if sides.carriage {
-                    let force = bank.drive(sliding, step.duration, &scale) - on_carriage;
-                    carriage[node] += step.early * force;
-                    carriage[node + 1] += step.late * force;
+                    friction = bank.drive(sliding, step.duration, &scale);
+                    carriage[node] += step.early * friction;
+                    carriage[node + 1] += step.late * friction;
                 }
             }
         }
@@ -478,22 +504,15 @@ impl Hypothesis {
         if sides.carriage {
             let mass = self.mass() + effects.added_mass();
             let shift = 0.5 * self.moved[7];
-            let encoder_error: Option<Vec<f64>> = reads.then(|| {
-                measured
-                    .time
-                    .iter()
-                    .zip(&measured.position)
-                    .map(|(time, x)| effects.read(*time, *x, 0.0).0 - x)
-                    .collect()
-            });
             missing.carriage = (0..count)
                 .map(|k| {
                     if k == 0 || k + 1 == count {
                         return 0.0;
                     }
                     let mut acceleration = measured.acceleration[k];
-                    if let Some(error) = &encoder_error {
-                        acceleration -= (error[k + 1] - 2.0 * error[k] + error[k - 1]) * measured.rate * measured.rate;
+                    if reads {
+                        let bend = encoder_errors[k + 1] - 2.0 * encoder_errors[k] + encoder_errors[k - 1];
+                        acceleration -= bend * measured.rate * measured.rate;
                     }
                     let push = |k: usize| match &true_cell {
                         Some(cell) => cell[k] - read_at(&at_sample, k).map_or(0.0, |read| read - motor[k]),
@@ -524,7 +543,13 @@ fn read_at(at_sample: &[f64], k: usize) -> Option<f64> {
     Some(0.5 * (at_sample.get(k)? + at_sample.get(k + 1)?))
 }
 
-/// The truth behind a reading: the fixed point of truth = reading - (read(truth) - truth), for readings close to the truth.
+/// What the encoder reads too much where it reads `reading`, m.
+fn encoder_error(effects: &Effects, time: f64, reading: f64) -> f64 {
+    reading - undo(reading, |position| effects.read(time, position, 0.0).0)
+}
+
+/// The truth behind a reading: the fixed point of truth = reading - (read(truth) - truth), for readings close to the truth. An encoder that is
+/// wrong by 2 % of its signal period at worst comes within 3e-4 of its error.
 fn undo(reading: f64, read: impl Fn(f64) -> f64) -> f64 {
-    (0..3).fold(reading, |truth, _| reading - (read(truth) - truth))
+    (0..4).fold(reading, |truth, _| reading - (read(truth) - truth))
 }

@@ -166,6 +166,7 @@ impl Measured {
                         velocity: (moves(to) - moves(from)) * parts as f64,
                         acceleration: 0.5 * (acceleration[k] + acceleration[k + 1]),
                         motor_force: raw_command[k],
+                        friction: 0.0,
                     },
                     sliding: (slides(to) - slides(from)) * parts as f64,
                     duration,

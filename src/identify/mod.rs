@@ -26,8 +26,10 @@ pub use next_experiment::{Limits, NextExperiment, NextExperimentError, Plan};
 pub use phase::{RippleElsewhere, ripple_elsewhere};
 
 pub use closed_loop::{ClosedLoopError, LinearController};
-pub use selection::{Errors, Evidence, Outcome, Selection, Silent, Verdict, Watch, search};
-pub use summary::{Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, parameter_warnings};
+pub use selection::{Errors, Evidence, NOISE_LIKE, Outcome, Selection, Silent, Verdict, Watch, search};
+pub use summary::{
+    Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, parameter_warnings, taking_part,
+};
 
 use crate::model::ModelError;
 

@@ -9,13 +9,19 @@ use nalgebra::{Matrix3, Vector3};
 use super::{Hypothesis, Measured, Part, Sides};
 use crate::model::ModelError;
 
+/// Ratio of amplitudes up to which two ripples pass for the same one, and fewest periods that make a ripple. Assumed.
+const ALIKE: f64 = 1.5;
+const FEWEST: f64 = 8.0;
+
 /// A ripple of known period as another record shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RippleElsewhere {
     /// m
     pub period: f64,
-    /// Amplitude that fits the other record best, N.
-    pub amplitude: f64,
+    /// Amplitude of the law, and the one that fits the other record best, N.
+    pub amplitudes: (f64, f64),
+    /// Periods along the way that the other record covers.
+    pub periods: f64,
     /// Phase there less phase of the law, rad, between -pi and pi.
     pub phase_shift: f64,
     /// What the law as it stands takes off the mean square there, N^2; negative where it makes it worse.
@@ -25,9 +31,12 @@ pub struct RippleElsewhere {
 }
 
 impl RippleElsewhere {
-    /// Whether the ripple is there, but elsewhere: only with its own phase does it lower the error by `least`, N^2.
+    /// Whether the ripple is there, but elsewhere: only with its own phase does it lower the error by `least`, N^2. A few waves, or
+    /// waves of another size, are what bends otherwise along the way.
     pub fn has_moved(&self, least: f64) -> bool {
-        self.gain_as_found < least && self.gain_with_own_phase >= least
+        let (law, there) = self.amplitudes;
+        let alike = there < ALIKE * law && law < ALIKE * there;
+        alike && self.periods >= FEWEST && self.gain_as_found < least && self.gain_with_own_phase >= least
     }
 }
 
@@ -70,9 +79,12 @@ fn compare(position: &[f64], residual: &[f64], amplitude: f64, period: f64, phas
     let mean = right[2] / count;
     let gain = best.dot(&right) / count - mean * mean;
     let shift = cosine.atan2(sine) - phase;
+    let (lowest, highest) =
+        position.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
     Some(RippleElsewhere {
         period,
-        amplitude: sine.hypot(cosine),
+        amplitudes: (amplitude, sine.hypot(cosine)),
+        periods: (highest - lowest) / period,
         phase_shift: shift - TAU * (shift / TAU).round(),
         gain_as_found: change / count,
         gain_with_own_phase: gain,
@@ -94,7 +106,7 @@ mod tests {
     fn a_ripple_with_the_same_phase_has_not_moved() {
         let (position, force) = seen(0.7);
         let found = compare(&position, &force, 1.0, 2.5e-3, 0.7).unwrap();
-        assert!(found.phase_shift.abs() < 1e-9 && (found.amplitude - 1.0).abs() < 1e-9, "{found:?}");
+        assert!(found.phase_shift.abs() < 1e-9 && (found.amplitudes.1 - 1.0).abs() < 1e-9, "{found:?}");
         assert!(
             (found.gain_as_found - 0.5).abs() < 1e-9 && (found.gain_with_own_phase - 0.5).abs() < 1e-9,
             "{found:?}"

@@ -9,7 +9,7 @@ use crate::plant::{EffectDescriptor, Residual, Samples, Side};
 use super::IdentifyError;
 use super::curve;
 use super::fit::{Fitted, correlation_length, fit};
-use super::hypothesis::{Hypothesis, Part, Sides, Tolerances};
+use super::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
 use super::measured::{Floor, Measured};
 
 /// Most effects that are added.
@@ -28,13 +28,17 @@ const SIMPLER: f64 = 0.97;
 pub(super) const RIVAL: f64 = 0.985;
 /// Share of the explainable residual that a map must take out beyond the laws for the verdict to become unknown.
 const UNEXPLAINED: f64 = 0.1;
+/// Share of what laws leave, where that is no noise, that a map must take out for the same.
+const HALF_OF_THE_REST: f64 = 0.5;
 /// Part of what laws leave unexplained that a curve in their place may leave at most: a law says more than a curve of many knots.
 const CURVE_ALONE: f64 = 0.5;
 /// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2: friction driven along a measured
 /// motion costs the rest; a real machine is worth more.
-const NOISE_LIKE: f64 = 2.0;
+pub const NOISE_LIKE: f64 = 2.0;
 /// Share of the squares of a fit from a simpler start below which a later one replaces it.
 const BETTER_START: f64 = 0.99;
+/// Share of the squares without a law to which one start must come, and above which another comes close to it.
+const WORTH_A_LOOK: f64 = 0.7;
 const ITERATIONS: usize = 8;
 
 /// Errors of a hypothesis: mean squares of the missing force, N^2.
@@ -266,17 +270,9 @@ pub fn search(
                     let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
                     let part = Part { descriptor, values };
                     let side = part.side();
-                    let mut fitted: Option<Fitted> = None;
-                    let starts = starts(part, train.rate.recip());
                     let sides = if late { Sides::BOTH } else { sides_of(side, has_cell) };
-                    for part in starts {
-                        // A law whose values do not go together has lost; it does not end the search.
-                        let Ok(one) = fit(&held.with(part), train, sides, ITERATIONS) else { continue };
-                        if fitted.as_ref().is_none_or(|best| one.squares() < BETTER_START * best.squares()) {
-                            fitted = Some(one);
-                        }
-                    }
-                    let Some(fitted) = fitted else { continue };
+                    let starts = starts(part, train.rate.recip()).into_iter().map(|part| held.with(part));
+                    let Some(fitted) = best_start(starts.collect(), train, sides, &best.missing) else { continue };
                     let found = errors(&fitted.hypothesis, train, holdout)?;
                     let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
                     let free = (0..part.values.len()).filter(|value| (descriptor.free)(&part.values, *value)).count();
@@ -358,14 +354,42 @@ pub fn search(
         runners_up.push(runner_up);
     }
 
+    let is_noise = |left: &Errors| left.holdout() <= (NOISE_LIKE * floor.total()).powi(2);
+    // The form of a law was chosen while effects that came later were still in the residual.
+    for index in declared_effects..best.hypothesis.effects.len() {
+        if stopped || is_noise(&best_errors) {
+            break;
+        }
+        let Part { descriptor, values } = &best.hypothesis.effects[index];
+        let held = best.hypothesis.holding_guides(true);
+        let other = |values: Vec<f64>| {
+            let mut other = held.clone();
+            other.effects[index].values = values;
+            other
+        };
+        let others: Vec<Hypothesis> = (descriptor.starts)(values).into_iter().map(other).collect();
+        if others.len() < 2 {
+            continue;
+        }
+        watch.progress(&format!("forms of {}", descriptor.name), 0.85);
+        let Some(found) = best_start(others, train, Sides::BOTH, &best.missing) else { continue };
+        let found = with_different_guides(&found.hypothesis, train)?;
+        if found.squares() < BETTER_START * best.squares() {
+            best_errors = errors(&found.hypothesis, train, holdout)?;
+            best = found;
+        }
+    }
+
     // What is left over one coordinate that no law has?
     let mut coordinate = None;
     let excess = (errors_before.holdout() - floor.total().powi(2)).max(0.0);
-    let is_noise = |left: &Errors| left.holdout() <= (NOISE_LIKE * floor.total()).powi(2);
     let explained = |left: &Errors| left.holdout() - floor.total().powi(2) <= UNEXPLAINED * excess;
     if !stopped {
         watch.progress("curves over position, velocity and time", 0.9);
-        let least = UNEXPLAINED * excess;
+        // Where laws leave more than noise, half of that is worth a curve, however little it is of the whole.
+        let rest = (best_errors.holdout() - floor.total().powi(2)).max(0.0);
+        let little = if is_noise(&best_errors) { f64::INFINITY } else { HALF_OF_THE_REST * rest };
+        let least = (UNEXPLAINED * excess).min(little);
         if let Some((with, over)) = with_curve(&best, best_errors, least, train, holdout, floor)? {
             coordinate = Some(over);
             best = with;
@@ -414,6 +438,8 @@ pub fn search(
         }
     }
 
+    // Two laws that are both there are no rivals: each has taken out what the other one could not.
+    inseparable.retain(|(_, rival)| best.hypothesis.effects.iter().all(|part| part.descriptor.name != *rival));
     let added = best.hypothesis.effects.len() - declared_effects;
     if !best.hypothesis.effects.iter().any(|part| part.descriptor.name == "map") {
         coordinate = None;
@@ -457,9 +483,10 @@ fn with_curve(
     let columns = Columns::new(&start.hypothesis, train)?;
     let mut best: Option<(Hypothesis, f64, Coordinate)> = None;
     for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
-        for side in [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction] {
+        for side in [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous] {
             // Friction over velocity is what the guides are fitted for.
-            if side == CurveSide::Motor && !has_cell || side == CurveSide::Friction && over == Coordinate::Velocity {
+            let of_guides = matches!(side, CurveSide::Friction | CurveSide::Viscous) && over == Coordinate::Velocity;
+            if side == CurveSide::Motor && !has_cell || of_guides {
                 continue;
             }
             let Some((part, _)) = curve::propose(&columns.residual(side == CurveSide::Motor), over, side)? else {
@@ -489,16 +516,41 @@ fn with_different_guides(start: &Hypothesis, train: &Measured) -> Result<Fitted,
     Ok(best)
 }
 
+/// The best fit from several starts, of about equal ones the first. Forms of a law that come close to each other are compared with the guides
+/// fitted anew: held as they are, these speak for the form that is most like what they were bent to.
+fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: &Missing) -> Option<Fitted> {
+    let squares = |side: &[f64], counts: bool| if counts { side.iter().map(|left| left * left).sum() } else { 0.0 };
+    let without: f64 = squares(&without.motor, sides.motor) + squares(&without.carriage, sides.carriage);
+    // A law whose values do not go together has lost; it does not end the search.
+    let mut fitted: Vec<Fitted> = starts.iter().filter_map(|start| fit(start, train, sides, ITERATIONS).ok()).collect();
+    let least = fitted.iter().map(Fitted::squares).fold(f64::INFINITY, f64::min);
+    if least < WORTH_A_LOOK * without {
+        fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
+    }
+    let mut judged: Vec<(f64, Fitted)> = fitted.into_iter().map(|one| (one.squares(), one)).collect();
+    if judged.len() > 1 && least < WORTH_A_LOOK * without {
+        for (squares, one) in &mut judged {
+            if let Ok(free) = with_different_guides(&one.hypothesis, train) {
+                *squares = free.squares();
+            }
+        }
+    }
+    let better = |best: (f64, Fitted), one: (f64, Fitted)| if one.0 < BETTER_START * best.0 { one } else { best };
+    judged.into_iter().reduce(better).map(|(_, one)| one)
+}
+
 /// Values that a fit starts from, the simplest first. A force cell that is sampled at the ticks shows a delay in whole ticks: the fit cannot step
-/// from one to the next. A lag may be of first order, a delay or both, which a proposal hardly tells apart. A law of two forms is tried in both.
+/// from one to the next. A lag may be of first order, a delay or both, which a proposal hardly tells apart. A law of several forms is tried in each.
 fn starts(part: Part, dt: f64) -> Vec<Part> {
     let index_of = |name: &str| part.descriptor.parameters.iter().position(|parameter| parameter.name == name);
-    if let Some(form) = index_of("form") {
-        let mut other = part.clone();
-        other.values[form] = 1.0;
-        return vec![part, other];
-    }
-    let Some(delay) = index_of("delay") else { return vec![part] };
+    let Some(delay) = index_of("delay") else {
+        let mut starts: Vec<Part> =
+            (part.descriptor.starts)(&part.values).into_iter().map(|values| Part { values, ..part.clone() }).collect();
+        let free =
+            |part: &Part| (0..part.values.len()).filter(|index| (part.descriptor.free)(&part.values, *index)).count();
+        starts.sort_by_key(free);
+        return starts;
+    };
     let lag = index_of("time_constant");
     let with = |first_order: f64, late: f64| {
         let mut start = part.clone();

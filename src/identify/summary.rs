@@ -10,7 +10,7 @@ use super::hypothesis::{Coordinate, DECLARED, Place};
 use super::measured::Measured;
 use super::next_experiment::NextExperiment;
 use super::selection::{Selection, Verdict};
-use crate::plant::Side;
+use crate::plant::{EffectDescriptor, Side};
 
 /// Version of the schema.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -287,6 +287,21 @@ fn declared(fitted: &Fitted, index: usize, rate: f64) -> FoundParameter {
     };
     let ci95 = Some(ci95).filter(|[low, high]| low.is_finite() && high.is_finite());
     FoundParameter { value, unit: DECLARED[index].1.to_owned(), ci95 }
+}
+
+/// Names of an effect's parameters that have a part in the form of its law, in the order of the law.
+pub fn taking_part(effect: &FoundEffect) -> Vec<&str> {
+    let Ok(descriptor) = EffectDescriptor::find(&effect.name) else {
+        return effect.parameters.keys().map(String::as_str).collect();
+    };
+    let value = |name: &str| effect.parameters.get(name).map(|parameter| parameter.value);
+    let values: Vec<f64> = descriptor
+        .parameters
+        .iter()
+        .map(|parameter| value(parameter.name).or(parameter.default).unwrap_or(0.0))
+        .collect();
+    let named = descriptor.parameters.iter().enumerate();
+    named.filter(|(index, _)| descriptor.takes_part(&values, *index)).map(|(_, parameter)| parameter.name).collect()
 }
 
 fn parameters(fitted: &Fitted, effect: usize) -> BTreeMap<String, FoundParameter> {

@@ -57,6 +57,8 @@ pub enum CurveSide {
     Motor,
     /// Change of Coulomb and static friction, as a part of them.
     Friction,
+    /// Change of viscous friction, as a part of it.
+    Viscous,
 }
 
 impl CurveSide {

@@ -214,6 +214,7 @@ impl Body {
             velocity,
             acceleration,
             motor_force,
+            friction: self.guides.start_force(self.velocity),
         };
         let mut step = if self.shapes_friction {
             let scale = self.effects.friction(&motion, span);

@@ -3,7 +3,7 @@
 use super::figures::{Figure, Group};
 use super::input::Input;
 use super::metres;
-use crate::identify::{Evidence, NextExperiment, Outcome, Selection, Summary, Verdict};
+use crate::identify::{Evidence, NextExperiment, Outcome, Selection, Summary, Verdict, taking_part};
 use crate::model::{ModelError, StageModel};
 use crate::plant::{EffectDescriptor, Side};
 use crate::report::page::{Align, Cell, Mark, Page, Table, Tile};
@@ -301,7 +301,8 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
             ("unit", Align::Left),
             ("95 % interval", Align::Right),
         ]);
-        for (name, parameter) in &effect.parameters {
+        for name in taking_part(effect) {
+            let Some(parameter) = effect.parameters.get(name) else { continue };
             table.row([
                 Cell::code(name),
                 Cell::text(figures_of(parameter.value, parameter.ci95)),

@@ -33,6 +33,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: |values, index| values[index] > 0.0,
     build: |values| Box::new(ActuatorLag::new(values[0], values[1])),
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]

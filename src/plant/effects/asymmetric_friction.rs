@@ -24,6 +24,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: super::all_free,
     build: |values| Box::new(AsymmetricFriction { fraction: values[0], viscous_fraction: values[1] }),
     propose,
+    starts: super::as_proposed,
 };
 
 /// Friction must stay positive.

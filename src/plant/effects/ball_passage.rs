@@ -44,6 +44,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: |values, index| index < 3 || (index == 4 && values[4] > 0.0),
     build: |values| Box::new(BallPassage::new(values)),
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]

@@ -37,6 +37,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         })
     },
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]

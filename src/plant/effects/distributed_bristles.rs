@@ -35,6 +35,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: super::all_free,
     build: |values| Box::new(DistributedBristles { shares: shares(values) }),
     propose,
+    starts: super::as_proposed,
 };
 
 /// Sums of given shares may exceed 1 by this: decimals in a file.

@@ -32,6 +32,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: super::all_free,
     build: |values| Box::new(EncoderSde { amplitude: values[0], wave_number: TAU / values[1], phase: values[2] }),
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]

@@ -31,6 +31,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: super::all_free,
     build: |values| Box::new(ExternalVibration { amplitude: values[0], rate: TAU * values[1], phase: values[2] }),
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]
@@ -42,6 +43,10 @@ struct ExternalVibration {
 }
 
 impl Effect for ExternalVibration {
+    fn changes_within_a_step(&self) -> bool {
+        true
+    }
+
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
         self.amplitude * (self.rate * motion.time + self.phase).sin()
     }

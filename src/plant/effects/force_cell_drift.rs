@@ -30,6 +30,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         Box::new(ForceCellDrift { rate: values[0], offset: values[1], amplitude: values[2], time_constant: values[3] })
     },
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]

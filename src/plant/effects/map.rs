@@ -2,7 +2,7 @@
 //!
 //! F(c) along +x on the carriage side (or, where the model says so, on the motor side): linear between equidistant knots, constant
 //! beyond the ends; c position (m), velocity (m/s) or time (s since the start). Where the model says `side: friction`, the curve is instead the part by
-//! which Coulomb and static friction of all guides are higher: no less than -1.
+//! which Coulomb and static friction of all guides are higher, and with `side: viscous` that by which their viscous friction is: no less than -1.
 //! Source: none, which is the point. Piecewise linear, so that each knot is the force there and a fit is linear in the knots.
 //! Over position the force has a potential; over velocity and time it has none.
 //! Not modelled: dependence on two coordinates at once.
@@ -26,7 +26,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     confused_with: &[],
     parameters: &[
         EffectParameter::required("coordinate", "", "0 position, 1 velocity, 2 time", (0.0, 2.0), 1.0),
-        EffectParameter::optional("side", "", "0 carriage, 1 motor, 2 friction", (0.0, 2.0), 1.0, 0.0),
+        EffectParameter::optional("side", "", "0 carriage, 1 motor, 2 friction, 3 viscous", (0.0, 3.0), 1.0, 0.0),
         EffectParameter::required("from", "m, m/s or s", "first knot", (-1e6, 1e6), 0.1),
         EffectParameter::required("to", "m, m/s or s", "last knot", (-1e6, 1e6), 0.1),
     ],
@@ -34,6 +34,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: |_, index| index >= HEAD,
     build: |values| Box::new(Map::new(curve(values))),
     propose,
+    starts: super::as_proposed,
 };
 
 /// The curve's vector of values.
@@ -47,6 +48,7 @@ pub(super) fn values(curve: &Curve) -> Vec<f64> {
         CurveSide::Carriage => 0.0,
         CurveSide::Motor => 1.0,
         CurveSide::Friction => 2.0,
+        CurveSide::Viscous => 3.0,
     };
     [coordinate, side, curve.from, curve.to].into_iter().chain(curve.values.iter().copied()).collect()
 }
@@ -61,7 +63,8 @@ pub(super) fn curve(values: &[f64]) -> Curve {
     let side = match values[1] {
         code if code < 0.5 => CurveSide::Carriage,
         code if code < 1.5 => CurveSide::Motor,
-        _ => CurveSide::Friction,
+        code if code < 2.5 => CurveSide::Friction,
+        _ => CurveSide::Viscous,
     };
     Curve { coordinate, side, from: values[2], to: values[3], values: values[HEAD..].to_vec() }
 }
@@ -81,7 +84,7 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
     if knots.len() < 2 {
         return refuse("effects.map.values (their number)", knots.len() as f64, "be at least 2".to_owned());
     }
-    if curve(values).side == CurveSide::Friction
+    if scales_friction(curve(values).side)
         && let Some(index) = knots.iter().position(|value| *value < -1.0)
     {
         let limit = "be at least -1, where no friction is left".to_owned();
@@ -91,6 +94,10 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
         Some(index) => refuse(&format!("effects.map.values[{index}]"), knots[index], "be finite".to_owned()),
         None => Ok(()),
     }
+}
+
+fn scales_friction(side: CurveSide) -> bool {
+    matches!(side, CurveSide::Friction | CurveSide::Viscous)
 }
 
 #[derive(Debug)]
@@ -137,7 +144,7 @@ impl Map {
     }
 
     fn is_force_over_position(&self) -> bool {
-        self.curve.coordinate == Coordinate::Position && self.curve.side != CurveSide::Friction
+        self.curve.coordinate == Coordinate::Position && !self.scales_friction()
     }
 }
 
@@ -147,21 +154,25 @@ impl Effect for Map {
     }
 
     fn friction(&mut self, motion: &Motion, _step: f64, scale: &mut FrictionScale) {
-        if self.scales_friction() {
-            let factor = 1.0 + self.along(motion);
-            scale.coulomb *= factor;
-            scale.stat *= factor;
+        let factor = 1.0 + self.along(motion);
+        match self.curve.side {
+            CurveSide::Carriage | CurveSide::Motor => {}
+            CurveSide::Friction => {
+                scale.coulomb *= factor;
+                scale.stat *= factor;
+            }
+            CurveSide::Viscous => scale.viscous *= factor,
         }
     }
 
     fn scales_friction(&self) -> bool {
-        self.curve.side == CurveSide::Friction
+        scales_friction(self.curve.side)
     }
 
     fn side(&self) -> Option<Side> {
         Some(match self.curve.side {
-            CurveSide::Carriage | CurveSide::Friction => Side::Carriage,
             CurveSide::Motor => Side::Motor,
+            CurveSide::Carriage | CurveSide::Friction | CurveSide::Viscous => Side::Carriage,
         })
     }
 

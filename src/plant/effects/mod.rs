@@ -73,6 +73,8 @@ pub struct Motion {
     pub acceleration: f64,
     /// Commanded motor force over the step, N, without effects.
     pub motor_force: f64,
+    /// Friction of the guides as the step begins, N, positive against positive motion.
+    pub friction: f64,
 }
 
 /// What the model of guides, mass, motor and sensors lacks.
@@ -239,11 +241,18 @@ pub struct EffectDescriptor {
     pub build: fn(&[f64]) -> Box<dyn Effect>,
     /// Guesses values from a residual, for a joint refit to start from; `None` where it shows nothing of this kind.
     pub propose: fn(&Residual) -> Option<Vec<f64>>,
+    /// From a proposal the values that fits start from: one for each form of a law that has several.
+    pub starts: fn(&[f64]) -> Vec<Vec<f64>>,
 }
 
 /// Every value set within its bounds is possible.
 fn any(_values: &[f64]) -> Result<(), ModelError> {
     Ok(())
+}
+
+/// A law of one form: what is proposed is where a fit starts.
+fn as_proposed(values: &[f64]) -> Vec<Vec<f64>> {
+    vec![values.to_vec()]
 }
 
 /// A fit may change every value.
@@ -270,6 +279,12 @@ struct Entry {
 }
 
 impl EffectDescriptor {
+    /// Whether a value has a part in the form of the law that these values choose.
+    pub fn takes_part(&self, values: &[f64], index: usize) -> bool {
+        let chooses = self.parameters.get(index).is_some_and(|parameter| parameter.name == "form");
+        self.name == "map" || chooses || (self.free)(values, index)
+    }
+
     /// The descriptor of a canonical name.
     pub fn find(name: &str) -> Result<&'static EffectDescriptor, ModelError> {
         ALL.iter().copied().find(|effect| effect.name == name).ok_or_else(|| ModelError::UnknownEffect {
@@ -433,8 +448,10 @@ impl Effects {
         if !self.reads {
             return (position, force);
         }
-        self.list.iter().fold((position, force), |(position, force), entry| {
-            (entry.effect.encoder(time, position), entry.effect.force_cell(time, force))
+        // Each is wrong about the truth, none about what another makes of it.
+        self.list.iter().fold((position, force), |(read_position, read_force), entry| {
+            let (x, f) = (entry.effect.encoder(time, position), entry.effect.force_cell(time, force));
+            (read_position + (x - position), read_force + (f - force))
         })
     }
 

@@ -19,6 +19,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: super::all_free,
     build: |values| Box::new(MotorGain { fraction: values[0] }),
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]

@@ -46,6 +46,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         })
     },
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]

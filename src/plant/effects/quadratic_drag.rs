@@ -20,6 +20,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: super::all_free,
     build: |values| Box::new(QuadraticDrag { coefficient: values[0] }),
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]

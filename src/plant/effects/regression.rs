@@ -157,6 +157,7 @@ pub(super) fn along(mut effect: impl Effect, residual: &Residual) -> Vec<f64> {
                 velocity: residual.velocity[k],
                 acceleration: residual.acceleration[k],
                 motor_force: residual.command[k],
+                friction: residual.friction[k],
             };
             effect.force(&motion, step)
         })
@@ -459,6 +460,7 @@ pub(super) mod record {
                     velocity: self.velocity[k],
                     acceleration: self.acceleration[k],
                     motor_force: self.command[k],
+                    friction: self.friction[k],
                 };
                 let mut scale = FrictionScale::ONE;
                 effect.friction(&motion, STEP, &mut scale);

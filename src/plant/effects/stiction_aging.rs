@@ -32,6 +32,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: super::all_free,
     build: |values| Box::new(StictionAging { fraction: values[0], time_constant: values[1], width: values[2], age: 0.0 }),
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]

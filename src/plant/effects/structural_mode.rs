@@ -44,6 +44,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         })
     },
     propose,
+    starts: super::as_proposed,
 };
 
 #[derive(Debug)]
@@ -59,6 +60,10 @@ struct StructuralMode {
 }
 
 impl Effect for StructuralMode {
+    fn changes_within_a_step(&self) -> bool {
+        true
+    }
+
     fn force(&mut self, motion: &Motion, step: f64) -> f64 {
         if step <= 0.0 {
             let rate = self.velocity.map_or(0.0, |velocity| velocity - motion.velocity);

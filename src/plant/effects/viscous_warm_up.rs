@@ -1,8 +1,13 @@
 //! Viscous warm-up: grease that is worked through gets thinner.
 //!
-//! sigma2 times 1 - f ((1 - q) min(1, s / w) + q (1 - exp(-s / w))): f fraction, w width (m), q form: 0 in proportion up to the end, 1 ever
-//! slower; s distance (m) that the grease remembers, ds/dt = |v| - s / T with the time constant T (s) in which it recovers.
-//! Source: assumed forms, in the distance worked through up to the state in which the grease stays, with linear recovery; viscosity falls by 1 to 3 % per kelvin (assumed). It only takes energy (f below 1).
+//! sigma2 times 1 - f g, f fraction, and g from 0 to 1 in one of four forms:
+//! - 0: min(1, s / w), 1: 1 - exp(-s / w), with the distance (m) that the grease remembers, ds/dt = |v| - s / T: w width (m), T time_constant (s) in which it recovers;
+//! - 2: 1 - exp(-t / H) with the time t since the start: H warm_up_time (s), of the machine as a whole that gets warm;
+//! - 3: 1 - exp(-W / E) with the heat (J) that friction leaves in it, dW/dt = F v - W / T: E work (J), T time_constant (s) in which it cools.
+//!
+//! A time_constant of 1e6 s is none.
+//!
+//! Source: assumed forms; viscosity falls by 1 to 3 % per kelvin (assumed). It only takes energy (f below 1). Each start is a cold one.
 //! Not modelled: change of the Coulomb part, heat from elsewhere.
 
 use super::regression::{largest_over_decades, least_squares, viscous_friction};
@@ -11,45 +16,110 @@ use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Re
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "viscous_warm_up",
     side: Side::Carriage,
-    law: "sigma2 (1 - fraction min(1, s / width)), form 1: sigma2 (1 - fraction (1 - exp(-s / width))), ds/dt = |v| - s / time_constant",
-    source: "assumed form, saturating with the distance worked through, recovering in time",
-    telltale: "proportional to v, sets in with the distance travelled, not seen by the force cell",
+    law: "sigma2 (1 - fraction g); form 0: g = min(1, s / width), 1: 1 - exp(-s / width), ds/dt = |v| - s / time_constant; 2: 1 - exp(-t / warm_up_time); 3: 1 - exp(-W / work), dW/dt = F v - W / time_constant",
+    source: "assumed forms, saturating with the distance worked through, the time or the work of friction",
+    telltale: "proportional to v, sets in with the distance travelled or the time, not seen by the force cell",
     confused_with: &["quadratic_drag", "asymmetric_friction"],
     parameters: &[
         EffectParameter::required("fraction", "1", "part of sigma2 that goes in the end", (-5.0, 0.95), 0.1),
         EffectParameter::optional("width", "m", "distance over which it goes", (1e-3, 1e4), 1.0, 1.0),
-        EffectParameter::optional("time_constant", "s", "time in which it recovers", (0.1, 1e6), 10.0, 1e6),
-        EffectParameter::optional("form", "1", "0: in proportion up to the end, 1: ever slower", (0.0, 1.0), 1.0, 0.0),
+        EffectParameter::optional("time_constant", "s", "time in which it recovers", (0.1, NEVER), 10.0, NEVER),
+        EffectParameter::optional("form", "1", "with the distance in proportion (0) or ever slower (1), with time (2), with work (3)", (0.0, 3.0), 1.0, 0.0),
+        EffectParameter::optional("warm_up_time", "s", "time over which it goes, form 2", (1e-2, 1e6), 10.0, 10.0),
+        EffectParameter::optional("work", "J", "work over which it goes, form 3", (1e-3, 1e9), 10.0, 100.0),
     ],
     check: super::any,
-    // One form or the other.
-    free: |_, index| index < 3,
-    build: |values| {
-        let [fraction, width, time_constant, form] = [values[0], values[1], values[2], values[3]];
-        Box::new(ViscousWarmUp { fraction, width, time_constant, form, remembered: 0.0 })
+    // One form alone, and no recovery where there is none.
+    free: |values, index| match (Form::of(values), index) {
+        (_, 0) | (Form::Proportion | Form::Distance, 1) | (Form::Time, WARM_UP_TIME) | (Form::Work, WORK) => true,
+        (Form::Time, _) => false,
+        (_, TIME_CONSTANT) => values[TIME_CONSTANT] < NEVER,
+        _ => false,
     },
+    build: |values| Box::new(ViscousWarmUp::new(values)),
     propose,
+    starts: warm_up_forms,
 };
+
+/// Time constant of grease that does not recover, s.
+const NEVER: f64 = 1e6;
+/// Where these values stand.
+const TIME_CONSTANT: usize = 2;
+const FORM: usize = 3;
+const WARM_UP_TIME: usize = 4;
+const WORK: usize = 5;
+
+#[derive(Clone, Copy, Debug)]
+enum Form {
+    Proportion,
+    Distance,
+    Time,
+    Work,
+}
+
+impl Form {
+    fn of(values: &[f64]) -> Form {
+        match values[FORM] {
+            code if code < 0.5 => Form::Proportion,
+            code if code < 1.5 => Form::Distance,
+            code if code < 2.5 => Form::Time,
+            _ => Form::Work,
+        }
+    }
+
+    /// g, from how far it has got in extents.
+    fn gone(self, part: f64) -> f64 {
+        if matches!(self, Form::Proportion) { part.min(1.0) } else { -(-part).exp_m1() }
+    }
+}
 
 #[derive(Debug)]
 struct ViscousWarmUp {
+    form: Form,
     fraction: f64,
-    width: f64,
+    /// w, H or E.
+    extent: f64,
+    /// T, s.
     time_constant: f64,
-    form: f64,
-    /// s, m.
-    remembered: f64,
+    /// s, t or W.
+    gone_through: f64,
+}
+
+impl ViscousWarmUp {
+    fn new(values: &[f64]) -> ViscousWarmUp {
+        let form = Form::of(values);
+        let extent = match form {
+            Form::Proportion | Form::Distance => values[1],
+            Form::Time => values[WARM_UP_TIME],
+            Form::Work => values[WORK],
+        };
+        ViscousWarmUp { form, fraction: values[0], extent, time_constant: values[2], gone_through: 0.0 }
+    }
+
+    /// s, t or W after a step that begins with `before` of it.
+    fn after(&self, before: f64, motion: &Motion, step: f64) -> f64 {
+        match self.form {
+            // Exact for the step's constant velocity.
+            Form::Proportion | Form::Distance => {
+                let steady = motion.velocity.abs() * self.time_constant;
+                steady + (before - steady) * (-step / self.time_constant).exp()
+            }
+            Form::Time => before + step,
+            // What bristles give back as they spring does not cool the grease.
+            Form::Work => {
+                let steady = (motion.friction * motion.velocity).max(0.0) * self.time_constant;
+                steady + (before - steady) * (-step / self.time_constant).exp()
+            }
+        }
+    }
 }
 
 impl Effect for ViscousWarmUp {
     fn friction(&mut self, motion: &Motion, step: f64, scale: &mut FrictionScale) {
-        let before = self.remembered;
-        // Exact for the step's constant velocity.
-        let steady = motion.velocity.abs() * self.time_constant;
-        self.remembered = steady + (before - steady) * (-step / self.time_constant).exp();
-        let worked = 0.5 * (before + self.remembered) / self.width;
-        let gone = (1.0 - self.form) * worked.min(1.0) - self.form * (-worked).exp_m1();
-        scale.viscous *= 1.0 - self.fraction * gone;
+        let before = self.gone_through;
+        self.gone_through = self.after(before, motion, step);
+        let part = 0.5 * (before + self.gone_through) / self.extent;
+        scale.viscous *= 1.0 - self.fraction * self.form.gone(part);
     }
 
     fn scales_friction(&self) -> bool {
@@ -57,50 +127,82 @@ impl Effect for ViscousWarmUp {
     }
 
     fn reset(&mut self) {
-        self.remembered = 0.0;
+        self.gone_through = 0.0;
     }
 }
 
 /// Recovery times that a proposal tries, as multiples of the record's length.
-const RECOVERIES: [f64; 4] = [0.1, 0.3, 1.0, 1e3];
+const RECOVERIES: [f64; 3] = [0.1, 0.3, 1.0];
 
-/// The width and recovery whose loss of viscous friction takes most out of the residual beside a constant error of it.
+/// Every form, with and without recovery.
+fn warm_up_forms(values: &[f64]) -> Vec<Vec<f64>> {
+    let form = |code: f64, time_constant: f64| {
+        let mut start = values.to_vec();
+        (start[FORM], start[TIME_CONSTANT]) = (code, time_constant);
+        start
+    };
+    let codes = [Form::Proportion, Form::Distance, Form::Work].map(|form| f64::from(form as u8));
+    let recovering = codes.map(|code| form(code, values[TIME_CONSTANT]));
+    let lasting = codes.map(|code| form(code, NEVER));
+    lasting.into_iter().chain([form(f64::from(Form::Time as u8), NEVER)]).chain(recovering).collect()
+}
+
+/// For each form what takes most out of the residual beside a constant error of the viscous friction; the values of all forms stand side
+/// by side, the best one is chosen. The time constant is the best one there is, though the form chosen may do without.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let viscous = viscous_friction(residual)?;
     let (first, last) = (*residual.time.first()?, *residual.time.last()?);
     let step = (last - first) / residual.time.len() as f64;
     let base = least_squares(residual.force, |k| [residual.velocity[k]])?;
-    let mut best: Option<(f64, Vec<f64>)> = None;
-    for recovery in RECOVERIES {
-        let time_constant = (recovery * (last - first)).clamp(0.1, 1e6);
-        let mut remembered = 0.0;
-        let path: Vec<f64> = residual
-            .velocity
-            .iter()
-            .map(|velocity| {
-                remembered += step * (velocity.abs() - remembered / time_constant);
-                remembered
+    let mut values: Vec<f64> = DESCRIPTOR.parameters.iter().map(|parameter| parameter.default.unwrap_or(0.0)).collect();
+    let (mut best, mut best_recovery): (Option<(f64, f64, Form)>, Option<f64>) = (None, None);
+    let recoveries = RECOVERIES.map(|part| (Form::Proportion, (part * (last - first)).clamp(0.1, NEVER)));
+    let forms = [(Form::Proportion, NEVER), (Form::Time, NEVER), (Form::Work, NEVER)];
+    values[TIME_CONSTANT] = recoveries[RECOVERIES.len() - 1].1;
+    for (form, time_constant) in forms.into_iter().chain(recoveries) {
+        let law = ViscousWarmUp { form, fraction: 0.0, extent: 1.0, time_constant, gone_through: 0.0 };
+        let mut gone_through = if matches!(form, Form::Time) { first } else { 0.0 };
+        let path: Vec<f64> = (0..residual.time.len())
+            .map(|k| {
+                let motion = Motion { velocity: residual.velocity[k], friction: residual.friction[k], ..Motion::default() };
+                gone_through = law.after(gone_through, &motion, step);
+                gone_through
             })
             .collect();
         let longest = path.iter().copied().fold(0.0, f64::max);
         if longest <= 0.0 {
             continue;
         }
-        let fit = |width: f64| {
+        let index = match form {
+            Form::Proportion | Form::Distance => 1,
+            Form::Time => WARM_UP_TIME,
+            Form::Work => WORK,
+        };
+        let fit = |extent: f64| {
             least_squares(residual.force, |k| {
                 let velocity = residual.velocity[k];
-                [velocity, velocity * (path[k] / width).min(1.0)]
+                [velocity, velocity * form.gone(path[k] / extent)]
             })
         };
-        let explained = |width: f64| fit(width).map_or(f64::NEG_INFINITY, |fit| fit.explained);
-        let width = largest_over_decades((longest / 300.0).max(1e-3), (2.0 * longest).clamp(2e-3, 1e4), explained);
-        let Some(fit) = fit(width).filter(|fit| fit.improves_on(&base)) else { continue };
-        if best.as_ref().is_none_or(|(most, _)| fit.explained > *most) {
-            let fraction = (fit.coefficients[1] / viscous).clamp(-5.0, 0.95);
-            best = Some((fit.explained, vec![fraction, width, time_constant, 0.0]));
+        let explained = |extent: f64| fit(extent).map_or(f64::NEG_INFINITY, |fit| fit.explained);
+        let (least, greatest) = DESCRIPTOR.parameters[index].bounds;
+        let (from, to) = ((longest / 300.0).max(least), (2.0 * longest).clamp(2.0 * least, greatest));
+        let extent = largest_over_decades(from, to, explained);
+        let Some(fit) = fit(extent) else { continue };
+        if time_constant == NEVER {
+            values[index] = extent;
+        } else if best_recovery.is_none_or(|best| fit.explained > best) {
+            (best_recovery, values[TIME_CONSTANT]) = (Some(fit.explained), time_constant);
+        }
+        if fit.improves_on(&base) && best.is_none_or(|(best, ..)| fit.explained > best) {
+            best = Some((fit.explained, fit.coefficients[1], form));
+            values[index] = extent;
         }
     }
-    best.map(|(_, values)| values)
+    let (_, slope, form) = best?;
+    values[0] = (slope / viscous).clamp(-5.0, 0.95);
+    values[FORM] = f64::from(form as u8);
+    Some(values)
 }
 
 #[cfg(test)]
@@ -110,7 +212,7 @@ mod tests {
 
     #[test]
     fn viscous_friction_falls_with_the_distance_in_either_direction_and_nothing_else_does() {
-        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 2.0, 1e6, 0.0]);
+        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 2.0, 1e6, 0.0, 10.0, 100.0]);
         let mut scale = FrictionScale::ONE;
         // 1 m in all, half of it back.
         for k in 0..2000 {
@@ -129,7 +231,7 @@ mod tests {
 
     #[test]
     fn in_the_other_form_it_falls_ever_slower() {
-        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 0.5, 1e6, 1.0]);
+        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 0.5, 1e6, 1.0, 10.0, 100.0]);
         let mut scale = FrictionScale::ONE;
         // 2 m.
         for _ in 0..2000 {
@@ -140,8 +242,40 @@ mod tests {
     }
 
     #[test]
+    fn with_time_it_falls_at_rest_too_and_with_work_it_falls_by_what_friction_takes() {
+        let left = |values: &[f64], motion: Motion| {
+            let mut warm_up = (DESCRIPTOR.build)(values);
+            let mut scale = FrictionScale::ONE;
+            for _ in 0..2000 {
+                scale = FrictionScale::ONE;
+                warm_up.friction(&motion, 1e-3, &mut scale);
+            }
+            scale.viscous
+        };
+        let expected = 1.0 - 0.4 * (1.0 - (-4.0f64).exp());
+        let at_rest = left(&[0.4, 1.0, 1e6, 2.0, 0.5, 100.0], Motion::default());
+        assert!((at_rest - expected).abs() < 1e-4, "{at_rest}");
+        // 60 N at 0.2 m/s for 2 s are 24 J.
+        let worked = left(&[0.4, 1.0, 1e6, 3.0, 0.5, 6.0], Motion { velocity: -0.2, friction: -60.0, ..Motion::default() });
+        assert!((worked - expected).abs() < 1e-4, "{worked}");
+        let at_rest = left(&[0.4, 1.0, 1e6, 3.0, 0.5, 6.0], Motion::default());
+        assert_eq!(at_rest, 1.0);
+    }
+
+    #[test]
+    fn proposal_tells_time_and_work_from_distance() {
+        for (form, index, extent) in [(2.0, WARM_UP_TIME, 0.5), (3.0, WORK, 12.0)] {
+            let mut values = vec![0.6, 1.0, 1e6, form, 10.0, 100.0];
+            values[index] = extent;
+            let found = proposal(&DESCRIPTOR, &values);
+            assert_eq!(found[FORM], form, "{found:?}");
+            assert!((found[0] / 0.6 - 1.0).abs() < 0.2 && (found[index] / extent - 1.0).abs() < 0.25, "{found:?}");
+        }
+    }
+
+    #[test]
     fn proposal_finds_fraction_and_width_under_noise_and_nothing_in_noise() {
-        let found = proposal(&DESCRIPTOR, &[0.4, 0.3, 1e6, 0.0]);
+        let found = proposal(&DESCRIPTOR, &[0.4, 0.3, 1e6, 0.0, 10.0, 100.0]);
         assert!((found[0] / 0.4 - 1.0).abs() < 0.2 && (found[1] / 0.3 - 1.0).abs() < 0.25, "{found:?}");
         assert_silent_on_noise(&DESCRIPTOR);
     }

@@ -146,32 +146,33 @@ impl Law for QuadraticDrag {
     }
 }
 
-/// Balls that enter and leave the loaded zone: one sine over position per guide, whose phase walks at random with the
-/// distance travelled and starts anew in each record.
+/// Balls that enter and leave the loaded zone: one sine over position per guide. Balls that roll keep their phase over the
+/// position; where they slip, it walks at random with the distance travelled and starts anew in each record.
 #[derive(Debug, Clone)]
 pub struct BallPassage {
     /// N, per guide.
     pub amplitudes: [f64; GUIDES],
     /// m, per guide.
     pub periods: [f64; GUIDES],
-    /// Rms walk of the phase over 1 m, rad.
+    /// Rms walk of the phase over 1 m, rad; 0: no ball slips.
     pub wander: f64,
     phases: [f64; GUIDES],
     last: f64,
 }
 
 impl BallPassage {
-    /// New, with phases that [`Law::begin`] draws.
+    /// New, with phases of 0; those of balls that slip are drawn by [`Law::begin`].
     pub fn new(amplitudes: [f64; GUIDES], periods: [f64; GUIDES], wander: f64) -> Self {
         Self { amplitudes, periods, wander, phases: [0.0; GUIDES], last: 0.0 }
     }
 
-    /// 0.2 to 1 N at 8 to 10 mm, equal within 20 % and 2 %; the phase walks by 0 to 0.5 rad over a metre.
+    /// 0.2 to 1 N at 8 to 10 mm, equal within 20 % and 2 %; on every second stage the balls slip, by 0 to 0.5 rad rms over a metre.
     pub fn draw(noise: &mut Noise) -> Effect {
         let (amplitude, period) = (noise.log_between(0.2, 1.0), noise.between(8e-3, 10e-3));
         let amplitudes = [(); GUIDES].map(|()| amplitude * noise.between(0.8, 1.2));
         let periods = [(); GUIDES].map(|()| period * noise.between(0.98, 1.02));
-        Box::new(Self::new(amplitudes, periods, noise.between(0.0, 0.5)))
+        let wander = if noise.unit() < 0.5 { noise.between(0.0, 0.5) } else { 0.0 };
+        Box::new(Self { phases: [(); GUIDES].map(|()| noise.angle()), ..Self::new(amplitudes, periods, wander) })
     }
 }
 
@@ -188,8 +189,10 @@ impl Law for BallPassage {
         Box::new(Self { amplitudes: self.amplitudes.map(|a| factor * a), ..self.clone() })
     }
     fn begin(&mut self, noise: &mut Noise) {
-        self.phases = self.phases.map(|_| noise.angle());
         self.last = 0.0;
+        if self.wander > 0.0 {
+            self.phases = self.phases.map(|_| noise.angle());
+        }
     }
     fn tick(&mut self, now: &Now<'_>, noise: &mut Noise) {
         let spread = self.wander * (now.x - self.last).abs().sqrt();
