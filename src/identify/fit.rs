@@ -300,3 +300,28 @@ pub fn correlation_length(values: &[f64]) -> f64 {
     }
     length
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_coordinates_that_do_the_same_are_unknown_and_the_third_is_known() {
+        // Columns (1, 0), (0, 3) and (0, 3): the sum of the last two is known, each of them is not.
+        let columns = DMatrix::from_row_slice(2, 3, &[1.0, 0.0, 0.0, 0.0, 3.0, 3.0]);
+        let (inverse, known) = inverse_where_known(&columns.tr_mul(&columns));
+        assert_eq!(known, [true, false, false]);
+        assert!((inverse[(0, 0)] - 1.0).abs() < 1e-12, "{inverse}");
+        let sum = DVector::from_column_slice(&[0.0, 1.0, 1.0]);
+        assert!((sum.dot(&(&inverse * &sum)) - 1.0 / 9.0).abs() < 1e-12, "{inverse}");
+    }
+
+    #[test]
+    fn where_everything_is_known_it_is_the_inverse() {
+        let normal = DMatrix::from_row_slice(2, 2, &[4e6, 1e-3, 1e-3, 2e-9]);
+        let (inverse, known) = inverse_where_known(&normal);
+        assert_eq!(known, [true, true]);
+        let unit = &normal * &inverse;
+        assert!((unit - DMatrix::identity(2, 2)).amax() < 1e-6, "{inverse}");
+    }
+}

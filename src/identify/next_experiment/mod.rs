@@ -435,32 +435,17 @@ pub fn trajectory_yaml(points: &[Point], joint: &str, comments: &[String]) -> St
 
 #[cfg(test)]
 mod tests {
+    use super::super::fit::fit;
+    use super::super::hypothesis::{Hypothesis, Part, Sides};
+    use super::super::selection::Outcome;
     use super::*;
+    use crate::bag::Trace;
+    use crate::control::{Controller, ControllerSettings, Follower, Trajectory};
+    use crate::identify::{Errors, Evidence, Selection, Tolerances};
+    use crate::plant::{EffectDescriptor, Rates, Side, Stage};
 
     fn limits() -> Limits {
         Limits { stroke: (-0.05, 0.05), speed: 1.0, force: 1500.0, duration: 20.0 }
-    }
-
-    #[test]
-    fn the_least_of_a_square_form_stays_within_its_bounds() {
-        // (p0 - 3)^2 + (p1 + p0 - 1)^2: free it is at (3, -2).
-        let gram = DMatrix::from_row_slice(2, 2, &[2.0, 1.0, 1.0, 1.0]);
-        let slope = DVector::from_column_slice(&[4.0, 1.0]);
-        let free = within_bounds(&gram, &slope, &[(-10.0, 10.0), (-10.0, 10.0)]);
-        assert!((free[0] - 3.0).abs() < 1e-6 && (free[1] + 2.0).abs() < 1e-6, "{free}");
-        // With p1 at least -1 the rest follows from it: p0 = (4 + 1)/2.
-        let bounded = within_bounds(&gram, &slope, &[(-10.0, 10.0), (-1.0, 10.0)]);
-        assert!((bounded[1] + 1.0).abs() < 1e-9 && (bounded[0] - 2.5).abs() < 1e-6, "{bounded}");
-        // With p0 at most 1 as well, p1 is free again: p1 = 0.
-        let both = within_bounds(&gram, &slope, &[(-10.0, 1.0), (-1.0, 10.0)]);
-        assert!((both[0] - 1.0).abs() < 1e-9 && both[1].abs() < 1e-6, "{both}");
-        // A coordinate that does nothing stays where it is.
-        let idle = within_bounds(
-            &DMatrix::from_row_slice(2, 2, &[1.0, 0.0, 0.0, 0.0]),
-            &DVector::from_column_slice(&[0.5, 0.0]),
-            &[(-1.0, 1.0); 2],
-        );
-        assert!((idle[0] - 0.5).abs() < 1e-6 && idle[1] == 0.0, "{idle}");
     }
 
     #[test]
@@ -485,35 +470,6 @@ mod tests {
     }
 
     #[test]
-    fn every_effect_but_the_map_has_a_usual_size_that_is_possible() {
-        let mut known: Vec<&str> = USUAL.iter().map(|(name, _)| *name).collect();
-        known.push("map");
-        known.sort_unstable();
-        let all: Vec<&str> = crate::plant::effects::ALL.iter().map(|effect| effect.name).collect();
-        assert_eq!(known, all);
-        for (name, values) in USUAL {
-            let descriptor = EffectDescriptor::find(name).unwrap();
-            assert_eq!(values.len(), descriptor.parameters.len(), "{name}");
-            let part = Part { descriptor, values: values.to_vec() };
-            descriptor.values_of(&part.parameters()).unwrap();
-        }
-    }
-
-    #[test]
-    fn a_run_goes_where_it_should_at_the_speed_that_it_says() {
-        for (way, speed) in [(0.02, 0.05), (-0.02, 0.05), (0.02, 0.013), (0.0005, 0.1)] {
-            let mut path = Path::at(0.01);
-            path.run(way, speed, 5.0);
-            assert!((path.position - 0.01 - way).abs() < 1e-12);
-            let fastest =
-                path.points.iter().filter_map(|point| point.velocity).fold(0.0, |most: f64, v| most.max(v.abs()));
-            assert!(fastest <= speed * 1.000_001, "{fastest} {speed}");
-            assert!(way.abs() < 0.01 || fastest > 0.98 * speed, "{fastest} {speed}");
-            assert!(path.points.windows(2).all(|pair| pair[1].time > pair[0].time));
-        }
-    }
-
-    #[test]
     fn the_trajectory_is_yaml_that_takes_every_number_for_a_number() {
         let mut path = Path::at(0.0);
         path.run(-1e-6, 1e-4, 1.0);
@@ -529,9 +485,6 @@ mod tests {
         }
         assert_eq!(text.matches("time_from_start").count(), path.points.len());
     }
-
-    use crate::identify::{Errors, Evidence, Selection, Tolerances};
-    use crate::plant::Side;
 
     const RATE: f64 = 2000.0;
 
@@ -720,7 +673,7 @@ mod tests {
         let bump: Vec<f64> = [0.0, 0.0, 0.01, 0.03].into_iter().chain((0..9).map(|k| f64::from(k % 3))).collect();
         let mut selection =
             found(Tolerances::default(), &declared, &train, &[part("map", &bump)], &[], Verdict::Unknown);
-        selection.coordinate = Some(Over::Position);
+        selection.coordinate = Some(crate::model::Coordinate::Position);
         let Plan { points, next } = plan(&selection, &declared, &train, limits()).unwrap();
         assert_eq!(next.coordinate.as_deref(), Some("position"));
         let passes: Vec<&Planned> = next.segments.iter().filter(|one| one.kind == "passes").collect();

@@ -203,3 +203,22 @@ impl Path {
         self.rest(REST);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_goes_where_it_should_at_the_speed_that_it_says() {
+        for (way, speed) in [(0.02, 0.05), (-0.02, 0.05), (0.02, 0.013), (0.0005, 0.1)] {
+            let mut path = Path::at(0.01);
+            path.run(way, speed, 5.0);
+            assert!((path.position - 0.01 - way).abs() < 1e-12);
+            let fastest =
+                path.points.iter().filter_map(|point| point.velocity).fold(0.0, |most: f64, v| most.max(v.abs()));
+            assert!(fastest <= speed * 1.000_001, "{fastest} {speed}");
+            assert!(way.abs() < 0.01 || fastest > 0.98 * speed, "{fastest} {speed}");
+            assert!(path.points.windows(2).all(|pair| pair[1].time > pair[0].time));
+        }
+    }
+}

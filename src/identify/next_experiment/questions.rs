@@ -339,3 +339,45 @@ pub(super) fn within_bounds(gram: &DMatrix<f64>, slope: &DVector<f64>, bounds: &
     }
     p
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_least_of_a_square_form_stays_within_its_bounds() {
+        // (p0 - 3)^2 + (p1 + p0 - 1)^2: free it is at (3, -2).
+        let gram = DMatrix::from_row_slice(2, 2, &[2.0, 1.0, 1.0, 1.0]);
+        let slope = DVector::from_column_slice(&[4.0, 1.0]);
+        let free = within_bounds(&gram, &slope, &[(-10.0, 10.0), (-10.0, 10.0)]);
+        assert!((free[0] - 3.0).abs() < 1e-6 && (free[1] + 2.0).abs() < 1e-6, "{free}");
+        // With p1 at least -1 the rest follows from it: p0 = (4 + 1)/2.
+        let bounded = within_bounds(&gram, &slope, &[(-10.0, 10.0), (-1.0, 10.0)]);
+        assert!((bounded[1] + 1.0).abs() < 1e-9 && (bounded[0] - 2.5).abs() < 1e-6, "{bounded}");
+        // With p0 at most 1 as well, p1 is free again: p1 = 0.
+        let both = within_bounds(&gram, &slope, &[(-10.0, 1.0), (-1.0, 10.0)]);
+        assert!((both[0] - 1.0).abs() < 1e-9 && both[1].abs() < 1e-6, "{both}");
+        // A coordinate that does nothing stays where it is.
+        let idle = within_bounds(
+            &DMatrix::from_row_slice(2, 2, &[1.0, 0.0, 0.0, 0.0]),
+            &DVector::from_column_slice(&[0.5, 0.0]),
+            &[(-1.0, 1.0); 2],
+        );
+        assert!((idle[0] - 0.5).abs() < 1e-6 && idle[1] == 0.0, "{idle}");
+    }
+
+    #[test]
+    fn every_effect_but_the_map_has_a_usual_size_that_is_possible() {
+        let mut known: Vec<&str> = USUAL.iter().map(|(name, _)| *name).collect();
+        known.push("map");
+        known.sort_unstable();
+        let all: Vec<&str> = crate::plant::effects::ALL.iter().map(|effect| effect.name).collect();
+        assert_eq!(known, all);
+        for (name, values) in USUAL {
+            let descriptor = EffectDescriptor::find(name).unwrap();
+            assert_eq!(values.len(), descriptor.parameters.len(), "{name}");
+            let part = Part { descriptor, values: values.to_vec() };
+            descriptor.values_of(&part.parameters()).unwrap();
+        }
+    }
+}

@@ -273,6 +273,19 @@ mod tests {
     }
 
     #[test]
+    fn on_the_side_of_viscous_friction_it_scales_that_alone() {
+        let given = Curve { side: CurveSide::Viscous, from: -0.1, to: 0.1, values: vec![0.0, 0.6], ..tent(Coordinate::Position) };
+        assert_eq!(curve(&values(&given)), given);
+        let mut map = Map::new(given);
+        let motion = Motion { position: 0.05, velocity: 0.1, ..Motion::default() };
+        let mut scale = FrictionScale::ONE;
+        map.friction(&motion, 1e-4, &mut scale);
+        assert!((scale.viscous - 1.45).abs() < 1e-12, "{scale:?}");
+        assert_eq!((scale.coulomb, scale.stat, map.force(&motion, 1e-4)), (1.0, 1.0, 0.0));
+        assert_eq!(map.stored_energy(0.0, 0.05), 0.0);
+    }
+
+    #[test]
     fn over_position_the_force_is_the_slope_of_the_stored_energy() {
         let mut map = Map::new(tent(Coordinate::Position));
         for position in [-0.15, -0.07, 0.03, 0.099, 0.2] {

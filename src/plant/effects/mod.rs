@@ -465,3 +465,20 @@ impl Effects {
         self.advance(&Motion { time, ..Motion::default() }, 0.0);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_reading_error_is_about_the_truth_whatever_the_others_make_of_it() {
+        let sde = |amplitude: f64, period: f64| {
+            EffectParameters::new("encoder_sde", [("amplitude", amplitude), ("period", period), ("phase", 0.0)])
+        };
+        let (first, second) = (sde(2e-7, 15e-6), sde(5e-8, 7.5e-6));
+        let error = |all: &[EffectParameters]| Effects::new(all).unwrap().read(0.0, 2e-6, 0.0).0 - 2e-6;
+        let alone = [error(std::slice::from_ref(&first)), error(std::slice::from_ref(&second))];
+        let both = error(&[first, second]);
+        assert!((both - alone[0] - alone[1]).abs() < 1e-18, "{alone:?} {both}");
+    }
+}
