@@ -4,7 +4,7 @@ use super::figures::{Figure, Group};
 use super::input::Input;
 use super::metres;
 use crate::identify::{Evidence, NextExperiment, Outcome, Selection, Summary, Verdict, taking_part};
-use crate::model::{ModelError, StageModel};
+use crate::model::{CurveSide, ModelError, StageModel};
 use crate::plant::{EffectDescriptor, Side};
 use crate::report::page::{Align, Cell, Mark, Page, Table, Tile};
 
@@ -289,9 +289,15 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         page.text("No effect was added to the declared model.");
         return;
     }
-    for effect in &summary.effects {
+    let added = selection.after.hypothesis.effects.iter().skip(selection.before.hypothesis.effects.len());
+    for (effect, part) in summary.effects.iter().zip(added) {
         let over = effect.coordinate.as_ref().map_or_else(String::new, |coordinate| format!(" over {coordinate}"));
-        page.subsection(&format!("{}{over}, {} side", effect.name.replace('_', " "), effect.side));
+        let place = match part.parameters().curve.map(|curve| curve.side) {
+            Some(CurveSide::Friction) => "change of Coulomb friction".to_owned(),
+            Some(CurveSide::Viscous) => "change of viscous friction".to_owned(),
+            _ => format!("{} side", effect.side),
+        };
+        page.subsection(&format!("{}{over}, {place}", effect.name.replace('_', " ")));
         if let Ok(descriptor) = EffectDescriptor::find(&effect.name) {
             page.facts([("law", descriptor.law), ("source", descriptor.source), ("telltale", descriptor.telltale)]);
         }
