@@ -184,15 +184,15 @@ fn cogging_with_its_harmonic_is_found_on_the_motor_side() {
     let amplitude = summary["effects"][0]["parameters"]["amplitude"]["value"].as_f64().expect("an amplitude");
     let period = summary["effects"][0]["parameters"]["period"]["value"].as_f64().expect("a period");
     assert!((amplitude - 6.0).abs() < 0.01 && (period - 0.024).abs() < 1e-6, "{amplitude} N, {period} m");
-    assert_found("a", "found", &["cogging", "cogging"], 0.9);
+    assert_found("a", "found", &["cogging", "cogging"], 0.99);
 }
 
 #[test]
 #[ignore = "minutes in the dev profile: tests/run runs it with --release"]
 fn effects_on_the_carriage_are_found_alone_and_together() {
-    assert_found("c", "found", &["cable_chain"], 0.9);
-    assert_found("d", "found", &["distributed_bristles"], 0.9);
-    assert_found("e", "found", &["viscous_warm_up", "ball_passage"], 0.9);
+    assert_found("c", "found", &["cable_chain"], 0.99);
+    assert_found("d", "found", &["distributed_bristles"], 0.99);
+    assert_found("e", "found", &["viscous_warm_up", "ball_passage"], 0.99);
 }
 
 #[test]

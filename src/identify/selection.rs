@@ -355,23 +355,26 @@ pub fn search(
     }
 
     let is_noise = |left: &Errors| left.holdout() <= (NOISE_LIKE * floor.total()).powi(2);
-    // The form of a law was chosen while effects that came later were still in the residual.
+    // The form of a law was chosen while effects that came later were still in the residual: proposed anew without them.
     for index in declared_effects..best.hypothesis.effects.len() {
         if stopped || is_noise(&best_errors) {
             break;
         }
-        let Part { descriptor, values } = &best.hypothesis.effects[index];
+        let part = &best.hypothesis.effects[index];
+        let (descriptor, on_motor) = (part.descriptor, part.side() == Side::Motor && has_cell);
+        if (descriptor.starts)(&part.values).len() < 2 {
+            continue;
+        }
+        watch.progress(&format!("forms of {}", descriptor.name), 0.85);
+        let columns = Columns::new(&best.hypothesis.without(index), train)?;
+        let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { continue };
         let held = best.hypothesis.holding_guides(true);
         let other = |values: Vec<f64>| {
             let mut other = held.clone();
             other.effects[index].values = values;
             other
         };
-        let others: Vec<Hypothesis> = (descriptor.starts)(values).into_iter().map(other).collect();
-        if others.len() < 2 {
-            continue;
-        }
-        watch.progress(&format!("forms of {}", descriptor.name), 0.85);
+        let others: Vec<Hypothesis> = (descriptor.starts)(&values).into_iter().map(other).collect();
         let Some(found) = best_start(others, train, Sides::BOTH, &best.missing) else { continue };
         let found = with_different_guides(&found.hypothesis, train)?;
         if found.squares() < BETTER_START * best.squares() {

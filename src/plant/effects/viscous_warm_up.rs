@@ -142,7 +142,9 @@ fn warm_up_forms(values: &[f64]) -> Vec<Vec<f64>> {
         start
     };
     let codes = [Form::Proportion, Form::Distance, Form::Work].map(|form| f64::from(form as u8));
-    let recovering = codes.map(|code| form(code, values[TIME_CONSTANT]));
+    // A form without recovery has forgotten what was proposed for one with it.
+    let recovery = if values[TIME_CONSTANT] < NEVER { values[TIME_CONSTANT] } else { DESCRIPTOR.parameters[TIME_CONSTANT].scale };
+    let recovering = codes.map(|code| form(code, recovery));
     let lasting = codes.map(|code| form(code, NEVER));
     lasting.into_iter().chain([form(f64::from(Form::Time as u8), NEVER)]).chain(recovering).collect()
 }
@@ -260,6 +262,18 @@ mod tests {
         assert!((worked - expected).abs() < 1e-4, "{worked}");
         let at_rest = left(&[0.4, 1.0, 1e6, 3.0, 0.5, 6.0], Motion::default());
         assert_eq!(at_rest, 1.0);
+    }
+
+    #[test]
+    fn every_form_is_tried_with_and_without_recovery_whichever_was_found() {
+        for time_constant in [7.0, NEVER] {
+            let starts = warm_up_forms(&[0.3, 1.0, time_constant, 0.0, 10.0, 100.0]);
+            let has = |form: f64, recovers: bool| {
+                starts.iter().any(|start| start[FORM] == form && (start[TIME_CONSTANT] < NEVER) == recovers)
+            };
+            assert!([0.0, 1.0, 3.0].into_iter().all(|form| has(form, false) && has(form, true)), "{starts:?}");
+            assert!(has(2.0, false) && starts.len() == 7, "{starts:?}");
+        }
     }
 
     #[test]
