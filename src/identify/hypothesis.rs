@@ -175,21 +175,9 @@ impl Hypothesis {
         })
     }
 
-    /// The same with one more effect. A scale that reads too much has shown all lengths too long: those of the other effects become what
-    /// they are, for a fit hardly finds the period of a ripple by itself where many of them lie along the stroke.
+    /// The same with one more effect.
     pub fn with(&self, part: Part) -> Hypothesis {
         let mut more = self.clone();
-        if part.descriptor.name == "encoder_scale"
-            && let Some(fraction) = part.values.first()
-        {
-            for other in &mut more.effects {
-                for (value, parameter) in other.values.iter_mut().zip(other.descriptor.parameters) {
-                    if parameter.unit == "m" && parameter.name != "amplitude" {
-                        *value = (*value / (1.0 + fraction)).clamp(parameter.bounds.0, parameter.bounds.1);
-                    }
-                }
-            }
-        }
         more.effects.push(part);
         more
     }
