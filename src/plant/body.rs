@@ -214,10 +214,11 @@ impl Body {
             velocity,
             acceleration,
             motor_force,
-            friction: self.guides.start_force(self.velocity),
+            friction: 0.0,
         };
         let mut step = if self.shapes_friction {
-            let scale = self.effects.friction(&motion, span);
+            let friction = self.guides.start_force(self.velocity);
+            let scale = self.effects.friction(&Motion { friction, ..motion }, span);
             StepForces {
                 friction_impulse: self.guides.advance_scaled(velocity, span, &scale),
                 viscous_friction: scale.viscous * self.guides.viscous_friction(),

@@ -73,7 +73,7 @@ pub struct Motion {
     pub acceleration: f64,
     /// Commanded motor force over the step, N, without effects.
     pub motor_force: f64,
-    /// Friction of the guides as the step begins, N, positive against positive motion.
+    /// Friction of the guides as the step begins, N, positive against positive motion. For laws of friction: forces are not told it.
     pub friction: f64,
 }
 
