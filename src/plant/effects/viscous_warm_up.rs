@@ -211,6 +211,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
 mod tests {
     use super::super::regression::record::{assert_silent_on_noise, proposal};
     use super::*;
+    use crate::model::{EffectParameters, StageModel};
+    use crate::plant::{Rates, Stage};
 
     #[test]
     fn viscous_friction_falls_with_the_distance_in_either_direction_and_nothing_else_does() {
@@ -262,6 +264,24 @@ mod tests {
         assert!((worked - expected).abs() < 1e-4, "{worked}");
         let at_rest = left(&[0.4, 1.0, 1e6, 3.0, 0.5, 6.0], Motion::default());
         assert_eq!(at_rest, 1.0);
+    }
+
+    #[test]
+    fn a_stage_is_warmed_by_the_work_of_its_own_friction() {
+        let speed = |fraction: f64| {
+            let warm_up = [("fraction", fraction), ("form", 3.0), ("work", 0.5)];
+            let model = StageModel {
+                effects: vec![EffectParameters::new("viscous_warm_up", warm_up)],
+                ..StageModel::default().without_noise()
+            };
+            let mut stage = Stage::new(&model, Rates::DEFAULT, 0).unwrap();
+            for _ in 0..500 {
+                stage.advance(200.0);
+            }
+            stage.state().velocity
+        };
+        let (cold, warm) = (speed(0.0), speed(0.5));
+        assert!(warm > 1.001 * cold, "{cold} m/s, warm {warm} m/s");
     }
 
     #[test]
