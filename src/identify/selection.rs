@@ -202,9 +202,11 @@ impl Columns {
     }
 }
 
-/// Sides that a fit with this effect has to look at.
-fn sides_of(side: Side, has_cell: bool) -> Sides {
+/// Sides that a fit with this effect has to look at beside effects that were found before: what a sensor reads wrong moves with the fit of either
+/// side, and one side alone would bend it.
+fn sides_of(side: Side, beside: &[Part], has_cell: bool) -> Sides {
     match side {
+        _ if has_cell && beside.iter().any(|part| part.side() == Side::Sensor) => Sides::BOTH,
         Side::Motor if has_cell => Sides::MOTOR,
         Side::Motor | Side::Carriage if !has_cell => Sides::BOTH,
         Side::Sensor if has_cell => Sides::BOTH,
@@ -270,7 +272,7 @@ pub fn search(
                     let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
                     let part = Part { descriptor, values };
                     let side = part.side();
-                    let sides = if late { Sides::BOTH } else { sides_of(side, has_cell) };
+                    let sides = if late { Sides::BOTH } else { sides_of(side, &held.effects, has_cell) };
                     let starts = starts(part, train.rate.recip()).into_iter().map(|part| held.with(part));
                     let Some(fitted) = best_start(starts.collect(), train, sides, &best.missing) else { continue };
                     let found = errors(&fitted.hypothesis, train, holdout)?;
@@ -304,10 +306,10 @@ pub fn search(
         let least_of = |left: f64| LEAST_SHARE * (left - floor.total().powi(2));
         let (least_on_train, least_on_holdout) = (least_of(best_errors.train()), least_of(best_errors.holdout()));
         for (one, _) in &mut tried {
-            // What a motor effect explains on the carriage alone is judged as what acts there.
+            // Wherever an effect acts: what it explains on the carriage alone is judged as what acts there, and what the cell shows as exactly.
             let on_motor = best_errors.holdout_motor - one.errors.holdout_motor;
-            let side = if on_motor < threshold(Side::Motor, has_cell, floor) { Side::Carriage } else { one.side };
-            let least = threshold(side, has_cell, floor);
+            let least = threshold(Side::Motor, has_cell, floor);
+            let least = if on_motor < least { threshold(Side::Carriage, has_cell, floor) } else { least };
             if one.holdout_gain < least.max(least_on_holdout)
                 || one.train_gain < least.max(least_on_train).max(one.chance)
             {

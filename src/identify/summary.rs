@@ -365,7 +365,7 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
             ));
         } else if is_share(coordinate.place) && TWO_SIDED_95 * deviation > upper {
             warnings.push(format!(
-                "{name} is hardly identifiable from these data: {value:.6} {unit}, known to {:.0} % at the best, its tolerance is {:.0} %",
+                "{name} is hardly identifiable from these data: {value:.6} {unit}, known to {:.1} % at the best, its tolerance is {:.1} %",
                 100.0 * TWO_SIDED_95 * deviation,
                 100.0 * coordinate.scale
             ));
