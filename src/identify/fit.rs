@@ -4,6 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::driven::Driven;
 use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
 use super::measured::Measured;
 use crate::model::ModelError;
@@ -83,21 +84,22 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
         coordinate.value = coordinate.value.clamp(lower + margin, upper - margin);
         hypothesis.set(coordinate.place, coordinate.value);
     }
-    let mut missing = match hypothesis.missing(measured, sides) {
-        Ok(missing) => missing,
+    let mut driven = match hypothesis.driven(measured, sides, &Driven::default()) {
+        Ok(driven) => driven,
         // Values that do not go together any more a little inside their bounds: the start is as it was given.
         Err(_) => {
             (hypothesis, coordinates) = (start.clone(), start.coordinates(sides, has_cell));
-            hypothesis.missing(measured, sides)?
+            hypothesis.driven(measured, sides, &Driven::default())?
         }
     };
+    let mut missing = hypothesis.missing_of(&driven, measured, sides);
     let noise = start.floor(measured).carriage;
     let mut residual = stacked(&missing, &coordinates, noise);
     let mut squares = residual.norm_squared();
     let mut damping = 1e-3;
     let mut jacobian = DMatrix::zeros(0, 0);
     for iteration in 0..=iterations {
-        jacobian = derivatives(&hypothesis, &coordinates, measured, sides, &residual, noise)?;
+        jacobian = derivatives(&hypothesis, &coordinates, &driven, measured, sides, &residual, noise)?;
         if iteration == iterations || coordinates.is_empty() {
             break;
         }
@@ -137,24 +139,25 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
                 tried.set(coordinate.place, coordinate.value);
             }
             // Values that do not go together are a step too far, not an end.
-            let Ok(left) = tried.missing(measured, sides) else {
+            let Ok(along) = tried.driven(measured, sides, &driven) else {
                 damping *= 5.0;
                 continue;
             };
+            let left = tried.missing_of(&along, measured, sides);
             let stack = stacked(&left, &moved, noise);
             if stack.norm_squared() < squares {
-                better = Some((tried, moved, left, stack));
+                better = Some((tried, moved, along, left, stack));
                 damping *= 0.2;
                 break;
             }
             damping *= 5.0;
         }
-        let Some((tried, moved, left, stack)) = better else { break };
+        let Some((tried, moved, along, left, stack)) = better else { break };
         let fallen = squares - stack.norm_squared();
-        (hypothesis, coordinates, missing, residual) = (tried, moved, left, stack);
+        (hypothesis, coordinates, driven, missing, residual) = (tried, moved, along, left, stack);
         squares = residual.norm_squared();
         if fallen < PROGRESS * squares {
-            jacobian = derivatives(&hypothesis, &coordinates, measured, sides, &residual, noise)?;
+            jacobian = derivatives(&hypothesis, &coordinates, &driven, measured, sides, &residual, noise)?;
             break;
         }
     }
@@ -173,6 +176,7 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
 pub(super) fn derivatives(
     hypothesis: &Hypothesis,
     coordinates: &[Coordinate],
+    driven: &Driven,
     measured: &Measured,
     sides: Sides,
     residual: &DVector<f64>,
@@ -189,7 +193,8 @@ pub(super) fn derivatives(
                 moved.set(coordinate.place, coordinate.value + step);
                 let mut there = coordinates.to_vec();
                 there[index].value += step;
-                Ok((stacked(&moved.missing(measured, sides)?, &there, noise) - residual) * (coordinate.scale / step))
+                let missing = moved.missing_of(&moved.driven(measured, sides, driven)?, measured, sides);
+                Ok((stacked(&missing, &there, noise) - residual) * (coordinate.scale / step))
             };
             // Some values are possible only together: then the other direction is, or none.
             Ok(quotient(step).or_else(|_| quotient(-step)).unwrap_or_else(|_| DVector::zeros(residual.len())))

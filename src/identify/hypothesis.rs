@@ -5,9 +5,9 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::model::{EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
-use crate::plant::effects::Effects;
-use crate::plant::{EffectDescriptor, FrictionScale, GuideBank, Motion, Side};
+use crate::plant::{EffectDescriptor, Side};
 
+use super::driven::{self, Driven};
 use super::measured::{Floor, Measured};
 
 /// How far the real machine may be from the declared one, as shares of the declared values.
@@ -52,9 +52,6 @@ const CONTRASTS: [[f64; MAX_GUIDES]; MAX_GUIDES - 1] =
 /// Contrast that a fit starts from, in tolerances: at none at all no direction is better than its opposite.
 const START_SPREAD: f64 = 0.25;
 
-/// Pieces of a step in which a motor force that changes within it is averaged: the samples on either side feel it unequally.
-const PIECES_OF_A_STEP: u32 = 8;
-
 /// Effects whose phase counts from the start of a record and therefore means nothing in another one: each record has its own.
 const PHASE_OF_RECORD: [&str; 1] = ["external_vibration"];
 
@@ -63,6 +60,12 @@ const PHASE_OF_RECORD: [&str; 1] = ["external_vibration"];
 pub struct Part {
     pub descriptor: &'static EffectDescriptor,
     pub values: Vec<f64>,
+}
+
+impl PartialEq for Part {
+    fn eq(&self, other: &Part) -> bool {
+        self.descriptor.name == other.descriptor.name && self.values == other.values
+    }
 }
 
 impl Part {
@@ -373,171 +376,59 @@ impl Hypothesis {
 
     /// Drives guides and effects along the measured motion and says what force is missing.
     pub fn missing(&self, measured: &Measured, sides: Sides) -> Result<Missing, ModelError> {
-        let Missing { motor, carriage } = self.missing_at_samples(measured, sides)?;
+        Ok(self.missing_of(&self.driven(measured, sides, &Driven::default())?, measured, sides))
+    }
+
+    /// The same from what was driven already.
+    pub(super) fn missing_of(&self, driven: &Driven, measured: &Measured, sides: Sides) -> Missing {
+        let Missing { motor, carriage } = self.missing_at_samples(driven, measured, sides);
         let filtered = |signal: Vec<f64>| if signal.is_empty() { signal } else { measured.filtered(&signal) };
-        Ok(Missing { motor: filtered(motor), carriage: filtered(carriage) })
+        Missing { motor: filtered(motor), carriage: filtered(carriage) }
     }
 
     /// The same at every sample and not filtered; 0 at both ends, where there is no second difference.
-    pub fn missing_at_samples(&self, measured: &Measured, sides: Sides) -> Result<Missing, ModelError> {
-        let parts: Vec<EffectParameters> = self.effects.iter().map(Part::parameters).collect();
-        let mut effects = Effects::new(&parts)?;
+    pub(super) fn missing_at_samples(&self, driven: &Driven, measured: &Measured, sides: Sides) -> Missing {
         let count = measured.len();
-        let mut motor = vec![0.0; count];
-        // Force of the motor's effects at the samples, where the cell reads; their mean over the intervals is what moves the carriage.
-        let on_motor = self.effects.iter().any(|part| part.side() == Side::Motor);
-        let mut at_sample = vec![0.0; if on_motor { count } else { 0 }];
-        let mut carriage = vec![0.0; count];
-        let guides = self.guides();
-        let mut bank = match effects.bristle_shares() {
-            Some(shares) => GuideBank::with_elements(&guides, &shares),
-            None => GuideBank::new(&guides),
-        };
-        let cell = measured.cell.as_deref();
+        let cell = driven.cell(measured);
+        let on = |side: Side| driven.forces().filter(move |force| force.side() == side);
+        let mut missing = Missing::default();
+        if let (true, Some(cell)) = (sides.motor, cell) {
+            missing.motor = (0..count)
+                .map(|k| cell[k] - measured.command[k] - on(Side::Motor).map(|force| force.read_at(k)).sum::<f64>())
+                .collect();
+        }
         if sides.carriage {
-            // At rest the guides hold what the motor gives.
-            let start = cell.unwrap_or(&measured.command);
-            let ahead = (0.01 * measured.rate) as usize + 2;
-            let force = start[1..ahead.min(count - 1)].iter().sum::<f64>() / (ahead.min(count - 1) - 1) as f64;
-            let stiffness: f64 = guides.iter().map(|guide| guide.stiffness).sum();
-            let limit =
-                guides.iter().map(|guide| 0.9 * guide.coulomb_force / guide.stiffness).fold(f64::INFINITY, f64::min);
-            let bristle = (force / stiffness).clamp(-limit, limit);
-            bank.set_bristles(&vec![bristle; guides.len()], 0.0);
-        }
-        // What the encoder reads wrong is no motion: neither the mass nor the guides feel it.
-        let reads = self.effects.iter().any(|part| part.side() == Side::Sensor);
-        let pieces = if effects.is_empty() {
-            0
-        } else if effects.changes_within_a_step() {
-            PIECES_OF_A_STEP
-        } else {
-            1
-        };
-        let mut encoder_errors = vec![0.0; if reads { count } else { 0 }];
-        let (mut error_at_end, mut friction) = (0.0, 0.0);
-        if reads {
-            error_at_end = encoder_error(&effects, measured.time[0], measured.position[0]);
-            encoder_errors[0] = error_at_end;
-        }
-        if sides.carriage || !effects.is_empty() {
-            for (index, step) in measured.steps.iter().enumerate() {
-                let node = step.node;
-                let (mut motion, mut sliding) = (Motion { friction, ..step.motion }, step.sliding);
-                if reads {
-                    // Each step begins where the one before it ended.
-                    let from = error_at_end;
-                    let to =
-                        encoder_error(&effects, motion.time, motion.position + 0.5 * motion.velocity * step.duration);
-                    error_at_end = to;
-                    encoder_errors[node + 1] = to;
-                    motion.position -= 0.5 * (from + to);
-                    motion.velocity -= (to - from) / step.duration;
-                    sliding -= (to - from) / step.duration;
-                }
-                let scale = if effects.is_empty() {
-                    FrictionScale::ONE
-                } else {
-                    effects.friction(&Motion { velocity: sliding, ..motion }, step.duration)
-                };
-                for piece in 0..pieces {
-                    // Middle of the piece from the middle of the step, in steps.
-                    let aside = (f64::from(piece) + 0.5) / f64::from(pieces) - 0.5;
-                    let time = aside * step.duration;
-                    let there = Motion {
-                        time: motion.time + time,
-                        position: motion.position + time * motion.velocity,
-                        velocity: motion.velocity + time * motion.acceleration,
-                        ..motion
-                    };
-                    let (motor_side, carriage_side) = effects.advance(&there, step.duration / f64::from(pieces));
-                    let share = step.early + step.late;
-                    let late = step.late + aside * share * share;
-                    motor[node] += (share - late) / f64::from(pieces) * motor_side;
-                    motor[node + 1] += late / f64::from(pieces) * motor_side;
-                    carriage[node] -= (share - late) / f64::from(pieces) * carriage_side;
-                    carriage[node + 1] -= late / f64::from(pieces) * carriage_side;
-                }
-                let ends = measured.steps.get(index + 1).is_none_or(|next| next.node != node);
-                if on_motor && ends {
-                    let end = Motion {
-                        time: measured.time[node + 1],
-                        position: measured.position[node + 1],
-                        velocity: measured.velocity[node + 1],
-                        ..step.motion
-                    };
-                    at_sample[node + 1] = effects.advance(&end, 0.0).0;
-                }
-                if sides.carriage {
-                    friction = bank.drive(sliding, step.duration, &scale);
-                    carriage[node] += step.early * friction;
-                    carriage[node + 1] += step.late * friction;
+            let mass = self.mass() + driven.added_mass();
+            let mut push: Vec<f64> = cell.unwrap_or(&measured.command).to_vec();
+            for force in on(Side::Motor) {
+                for (k, push) in push.iter_mut().enumerate() {
+                    // The cell reads at the samples; what moves the carriage is the mean over the intervals.
+                    *push += force.at_nodes[k] - if cell.is_some() { force.read_at(k) } else { 0.0 };
                 }
             }
-        }
-        let true_cell: Option<Vec<f64>> = cell.map(|cell| match reads {
-            false => cell.to_vec(),
-            true => measured
-                .time
-                .iter()
-                .zip(cell)
-                .map(|(time, reading)| undo(*reading, |force| effects.read(*time, 0.0, force).1))
-                .collect(),
-        });
-        let mut missing = Missing::default();
-        if let (true, Some(cell)) = (sides.motor, &true_cell) {
-            missing.motor =
-                (0..count).map(|k| cell[k] - measured.command[k] - read_at(&at_sample, k).unwrap_or(0.0)).collect();
-        }
-        if sides.carriage {
-            let mass = self.mass() + effects.added_mass();
+            let mut left: Vec<f64> = (0..count)
+                .map(|k| mass * (measured.acceleration[k] - driven.feigned_acceleration(k, measured.rate)))
+                .collect();
+            let mut take = |forces: &[f64], sign: f64| {
+                left.iter_mut().zip(forces).for_each(|(left, force)| *left += sign * force);
+            };
+            driven.friction().into_iter().for_each(|friction| take(friction, 1.0));
+            on(Side::Carriage).for_each(|force| take(&force.at_nodes, -1.0));
             let shift = 0.5 * self.moved[7];
             missing.carriage = (0..count)
                 .map(|k| {
                     if k == 0 || k + 1 == count {
                         return 0.0;
                     }
-                    let mut acceleration = measured.acceleration[k];
-                    if reads {
-                        let bend = encoder_errors[k + 1] - 2.0 * encoder_errors[k] + encoder_errors[k - 1];
-                        acceleration -= bend * measured.rate * measured.rate;
-                    }
-                    let push = |k: usize| match &true_cell {
-                        Some(cell) => cell[k] - read_at(&at_sample, k).map_or(0.0, |read| read - motor[k]),
-                        None => measured.command[k] + motor[k],
-                    };
-                    mass * acceleration + carriage[k] - push(k) - shift * (push(k + 1) - push(k - 1))
+                    left[k] - push[k] - shift * (push[k + 1] - push[k - 1])
                 })
                 .collect();
         }
-        Ok(missing)
+        missing
     }
 
-    /// Friction of the guides along the measured motion, N, at the nodes.
-    pub fn friction(&self, measured: &Measured) -> Vec<f64> {
-        let mut bank = GuideBank::new(&self.guides());
-        let mut friction = vec![0.0; measured.len()];
-        for step in &measured.steps {
-            let force = bank.drive(step.sliding, step.duration, &FrictionScale::ONE);
-            friction[step.node] += step.early * force;
-            friction[step.node + 1] += step.late * force;
-        }
-        friction
+    /// Friction of the guides along the measured motion without effects, N, at the nodes.
+    pub fn friction(&self, measured: &Measured) -> Result<Vec<f64>, ModelError> {
+        driven::friction(&self.guides(), &[], measured, &measured.steps)
     }
-}
-
-/// Mean of the forces at the ends of the two intervals around sample `k`; `None` without motor effects.
-fn read_at(at_sample: &[f64], k: usize) -> Option<f64> {
-    Some(0.5 * (at_sample.get(k)? + at_sample.get(k + 1)?))
-}
-
-/// What the encoder reads too much where it reads `reading`, m.
-fn encoder_error(effects: &Effects, time: f64, reading: f64) -> f64 {
-    reading - undo(reading, |position| effects.read(time, position, 0.0).0)
-}
-
-/// The truth behind a reading: the fixed point of truth = reading - (read(truth) - truth), for readings close to the truth. An encoder that is
-/// wrong by 2 % of its signal period at worst comes within 3e-4 of its error.
-fn undo(reading: f64, read: impl Fn(f64) -> f64) -> f64 {
-    (0..4).fold(reading, |truth, _| reading - (read(truth) - truth))
 }

@@ -13,6 +13,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::driven::Driven;
 use super::{Hypothesis, IdentifyError, MIN_SAMPLES, Measured, Sides};
 use crate::bag::Trace;
 use crate::model::StageModel;
@@ -115,7 +116,8 @@ impl Protocol {
         smooth.position = ZeroPhase::butterworth(4, self.corner / rate).filter(&trace.position);
         smooth.force_cell.fill(f64::NAN);
         let measured = Measured::new(&smooth, model, "the record")?;
-        let left = hypothesis.missing_at_samples(&measured, Sides::CARRIAGE)?;
+        let driven = hypothesis.driven(&measured, Sides::CARRIAGE, &Driven::default())?;
+        let left = hypothesis.missing_at_samples(&driven, &measured, Sides::CARRIAGE);
         let norm = |signal: &[f64]| self.decimated(signal).iter().map(|value| value * value).sum::<f64>().sqrt();
         Ok(norm(&left.carriage) / norm(&trace.force))
     }

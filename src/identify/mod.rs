@@ -7,6 +7,7 @@
 
 pub mod closed_loop;
 mod curve;
+mod driven;
 mod fit;
 mod hypothesis;
 pub mod inverse_dynamics;

@@ -8,6 +8,7 @@ use crate::plant::{EffectDescriptor, Residual, Samples, Side};
 
 use super::IdentifyError;
 use super::curve;
+use super::driven::Driven;
 use super::fit::{Fitted, correlation_length, fit};
 use super::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
 use super::measured::{Floor, Measured};
@@ -169,7 +170,8 @@ struct Columns {
 
 impl Columns {
     fn new(hypothesis: &Hypothesis, measured: &Measured) -> Result<Columns, IdentifyError> {
-        let missing = hypothesis.missing(measured, Sides::BOTH)?;
+        let driven = hypothesis.driven(measured, Sides::BOTH, &Driven::default())?;
+        let missing = hypothesis.missing_of(&driven, measured, Sides::BOTH);
         let motor = if measured.cell.is_some() { missing.motor } else { missing.carriage.clone() };
         Ok(Columns {
             time: measured.at_rows(&measured.time),
@@ -177,11 +179,11 @@ impl Columns {
             velocity: measured.at_rows(&measured.velocity),
             acceleration: measured.filtered(&measured.acceleration),
             command: measured.filtered(&measured.command),
-            friction: measured.filtered(&hypothesis.friction(measured)),
+            friction: measured.filtered(&hypothesis.friction(measured)?),
             motor,
             carriage: missing.carriage,
             mass: hypothesis.mass(),
-            unfiltered: hypothesis.missing_at_samples(measured, Sides::CARRIAGE)?.carriage,
+            unfiltered: hypothesis.missing_at_samples(&driven, measured, Sides::CARRIAGE).carriage,
             encoder: measured.position.clone(),
             step: measured.rate.recip(),
         })

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::super::driven::Driven;
 use super::super::fit::{correlation_length, derivatives, fit, stacked};
 use super::super::hypothesis::{Coordinate, DECLARED, Hypothesis, Part, Place, Sides};
 use super::super::measured::Measured;
@@ -157,17 +158,13 @@ impl Questions {
 
     /// What a motion, measured or simulated, says to all questions.
     pub(super) fn sums(&self, measured: &Measured) -> Result<Sums, ModelError> {
-        let own: Vec<DVector<f64>> = self
-            .alternatives
-            .par_iter()
-            .map(|one| Ok(stacked(&one.hypothesis.missing(measured, self.sides)?, &one.coordinates, DATA_ALONE)))
-            .collect::<Result<_, ModelError>>()?;
-        let jacobians: Vec<DMatrix<f64>> = self
-            .alternatives
-            .iter()
-            .zip(&own)
-            .map(|(one, own)| derivatives(&one.hypothesis, &one.coordinates, measured, self.sides, own, DATA_ALONE))
-            .collect::<Result<_, _>>()?;
+        let (mut own, mut jacobians) = (Vec::new(), Vec::new());
+        for Alternative { hypothesis, coordinates, .. } in &self.alternatives {
+            let driven = hypothesis.driven(measured, self.sides, &Driven::default())?;
+            let left = stacked(&hypothesis.missing_of(&driven, measured, self.sides), coordinates, DATA_ALONE);
+            jacobians.push(derivatives(hypothesis, coordinates, &driven, measured, self.sides, &left, DATA_ALONE)?);
+            own.push(left);
+        }
         let sums: Vec<(DVector<f64>, f64)> = self
             .questions
             .par_iter()
