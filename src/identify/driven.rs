@@ -117,7 +117,8 @@ impl Hypothesis {
         let steps = readings.steps.as_deref().unwrap_or(&measured.steps);
         let friction = if sides.carriage {
             let (guides, laws) = (self.guides(), of(&|part| Ok(effects_of(part)?.shapes_friction()))?);
-            let known = before.friction.as_ref().filter(|known| moves_alike && known.guides == guides && known.laws == laws);
+            let known =
+                before.friction.as_ref().filter(|known| moves_alike && known.guides == guides && known.laws == laws);
             Some(match known {
                 Some(known) => known.clone(),
                 None => {

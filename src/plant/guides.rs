@@ -172,7 +172,16 @@ impl GuideBank {
     fn refresh(&mut self, velocity: f64) {
         let squared = f64x4::splat(velocity * velocity);
         let (level, damping) = (self.scaled_level(squared), self.damping_at(squared));
+        self.bristle = self.mean_bristle();
         self.prepare_scaled_start(level, damping);
+    }
+
+    /// Bristle deflection that several elements have together, m.
+    fn mean_bristle(&self) -> f64x4 {
+        self.elements.as_ref().map_or(self.bristle, |elements| {
+            let weighted = elements.bristle.iter().zip(elements.share);
+            weighted.fold(f64x4::ZERO, |sum, (bristle, share)| sum + f64x4::splat(share) * *bristle)
+        })
     }
 
     #[inline]
@@ -194,11 +203,8 @@ impl GuideBank {
             return;
         };
         let mut start = StartFriction { elastic: 0.0, damping: viscous, slip: 0.0 };
-        self.bristle = f64x4::ZERO;
         for (index, bristle) in elements.bristle.iter().enumerate() {
-            let weighted = f64x4::splat(elements.share[index]) * *bristle;
-            self.bristle += weighted;
-            let elastic = self.stiffness * weighted;
+            let elastic = self.stiffness * (f64x4::splat(elements.share[index]) * *bristle);
             start.elastic += elastic.reduce_add();
             start.damping += elements.damping[index] * damping.reduce_add();
             start.slip += elements.slip[index] * (damping / level * elastic).reduce_add();
@@ -318,20 +324,29 @@ impl GuideBank {
     /// As [`GuideBank::advance`], with factors on the laws over this step and with several elements where there are some. The viscous part
     /// is left to the caller, who has to apply `scale.viscous` to it.
     pub(super) fn advance_scaled(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
-        self.step_bristles::<false>(velocity, step, scale)
+        let (impulse, level, damping) = self.step_bristles::<false>(velocity, step, scale);
+        self.prepare_scaled_start(level, damping);
+        impulse
     }
 
     /// Moves the guides over `step` seconds (greater than 0) at the constant velocity v and returns their mean friction over the step, N,
     /// positive against positive motion, viscous part included. Exact for this motion at any step.
+    ///
+    /// What [`GuideBank::start_force`] knows is left as it was: nobody solves for this motion.
     pub fn drive(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
-        let impulse = self.step_bristles::<true>(velocity, step, scale);
+        let (impulse, ..) = self.step_bristles::<true>(velocity, step, scale);
         impulse / step + scale.viscous * self.viscous_friction * velocity
     }
 
-    /// One step of all bristles at constant velocity: momentum taken from the carriage, N s. The mean deflection of the step is that of
-    /// its ends, or with `EXACT` that of the exponential between them.
+    /// One step of all bristles at constant velocity: momentum taken from the carriage, N s, with g and sigma1. The mean deflection of the
+    /// step is that of its ends, or with `EXACT` that of the exponential between them.
     #[inline]
-    fn step_bristles<const EXACT: bool>(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
+    fn step_bristles<const EXACT: bool>(
+        &mut self,
+        velocity: f64,
+        step: f64,
+        scale: &FrictionScale,
+    ) -> (f64, f64x4, f64x4) {
         self.scale = *scale;
         let squared = f64x4::splat(velocity * velocity);
         let level = self.scaled_level(squared);
@@ -364,21 +379,21 @@ impl GuideBank {
                 for (index, bristle) in elements.bristle.iter_mut().enumerate() {
                     element(bristle, elements.share[index], elements.ratio[index], elements.damping[index]);
                 }
+                self.bristle = self.mean_bristle();
             }
         }
-        self.prepare_scaled_start(level, damping);
-        impulse.reduce_add()
+        (impulse.reduce_add(), level, damping)
     }
 }
 
 /// Mean of 2^(p s) over s from 0 to 1, where p is not positive and `decay` = 2^p.
+#[inline]
 fn mean_of_decay(power: f64x4, decay: f64x4) -> f64x4 {
-    let (power, decay) = (power.to_array(), decay.to_array());
-    f64x4::new(std::array::from_fn(|lane| {
-        let rate = -std::f64::consts::LN_2 * power[lane];
-        // Below, the difference loses more digits than the series leaves out (1e-12).
-        if rate < 1e-4 { 1.0 - rate / 2.0 + rate * rate / 6.0 } else { (1.0 - decay[lane]) / rate }
-    }))
+    let rate = power * f64x4::splat(-std::f64::consts::LN_2);
+    let one = f64x4::splat(1.0);
+    let series = one - rate * f64x4::splat(0.5) + rate * rate * f64x4::splat(1.0 / 6.0);
+    // Below, the difference loses more digits than the series leaves out (1e-12).
+    rate.simd_lt(f64x4::splat(1e-4)).select(series, (one - decay) / rate)
 }
 
 #[cfg(test)]
