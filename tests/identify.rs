@@ -17,7 +17,7 @@ use friction_stage::model::{Coordinate, StageModel};
 use friction_stage::plant::EffectDescriptor;
 use serde_json::Value;
 
-use generator::effects::{ConstantForce, EncoderSde, ExternalVibration, RailJoint, StructuralMode};
+use generator::effects::{ConstantForce, EncoderSde, ExternalVibration, ForceCellGain, RailJoint, StructuralMode};
 use generator::programme::Programme;
 use generator::{Effect, Setup};
 
@@ -145,6 +145,35 @@ fn a_joint_beside_a_tilt_is_not_passed_over() {
     assert_eq!(found.verdict, Verdict::Unknown, "{:?} of {:?}", found.errors_after, found.floor);
     assert_eq!(found.coordinate, Some(Coordinate::Position));
     assert!(found.errors_after.holdout().sqrt() < 2.0 * found.floor.total(), "{:?}", found.errors_after);
+}
+
+/// A gain of the cell shows on both sides: a law that is fitted beside it on the carriage alone would bend it. A small one shows on the motor side
+/// only, where a gain of the motor is the same.
+#[test]
+#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+fn a_gain_of_the_cell_is_found_beside_a_mode_and_left_open_where_it_is_small() {
+    let declared = StageModel::load(&declared_model()).expect("the declared model");
+    let found = |gain: f64, others: Vec<Effect>| {
+        let mut hidden: Vec<Effect> = vec![Box::new(ForceCellGain { fraction: gain })];
+        hidden.extend(others);
+        let run = Setup::new(15).with_all(hidden).generate().expect("a run");
+        let [train, check] = [&run.train, &run.check]
+            .map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"));
+        search(&declared, Tolerances::default(), &train, &check, &Silent).expect("a search")
+    };
+    let name = |part: &Part| part.descriptor.name;
+    let mode = StructuralMode { mass: 0.8, frequency: 170.0, damping: 0.014 };
+    let both = found(-0.009, vec![Box::new(mode)]);
+    let names: Vec<&str> = both.after.hypothesis.effects.iter().map(name).collect();
+    assert_eq!((both.verdict, names), (Verdict::Found, vec!["force_cell_gain", "structural_mode"]));
+    assert!((both.after.hypothesis.effects[0].values[0] + 0.009).abs() < 5e-5, "{:?}", both.after.hypothesis.effects);
+
+    let small = found(1e-4, Vec::new());
+    assert_eq!(small.verdict, Verdict::NotSeparable, "{:?}", small.after.hypothesis.effects);
+    let mut rivals: Vec<&str> = small.after.hypothesis.effects.iter().map(name).collect();
+    rivals.extend(small.inseparable.iter().map(|(_, rival)| *rival));
+    rivals.sort_unstable();
+    assert_eq!(rivals, ["force_cell_gain", "motor_gain"]);
 }
 
 /// Without a command the cell is the force, and its noise is on the carriage.
