@@ -10,9 +10,6 @@ use crate::plant::{FrictionScale, GuideBank, Motion, Side};
 use super::hypothesis::{Hypothesis, Part, Sides};
 use super::measured::{Measured, Step};
 
-/// Pieces of a step in which a force that changes within it is averaged: the samples on either side feel it unequally.
-const PIECES_OF_A_STEP: u32 = 8;
-
 /// Guides, effects and sensors of one hypothesis along one record.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Driven {
@@ -186,7 +183,7 @@ fn force(part: &Part, measured: &Measured, steps: &[Step]) -> Result<Force, Mode
     let mut effects = effects_of(part)?;
     let side = part.side();
     let read = side == Side::Motor;
-    let pieces = if effects.changes_within_a_step() { PIECES_OF_A_STEP } else { 1 };
+    let pieces = effects.pieces();
     let total = |(motor_side, carriage_side): (f64, f64)| motor_side + carriage_side;
     let mut at_nodes = vec![0.0; measured.len()];
     let mut at_samples = vec![0.0; if read { measured.len() } else { 0 }];

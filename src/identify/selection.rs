@@ -275,8 +275,8 @@ pub fn search(
                     let part = Part { descriptor, values };
                     let side = part.side();
                     let sides = if late { Sides::BOTH } else { sides_of(side, &held.effects, has_cell) };
-                    let starts = starts(part, train.rate.recip()).into_iter().map(|part| held.with(part));
-                    let Some(fitted) = best_start(starts.collect(), train, sides, &best.missing) else { continue };
+                    let starts = starts(&part, train).into_iter().map(|part| held.with(part)).collect();
+                    let Some(fitted) = best_start(starts, train, sides, &best.missing) else { continue };
                     let found = errors(&fitted.hypothesis, train, holdout)?;
                     let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
                     let free = (0..part.values.len()).filter(|value| (descriptor.free)(&part.values, *value)).count();
@@ -366,19 +366,19 @@ pub fn search(
         }
         let part = &best.hypothesis.effects[index];
         let (descriptor, on_motor) = (part.descriptor, part.side() == Side::Motor && has_cell);
-        if (descriptor.starts)(&part.values).len() < 2 {
+        if starts(part, train).len() < 2 {
             continue;
         }
         watch.progress(&format!("forms of {}", descriptor.name), 0.85);
         let columns = Columns::new(&best.hypothesis.without(index), train)?;
         let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { continue };
         let held = best.hypothesis.holding_guides(true);
-        let other = |values: Vec<f64>| {
+        let other = |part: Part| {
             let mut other = held.clone();
-            other.effects[index].values = values;
+            other.effects[index] = part;
             other
         };
-        let others: Vec<Hypothesis> = (descriptor.starts)(&values).into_iter().map(other).collect();
+        let others = starts(&Part { descriptor, values }, train).into_iter().map(other).collect();
         let Some(found) = best_start(others, train, Sides::BOTH, &best.missing) else { continue };
         let found = with_different_guides(&found.hypothesis, train)?;
         if found.squares() < BETTER_START * best.squares() {
@@ -546,38 +546,12 @@ fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: 
     judged.into_iter().reduce(better).map(|(_, one)| one)
 }
 
-/// Values that a fit starts from, the simplest first. A force cell that is sampled at the ticks shows a delay in whole ticks: the fit cannot step
-/// from one to the next. A lag may be of first order, a delay or both, which a proposal hardly tells apart. A law of several forms is tried in each.
-fn starts(part: Part, dt: f64) -> Vec<Part> {
-    let index_of = |name: &str| part.descriptor.parameters.iter().position(|parameter| parameter.name == name);
-    let Some(delay) = index_of("delay") else {
-        let mut starts: Vec<Part> =
-            (part.descriptor.starts)(&part.values).into_iter().map(|values| Part { values, ..part.clone() }).collect();
-        let free =
-            |part: &Part| (0..part.values.len()).filter(|index| (part.descriptor.free)(&part.values, *index)).count();
-        starts.sort_by_key(free);
-        return starts;
-    };
-    let lag = index_of("time_constant");
-    let with = |first_order: f64, late: f64| {
-        let mut start = part.clone();
-        start.values[delay] = late;
-        if let Some(lag) = lag {
-            start.values[lag] = first_order;
-        }
-        start
-    };
-    let length = part.values[delay] + lag.map_or(0.0, |lag| part.values[lag]);
-    let ticks = (length / dt).round();
-    let mut all: Vec<Part> = [length, (ticks - 0.5) * dt, (ticks + 0.5) * dt]
-        .into_iter()
-        .filter(|late| *late > 0.0)
-        .map(|late| with(0.0, late))
-        .collect();
-    if lag.is_some() {
-        all.extend([with(length, 0.0), with(0.5 * length, 0.5 * length)]);
-    }
-    all
+/// What a fit starts from, the simplest form of the law first.
+fn starts(part: &Part, measured: &Measured) -> Vec<Part> {
+    let descriptor = part.descriptor;
+    let mut starts = (descriptor.starts)(&part.values, measured.rate.recip());
+    starts.sort_by_key(|values| (0..values.len()).filter(|index| (descriptor.free)(values, *index)).count());
+    starts.into_iter().map(|values| Part { descriptor, values }).collect()
 }
 
 /// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false). What is late by less than a cycle is there

@@ -33,7 +33,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: |values, index| values[index] > 0.0,
     build: |values| Box::new(ActuatorLag::new(values[0], values[1])),
     propose,
-    starts: super::as_proposed,
+    starts: lag_or_delay,
 };
 
 #[derive(Debug)]
@@ -104,8 +104,9 @@ impl ActuatorLag {
 }
 
 impl Effect for ActuatorLag {
-    fn changes_within_a_step(&self) -> bool {
-        true
+    fn pieces(&self) -> u32 {
+        // A delayed command jumps within a cycle: with 8 pieces a delay of 0.75 ms came out at 0.740 ms, with 32 at 0.752.
+        32
     }
 
     fn force(&mut self, motion: &Motion, step: f64) -> f64 {
@@ -148,6 +149,15 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         })
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, values)| values)
+}
+
+/// A lag may be of first order, a delay or both, which a proposal hardly tells apart. A force cell that is sampled at the ticks shows a delay in whole
+/// ticks: a fit cannot step from one to the next.
+fn lag_or_delay(values: &[f64], step: f64) -> Vec<Vec<f64>> {
+    let length: f64 = values.iter().sum();
+    let ticks = (length / step).round();
+    let delays = [length, (ticks - 0.5) * step, (ticks + 0.5) * step].into_iter().filter(|delay| *delay > 0.0);
+    delays.map(|delay| vec![0.0, delay]).chain([vec![length, 0.0], vec![0.5 * length, 0.5 * length]]).collect()
 }
 
 #[cfg(test)]

@@ -43,8 +43,8 @@ struct ExternalVibration {
 }
 
 impl Effect for ExternalVibration {
-    fn changes_within_a_step(&self) -> bool {
-        true
+    fn pieces(&self) -> u32 {
+        8
     }
 
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {

@@ -96,9 +96,10 @@ pub trait Effect: Debug + Send + Sync {
         false
     }
 
-    /// Whether the force changes much within a step as long as a control cycle though the motion is smooth.
-    fn changes_within_a_step(&self) -> bool {
-        false
+    /// Pieces into which a step as long as a control cycle is to be divided, where the force changes much within it though the motion is smooth:
+    /// the samples on either side feel what comes early and what comes late unequally.
+    fn pieces(&self) -> u32 {
+        1
     }
 
     /// Shares of the elements that stand in parallel in each guide, in place of its one bristle.
@@ -241,8 +242,9 @@ pub struct EffectDescriptor {
     pub build: fn(&[f64]) -> Box<dyn Effect>,
     /// Guesses values from a residual, for a joint refit to start from; `None` where it shows nothing of this kind.
     pub propose: fn(&Residual) -> Option<Vec<f64>>,
-    /// From a proposal the values that fits start from: one for each form of a law that has several.
-    pub starts: fn(&[f64]) -> Vec<Vec<f64>>,
+    /// From a proposal and the time between samples, s, the values that fits start from: one for each form of a law that has several, and for
+    /// each place that a fit does not leave by itself.
+    pub starts: fn(&[f64], f64) -> Vec<Vec<f64>>,
 }
 
 /// Every value set within its bounds is possible.
@@ -251,7 +253,7 @@ fn any(_values: &[f64]) -> Result<(), ModelError> {
 }
 
 /// A law of one form: what is proposed is where a fit starts.
-fn as_proposed(values: &[f64]) -> Vec<Vec<f64>> {
+fn as_proposed(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     vec![values.to_vec()]
 }
 
@@ -400,9 +402,9 @@ impl Effects {
         self.list.iter().rev().find_map(|entry| entry.effect.bristle_shares())
     }
 
-    /// Whether a force changes much within a step as long as a control cycle.
-    pub fn changes_within_a_step(&self) -> bool {
-        self.list.iter().any(|entry| entry.effect.changes_within_a_step())
+    /// Pieces into which a step as long as a control cycle is to be divided, at least 1.
+    pub fn pieces(&self) -> u32 {
+        self.list.iter().map(|entry| entry.effect.pieces()).max().unwrap_or(1)
     }
 
     /// Whether the guides' laws or bristles are not those of the model alone.

@@ -60,8 +60,8 @@ struct StructuralMode {
 }
 
 impl Effect for StructuralMode {
-    fn changes_within_a_step(&self) -> bool {
-        true
+    fn pieces(&self) -> u32 {
+        8
     }
 
     fn force(&mut self, motion: &Motion, step: f64) -> f64 {

@@ -135,7 +135,7 @@ impl Effect for ViscousWarmUp {
 const RECOVERIES: [f64; 3] = [0.1, 0.3, 1.0];
 
 /// Every form, with and without recovery.
-fn warm_up_forms(values: &[f64]) -> Vec<Vec<f64>> {
+fn warm_up_forms(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let form = |code: f64, time_constant: f64| {
         let mut start = values.to_vec();
         (start[FORM], start[TIME_CONSTANT]) = (code, time_constant);
@@ -287,7 +287,7 @@ mod tests {
     #[test]
     fn every_form_is_tried_with_and_without_recovery_whichever_was_found() {
         for time_constant in [7.0, NEVER] {
-            let starts = warm_up_forms(&[0.3, 1.0, time_constant, 0.0, 10.0, 100.0]);
+            let starts = warm_up_forms(&[0.3, 1.0, time_constant, 0.0, 10.0, 100.0], 5e-4);
             let has = |form: f64, recovers: bool| {
                 starts.iter().any(|start| start[FORM] == form && (start[TIME_CONSTANT] < NEVER) == recovers)
             };
