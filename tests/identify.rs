@@ -156,7 +156,7 @@ fn a_gain_of_the_cell_is_found_beside_a_mode_and_left_open_where_it_is_small() {
     let found = |gain: f64, others: Vec<Effect>| {
         let mut hidden: Vec<Effect> = vec![Box::new(ForceCellGain { fraction: gain })];
         hidden.extend(others);
-        let run = Setup::new(15).with_all(hidden).generate().expect("a run");
+        let run = Setup::new(5).with_all(hidden).generate().expect("a run");
         let [train, check] = [&run.train, &run.check]
             .map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"));
         search(&declared, Tolerances::default(), &train, &check, &Silent).expect("a search")
