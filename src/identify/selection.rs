@@ -513,14 +513,13 @@ fn with_curve(
 /// The fit with guides that differ from each other, from the differences that there are and afresh: the sum of the guides depends
 /// on the products of their differences, and what an effect not yet known bent them to is no good start.
 fn with_different_guides(start: &Hypothesis, train: &Measured) -> Result<Fitted, IdentifyError> {
-    let mut best = fit(&start.holding_guides(false), train, Sides::BOTH, ITERATIONS)?;
-    if let Some(afresh) = start.different_guides() {
-        let one = fit(&afresh, train, Sides::BOTH, ITERATIONS)?;
-        if one.squares() < best.squares() {
-            best = one;
-        }
-    }
-    Ok(best)
+    let fitted = |start: &Hypothesis| fit(start, train, Sides::BOTH, ITERATIONS);
+    let (best, afresh) = rayon::join(
+        || fitted(&start.holding_guides(false)),
+        || start.different_guides().map(|afresh| fitted(&afresh)).transpose(),
+    );
+    let best = best?;
+    Ok(afresh?.filter(|one| one.squares() < best.squares()).unwrap_or(best))
 }
 
 /// The best fit from several starts, of about equal ones the first. Forms of a law that come close to each other are compared with the guides
@@ -529,18 +528,19 @@ fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: 
     let squares = |side: &[f64], counts: bool| if counts { side.iter().map(|left| left * left).sum() } else { 0.0 };
     let without: f64 = squares(&without.motor, sides.motor) + squares(&without.carriage, sides.carriage);
     // A law whose values do not go together has lost; it does not end the search.
-    let mut fitted: Vec<Fitted> = starts.iter().filter_map(|start| fit(start, train, sides, ITERATIONS).ok()).collect();
+    let mut fitted: Vec<Fitted> =
+        starts.par_iter().filter_map(|start| fit(start, train, sides, ITERATIONS).ok()).collect();
     let least = fitted.iter().map(Fitted::squares).fold(f64::INFINITY, f64::min);
     if least < WORTH_A_LOOK * without {
         fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
     }
     let mut judged: Vec<(f64, Fitted)> = fitted.into_iter().map(|one| (one.squares(), one)).collect();
     if judged.len() > 1 && least < WORTH_A_LOOK * without {
-        for (squares, one) in &mut judged {
+        judged.par_iter_mut().for_each(|(squares, one)| {
             if let Ok(free) = with_different_guides(&one.hypothesis, train) {
                 *squares = free.squares();
             }
-        }
+        });
     }
     let better = |best: (f64, Fitted), one: (f64, Fitted)| if one.0 < BETTER_START * best.0 { one } else { best };
     judged.into_iter().reduce(better).map(|(_, one)| one)
