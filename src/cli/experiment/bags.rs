@@ -4,7 +4,8 @@ use std::path::Path;
 
 use crate::bag::{BagOptions, BagWriter, OfferedQos, Provenance, topics};
 use crate::lab::Recording;
-use crate::message::{ControllerState, Header, JointState, Time, WrenchStamped};
+use crate::message::{ControllerState, Header, JointState, WrenchStamped};
+use crate::node::wire::controller_state;
 
 /// Depth of the queues as the nodes offer them.
 const DEPTH: u32 = 10;
@@ -44,27 +45,7 @@ pub(super) fn write_bag(directory: &Path, recording: &Recording, experiment: &st
         bag.write(cell, time, &WrenchStamped::along_x(header.clone(), sample.force_cell))?;
         bag.write(force, time, &WrenchStamped::along_x(header.clone(), row.force))?;
         if let (Some(controller), Some(terms)) = (controller, &row.terms) {
-            let state = ControllerState {
-                header,
-                sample: sample.index,
-                reference_position: terms.reference.position,
-                reference_velocity: terms.reference.velocity,
-                reference_acceleration: terms.reference.acceleration,
-                position: terms.position,
-                error: terms.error,
-                proportional: terms.proportional,
-                integral: terms.integral,
-                derivative: terms.derivative,
-                feedback: terms.feedback,
-                mass_feedforward: terms.mass_feedforward,
-                viscous_feedforward: terms.viscous_feedforward,
-                effort: terms.reference.effort,
-                output: terms.output,
-                saturated: terms.saturated,
-                enabled: true,
-                holding: terms.holding,
-                setpoint_stamp: Time::from_nanos(0),
-            };
+            let state = controller_state(header, sample.index, terms, true, 0);
             bag.write(controller, time, &state)?;
         }
     }
