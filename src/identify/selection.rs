@@ -204,25 +204,6 @@ impl Columns {
     }
 }
 
-/// Sides that a fit with this effect has to look at beside effects that were found before: what a sensor reads wrong moves with the fit of either
-/// side, and one side alone would bend it.
-fn sides_of(side: Side, beside: &[Part], has_cell: bool) -> Sides {
-    match side {
-        _ if has_cell && beside.iter().any(|part| part.side() == Side::Sensor) => Sides::BOTH,
-        Side::Motor if has_cell => Sides::MOTOR,
-        Side::Motor | Side::Carriage if !has_cell => Sides::BOTH,
-        Side::Sensor if has_cell => Sides::BOTH,
-        _ => Sides::CARRIAGE,
-    }
-}
-
-fn threshold(side: Side, has_cell: bool, floor: Floor) -> f64 {
-    match side {
-        Side::Motor if has_cell => MOTOR_GAIN * floor.motor * floor.motor,
-        _ => CARRIAGE_GAIN * floor.carriage * floor.carriage,
-    }
-}
-
 /// Searches for what the declared model lacks.
 pub fn search(
     declared: &StageModel,
@@ -231,87 +212,131 @@ pub fn search(
     holdout: &Measured,
     watch: &dyn Watch,
 ) -> Result<Selection, IdentifyError> {
-    let has_cell = train.cell.is_some();
-    let floor = holdout.floor(declared);
     watch.progress("fit of the declared model", 0.0);
-    let alike = fit(&Hypothesis::new(declared, tolerances)?, train, Sides::BOTH, 15)?;
-    let before = with_different_guides(&alike.hypothesis, train)?;
-    let errors_before = errors(&before.hypothesis, train, holdout)?;
-    let declared_effects = before.hypothesis.effects.len();
-
-    let mut best = before.clone();
-    let mut best_errors = errors_before;
-    let mut evidence: Vec<Evidence> = Vec::new();
-    let mut runners_up: Vec<Option<(&'static str, f64)>> = vec![None; declared_effects];
-    let mut inseparable = Vec::new();
-    let mut stopped = false;
-
+    let mut search = Search::new(&Hypothesis::new(declared, tolerances)?, train, holdout, watch)?;
     for round in 0..MOST_EFFECTS {
-        // Differences between the guides stay as they are while candidates are tried: the joint refit moves them.
-        let held = best.hypothesis.holding_guides(true);
-        let columns = Columns::new(&best.hypothesis, train)?;
-        let candidates: Vec<&'static EffectDescriptor> = ALL
-            .iter()
-            .copied()
-            .filter(|candidate| candidate.name != "map")
-            .filter(|candidate| {
-                SEVERAL.contains(&candidate.name)
-                    || best.hypothesis.effects.iter().all(|part| part.descriptor.name != candidate.name)
-            })
-            .collect();
-        let done = std::sync::atomic::AtomicUsize::new(0);
-        let tried: Vec<Option<(Evidence, Hypothesis)>> = candidates
-            .par_iter()
-            .map(|descriptor| -> Result<_, IdentifyError> {
-                if watch.stopped() {
-                    return Ok(None);
-                }
-                let share = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) as f64 / candidates.len() as f64;
-                watch.progress(&format!("round {}: {}", round + 1, descriptor.name), (round as f64 + share) / 3.0);
-                let mut trials: Vec<(Evidence, Hypothesis)> = Vec::new();
-                let late = descriptor.parameters.iter().any(|parameter| parameter.name == "delay");
-                for on_motor in looks(descriptor.side, late, has_cell) {
-                    let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
-                    let part = Part { descriptor, values };
-                    let side = part.side();
-                    let sides = if late { Sides::BOTH } else { sides_of(side, &held.effects, has_cell) };
-                    let starts = starts(&part, train).into_iter().map(|part| held.with(part)).collect();
-                    let Some(fitted) = best_start(starts, train, sides, &best.missing) else { continue };
-                    let found = errors(&fitted.hypothesis, train, holdout)?;
-                    let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
-                    let free = (0..part.values.len()).filter(|value| (descriptor.free)(&part.values, *value)).count();
-                    trials.push((
-                        Evidence {
-                            round,
-                            name: descriptor.name,
-                            side,
-                            free,
-                            part,
-                            errors: found,
-                            train_gain: best_errors.train() - found.train(),
-                            holdout_gain: best_errors.holdout() - found.holdout(),
-                            chance: by_chance(&fitted.hypothesis, free, train)?,
-                            outcome: Outcome::Beaten,
-                        },
-                        fitted.hypothesis,
-                    ));
-                }
-                Ok(trials.into_iter().max_by(|a, b| a.0.holdout_gain.total_cmp(&b.0.holdout_gain)))
-            })
-            .collect::<Result<_, _>>()?;
-        if watch.stopped() {
-            stopped = true;
+        if !search.add_one(round)? {
             break;
         }
-        let mut tried: Vec<(Evidence, Hypothesis)> = tried.into_iter().flatten().collect();
-        tried.sort_by(|a, b| b.0.holdout_gain.total_cmp(&a.0.holdout_gain));
-        let least_of = |left: f64| LEAST_SHARE * (left - floor.total().powi(2));
-        let (least_on_train, least_on_holdout) = (least_of(best_errors.train()), least_of(best_errors.holdout()));
+    }
+    if !search.stopped {
+        search.choose_forms_anew()?;
+        search.add_curve()?;
+        search.prune()?;
+    }
+    Ok(search.selection())
+}
+
+/// A search on its way.
+struct Search<'a> {
+    train: &'a Measured,
+    holdout: &'a Measured,
+    watch: &'a dyn Watch,
+    floor: Floor,
+    before: Fitted,
+    errors_before: Errors,
+    best: Fitted,
+    best_errors: Errors,
+    evidence: Vec<Evidence>,
+    coordinate: Option<Coordinate>,
+    runners_up: Vec<Option<(&'static str, f64)>>,
+    inseparable: Vec<(&'static str, &'static str)>,
+    stopped: bool,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        declared: &Hypothesis,
+        train: &'a Measured,
+        holdout: &'a Measured,
+        watch: &'a dyn Watch,
+    ) -> Result<Search<'a>, IdentifyError> {
+        let alike = fit(declared, train, Sides::BOTH, 15)?;
+        let before = with_different_guides(&alike.hypothesis, train)?;
+        let errors_before = errors(&before.hypothesis, train, holdout)?;
+        Ok(Search {
+            train,
+            holdout,
+            watch,
+            floor: declared.floor(holdout),
+            runners_up: vec![None; before.hypothesis.effects.len()],
+            best: before.clone(),
+            best_errors: errors_before,
+            before,
+            errors_before,
+            evidence: Vec::new(),
+            coordinate: None,
+            inseparable: Vec::new(),
+            stopped: false,
+        })
+    }
+
+    fn has_cell(&self) -> bool {
+        self.train.cell.is_some()
+    }
+
+    /// Effects that the model declares: they stand first.
+    fn declared_effects(&self) -> usize {
+        self.before.hypothesis.effects.len()
+    }
+
+    /// Least fall of a mean square on this side, N^2.
+    fn threshold(&self, side: Side) -> f64 {
+        match side {
+            Side::Motor if self.has_cell() => MOTOR_GAIN * self.floor.motor.powi(2),
+            _ => CARRIAGE_GAIN * self.floor.carriage.powi(2),
+        }
+    }
+
+    /// What these errors leave on the hold-out beyond the noise of the sensors, N^2.
+    fn beyond_noise(&self, left: &Errors) -> f64 {
+        left.holdout() - self.floor.total().powi(2)
+    }
+
+    fn is_noise(&self, left: &Errors) -> bool {
+        left.holdout() <= (NOISE_LIKE * self.floor.total()).powi(2)
+    }
+
+    /// Whether little enough is left for what was found to be the answer.
+    fn is_explained(&self, left: &Errors) -> bool {
+        self.beyond_noise(left) <= UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)
+    }
+
+    fn take(&mut self, best: Fitted) -> Result<(), IdentifyError> {
+        self.best_errors = errors(&best.hypothesis, self.train, self.holdout)?;
+        self.best = best;
+        Ok(())
+    }
+
+    /// Sides that a fit with this effect has to look at beside those that were found before: what a sensor reads wrong moves with the fit of
+    /// either side, and one side alone would bend it.
+    fn sides_of(&self, side: Side) -> Sides {
+        let has_cell = self.has_cell();
+        let sensors = self.best.hypothesis.effects.iter().any(|part| part.side() == Side::Sensor);
+        match side {
+            _ if has_cell && sensors => Sides::BOTH,
+            Side::Motor if has_cell => Sides::MOTOR,
+            Side::Motor | Side::Carriage if !has_cell => Sides::BOTH,
+            Side::Sensor if has_cell => Sides::BOTH,
+            _ => Sides::CARRIAGE,
+        }
+    }
+
+    /// One round: the candidate that explains most is added, if any explains enough.
+    fn add_one(&mut self, round: usize) -> Result<bool, IdentifyError> {
+        let mut tried = self.try_all(round)?;
+        if self.watch.stopped() {
+            self.stopped = true;
+            return Ok(false);
+        }
+        let least_of = |left: f64| LEAST_SHARE * (left - self.floor.total().powi(2));
+        let least_on_train = least_of(self.best_errors.train());
+        let least_on_holdout = least_of(self.best_errors.holdout());
         for (one, _) in &mut tried {
             // Wherever an effect acts: what it explains on the carriage alone is judged as what acts there, and what the cell shows as exactly.
-            let on_motor = best_errors.holdout_motor - one.errors.holdout_motor;
-            let least = threshold(Side::Motor, has_cell, floor);
-            let least = if on_motor < least { threshold(Side::Carriage, has_cell, floor) } else { least };
+            let on_motor = self.best_errors.holdout_motor - one.errors.holdout_motor;
+            let shown_by_cell = on_motor >= self.threshold(Side::Motor);
+            let least = self.threshold(if shown_by_cell { Side::Motor } else { Side::Carriage });
             if one.holdout_gain < least.max(least_on_holdout)
                 || one.train_gain < least.max(least_on_train).max(one.chance)
             {
@@ -320,8 +345,8 @@ pub fn search(
         }
         let strongest = tried.iter().find(|(one, _)| one.outcome != Outcome::TooSmall).map(|(one, _)| one.holdout_gain);
         let Some(strongest) = strongest else {
-            evidence.extend(tried.into_iter().map(|(one, _)| one));
-            break;
+            self.evidence.extend(tried.into_iter().map(|(one, _)| one));
+            return Ok(false);
         };
         // The simplest law among those that explain about the same.
         let winner = (0..tried.len())
@@ -348,166 +373,234 @@ pub fn search(
             let closeness = (one.holdout_gain / gain).min(gain / one.holdout_gain);
             if one.outcome == Outcome::Beaten && closeness >= RIVAL && one.free <= free {
                 one.outcome = Outcome::Equal;
-                inseparable.push((name, one.name));
+                self.inseparable.push((name, one.name));
             }
         }
         let chosen = tried[winner].1.holding_guides(false);
-        evidence.extend(tried.into_iter().map(|(one, _)| one));
-        best = with_different_guides(&chosen, train)?;
-        best_errors = errors(&best.hypothesis, train, holdout)?;
-        runners_up.push(runner_up);
+        self.evidence.extend(tried.into_iter().map(|(one, _)| one));
+        self.take(with_different_guides(&chosen, self.train)?)?;
+        self.runners_up.push(runner_up);
+        Ok(true)
     }
 
-    let is_noise = |left: &Errors| left.holdout() <= (NOISE_LIKE * floor.total()).powi(2);
-    // The form of a law was chosen while effects that came later were still in the residual: proposed anew without them.
-    for index in declared_effects..best.hypothesis.effects.len() {
-        if stopped || is_noise(&best_errors) {
-            break;
-        }
-        let part = &best.hypothesis.effects[index];
-        let (descriptor, on_motor) = (part.descriptor, part.side() == Side::Motor && has_cell);
-        if starts(part, train).len() < 2 {
-            continue;
-        }
-        watch.progress(&format!("forms of {}", descriptor.name), 0.85);
-        let columns = Columns::new(&best.hypothesis.without(index), train)?;
-        let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { continue };
-        let held = best.hypothesis.holding_guides(true);
-        let other = |part: Part| {
-            let mut other = held.clone();
-            other.effects[index] = part;
-            other
-        };
-        let others = starts(&Part { descriptor, values }, train).into_iter().map(other).collect();
-        let Some(found) = best_start(others, train, Sides::BOTH, &best.missing) else { continue };
-        let found = with_different_guides(&found.hypothesis, train)?;
-        if found.squares() < BETTER_START * best.squares() {
-            best_errors = errors(&found.hypothesis, train, holdout)?;
-            best = found;
-        }
+    /// Every candidate beside what was found, refitted, the best on the hold-out first.
+    fn try_all(&self, round: usize) -> Result<Vec<(Evidence, Hypothesis)>, IdentifyError> {
+        let columns = Columns::new(&self.best.hypothesis, self.train)?;
+        let there = |name: &str| self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name);
+        let candidates: Vec<&'static EffectDescriptor> = ALL
+            .iter()
+            .copied()
+            .filter(|candidate| candidate.name != "map")
+            .filter(|candidate| SEVERAL.contains(&candidate.name) || !there(candidate.name))
+            .collect();
+        let done = std::sync::atomic::AtomicUsize::new(0);
+        let tried: Vec<Option<(Evidence, Hypothesis)>> = candidates
+            .par_iter()
+            .map(|descriptor| {
+                if self.watch.stopped() {
+                    return Ok(None);
+                }
+                let share = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) as f64 / candidates.len() as f64;
+                let what = format!("round {}: {}", round + 1, descriptor.name);
+                self.watch.progress(&what, (round as f64 + share) / 3.0);
+                self.try_one(round, descriptor, &columns)
+            })
+            .collect::<Result<_, IdentifyError>>()?;
+        let mut tried: Vec<(Evidence, Hypothesis)> = tried.into_iter().flatten().collect();
+        tried.sort_by(|a, b| b.0.holdout_gain.total_cmp(&a.0.holdout_gain));
+        Ok(tried)
     }
 
-    // What is left over one coordinate that no law has?
-    let mut coordinate = None;
-    let excess = (errors_before.holdout() - floor.total().powi(2)).max(0.0);
-    let explained = |left: &Errors| left.holdout() - floor.total().powi(2) <= UNEXPLAINED * excess;
-    if !stopped {
-        watch.progress("curves over position, velocity and time", 0.9);
+    /// One candidate on the side where it explains most; `None` where it proposes nothing.
+    fn try_one(
+        &self,
+        round: usize,
+        descriptor: &'static EffectDescriptor,
+        columns: &Columns,
+    ) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
+        // Differences between the guides stay as they are while candidates are tried: the joint refit moves them.
+        let held = self.best.hypothesis.holding_guides(true);
+        let late = descriptor.parameters.iter().any(|parameter| parameter.name == "delay");
+        let mut best: Option<(Evidence, Hypothesis)> = None;
+        for on_motor in looks(descriptor.side, late, self.has_cell()) {
+            let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
+            let part = Part { descriptor, values };
+            let side = part.side();
+            let sides = if late { Sides::BOTH } else { self.sides_of(side) };
+            let starts = starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
+            let Some(fitted) = best_start(starts, self.train, sides, &self.best.missing) else { continue };
+            let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
+            let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
+            let free = (0..part.values.len()).filter(|value| (descriptor.free)(&part.values, *value)).count();
+            let evidence = Evidence {
+                round,
+                name: descriptor.name,
+                side,
+                free,
+                part,
+                errors: found,
+                train_gain: self.best_errors.train() - found.train(),
+                holdout_gain: self.best_errors.holdout() - found.holdout(),
+                chance: by_chance(&fitted.hypothesis, free, self.train)?,
+                outcome: Outcome::Beaten,
+            };
+            if best.as_ref().is_none_or(|(best, _)| evidence.holdout_gain >= best.holdout_gain) {
+                best = Some((evidence, fitted.hypothesis));
+            }
+        }
+        Ok(best)
+    }
+
+    /// The form of a law was chosen while effects that came later were still in the residual: where more than noise is left, it is proposed anew
+    /// without them.
+    fn choose_forms_anew(&mut self) -> Result<(), IdentifyError> {
+        for index in self.declared_effects()..self.best.hypothesis.effects.len() {
+            if self.is_noise(&self.best_errors) {
+                break;
+            }
+            let part = &self.best.hypothesis.effects[index];
+            let (descriptor, on_motor) = (part.descriptor, part.side() == Side::Motor && self.has_cell());
+            if starts(part, self.train).len() < 2 {
+                continue;
+            }
+            self.watch.progress(&format!("forms of {}", descriptor.name), 0.85);
+            let columns = Columns::new(&self.best.hypothesis.without(index), self.train)?;
+            let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { continue };
+            let held = self.best.hypothesis.holding_guides(true);
+            let other = |part: Part| {
+                let mut other = held.clone();
+                other.effects[index] = part;
+                other
+            };
+            let others = starts(&Part { descriptor, values }, self.train).into_iter().map(other).collect();
+            let Some(found) = best_start(others, self.train, Sides::BOTH, &self.best.missing) else { continue };
+            let found = with_different_guides(&found.hypothesis, self.train)?;
+            if found.squares() < BETTER_START * self.best.squares() {
+                self.take(found)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What is left over one coordinate that no law has?
+    fn add_curve(&mut self) -> Result<(), IdentifyError> {
+        self.watch.progress("curves over position, velocity and time", 0.9);
         // Where laws leave more than noise, half of that is worth a curve, however little it is of the whole.
-        let rest = (best_errors.holdout() - floor.total().powi(2)).max(0.0);
-        let little = if is_noise(&best_errors) { f64::INFINITY } else { HALF_OF_THE_REST * rest };
-        let least = (UNEXPLAINED * excess).min(little);
-        if let Some((with, over)) = with_curve(&best, best_errors, least, train, holdout, floor)? {
-            coordinate = Some(over);
-            best = with;
-            best_errors = errors(&best.hypothesis, train, holdout)?;
-            runners_up.push(None);
+        let rest = self.beyond_noise(&self.best_errors).max(0.0);
+        let little = if self.is_noise(&self.best_errors) { f64::INFINITY } else { HALF_OF_THE_REST * rest };
+        let least = (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(little);
+        if let Some((with, over)) = self.with_curve(&self.best, &self.best_errors, least)? {
+            self.coordinate = Some(over);
+            self.take(with)?;
+            self.runners_up.push(None);
         }
         // Laws that explain a part each bend towards what is none of them: one curve alone may say it better.
-        let laws = best.hypothesis.effects.len() - declared_effects;
+        let laws = self.best.hypothesis.effects.len() - self.declared_effects();
         if laws > 0
-            && !is_noise(&best_errors)
-            && !explained(&best_errors)
-            && let Some((alone, over)) = with_curve(&before, errors_before, least, train, holdout, floor)?
+            && !self.is_noise(&self.best_errors)
+            && !self.is_explained(&self.best_errors)
+            && let Some((alone, over)) = self.with_curve(&self.before, &self.errors_before, least)?
         {
-            let found = errors(&alone.hypothesis, train, holdout)?;
-            let left = |errors: &Errors| errors.holdout() - floor.total().powi(2);
-            if left(&found) < CURVE_ALONE * left(&best_errors) {
-                (best, best_errors, coordinate) = (alone, found, Some(over));
-                for one in evidence.iter_mut().filter(|one| matches!(one.outcome, Outcome::Chosen | Outcome::Equal)) {
-                    one.outcome = Outcome::Pruned;
+            let found = errors(&alone.hypothesis, self.train, self.holdout)?;
+            if self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(&self.best_errors) {
+                (self.best, self.best_errors, self.coordinate) = (alone, found, Some(over));
+                let kept = |one: &&mut Evidence| matches!(one.outcome, Outcome::Chosen | Outcome::Equal);
+                self.evidence.iter_mut().filter(kept).for_each(|one| one.outcome = Outcome::Pruned);
+                self.inseparable.clear();
+                self.runners_up.truncate(self.declared_effects());
+                self.runners_up.push(None);
+            }
+        }
+        Ok(())
+    }
+
+    /// The curve over position, velocity or time that takes most out of the hold-out, if that is more than chance and than `least` (N^2), refitted.
+    fn with_curve(
+        &self,
+        start: &Fitted,
+        start_errors: &Errors,
+        least: f64,
+    ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
+        let columns = Columns::new(&start.hypothesis, self.train)?;
+        let mut best: Option<(Hypothesis, f64, Coordinate)> = None;
+        for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
+            for side in [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous] {
+                // Friction over velocity is what the guides are fitted for.
+                let of_guides =
+                    matches!(side, CurveSide::Friction | CurveSide::Viscous) && over == Coordinate::Velocity;
+                if side == CurveSide::Motor && !self.has_cell() || of_guides {
+                    continue;
                 }
-                inseparable.clear();
-                runners_up.truncate(declared_effects);
-                runners_up.push(None);
+                let residual = columns.residual(side == CurveSide::Motor);
+                let Some((part, _)) = curve::propose(&residual, over, side)? else { continue };
+                let with = start.hypothesis.with(part);
+                let gain = start_errors.holdout() - errors(&with, self.train, self.holdout)?.holdout();
+                let side = if side == CurveSide::Motor { Side::Motor } else { Side::Carriage };
+                if gain > self.threshold(side).max(least) && best.as_ref().is_none_or(|best| gain > best.1) {
+                    best = Some((with, gain, over));
+                }
             }
         }
+        best.map(|(with, _, over)| Ok((fit(&with, self.train, Sides::BOTH, ITERATIONS)?, over))).transpose()
     }
 
-    // Backwards: an effect that the others have made superfluous goes.
-    let mut index = declared_effects;
-    while index < best.hypothesis.effects.len() && best.hypothesis.effects.len() > declared_effects + 1 && !stopped {
-        watch.progress("pruning", 0.95);
-        let part = &best.hypothesis.effects[index];
-        let (name, side) = (part.descriptor.name, part.side());
-        let fewer = with_different_guides(&best.hypothesis.without(index), train)?;
-        let found = errors(&fewer.hypothesis, train, holdout)?;
-        if found.holdout() - best_errors.holdout() < threshold(side, has_cell, floor) {
-            for one in evidence.iter_mut().filter(|one| one.name == name && one.outcome == Outcome::Chosen) {
-                one.outcome = Outcome::Pruned;
+    /// Backwards: an effect that the others have made superfluous goes.
+    fn prune(&mut self) -> Result<(), IdentifyError> {
+        let mut index = self.declared_effects();
+        while index < self.best.hypothesis.effects.len()
+            && self.best.hypothesis.effects.len() > self.declared_effects() + 1
+        {
+            self.watch.progress("pruning", 0.95);
+            let part = &self.best.hypothesis.effects[index];
+            let (name, side) = (part.descriptor.name, part.side());
+            let fewer = with_different_guides(&self.best.hypothesis.without(index), self.train)?;
+            let found = errors(&fewer.hypothesis, self.train, self.holdout)?;
+            if found.holdout() - self.best_errors.holdout() >= self.threshold(side) {
+                index += 1;
+                continue;
             }
-            inseparable.retain(|(chosen, _)| *chosen != name);
-            runners_up.remove(index);
-            best = fewer;
-            best_errors = found;
+            let chosen = |one: &&mut Evidence| one.name == name && one.outcome == Outcome::Chosen;
+            self.evidence.iter_mut().filter(chosen).for_each(|one| one.outcome = Outcome::Pruned);
+            self.inseparable.retain(|(chosen, _)| *chosen != name);
+            self.runners_up.remove(index);
+            (self.best, self.best_errors) = (fewer, found);
+        }
+        Ok(())
+    }
+
+    fn selection(mut self) -> Selection {
+        let there = |name: &str| self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name);
+        // Two laws that are both there are no rivals: each has taken out what the other one could not.
+        self.inseparable.retain(|(_, rival)| !there(rival));
+        if !there("map") {
+            self.coordinate = None;
+        }
+        let added = self.best.hypothesis.effects.len() - self.declared_effects();
+        // Nothing is `none`, and little is `found`, while what is left is not noise.
+        let settled = self.is_noise(&self.best_errors) || (added > 0 && self.is_explained(&self.best_errors));
+        let verdict = if self.coordinate.is_some() || !settled {
+            Verdict::Unknown
+        } else if added == 0 {
+            Verdict::None
+        } else if !self.inseparable.is_empty() {
+            Verdict::NotSeparable
         } else {
-            index += 1;
+            Verdict::Found
+        };
+        Selection {
+            verdict,
+            before: self.before,
+            after: self.best,
+            errors_before: self.errors_before,
+            errors_after: self.best_errors,
+            evidence: self.evidence,
+            coordinate: self.coordinate,
+            runners_up: self.runners_up,
+            inseparable: self.inseparable,
+            floor: self.floor,
+            stopped: self.stopped,
         }
     }
-
-    // Two laws that are both there are no rivals: each has taken out what the other one could not.
-    inseparable.retain(|(_, rival)| best.hypothesis.effects.iter().all(|part| part.descriptor.name != *rival));
-    let added = best.hypothesis.effects.len() - declared_effects;
-    if !best.hypothesis.effects.iter().any(|part| part.descriptor.name == "map") {
-        coordinate = None;
-    }
-    // Nothing is `none`, and little is `found`, while what is left is not noise.
-    let settled = is_noise(&best_errors) || (added > 0 && explained(&best_errors));
-    let verdict = if coordinate.is_some() || !settled {
-        Verdict::Unknown
-    } else if added == 0 {
-        Verdict::None
-    } else if !inseparable.is_empty() {
-        Verdict::NotSeparable
-    } else {
-        Verdict::Found
-    };
-    Ok(Selection {
-        verdict,
-        before,
-        after: best,
-        errors_before,
-        errors_after: best_errors,
-        evidence,
-        coordinate,
-        runners_up,
-        inseparable,
-        floor,
-        stopped,
-    })
-}
-
-/// The curve over position, velocity or time that takes most out of the hold-out, if that is more than chance and than `least` (N^2), refitted.
-fn with_curve(
-    start: &Fitted,
-    start_errors: Errors,
-    least: f64,
-    train: &Measured,
-    holdout: &Measured,
-    floor: Floor,
-) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
-    let has_cell = train.cell.is_some();
-    let columns = Columns::new(&start.hypothesis, train)?;
-    let mut best: Option<(Hypothesis, f64, Coordinate)> = None;
-    for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
-        for side in [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous] {
-            // Friction over velocity is what the guides are fitted for.
-            let of_guides = matches!(side, CurveSide::Friction | CurveSide::Viscous) && over == Coordinate::Velocity;
-            if side == CurveSide::Motor && !has_cell || of_guides {
-                continue;
-            }
-            let Some((part, _)) = curve::propose(&columns.residual(side == CurveSide::Motor), over, side)? else {
-                continue;
-            };
-            let with = start.hypothesis.with(part);
-            let gain = start_errors.holdout() - errors(&with, train, holdout)?.holdout();
-            let side = if side == CurveSide::Motor { Side::Motor } else { Side::Carriage };
-            if gain > threshold(side, has_cell, floor).max(least) && best.as_ref().is_none_or(|best| gain > best.1) {
-                best = Some((with, gain, over));
-            }
-        }
-    }
-    best.map(|(with, _, over)| Ok((fit(&with, train, Sides::BOTH, ITERATIONS)?, over))).transpose()
 }
 
 /// The fit with guides that differ from each other, from the differences that there are and afresh: the sum of the guides depends
