@@ -17,7 +17,9 @@ use friction_stage::model::{Coordinate, StageModel};
 use friction_stage::plant::EffectDescriptor;
 use serde_json::Value;
 
-use generator::effects::{ConstantForce, EncoderSde, ExternalVibration, ForceCellGain, RailJoint, StructuralMode};
+use generator::effects::{
+    ConstantForce, EncoderSde, ExternalVibration, ForceCellGain, RailJoint, StructuralMode, ViscousWarmUp,
+};
 use generator::programme::Programme;
 use generator::{Effect, Setup};
 
@@ -145,6 +147,24 @@ fn a_joint_beside_a_tilt_is_not_passed_over() {
     assert_eq!(found.verdict, Verdict::Unknown, "{:?} of {:?}", found.errors_after, found.floor);
     assert_eq!(found.coordinate, Some(Coordinate::Position));
     assert!(found.errors_after.holdout().sqrt() < 2.0 * found.floor.total(), "{:?}", found.errors_after);
+}
+
+/// What no law has hides a law that is there: beside the curve it is found, and the curve is drawn anew beside it.
+#[test]
+#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+fn a_law_that_a_joint_hides_is_found_beside_the_curve() {
+    let joint = RailJoint { force: 5.0, center: -0.03, width: 4e-3 };
+    let warm_up = ViscousWarmUp { fraction: 0.3, work: 100.0 };
+    let run = Setup::new(16).with_all(vec![Box::new(warm_up), Box::new(joint)]).generate().expect("a run");
+    let declared = StageModel::load(&declared_model()).expect("the declared model");
+    let [train, check] = [&run.train, &run.check]
+        .map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"));
+    let found = search(&declared, Tolerances::default(), &train, &check, &Silent).expect("a search");
+    assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Position)));
+    let mut names: Vec<&str> = found.after.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
+    names.sort_unstable();
+    assert_eq!(names, ["map", "viscous_warm_up"], "share {}", found.explained_share());
+    assert!(found.explained_share() > 0.99, "{}", found.explained_share());
 }
 
 /// A gain of the cell shows on both sides: a law that is fitted beside it on the carriage alone would bend it. A small one shows on the motor side

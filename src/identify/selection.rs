@@ -33,6 +33,8 @@ const UNEXPLAINED: f64 = 0.1;
 const HALF_OF_THE_REST: f64 = 0.5;
 /// Part of what laws leave unexplained that a curve in their place may leave at most: a law says more than a curve of many knots.
 const CURVE_ALONE: f64 = 0.5;
+/// How often a curve is drawn anew at most.
+const MOST_CURVES: usize = 4;
 /// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2: friction driven along a measured
 /// motion costs the rest; a real machine is worth more.
 pub const NOISE_LIKE: f64 = 2.0;
@@ -214,14 +216,20 @@ pub fn search(
 ) -> Result<Selection, IdentifyError> {
     watch.progress("fit of the declared model", 0.0);
     let mut search = Search::new(&Hypothesis::new(declared, tolerances)?, train, holdout, watch)?;
-    for round in 0..MOST_EFFECTS {
-        if !search.add_one(round)? {
-            break;
-        }
-    }
+    search.add_laws()?;
     if !search.stopped {
         search.choose_forms_anew()?;
         search.add_curve()?;
+        // Beside a curve laws show, or change, that what it stands for had hidden; beside these it is another curve.
+        for _ in 0..MOST_CURVES {
+            let goes_on = search.coordinate.is_some()
+                && search.add_laws()? | search.choose_forms_anew()? | search.draw_curve_anew()?;
+            if !goes_on {
+                break;
+            }
+        }
+    }
+    if !search.stopped {
         search.prune()?;
     }
     Ok(search.selection())
@@ -237,6 +245,8 @@ struct Search<'a> {
     errors_before: Errors,
     best: Fitted,
     best_errors: Errors,
+    /// Laws that were added.
+    rounds: usize,
     evidence: Vec<Evidence>,
     coordinate: Option<Coordinate>,
     runners_up: Vec<Option<(&'static str, f64)>>,
@@ -264,6 +274,7 @@ impl<'a> Search<'a> {
             best_errors: errors_before,
             before,
             errors_before,
+            rounds: 0,
             evidence: Vec::new(),
             coordinate: None,
             inseparable: Vec::new(),
@@ -322,9 +333,19 @@ impl<'a> Search<'a> {
         }
     }
 
+    /// Adds laws one by one while any explains enough; whether there was one.
+    fn add_laws(&mut self) -> Result<bool, IdentifyError> {
+        let mut added = false;
+        while self.rounds < MOST_EFFECTS && self.add_one()? {
+            self.rounds += 1;
+            added = true;
+        }
+        Ok(added)
+    }
+
     /// One round: the candidate that explains most is added, if any explains enough.
-    fn add_one(&mut self, round: usize) -> Result<bool, IdentifyError> {
-        let mut tried = self.try_all(round)?;
+    fn add_one(&mut self) -> Result<bool, IdentifyError> {
+        let mut tried = self.try_all(self.rounds)?;
         if self.watch.stopped() {
             self.stopped = true;
             return Ok(false);
@@ -452,8 +473,9 @@ impl<'a> Search<'a> {
     }
 
     /// The form of a law was chosen while effects that came later were still in the residual: where more than noise is left, it is proposed anew
-    /// without them.
-    fn choose_forms_anew(&mut self) -> Result<(), IdentifyError> {
+    /// without them. Whether that changed one.
+    fn choose_forms_anew(&mut self) -> Result<bool, IdentifyError> {
+        let mut changed = false;
         for index in self.declared_effects()..self.best.hypothesis.effects.len() {
             if self.is_noise(&self.best_errors) {
                 break;
@@ -477,9 +499,10 @@ impl<'a> Search<'a> {
             let found = with_different_guides(&found.hypothesis, self.train)?;
             if found.squares() < BETTER_START * self.best.squares() {
                 self.take(found)?;
+                changed = true;
             }
         }
-        Ok(())
+        Ok(changed)
     }
 
     /// What is left over one coordinate that no law has?
@@ -489,7 +512,7 @@ impl<'a> Search<'a> {
         let rest = self.beyond_noise(&self.best_errors).max(0.0);
         let little = if self.is_noise(&self.best_errors) { f64::INFINITY } else { HALF_OF_THE_REST * rest };
         let least = (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(little);
-        if let Some((with, over)) = self.with_curve(&self.best, &self.best_errors, least)? {
+        if let Some((with, over)) = self.with_curve(&self.best.hypothesis, &self.best_errors, least)? {
             self.coordinate = Some(over);
             self.take(with)?;
             self.runners_up.push(None);
@@ -499,7 +522,7 @@ impl<'a> Search<'a> {
         if laws > 0
             && !self.is_noise(&self.best_errors)
             && !self.is_explained(&self.best_errors)
-            && let Some((alone, over)) = self.with_curve(&self.before, &self.errors_before, least)?
+            && let Some((alone, over)) = self.with_curve(&self.before.hypothesis, &self.errors_before, least)?
         {
             let found = errors(&alone.hypothesis, self.train, self.holdout)?;
             if self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(&self.best_errors) {
@@ -514,14 +537,31 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
+    /// The curve once more, of what is left without it; whether that is worth going on.
+    fn draw_curve_anew(&mut self) -> Result<bool, IdentifyError> {
+        let effects = &self.best.hypothesis.effects;
+        let Some(index) = effects.iter().rposition(|part| part.descriptor.name == "map") else { return Ok(false) };
+        let without = self.best.hypothesis.without(index);
+        let left = errors(&without, self.train, self.holdout)?;
+        let Some((with, over)) = self.with_curve(&without, &left, 0.0)? else { return Ok(false) };
+        let found = errors(&with.hypothesis, self.train, self.holdout)?;
+        let (now, before) = (self.beyond_noise(&found), self.beyond_noise(&self.best_errors));
+        if now < before {
+            (self.best, self.best_errors, self.coordinate) = (with, found, Some(over));
+            self.runners_up.remove(index);
+            self.runners_up.push(None);
+        }
+        Ok(now < (1.0 - UNEXPLAINED) * before && !self.is_noise(&found))
+    }
+
     /// The curve over position, velocity or time that takes most out of the hold-out, if that is more than chance and than `least` (N^2), refitted.
     fn with_curve(
         &self,
-        start: &Fitted,
+        start: &Hypothesis,
         start_errors: &Errors,
         least: f64,
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
-        let columns = Columns::new(&start.hypothesis, self.train)?;
+        let columns = Columns::new(start, self.train)?;
         let mut best: Option<(Hypothesis, f64, Coordinate)> = None;
         for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
             for side in [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous] {
@@ -533,7 +573,7 @@ impl<'a> Search<'a> {
                 }
                 let residual = columns.residual(side == CurveSide::Motor);
                 let Some((part, _)) = curve::propose(&residual, over, side)? else { continue };
-                let with = start.hypothesis.with(part);
+                let with = start.with(part);
                 let gain = start_errors.holdout() - errors(&with, self.train, self.holdout)?.holdout();
                 let side = if side == CurveSide::Motor { Side::Motor } else { Side::Carriage };
                 if gain > self.threshold(side).max(least) && best.as_ref().is_none_or(|best| gain > best.1) {
