@@ -24,7 +24,7 @@ const LEAST_CURVATURE: f64 = 1e-3;
 const UNKNOWN: f64 = 1e-12;
 /// Part of a coordinate in such a direction below which it is known all the same.
 const HAS_NO_PART: f64 = 1e-3;
-/// Pieces of a record whose gradients count as independent of each other: about a second each.
+/// Pieces of a record that count as independent of each other: about a second each.
 const PIECES: usize = 40;
 
 /// A hypothesis at its best, with what the fit knows about it.
@@ -209,8 +209,9 @@ pub(super) fn derivatives(
 /// Standard deviations and correlations of the coordinates; those on a bound are held.
 ///
 /// The covariance is H^-1 S H^-1 with the normal matrix H of the Jacobian and S the covariance of the gradient: the larger, coordinate
-/// by coordinate, of two estimates. One takes the residual of each side as noise of its own size and correlation length. The other sums
-/// the gradient over pieces of the record (Liang, Zeger, Biometrika 73, 1986), and so counts what a model misses here and there.
+/// by coordinate, of two estimates. One takes the residual of each side as noise of its own size and correlation length. The other
+/// leaves out one piece of the record after the other (jackknife of clusters: Bell, McCaffrey, Survey Methodology 28, 2002) and so counts what a model
+/// misses here and there, also where few pieces say most about a coordinate.
 fn uncertainty(
     jacobian: &DMatrix<f64>,
     residual: &DVector<f64>,
@@ -233,9 +234,9 @@ fn uncertainty(
     let normal = columns.tr_mul(&columns);
     let (inverse, known) = inverse_where_known(&normal);
 
-    let (mut as_noise, mut in_pieces) =
-        (DMatrix::zeros(free.len(), free.len()), DMatrix::zeros(free.len(), free.len()));
-    let mut gradients = vec![DVector::zeros(free.len()); PIECES];
+    let none = || DMatrix::zeros(free.len(), free.len());
+    let mut as_noise = none();
+    let mut pieces = vec![(none(), DVector::zeros(free.len())); PIECES];
     let mut from = 0;
     for side in [&missing.motor, &missing.carriage] {
         let rows = side.len();
@@ -243,21 +244,25 @@ fn uncertainty(
         if rows > 0 {
             let variance = side.iter().map(|left| left * left).sum::<f64>() / rows as f64 * correlation_length(side);
             as_noise += slopes.tr_mul(&slopes) * variance;
-            for (piece, gradient) in gradients.iter_mut().enumerate() {
+            for (piece, (normal, gradient)) in pieces.iter_mut().enumerate() {
                 let (start, end) = (piece * rows / PIECES, (piece + 1) * rows / PIECES);
-                *gradient += slopes.rows(start, end - start).tr_mul(&residual.rows(from + start, end - start));
+                let slopes = slopes.rows(start, end - start);
+                *normal += slopes.tr_mul(&slopes);
+                *gradient += slopes.tr_mul(&residual.rows(from + start, end - start));
             }
         }
         from += rows;
     }
     let expected = columns.rows(from, coordinates.len());
     let expected = expected.tr_mul(&expected) * (noise * noise);
-    as_noise += &expected;
-    in_pieces += &expected;
-    for gradient in &gradients {
-        in_pieces += gradient * gradient.transpose() * (PIECES as f64 / (PIECES - 1) as f64);
+    let as_noise = &inverse * (as_noise + &expected) * &inverse;
+    let mut in_pieces = &inverse * expected * &inverse;
+    for (of_piece, gradient) in &pieces {
+        // How far the rest of the record would move the coordinates.
+        let (without, _) = inverse_where_known(&(&normal - of_piece));
+        let moved = without * gradient;
+        in_pieces += &moved * moved.transpose() * ((PIECES - 1) as f64 / PIECES as f64);
     }
-    let [as_noise, in_pieces] = [as_noise, in_pieces].map(|spread| &inverse * spread * &inverse);
     for (row, index) in free.iter().enumerate().filter(|(row, _)| known[*row]) {
         let variance = as_noise[(row, row)].max(in_pieces[(row, row)]);
         deviations[*index] = variance.sqrt() * coordinates[*index].scale;
