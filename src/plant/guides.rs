@@ -332,7 +332,7 @@ impl GuideBank {
     /// Moves the guides over `step` seconds (greater than 0) at the constant velocity v and returns their mean friction over the step, N,
     /// positive against positive motion, viscous part included. Exact for this motion at any step.
     ///
-    /// What [`GuideBank::start_force`] knows is left as it was: nobody solves for this motion.
+    /// What the plant starts its next step from is left as it was: nobody solves for this motion.
     pub fn drive(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
         let (impulse, ..) = self.step_bristles::<true>(velocity, step, scale);
         impulse / step + scale.viscous * self.viscous_friction * velocity
