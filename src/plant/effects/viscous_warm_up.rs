@@ -1,13 +1,14 @@
 //! Viscous warm-up: grease that is worked through gets thinner.
 //!
-//! sigma2 times 1 - f g, f fraction, and g from 0 to 1 in one of four forms:
+//! sigma2 times 1 - f g, f fraction, and g from 0 to 1 in one of five forms:
 //! - 0: min(1, s / w), 1: 1 - exp(-s / w), with the distance (m) that the grease remembers, ds/dt = |v| - s / T: w width (m), T time_constant (s) in which it recovers;
 //! - 2: 1 - exp(-t / H) with the time t since the start: H warm_up_time (s), of the machine as a whole that gets warm;
-//! - 3: 1 - exp(-W / E) with the heat (J) that friction leaves in it, dW/dt = F v - W / T: E work (J), T time_constant (s) in which it cools.
+//! - 3: 1 - exp(-W / E) with the heat (J) that friction leaves in it, dW/dt = F v - W / T: E work (J), T time_constant (s) in which it cools;
+//! - 4: dg/dt = (1 - g) |v| / w - g / T, of a structure that shear breaks and that builds up again: w width (m), T time_constant (s).
 //!
 //! A time_constant of 1e6 s is none.
 //!
-//! Source: assumed forms; viscosity falls by 1 to 3 % per kelvin (assumed). It only takes energy (f below 1). Each start is a cold one.
+//! Source: form 4: Moore, Trans. Br. Ceram. Soc. 58, 1959, where g is the broken part of the structure; the others assumed; viscosity falls by 1 to 3 % per kelvin (assumed). It only takes energy (f below 1). Each start is a cold one.
 //! Not modelled: change of the Coulomb part, heat from elsewhere.
 
 use super::regression::{largest_over_decades, least_squares, viscous_friction};
@@ -16,22 +17,22 @@ use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Re
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "viscous_warm_up",
     side: Side::Carriage,
-    law: "sigma2 (1 - fraction g); form 0: g = min(1, s / width), 1: 1 - exp(-s / width), ds/dt = |v| - s / time_constant; 2: 1 - exp(-t / warm_up_time); 3: 1 - exp(-W / work), dW/dt = F v - W / time_constant",
-    source: "assumed forms, saturating with the distance worked through, the time or the work of friction",
+    law: "sigma2 (1 - fraction g); form 0: g = min(1, s / width), 1: 1 - exp(-s / width), ds/dt = |v| - s / time_constant; 2: 1 - exp(-t / warm_up_time); 3: 1 - exp(-W / work), dW/dt = F v - W / time_constant; 4: dg/dt = (1 - g) |v| / width - g / time_constant",
+    source: "assumed forms, saturating with the distance worked through, the time or the work of friction; form 4: Moore 1959",
     telltale: "proportional to v, sets in with the distance travelled or the time, not seen by the force cell",
     confused_with: &["quadratic_drag", "asymmetric_friction"],
     parameters: &[
         EffectParameter::required("fraction", "1", "part of sigma2 that goes in the end", (-5.0, 0.95), 0.1),
         EffectParameter::optional("width", "m", "distance over which it goes", (1e-3, 1e4), 1.0, 1.0),
         EffectParameter::optional("time_constant", "s", "time in which it recovers", (0.1, NEVER), 10.0, NEVER),
-        EffectParameter::optional("form", "1", "with the distance in proportion (0) or ever slower (1), with time (2), with work (3)", (0.0, 3.0), 1.0, 0.0),
+        EffectParameter::optional("form", "1", "with the distance in proportion (0) or ever slower (1), with time (2), with work (3), as a structure breaks (4)", (0.0, 4.0), 1.0, 0.0),
         EffectParameter::optional("warm_up_time", "s", "time over which it goes, form 2", (1e-2, 1e6), 10.0, 10.0),
         EffectParameter::optional("work", "J", "work over which it goes, form 3", (1e-3, 1e9), 10.0, 100.0),
     ],
     check: super::any,
     // One form alone, and no recovery where there is none.
     free: |values, index| match (Form::of(values), index) {
-        (_, 0) | (Form::Proportion | Form::Distance, 1) | (Form::Time, WARM_UP_TIME) | (Form::Work, WORK) => true,
+        (_, 0) | (Form::Proportion | Form::Distance | Form::Structure, 1) | (Form::Time, WARM_UP_TIME) | (Form::Work, WORK) => true,
         (Form::Time, _) => false,
         (_, TIME_CONSTANT) => values[TIME_CONSTANT] < NEVER,
         _ => false,
@@ -55,6 +56,7 @@ enum Form {
     Distance,
     Time,
     Work,
+    Structure,
 }
 
 impl Form {
@@ -63,13 +65,18 @@ impl Form {
             code if code < 0.5 => Form::Proportion,
             code if code < 1.5 => Form::Distance,
             code if code < 2.5 => Form::Time,
-            _ => Form::Work,
+            code if code < 3.5 => Form::Work,
+            _ => Form::Structure,
         }
     }
 
-    /// g, from how far it has got in extents.
-    fn gone(self, part: f64) -> f64 {
-        if matches!(self, Form::Proportion) { part.min(1.0) } else { -(-part).exp_m1() }
+    /// g, from s, t or W and what it is compared with.
+    fn gone(self, through: f64, extent: f64) -> f64 {
+        match self {
+            Form::Proportion => (through / extent).min(1.0),
+            Form::Distance | Form::Time | Form::Work => -(-through / extent).exp_m1(),
+            Form::Structure => through,
+        }
     }
 }
 
@@ -81,7 +88,7 @@ struct ViscousWarmUp {
     extent: f64,
     /// T, s.
     time_constant: f64,
-    /// s, t or W.
+    /// s, t or W; g itself in form 4.
     gone_through: f64,
 }
 
@@ -89,28 +96,25 @@ impl ViscousWarmUp {
     fn new(values: &[f64]) -> ViscousWarmUp {
         let form = Form::of(values);
         let extent = match form {
-            Form::Proportion | Form::Distance => values[1],
+            Form::Proportion | Form::Distance | Form::Structure => values[1],
             Form::Time => values[WARM_UP_TIME],
             Form::Work => values[WORK],
         };
         ViscousWarmUp { form, fraction: values[0], extent, time_constant: values[2], gone_through: 0.0 }
     }
 
-    /// s, t or W after a step that begins with `before` of it.
+    /// What was gone through after a step that begins with `before` of it. Exact for the step's constant velocity and friction.
     fn after(&self, before: f64, motion: &Motion, step: f64) -> f64 {
-        match self.form {
-            // Exact for the step's constant velocity.
-            Form::Proportion | Form::Distance => {
-                let steady = motion.velocity.abs() * self.time_constant;
-                steady + (before - steady) * (-step / self.time_constant).exp()
-            }
-            Form::Time => before + step,
+        let recovery = self.time_constant.recip();
+        let (gain, loss) = match self.form {
+            Form::Proportion | Form::Distance => (motion.velocity.abs(), recovery),
+            Form::Time => return before + step,
             // What bristles give back as they spring does not cool the grease.
-            Form::Work => {
-                let steady = (motion.friction * motion.velocity).max(0.0) * self.time_constant;
-                steady + (before - steady) * (-step / self.time_constant).exp()
-            }
-        }
+            Form::Work => ((motion.friction * motion.velocity).max(0.0), recovery),
+            Form::Structure => (motion.velocity.abs() / self.extent, motion.velocity.abs() / self.extent + recovery),
+        };
+        let steady = gain / loss;
+        steady + (before - steady) * (-loss * step).exp()
     }
 }
 
@@ -118,8 +122,8 @@ impl Effect for ViscousWarmUp {
     fn friction(&mut self, motion: &Motion, step: f64, scale: &mut FrictionScale) {
         let before = self.gone_through;
         self.gone_through = self.after(before, motion, step);
-        let part = 0.5 * (before + self.gone_through) / self.extent;
-        scale.viscous *= 1.0 - self.fraction * self.form.gone(part);
+        let through = 0.5 * (before + self.gone_through);
+        scale.viscous *= 1.0 - self.fraction * self.form.gone(through, self.extent);
     }
 
     fn scales_friction(&self) -> bool {
@@ -134,7 +138,7 @@ impl Effect for ViscousWarmUp {
 /// Recovery times that a proposal tries, as multiples of the record's length.
 const RECOVERIES: [f64; 3] = [0.1, 0.3, 1.0];
 
-/// Every form, with and without recovery.
+/// Every form, with and without recovery; without it form 4 is form 1.
 fn warm_up_forms(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let form = |code: f64, time_constant: f64| {
         let mut start = values.to_vec();
@@ -144,7 +148,7 @@ fn warm_up_forms(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let codes = [Form::Proportion, Form::Distance, Form::Work].map(|form| f64::from(form as u8));
     // A form without recovery has forgotten what was proposed for one with it.
     let recovery = if values[TIME_CONSTANT] < NEVER { values[TIME_CONSTANT] } else { DESCRIPTOR.parameters[TIME_CONSTANT].scale };
-    let recovering = codes.map(|code| form(code, recovery));
+    let recovering = codes.into_iter().chain([f64::from(Form::Structure as u8)]).map(|code| form(code, recovery));
     let lasting = codes.map(|code| form(code, NEVER));
     lasting.into_iter().chain([form(f64::from(Form::Time as u8), NEVER)]).chain(recovering).collect()
 }
@@ -176,14 +180,14 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
             continue;
         }
         let index = match form {
-            Form::Proportion | Form::Distance => 1,
+            Form::Proportion | Form::Distance | Form::Structure => 1,
             Form::Time => WARM_UP_TIME,
             Form::Work => WORK,
         };
         let fit = |extent: f64| {
             least_squares(residual.force, |k| {
                 let velocity = residual.velocity[k];
-                [velocity, velocity * form.gone(path[k] / extent)]
+                [velocity, velocity * form.gone(path[k], extent)]
             })
         };
         let explained = |extent: f64| fit(extent).map_or(f64::NEG_INFINITY, |fit| fit.explained);
@@ -267,6 +271,25 @@ mod tests {
     }
 
     #[test]
+    fn a_structure_breaks_with_shear_and_builds_up_at_rest() {
+        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 0.5, 2.0, 4.0, 10.0, 100.0]);
+        let mut viscous = |velocity: f64, seconds: usize| {
+            let mut scale = FrictionScale::ONE;
+            for _ in 0..1000 * seconds {
+                scale = FrictionScale::ONE;
+                warm_up.friction(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
+            }
+            scale.viscous
+        };
+        // 0.3 m/s over 0.5 m are 0.6 1/s against a recovery of 0.5 1/s: of the structure 0.6 / 1.1 break.
+        let broken = 0.6 / 1.1;
+        let worked = viscous(-0.3, 30);
+        assert!((worked - (1.0 - 0.4 * broken)).abs() < 1e-4, "{worked}");
+        let rested = viscous(0.0, 3);
+        assert!((rested - (1.0 - 0.4 * broken * (-1.5f64).exp())).abs() < 1e-4, "{rested}");
+    }
+
+    #[test]
     fn a_stage_is_warmed_by_the_work_of_its_own_friction() {
         let speed = |fraction: f64| {
             let warm_up = [("fraction", fraction), ("form", 3.0), ("work", 0.5)];
@@ -292,7 +315,7 @@ mod tests {
                 starts.iter().any(|start| start[FORM] == form && (start[TIME_CONSTANT] < NEVER) == recovers)
             };
             assert!([0.0, 1.0, 3.0].into_iter().all(|form| has(form, false) && has(form, true)), "{starts:?}");
-            assert!(has(2.0, false) && starts.len() == 7, "{starts:?}");
+            assert!(has(2.0, false) && has(4.0, true) && starts.len() == 8, "{starts:?}");
         }
     }
 
