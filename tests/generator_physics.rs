@@ -517,7 +517,7 @@ fn generator_shares_nothing_with_what_is_identified() {
 
 /// `cargo test --release --test generator_physics usual_sizes -- --ignored --nocapture`: no draw loses the loop; prints the sizes.
 #[test]
-#[ignore = "ten runs of each effect and sixty compositions: about 400 s of one core"]
+#[ignore = "330 runs, about 400 s of one core; tests/run generates each effect once and two compositions"]
 fn usual_sizes() {
     use rayon::prelude::*;
     for (name, _) in CATALOGUE {
@@ -541,9 +541,17 @@ fn usual_sizes() {
             range(&|t| rms(&t.hidden[0].cell))
         );
     }
-    (0..60u64).into_par_iter().for_each(|seed| {
-        let programme = if seed % 2 == 0 { Programme::Recorded } else { Programme::Varied };
-        let setup = Setup { programme, ..Setup::new(seed) }.with_all(composition(seed as usize % 4, seed));
-        setup.generate().unwrap();
-    });
+    (0..60).into_par_iter().for_each(generate_composition);
+}
+
+/// None to three effects together, on the recorded motion or a varied one, keep the loop.
+fn generate_composition(seed: u64) {
+    let programme = if seed % 2 == 0 { Programme::Recorded } else { Programme::Varied };
+    let setup = Setup { programme, ..Setup::new(seed) }.with_all(composition(seed as usize % 4, seed));
+    setup.generate().unwrap();
+}
+
+#[test]
+fn compositions_keep_the_loop_on_either_motion() {
+    (2..4).for_each(generate_composition);
 }

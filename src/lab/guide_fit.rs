@@ -658,7 +658,7 @@ mod tests {
 
     /// `cargo test --release -- --ignored --nocapture intervals_hold`: some minutes.
     #[test]
-    #[ignore = "counts over 100 rigs, three minutes with --release; a few rigs are fitted in every run"]
+    #[ignore = "counts over 100 rigs, three minutes with --release; tests/run fits ten of them and counts the same"]
     fn intervals_hold_the_truth_in_90_to_99_percent_of_100_rigs() {
         let (worst, held) = recover(0..100);
         println!("largest error {:.2} %; intervals that hold the truth, of 100: {held:?}", 100.0 * worst);
