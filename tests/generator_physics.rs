@@ -546,7 +546,7 @@ fn usual_sizes() {
 
 /// None to three effects together, on the recorded motion or a varied one, keep the loop.
 fn generate_composition(seed: u64) {
-    let programme = if seed % 2 == 0 { Programme::Recorded } else { Programme::Varied };
+    let programme = if seed.is_multiple_of(2) { Programme::Recorded } else { Programme::Varied };
     let setup = Setup { programme, ..Setup::new(seed) }.with_all(composition(seed as usize % 4, seed));
     setup.generate().unwrap();
 }
