@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use friction_stage::identify::{Hypothesis, Measured, Part, Sides, Silent, Tolerances, Verdict, fit, search};
+use friction_stage::identify::{Effort, Hypothesis, Measured, Part, Sides, Silent, Tolerances, Verdict, fit, search};
 use friction_stage::model::{Coordinate, StageModel};
 use friction_stage::plant::EffectDescriptor;
 use serde_json::Value;
@@ -86,7 +86,7 @@ fn a_rest_of_many_seconds_leaves_no_more_than_the_noise_of_the_sensors() {
     let [train, check] = [&run.train, &run.check]
         .map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"));
     let start = Hypothesis::new(&declared, Tolerances::default()).expect("a hypothesis");
-    let fitted = fit(&start, &train, Sides::BOTH, 15).expect("a fit");
+    let fitted = fit(&start, &train, Sides::BOTH, Effort::KEPT).expect("a fit");
     let missing = fitted.hypothesis.missing(&check, Sides::BOTH).expect("a residual").rms();
     let floor = check.floor(&declared).total();
     assert!(missing < 1.5 * floor, "{missing} N rms, the noise leaves {floor} N");
@@ -126,7 +126,7 @@ fn laws_that_change_within_a_cycle_leave_no_more_than_the_noise_of_the_sensors()
         } else if name == "external_vibration" {
             with = with.in_record(&train).expect("a phase");
         }
-        let fitted = fit(&with, &train, Sides::BOTH, 15).expect("a fit");
+        let fitted = fit(&with, &train, Sides::BOTH, Effort::KEPT).expect("a fit");
         let (left, floor) = (fitted.missing.rms(), train.floor(&declared).total());
         assert!(left < 1.2 * floor, "{name}: {left} N rms, the noise leaves {floor} N");
         let found = fitted.hypothesis.effects[0].values[index];

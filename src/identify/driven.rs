@@ -168,8 +168,8 @@ pub(super) fn friction(
 ) -> Result<Vec<f64>, ModelError> {
     let laws: Vec<EffectParameters> = laws.iter().map(Part::parameters).collect();
     let mut effects = Effects::new(&laws)?;
-    let mut bank = match effects.bristle_shares() {
-        Some(shares) => GuideBank::with_elements(guides, &shares),
+    let mut bank = match effects.bristle_elements() {
+        Some(elements) => GuideBank::with_elements(guides, &elements),
         None => GuideBank::new(guides),
     };
     let count = measured.len();
@@ -317,7 +317,7 @@ mod tests {
         let start = hypothesis(&[
             ("cogging", &[2.0, 0.024, 0.7]),
             ("viscous_warm_up", &[0.3, 1.0, 20.0, 3.0, 10.0, 5.0]),
-            ("distributed_bristles", &[0.45, 0.04, 0.3, 0.16, 0.15, 0.3, 1.8]),
+            ("distributed_bristles", &[0.45, 0.04, 0.3, 0.16, 0.15, 0.3, 1.8, 0.0]),
             ("encoder_scale", &[0.02]),
             ("force_cell_gain", &[0.01]),
         ])

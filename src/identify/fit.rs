@@ -11,8 +11,6 @@ use crate::model::ModelError;
 
 /// Step of the difference quotients, in scales of the coordinates.
 const DIFFERENCE: f64 = 1e-4;
-/// Share by which the sum of squares must fall for another iteration to be worth it.
-const PROGRESS: f64 = 1e-4;
 /// Dampings that are tried, each five times the one before, until a step makes the error smaller.
 const DAMPINGS: usize = 10;
 /// Least curvature that the damping acts on, as a part of the largest one: a coordinate with hardly any slope, such as a difference
@@ -26,6 +24,21 @@ const UNKNOWN: f64 = 1e-12;
 const HAS_NO_PART: f64 = 1e-3;
 /// Pieces of a record that count as independent of each other: about a second each.
 const PIECES: usize = 40;
+
+/// How far a fit goes.
+#[derive(Clone, Copy, Debug)]
+pub struct Effort {
+    iterations: usize,
+    /// Share by which the sum of squares must fall for another iteration to be worth it.
+    progress: f64,
+}
+
+impl Effort {
+    /// Of a fit that is compared with others.
+    pub const COMPARED: Effort = Effort { iterations: 8, progress: 1e-4 };
+    /// Of a fit that others build on: what it left undone would pass for another effect.
+    pub const KEPT: Effort = Effort { iterations: 30, progress: 1e-5 };
+}
 
 /// A hypothesis at its best, with what the fit knows about it.
 #[derive(Clone, Debug)]
@@ -69,7 +82,7 @@ fn expectation(coordinate: &Coordinate, noise: f64) -> f64 {
 }
 
 /// Moves everything that may move on these sides until the missing force is least.
-pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: usize) -> Result<Fitted, ModelError> {
+pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort) -> Result<Fitted, ModelError> {
     let has_cell = measured.cell.is_some();
     let mut coordinates = start.coordinates(sides, has_cell);
     let mut hypothesis = start.clone();
@@ -98,9 +111,9 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
     let mut squares = residual.norm_squared();
     let mut damping = 1e-3;
     let mut jacobian = DMatrix::zeros(0, 0);
-    for iteration in 0..=iterations {
+    for iteration in 0..=effort.iterations {
         jacobian = derivatives(&hypothesis, &coordinates, &driven, measured, sides, &residual, noise)?;
-        if iteration == iterations || coordinates.is_empty() {
+        if iteration == effort.iterations || coordinates.is_empty() {
             break;
         }
         let gradient = jacobian.tr_mul(&residual);
@@ -156,7 +169,7 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, iterations: us
         let fallen = squares - stack.norm_squared();
         (hypothesis, coordinates, driven, missing, residual) = (tried, moved, along, left, stack);
         squares = residual.norm_squared();
-        if fallen < PROGRESS * squares {
+        if fallen < effort.progress * squares {
             jacobian = derivatives(&hypothesis, &coordinates, &driven, measured, sides, &residual, noise)?;
             break;
         }

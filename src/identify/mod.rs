@@ -19,7 +19,7 @@ mod selection;
 pub mod spectrum;
 mod summary;
 
-pub use fit::{Fitted, correlation_length, fit};
+pub use fit::{Effort, Fitted, correlation_length, fit};
 pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};

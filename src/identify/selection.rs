@@ -9,7 +9,7 @@ use crate::plant::{EffectDescriptor, Residual, Samples, Side};
 use super::IdentifyError;
 use super::curve;
 use super::driven::Driven;
-use super::fit::{Fitted, correlation_length, fit};
+use super::fit::{Effort, Fitted, correlation_length, fit};
 use super::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
 use super::measured::{Floor, Measured};
 
@@ -42,7 +42,6 @@ pub const NOISE_LIKE: f64 = 2.0;
 const BETTER_START: f64 = 0.99;
 /// Share of the squares without a law to which one start must come, and above which another comes close to it.
 const WORTH_A_LOOK: f64 = 0.7;
-const ITERATIONS: usize = 8;
 
 /// Errors of a hypothesis: mean squares of the missing force, N^2.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -261,8 +260,8 @@ impl<'a> Search<'a> {
         holdout: &'a Measured,
         watch: &'a dyn Watch,
     ) -> Result<Search<'a>, IdentifyError> {
-        let alike = fit(declared, train, Sides::BOTH, 15)?;
-        let before = with_different_guides(&alike.hypothesis, train)?;
+        let alike = fit(declared, train, Sides::BOTH, Effort::COMPARED)?;
+        let before = with_different_guides(&alike.hypothesis, train, Effort::KEPT)?;
         let errors_before = errors(&before.hypothesis, train, holdout)?;
         Ok(Search {
             train,
@@ -399,7 +398,7 @@ impl<'a> Search<'a> {
         }
         let chosen = tried[winner].1.holding_guides(false);
         self.evidence.extend(tried.into_iter().map(|(one, _)| one));
-        self.take(with_different_guides(&chosen, self.train)?)?;
+        self.take(with_different_guides(&chosen, self.train, Effort::KEPT)?)?;
         self.runners_up.push(runner_up);
         Ok(true)
     }
@@ -496,7 +495,7 @@ impl<'a> Search<'a> {
             };
             let others = starts(&Part { descriptor, values }, self.train).into_iter().map(other).collect();
             let Some(found) = best_start(others, self.train, Sides::BOTH, &self.best.missing) else { continue };
-            let found = with_different_guides(&found.hypothesis, self.train)?;
+            let found = with_different_guides(&found.hypothesis, self.train, Effort::KEPT)?;
             if found.squares() < BETTER_START * self.best.squares() {
                 self.take(found)?;
                 changed = true;
@@ -581,7 +580,7 @@ impl<'a> Search<'a> {
                 }
             }
         }
-        best.map(|(with, _, over)| Ok((fit(&with, self.train, Sides::BOTH, ITERATIONS)?, over))).transpose()
+        best.map(|(with, _, over)| Ok((fit(&with, self.train, Sides::BOTH, Effort::KEPT)?, over))).transpose()
     }
 
     /// Backwards: an effect that the others have made superfluous goes.
@@ -593,7 +592,7 @@ impl<'a> Search<'a> {
             self.watch.progress("pruning", 0.95);
             let part = &self.best.hypothesis.effects[index];
             let (name, side) = (part.descriptor.name, part.side());
-            let fewer = with_different_guides(&self.best.hypothesis.without(index), self.train)?;
+            let fewer = with_different_guides(&self.best.hypothesis.without(index), self.train, Effort::KEPT)?;
             let found = errors(&fewer.hypothesis, self.train, self.holdout)?;
             if found.holdout() - self.best_errors.holdout() >= self.threshold(side) {
                 index += 1;
@@ -645,8 +644,8 @@ impl<'a> Search<'a> {
 
 /// The fit with guides that differ from each other, from the differences that there are and afresh: the sum of the guides depends
 /// on the products of their differences, and what an effect not yet known bent them to is no good start.
-fn with_different_guides(start: &Hypothesis, train: &Measured) -> Result<Fitted, IdentifyError> {
-    let fitted = |start: &Hypothesis| fit(start, train, Sides::BOTH, ITERATIONS);
+fn with_different_guides(start: &Hypothesis, train: &Measured, effort: Effort) -> Result<Fitted, IdentifyError> {
+    let fitted = |start: &Hypothesis| fit(start, train, Sides::BOTH, effort);
     let (best, afresh) = rayon::join(
         || fitted(&start.holding_guides(false)),
         || start.different_guides().map(|afresh| fitted(&afresh)).transpose(),
@@ -662,7 +661,7 @@ fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: 
     let without: f64 = squares(&without.motor, sides.motor) + squares(&without.carriage, sides.carriage);
     // A law whose values do not go together has lost; it does not end the search.
     let mut fitted: Vec<Fitted> =
-        starts.par_iter().filter_map(|start| fit(start, train, sides, ITERATIONS).ok()).collect();
+        starts.par_iter().filter_map(|start| fit(start, train, sides, Effort::COMPARED).ok()).collect();
     let least = fitted.iter().map(Fitted::squares).fold(f64::INFINITY, f64::min);
     if least < WORTH_A_LOOK * without {
         fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
@@ -670,7 +669,7 @@ fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: 
     let mut judged: Vec<(f64, Fitted)> = fitted.into_iter().map(|one| (one.squares(), one)).collect();
     if judged.len() > 1 && least < WORTH_A_LOOK * without {
         judged.par_iter_mut().for_each(|(squares, one)| {
-            if let Ok(free) = with_different_guides(&one.hypothesis, train) {
+            if let Ok(free) = with_different_guides(&one.hypothesis, train, Effort::COMPARED) {
                 *squares = free.squares();
             }
         });

@@ -94,8 +94,8 @@ impl Body {
             inverse_mass: mass.recip(),
             guide_viscous: std::array::from_fn(|lane| guides.get(lane).map_or(0.0, |guide| guide.viscous_friction)),
             guides: effects
-                .bristle_shares()
-                .map_or_else(|| GuideBank::new(&guides), |shares| GuideBank::with_elements(&guides, &shares)),
+                .bristle_elements()
+                .map_or_else(|| GuideBank::new(&guides), |elements| GuideBank::with_elements(&guides, &elements)),
             shapes_friction: effects.shapes_friction(),
             effects,
             flexure: model.coupling.as_ref().map(|coupling| Flexure {

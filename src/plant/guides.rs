@@ -11,6 +11,9 @@ use super::exp2::exp2_of_negative;
 /// Most bristle elements of one guide.
 pub const MAX_ELEMENTS: usize = 4;
 
+/// A deflection this close to its limit has reached it.
+const ROUNDING: f64 = 1e-9;
+
 /// Largest sum of bristle damping and viscous friction times step over mass: the explicit carriage step is stable below 1.
 pub const MAX_STEP_DAMPING: f64 = 0.5;
 
@@ -74,15 +77,43 @@ pub struct BristleShare {
     pub strength: f64,
 }
 
+/// How a bristle element goes from sticking to slipping.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Slip {
+    /// As LuGre's bristle: dz/dt = v - |v| z / zs.
+    #[default]
+    Gradual,
+    /// As a spring with a slider (Iwan, J. Appl. Mech. 33, 1966): dz/dt = v up to zs, where z stays.
+    Sudden,
+}
+
+/// Bristle elements that each guide has in place of a single bristle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BristleElements {
+    /// Not negative; those of damping and of strength sum to 1.
+    pub shares: [BristleShare; MAX_ELEMENTS],
+    pub slip: Slip,
+}
+
 /// Bristle elements in parallel, the same shares in every guide.
 #[derive(Clone, Copy, Debug)]
 struct Elements {
+    /// How they slip.
+    law: Slip,
     /// a, a / b, d and d / b; all 0 for an element without stiffness or without strength, which holds no force.
     share: [f64; MAX_ELEMENTS],
     ratio: [f64; MAX_ELEMENTS],
     damping: [f64; MAX_ELEMENTS],
     slip: [f64; MAX_ELEMENTS],
     bristle: [f64x4; MAX_ELEMENTS],
+}
+
+impl Elements {
+    /// On which of its limits an element lies, -1 or 1, or 0 between them; `single` is the limit of a single bristle, m.
+    fn end(&self, index: usize, single: f64x4) -> f64x4 {
+        let reached = self.bristle[index].abs() * f64x4::splat(self.ratio[index] * (1.0 + ROUNDING));
+        reached.simd_ge(single).select(f64x4::splat(1.0).copysign(self.bristle[index]), f64x4::ZERO)
+    }
 }
 
 /// Friction of all guides over velocity at the present deflections, with g and sigma1 as of the middle of the last step:
@@ -127,11 +158,13 @@ impl GuideBank {
         bank
     }
 
-    /// As [`GuideBank::new`], each guide with several bristle elements in parallel. Shares are not negative; those of damping and of strength sum to 1.
-    pub fn with_elements(guides: &[Guide], shares: &[BristleShare; MAX_ELEMENTS]) -> GuideBank {
+    /// As [`GuideBank::new`], each guide with several bristle elements in parallel.
+    pub fn with_elements(guides: &[Guide], elements: &BristleElements) -> GuideBank {
         let mut bank = GuideBank::new(guides);
+        let shares = elements.shares;
         let carries = |share: &BristleShare| share.stiffness > 0.0 && share.strength > 0.0;
         bank.elements = Some(Elements {
+            law: elements.slip,
             share: shares.map(|share| if carries(&share) { share.stiffness } else { 0.0 }),
             ratio: shares.map(|share| if carries(&share) { share.stiffness / share.strength } else { 0.0 }),
             damping: shares.map(|share| if carries(&share) { share.damping } else { 0.0 }),
@@ -206,8 +239,19 @@ impl GuideBank {
         for (index, bristle) in elements.bristle.iter().enumerate() {
             let elastic = self.stiffness * (f64x4::splat(elements.share[index]) * *bristle);
             start.elastic += elastic.reduce_add();
-            start.damping += elements.damping[index] * damping.reduce_add();
-            start.slip += elements.slip[index] * (damping / level * elastic).reduce_add();
+            let damped = f64x4::splat(elements.damping[index]) * damping;
+            match elements.law {
+                Slip::Gradual => {
+                    start.damping += elements.damping[index] * damping.reduce_add();
+                    start.slip += elements.slip[index] * (damping / level * elastic).reduce_add();
+                }
+                Slip::Sudden => {
+                    // At its limit it moves in one direction only: (v - |v|) / 2 at the upper one.
+                    let end = elements.end(index, level * self.compliance);
+                    start.damping += (damped * (f64x4::splat(1.0) - f64x4::splat(0.5) * end * end)).reduce_add();
+                    start.slip += (damped * f64x4::splat(0.5) * end).reduce_add();
+                }
+            }
         }
         self.start = start;
     }
@@ -246,7 +290,13 @@ impl GuideBank {
         };
         let (mut mean, mut power) = (f64x4::ZERO, f64x4::ZERO);
         for (index, bristle) in elements.bristle.iter().enumerate() {
-            let rate = v - f64x4::splat(elements.ratio[index]) * slip * *bristle;
+            let rate = match elements.law {
+                Slip::Gradual => v - f64x4::splat(elements.ratio[index]) * slip * *bristle,
+                Slip::Sudden => {
+                    let end = elements.end(index, self.scaled_level(squared) * self.compliance);
+                    (end * v).simd_gt(f64x4::ZERO).select(f64x4::ZERO, v)
+                }
+            };
             mean += f64x4::splat(elements.damping[index]) * rate;
             power += f64x4::splat(elements.share[index]) * self.stiffness * *bristle * rate;
         }
@@ -355,29 +405,45 @@ impl GuideBank {
         let single_steady = level * self.compliance * f64x4::splat(1f64.copysign(velocity));
         let (stiffness, time) = (self.stiffness, f64x4::splat(step));
         let mut impulse = f64x4::ZERO;
-        let mut element = |bristle: &mut f64x4, share: f64, ratio: f64, damped: f64| {
+        let path = f64x4::splat(velocity * step);
+        let mut element = |bristle: &mut f64x4, slip: Slip, share: f64, ratio: f64, damped: f64| {
             if ratio == 0.0 {
                 return;
             }
-            let power = power * f64x4::splat(ratio);
-            let decay = exp2_of_negative(power);
             let steady = single_steady * f64x4::splat(ratio.recip());
-            let excess = *bristle - steady;
-            let end = steady + excess * decay;
-            let mean = if EXACT {
-                steady + excess * mean_of_decay(power, decay)
-            } else {
-                (*bristle + end) * f64x4::splat(0.5)
+            let half = f64x4::splat(0.5);
+            let (end, mean) = match slip {
+                Slip::Gradual => {
+                    let power = power * f64x4::splat(ratio);
+                    let decay = exp2_of_negative(power);
+                    let excess = *bristle - steady;
+                    let end = steady + excess * decay;
+                    (end, if EXACT { steady + excess * mean_of_decay(power, decay) } else { (*bristle + end) * half })
+                }
+                Slip::Sudden => {
+                    let limit = steady.abs();
+                    let start = bristle.max(-limit).min(limit);
+                    let end = (start + path).max(-limit).min(limit);
+                    // Part of the step in which it sticks.
+                    let stuck = path.simd_eq(f64x4::ZERO).select(f64x4::ZERO, (end - start) / path);
+                    (end, if EXACT { end - (end - start) * half * stuck } else { (*bristle + end) * half })
+                }
             };
             impulse +=
                 f64x4::splat(share) * stiffness * mean * time + f64x4::splat(damped) * damping * (end - *bristle);
             *bristle = end;
         };
         match &mut self.elements {
-            None => element(&mut self.bristle, 1.0, 1.0, 1.0),
+            None => element(&mut self.bristle, Slip::Gradual, 1.0, 1.0, 1.0),
             Some(elements) => {
                 for (index, bristle) in elements.bristle.iter_mut().enumerate() {
-                    element(bristle, elements.share[index], elements.ratio[index], elements.damping[index]);
+                    element(
+                        bristle,
+                        elements.law,
+                        elements.share[index],
+                        elements.ratio[index],
+                        elements.damping[index],
+                    );
                 }
                 self.bristle = self.mean_bristle();
             }
@@ -425,9 +491,13 @@ mod tests {
     /// The mean over a long step is the mean over the short steps that it is made of.
     #[test]
     fn friction_of_a_long_step_is_exact() {
-        for velocity in [0.02, -0.5] {
-            let mut coarse = GuideBank::new(&[guide(), guide()]);
-            let mut fine = coarse.clone();
+        let halves = [BristleShare { stiffness: 0.5, damping: 0.5, strength: 0.5 }; 2];
+        let shares = [halves[0], halves[1], BristleShare::default(), BristleShare::default()];
+        let sudden = BristleElements { shares, slip: Slip::Sudden };
+        let banks = [GuideBank::new(&[guide(), guide()]), GuideBank::with_elements(&[guide(), guide()], &sudden)];
+        for (bank, velocity) in banks.iter().flat_map(|bank| [(bank, 0.02), (bank, -0.5)]) {
+            let mut coarse = bank.clone();
+            let mut fine = bank.clone();
             let long = coarse.drive(velocity, 1e-3, &FrictionScale::ONE);
             let short: f64 = (0..1000).map(|_| fine.drive(velocity, 1e-6, &FrictionScale::ONE) / 1000.0).sum();
             assert!((long / short - 1.0).abs() < 1e-9, "{long} {short}");
@@ -442,7 +512,8 @@ mod tests {
         let halves = [BristleShare { stiffness: 0.5, damping: 0.5, strength: 0.5 }; 2];
         for shares in [[one, none, none, none], [halves[0], halves[1], none, none]] {
             let mut single = GuideBank::new(&[guide()]);
-            let mut parallel = GuideBank::with_elements(&[guide()], &shares);
+            let elements = BristleElements { shares, slip: Slip::Gradual };
+            let mut parallel = GuideBank::with_elements(&[guide()], &elements);
             for k in 0..2000 {
                 let velocity = 0.01 * (0.01 * f64::from(k)).sin();
                 let forces = [&mut single, &mut parallel].map(|bank| bank.drive(velocity, 1e-4, &FrictionScale::ONE));
@@ -451,5 +522,31 @@ mod tests {
             assert!((single.stored_energy() / parallel.stored_energy() - 1.0).abs() < 1e-12);
             assert!((single.dissipated_power(0.01) / parallel.dissipated_power(0.01) - 1.0).abs() < 1e-12);
         }
+    }
+
+    /// A spring up to its limit and a slider beyond: force and heat of a branch in closed form.
+    #[test]
+    fn a_sudden_element_sticks_up_to_its_limit_and_slides_there() {
+        let one = BristleShare { stiffness: 1.0, damping: 1.0, strength: 1.0 };
+        let none = BristleShare::default();
+        let guide = Guide { viscous_friction: 0.0, ..guide() };
+        let elements = BristleElements { shares: [one, none, none, none], slip: Slip::Sudden };
+        let mut bank = GuideBank::with_elements(std::slice::from_ref(&guide), &elements);
+        let (velocity, step) = (1e-5, 1e-3);
+        let level = guide.steady_force(velocity);
+        for k in 0..20_000 {
+            let force = bank.drive(velocity, step, &FrictionScale::ONE);
+            // Half a step back: the mean of the step.
+            let deflection = velocity * step * (f64::from(k) + 0.5);
+            let sticking = guide.stiffness * deflection + guide.bristle_damping * velocity;
+            let near_limit = (guide.stiffness * deflection - level).abs() < guide.stiffness * velocity * step;
+            let expected = if guide.stiffness * deflection < level { sticking } else { level };
+            assert!(near_limit || (force / expected - 1.0).abs() < 1e-9, "{k}: {force} {expected}");
+        }
+        assert!((bank.dissipated_power(velocity) / (level * velocity) - 1.0).abs() < 1e-9);
+        assert!((bank.stored_energy() / (0.5 * level * level / guide.stiffness) - 1.0).abs() < 1e-9);
+        // Turned back it springs: what heats is the damping alone.
+        let damping = guide.bristle_damping * velocity * velocity;
+        assert!((bank.dissipated_power(-velocity) / damping - 1.0).abs() < 1e-9);
     }
 }

@@ -88,12 +88,16 @@ impl Default for Change {
     }
 }
 
+/// Time in which a sudden element comes to its limit, s: a step of the integrator.
+const SETTLING: f64 = 20e-6;
+
 /// How an element of a guide turns from sticking to slipping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Slip {
     /// As LuGre does: gradually, dz/dt = v - |v| z/limit.
     Gradual,
-    /// As a Maxwell-slip (Jenkin) element: dz/dt = v until |z| reaches the limit, then z stays there (Iwan 1966).
+    /// As a Maxwell-slip (Jenkin) element: dz/dt = v until |z| reaches the limit, then z stays there (Iwan 1966). It comes to the limit, and
+    /// follows one that moves, within [`SETTLING`].
     Sudden,
 }
 
@@ -133,8 +137,7 @@ impl Elements {
                 let limit = Self::limit(guide, share, sliding);
                 *rate = match self.slip {
                     Slip::Gradual => v - v.abs() * z / limit,
-                    Slip::Sudden if v * z > 0.0 && z.abs() >= limit => 0.0,
-                    Slip::Sudden => v,
+                    Slip::Sudden => v.max((-limit - z) / SETTLING).min((limit - z) / SETTLING),
                 };
                 mean[0] += share.0 * z;
                 mean[1] += share.0 * *rate;
@@ -142,19 +145,5 @@ impl Elements {
             total += guide.stiffness * mean[0] + guide.bristle_damping * mean[1] + guide.viscous * change.viscous * v;
         }
         total
-    }
-
-    /// Brings Maxwell-slip elements back to their limit after a step.
-    pub fn project(&self, guides: &[Guide; GUIDES], v: f64, change: &Change, z: &mut [f64]) {
-        if self.slip == Slip::Gradual {
-            return;
-        }
-        for (guide, z) in guides.iter().zip(z.chunks_exact_mut(self.shares.len())) {
-            let sliding = guide.sliding_force(v, change);
-            for (&share, z) in self.shares.iter().zip(z) {
-                let limit = Self::limit(guide, share, sliding);
-                *z = z.clamp(-limit, limit);
-            }
-        }
     }
 }

@@ -172,17 +172,6 @@ impl Stage {
         }
     }
 
-    fn project(&self, time: f64, since: f64, state: &mut [f64]) {
-        for friction in &self.frictions {
-            if friction.elements.slip == super::guides::Slip::Sudden {
-                let change = self.change(friction.without, &self.now(time, since, state), state);
-                let place = friction.first..friction.first + friction.elements.states();
-                let v = state[1];
-                friction.elements.project(&self.guides, v, &change, &mut state[place]);
-            }
-        }
-    }
-
     /// Steps that an interval needs at the speed of now.
     fn steps_now(&self) -> usize {
         let mut fastest: f64 = 0.0;
@@ -224,11 +213,9 @@ impl Stage {
             if before * after < 0.0 {
                 let first = h * before / (before - after);
                 self.runge_kutta(&mut work, time, middle, first);
-                self.project(time + first, middle, &mut work[4]);
                 work.swap(0, 4);
                 self.runge_kutta(&mut work, time + first, middle, h - first);
             }
-            self.project(time + h, middle, &mut work[4]);
             work.swap(0, 4);
         }
         self.state.copy_from_slice(&work[0]);

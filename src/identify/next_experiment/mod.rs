@@ -435,7 +435,7 @@ pub fn trajectory_yaml(points: &[Point], joint: &str, comments: &[String]) -> St
 
 #[cfg(test)]
 mod tests {
-    use super::super::fit::fit;
+    use super::super::fit::{Effort, fit};
     use super::super::hypothesis::{Hypothesis, Part, Sides};
     use super::super::selection::Outcome;
     use super::*;
@@ -561,9 +561,9 @@ mod tests {
     ) -> Selection {
         let sides = Sides::BOTH;
         let hypothesis = Hypothesis::new(declared, tolerances).unwrap();
-        let before = fit(&hypothesis, train, sides, 6).unwrap();
+        let before = fit(&hypothesis, train, sides, Effort::COMPARED).unwrap();
         let with = effects.iter().fold(before.hypothesis.clone(), |hypothesis, part| hypothesis.with(part.clone()));
-        let after = fit(&with, train, sides, 6).unwrap();
+        let after = fit(&with, train, sides, Effort::COMPARED).unwrap();
         let one = |part: &Part, outcome| Evidence {
             round: 0,
             name: part.descriptor.name,

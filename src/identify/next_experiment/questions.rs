@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::super::driven::Driven;
-use super::super::fit::{correlation_length, derivatives, fit, stacked};
+use super::super::fit::{Effort, correlation_length, derivatives, fit, stacked};
 use super::super::hypothesis::{Coordinate, DECLARED, Hypothesis, Part, Place, Sides};
 use super::super::measured::Measured;
 use super::super::selection::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, SEVERAL, Selection};
@@ -18,18 +18,16 @@ const DATA_ALONE: f64 = 0.0;
 pub(super) const VAGUE: f64 = 0.2;
 /// Standard deviation of a declared parameter, in its tolerance, above which the data have told hardly anything about it.
 pub(super) const UNTOLD: f64 = 0.5;
-/// Iterations of the refit of a rival on the present record, which starts from what the search left.
-pub(super) const ITERATIONS: usize = 5;
 
 /// Effects at a usual size, values in the order of their parameters: sizes as in their files.
 pub(super) const USUAL: [(&str, &[f64]); 20] = [
     ("actuator_lag", &[2e-4, 0.0]),
     ("asymmetric_friction", &[0.05, 0.05]),
     ("ball_passage", &[0.5, 9e-3, 0.0, 0.0, 0.0]),
-    ("cable_chain", &[20.0, 0.0, 0.5, 1e-3]),
+    ("cable_chain", &[20.0, 0.0, 0.5, 1e-3, 0.0]),
     ("cogging", &[2.0, 24e-3, 0.0]),
     ("constant_force", &[0.5]),
-    ("distributed_bristles", &[0.5, 0.2, 0.3, 0.3, 0.2, 0.5, 1.0]),
+    ("distributed_bristles", &[0.5, 0.2, 0.3, 0.3, 0.2, 0.5, 1.0, 0.0]),
     ("encoder_scale", &[0.01]),
     ("encoder_sde", &[2e-8, 4e-6, 0.0]),
     ("external_vibration", &[0.5, 30.0, 0.0]),
@@ -40,7 +38,7 @@ pub(super) const USUAL: [(&str, &[f64]); 20] = [
     ("payload", &[1.0]),
     ("position_dependent_friction", &[0.1, 0.0, 0.02, 0.0, 0.0]),
     ("quadratic_drag", &[5.0]),
-    ("stiction_aging", &[0.1, 1.0, 2e-4]),
+    ("stiction_aging", &[0.1, 1.0, 2e-4, 0.0]),
     ("structural_mode", &[4.0, 100.0, 0.02]),
     ("viscous_warm_up", &[0.1, 1.0, 1e6, 0.0, 10.0, 100.0]),
 ];
@@ -116,7 +114,7 @@ impl Questions {
             .filter_map(|(effect, part)| {
                 let name = part.descriptor.name;
                 // A rival whose values do not go together with the rest is none.
-                let fitted = fit(&after.without(effect).with(part), train, sides, ITERATIONS).ok()?;
+                let fitted = fit(&after.without(effect).with(part), train, sides, Effort::COMPARED).ok()?;
                 Some((effect, name, fitted.hypothesis))
             })
             .collect();

@@ -1,8 +1,12 @@
 //! Cable chain: the cables of the carriage pull it towards where they hang free, with some hysteresis.
 //!
 //! F = -k (x - xc) - A h, along +x on the carriage: k stiffness (N/m), xc center (m), A amplitude of the hysteresis (N).
-//! h runs from -1 to 1 with the path: dh/dx = (sign(v) - h) / w, w width of the transition (m); exact for each step.
-//! Source of the hysteresis: Dahl's model with exponent 1 (P. Dahl, "A solid friction model", 1968); of the spring: assumed
+//! h runs from -1 to 1 with the path, w width of the transition (m), in one of three forms: with u = h sign(v) and s the path,
+//! - 0: du/ds = (1 - u) / w, 1: du/ds = (1 - u |u|) / w, 2: du/ds = 1 / w up to u = 1.
+//!
+//! Exact for each step.
+//! Source of the hysteresis: form 0: Dahl's model with exponent 1 (P. Dahl, "A solid friction model", 1968); 1: that of Bouc and Wen with exponent 2 (Wen, J. Eng. Mech.
+//! Div. ASCE 102(2), 1976) and equal parts in loading and unloading; 2: spring and slider (Iwan, J. Appl. Mech. 33, 1966). Of the spring: assumed
 //! linear over the stroke. Sizes: assumed, 1 to 10 N over the stroke.
 //! Not modelled: bumps of single links, dwell-time creep of the cables.
 
@@ -15,8 +19,8 @@ const WIDTH: f64 = 1e-3;
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "cable_chain",
     side: Side::Carriage,
-    law: "F = -stiffness (x - center) - amplitude h, dh/dx = (sign(v) - h) / width",
-    source: "linear spring (assumed) and Dahl 1968 hysteresis",
+    law: "F = -stiffness (x - center) - amplitude h, u = h sign(v); form 0: du/ds = (1 - u) / width, 1: (1 - u |u|) / width, 2: 1 / width up to u = 1",
+    source: "linear spring (assumed) and hysteresis of Dahl 1968 (0), Bouc and Wen 1976 (1), Iwan 1966 (2)",
     telltale: "low-order polynomial in position at every speed, not seen by the force cell",
     confused_with: &["constant_force", "position_dependent_friction", "cogging"],
     parameters: &[
@@ -24,24 +28,44 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::optional("center", "m", "position at which the cables do not pull", (-10.0, 10.0), 0.05, 0.0),
         EffectParameter::optional("amplitude", "N", "force of the hysteresis", (0.0, 1000.0), 1.0, 0.0),
         EffectParameter::optional("width", "m", "path over which the hysteresis turns", (1e-6, 1.0), 1e-3, WIDTH),
+        EffectParameter::optional("form", "1", "hysteresis of Dahl (0), of Bouc and Wen (1), of a spring and a slider (2)", (0.0, 2.0), 1.0, 0.0),
     ],
     check: super::any,
-    free: |values, index| index != 3 || values[2] > 0.0,
-    build: |values| {
-        Box::new(CableChain {
-            stiffness: values[0],
-            center: values[1],
-            amplitude: values[2],
-            width: values[3],
-            hysteresis: 0.0,
-        })
-    },
+    free: |values, index| index < 3 || (index == 3 && values[2] > 0.0),
+    build: |values| Box::new(CableChain::new(values)),
     propose,
-    starts: super::as_proposed,
+    starts: |values, _| super::every_form(values, FORM, 3),
 };
+
+/// Where this value stands.
+const FORM: usize = 4;
+
+#[derive(Clone, Copy, Debug)]
+enum Form {
+    Dahl,
+    BoucWen,
+    Slider,
+}
+
+impl Form {
+    /// u after `path` widths of motion.
+    fn after(self, u: f64, path: f64) -> f64 {
+        match self {
+            Form::Dahl => 1.0 + (u - 1.0) * (-path).exp(),
+            // A tangent up to 0, then a hyperbolic one.
+            Form::BoucWen => match path + u.min(0.0).atan() {
+                before if before < 0.0 => before.tan(),
+                // tanh(a + b) from tanh(a) and tanh(b): u may be 1.
+                beyond => (beyond.tanh() + u.max(0.0)) / (1.0 + beyond.tanh() * u.max(0.0)),
+            },
+            Form::Slider => (u + path).min(1.0),
+        }
+    }
+}
 
 #[derive(Debug)]
 struct CableChain {
+    form: Form,
     stiffness: f64,
     center: f64,
     amplitude: f64,
@@ -50,13 +74,31 @@ struct CableChain {
     hysteresis: f64,
 }
 
+impl CableChain {
+    fn new(values: &[f64]) -> CableChain {
+        let form = match values[FORM] {
+            code if code < 0.5 => Form::Dahl,
+            code if code < 1.5 => Form::BoucWen,
+            _ => Form::Slider,
+        };
+        CableChain {
+            form,
+            stiffness: values[0],
+            center: values[1],
+            amplitude: values[2],
+            width: values[3],
+            hysteresis: 0.0,
+        }
+    }
+}
+
 impl Effect for CableChain {
     fn force(&mut self, motion: &Motion, step: f64) -> f64 {
         let before = self.hysteresis;
         if self.amplitude > 0.0 {
-            let target = motion.velocity.signum();
-            let path = motion.velocity.abs() * step;
-            self.hysteresis = target + (before - target) * (-path / self.width).exp();
+            let direction = motion.velocity.signum();
+            let path = motion.velocity.abs() * step / self.width;
+            self.hysteresis = direction * self.form.after(direction * before, path);
         }
         let middle = 0.5 * (before + self.hysteresis);
         -self.stiffness * (motion.position - self.center) - self.amplitude * middle
@@ -78,13 +120,13 @@ impl Effect for CableChain {
 
 /// Spring from the slope of the residual over position, hysteresis from its loop at the width that is assumed.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
-    let loops = CableChain { stiffness: 0.0, center: 0.0, amplitude: 1.0, width: WIDTH, hysteresis: 0.0 };
+    let loops = CableChain::new(&[0.0, 0.0, 1.0, WIDTH, 0.0]);
     let hysteresis = along(loops, residual);
     let base = least_squares(residual.force, |_| [1.0])?;
     let fit = least_squares(residual.force, |k| [1.0, residual.position[k], hysteresis[k]])?;
     let [offset, slope, amplitude] = fit.coefficients;
     (fit.improves_on(&base) && slope < 0.0)
-        .then(|| vec![-slope, (-offset / slope).clamp(-10.0, 10.0), amplitude.max(0.0), WIDTH])
+        .then(|| vec![-slope, (-offset / slope).clamp(-10.0, 10.0), amplitude.max(0.0), WIDTH, 0.0])
 }
 
 #[cfg(test)]
@@ -93,7 +135,7 @@ mod tests {
     use super::*;
 
     fn chain() -> CableChain {
-        CableChain { stiffness: 100.0, center: 0.01, amplitude: 2.0, width: 1e-3, hysteresis: 0.0 }
+        CableChain::new(&[100.0, 0.01, 2.0, 1e-3, 0.0])
     }
 
     #[test]
@@ -107,6 +149,26 @@ mod tests {
         }
         // After 100 mm in one direction the hysteresis is fully turned: -100 (0.1 - 0.01) - 2.
         assert!((force + 11.0).abs() < 1e-2, "{force}");
+    }
+
+    /// Against small steps of the differential equations, and in one step as in many.
+    #[test]
+    fn hysteresis_of_every_form_solves_its_equation() {
+        let rates: [(Form, fn(f64) -> f64); 3] =
+            [(Form::Dahl, |u| 1.0 - u), (Form::BoucWen, |u| 1.0 - u * u.abs()), (Form::Slider, |u| if u < 1.0 { 1.0 } else { 0.0 })];
+        for (form, rate) in rates {
+            for start in [-1.0, -0.3, 0.0, 0.6, 1.0] {
+                for path in [0.0, 0.2, 0.9, 3.0] {
+                    let steps = 100_000;
+                    let small = path / f64::from(steps);
+                    let expected = (0..steps).fold(start, |u, _| (u + small * rate(u + 0.5 * small * rate(u))).min(1.0));
+                    let at_once = form.after(start, path);
+                    let in_two = form.after(form.after(start, 0.4 * path), 0.6 * path);
+                    assert!((at_once - expected).abs() < 1e-4, "{form:?} {start} {path}: {at_once} {expected}");
+                    assert!((at_once - in_two).abs() < 1e-12, "{form:?} {start} {path}");
+                }
+            }
+        }
     }
 
     #[test]
@@ -134,7 +196,7 @@ mod tests {
 
     #[test]
     fn proposal_finds_spring_center_and_hysteresis_under_noise_and_nothing_in_noise() {
-        let found = proposal(&DESCRIPTOR, &[80.0, 0.06, 1.5, 1e-3]);
+        let found = proposal(&DESCRIPTOR, &[80.0, 0.06, 1.5, 1e-3, 0.0]);
         assert!((found[0] / 80.0 - 1.0).abs() < 0.02 && (found[1] - 0.06).abs() < 3e-3, "{found:?}");
         assert!((found[2] / 1.5 - 1.0).abs() < 0.05, "{found:?}");
         let none = Record::motion().with_noise(0.3, 3);

@@ -1,25 +1,30 @@
 //! Distributed bristles: each guide has several bristle elements in parallel, which slip one after another.
 //!
-//! dz_i/dt = v - c a_i sigma0 |v| z_i / (b_i g(v)), F = sum of a_i (c sigma0 z_i + sigma1 dz_i/dt) + sigma2 v, i = 1 to 4: a_i stiffness_share_i, b_i
-//! strength_share_i, of which the fourth element has what the others leave (each kind sums to 1); c stiffness, the stiffness at the smallest motion over
-//! sigma0. A share of 0 takes an element away. The same shares in every guide.
-//! Effective stiffness of a slow loop of amplitude A: sum of b_i Fs tanh(c a_i sigma0 A / (b_i Fs)) / A: it falls over a wider range of A than one bristle's.
-//! Source: parallel elasto-slip elements (W. Iwan, J. Appl. Mech. 33, 1966; generalized Maxwell slip: Al-Bender, Lampaert, Swevers, IEEE TAC 50(11), 2005), here
-//! with LuGre elements, which turn smoothly. Sizes: assumed.
-//! Stored energy: that of the bristles. Memory of loops within loops is as good as the elements are many: each forgets over its own break-away distance.
+//! F = sum of a_i (c sigma0 z_i + sigma1 dz_i/dt) + sigma2 v, i = 1 to 4, where z_i slips at the deflection l_i = b_i g(v) / (c a_i sigma0), in one of two forms:
+//! - 0: gradually, dz_i/dt = v - |v| z_i / l_i, as LuGre's bristle;
+//! - 1: suddenly (Maxwell slip), dz_i/dt = v up to |z_i| = l_i, where it stays.
+//!
+//! a_i stiffness_share_i, b_i strength_share_i, of which the fourth element has what the others leave (each kind sums to 1); c stiffness, the stiffness at the smallest
+//! motion over sigma0. A share of 0 takes an element away. The same shares in every guide.
+//! Effective stiffness of a slow loop of amplitude A: form 0: sum of b_i Fs tanh(c a_i sigma0 A / (b_i Fs)) / A, 1: sum of min(c a_i sigma0, b_i Fs / A): it falls over a
+//! wider range of A than one bristle's.
+//! Source: parallel elements of a spring and a slider (W. Iwan, J. Appl. Mech. 33, 1966), of the level of the Stribeck curve (generalized Maxwell slip: Al-Bender,
+//! Lampaert, Swevers, IEEE TAC 50(11), 2005); form 0 with LuGre's bristles in their place. Sizes: assumed.
+//! Stored energy: that of the bristles. Memory of loops within loops is exact with form 1; with form 0 as good as the elements are many: each forgets over its own
+//! break-away distance.
 //! Not modelled: shares that differ between guides, elements of their own damping.
 
 use nalgebra::{DMatrix, DVector};
 
-use super::regression::{beyond_chance, break_away, slow_loop};
-use super::{BristleShare, Effect, EffectDescriptor, EffectParameter, MAX_ELEMENTS, Residual, Side};
+use super::regression::{beyond_chance, break_away, sliding_loop, slow_loop};
+use super::{BristleElements, BristleShare, Effect, EffectDescriptor, EffectParameter, MAX_ELEMENTS, Residual, Side, Slip};
 use crate::model::ModelError;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "distributed_bristles",
     side: Side::Carriage,
-    law: "up to four LuGre bristles in parallel per guide: stiffness c a_i sigma0, damping a_i sigma1, level b_i g(v)",
-    source: "Iwan 1966; Al-Bender, Lampaert, Swevers 2005, with LuGre elements",
+    law: "up to four bristles in parallel per guide: stiffness c a_i sigma0, damping a_i sigma1, level b_i g(v); they slip gradually (form 0, LuGre) or suddenly (1, Maxwell slip)",
+    source: "Iwan 1966; Al-Bender, Lampaert, Swevers 2005; form 0 with LuGre elements",
     telltale: "stiffer at the smallest loops and softer at larger ones than one bristle, loops within loops",
     confused_with: &["stiction_aging", "cable_chain"],
     parameters: &[
@@ -30,13 +35,17 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::optional("stiffness_share_3", "1", "part of the stiffness in element 3", (0.0, 1.0), 0.1, 0.0),
         EffectParameter::optional("strength_share_3", "1", "part of g in element 3", (0.0, 1.0), 0.1, 0.0),
         EffectParameter::optional("stiffness", "1", "stiffness of all elements over sigma0", (0.2, 5.0), 0.5, 1.0),
+        EffectParameter::optional("form", "1", "elements that slip gradually (0) or suddenly (1)", (0.0, 1.0), 1.0, 0.0),
     ],
     check,
-    free: super::all_free,
-    build: |values| Box::new(DistributedBristles { shares: shares(values) }),
+    free: |_, index| index != FORM,
+    build: |values| Box::new(DistributedBristles { elements: elements(values) }),
     propose,
-    starts: super::as_proposed,
+    starts: |values, _| super::every_form(values, FORM, 2),
 };
+
+/// Where this value stands.
+const FORM: usize = 7;
 
 /// Sums of given shares may exceed 1 by this: decimals in a file.
 const ROUNDING: f64 = 1e-9;
@@ -67,14 +76,18 @@ fn shares(values: &[f64]) -> [BristleShare; MAX_ELEMENTS] {
     })
 }
 
+fn elements(values: &[f64]) -> BristleElements {
+    BristleElements { shares: shares(values), slip: if values[FORM] < 0.5 { Slip::Gradual } else { Slip::Sudden } }
+}
+
 #[derive(Debug)]
 struct DistributedBristles {
-    shares: [BristleShare; MAX_ELEMENTS],
+    elements: BristleElements,
 }
 
 impl Effect for DistributedBristles {
-    fn bristle_shares(&self) -> Option<[BristleShare; MAX_ELEMENTS]> {
-        Some(self.shares)
+    fn bristle_elements(&self) -> Option<BristleElements> {
+        Some(self.elements)
     }
 }
 
@@ -82,13 +95,21 @@ impl Effect for DistributedBristles {
 const WIDTHS: i32 = 8;
 const WIDTH_STEP: f64 = 1.6;
 
-/// What a set of elements leaves of the residual, N^2, their indices, and their strengths, N.
-type Combination = (f64, Vec<usize>, Vec<f64>);
+/// A set of elements that a proposal weighs.
+struct Combination {
+    /// What it leaves of the residual, N^2.
+    rest: f64,
+    /// Form of the law.
+    form: usize,
+    /// Indices of the widths, and strengths, N.
+    widths: Vec<usize>,
+    strengths: Vec<f64>,
+}
 
 /// Elements that turn over two to four different distances, from what they would add to one bristle.
 ///
 /// The modelled friction gives the distance w of the single bristle, whose slow loops are dh/dx = (sign(v) - h) / w. The residual is
-/// then F0 h_w less the sum of B_i h_wi: b_i is B_i, a_i is B_i / w_i, each over its sum, and c the sum of B_i / w_i over F0 / w.
+/// then F0 h_w less the sum of B_i h_wi, h of the form that is tried: b_i is B_i, a_i is B_i / w_i, each over its sum, and c the sum of B_i / w_i over F0 / w.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let count = residual.force.len();
     if count < 100 {
@@ -96,35 +117,38 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     }
     let (width, strength) = break_away(residual)?;
     let widths: Vec<f64> = (-WIDTHS..=WIDTHS).map(|index| width * WIDTH_STEP.powi(index)).collect();
-    let columns: Vec<Vec<f64>> = widths.iter().map(|width| slow_loop(residual, *width)).collect();
-    let target: Vec<f64> =
-        columns[WIDTHS as usize].iter().zip(residual.force).map(|(column, force)| strength * column - force).collect();
+    let single = slow_loop(residual, width);
+    let target: Vec<f64> = single.iter().zip(residual.force).map(|(column, force)| strength * column - force).collect();
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let normal = DMatrix::from_fn(columns.len(), columns.len(), |i, j| dot(&columns[i], &columns[j]));
-    let right = DVector::from_fn(columns.len(), |i, _| dot(&columns[i], &target));
     let target_square = dot(&target, &target);
     let total = dot(residual.force, residual.force);
-    // What a set of elements leaves of the residual, with their strengths; `None` unless all are positive.
-    let fit = |set: &[usize]| -> Option<(f64, Vec<f64>)> {
-        let left = DMatrix::from_fn(set.len(), set.len(), |i, j| normal[(set[i], set[j])]);
-        let side = DVector::from_fn(set.len(), |i, _| right[set[i]]);
-        let strengths = left.cholesky()?.solve(&side);
-        strengths.iter().all(|strength| *strength > 0.0).then(|| (target_square - strengths.dot(&side), strengths.as_slice().to_vec()))
-    };
     let mut best: [Option<Combination>; MAX_ELEMENTS - 1] = [None, None, None];
     let mut tried = 0;
-    for i in 0..widths.len() {
-        for j in i + 1..widths.len() {
-            let triples = (j + 1..widths.len()).map(|k| vec![i, j, k]);
-            let quadruples =
-                (j + 1..widths.len()).flat_map(|k| (k + 1..widths.len()).map(move |l| vec![i, j, k, l]));
-            for set in std::iter::once(vec![i, j]).chain(triples).chain(quadruples) {
-                tried += 1;
-                let place = &mut best[set.len() - 2];
-                if let Some((rest, strengths)) = fit(&set)
-                    && place.as_ref().is_none_or(|best| rest < best.0)
-                {
-                    *place = Some((rest, set, strengths));
+    for (form, turning) in [slow_loop, sliding_loop].into_iter().enumerate() {
+        let columns: Vec<Vec<f64>> = widths.iter().map(|width| turning(residual, *width)).collect();
+        let normal = DMatrix::from_fn(columns.len(), columns.len(), |i, j| dot(&columns[i], &columns[j]));
+        let right = DVector::from_fn(columns.len(), |i, _| dot(&columns[i], &target));
+        // `None` unless all strengths are positive.
+        let fit = |widths: Vec<usize>| -> Option<Combination> {
+            let left = DMatrix::from_fn(widths.len(), widths.len(), |i, j| normal[(widths[i], widths[j])]);
+            let side = DVector::from_fn(widths.len(), |i, _| right[widths[i]]);
+            let strengths = left.cholesky()?.solve(&side);
+            let rest = target_square - strengths.dot(&side);
+            let positive = strengths.iter().all(|strength| *strength > 0.0);
+            positive.then(|| Combination { rest, form, widths, strengths: strengths.as_slice().to_vec() })
+        };
+        for i in 0..widths.len() {
+            for j in i + 1..widths.len() {
+                let triples = (j + 1..widths.len()).map(|k| vec![i, j, k]);
+                let quadruples =
+                    (j + 1..widths.len()).flat_map(|k| (k + 1..widths.len()).map(move |l| vec![i, j, k, l]));
+                for set in std::iter::once(vec![i, j]).chain(triples).chain(quadruples) {
+                    tried += 1;
+                    let place = &mut best[set.len() - 2];
+                    let found = fit(set);
+                    if found.as_ref().is_some_and(|found| place.as_ref().is_none_or(|best| found.rest < best.rest)) {
+                        *place = found;
+                    }
                 }
             }
         }
@@ -133,12 +157,12 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let mut reached = total;
     let mut chosen = None;
     for combination in best.into_iter().flatten() {
-        if beyond_chance(reached - combination.0, combination.0, count, 2, tried) {
-            reached = combination.0;
+        if beyond_chance(reached - combination.rest, combination.rest, count, 2, tried) {
+            reached = combination.rest;
             chosen = Some(combination);
         }
     }
-    let (_, set, strengths) = chosen?;
+    let Combination { form, widths: set, strengths, .. } = chosen?;
     let strength_sum: f64 = strengths.iter().sum();
     let stiffnesses: Vec<f64> = strengths.iter().zip(&set).map(|(strength, index)| strength / widths[*index]).collect();
     let stiffness_sum: f64 = stiffnesses.iter().sum();
@@ -152,6 +176,7 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         })
         .collect();
     values.push((stiffness_sum * width / strength).clamp(0.2, 5.0));
+    values.push(form as f64);
     Some(values)
 }
 
@@ -163,7 +188,7 @@ mod tests {
     use crate::model::{Catalogue, EffectParameters, Guide, StageModel};
     use crate::plant::{Body, GuideBank};
 
-    const SHARES: [f64; 7] = [0.6, 0.1, 0.3, 0.3, 0.0, 0.0, 1.2];
+    const SHARES: [f64; 8] = [0.6, 0.1, 0.3, 0.3, 0.0, 0.0, 1.2, 0.0];
 
     fn guide() -> Guide {
         Catalogue::builtin().guide("guide_1").unwrap()
@@ -187,8 +212,10 @@ mod tests {
     #[test]
     fn effective_stiffness_is_the_sum_of_the_elements() {
         let guide = guide();
-        for amplitude in [1e-7, 1e-6, 10e-6, 40e-6] {
-            let mut bank = GuideBank::with_elements(std::slice::from_ref(&guide), &shares(&SHARES));
+        let amplitudes = [1e-7, 1e-6, 10e-6, 40e-6];
+        for (slip, amplitude) in [Slip::Gradual, Slip::Sudden].into_iter().flat_map(|slip| amplitudes.map(|a| (slip, a))) {
+            let elements = BristleElements { slip, ..elements(&SHARES) };
+            let mut bank = GuideBank::with_elements(std::slice::from_ref(&guide), &elements);
             let ways: Vec<f64> = (0..60).map(|way| if way % 2 == 0 { amplitude } else { -amplitude }).collect();
             let forces = visit(&mut bank, 0.0, &ways);
             let found = (forces[58] - forces[59]) / (2.0 * amplitude);
@@ -197,7 +224,11 @@ mod tests {
                 .filter(|share| share.strength > 0.0)
                 .map(|share| {
                     let strength = share.strength * guide.static_force;
-                    strength * (share.stiffness * guide.stiffness * amplitude / strength).tanh() / amplitude
+                    let elastic = share.stiffness * guide.stiffness * amplitude;
+                    match slip {
+                        Slip::Gradual => strength * (elastic / strength).tanh() / amplitude,
+                        Slip::Sudden => elastic.min(strength) / amplitude,
+                    }
                 })
                 .sum();
             // At 2 % of the Stribeck velocity the level is Fs to within 4e-4.
@@ -219,23 +250,48 @@ mod tests {
     fn after_an_inner_loop_closes_the_force_returns_onto_the_outer_branch() {
         // Elements that turn over 0.05, 23 and 1000 times the single bristle's distance: the loop turns the first and hardly moves the others.
         let share = |stiffness, strength| BristleShare { stiffness, damping: stiffness, strength };
-        let apart = [share(0.98, 0.05), share(0.0195, 0.45), share(0.0005, 0.5), BristleShare::default()];
+        let shares = [share(0.98, 0.05), share(0.0195, 0.45), share(0.0005, 0.5), BristleShare::default()];
+        let apart = BristleElements { shares, slip: Slip::Gradual };
         let (single, distributed) = (missed(GuideBank::new(&[guide()])), missed(GuideBank::with_elements(&[guide()], &apart)));
         assert!(single > 0.1, "one bristle forgets: {single}");
         assert!(distributed < 0.1 * single, "{distributed} against {single} of one bristle");
+        let sudden = missed(GuideBank::with_elements(&[guide()], &BristleElements { slip: Slip::Sudden, ..apart }));
+        assert!(sudden < 1e-9, "those that slip suddenly forget nothing: {sudden}");
     }
 
     /// Loops within loops lose energy; what is stored never exceeds the work that was put in.
     #[test]
     fn a_driven_bank_stores_less_than_the_work_done() {
-        let mut bank = GuideBank::with_elements(&[guide()], &shares(&SHARES));
-        let mut work = 0.0;
-        for k in 0..20_000 {
-            let velocity = 1e-3 * ((0.003 * f64::from(k)).sin() + 0.7 * (0.0071 * f64::from(k)).sin());
-            work += bank.drive(velocity, 1e-4, &FrictionScale::ONE) * velocity * 1e-4;
-            assert!(bank.stored_energy() <= work + 1e-12, "{k}: {} J of {work} J", bank.stored_energy());
+        for slip in [Slip::Gradual, Slip::Sudden] {
+            let mut bank = GuideBank::with_elements(&[guide()], &BristleElements { slip, ..elements(&SHARES) });
+            let mut work = 0.0;
+            for k in 0..20_000 {
+                let velocity = 1e-3 * ((0.003 * f64::from(k)).sin() + 0.7 * (0.0071 * f64::from(k)).sin());
+                work += bank.drive(velocity, 1e-4, &FrictionScale::ONE) * velocity * 1e-4;
+                assert!(bank.stored_energy() <= work + 1e-12, "{k}: {} J of {work} J", bank.stored_energy());
+            }
+            assert!(work > 0.0);
         }
-        assert!(work > 0.0);
+    }
+
+    /// The carriage on sudden elements, against steps ten times as short.
+    #[test]
+    fn a_stage_on_sudden_elements_moves_alike_at_a_shorter_step() {
+        let values = [("stiffness_share_1", 0.6), ("strength_share_1", 0.1), ("form", 1.0)];
+        let effects = vec![EffectParameters::new("distributed_bristles", values)];
+        let model = StageModel { effects, ..StageModel::default() };
+        let [coarse, fine] = [(25e-6, 1), (2.5e-6, 10)].map(|(step, steps)| {
+            let mut body = Body::new(&model, step).unwrap();
+            let mut positions = Vec::new();
+            for k in 0..4000 {
+                body.advance(70.0 * (0.01 * f64::from(k)).sin(), steps);
+                positions.push(body.position());
+            }
+            positions
+        });
+        let largest = fine.iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
+        let off = coarse.iter().zip(&fine).fold(0.0f64, |off, (a, b)| off.max((a - b).abs()));
+        assert!(largest > 1e-5 && off < 1e-4 * largest, "{off} m of {largest} m");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use std::fmt::Debug;
 
 use crate::model::{EffectParameters, ModelError, nearest};
 
-use super::guides::{BristleShare, FrictionScale, MAX_ELEMENTS};
+use super::guides::{BristleElements, BristleShare, FrictionScale, MAX_ELEMENTS, Slip};
 
 /// Most effects that one stage may have: their forces pass through fixed-size buffers.
 pub const MAX_EFFECTS: usize = 16;
@@ -103,7 +103,7 @@ pub trait Effect: Debug + Send + Sync {
     }
 
     /// Shares of the elements that stand in parallel in each guide, in place of its one bristle.
-    fn bristle_shares(&self) -> Option<[BristleShare; MAX_ELEMENTS]> {
+    fn bristle_elements(&self) -> Option<BristleElements> {
         None
     }
 
@@ -257,6 +257,16 @@ fn as_proposed(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     vec![values.to_vec()]
 }
 
+/// What is proposed, in each of `count` forms that the value at `form` numbers from 0.
+fn every_form(values: &[f64], form: usize, count: u8) -> Vec<Vec<f64>> {
+    let of_form = |code| {
+        let mut start = values.to_vec();
+        start[form] = f64::from(code);
+        start
+    };
+    (0..count).map(of_form).collect()
+}
+
 /// A fit may change every value.
 fn all_free(_values: &[f64], _index: usize) -> bool {
     true
@@ -398,8 +408,8 @@ impl Effects {
     }
 
     /// Shares of the bristle elements of each guide, of the last effect that has some; `None`: one bristle.
-    pub fn bristle_shares(&self) -> Option<[BristleShare; MAX_ELEMENTS]> {
-        self.list.iter().rev().find_map(|entry| entry.effect.bristle_shares())
+    pub fn bristle_elements(&self) -> Option<BristleElements> {
+        self.list.iter().rev().find_map(|entry| entry.effect.bristle_elements())
     }
 
     /// Pieces into which a step as long as a control cycle is to be divided, at least 1.
@@ -409,7 +419,7 @@ impl Effects {
 
     /// Whether the guides' laws or bristles are not those of the model alone.
     pub fn shapes_friction(&self) -> bool {
-        self.scales_friction || self.bristle_shares().is_some()
+        self.scales_friction || self.bristle_elements().is_some()
     }
 
     /// Factors on the guides' laws over a step. Before [`Effects::advance`], once per step.

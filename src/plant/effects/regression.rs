@@ -105,6 +105,21 @@ pub(super) fn slow_loop(residual: &Residual, width: f64) -> Vec<f64> {
         .collect()
 }
 
+/// The same of a spring with a slider: dh/dx = 1 / width up to 1 (Iwan 1966), mean of each step's ends.
+pub(super) fn sliding_loop(residual: &Residual, width: f64) -> Vec<f64> {
+    let step = mean_step(residual);
+    let mut state = 0.0f64;
+    residual
+        .velocity
+        .iter()
+        .map(|velocity: &f64| {
+            let before = state;
+            state = (state + velocity * step / width).clamp(-1.0, 1.0);
+            0.5 * (before + state)
+        })
+        .collect()
+}
+
 /// Distance over which one bristle turns that moves as the modelled friction does, m, and its strength, N.
 pub(super) fn break_away(residual: &Residual) -> Option<(f64, f64)> {
     let fit = |width: f64| {
@@ -443,8 +458,8 @@ pub(super) mod record {
             let mut effect = (descriptor.build)(values);
             let guides = vec![Catalogue::builtin().guide("guide_1").unwrap(); 4];
             let mut bank = effect
-                .bristle_shares()
-                .map_or_else(|| GuideBank::new(&guides), |shares| GuideBank::with_elements(&guides, &shares));
+                .bristle_elements()
+                .map_or_else(|| GuideBank::new(&guides), |elements| GuideBank::with_elements(&guides, &elements));
             let error = |effect: &dyn super::super::Effect, k: usize| {
                 let k = k.min(self.time.len() - 1);
                 effect.encoder(self.time[k], self.position[k]) - self.position[k]

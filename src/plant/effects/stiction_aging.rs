@@ -1,11 +1,14 @@
 //! Stiction aging: at rest the contacts grow together, and the stage breaks away harder the longer it has stood.
 //!
-//! Fs times 1 + f s, ds/dt = (1 - s) / T - s |v| / w: f fraction, T time_constant (s), w width (m), s from 0 (just moved) to 1 (rested long).
-//! At rest s = 1 - exp(-t / T); sliding renews the contacts over the width. Exact over a step of constant velocity. Starts at s = 0.
-//! Source: aging law of rate-and-state friction (Dieterich, J. Geophys. Res. 84, 1979; Ruina, J. Geophys. Res. 88, 1983), here saturating. Sizes:
-//! assumed, some 10 %, time constant about 1 s, width of about the distance over which the guides break away.
+//! Fs times 1 + f s: f fraction, T time_constant (s), w width (m), in one of two forms:
+//! - 0: ds/dt = (1 - s) / T - s |v| / w, from 0 (just moved) to 1 (rested long); at rest s = 1 - exp(-t / T);
+//! - 1: s = ln(1 + a / T) with the age a (s) of the contacts, da/dt = 1 - a |v| / w; at rest a = t, and s grows without end.
+//!
+//! Sliding renews the contacts over the width. Exact over a step of constant velocity. Starts at s = 0.
+//! Source: form 1: aging law of rate-and-state friction (Dieterich, J. Geophys. Res. 84, 1979; Ruina, J. Geophys. Res. 88, 1983); form 0: the same, saturating
+//! (assumed). Sizes: assumed, some 10 %, time constant about 1 s, width of about the distance over which the guides break away.
 //! It only takes energy.
-//! Not modelled: growth with the logarithm of time, normal load.
+//! Not modelled: normal load.
 
 use super::regression::{break_away, largest_over_decades, least_squares, mean_step};
 use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Side};
@@ -19,40 +22,67 @@ const TIMES: (f64, f64) = (1e-2, 1e4);
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "stiction_aging",
     side: Side::Carriage,
-    law: "Fs (1 + fraction s), ds/dt = (1 - s) / time_constant - s |v| / width",
-    source: "Dieterich 1979, Ruina 1983, saturating",
+    law: "Fs (1 + fraction s); form 0: ds/dt = (1 - s) / time_constant - s |v| / width; 1: s = ln(1 + a / time_constant), da/dt = 1 - a |v| / width",
+    source: "Dieterich 1979, Ruina 1983; form 0: the same, saturating",
     telltale: "a peak at break-away that grows with the rest before it, not seen by the force cell",
     confused_with: &["distributed_bristles"],
     parameters: &[
-        EffectParameter::required("fraction", "1", "part by which Fs has risen after a long rest", (0.0, 10.0), 0.1),
+        EffectParameter::required("fraction", "1", "part by which Fs has risen after a long rest (form 0), or rises for each factor of e (1)", (0.0, 10.0), 0.1),
         EffectParameter::optional("time_constant", "s", "time at rest in which it rises", TIMES, 0.5, 1.0),
         EffectParameter::optional("width", "m", "distance of sliding over which it goes", (1e-7, 1e-1), 1e-4, WIDTH),
+        EffectParameter::optional("form", "1", "towards an end (0), or with the logarithm of time (1)", (0.0, 1.0), 1.0, 0.0),
     ],
     check: super::any,
-    free: super::all_free,
-    build: |values| Box::new(StictionAging { fraction: values[0], time_constant: values[1], width: values[2], age: 0.0 }),
+    free: |_, index| index != FORM,
+    build: |values| Box::new(StictionAging::new(values)),
     propose,
-    starts: super::as_proposed,
+    starts: |values, _| super::every_form(values, FORM, 2),
 };
+
+/// Where this value stands.
+const FORM: usize = 3;
+
+#[derive(Clone, Copy, Debug)]
+enum Form {
+    Saturating,
+    Logarithmic,
+}
 
 #[derive(Debug)]
 struct StictionAging {
+    form: Form,
     fraction: f64,
     time_constant: f64,
     width: f64,
-    /// s, 0 to 1.
+    /// s of form 0; a / T of form 1.
     age: f64,
 }
 
 impl StictionAging {
-    /// s in the middle of a step; moves s to its end.
+    fn new(values: &[f64]) -> StictionAging {
+        let form = if values[FORM] < 0.5 { Form::Saturating } else { Form::Logarithmic };
+        StictionAging { form, fraction: values[0], time_constant: values[1], width: values[2], age: 0.0 }
+    }
+
+    /// s in the middle of a step; moves the age to its end.
     fn advance(&mut self, velocity: f64, step: f64) -> f64 {
-        let rate = self.time_constant.recip() + velocity.abs() / self.width;
-        let steady = (self.time_constant * rate).recip();
-        let half = (-0.5 * rate * step).exp();
-        let middle = steady + (self.age - steady) * half;
-        self.age = steady + (self.age - steady) * half * half;
-        middle
+        let (growth, renewal) = (self.time_constant.recip(), velocity.abs() / self.width);
+        let rate = match self.form {
+            Form::Saturating => growth + renewal,
+            Form::Logarithmic => renewal,
+        };
+        let after = |age: f64, time: f64| {
+            let gone = -(-rate * time).exp_m1();
+            // At rest the logarithmic form has no steady age.
+            let grown = if rate * time > f64::EPSILON { growth / rate * gone } else { growth * time };
+            age - age * gone + grown
+        };
+        let middle = after(self.age, 0.5 * step);
+        self.age = after(middle, 0.5 * step);
+        match self.form {
+            Form::Saturating => middle,
+            Form::Logarithmic => middle.ln_1p(),
+        }
     }
 }
 
@@ -79,7 +109,7 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let step = mean_step(residual);
     let base = least_squares(residual.force, |k| [residual.friction[k]])?;
     let fit = |time_constant: f64| {
-        let mut aging = StictionAging { fraction: 1.0, time_constant, width: WIDTH, age: 0.0 };
+        let mut aging = StictionAging::new(&[1.0, time_constant, WIDTH, 0.0]);
         let mut additional = 0.0;
         let column: Vec<f64> = residual
             .velocity
@@ -103,7 +133,7 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let time_constant = largest_over_decades(shortest, duration.min(TIMES.1), explained);
     let fit = fit(time_constant)?;
     let fraction = fit.coefficients[1];
-    (fit.improves_on(&base) && fraction > 0.0).then(|| vec![fraction.min(10.0), time_constant, WIDTH])
+    (fit.improves_on(&base) && fraction > 0.0).then(|| vec![fraction.min(10.0), time_constant, WIDTH, 0.0])
 }
 
 #[cfg(test)]
@@ -115,7 +145,7 @@ mod tests {
 
     #[test]
     fn static_friction_grows_at_rest_and_is_renewed_by_sliding() {
-        let mut aging = (DESCRIPTOR.build)(&[0.5, 2.0, 50e-6]);
+        let mut aging = (DESCRIPTOR.build)(&[0.5, 2.0, 50e-6, 0.0]);
         let mut stat = |velocity: f64, duration: f64| {
             let mut scale = FrictionScale::ONE;
             for _ in 0..1000 {
@@ -131,9 +161,27 @@ mod tests {
         assert!((stat(0.25, 1e-3) - 1.0) < 0.01 * 0.5);
     }
 
+    /// Ruina's law at rest and in steady sliding, where the age is the width over the speed.
+    #[test]
+    fn in_the_other_form_it_grows_with_the_logarithm_of_the_age() {
+        let mut aging = (DESCRIPTOR.build)(&[0.2, 0.5, 50e-6, 1.0]);
+        let mut stat = |velocity: f64, duration: f64| {
+            let mut scale = FrictionScale::ONE;
+            for _ in 0..10_000 {
+                scale = FrictionScale::ONE;
+                aging.friction(&Motion { velocity, ..Motion::default() }, duration / 10_000.0, &mut scale);
+            }
+            scale.stat
+        };
+        let after_rest = stat(0.0, 30.0);
+        assert!((after_rest - (1.0 + 0.2 * 61f64.ln())).abs() < 1e-4, "{after_rest}");
+        let sliding = stat(-25e-6, 60.0);
+        assert!((sliding - (1.0 + 0.2 * 5f64.ln())).abs() < 1e-4, "{sliding}");
+    }
+
     /// Peak of the friction, N, when a guide starts slowly after a rest of `rest` seconds.
     fn break_away(rest: f64) -> f64 {
-        let mut aging = (DESCRIPTOR.build)(&[0.5, 1.0, WIDTH]);
+        let mut aging = (DESCRIPTOR.build)(&[0.5, 1.0, WIDTH, 0.0]);
         let mut bank = GuideBank::new(&[Catalogue::builtin().guide("guide_1").unwrap()]);
         let mut peak = 0.0f64;
         let rests = (rest / 1e-3) as usize;
@@ -163,7 +211,7 @@ mod tests {
             position.extend((1..=2000).map(|k| start + direction * f64::from(k) * STEP));
             start += direction * 2000.0 * STEP;
         }
-        let values = [0.5, 1.0, WIDTH];
+        let values = [0.5, 1.0, WIDTH, 0.0];
         let record = Record::along(position).with_effect(&DESCRIPTOR, &values).with_noise(0.3, 4);
         let found = propose(&record.residual()).unwrap();
         assert!((0.5..2.0).contains(&found[1]) && (0.25..1.0).contains(&found[0]), "{found:?}");
