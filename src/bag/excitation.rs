@@ -414,6 +414,11 @@ impl<'a> Examiner<'a> {
         let mut from = 0;
         while from < moments.len() {
             let start = &moments[from];
+            // A rest is none, and a long one not to be walked again from each of its moments.
+            if start.velocity.abs() <= 3.0 * rest_speed {
+                from += 1;
+                continue;
+            }
             let near =
                 |m: &Moment| (m.velocity - start.velocity).abs() <= 0.02 * start.velocity.abs() + 0.5 * rest_speed;
             let mut to = from + 1;
@@ -421,7 +426,7 @@ impl<'a> Examiner<'a> {
                 to += 1;
             }
             let time = (to - from) as f64 * moment_s;
-            if start.velocity.abs() > 3.0 * rest_speed && time >= SHORTEST_STRETCH {
+            if time >= SHORTEST_STRETCH {
                 let mean = moments[from..to].iter().map(|m| m.velocity).sum::<f64>() / (to - from) as f64;
                 stretches.push((mean.abs(), time));
                 from = to;
@@ -503,11 +508,10 @@ impl<'a> Examiner<'a> {
                 .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(*value), high.max(*value)]);
             if low < high { high - low } else { 0.0 }
         };
-        let driven = |run: &Range<usize>| {
-            let mut recorded =
-                others.iter().filter(|other| self.recording.has(**other)).map(|other| self.column(*other));
-            recorded.any(|other| span(&other[run.clone()]) > 0.1 * span(other).max(f64::MIN_POSITIVE))
-        };
+        let recorded = others.iter().filter(|other| self.recording.has(**other)).map(|other| self.column(*other));
+        let recorded: Vec<(&[f64], f64)> =
+            recorded.map(|other| (other, 0.1 * span(other).max(f64::MIN_POSITIVE))).collect();
+        let driven = |run: &Range<usize>| recorded.iter().any(|(other, least)| span(&other[run.clone()]) > *least);
         let stuck: Vec<Range<usize>> = runs.into_iter().filter(driven).collect();
         for run in stuck {
             let (value, rows) = (column[run.start], run.len());
@@ -807,12 +811,16 @@ fn noise(segments: &[Range<usize>], value: impl Fn(usize) -> f64) -> Option<f64>
     Some(blocks.select_nth_unstable_by(middle, f64::total_cmp).1.sqrt())
 }
 
-/// Lowest and highest value with the rows that have it in runs of at least [`CLIPPED_RUN`].
+/// Lowest and highest value with the rows that have it in runs of at least [`CLIPPED_RUN`] times the usual ones: a signal of a lower rate stays with
+/// each of its values for some rows.
 fn extremes(column: &[f64]) -> [(f64, usize); 2] {
+    let mut lengths: Vec<usize> = column.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
+    let middle = lengths.len() / 2;
+    let usual = if lengths.is_empty() { 1 } else { *lengths.select_nth_unstable(middle).1 };
     let finite = || column.iter().copied().filter(|v| v.is_finite());
     [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)].map(|extreme| {
         let runs = column.chunk_by(|a, b| (*a == extreme) == (*b == extreme));
-        let at = runs.filter(|run| run[0] == extreme && run.len() >= CLIPPED_RUN);
+        let at = runs.filter(|run| run[0] == extreme && run.len() >= CLIPPED_RUN * usual);
         (extreme, at.map(<[f64]>::len).sum())
     })
 }

@@ -21,8 +21,9 @@ use super::Outcome;
 use crate::bag::{Mapping, topics};
 use crate::identify::Outcome::TooSmall;
 use crate::identify::{
-    Change, LinearController, NOISE_LIKE, NextExperiment, PositionErrors, Selection, Summary, Tolerances, Verdict,
-    Watch, closed_loop, next_experiment, parameter_warnings, ripple_elsewhere, search, taking_part,
+    CARRIAGE_GAIN, Change, LinearController, MOST_EFFECTS, NOISE_LIKE, NextExperiment, PositionErrors, Selection,
+    Summary, Tolerances, Verdict, Watch, closed_loop, next_experiment, parameter_warnings, readable, ripple_elsewhere,
+    search, taking_part,
 };
 use crate::model::StageModel;
 use crate::node::stage_settings;
@@ -147,6 +148,13 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         guides: args.guide_tolerance,
         presliding: args.presliding_tolerance.unwrap_or(args.guide_tolerance),
     };
+    // Where nothing can be written, nobody should wait for it.
+    let motion_file = args.next_experiment.clone().map(|file| file.unwrap_or_else(|| args.out.join(next::FILE)));
+    std::fs::create_dir_all(args.out.join("figures"))
+        .with_context(|| format!("cannot create {}", args.out.join("figures").display()))?;
+    if let Some(directory) = motion_file.as_deref().and_then(Path::parent).filter(|path| *path != Path::new("")) {
+        anyhow::ensure!(directory.is_dir(), "--next-experiment: there is no directory {}", directory.display());
+    }
     let watch = Progress { bar: bar.clone(), stop, told: Mutex::default() };
     let selection = search(&declared, tolerances, &input.train.measured, &input.holdout.measured, &watch)?;
     bar.set_message("closed loop");
@@ -171,11 +179,10 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let mut summary = Summary::new(&selection, train, holdout, position, MODEL_FILE, warnings);
     summary.warnings.extend(summary.worse());
     let mut motion = None;
-    if let Some(limits) = limits {
+    if let (Some(limits), Some(file)) = (limits, motion_file) {
         bar.set_message("next experiment");
         match next_experiment::plan(&selection, &declared, train, limits) {
             Ok(plan) => {
-                let file = args.next_experiment.clone().flatten().unwrap_or_else(|| args.out.join(next::FILE));
                 summary.warnings.extend(next::warnings(&plan.next));
                 summary.next_experiment = Some(NextExperiment { file: file.display().to_string(), ..plan.next });
                 motion = Some((file, plan.points));
@@ -188,8 +195,6 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     bar.set_message("report");
     let figures = figures::draw(&selection, &input, loops.as_ref())?;
     let html = page::page(&args.model, &declared, &model, &selection, &summary, &input, &figures)?;
-    std::fs::create_dir_all(args.out.join("figures"))
-        .with_context(|| format!("cannot create {}", args.out.join("figures").display()))?;
     write(&args.out.join(MODEL_FILE), &model.to_yaml()?)?;
     for figure in &figures {
         write(&args.out.join("figures").join(format!("{}.svg", figure.name)), &figure.svg)?;
@@ -307,6 +312,10 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
             left / selection.floor.total()
         ));
     }
+    let added = selection.after.hypothesis.effects.len() - selection.before.hypothesis.effects.len();
+    if added >= MOST_EFFECTS && left > NOISE_LIKE * selection.floor.total() {
+        remarks.push(format!("no more than {MOST_EFFECTS} laws are added: there may be further ones; declare those that are right in --model, and identify again"));
+    }
     remarks.extend(parameter_warnings(&selection.after, rate));
     remarks
 }
@@ -314,8 +323,7 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
 /// Ripples of the train record that the hold-out has too, but with another phase: as found they would make it worse.
 fn moved_ripples(selection: &Selection, input: &Input) -> anyhow::Result<Vec<String>> {
     let Some(last) = selection.evidence.iter().map(|one| one.round).max() else { return Ok(Vec::new()) };
-    // What counts as more than chance on the carriage side: half the floor's square.
-    let least = 0.5 * selection.floor.carriage.powi(2);
+    let least = CARRIAGE_GAIN * selection.floor.carriage.powi(2);
     let mut remarks = Vec::new();
     for one in selection.evidence.iter().filter(|one| one.round == last && one.outcome == TooSmall) {
         let found = ripple_elsewhere(&one.part, &selection.after.hypothesis, &input.holdout.measured)?;
@@ -346,9 +354,10 @@ fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Re
         writeln!(out, "  {} ({} side)", effect.name, effect.side)?;
         for name in taking_part(effect) {
             let Some(parameter) = effect.parameters.get(name) else { continue };
-            let interval =
-                parameter.ci95.map_or_else(String::new, |[low, high]| format!("  95 %: {low:.6} to {high:.6}"));
-            writeln!(out, "    {name:18} {:.6} {}{interval}", parameter.value, parameter.unit)?;
+            let interval = parameter
+                .ci95
+                .map_or_else(String::new, |[low, high]| format!("  95 %: {} to {}", readable(low), readable(high)));
+            writeln!(out, "    {name:18} {} {}{interval}", readable(parameter.value), parameter.unit)?;
         }
     }
     for (name, errors) in [("train", &summary.errors.train), ("hold-out", &summary.errors.holdout)] {

@@ -1,7 +1,9 @@
 //! A recording as identification needs it: a motion that friction can be driven along, and forces at the instants in between.
 
+use std::ops::Range;
+
 use crate::bag::Trace;
-use crate::model::StageModel;
+use crate::model::{Guide, StageModel};
 use crate::plant::Motion;
 
 use super::IdentifyError;
@@ -25,6 +27,8 @@ const SUBSTEPS: usize = 4;
 const STEADY: f64 = 0.1;
 /// Break-away lengths after which a bristle has forgotten where it came from: exp(-7) is left. The parameters are nominal, hence no less.
 const FORGETTING: f64 = 7.0;
+/// Longest hole in the position that the stage crosses as the samples on either side say, s. Assumed: no stage turns and comes back in it.
+const HOLE: f64 = 5e-3;
 /// Share of a record, the slowest, that shows the noise of the encoder. Assumed: a recording of a stage has rests or slow moves in it.
 const SLOWEST: f64 = 0.1;
 /// Fewest samples that are worth an attempt: less does not even fill the filters several times.
@@ -179,6 +183,9 @@ impl Measured {
 
         let lowpass = Lowpass::new(FORCE_CORNER.min(rate / 5.0), rate);
         let half = lowpass.half() + 1;
+        for unknown in unknown_bristles(&trace.position, rate, model)? {
+            valid[unknown].fill(false);
+        }
         // Running count of samples to leave out, so that each row is judged in one subtraction.
         let missing: Vec<usize> = std::iter::once(0)
             .chain(valid.iter().scan(0, |sum, valid| {
@@ -186,11 +193,9 @@ impl Measured {
                 Some(*sum)
             }))
             .collect();
-        // What the bristles hold at the start is not known; after some lengths of sliding it no longer matters.
-        let first = sliding_start(&position, model)?.unwrap_or(0);
         let rows: Vec<usize> = lowpass
             .kept(count, 2)
-            .filter(|row| *row >= first + half && missing[row + half + 1] == missing[row - half])
+            .filter(|row| *row >= half && missing[row + half + 1] == missing[row - half])
             .collect();
         if rows.len() * lowpass.factor() < MIN_SAMPLES / 2 {
             return Err(IdentifyError::TooShort {
@@ -281,10 +286,32 @@ fn path(position: &[f64], velocity: &[f64], k: usize, rate: f64) -> impl Fn(f64)
     move |s| s * (start + s * (square + s * cube))
 }
 
-/// Sample at which the guides have first slid far enough to have forgotten their initial deflection; `None` if they never do.
-fn sliding_start(position: &[f64], model: &StageModel) -> Result<Option<usize>, IdentifyError> {
-    let longest = model.resolved_guides()?.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
-    Ok(position.iter().position(|x| (x - position[0]).abs() > FORGETTING * longest))
+/// Distance after which the bristles of these guides have forgotten where they came from, m.
+pub(super) fn forgetting_length(guides: &[Guide]) -> f64 {
+    FORGETTING * guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max)
+}
+
+/// Samples at which nobody knows what the bristles hold: at the start, and after a hole in which the stage may have turned, until the guides have slid
+/// far enough to have forgotten it. A record that never slides so far is whole from its start.
+fn unknown_bristles(position: &[f64], rate: f64, model: &StageModel) -> Result<Vec<Range<usize>>, IdentifyError> {
+    let length = forgetting_length(&model.resolved_guides()?);
+    let slid_from = |from: usize| {
+        let start = position[from];
+        position[from..].iter().position(|x| (x - start).abs() > length).map(|samples| from + samples)
+    };
+    let mut ranges = Vec::new();
+    let (mut from, mut hole) = (0, 0);
+    for run in position.chunk_by(|a, b| a.is_finite() == b.is_finite()) {
+        let finite = run[0].is_finite();
+        if finite && ranges.is_empty() {
+            ranges.push(from..slid_from(from).unwrap_or(from));
+        } else if finite && hole as f64 > HOLE * rate {
+            ranges.push(from..slid_from(from).unwrap_or(position.len()));
+        }
+        hole = if finite { 0 } else { run.len() };
+        from += run.len();
+    }
+    Ok(ranges)
 }
 
 /// NaN replaced by the straight line between the neighbours; the ends by the nearest value.

@@ -27,9 +27,12 @@ pub use next_experiment::{Limits, NextExperiment, NextExperimentError, Plan};
 pub use phase::{RippleElsewhere, ripple_elsewhere};
 
 pub use closed_loop::{ClosedLoopError, LinearController};
-pub use selection::{Errors, Evidence, NOISE_LIKE, Outcome, Selection, Silent, Verdict, Watch, search};
+pub use selection::{
+    CARRIAGE_GAIN, Errors, Evidence, MOST_EFFECTS, NOISE_LIKE, Outcome, Selection, Silent, Verdict, Watch, search,
+};
 pub use summary::{
-    Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, parameter_warnings, taking_part,
+    Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, parameter_warnings, readable, side_name,
+    taking_part,
 };
 
 use crate::model::ModelError;
@@ -43,7 +46,9 @@ pub enum IdentifyError {
     NoForce { name: String },
     #[error("{name} does not move: the position stays within {travel:e} m")]
     NoMotion { name: String, travel: f64 },
-    #[error("records at {first:.6} Hz and {other:.6} Hz cannot be joined: give a rate in a mapping")]
+    #[error(
+        "records at {first:.6} Hz and {other:.6} Hz do not compare sample by sample: bring both to the lower of them with `rate` in a mapping"
+    )]
     Rates { first: f64, other: f64 },
     #[error(transparent)]
     Model(#[from] ModelError),

@@ -14,11 +14,11 @@ use super::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
 use super::measured::{Floor, Measured};
 
 /// Most effects that are added.
-const MOST_EFFECTS: usize = 4;
+pub const MOST_EFFECTS: usize = 4;
 /// What an effect must take off the mean square of train and of hold-out, in squares of the floor of its side. Behind the force cell the
 /// model of the motor is exact; on the carriage the measured motion stands for the true one, and guides of which no two are alike leave up to a fifth of a square.
 const MOTOR_GAIN: f64 = 0.02;
-pub(super) const CARRIAGE_GAIN: f64 = 0.5;
+pub const CARRIAGE_GAIN: f64 = 0.5;
 /// Share of what is still explainable on each record that an effect must take out: below it the law only bends towards what it is not.
 const LEAST_SHARE: f64 = 0.1;
 /// Effects of which there may be several: harmonics of a period, lines of a spectrum.
@@ -83,7 +83,7 @@ pub struct Evidence {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     Chosen,
-    /// Within chance.
+    /// Less than chance, the floor or what is left to explain ask for.
     TooSmall,
     /// Another one does better.
     Beaten,
@@ -244,8 +244,9 @@ struct Search<'a> {
     errors_before: Errors,
     best: Fitted,
     best_errors: Errors,
-    /// Laws that were added.
+    /// Rounds in which candidates were tried, and laws that were added.
     rounds: usize,
+    laws: usize,
     evidence: Vec<Evidence>,
     coordinate: Option<Coordinate>,
     runners_up: Vec<Option<(&'static str, f64)>>,
@@ -274,6 +275,7 @@ impl<'a> Search<'a> {
             before,
             errors_before,
             rounds: 0,
+            laws: 0,
             evidence: Vec::new(),
             coordinate: None,
             inseparable: Vec::new(),
@@ -296,6 +298,14 @@ impl<'a> Search<'a> {
             Side::Motor if self.has_cell() => MOTOR_GAIN * self.floor.motor.powi(2),
             _ => CARRIAGE_GAIN * self.floor.carriage.powi(2),
         }
+    }
+
+    /// Least fall of the mean square that is worth an effect with whose arrival the errors fall so, N^2. Wherever it acts: what the cell shows is judged as
+    /// exactly as the motor, the rest as the carriage.
+    fn least_gain(&self, without: &Errors, with: &Errors) -> f64 {
+        let on_motor = without.holdout_motor - with.holdout_motor;
+        let shown_by_cell = on_motor > 0.0 && on_motor >= self.threshold(Side::Motor);
+        self.threshold(if shown_by_cell { Side::Motor } else { Side::Carriage })
     }
 
     /// What these errors leave on the hold-out beyond the noise of the sensors, N^2.
@@ -335,8 +345,8 @@ impl<'a> Search<'a> {
     /// Adds laws one by one while any explains enough; whether there was one.
     fn add_laws(&mut self) -> Result<bool, IdentifyError> {
         let mut added = false;
-        while self.rounds < MOST_EFFECTS && self.add_one()? {
-            self.rounds += 1;
+        while self.laws < MOST_EFFECTS && self.add_one()? {
+            self.laws += 1;
             added = true;
         }
         Ok(added)
@@ -345,6 +355,7 @@ impl<'a> Search<'a> {
     /// One round: the candidate that explains most is added, if any explains enough.
     fn add_one(&mut self) -> Result<bool, IdentifyError> {
         let mut tried = self.try_all(self.rounds)?;
+        self.rounds += 1;
         if self.watch.stopped() {
             self.stopped = true;
             return Ok(false);
@@ -353,10 +364,7 @@ impl<'a> Search<'a> {
         let least_on_train = least_of(self.best_errors.train());
         let least_on_holdout = least_of(self.best_errors.holdout());
         for (one, _) in &mut tried {
-            // Wherever an effect acts: what it explains on the carriage alone is judged as what acts there, and what the cell shows as exactly.
-            let on_motor = self.best_errors.holdout_motor - one.errors.holdout_motor;
-            let shown_by_cell = on_motor >= self.threshold(Side::Motor);
-            let least = self.threshold(if shown_by_cell { Side::Motor } else { Side::Carriage });
+            let least = self.least_gain(&self.best_errors, &one.errors);
             if one.holdout_gain < least.max(least_on_holdout)
                 || one.train_gain < least.max(least_on_train).max(one.chance)
             {
@@ -368,18 +376,7 @@ impl<'a> Search<'a> {
             self.evidence.extend(tried.into_iter().map(|(one, _)| one));
             return Ok(false);
         };
-        // The simplest law among those that explain about the same.
-        let winner = (0..tried.len())
-            .filter(|index| {
-                let one = &tried[*index].0;
-                one.outcome != Outcome::TooSmall && one.holdout_gain >= SIMPLER * strongest
-            })
-            // Of equals first what acts, then what only reads wrong: the answer must not hang on the last digit.
-            .min_by_key(|index| {
-                let one = &tried[*index].0;
-                (one.free, one.side == Side::Sensor, ALL.iter().position(|listed| listed.name == one.name))
-            })
-            .unwrap_or(0);
+        let winner = winner(&tried, strongest);
         tried[winner].0.outcome = Outcome::Chosen;
         let (gain, free, name) = (tried[winner].0.holdout_gain, tried[winner].0.free, tried[winner].0.name);
         let mut runner_up: Option<(&'static str, f64)> = None;
@@ -422,7 +419,7 @@ impl<'a> Search<'a> {
                 }
                 let share = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) as f64 / candidates.len() as f64;
                 let what = format!("round {}: {}", round + 1, descriptor.name);
-                self.watch.progress(&what, (round as f64 + share) / 3.0);
+                self.watch.progress(&what, ((round as f64 + share) / 3.0).min(0.85));
                 self.try_one(round, descriptor, &columns)
             })
             .collect::<Result<_, IdentifyError>>()?;
@@ -496,8 +493,11 @@ impl<'a> Search<'a> {
             let others = starts(&Part { descriptor, values }, self.train).into_iter().map(other).collect();
             let Some(found) = best_start(others, self.train, Sides::BOTH, &self.best.missing) else { continue };
             let found = with_different_guides(&found.hypothesis, self.train, Effort::KEPT)?;
-            if found.squares() < BETTER_START * self.best.squares() {
-                self.take(found)?;
+            let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;
+            if found.squares() < BETTER_START * self.best.squares()
+                && found_errors.holdout() < self.best_errors.holdout()
+            {
+                (self.best, self.best_errors) = (found, found_errors);
                 changed = true;
             }
         }
@@ -590,17 +590,24 @@ impl<'a> Search<'a> {
             && self.best.hypothesis.effects.len() > self.declared_effects() + 1
         {
             self.watch.progress("pruning", 0.95);
-            let part = &self.best.hypothesis.effects[index];
-            let (name, side) = (part.descriptor.name, part.side());
+            let name = self.best.hypothesis.effects[index].descriptor.name;
             let fewer = with_different_guides(&self.best.hypothesis.without(index), self.train, Effort::KEPT)?;
             let found = errors(&fewer.hypothesis, self.train, self.holdout)?;
-            if found.holdout() - self.best_errors.holdout() >= self.threshold(side) {
+            if found.holdout() - self.best_errors.holdout() >= self.least_gain(&found, &self.best_errors) {
                 index += 1;
                 continue;
             }
-            let chosen = |one: &&mut Evidence| one.name == name && one.outcome == Outcome::Chosen;
-            self.evidence.iter_mut().filter(chosen).for_each(|one| one.outcome = Outcome::Pruned);
-            self.inseparable.retain(|(chosen, _)| *chosen != name);
+            // Of several of a name the one that stands there: they were added in this order.
+            let alike = |part: &Part| part.descriptor.name == name;
+            let before = &self.best.hypothesis.effects[self.declared_effects()..];
+            let place = before[..index - self.declared_effects()].iter().filter(|part| alike(part)).count();
+            let mut chosen = self.evidence.iter_mut().filter(|one| one.name == name && one.outcome == Outcome::Chosen);
+            if let Some(one) = chosen.nth(place) {
+                one.outcome = Outcome::Pruned;
+            }
+            if before.iter().filter(|part| alike(part)).count() == 1 {
+                self.inseparable.retain(|(chosen, _)| *chosen != name);
+            }
             self.runners_up.remove(index);
             (self.best, self.best_errors) = (fewer, found);
         }
@@ -640,6 +647,25 @@ impl<'a> Search<'a> {
             stopped: self.stopped,
         }
     }
+}
+
+/// The simplest law among those that explain about as much as the strongest, of several the one that explains most.
+fn winner(tried: &[(Evidence, Hypothesis)], strongest: f64) -> usize {
+    let explains = |index: &usize| {
+        let one = &tried[*index].0;
+        one.outcome != Outcome::TooSmall && one.holdout_gain >= SIMPLER * strongest
+    };
+    let fewest = (0..tried.len()).filter(explains).map(|index| tried[index].0.free).min();
+    let simplest: Vec<usize> =
+        (0..tried.len()).filter(explains).filter(|index| Some(tried[*index].0.free) == fewest).collect();
+    let most = simplest.iter().map(|index| tried[*index].0.holdout_gain).fold(0.0, f64::max);
+    // Of equals first what acts, then what only reads wrong: the answer must not hang on the last digit.
+    let equals = simplest.into_iter().filter(|index| tried[*index].0.holdout_gain >= RIVAL * most);
+    let order = |index: &usize| {
+        let one = &tried[*index].0;
+        (one.side == Side::Sensor, ALL.iter().position(|listed| listed.name == one.name))
+    };
+    equals.min_by_key(order).unwrap_or(0)
 }
 
 /// The fit with guides that differ from each other, from the differences that there are and afresh: the sum of the guides depends

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::fit::Fitted;
-use super::hypothesis::{Coordinate, DECLARED, Place};
+use super::hypothesis::{Coordinate, DECLARED, Part, Place};
 use super::measured::Measured;
 use super::next_experiment::NextExperiment;
 use super::selection::{Selection, Verdict};
@@ -119,8 +119,16 @@ impl Verdict {
     }
 }
 
+/// A number as a person reads it: six decimals, or powers of ten where these would hide it.
+pub fn readable(value: f64) -> String {
+    if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
+        return format!("{value:.4e}");
+    }
+    format!("{value:.6}").trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
 /// Name of a side, as in the summary.
-pub(super) fn side_name(side: Side) -> &'static str {
+pub fn side_name(side: Side) -> &'static str {
     match side {
         Side::Motor => "motor",
         Side::Carriage => "carriage",
@@ -144,8 +152,13 @@ impl Summary {
             .map(|index| (DECLARED[index].0.to_owned(), declared(fitted, index, train.rate)))
             .collect();
         for (index, part) in fitted.hypothesis.effects.iter().enumerate().take(declared_effects) {
+            let alike = |other: &&Part| other.descriptor.name == part.descriptor.name;
+            let label = match fitted.hypothesis.effects[..index].iter().filter(alike).count() {
+                0 => part.descriptor.name.to_owned(),
+                before => format!("{}_{}", part.descriptor.name, before + 1),
+            };
             for (name, parameter) in parameters(fitted, index) {
-                declared_parameters.insert(format!("{}.{name}", part.descriptor.name), parameter);
+                declared_parameters.insert(format!("{label}.{name}"), parameter);
             }
         }
         let effects = fitted
@@ -355,17 +368,20 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
         } else if fitted.at_bound[index] {
             let which = if coordinate.value <= 0.5 * (lower + upper) { "lower" } else { "upper" };
             warnings.push(format!(
-                "{name} ended on its {which} bound ({value:.6} {unit}): the truth may lie beyond, or another effect hides in it"
+                "{name} ended on its {which} bound ({} {unit}): the truth may lie beyond, or another effect hides in it",
+                readable(value)
             ));
         } else if !deviation.is_finite()
             || (matches!(coordinate.place, Place::Effect { .. }) && 2.0 * TWO_SIDED_95 * deviation >= upper - lower)
         {
             warnings.push(format!(
-                "{name} is not identifiable from these data; {value:.6} {unit} is where the fit left it"
+                "{name} is not identifiable from these data; {} {unit} is where the fit left it",
+                readable(value)
             ));
         } else if is_share(coordinate.place) && TWO_SIDED_95 * deviation > upper {
             warnings.push(format!(
-                "{name} is hardly identifiable from these data: {value:.6} {unit}, known to {:.1} % at the best, its tolerance is {:.1} %",
+                "{name} is hardly identifiable from these data: {} {unit}, known to {:.1} % at the best, its tolerance is {:.1} %",
+                readable(value),
                 100.0 * TWO_SIDED_95 * deviation,
                 100.0 * coordinate.scale
             ));

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 
 use crate::bag::{self, DataProblem, Mapping, Recording, Severity, Signal, Trace};
 use crate::cli::WrongArguments;
-use crate::identify::{Measured, closed_loop};
+use crate::identify::{IdentifyError, Measured, closed_loop};
 use crate::model::StageModel;
 
 /// Samples in a row that must agree for two records to be the same there. Assumed: of positions in motion, counted to a nanometre
@@ -17,6 +17,9 @@ const SAME: usize = 48;
 const PLACES: usize = 200;
 /// Share of them that must be found there for the hold-out not to be held out.
 const TOO_MANY: f64 = 0.1;
+
+/// Part by which the rates of train and hold-out may differ: clocks do, settings differ by more. Assumed.
+const SAME_RATE: f64 = 0.01;
 
 /// Train and hold-out, ready for the search.
 pub struct Input {
@@ -70,6 +73,11 @@ impl Input {
             }
         }
         common_signals(&mut train_bags, &mut holdout_bags, &mut warnings)?;
+        let rate_of = |bags: &[Recording]| bags.first().map_or(f64::NAN, |bag| bag.rate);
+        let (first, other) = (rate_of(&train_bags), rate_of(&holdout_bags));
+        if (other / first - 1.0).abs() > SAME_RATE {
+            return Err(IdentifyError::Rates { first, other }.into());
+        }
         let train = Record::new("the train record", train, train_bags, model)?;
         let holdout = Record::new("the hold-out record", holdout, holdout_bags, model)?;
         if train.recordings.len().max(holdout.recordings.len()) > 1 {
@@ -127,7 +135,7 @@ impl Record {
         let traces: Vec<&Trace> = recordings.iter().map(|recording| &recording.trace).collect();
         let measured = match traces.as_slice() {
             [trace] => Measured::new(trace, model, name),
-            traces => closed_loop::joined(traces, model).and_then(|trace| Measured::new(&trace, model, name)),
+            traces => closed_loop::joined(traces).and_then(|trace| Measured::new(&trace, model, name)),
         };
         let measured = measured.with_context(|| format!("nothing can be identified from {name}"))?;
         Ok(Record { paths: paths.to_vec(), recordings, measured })

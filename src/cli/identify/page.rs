@@ -3,9 +3,11 @@
 use super::figures::{Figure, Group};
 use super::input::Input;
 use super::metres;
-use crate::identify::{Evidence, NextExperiment, Outcome, Selection, Summary, Verdict, taking_part};
+use crate::identify::{
+    Evidence, NextExperiment, Outcome, Selection, Summary, Verdict, readable, side_name, taking_part,
+};
 use crate::model::{CurveSide, ModelError, StageModel};
-use crate::plant::{EffectDescriptor, Side};
+use crate::plant::EffectDescriptor;
 use crate::report::page::{Align, Cell, Mark, Page, Table, Tile};
 
 pub fn page(
@@ -83,10 +85,10 @@ pub fn page(
         ("identified model", summary.model.clone()),
     ]);
     page.text(
-        "Friction and effects are driven along the measured motion; measured and modelled forces pass the same zero-phase lowpass. All \
-         declared parameters are refitted within their tolerances with every candidate. A candidate stays only if it lowers the error on \
-         the train record and on the hold-out, which no fit has seen, by more than chance; of laws that explain about the same the \
-         simplest is taken.",
+        "Friction and effects are driven along the measured motion; measured and modelled forces pass the same zero-phase lowpass. A candidate is \
+         fitted on the side where it acts, together with what else moves that side; the one that is chosen is refitted with everything, all declared parameters within \
+         their tolerances. It stays only if it lowers the error on the train record and on the hold-out, which no fit has seen, by more than \
+         chance, the sensors' floor and a tenth of what is left to explain; of laws that explain about the same the simplest is taken.",
     );
     page.subsection("Identified model");
     for warning in identified.warnings()? {
@@ -103,7 +105,10 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
         Verdict::Found => (Mark::Good, format!("The declared model lacks: {names}.")),
         Verdict::None => (
             Mark::Good,
-            "Nothing is missing: what the refitted model leaves is not more than noise and chance.".to_owned(),
+            format!(
+                "Nothing is missing that these data show: the refitted model leaves {:.1} times what the declared noise of the sensors does.",
+                selection.errors_after.holdout().sqrt() / selection.floor.total()
+            ),
         ),
         Verdict::Unknown => (
             Mark::Warning,
@@ -190,7 +195,7 @@ fn figures_of(value: f64, ci95: Option<[f64; 2]>) -> String {
     let size = ci95.map_or(value.abs() * 1e-3, |[low, high]| 0.5 * (high - low)).max(value.abs() * 1e-9);
     let digits = if size > 0.0 { (2.0 - size.log10().ceil()).clamp(0.0, 12.0) as usize } else { 3 };
     if ci95.is_none() {
-        return format!("{value:.6}").trim_end_matches('0').trim_end_matches('.').to_owned();
+        return readable(value);
     }
     if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e6) {
         let relative =
@@ -435,18 +440,14 @@ fn candidates(page: &mut Page, selection: &Selection) {
         for one in tried {
             let (mark, word) = match one.outcome {
                 Outcome::Chosen => (Mark::Good, "chosen"),
-                Outcome::TooSmall => (Mark::Neutral, "no more than chance"),
+                Outcome::TooSmall => (Mark::Neutral, "too little"),
                 Outcome::Beaten => (Mark::Neutral, "another does better"),
                 Outcome::Equal => (Mark::Warning, "as good as the chosen one"),
                 Outcome::Pruned => (Mark::Warning, "chosen, later superfluous"),
             };
             table.row([
                 Cell::code(one.name),
-                Cell::text(match one.side {
-                    Side::Motor => "motor",
-                    Side::Carriage => "carriage",
-                    Side::Sensor => "sensor",
-                }),
+                Cell::text(side_name(one.side)),
                 Cell::text(one.free.to_string()),
                 Cell::number(one.errors.train().sqrt(), 4),
                 Cell::number(one.errors.holdout().sqrt(), 4),
@@ -459,6 +460,6 @@ fn candidates(page: &mut Page, selection: &Selection) {
     }
     page.text(
         "Candidates that are not in a round saw nothing of their kind in the residual. The gain is the fall of the mean square of the \
-         missing force, after everything was refitted together.",
+         missing force with the candidate; it is too little where it is within chance, below the sensors' floor or less than a tenth of what is left to explain.",
     );
 }

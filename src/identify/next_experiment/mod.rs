@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::IdentifyError;
 use super::hypothesis::{DECLARED, Place};
-use super::measured::Measured;
+use super::measured::{Measured, forgetting_length};
 use super::selection::{Selection, Verdict};
 use crate::control::{ControllerError, Point, TrajectoryError};
 use crate::model::{ModelError, StageModel};
@@ -98,13 +98,19 @@ impl Limits {
         Ok(())
     }
 
+    /// The same with room for a carriage that overshoots its reference.
+    fn with_room(self) -> Limits {
+        let (low, high) = self.stroke;
+        let room = ROOM * (high - low);
+        Limits { stroke: (low + room, high - room), speed: self.speed * (1.0 - ROOM), ..self }
+    }
+
     /// Way after which the guides have forgotten where they came from, m, and the force that moving takes, N: static friction at rest or
     /// viscous friction at the largest speed, whichever is larger.
     fn friction(&self, model: &StageModel) -> Result<(f64, f64), ModelError> {
         let guides = model.resolved_guides()?;
-        let longest = guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
         let moving = guides.iter().map(|guide| guide.static_force.max(guide.steady_force(self.speed))).sum();
-        Ok((FORGETTING * longest, moving))
+        Ok((forgetting_length(&guides), moving))
     }
 }
 
@@ -188,8 +194,8 @@ pub struct Shown {
 pub const DURATIONS: (f64, f64) = (2.0, 3600.0);
 /// Lowest speed limit, m/s. Assumed: a tenth of the slowest speeds that stages are measured at.
 const LEAST_SPEED: f64 = 1e-4;
-/// Break-away lengths after which a bristle has forgotten where it came from: exp(-7) is left, as in `measured`.
-const FORGETTING: f64 = 7.0;
+/// Part of stroke and speed that a reference leaves free. Assumed.
+const ROOM: f64 = 0.01;
 /// Part of the first piece's evidence per second below which a further piece is not worth its time.
 const WORTH: f64 = 0.02;
 /// Rise of the logarithmic evidence below which nothing has been gained at all.
@@ -216,6 +222,7 @@ pub fn plan(
     limits: Limits,
 ) -> Result<Plan, NextExperimentError> {
     let layout = Layout::new(selection, declared, train, limits)?;
+    let limits = layout.limits;
     let questions = Questions::new(selection, train)?;
     let present = questions.sums(train)?;
     let nothing = || NextExperimentError::Nothing {

@@ -265,12 +265,14 @@ impl Questions {
 pub(super) fn rivals(selection: &Selection) -> Vec<(usize, Part)> {
     let declared = selection.before.hypothesis.effects.len();
     let mut rivals: Vec<(usize, Part)> = Vec::new();
-    let mut chosen = selection.evidence.iter().filter(|one| one.outcome == Outcome::Chosen);
+    let mut chosen: Vec<_> = selection.evidence.iter().filter(|one| one.outcome == Outcome::Chosen).collect();
     for (effect, part) in selection.after.hypothesis.effects.iter().enumerate().skip(declared) {
         if part.descriptor.name == "map" {
             continue;
         }
-        let Some(won) = chosen.find(|one| one.name == part.descriptor.name) else { continue };
+        // Of several of a name the first one is the one that was added first.
+        let Some(place) = chosen.iter().position(|one| one.name == part.descriptor.name) else { continue };
+        let won = chosen.remove(place);
         let mut others: Vec<_> =
             selection.evidence.iter().filter(|one| one.round == won.round && one.outcome != Outcome::Chosen).collect();
         others.sort_by(|a, b| b.holdout_gain.total_cmp(&a.holdout_gain));

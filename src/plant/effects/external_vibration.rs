@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-use super::regression::{beyond_chance, golden_maximum, least_squares};
+use super::regression::{beyond_chance, evenly, golden_maximum, least_squares, step_of};
 use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
 
 /// Lowest and highest frequency, Hz.
@@ -63,10 +63,11 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     if count < 8 * NEIGHBOURS || residual.force.iter().any(|force| !force.is_finite()) {
         return None;
     }
-    let rate = (count - 1) as f64 / (residual.time[count - 1] - residual.time[0]);
+    let rate = step_of(residual).recip();
+    let force = evenly(residual, residual.force);
+    let count = force.len();
     // Hann window: a strong low frequency must not leak into all bins.
-    let mut spectrum: Vec<Complex<f64>> = residual
-        .force
+    let mut spectrum: Vec<Complex<f64>> = force
         .iter()
         .enumerate()
         .map(|(k, force)| Complex::new(force * (0.5 - 0.5 * (TAU * k as f64 / count as f64).cos()), 0.0))
@@ -134,6 +135,13 @@ mod tests {
         assert!((found[0] / 0.2 - 1.0).abs() < 0.1 && (found[1] - 48.7).abs() < 0.005, "{found:?}");
         assert!((found[2] - 0.6).abs() < 0.3, "{found:?}");
         assert_silent_on_noise(&DESCRIPTOR);
+    }
+
+    #[test]
+    fn rows_that_are_left_out_do_not_move_the_line() {
+        let record = Record::motion().with_effect(&DESCRIPTOR, &[0.3, 48.7, 0.6]).with_noise(0.3, 5);
+        let found = propose(&record.without_rows(2000..5000).residual()).unwrap();
+        assert!((found[1] - 48.7).abs() < 0.005, "{found:?}");
     }
 
     #[test]

@@ -91,7 +91,7 @@ pub(crate) fn viscous_friction(residual: &Residual) -> Option<f64> {
 
 /// A bristle's slow loop along the motion of a residual, -1 to 1: dh/dx = (sign(v) - h) / width (Dahl 1968), mean of each step.
 pub(super) fn slow_loop(residual: &Residual, width: f64) -> Vec<f64> {
-    let step = mean_step(residual);
+    let step = step_of(residual);
     let mut state = 0.0;
     residual
         .velocity
@@ -107,7 +107,7 @@ pub(super) fn slow_loop(residual: &Residual, width: f64) -> Vec<f64> {
 
 /// The same of a spring with a slider: dh/dx = 1 / width up to 1 (Iwan 1966), mean of each step's ends.
 pub(super) fn sliding_loop(residual: &Residual, width: f64) -> Vec<f64> {
-    let step = mean_step(residual);
+    let step = step_of(residual);
     let mut state = 0.0f64;
     residual
         .velocity
@@ -135,12 +135,21 @@ pub(super) fn break_away(residual: &Residual) -> Option<(f64, f64)> {
 /// Break-away distances that a bristle may have, m.
 const DISTANCES: (f64, f64) = (1e-7, 1e-2);
 
-/// s
-pub(super) fn mean_step(residual: &Residual) -> f64 {
-    match residual.time {
-        [first, .., last] => (last - first) / (residual.time.len() - 1) as f64,
-        _ => 0.0,
+/// Distance of the rows, s: they lie on a grid, of which some may be left out.
+pub(super) fn step_of(residual: &Residual) -> f64 {
+    let least = residual.time.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    if least.is_finite() { least } else { 0.0 }
+}
+
+/// Values of the rows on the whole grid, 0 where one was left out.
+pub(super) fn evenly(residual: &Residual, values: &[f64]) -> Vec<f64> {
+    let (step, Some(first)) = (step_of(residual), residual.time.first()) else { return Vec::new() };
+    let place = |time: &f64| ((time - first) / step).round() as usize;
+    let mut even = vec![0.0; residual.time.last().map_or(0, place) + 1];
+    for (time, value) in residual.time.iter().zip(values) {
+        even[place(time)] = *value;
     }
+    even
 }
 
 /// Whole steps of a search over decades of a parameter, each a factor of 1.33.
@@ -163,7 +172,7 @@ pub(super) fn largest_over_decades(lowest: f64, highest: f64, function: impl Fn(
 
 /// Force of an effect along the motion of a residual, N: a column for a fit.
 pub(super) fn along(mut effect: impl Effect, residual: &Residual) -> Vec<f64> {
-    let (count, step) = (residual.time.len(), mean_step(residual));
+    let (count, step) = (residual.time.len(), step_of(residual));
     (0..count)
         .map(|k| {
             let motion = Motion {
@@ -440,6 +449,22 @@ pub(super) mod record {
                 friction,
                 force: vec![0.0; count],
             }
+        }
+
+        /// The same with some rows left out.
+        pub fn without_rows(mut self, rows: std::ops::Range<usize>) -> Record {
+            for column in [
+                &mut self.time,
+                &mut self.position,
+                &mut self.velocity,
+                &mut self.acceleration,
+                &mut self.command,
+                &mut self.friction,
+                &mut self.force,
+            ] {
+                column.drain(rows.clone());
+            }
+            self
         }
 
         /// White noise of this standard deviation on the residual, N.

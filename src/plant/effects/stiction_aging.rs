@@ -10,7 +10,7 @@
 //! It only takes energy.
 //! Not modelled: normal load.
 
-use super::regression::{break_away, largest_over_decades, least_squares, mean_step};
+use super::regression::{break_away, largest_over_decades, least_squares, step_of};
 use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Side};
 
 /// Distance that renews the contacts where nothing else is known, m. Assumed: some times the 40 um at which the paper's guides 1 and 3 have
@@ -106,7 +106,7 @@ impl Effect for StictionAging {
 /// friction.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let (distance, _) = break_away(residual)?;
-    let step = mean_step(residual);
+    let step = step_of(residual);
     let base = least_squares(residual.force, |k| [residual.friction[k]])?;
     let fit = |time_constant: f64| {
         let mut aging = StictionAging::new(&[1.0, time_constant, WIDTH, 0.0]);

@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-use super::regression::beyond_chance;
+use super::regression::{beyond_chance, evenly, step_of};
 use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
 
 /// Largest part, kg.
@@ -123,10 +123,12 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     if count < 100 || residual.force.iter().chain(residual.acceleration).any(|value| !value.is_finite()) {
         return None;
     }
-    let rate = (count - 1) as f64 / (residual.time[count - 1] - residual.time[0]);
+    let rate = step_of(residual).recip();
+    let [force, acceleration] = [residual.force, residual.acceleration].map(|values| evenly(residual, values));
+    let count = force.len();
     let fft = FftPlanner::new().plan_fft_forward(count);
-    let [force, acceleration] = [residual.force, residual.acceleration].map(|values| {
-        let mut spectrum: Vec<Complex<f64>> = values.iter().map(|value| Complex::new(*value, 0.0)).collect();
+    let [force, acceleration] = [force, acceleration].map(|values| {
+        let mut spectrum: Vec<Complex<f64>> = values.into_iter().map(|value| Complex::new(value, 0.0)).collect();
         fft.process(&mut spectrum);
         spectrum
     });
