@@ -32,6 +32,8 @@ const STUCK: (f64, f64) = (0.25, 0.1);
 const SHORTEST_STRETCH: f64 = 0.05;
 /// Speeds within this ratio are the same. Assumed.
 const SAME_SPEED: f64 = 1.1;
+/// Break-away distances that a stage has to span for its Coulomb friction to be seen. Assumed.
+const SLIDES: f64 = 50.0;
 /// Rows at an extreme, in a row, that make it a limit and no chance.
 const CLIPPED_RUN: usize = 3;
 
@@ -704,7 +706,7 @@ impl<'a> Examiner<'a> {
                         deviation: fit.mass_deviation,
                     });
                 }
-                if let Some(friction) = coulomb.filter(|f| *f > 0.0)
+                if let Some(friction) = coulomb.filter(|f| *f > 0.0 && self.slides())
                     && !told
                     && !(0.4..2.5).contains(&(fit.coulomb / friction))
                 {
@@ -713,6 +715,15 @@ impl<'a> Examiner<'a> {
             }
         }
         self.cell_and_command(told, moments);
+    }
+
+    /// Whether the stage goes so far that its guides slide most of the way: within their break-away distances they only spring.
+    fn slides(&self) -> bool {
+        let guides = self.model.and_then(|model| model.resolved_guides().ok()).unwrap_or_default();
+        let longest = guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
+        let finite = || self.column(Signal::Position).iter().copied().filter(|x| x.is_finite());
+        let span = finite().fold(f64::NEG_INFINITY, f64::max) - finite().fold(f64::INFINITY, f64::min);
+        span > SLIDES * longest
     }
 
     fn reference_slope(&self) -> Option<f64> {

@@ -22,7 +22,7 @@ use crate::bag::{Mapping, topics};
 use crate::identify::Outcome::TooSmall;
 use crate::identify::{
     CARRIAGE_GAIN, Change, LinearController, MOST_EFFECTS, NOISE_LIKE, NextExperiment, PositionErrors, Selection,
-    Summary, Tolerances, Verdict, Watch, closed_loop, next_experiment, parameter_warnings, readable, ripple_elsewhere,
+    Summary, Tolerances, Verdict, Watch, closed_loop, in_digits, next_experiment, parameter_warnings, ripple_elsewhere,
     search, taking_part,
 };
 use crate::model::StageModel;
@@ -195,6 +195,10 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     bar.set_message("report");
     let figures = figures::draw(&selection, &input, loops.as_ref())?;
     let html = page::page(&args.model, &declared, &model, &selection, &summary, &input, &figures)?;
+    if motion.is_none() {
+        // That of an earlier identification is not this one's.
+        let _ = std::fs::remove_file(args.out.join(next::FILE));
+    }
     write(&args.out.join(MODEL_FILE), &model.to_yaml()?)?;
     for figure in &figures {
         write(&args.out.join("figures").join(format!("{}.svg", figure.name)), &figure.svg)?;
@@ -272,6 +276,7 @@ fn simulate(
 /// What a user should know about the model and the search.
 fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     let mut remarks = Vec::new();
+    let left = selection.errors_after.holdout().sqrt();
     if selection.stopped {
         remarks.push(
             "the search was stopped before its end: not every candidate was tried, and the verdict is that of what was tried"
@@ -281,7 +286,7 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     for (effect, rival) in &selection.inseparable {
         let telltale = |name: &str| crate::plant::EffectDescriptor::find(name).map_or("", |found| found.telltale);
         remarks.push(format!(
-            "{effect} and {rival} explain these data equally; a motion would separate them that shows {} ({effect}) or {} ({rival})",
+            "{effect} and {rival} explain these data equally; --next-experiment writes a motion that would separate them where there is one. What gives {effect} away: {}; {rival}: {}",
             telltale(effect),
             telltale(rival)
         ));
@@ -296,20 +301,18 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     }
     if selection.verdict == Verdict::Unknown && selection.coordinate.is_none() {
         remarks.push(format!(
-            "what is left, {:.4} N, is {:.1} times what the declared noise leaves, and neither a law of the list nor a map takes it out of the hold-out: \
+            "what is left, {left:.4} N, is {}, and neither a law of the list nor a map takes it out of the hold-out: \
              an effect whose phase or state differs between the records would look like this",
-            selection.errors_after.holdout().sqrt(),
-            selection.errors_after.holdout().sqrt() / selection.floor.total()
+            times_noise(selection)
         ));
     }
-    let left = selection.errors_after.holdout().sqrt();
     if matches!(selection.verdict, Verdict::Found | Verdict::NotSeparable)
         && left > NOISE_LIKE * selection.floor.total()
     {
         remarks.push(format!(
-            "what is left, {left:.4} N, is {:.1} times what the declared noise leaves: the laws that were found hold roughly, and their values no better \
+            "what is left, {left:.4} N, is {}: the laws that were found hold roughly, and their values no better \
              than they do",
-            left / selection.floor.total()
+            times_noise(selection)
         ));
     }
     let added = selection.after.hypothesis.effects.len() - selection.before.hypothesis.effects.len();
@@ -318,6 +321,16 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     }
     remarks.extend(parameter_warnings(&selection.after, rate));
     remarks
+}
+
+/// What is left on the hold-out against the noise of the sensors.
+fn times_noise(selection: &Selection) -> String {
+    match selection.floor.total() {
+        floor if floor > 0.0 => {
+            format!("{:.1} times what the declared noise leaves", selection.errors_after.holdout().sqrt() / floor)
+        }
+        _ => "more than sensors without any noise leave".to_owned(),
+    }
 }
 
 /// Ripples of the train record that the hold-out has too, but with another phase: as found they would make it worse.
@@ -354,10 +367,12 @@ fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Re
         writeln!(out, "  {} ({} side)", effect.name, effect.side)?;
         for name in taking_part(effect) {
             let Some(parameter) = effect.parameters.get(name) else { continue };
+            let digits = |value: f64| in_digits(value, parameter.ci95);
             let interval = parameter
                 .ci95
-                .map_or_else(String::new, |[low, high]| format!("  95 %: {} to {}", readable(low), readable(high)));
-            writeln!(out, "    {name:18} {} {}{interval}", readable(parameter.value), parameter.unit)?;
+                .map_or_else(String::new, |[low, high]| format!("  95 %: {} to {}", digits(low), digits(high)));
+            let unit = if parameter.unit == "1" { "" } else { &parameter.unit };
+            writeln!(out, "    {name:18} {} {unit}{interval}", digits(parameter.value))?;
         }
     }
     for (name, errors) in [("train", &summary.errors.train), ("hold-out", &summary.errors.holdout)] {

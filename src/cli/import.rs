@@ -42,6 +42,12 @@ pub fn run(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         std::fs::read_to_string(&args.mapping).with_context(|| format!("cannot read {}", args.mapping.display()))?;
     let mapping = Mapping::from_yaml(&text, &args.mapping.display().to_string())?;
     let report = bag::import(&args.csv, &mapping, &text, &args.out)?;
+    anyhow::ensure!(
+        report.rows > 0,
+        "{} has a header and no rows: {} is empty",
+        args.csv.display(),
+        args.out.display()
+    );
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {

@@ -29,6 +29,8 @@ const STEADY: f64 = 0.1;
 const FORGETTING: f64 = 7.0;
 /// Longest hole in the position that the stage crosses as the samples on either side say, s. Assumed: no stage turns and comes back in it.
 const HOLE: f64 = 5e-3;
+/// Part of the forgetting length by which the ends of a hole may differ for the stage to have stood in it. Assumed.
+const STOOD: f64 = 1e-3;
 /// Share of a record, the slowest, that shows the noise of the encoder. Assumed: a recording of a stage has rests or slow moves in it.
 const SLOWEST: f64 = 0.1;
 /// Fewest samples that are worth an attempt: less does not even fill the filters several times.
@@ -291,8 +293,8 @@ pub(super) fn forgetting_length(guides: &[Guide]) -> f64 {
     FORGETTING * guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max)
 }
 
-/// Samples at which nobody knows what the bristles hold: at the start, and after a hole in which the stage may have turned, until the guides have slid
-/// far enough to have forgotten it. A record that never slides so far is whole from its start.
+/// Samples at which nobody knows what the bristles hold: at the start, and after a hole in which the stage moved and may have turned, until the guides have
+/// slid far enough to have forgotten it. A record that never slides so far is whole from its start.
 fn unknown_bristles(position: &[f64], rate: f64, model: &StageModel) -> Result<Vec<Range<usize>>, IdentifyError> {
     let length = forgetting_length(&model.resolved_guides()?);
     let slid_from = |from: usize| {
@@ -305,7 +307,10 @@ fn unknown_bristles(position: &[f64], rate: f64, model: &StageModel) -> Result<V
         let finite = run[0].is_finite();
         if finite && ranges.is_empty() {
             ranges.push(from..slid_from(from).unwrap_or(from));
-        } else if finite && hole as f64 > HOLE * rate {
+        } else if finite
+            && hole as f64 > HOLE * rate
+            && (position[from] - position[from - hole - 1]).abs() > STOOD * length
+        {
             ranges.push(from..slid_from(from).unwrap_or(position.len()));
         }
         hole = if finite { 0 } else { run.len() };
@@ -460,5 +465,31 @@ mod tests {
         let ringing = path(&Measured::new(&trace(|k| chaos(k) + ring(k)), &model, "ringing").unwrap());
         let way = 4.0 * 40e-9 * 130.0 * 0.5;
         assert!((ringing / way - 1.0).abs() < 0.1, "{ringing} m of {way} m");
+    }
+
+    /// In a hole the stage may have turned: until its guides have slid far, nobody knows what they hold.
+    #[test]
+    fn after_a_hole_rows_wait_until_the_guides_have_slid() {
+        let model = StageModel::default();
+        let length = forgetting_length(&model.resolved_guides().unwrap());
+        let kept = |hole: Range<usize>| {
+            let mut trace = trace(|_| 0.0);
+            trace.position[hole].fill(f64::NAN);
+            let (position, rows) = (trace.position.clone(), Measured::new(&trace, &model, "hole").unwrap().rows);
+            (position, rows)
+        };
+        // About the turn at 10 mm, 50 ms long, and one of two samples.
+        let (position, rows) = kept(950..1050);
+        let slid = 1050 + position[1050..].iter().position(|x| (x - position[1050]).abs() > length).unwrap();
+        assert!(slid > 1080, "{slid}");
+        assert!(rows.iter().all(|row| !(950..slid).contains(row)), "{slid}");
+        assert!(rows.iter().any(|row| (slid..slid + 40).contains(row)), "{slid}");
+        let (_, rows) = kept(999..1001);
+        assert!(rows.iter().any(|row| (1001..1050).contains(row)));
+        // In the rest at the end it stands, and from a hole that reaches into the rest it never slides again.
+        let (_, rows) = kept(2100..2200);
+        assert!(rows.iter().any(|row| *row > 2200));
+        let (_, rows) = kept(1900..2100);
+        assert!(rows.iter().all(|row| *row < 1900));
     }
 }

@@ -31,8 +31,8 @@ pub use selection::{
     CARRIAGE_GAIN, Errors, Evidence, MOST_EFFECTS, NOISE_LIKE, Outcome, Selection, Silent, Verdict, Watch, search,
 };
 pub use summary::{
-    Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, parameter_warnings, readable, side_name,
-    taking_part,
+    Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, in_digits, parameter_warnings, readable,
+    side_name, taking_part,
 };
 
 use crate::model::ModelError;
@@ -50,6 +50,11 @@ pub enum IdentifyError {
         "records at {first:.6} Hz and {other:.6} Hz do not compare sample by sample: bring both to the lower of them with `rate` in a mapping"
     )]
     Rates { first: f64, other: f64 },
+    #[error(
+        "these are other guides than the model declares: {beyond} (tolerance {tolerance:.0} %); with these values nothing is left but noise ({left:.4} N). \
+         Declare them, or widen the tolerance of the guides"
+    )]
+    OtherGuides { beyond: String, tolerance: f64, left: f64 },
     #[error(transparent)]
     Model(#[from] ModelError),
 }

@@ -10,7 +10,7 @@ use super::IdentifyError;
 use super::curve;
 use super::driven::Driven;
 use super::fit::{Effort, Fitted, correlation_length, fit};
-use super::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
+use super::hypothesis::{DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 use super::measured::{Floor, Measured};
 
 /// Most effects that are added.
@@ -38,10 +38,17 @@ const MOST_CURVES: usize = 4;
 /// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2: friction driven along a measured
 /// motion costs the rest; a real machine is worth more.
 pub const NOISE_LIKE: f64 = 2.0;
+/// Floors that a recording leaves at most when nothing is hidden in it: 1.0 to 1.2 were seen.
+const ALL_BUT_NOISE: f64 = 1.3;
+/// Declared parameters of sliding: viscous friction, Coulomb and static force, Stribeck velocity; and the tolerance of a guide of which nothing is known.
+const FRICTION: [usize; 4] = [3, 4, 5, 6];
+const ANY_GUIDE: f64 = 9.0;
 /// Share of the squares of a fit from a simpler start below which a later one replaces it.
 const BETTER_START: f64 = 0.99;
 /// Share of the squares without a law to which one start must come, and above which another comes close to it.
 const WORTH_A_LOOK: f64 = 0.7;
+/// The same, with the guides fitted anew, for the fits of several to be brought to their ends.
+const WORTH_THE_END: f64 = 0.9;
 
 /// Errors of a hypothesis: mean squares of the missing force, N^2.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -215,6 +222,7 @@ pub fn search(
 ) -> Result<Selection, IdentifyError> {
     watch.progress("fit of the declared model", 0.0);
     let mut search = Search::new(&Hypothesis::new(declared, tolerances)?, train, holdout, watch)?;
+    search.refuse_other_guides(declared, tolerances)?;
     search.add_laws()?;
     if !search.stopped {
         search.choose_forms_anew()?;
@@ -249,7 +257,8 @@ struct Search<'a> {
     laws: usize,
     evidence: Vec<Evidence>,
     coordinate: Option<Coordinate>,
-    runners_up: Vec<Option<(&'static str, f64)>>,
+    /// For each effect the other candidates of its round, the best first, with their held-out rms, N.
+    runners_up: Vec<Vec<(&'static str, f64)>>,
     inseparable: Vec<(&'static str, &'static str)>,
     stopped: bool,
 }
@@ -269,7 +278,7 @@ impl<'a> Search<'a> {
             holdout,
             watch,
             floor: declared.floor(holdout),
-            runners_up: vec![None; before.hypothesis.effects.len()],
+            runners_up: vec![Vec::new(); before.hypothesis.effects.len()],
             best: before.clone(),
             best_errors: errors_before,
             before,
@@ -281,6 +290,40 @@ impl<'a> Search<'a> {
             inseparable: Vec::new(),
             stopped: false,
         })
+    }
+
+    /// Guides whose friction is beyond its tolerance are no effect that a model lacks. Where the declared ones leave more than noise and end on a bound, and
+    /// others explain everything, these are the answer, and the search would dress them up as laws.
+    fn refuse_other_guides(&self, declared: &StageModel, tolerances: Tolerances) -> Result<(), IdentifyError> {
+        let of_friction = |place: Place| matches!(place, Place::Declared(index) if FRICTION.contains(&index));
+        let bent = self
+            .before
+            .coordinates
+            .iter()
+            .zip(&self.before.at_bound)
+            .any(|(one, bound)| *bound && of_friction(one.place));
+        if !bent || self.is_noise(&self.errors_before) {
+            return Ok(());
+        }
+        let wide = Tolerances { guides: ANY_GUIDE, presliding: ANY_GUIDE, ..tolerances };
+        let other = fit(&Hypothesis::new(declared, wide)?, self.train, Sides::BOTH, Effort::KEPT)?.hypothesis;
+        let again = fit(&Hypothesis::new(&other.model(), tolerances)?, self.train, Sides::BOTH, Effort::COMPARED)?;
+        let again = with_different_guides(&again.hypothesis, self.train, Effort::KEPT)?.hypothesis;
+        let left = errors(&again, self.train, self.holdout)?.holdout().sqrt();
+        let beyond: Vec<String> = FRICTION
+            .into_iter()
+            .filter_map(|index| {
+                let value = |hypothesis: &Hypothesis| hypothesis.declared_value(index, self.train.rate);
+                let (name, unit) = DECLARED[index];
+                let (is, was) = (value(&again), value(&Hypothesis::new(declared, tolerances).ok()?));
+                let far = (is / was).max(was / is) > 1.0 + tolerances.guides;
+                far.then(|| format!("{name} is {is:.4} {unit}, declared {was:.4} {unit}"))
+            })
+            .collect();
+        if beyond.is_empty() || left > ALL_BUT_NOISE * self.floor.total() {
+            return Ok(());
+        }
+        Err(IdentifyError::OtherGuides { beyond: beyond.join("; "), tolerance: 100.0 * tolerances.guides, left })
     }
 
     fn has_cell(&self) -> bool {
@@ -379,14 +422,12 @@ impl<'a> Search<'a> {
         let winner = winner(&tried, strongest);
         tried[winner].0.outcome = Outcome::Chosen;
         let (gain, free, name) = (tried[winner].0.holdout_gain, tried[winner].0.free, tried[winner].0.name);
-        let mut runner_up: Option<(&'static str, f64)> = None;
+        let mut others = Vec::new();
         for (index, (one, _)) in tried.iter_mut().enumerate() {
             if index == winner {
                 continue;
             }
-            if runner_up.is_none() {
-                runner_up = Some((one.name, one.errors.holdout().sqrt()));
-            }
+            others.push((one.name, one.errors.holdout().sqrt()));
             let closeness = (one.holdout_gain / gain).min(gain / one.holdout_gain);
             if one.outcome == Outcome::Beaten && closeness >= RIVAL && one.free <= free {
                 one.outcome = Outcome::Equal;
@@ -396,7 +437,7 @@ impl<'a> Search<'a> {
         let chosen = tried[winner].1.holding_guides(false);
         self.evidence.extend(tried.into_iter().map(|(one, _)| one));
         self.take(with_different_guides(&chosen, self.train, Effort::KEPT)?)?;
-        self.runners_up.push(runner_up);
+        self.runners_up.push(others);
         Ok(true)
     }
 
@@ -514,7 +555,7 @@ impl<'a> Search<'a> {
         if let Some((with, over)) = self.with_curve(&self.best.hypothesis, &self.best_errors, least)? {
             self.coordinate = Some(over);
             self.take(with)?;
-            self.runners_up.push(None);
+            self.runners_up.push(Vec::new());
         }
         // Laws that explain a part each bend towards what is none of them: one curve alone may say it better.
         let laws = self.best.hypothesis.effects.len() - self.declared_effects();
@@ -530,7 +571,7 @@ impl<'a> Search<'a> {
                 self.evidence.iter_mut().filter(kept).for_each(|one| one.outcome = Outcome::Pruned);
                 self.inseparable.clear();
                 self.runners_up.truncate(self.declared_effects());
-                self.runners_up.push(None);
+                self.runners_up.push(Vec::new());
             }
         }
         Ok(())
@@ -548,7 +589,7 @@ impl<'a> Search<'a> {
         if now < before {
             (self.best, self.best_errors, self.coordinate) = (with, found, Some(over));
             self.runners_up.remove(index);
-            self.runners_up.push(None);
+            self.runners_up.push(Vec::new());
         }
         Ok(now < (1.0 - UNEXPLAINED) * before && !self.is_noise(&found))
     }
@@ -621,6 +662,9 @@ impl<'a> Search<'a> {
         if !there("map") {
             self.coordinate = None;
         }
+        // Nor is what came later a runner-up.
+        let runners_up =
+            self.runners_up.iter().map(|others| others.iter().find(|(name, _)| !there(name)).copied()).collect();
         let added = self.best.hypothesis.effects.len() - self.declared_effects();
         // Nothing is `none`, and little is `found`, while what is left is not noise.
         let settled = self.is_noise(&self.best_errors) || (added > 0 && self.is_explained(&self.best_errors));
@@ -641,7 +685,7 @@ impl<'a> Search<'a> {
             errors_after: self.best_errors,
             evidence: self.evidence,
             coordinate: self.coordinate,
-            runners_up: self.runners_up,
+            runners_up,
             inseparable: self.inseparable,
             floor: self.floor,
             stopped: self.stopped,
@@ -692,16 +736,25 @@ fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: 
     if least < WORTH_A_LOOK * without {
         fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
     }
-    let mut judged: Vec<(f64, Fitted)> = fitted.into_iter().map(|one| (one.squares(), one)).collect();
-    if judged.len() > 1 && least < WORTH_A_LOOK * without {
-        judged.par_iter_mut().for_each(|(squares, one)| {
-            if let Ok(free) = with_different_guides(&one.hypothesis, train, Effort::COMPARED) {
-                *squares = free.squares();
+    // Squares, the start as it was fitted, and the same with guides that went on.
+    let mut judged: Vec<(f64, Fitted, Hypothesis)> =
+        fitted.into_iter().map(|one| (one.squares(), one.clone(), one.hypothesis)).collect();
+    for effort in [Effort::COMPARED, Effort::KEPT] {
+        if judged.len() < 2 || least > WORTH_A_LOOK * without {
+            break;
+        }
+        judged.par_iter_mut().for_each(|(squares, _, free)| {
+            if let Ok(further) = with_different_guides(free, train, effort) {
+                (*squares, *free) = (further.squares(), further.hypothesis);
             }
         });
+        let mut order: Vec<f64> = judged.iter().map(|(squares, ..)| *squares).collect();
+        order.sort_by(f64::total_cmp);
+        // The two best, if they come close to each other.
+        judged.retain(|(squares, ..)| *squares <= order[1] && squares * WORTH_THE_END < order[0]);
     }
     let better = |best: (f64, Fitted), one: (f64, Fitted)| if one.0 < BETTER_START * best.0 { one } else { best };
-    judged.into_iter().reduce(better).map(|(_, one)| one)
+    judged.into_iter().map(|(squares, one, _)| (squares, one)).reduce(better).map(|(_, one)| one)
 }
 
 /// What a fit starts from, the simplest form of the law first.

@@ -10,6 +10,7 @@ use super::hypothesis::{Coordinate, DECLARED, Part, Place};
 use super::measured::Measured;
 use super::next_experiment::NextExperiment;
 use super::selection::{Selection, Verdict};
+use crate::model::{Curve, CurveSide};
 use crate::plant::{EffectDescriptor, Side};
 
 /// Version of the schema.
@@ -125,6 +126,19 @@ pub fn readable(value: f64) -> String {
         return format!("{value:.4e}");
     }
     format!("{value:.6}").trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// A number in the digits that its interval deserves.
+pub fn in_digits(value: f64, ci95: Option<[f64; 2]>) -> String {
+    let Some([low, high]) = ci95 else { return readable(value) };
+    let size = (0.5 * (high - low)).max(value.abs() * 1e-9);
+    if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
+        let relative =
+            if size > 0.0 { (value.abs().log10().floor() - size.log10().floor() + 1.0).clamp(2.0, 9.0) } else { 3.0 };
+        return format!("{value:.*e}", relative as usize);
+    }
+    let digits = if size > 0.0 { (2.0 - size.log10().ceil()).clamp(0.0, 12.0) as usize } else { 3 };
+    format!("{value:.digits$}")
 }
 
 /// Name of a side, as in the summary.
@@ -313,6 +327,9 @@ pub fn taking_part(effect: &FoundEffect) -> Vec<&str> {
         .iter()
         .map(|parameter| value(parameter.name).or(parameter.default).unwrap_or(0.0))
         .collect();
+    if descriptor.name == "map" {
+        return effect.parameters.keys().map(String::as_str).collect();
+    }
     let named = descriptor.parameters.iter().enumerate();
     named.filter(|(index, _)| descriptor.takes_part(&values, *index)).map(|(_, parameter)| parameter.name).collect()
 }
@@ -330,18 +347,32 @@ fn parameters(fitted: &Fitted, effect: usize) -> BTreeMap<String, FoundParameter
             let value = part.values[index];
             let reach = coordinate(fitted, Place::Effect { effect, value: index })
                 .map_or(f64::INFINITY, |(_, deviation, _)| TWO_SIDED_95 * deviation);
-            let unit = match curve.as_ref().map(|curve| curve.coordinate.name()) {
-                Some("position") => "m",
-                Some("velocity") => "m/s",
-                Some(_) => "s",
-                None => parameter.unit,
-            };
+            let unit = curve.as_ref().map_or(parameter.unit, |curve| curve.coordinate.unit());
             // An interval wider than what is possible says nothing.
             let says = reach.is_finite() && 2.0 * reach < parameter.bounds.1 - parameter.bounds.0;
             let ci95 = says.then_some([value - reach, value + reach]);
             (parameter.name.to_owned(), FoundParameter { value, unit: unit.to_owned(), ci95 })
         })
+        .chain(curve.iter().flat_map(peak))
         .collect()
+}
+
+/// Height of a curve above its median where it is farthest from it, and the place of that.
+fn peak(curve: &Curve) -> [(String, FoundParameter); 2] {
+    let mut sorted = curve.values.clone();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let farthest =
+        |a: &usize, b: &usize| (curve.values[*a] - median).abs().total_cmp(&(curve.values[*b] - median).abs());
+    let knot = (0..curve.values.len()).max_by(farthest).unwrap_or(0);
+    let height = curve.values.get(knot).map_or(0.0, |value| value - median);
+    let place = curve.from + (curve.to - curve.from) * knot as f64 / (curve.values.len().max(2) - 1) as f64;
+    let unit = match curve.side {
+        CurveSide::Carriage | CurveSide::Motor => "N",
+        CurveSide::Friction | CurveSide::Viscous => "1",
+    };
+    let found = |value, unit: &str| FoundParameter { value, unit: unit.to_owned(), ci95: None };
+    [("amplitude".to_owned(), found(height, unit)), ("center".to_owned(), found(place, curve.coordinate.unit()))]
 }
 
 /// Whether a coordinate is the logarithm of a factor on a declared value.

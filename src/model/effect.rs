@@ -76,6 +76,14 @@ impl Coordinate {
             Coordinate::Time => "time",
         }
     }
+
+    pub fn unit(self) -> &'static str {
+        match self {
+            Coordinate::Position => "m",
+            Coordinate::Velocity => "m/s",
+            Coordinate::Time => "s",
+        }
+    }
 }
 
 impl EffectParameters {

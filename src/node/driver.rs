@@ -3,6 +3,7 @@
 //! The run repeats bit for bit: the stage's time stands still at its first sample until that is answered, and the controller
 //! answers nothing before it has its motion.
 
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -63,7 +64,16 @@ impl Process {
             log_stem.file_name().map(|name| name.to_string_lossy()).unwrap_or_default()
         ));
         let file = std::fs::File::create(&log).with_context(|| format!("cannot write {}", log.display()))?;
-        let child = Command::new(&driver.program)
+        let mut command = Command::new(&driver.program);
+        // SAFETY: prctl is async-signal-safe and touches nothing of the parent's.
+        unsafe {
+            // A node whose driver was killed would go on, and keep the topics of the next one.
+            command.pre_exec(|| {
+                libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGTERM);
+                Ok(())
+            });
+        }
+        let child = command
             .envs(driver.network.variables())
             .arg(format!("{name}-node"))
             .arg("--ros-args")

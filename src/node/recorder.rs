@@ -177,6 +177,11 @@ impl RecorderHandle {
         &self.status
     }
 
+    /// The same for longer than the handle lives.
+    pub fn shared_status(&self) -> Arc<RecorderStatus> {
+        self.status.clone()
+    }
+
     /// Hands over a message if a bag is open. `stamp` in ns; 0 takes the time of the last sample.
     pub fn hear(&self, stamp: i64, message: impl FnOnce() -> Heard) {
         if self.is_recording() {

@@ -138,6 +138,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     serve_record(&mut background, &startup, &participant, &settings, handle.clone())?;
     follow_parameters(&parameters, &live, control.clone());
     background.spawn(diagnose(&startup, &participant, status.clone(), live.clone(), handle.clone())?);
+    let recorded = handle.shared_status();
     drop((handle, control));
 
     tracing::info!(
@@ -167,7 +168,9 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     let end = background.run(loop_ended)?;
     work.join().map_err(|_| anyhow::anyhow!("the loop of the stage ended by a panic"))??;
     recorder.join();
+    let fault = lock(&recorded.fault).clone();
     match end {
+        End::Signal if fault.is_some() => anyhow::bail!("the recording is not whole: {}", fault.unwrap_or_default()),
         End::Signal => Ok(()),
         End::WasStopped => anyhow::bail!(
             "the process was stopped and continued, which ends its DDS connections; the bag, if any, is closed: start again"

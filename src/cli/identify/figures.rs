@@ -2,6 +2,7 @@
 
 use super::input::{Input, Record};
 use crate::identify::{Change, Measured, Missing, Selection, Sides, closed_loop, spectrum};
+use crate::model::{Coordinate, Curve, CurveSide, StageModel};
 use crate::report::chart::{Chart, Style};
 
 /// A drawn figure; `name` is its file without the ending.
@@ -77,7 +78,8 @@ impl Residuals<'_> {
 pub fn draw(selection: &Selection, input: &Input, loops: Option<&LoopErrors>) -> anyhow::Result<Vec<Figure>> {
     let train = Residuals::of(selection, &input.train.measured)?;
     let holdout = Residuals::of(selection, &input.holdout.measured)?;
-    let mut figures: Vec<Figure> = force(&holdout)?.into();
+    let mut figures: Vec<Figure> = maps(&selection.after.hypothesis.model())?;
+    figures.extend(force(&holdout)?);
     if let Some(loops) = loops {
         figures.push(position(&input.holdout, &loops.holdout)?);
     }
@@ -121,6 +123,40 @@ pub fn draw(selection: &Selection, input: &Input, loops: Option<&LoopErrors>) ->
     }
     figures.extend(spectra(&train)?);
     Ok(figures)
+}
+
+/// The empirical curves of a model.
+fn maps(model: &StageModel) -> anyhow::Result<Vec<Figure>> {
+    let curves = model.effects.iter().filter_map(|effect| effect.curve.as_ref());
+    let figure = |(index, curve): (usize, &Curve)| {
+        let word = curve.coordinate.name();
+        let (label, scale) = match curve.coordinate {
+            Coordinate::Position => ("position, mm", 1e3),
+            Coordinate::Velocity => ("velocity, mm/s", 1e3),
+            Coordinate::Time => ("time, s", 1.0),
+        };
+        let (what, ordinate) = match curve.side {
+            CurveSide::Carriage => ("Force on the carriage", "force, N"),
+            CurveSide::Motor => ("Force of the motor", "force, N"),
+            CurveSide::Friction => ("Change of Coulomb and static friction", "part of the friction"),
+            CurveSide::Viscous => ("Change of viscous friction", "part of the friction"),
+        };
+        let step = (curve.to - curve.from) / (curve.values.len().max(2) - 1) as f64;
+        let mut chart = Chart::new(format!("{what} over {word} that no law of the list explains"), label, ordinate);
+        let points =
+            curve.values.iter().enumerate().map(|(knot, value)| (scale * (curve.from + knot as f64 * step), *value));
+        chart.add("map", 0, Style::Line, points);
+        Ok(Figure {
+            name: if index == 0 { "map".to_owned() } else { format!("map_{}", index + 1) },
+            group: Group::Comparison,
+            svg: chart.svg()?,
+            caption: format!(
+                "The empirical map of the identified model over {word}: linear between {} knots, constant beyond.",
+                curve.values.len()
+            ),
+        })
+    };
+    curves.enumerate().map(figure).collect()
 }
 
 /// Measured force and both models along the measured motion, whole and close up.

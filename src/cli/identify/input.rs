@@ -1,7 +1,7 @@
 //! The records that identification gets: read, examined, joined, and compared with each other.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 
@@ -43,12 +43,13 @@ impl Input {
         mapping: Option<&Mapping>,
         model: &StageModel,
     ) -> anyhow::Result<Input> {
+        for (index, path) in train.iter().enumerate() {
+            if train[..index].iter().any(|other| is_same(path, other)) {
+                return Err(WrongArguments(format!("{} stands twice among the train bags", path.display())).into());
+            }
+        }
         for path in holdout {
-            let same = |other: &&PathBuf| match (path.canonicalize(), other.canonicalize()) {
-                (Ok(a), Ok(b)) => a == b,
-                _ => path == *other,
-            };
-            if train.iter().any(|other| same(&other)) {
+            if train.iter().any(|other| is_same(path, other)) {
                 return Err(WrongArguments(format!(
                     "{} is both train and hold-out: an error on data that the fit has seen says nothing; hold out another bag",
                     path.display()
@@ -127,6 +128,13 @@ impl Input {
             bags.push(recording);
         }
         Ok(bags)
+    }
+}
+
+fn is_same(path: &Path, other: &Path) -> bool {
+    match (path.canonicalize(), other.canonicalize()) {
+        (Ok(a), Ok(b)) => a == b,
+        _ => path == other,
     }
 }
 

@@ -4,7 +4,8 @@ use super::figures::{Figure, Group};
 use super::input::Input;
 use super::metres;
 use crate::identify::{
-    Evidence, NextExperiment, Outcome, Selection, Summary, Verdict, readable, side_name, taking_part,
+    Evidence, Hypothesis, NextExperiment, Outcome, Selection, Summary, Tolerances, Verdict, in_digits, readable,
+    side_name, taking_part,
 };
 use crate::model::{CurveSide, ModelError, StageModel};
 use crate::plant::EffectDescriptor;
@@ -34,7 +35,7 @@ pub fn page(
     page.section("Errors before and after");
     errors(&mut page, summary);
     page.section("Declared parameters");
-    parameters(&mut page, selection, summary, train.measured.rate);
+    parameters(&mut page, declared, selection, summary, train.measured.rate)?;
     for (group, title) in [
         (Group::Comparison, "Measured and simulated"),
         (Group::Residual, "Residual"),
@@ -106,8 +107,9 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
         Verdict::None => (
             Mark::Good,
             format!(
-                "Nothing is missing that these data show: the refitted model leaves {:.1} times what the declared noise of the sensors does.",
-                selection.errors_after.holdout().sqrt() / selection.floor.total()
+                "Nothing is missing that these data show: the refitted model leaves {:.4} N, {}.",
+                selection.errors_after.holdout().sqrt(),
+                super::times_noise(selection)
             ),
         ),
         Verdict::Unknown => (
@@ -190,27 +192,10 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
     }
 }
 
-/// A number in the digits that its interval deserves.
-fn figures_of(value: f64, ci95: Option<[f64; 2]>) -> String {
-    let size = ci95.map_or(value.abs() * 1e-3, |[low, high]| 0.5 * (high - low)).max(value.abs() * 1e-9);
-    let digits = if size > 0.0 { (2.0 - size.log10().ceil()).clamp(0.0, 12.0) as usize } else { 3 };
-    if ci95.is_none() {
-        return readable(value);
-    }
-    if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e6) {
-        let relative =
-            if size > 0.0 { (value.abs().log10().floor() - size.log10().floor() + 1.0).clamp(2.0, 9.0) } else { 3.0 };
-        return format!("{value:.*e}", relative as usize);
-    }
-    format!("{value:.digits$}")
-}
-
 fn interval(ci95: Option<[f64; 2]>) -> String {
     ci95.map_or_else(
         || "\u{2013}".to_owned(),
-        |[low, high]| {
-            format!("{} \u{2026} {}", figures_of(low, Some([low, high])), figures_of(high, Some([low, high])))
-        },
+        |[low, high]| format!("{} \u{2026} {}", in_digits(low, Some([low, high])), in_digits(high, Some([low, high]))),
     )
 }
 
@@ -316,7 +301,7 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
             let Some(parameter) = effect.parameters.get(name) else { continue };
             table.row([
                 Cell::code(name),
-                Cell::text(figures_of(parameter.value, parameter.ci95)),
+                Cell::text(in_digits(parameter.value, parameter.ci95)),
                 Cell::text(&parameter.unit),
                 Cell::text(interval(parameter.ci95)),
             ]);
@@ -383,10 +368,18 @@ fn errors(page: &mut Page, summary: &Summary) {
     ));
 }
 
-fn parameters(page: &mut Page, selection: &Selection, summary: &Summary, rate: f64) {
+fn parameters(
+    page: &mut Page,
+    declared: &StageModel,
+    selection: &Selection,
+    summary: &Summary,
+    rate: f64,
+) -> Result<(), ModelError> {
+    let stated = Hypothesis::new(declared, Tolerances::default())?;
     let mut table = Table::new(&[
         ("parameter", Align::Left),
-        ("declared model, refitted alone", Align::Right),
+        ("declared", Align::Right),
+        ("refitted without effects", Align::Right),
         ("identified", Align::Right),
         ("unit", Align::Left),
         ("95 % interval", Align::Right),
@@ -397,8 +390,9 @@ fn parameters(page: &mut Page, selection: &Selection, summary: &Summary, rate: f
         let alone = selection.before.hypothesis.declared_value(index, rate);
         table.row([
             Cell::code(*name),
-            Cell::text(figures_of(alone, parameter.ci95)),
-            Cell::text(figures_of(parameter.value, parameter.ci95)),
+            Cell::text(readable(stated.declared_value(index, rate))),
+            Cell::text(in_digits(alone, parameter.ci95)),
+            Cell::text(in_digits(parameter.value, parameter.ci95)),
             Cell::text(&parameter.unit),
             Cell::text(interval(parameter.ci95)),
         ]);
@@ -407,7 +401,8 @@ fn parameters(page: &mut Page, selection: &Selection, summary: &Summary, rate: f
         table.row([
             Cell::code(name),
             Cell::text(""),
-            Cell::text(figures_of(parameter.value, parameter.ci95)),
+            Cell::text(""),
+            Cell::text(in_digits(parameter.value, parameter.ci95)),
             Cell::text(&parameter.unit),
             Cell::text(interval(parameter.ci95)),
         ]);
@@ -415,6 +410,7 @@ fn parameters(page: &mut Page, selection: &Selection, summary: &Summary, rate: f
     page.table(&table.captioned(
         "Of the guides: the mean over all of them. sensor_shift is the time by which the force readings lag the encoder; it is no part of the model.",
     ));
+    Ok(())
 }
 
 fn candidates(page: &mut Page, selection: &Selection) {

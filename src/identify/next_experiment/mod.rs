@@ -647,6 +647,7 @@ mod tests {
         let (payload, scale) = (part("payload", &[2.0]), part("encoder_scale", &[-0.05]));
         let selection = found(Tolerances::default(), &declared, &train, &[payload], &[scale], Verdict::NotSeparable);
         let next = plan(&selection, &declared, &train, Limits { duration: 6.0, ..limits() }).unwrap().next;
+        assert!(!next.rivals.is_empty(), "{next:#?}");
         assert!(next.rivals.iter().all(|rival| !rival.separates && rival.after < 0.5 * rival.needed), "{next:#?}");
     }
 

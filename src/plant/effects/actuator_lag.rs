@@ -23,7 +23,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = y - command, time_constant dy/dt = command(t - delay) - y",
     source: "first-order current loop, pure delay of bus and drive (assumed)",
     telltale: "proportional to the rate of the command: peaks at the edges of acceleration, seen by the force cell",
-    confused_with: &["motor_gain", "structural_mode"],
     parameters: &[
         EffectParameter::optional("time_constant", "s", "first-order lag", (0.0, LONGEST), 1e-4, 0.0),
         EffectParameter::optional("delay", "s", "pure delay", (0.0, LONGEST), 1e-4, 0.0),
@@ -157,7 +156,7 @@ fn lag_or_delay(values: &[f64], step: f64) -> Vec<Vec<f64>> {
     let length: f64 = values.iter().sum();
     let ticks = (length / step).round();
     let delays = [length, (ticks - 0.5) * step, (ticks + 0.5) * step].into_iter().filter(|delay| *delay > 0.0);
-    delays.map(|delay| vec![0.0, delay]).chain([vec![length, 0.0], vec![0.5 * length, 0.5 * length]]).collect()
+    delays.map(|delay| vec![0.0, delay]).chain([1.0, 0.25, 0.5, 0.75].map(|lag| vec![lag * length, (1.0 - lag) * length])).collect()
 }
 
 #[cfg(test)]

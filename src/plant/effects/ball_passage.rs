@@ -31,7 +31,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = amplitude / 4 sum sin(2 pi x / period_g + phase + W_g(x)), periods within spread, W_g random walks of wander",
     source: "assumed; period of twice the ball pitch",
     telltale: "narrow band over position at twice the ball pitch, phase wanders, not seen by the force cell",
-    confused_with: &["cogging", "position_dependent_friction", "external_vibration"],
     parameters: &[
         EffectParameter::required("amplitude", "N", "peak force with all guides in phase", (0.0, 100.0), 0.5),
         EffectParameter::required("period", "m", "mean distance after which the force repeats", PERIODS, 1e-3),

@@ -22,7 +22,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = -stiffness (x - center) - amplitude h, u = h sign(v); form 0: du/ds = (1 - u) / width, 1: (1 - u |u|) / width, 2: 1 / width up to u = 1",
     source: "linear spring (assumed) and hysteresis of Dahl 1968 (0), Bouc and Wen 1976 (1), Iwan 1966 (2)",
     telltale: "low-order polynomial in position at every speed, not seen by the force cell",
-    confused_with: &["constant_force", "position_dependent_friction", "cogging"],
     parameters: &[
         EffectParameter::required("stiffness", "N/m", "spring stiffness of the cables", (0.0, 1e5), 10.0),
         EffectParameter::optional("center", "m", "position at which the cables do not pull", (-10.0, 10.0), 0.05, 0.0),

@@ -20,7 +20,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = amplitude sin(2 pi x / period + phase)",
     source: "Gieras, Piech, Tomczuk 2011, first harmonic of the detent force",
     telltale: "periodic in position at every speed, independent of the force, seen by the force cell",
-    confused_with: &["force_ripple", "ball_passage", "cable_chain"],
     parameters: &[
         EffectParameter::required("amplitude", "N", "peak force", (0.0, 1000.0), 1.0),
         EffectParameter::required("period", "m", "distance after which the force repeats", PERIODS, 1e-3),

@@ -13,7 +13,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = amplitude",
     source: "weight on an incline, m g sin(a)",
     telltale: "the same at every position, speed and direction, not seen by the force cell",
-    confused_with: &["cable_chain", "force_cell_drift", "asymmetric_friction"],
     parameters: &[EffectParameter::required("amplitude", "N", "force along +x", (-1000.0, 1000.0), 1.0)],
     check: super::any,
     free: super::all_free,

@@ -26,7 +26,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "up to four bristles in parallel per guide: stiffness c a_i sigma0, damping a_i sigma1, level b_i g(v); they slip gradually (form 0, LuGre) or suddenly (1, Maxwell slip)",
     source: "Iwan 1966; Al-Bender, Lampaert, Swevers 2005; form 0 with LuGre elements",
     telltale: "stiffer at the smallest loops and softer at larger ones than one bristle, loops within loops",
-    confused_with: &["stiction_aging", "cable_chain"],
     parameters: &[
         EffectParameter::optional("stiffness_share_1", "1", "part of the stiffness in element 1", (0.0, 1.0), 0.1, 1.0),
         EffectParameter::optional("strength_share_1", "1", "part of g in element 1", (0.0, 1.0), 0.1, 1.0),

@@ -18,7 +18,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "reading = x (1 + fraction), in a residual F = m fraction a",
     source: "linear scale error (assumed)",
     telltale: "proportional to the acceleration, as a payload of the opposite sign; distances differ from those of another gauge",
-    confused_with: &["payload", "force_cell_gain"],
     parameters: &[EffectParameter::required(
         "fraction",
         "1",

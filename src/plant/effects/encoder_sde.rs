@@ -22,7 +22,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "reading = x + amplitude sin(2 pi x / period + phase)",
     source: "Heydemann 1981, first harmonic",
     telltale: "apparent force of micrometre period over position that grows with v^2",
-    confused_with: &["external_vibration", "ball_passage"],
     parameters: &[
         EffectParameter::required("amplitude", "m", "largest error of the reading", (0.0, 1e-3), 1e-8),
         EffectParameter::required("period", "m", "signal period of the scale", PERIODS, 1e-7),

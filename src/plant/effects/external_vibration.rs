@@ -21,7 +21,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = amplitude sin(2 pi frequency t + phase)",
     source: "inertia force of a harmonic base motion",
     telltale: "a narrow line in time at every speed and at rest, not seen by the force cell",
-    confused_with: &["structural_mode", "ball_passage"],
     parameters: &[
         EffectParameter::required("amplitude", "N", "peak force", (0.0, 1000.0), 1.0),
         EffectParameter::required("frequency", "Hz", "frequency", FREQUENCIES, 0.1),

@@ -16,7 +16,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "reading = F + offset + rate t + amplitude (1 - exp(-t / time_constant))",
     source: "assumed: zero error, linear drift and one thermal mode",
     telltale: "cell less command follows slow time alone, and so does the carriage's residual, with the opposite sign",
-    confused_with: &["constant_force"],
     parameters: &[
         EffectParameter::optional("rate", "N/s", "drift of the reading", (-100.0, 100.0), 0.01, 0.0),
         EffectParameter::optional("offset", "N", "reading without force at time 0", (-1000.0, 1000.0), 0.1, 0.0),

@@ -13,7 +13,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "reading = F (1 + fraction)",
     source: "linear calibration error (assumed)",
     telltale: "cell less command proportional to the command, and mass and friction seem larger by the same part",
-    confused_with: &["motor_gain", "payload"],
     parameters: &[EffectParameter::required("fraction", "1", "reading beyond the force, as a part of it", (-0.9, 0.9), 0.01)],
     check: super::any,
     free: super::all_free,

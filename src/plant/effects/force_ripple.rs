@@ -20,7 +20,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = command fraction sin(2 pi x / period + phase)",
     source: "Gieras, Piech, Tomczuk 2011, first harmonic of the force constant",
     telltale: "periodic in position and proportional to the force, seen by the force cell",
-    confused_with: &["cogging", "motor_gain", "ball_passage"],
     parameters: &[
         EffectParameter::required("fraction", "1", "peak, as a part of the commanded force", (0.0, 1.0), 0.01),
         EffectParameter::required("period", "m", "distance after which the ripple repeats", PERIODS, 1e-3),

@@ -9,13 +9,10 @@
 
 use crate::model::{Coordinate, Curve, CurveSide, ModelError};
 
-use super::regression::{beyond_chance, least_squares};
-use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Side};
+use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Side};
 
 /// Values before the knots: coordinate, side, from, to.
 const HEAD: usize = 4;
-/// Knots of a proposal.
-const KNOTS: usize = 41;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "map",
@@ -23,7 +20,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = values[(c - from) / (to - from)], linear between equidistant knots, constant beyond; c position, velocity or time",
     source: "none: an empirical curve",
     telltale: "a force that repeats over one coordinate and follows no law of the list",
-    confused_with: &[],
     parameters: &[
         EffectParameter::required("coordinate", "", "0 position, 1 velocity, 2 time", (0.0, 2.0), 1.0),
         EffectParameter::optional("side", "", "0 carriage, 1 motor, 2 friction, 3 viscous", (0.0, 3.0), 1.0, 0.0),
@@ -33,7 +29,8 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     check,
     free: |_, index| index >= HEAD,
     build: |values| Box::new(Map::new(curve(values))),
-    propose,
+    // Identification draws curves by cross-validation, after all laws.
+    propose: |_| None,
     starts: super::as_proposed,
 };
 
@@ -195,51 +192,9 @@ impl Effect for Map {
     }
 }
 
-/// The coordinate over which the means of the residual in bins take most out of it.
-fn propose(residual: &Residual) -> Option<Vec<f64>> {
-    let total: f64 = residual.force.iter().map(|force| force * force).sum();
-    let constant = least_squares(residual.force, |_| [1.0])?;
-    let over = |code: f64, coordinate: &[f64]| -> Option<(f64, Vec<f64>)> {
-        let from = coordinate.iter().copied().fold(f64::INFINITY, f64::min);
-        let to = coordinate.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        if !(to > from && (to - from).is_finite()) {
-            return None;
-        }
-        let density = (KNOTS - 1) as f64 / (to - from);
-        let (mut sums, mut counts) = ([0.0; KNOTS], [0usize; KNOTS]);
-        for (coordinate, force) in coordinate.iter().zip(residual.force) {
-            let knot = ((coordinate - from) * density).round() as usize;
-            sums[knot] += force;
-            counts[knot] += 1;
-        }
-        let explained = sums.iter().zip(counts).filter(|(_, count)| *count > 0).map(|(sum, count)| sum * sum / count as f64);
-        let explained = explained.sum::<f64>() - constant.explained;
-        let mut values = vec![code, 0.0, from, to];
-        // Knots without samples take the value of the last one that has some.
-        let mut last = 0.0;
-        for (sum, count) in sums.iter().zip(counts) {
-            if count > 0 {
-                last = sum / count as f64;
-            }
-            values.push(last);
-        }
-        Some((explained, values))
-    };
-    [over(0.0, residual.position), over(1.0, residual.velocity), over(2.0, residual.time)]
-        .into_iter()
-        .flatten()
-        .filter(|(explained, _)| {
-            let rest = total - constant.explained - explained;
-            beyond_chance(*explained, rest, residual.force.len(), KNOTS - 1, 3)
-        })
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, values)| values)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::Effects;
-    use super::super::regression::record::{Record, assert_silent_on_noise};
     use super::*;
     use crate::model::EffectParameters;
 
@@ -322,26 +277,5 @@ mod tests {
         assert!(Effects::new(&[bare]).unwrap_err().to_string().contains("at least 2"));
         let law = EffectParameters { curve: Some(tent(Coordinate::Time)), ..EffectParameters::new("cogging", []) };
         assert!(Effects::new(&[law]).is_err());
-    }
-
-    #[test]
-    fn proposal_finds_the_coordinate_and_the_curve_under_noise_and_nothing_in_noise() {
-        for coordinate in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
-            let (from, to) = match coordinate {
-                Coordinate::Position => (0.0, 0.2),
-                Coordinate::Velocity => (-0.4, 0.4),
-                Coordinate::Time => (0.0, 12.0),
-            };
-            let knots = vec![0.0, 3.0, -1.0, 0.5, 2.0, 0.0];
-            let true_values = values(&Curve { coordinate, side: CurveSide::Carriage, from, to, values: knots });
-            let record = Record::motion().with_effect(&DESCRIPTOR, &true_values).with_noise(0.3, 5);
-            let found = propose(&record.residual()).unwrap();
-            assert_eq!(found[0], true_values[0], "{coordinate:?}");
-            let (found, truth) = (Map::new(curve(&found)), Map::new(curve(&true_values)));
-            let places = (1..20).map(|k| from + (to - from) * f64::from(k) / 20.0);
-            let worst = places.map(|place| (found.at(place) - truth.at(place)).abs()).fold(0.0, f64::max);
-            assert!(worst < 0.4, "{coordinate:?}: {worst} N");
-        }
-        assert_silent_on_noise(&DESCRIPTOR);
     }
 }

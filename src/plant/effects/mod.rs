@@ -1,7 +1,7 @@
 //! Effects beyond the LuGre guides: one file each, one line in the list below.
 //!
 //! A file holds everything about its effect: law with symbols, units and source; parameters with bounds; the side it acts
-//! on; its force and its energy; how to guess its parameters from a residual; what it would be confused with. The model
+//! on; its force and its energy; how to guess its parameters from a residual. The model
 //! file, the plant, the node and identification know an effect through its [`EffectDescriptor`] alone.
 
 use std::collections::BTreeMap;
@@ -230,8 +230,6 @@ pub struct EffectDescriptor {
     pub source: &'static str,
     /// What gives the effect away in a residual.
     pub telltale: &'static str,
-    /// Canonical names of the effects that can look alike.
-    pub confused_with: &'static [&'static str],
     /// In the order of all slices of values. A `map` has knots behind them, see [`EffectDescriptor::values_of`].
     pub parameters: &'static [EffectParameter],
     /// Refuses values within their bounds that do not go together.
@@ -307,7 +305,7 @@ impl EffectDescriptor {
     }
 
     /// Values of an effect of a model, in the order of `parameters`, checked. Of a `map`: coordinate (0 position, 1 velocity, 2 time), side
-    /// (0 carriage, 1 motor), from, to, then the force at the knots.
+    /// (0 carriage, 1 motor, 2 Coulomb friction, 3 viscous friction), from, to, then the force at the knots.
     pub fn values_of(&self, given: &EffectParameters) -> Result<Vec<f64>, ModelError> {
         let values = match &given.curve {
             Some(curve) if self.name == map::DESCRIPTOR.name => map::values(curve),

@@ -13,7 +13,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = command fraction",
     source: "linear error of the force constant (assumed)",
     telltale: "proportional to the command at every position and speed, seen by the force cell",
-    confused_with: &["force_cell_gain", "force_ripple", "actuator_lag"],
     parameters: &[EffectParameter::required("fraction", "1", "force beyond the command, as a part of it", (-0.9, 0.9), 0.01)],
     check: super::any,
     free: super::all_free,

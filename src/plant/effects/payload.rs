@@ -13,7 +13,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "moving mass m + mass, in a residual F = -mass a",
     source: "Newton's second law",
     telltale: "proportional to the acceleration and not to the jerk, not seen by the force cell",
-    confused_with: &["encoder_scale", "force_cell_gain", "structural_mode"],
     parameters: &[EffectParameter::required("mass", "kg", "mass beyond that of the model", (-1000.0, 1000.0), 1.0)],
     check: super::any,
     free: super::all_free,

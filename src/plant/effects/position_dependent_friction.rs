@@ -24,7 +24,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "Fc, Fs (1 + fraction shape(x)); shape = exp(-((x - center) / width)^2), or with period > 0 sin(2 pi x / period + phase)",
     source: "assumed shapes: a place on the rail, or a rail that repeats",
     telltale: "changes sign with the velocity, its size follows the position, not seen by the force cell",
-    confused_with: &["cogging", "cable_chain", "ball_passage"],
     parameters: &[
         EffectParameter::required("fraction", "1", "part by which Fc and Fs rise at the peak", (-LIMIT, LIMIT), 0.05),
         EffectParameter::optional("center", "m", "middle of the bump", (-10.0, 10.0), 0.02, 0.0),

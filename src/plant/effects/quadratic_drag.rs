@@ -14,7 +14,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = -coefficient v |v|",
     source: "drag of a bluff body, c = rho Cd S / 2",
     telltale: "against the motion, grows with the square of the speed, not seen by the force cell",
-    confused_with: &["viscous_warm_up", "asymmetric_friction", "encoder_scale"],
     parameters: &[EffectParameter::required("coefficient", "N s^2/m^2", "drag over velocity squared", (0.0, 1e5), 10.0)],
     check: super::any,
     free: super::all_free,

@@ -25,7 +25,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "Fs (1 + fraction s); form 0: ds/dt = (1 - s) / time_constant - s |v| / width; 1: s = ln(1 + a / time_constant), da/dt = 1 - a |v| / width",
     source: "Dieterich 1979, Ruina 1983; form 0: the same, saturating",
     telltale: "a peak at break-away that grows with the rest before it, not seen by the force cell",
-    confused_with: &["distributed_bristles"],
     parameters: &[
         EffectParameter::required("fraction", "1", "part by which Fs has risen after a long rest (form 0), or rises for each factor of e (1)", (0.0, 10.0), 0.1),
         EffectParameter::optional("time_constant", "s", "time at rest in which it rises", TIMES, 0.5, 1.0),
@@ -36,7 +35,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: |_, index| index != FORM,
     build: |values| Box::new(StictionAging::new(values)),
     propose,
-    starts: |values, _| super::every_form(values, FORM, 2),
+    starts: |values, _| forms(values),
 };
 
 /// Where this value stands.
@@ -56,6 +55,19 @@ struct StictionAging {
     width: f64,
     /// s of form 0; a / T of form 1.
     age: f64,
+}
+
+/// Both forms; a logarithm that follows the exponential from a tenth to all of its time constant rises by 0.4 of its end within a quarter of its time.
+fn forms(values: &[f64]) -> Vec<Vec<f64>> {
+    let [mut saturating, mut logarithmic] = [values.to_vec(), values.to_vec()];
+    let (fraction, time) = (0.4, 0.25);
+    if values[FORM] < 0.5 {
+        (logarithmic[0], logarithmic[1]) = (fraction * values[0], time * values[1]);
+    } else {
+        (saturating[0], saturating[1]) = (values[0] / fraction, values[1] / time);
+    }
+    (saturating[FORM], logarithmic[FORM]) = (0.0, 1.0);
+    vec![saturating, logarithmic]
 }
 
 impl StictionAging {

@@ -26,7 +26,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "mass d2u/dt2 = -k (u - x) - c (u - x)', F = k (u - x) + c (u - x)', k = mass (2 pi frequency)^2, c = 2 damping mass 2 pi frequency",
     source: "two masses on a spring",
     telltale: "rings at one frequency after every change of acceleration, at any speed, dies out at rest",
-    confused_with: &["external_vibration", "payload", "actuator_lag"],
     parameters: &[
         EffectParameter::required("mass", "kg", "part of the moving mass that hangs on the spring", (0.0, HEAVIEST), 1.0),
         EffectParameter::required("frequency", "Hz", "its frequency on a fixed carriage", FREQUENCIES, 10.0),

@@ -20,7 +20,6 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "sigma2 (1 - fraction g); form 0: g = min(1, s / width), 1: 1 - exp(-s / width), ds/dt = |v| - s / time_constant; 2: 1 - exp(-t / warm_up_time); 3: 1 - exp(-W / work), dW/dt = F v - W / time_constant; 4: dg/dt = (1 - g) |v| / width - g / time_constant",
     source: "assumed forms, saturating with the distance worked through, the time or the work of friction; form 4: Moore 1959",
     telltale: "proportional to v, sets in with the distance travelled or the time, not seen by the force cell",
-    confused_with: &["quadratic_drag", "asymmetric_friction"],
     parameters: &[
         EffectParameter::required("fraction", "1", "part of sigma2 that goes in the end", (-5.0, 0.95), 0.1),
         EffectParameter::optional("width", "m", "distance over which it goes", (1e-3, 1e4), 1.0, 1.0),
