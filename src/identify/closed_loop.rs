@@ -8,6 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::IdentifyError;
+use super::measured::forgetting_length;
 use crate::bag::Trace;
 use crate::model::{ModelError, StageModel};
 use crate::plant::effects::Effects;
@@ -275,12 +276,13 @@ fn largest(values: &[f64]) -> f64 {
     values.iter().filter(|value| value.is_finite()).fold(0.0, |most, value| most.max(value.abs()))
 }
 
-/// Joins records of one rate into one, for a fit over all of them. Between two of them half a second is left out, as a hole of a record is. Time
-/// runs on.
-pub fn joined(traces: &[&Trace]) -> Result<Trace, IdentifyError> {
+/// Joins records of one rate into one, for a fit over all of them. Between two of them half a second is left out, and of each but the first the forces
+/// until the guides have slid far enough to have forgotten what they held: rows without a force are not compared. Time runs on.
+pub fn joined(traces: &[&Trace], model: &StageModel) -> Result<Trace, IdentifyError> {
     let mut all = Trace::default();
     let Some(first) = traces.first() else { return Ok(all) };
     let step = step_of(first);
+    let forgotten = forgetting_length(&model.resolved_guides()?);
     for (index, trace) in traces.iter().enumerate() {
         let own = step_of(trace);
         if (own / step - 1.0).abs() > 1e-5 {
@@ -292,6 +294,8 @@ pub fn joined(traces: &[&Trace]) -> Result<Trace, IdentifyError> {
         }
         let from = all.len();
         let gap = (0.5 / step).ceil() as usize;
+        let anchor = trace.position.iter().copied().find(|x| x.is_finite()).unwrap_or(0.0);
+        let slid = trace.position.iter().position(|x| (x - anchor).abs() > forgotten).unwrap_or(trace.len());
         for (column, add) in [
             (&mut all.position, &trace.position),
             (&mut all.reference_position, &trace.reference_position),
@@ -303,6 +307,8 @@ pub fn joined(traces: &[&Trace]) -> Result<Trace, IdentifyError> {
             column.extend(std::iter::repeat_n(f64::NAN, gap));
             column.extend_from_slice(add);
         }
+        all.force[from + gap..from + gap + slid].fill(f64::NAN);
+        all.force_cell[from + gap..from + gap + slid].fill(f64::NAN);
         all.time = (0..from + gap + trace.len()).map(|row| row as f64 * step).collect();
     }
     Ok(all)
@@ -317,7 +323,7 @@ fn step_of(trace: &Trace) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::measured::{Measured, forgetting_length};
+    use super::super::measured::Measured;
     use super::*;
     use crate::control::{Controller, ControllerSettings, Follower, Trajectory};
 
@@ -380,7 +386,7 @@ mod tests {
     fn joined_records_leave_out_what_no_record_knows() {
         let model = StageModel::default();
         let (a, b) = (recording(&model, 3), recording(&model, 4));
-        let all = joined(&[&a, &b]).unwrap();
+        let all = joined(&[&a, &b], &model).unwrap();
         assert_eq!(all.len(), 2 * 6000 + 1000);
         assert!(all.position[6000..7000].iter().all(|x| x.is_nan()) && all.force[6999].is_nan());
         assert_eq!(all.force[12_000], b.force[5000]);
@@ -393,6 +399,6 @@ mod tests {
         assert!((all.time[12_999] - 12_999.0 / 2000.0).abs() < 1e-9);
         let mut slow = b;
         slow.time.iter_mut().for_each(|time| *time *= 2.0);
-        assert!(matches!(joined(&[&a, &slow]), Err(IdentifyError::Rates { .. })));
+        assert!(matches!(joined(&[&a, &slow], &model), Err(IdentifyError::Rates { .. })));
     }
 }

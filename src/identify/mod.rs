@@ -51,10 +51,10 @@ pub enum IdentifyError {
     )]
     Rates { first: f64, other: f64 },
     #[error(
-        "these are other guides than the model declares: {beyond} (tolerance {tolerance:.0} %); with these values nothing is left but noise ({left:.4} N). \
+        "these are other guides than the model declares: {beyond} (tolerance {tolerance:.0} %); with these values {left:.4} N of {before:.4} N are left. \
          Declare them, or widen the tolerance of the guides"
     )]
-    OtherGuides { beyond: String, tolerance: f64, left: f64 },
+    OtherGuides { beyond: String, tolerance: f64, before: f64, left: f64 },
     #[error(transparent)]
     Model(#[from] ModelError),
 }

@@ -143,7 +143,7 @@ impl Record {
         let traces: Vec<&Trace> = recordings.iter().map(|recording| &recording.trace).collect();
         let measured = match traces.as_slice() {
             [trace] => Measured::new(trace, model, name),
-            traces => closed_loop::joined(traces).and_then(|trace| Measured::new(&trace, model, name)),
+            traces => closed_loop::joined(traces, model).and_then(|trace| Measured::new(&trace, model, name)),
         };
         let measured = measured.with_context(|| format!("nothing can be identified from {name}"))?;
         Ok(Record { paths: paths.to_vec(), recordings, measured })
