@@ -13,13 +13,15 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use friction_stage::identify::{Effort, Hypothesis, Measured, Part, Sides, Silent, Tolerances, Verdict, fit, search};
-use friction_stage::model::{Coordinate, StageModel};
+use friction_stage::model::{Coordinate, Guide, GuideSource, StageModel};
 use friction_stage::plant::EffectDescriptor;
 use serde_json::Value;
 
 use generator::effects::{
-    ConstantForce, EncoderSde, ExternalVibration, ForceCellGain, RailJoint, StructuralMode, ViscousWarmUp,
+    CableChain, ConstantForce, DistributedBristles, EncoderSde, ExternalVibration, ForceCellGain, RailJoint,
+    StictionAging, StructuralMode, ViscousWarmUp,
 };
+use generator::guides::Slip;
 use generator::programme::Programme;
 use generator::{Effect, Setup};
 
@@ -197,6 +199,53 @@ fn a_gain_of_the_cell_is_found_beside_a_mode_and_left_open_where_it_is_small() {
 }
 
 /// Without a command the cell is the force, and its noise is on the carriage.
+/// The literature has several forms of a law: that of the recording is found, and with it the values.
+#[test]
+#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+fn a_law_is_found_in_the_form_that_it_has() {
+    let aging = StictionAging { rise: 0.25, time_constant: 0.3, length: 45e-6 };
+    let bristles = DistributedBristles { spread: 2.5, elements: 4, slip: Slip::Sudden };
+    let chain = CableChain { stiffness: 30.0, center: 0.04, hysteresis: 1.5, length: 4e-3 };
+    // Name, form, one of the values, what it is, how close it comes.
+    let hidden: [(Effect, &str, &str, f64, f64); 3] = [
+        (Box::new(aging), "stiction_aging", "fraction", 0.25, 0.05),
+        // Four springs of one stiffness.
+        (Box::new(bristles), "distributed_bristles", "stiffness_share_1", 0.25, 0.05),
+        (Box::new(chain), "cable_chain", "width", 4e-3, 0.02),
+    ];
+    let declared = StageModel::load(&declared_model()).expect("the declared model");
+    for (effect, name, parameter, truth, close) in hidden {
+        let run = Setup::new(51).with(effect).generate().expect("a run");
+        let [train, check] = [&run.train, &run.check]
+            .map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"));
+        let found = search(&declared, Tolerances::default(), &train, &check, &Silent).expect("a search");
+        assert_eq!(found.verdict, Verdict::Found, "{name}: {:?}", found.after.hypothesis.effects);
+        let part = &found.after.hypothesis.effects[0];
+        let value = |name: &str| {
+            part.values[part.descriptor.parameters.iter().position(|one| one.name == name).expect("a parameter")]
+        };
+        assert_eq!((part.descriptor.name, value("form")), (name, 1.0), "{part:?}");
+        assert!((value(parameter) / truth - 1.0).abs() < close, "{part:?}");
+    }
+}
+
+/// A guide with a third of the viscous friction was once found as a warm-up of -196 %.
+#[test]
+fn guides_of_another_friction_are_refused_with_what_it_is() {
+    let run = Setup::new(52).generate().expect("a run");
+    let mut declared = StageModel::load(&declared_model()).expect("the declared model");
+    let [train, check] = [&run.train, &run.check]
+        .map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"));
+    let other = Guide { viscous_friction: 5.0, ..declared.resolved_guides().expect("guides")[0].clone() };
+    declared.guides = vec![GuideSource::Inline(other); 4];
+    let told =
+        search(&declared, Tolerances::default(), &train, &check, &Silent).expect_err("another guide").to_string();
+    assert!(
+        told.contains("other guides") && told.contains("viscous_friction is 1") && told.contains("declared 5"),
+        "{told}"
+    );
+}
+
 #[test]
 fn a_recording_with_a_cell_and_no_command_gets_none_where_nothing_is_hidden() {
     let mut run = Setup::new(12).generate().expect("a run");

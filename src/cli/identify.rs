@@ -379,13 +379,15 @@ fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Re
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"));
         writeln!(
             out,
-            "{name:9} force residual {} -> {} N ({} -> {} %), position {} -> {}",
+            "{name:9} force residual {} -> {} N ({} -> {} %){}",
             number(errors.force_rms.before),
             number(errors.force_rms.after),
             number(errors.force_relative.before),
             number(errors.force_relative.after),
-            metres(errors.position_rms.before),
-            metres(errors.position_rms.after)
+            match errors.position_rms {
+                Change { before: None, after: None } => String::new(),
+                Change { before, after } => format!(", position {} -> {}", metres(before), metres(after)),
+            }
         )?;
     }
     writeln!(

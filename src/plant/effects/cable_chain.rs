@@ -153,9 +153,13 @@ mod tests {
     /// Against small steps of the differential equations, and in one step as in many.
     #[test]
     fn hysteresis_of_every_form_solves_its_equation() {
-        let rates: [(Form, fn(f64) -> f64); 3] =
-            [(Form::Dahl, |u| 1.0 - u), (Form::BoucWen, |u| 1.0 - u * u.abs()), (Form::Slider, |u| if u < 1.0 { 1.0 } else { 0.0 })];
-        for (form, rate) in rates {
+        let rate = |form: Form, u: f64| match form {
+            Form::Dahl => 1.0 - u,
+            Form::BoucWen => 1.0 - u * u.abs(),
+            Form::Slider => f64::from(u8::from(u < 1.0)),
+        };
+        for form in [Form::Dahl, Form::BoucWen, Form::Slider] {
+            let rate = |u: f64| rate(form, u);
             for start in [-1.0, -0.3, 0.0, 0.6, 1.0] {
                 for path in [0.0, 0.2, 0.9, 3.0] {
                     let steps = 100_000;
