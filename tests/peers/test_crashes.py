@@ -172,6 +172,49 @@ def test_a_disk_that_runs_full_ends_the_recording_and_not_the_stage(ros, process
         assert response.success, response.message
         (metadata,) = large.glob("*/metadata.yaml")
         assert friction_stage("check", metadata.parent, code=0)["complete"]
+    else:
+        # No other recording has made good for it.
+        process.stop(expected=1)
+
+
+# --- commands that start nodes
+
+MOTION = HERE.parents[1] / "examples/closing_the_loop/slow_moves_to_check.yaml"
+
+
+def test_a_command_says_that_its_recording_is_not_whole(domain, tmp_path):
+    command = [*limited("file size limit", tmp_path), str(BINARIES / "friction-stage"), "play", str(MOTION)]
+    run = subprocess.run([*command, "--record", str(tmp_path / "bag")], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 1 and "the recording is not whole: no space left" in run.stderr, run.stderr
+
+
+def test_the_nodes_of_a_command_end_with_it_however_it_ends(domain, processes, tmp_path):
+    command = [str(BINARIES / "friction-stage"), "play", str(MOTION), "--record", str(tmp_path / "bag")]
+    play = Process(command, tmp_path / "play.log")
+    processes.append(play)
+    nodes = Path(f"/proc/{play.popen.pid}/task/{play.popen.pid}/children")
+
+    def wait_for(what: str, is_so) -> None:
+        deadline = time.monotonic() + 20.0
+        while not is_so():
+            assert time.monotonic() < deadline and (what == "the end of the nodes" or play.popen.poll() is None), f"no {what}: {play.excerpt()}"
+            time.sleep(0.01)
+
+    bag = tmp_path / "bag" / "bag_0.mcap"
+    wait_for("recording", lambda: bag.is_file() and bag.stat().st_size > 50_000)
+    pids = nodes.read_text().split()
+    assert len(pids) == 2
+    play.stop(signal.SIGKILL, expected=-signal.SIGKILL)
+    wait_for("the end of the nodes", lambda: not any(alive(pid) for pid in pids))
+    assert friction_stage("check", tmp_path / "bag", code=0)["complete"]
+
+
+def alive(pid: str) -> bool:
+    """Whether a process of another parent runs: one that has ended and nobody waited for counts as none."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
 # --- peers that freeze or die
