@@ -309,7 +309,9 @@ impl<'a> Search<'a> {
         }
         let wide = Tolerances { guides: ANY_GUIDE, presliding: ANY_GUIDE, ..tolerances };
         let other = fit(&Hypothesis::new(declared, wide)?, self.train, Sides::BOTH, Effort::KEPT)?.hypothesis;
-        let again = fit(&Hypothesis::new(&other.model(), tolerances)?, self.train, Sides::BOTH, Effort::COMPARED)?;
+        // Parameters that make no guide are no answer.
+        let Ok(stated) = Hypothesis::new(&other.model(), tolerances) else { return Ok(()) };
+        let again = fit(&stated, self.train, Sides::BOTH, Effort::COMPARED)?;
         let again = with_different_guides(&again.hypothesis, self.train, Effort::KEPT)?.hypothesis;
         let left = errors(&again, self.train, self.holdout)?;
         let mut farthest = 1.0f64;
