@@ -98,13 +98,6 @@ impl Limits {
         Ok(())
     }
 
-    /// The same with room for a carriage that overshoots its reference.
-    fn with_room(self) -> Limits {
-        let (low, high) = self.stroke;
-        let room = ROOM * (high - low);
-        Limits { stroke: (low + room, high - room), speed: self.speed * (1.0 - ROOM), ..self }
-    }
-
     /// Way after which the guides have forgotten where they came from, m, and the force that moving takes, N: static friction at rest or
     /// viscous friction at the largest speed, whichever is larger.
     fn friction(&self, model: &StageModel) -> Result<(f64, f64), ModelError> {
@@ -194,8 +187,6 @@ pub struct Shown {
 pub const DURATIONS: (f64, f64) = (2.0, 3600.0);
 /// Lowest speed limit, m/s. Assumed: a tenth of the slowest speeds that stages are measured at.
 const LEAST_SPEED: f64 = 1e-4;
-/// Part of stroke and speed that a reference leaves free. Assumed.
-const ROOM: f64 = 0.01;
 /// Part of the first piece's evidence per second below which a further piece is not worth its time.
 const WORTH: f64 = 0.02;
 /// Rise of the logarithmic evidence below which nothing has been gained at all.
@@ -222,7 +213,6 @@ pub fn plan(
     limits: Limits,
 ) -> Result<Plan, NextExperimentError> {
     let layout = Layout::new(selection, declared, train, limits)?;
-    let limits = layout.limits;
     let questions = Questions::new(selection, train)?;
     let present = questions.sums(train)?;
     let nothing = || NextExperimentError::Nothing {
