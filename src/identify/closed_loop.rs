@@ -8,6 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::IdentifyError;
+use super::driven::holding;
 use super::measured::forgetting_length;
 use crate::bag::Trace;
 use crate::model::{ModelError, StageModel};
@@ -241,13 +242,12 @@ pub fn position_error(
     let mut stage = Stage::new(&quiet, rates, 0)?;
     let start = trace.position.iter().copied().find(|x| x.is_finite()).unwrap_or(0.0);
     let read = Effects::new(&quiet.effects)?.read(0.0, start, 0.0).0;
-    // At rest the guides hold what the motor gives.
+    // At rest the guides hold what the motor gives: what the cell reads where there is one.
     let guides = quiet.resolved_guides()?;
-    let force = trace.force.iter().copied().find(|f| f.is_finite()).unwrap_or(0.0);
-    let stiffness: f64 = guides.iter().map(|guide| guide.stiffness).sum();
-    let most = guides.iter().map(|guide| 0.9 * guide.coulomb_force / guide.stiffness).fold(f64::INFINITY, f64::min);
-    let bristle = (force / stiffness).clamp(-most, most);
-    stage.set_state(start - (read - start), 0.0, &vec![bristle; guides.len()]);
+    let first = |forces: &[f64]| forces.iter().copied().find(|force| force.is_finite());
+    let force = first(&trace.force).unwrap_or(0.0);
+    let held_by_guides = first(&trace.force_cell).unwrap_or(force);
+    stage.set_state(start - (read - start), 0.0, &holding(&guides, held_by_guides));
     let mut running = Running::new(controller);
     let mut held = force;
     let mut error = Vec::with_capacity(count);
@@ -327,10 +327,13 @@ mod tests {
     use super::*;
     use crate::control::{Controller, ControllerSettings, Follower, Trajectory};
 
-    /// A move of 20 mm and back under our own controller, recorded at 2 kHz.
-    fn recording(model: &StageModel, seed: u64) -> Trace {
+    /// A move of 20 mm and back under our own controller, recorded at 2 kHz; before it the guides came to hold a force.
+    fn recording(model: &StageModel, seed: u64, held: f64) -> Trace {
         let rates = Rates::new(2000.0, 40_000.0).unwrap();
         let mut stage = Stage::new(model, rates, seed).unwrap();
+        for _ in 0..1000 {
+            stage.advance(held);
+        }
         let mut settings = ControllerSettings::paper(model.mass, 2000.0, 2000.0);
         settings.gains.lowpass_frequency = 300.0;
         let mut controller = Controller::new(settings).unwrap();
@@ -360,7 +363,7 @@ mod tests {
     fn our_own_controller_is_found_and_the_true_model_repeats_the_recording() {
         // Without noise, which the recording's controller answers and the simulated one does not.
         let model = StageModel::default().without_noise();
-        let trace = recording(&model, 3);
+        let trace = recording(&model, 3, 0.0);
         let controller = controller_of(&trace, &[&trace]).unwrap();
         assert!(controller.share_missed(&trace).unwrap() < 1e-6);
         let truth = rms(&position_error(&model, &trace, &controller).unwrap());
@@ -372,8 +375,20 @@ mod tests {
     }
 
     #[test]
+    fn a_recording_may_start_on_guides_that_hold_a_force() {
+        let model = StageModel::default().without_noise();
+        let most: f64 = model.resolved_guides().unwrap().iter().map(|guide| guide.static_force).sum();
+        for held in [-0.5 * most, 0.7 * most, -0.8 * most] {
+            let trace = recording(&model, 3, held);
+            let controller = controller_of(&trace, &[&trace]).unwrap();
+            let error = rms(&position_error(&model, &trace, &controller).unwrap());
+            assert!(error < 5e-9, "{held:.1} N held: {error:e} m");
+        }
+    }
+
+    #[test]
     fn a_command_that_no_controller_of_the_error_makes_is_refused() {
-        let mut trace = recording(&StageModel::default(), 3);
+        let mut trace = recording(&StageModel::default(), 3, 0.0);
         for (row, force) in trace.force.iter_mut().enumerate() {
             *force += 20.0 * (row as f64 * 0.37).sin().signum();
         }
@@ -385,7 +400,7 @@ mod tests {
     #[test]
     fn joined_records_leave_out_what_no_record_knows() {
         let model = StageModel::default();
-        let (a, b) = (recording(&model, 3), recording(&model, 4));
+        let (a, b) = (recording(&model, 3, 0.0), recording(&model, 4, 0.0));
         let all = joined(&[&a, &b], &model).unwrap();
         assert_eq!(all.len(), 2 * 6000 + 1000);
         assert!(all.position[6000..7000].iter().all(|x| x.is_nan()) && all.force[6999].is_nan());

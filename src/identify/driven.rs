@@ -176,9 +176,7 @@ pub(super) fn friction(
     let start = measured.cell.as_deref().unwrap_or(&measured.command);
     let ahead = (0.01 * measured.rate) as usize + 2;
     let force = start[1..ahead.min(count - 1)].iter().sum::<f64>() / (ahead.min(count - 1) - 1) as f64;
-    let stiffness: f64 = guides.iter().map(|guide| guide.stiffness).sum();
-    let limit = guides.iter().map(|guide| 0.9 * guide.coulomb_force / guide.stiffness).fold(f64::INFINITY, f64::min);
-    bank.set_bristles(&vec![(force / stiffness).clamp(-limit, limit); guides.len()], 0.0);
+    bank.set_bristles(&holding(guides, force), 0.0);
     let mut at_nodes = vec![0.0; count];
     let mut friction = 0.0;
     for step in steps {
@@ -192,6 +190,13 @@ pub(super) fn friction(
         at_nodes[step.node + 1] += step.late * friction;
     }
     Ok(at_nodes)
+}
+
+/// Deflections of bristles that hold this force at rest, m: each guide its part of what all can hold, and no more than that.
+pub(super) fn holding(guides: &[Guide], force: f64) -> Vec<f64> {
+    let most: f64 = guides.iter().map(|guide| guide.static_force).sum();
+    let part = (force / most).clamp(-1.0, 1.0);
+    guides.iter().map(|guide| part * guide.static_force / guide.stiffness).collect()
 }
 
 /// Force of one effect along the motion.
