@@ -9,6 +9,7 @@ before the clock runs, and wakes once per period of it. On it runs the effort la
 import math
 import threading
 
+from rclpy.clock import Clock, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -32,6 +33,7 @@ class TopicHardware(Node):
         super().__init__("controller_manager", **options,
                          parameter_overrides=[Parameter("use_sim_time", value=use_sim_time)])
         self.period, self.target, self.duration = 1.0 / rate, target, duration
+        self.use_sim_time, self.clock_moved = use_sim_time, threading.Condition()
         self.position = self.velocity = self.effort = math.nan
         self.start: tuple[float, float] | None = None
         self.integral = 0.0
@@ -72,8 +74,26 @@ class TopicHardware(Node):
 
     def run(self) -> None:
         clock = self.get_clock()
+        threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
+        with clock.create_jump_callback(threshold, post_callback=self.on_clock):
+            self.cycle(clock)
+
+    def on_clock(self, _: object) -> None:
+        with self.clock_moved:
+            self.clock_moved.notify_all()
+
+    def sleep_until(self, clock: Clock, wake: Time) -> None:
+        """As rclcpp's. rclpy's misses a simulated time that comes while it begins to wait, and in lockstep no other does."""
+        if not self.use_sim_time:
+            clock.sleep_until(wake, context=self.context)
+            return
+        with self.clock_moved:
+            while self.running and clock.now() < wake:
+                self.clock_moved.wait(0.1)
+
+    def cycle(self, clock: Clock) -> None:
         # On simulated time this waits for the first clock, on wall time it returns at once.
-        clock.sleep_until(Time(nanoseconds=1, clock_type=clock.clock_type), context=self.context)
+        self.sleep_until(clock, Time(nanoseconds=1, clock_type=clock.clock_type))
         wake = now = clock.now()
         while self.running:
             command = JointState(name=["stage"], effort=[self.update(now.nanoseconds * 1e-9)])
@@ -82,7 +102,7 @@ class TopicHardware(Node):
                 self.create_subscription(JointState, "/stage/encoder", self.on_state, STATES)
             self.commands.publish(command)
             wake = wake + Duration(seconds=self.period)
-            clock.sleep_until(wake, context=self.context)
+            self.sleep_until(clock, wake)
             now = clock.now()
             wake = max(wake, now, key=lambda time: time.nanoseconds)
 
