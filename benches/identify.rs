@@ -15,18 +15,16 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Parser, Subcommand};
+use friction_stage::TWO_SIDED_95;
 use friction_stage::identify::{
-    Evidence, Fitted, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection, Tolerances, Verdict, Watch,
-    search,
+    Declared, Evidence, Fitted, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection, Tolerances, Verdict,
+    Watch, search,
 };
 use friction_stage::model::{Coordinate, Guide, GuideSource, StageModel};
 use serde::Serialize;
 
 use generator::effects::{self, CATALOGUE, LISTED};
 use generator::{Columns, Effect, GeneratedRun, Programme, RecordTruth, Setup};
-
-/// Half of a 95 % interval in standard deviations.
-const HALF_95: f64 = 1.96;
 
 #[derive(Parser)]
 #[command(about = "Blind tests of identification")]
@@ -297,7 +295,7 @@ impl Session<'_> {
                 .filter(|report| report.right)
                 .flat_map(|report| report.deviations.values().copied())
                 .collect();
-            let covered = deviations.iter().filter(|deviation| deviation.abs() <= HALF_95).count();
+            let covered = deviations.iter().filter(|deviation| deviation.abs() <= TWO_SIDED_95).count();
             println!(
                 "{title:32} {:4} {:8} {:5} {:5} {:8.2} {:8.3} {:>9} {:7.1}",
                 group.len(),
@@ -493,7 +491,7 @@ fn deviations(hidden: &[Hidden], mass: f64, fitted: &Fitted) -> BTreeMap<String,
             continue;
         }
         match coordinate.place {
-            Place::Declared(0) => {
+            Place::Declared(Declared::Mass) => {
                 let value = fitted.hypothesis.mass();
                 all.insert("mass".to_owned(), (value - mass) / (deviation * value));
             }

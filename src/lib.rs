@@ -14,3 +14,6 @@ pub mod model;
 pub mod node;
 pub mod plant;
 pub mod report;
+
+/// Half of a two-sided 95 % interval in standard deviations: 97.5 % quantile of the normal distribution.
+pub const TWO_SIDED_95: f64 = 1.959_963_984_540_054;

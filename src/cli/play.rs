@@ -17,6 +17,7 @@ use crate::node::driver::{Driver, LockstepRun};
 use crate::node::participant::{Network, Reach};
 use crate::node::wire::{Setpoint, setpoint};
 use crate::node::{cpu, stage_settings};
+use crate::plant::Rates;
 
 /// Play a motion on a stage over ROS 2 and record it.
 ///
@@ -173,7 +174,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             format!("model:={}", args.model),
             format!("seed:={}", args.seed),
             format!("control_rate:={:?}", args.rate),
-            format!("physics_rate:={:?}", args.rate * (PHYSICS_RATE / args.rate).ceil().max(1.0)),
+            format!("physics_rate:={:?}", Rates::of_control(args.rate)?.physics()),
             format!("record:={}", args.record.display()),
             cpu.clone(),
         ]),
@@ -208,9 +209,6 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     }
     Ok(Outcome::Done)
 }
-
-/// Internal rate of the stage, Hz, at least: that of the nodes by default.
-const PHYSICS_RATE: f64 = 40_000.0;
 
 #[cfg(test)]
 mod tests {

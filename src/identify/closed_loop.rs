@@ -23,8 +23,6 @@ const INPUTS: usize = 5;
 const MOST_ROWS: usize = 20_000;
 /// Largest rms of the found controller's own force less the recorded one, as a share of the recorded rms, with which it counts as found.
 const FAITHFUL: f64 = 0.01;
-/// Internal rate of the simulated stage, Hz, at least.
-const PHYSICS_RATE: f64 = 40_000.0;
 
 /// Why there is no closed-loop position error.
 #[derive(Debug, thiserror::Error)]
@@ -235,7 +233,7 @@ pub fn position_error(
     let rate = (count - 1) as f64 / (trace.time[count - 1] - trace.time[0]);
     // A grid of whole nanoseconds misses a whole number of hertz by its rounding.
     let rate = if (rate - rate.round()).abs() < 1e-5 * rate { rate.round() } else { rate };
-    let rates = Rates::new(rate, rate * (PHYSICS_RATE / rate).ceil().max(1.0))?;
+    let rates = Rates::of_control(rate)?;
     let mut quiet = model.clone().without_noise();
     // The recorded command is what the controller gave; the model's own limit would cut it where the machine did not.
     quiet.motor.force_limit = quiet.motor.force_limit.max(largest(&trace.force));

@@ -7,6 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::model::{EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
 use crate::plant::{EffectDescriptor, Side};
 
+use super::declared::Declared;
 use super::driven::{self, Driven};
 use super::measured::{Floor, Measured};
 
@@ -31,21 +32,10 @@ impl Default for Tolerances {
 /// Largest shift between the instants of encoder and force readings, in samples. Assumed: what is beyond it is a lag of its own.
 const SHIFT_LIMIT: f64 = 0.05;
 
-/// Declared parameters that a fit may move: name, unit.
-pub const DECLARED: [(&str, &str); 8] = [
-    ("mass", "kg"),
-    ("stiffness", "N/m"),
-    ("bristle_damping", "N s/m"),
-    ("viscous_friction", "N s/m"),
-    ("coulomb_force", "N"),
-    ("static_force", "N"),
-    ("stribeck_velocity", "m/s"),
-    ("sensor_shift", "s"),
-];
-
-/// Declared parameters, by their index in [`DECLARED`], in which the guides may differ from each other with an effect on the friction
-/// of all: stiffness, Coulomb, static force, Stribeck velocity. Viscous friction adds up to one number.
-const SPREAD: [usize; 4] = [1, 4, 5, 6];
+/// Declared parameters in which the guides may differ from each other with an effect on the friction of all. Viscous friction adds up
+/// to one number.
+const SPREAD: [Declared; 4] =
+    [Declared::Stiffness, Declared::CoulombForce, Declared::StaticForce, Declared::StribeckVelocity];
 /// Contrasts between guides: guide i differs from the mean in contrast j by the entry (j, i). Helmert's, of at most 1.
 const CONTRASTS: [[f64; MAX_GUIDES]; MAX_GUIDES - 1] =
     [[1.0, -1.0, 0.0, 0.0], [0.5, 0.5, -1.0, 0.0], [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, -1.0]];
@@ -86,18 +76,17 @@ pub struct Hypothesis {
     guides: Vec<Guide>,
     tolerances: Tolerances,
     /// Logarithms of the factors on mass and the six LuGre parameters (of all guides alike), then the shift of the sensors in samples.
-    pub moved: [f64; DECLARED.len()],
+    moved: [f64; Declared::ALL.len()],
     /// Differences between the guides in the parameters of `SPREAD`: logarithms of factors, per contrast.
-    pub spread: [[f64; MAX_GUIDES - 1]; SPREAD.len()],
+    spread: [[f64; MAX_GUIDES - 1]; SPREAD.len()],
     /// Whether a fit may move the differences between the guides.
-    pub guides_differ: bool,
+    guides_differ: bool,
     pub effects: Vec<Part>,
 }
 
 /// One number that a fit may change.
 #[derive(Clone, Debug)]
 pub struct Coordinate {
-    /// Index among the declared parameters, or (effect, value).
     pub place: Place,
     pub value: f64,
     pub scale: f64,
@@ -106,7 +95,7 @@ pub struct Coordinate {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    Declared(usize),
+    Declared(Declared),
     /// Difference between guides: index in `SPREAD`, contrast.
     Spread {
         parameter: usize,
@@ -171,7 +160,7 @@ impl Hypothesis {
             declared: declared.clone(),
             guides: declared.resolved_guides()?,
             tolerances,
-            moved: [0.0; DECLARED.len()],
+            moved: [0.0; Declared::ALL.len()],
             spread: [[0.0; MAX_GUIDES - 1]; SPREAD.len()],
             guides_differ: false,
             effects,
@@ -226,8 +215,12 @@ impl Hypothesis {
         measured.floor(&self.declared)
     }
 
+    fn moved(&self, declared: Declared) -> f64 {
+        self.moved[declared as usize]
+    }
+
     pub fn mass(&self) -> f64 {
-        self.declared.mass * self.moved[0].exp()
+        self.declared.mass * self.moved(Declared::Mass).exp()
     }
 
     /// A start for a fit that makes the guides different from each other, whatever the differences were; `None` for a single guide.
@@ -253,11 +246,12 @@ impl Hypothesis {
 
     /// The guides as moved; static friction never below Coulomb friction.
     pub fn guides(&self) -> Vec<Guide> {
-        let [_, _, damping, viscous, ..] = self.moved.map(f64::exp);
+        let damping = self.moved(Declared::BristleDamping).exp();
+        let viscous = self.moved(Declared::ViscousFriction).exp();
         let factor = |parameter: usize, guide: usize| {
             let differs: f64 =
                 self.spread[parameter].iter().zip(&CONTRASTS).map(|(value, row)| value * row[guide]).sum();
-            (self.moved[SPREAD[parameter]] + differs).exp()
+            (self.moved(SPREAD[parameter]) + differs).exp()
         };
         self.guides
             .iter()
@@ -288,19 +282,19 @@ impl Hypothesis {
         }
     }
 
-    /// Mean over the guides of a declared parameter in its unit; `index` as in [`DECLARED`].
-    pub fn declared_value(&self, index: usize, rate: f64) -> f64 {
+    /// A declared parameter in its unit, of the guides their mean; `rate` is that of the samples, Hz.
+    pub fn declared_value(&self, declared: Declared, rate: f64) -> f64 {
         let guides = self.guides();
         let mean = |value: &dyn Fn(&Guide) -> f64| guides.iter().map(value).sum::<f64>() / guides.len() as f64;
-        match index {
-            0 => self.mass(),
-            1 => mean(&|guide| guide.stiffness),
-            2 => mean(&|guide| guide.bristle_damping),
-            3 => mean(&|guide| guide.viscous_friction),
-            4 => mean(&|guide| guide.coulomb_force),
-            5 => mean(&|guide| guide.static_force),
-            6 => mean(&|guide| guide.stribeck_velocity),
-            _ => self.moved[7] / rate,
+        match declared {
+            Declared::Mass => self.mass(),
+            Declared::Stiffness => mean(&|guide| guide.stiffness),
+            Declared::BristleDamping => mean(&|guide| guide.bristle_damping),
+            Declared::ViscousFriction => mean(&|guide| guide.viscous_friction),
+            Declared::CoulombForce => mean(&|guide| guide.coulomb_force),
+            Declared::StaticForce => mean(&|guide| guide.static_force),
+            Declared::StribeckVelocity => mean(&|guide| guide.stribeck_velocity),
+            Declared::SensorShift => self.moved(declared) / rate,
         }
     }
 
@@ -308,23 +302,23 @@ impl Hypothesis {
     pub fn coordinates(&self, sides: Sides, has_cell: bool) -> Vec<Coordinate> {
         let mut coordinates = Vec::new();
         if sides.carriage {
-            for (index, value) in self.moved.iter().enumerate() {
+            for declared in Declared::ALL {
                 // Without a cell there is no second clock: what the motion is late by is a lag of the motor.
-                if index == 7 && !has_cell {
+                if declared == Declared::SensorShift && !has_cell {
                     continue;
                 }
-                let limit = match index {
-                    0 => self.tolerances.mass,
-                    7 => SHIFT_LIMIT,
-                    3 | 4 => self.tolerances.guides,
+                let limit = match declared {
+                    Declared::Mass => self.tolerances.mass,
+                    Declared::SensorShift => SHIFT_LIMIT,
+                    Declared::ViscousFriction | Declared::CoulombForce => self.tolerances.guides,
                     _ => self.tolerances.presliding,
                 };
                 let lower = if limit < 1.0 { (1.0 - limit).ln() } else { -(1.0 + limit).ln() };
                 coordinates.push(Coordinate {
-                    place: Place::Declared(index),
-                    value: *value,
+                    place: Place::Declared(declared),
+                    value: self.moved(declared),
                     scale: limit,
-                    bounds: if index == 7 { (-limit, limit) } else { (lower, (1.0 + limit).ln()) },
+                    bounds: if declared.is_factor() { (lower, (1.0 + limit).ln()) } else { (-limit, limit) },
                 });
             }
         }
@@ -368,7 +362,7 @@ impl Hypothesis {
 
     pub fn set(&mut self, place: Place, value: f64) {
         match place {
-            Place::Declared(index) => self.moved[index] = value,
+            Place::Declared(declared) => self.moved[declared as usize] = value,
             Place::Spread { parameter, contrast } => self.spread[parameter][contrast] = value,
             Place::Effect { effect, value: index } => self.effects[effect].values[index] = value,
         }
@@ -414,7 +408,7 @@ impl Hypothesis {
             };
             driven.friction().into_iter().for_each(|friction| take(friction, 1.0));
             on(Side::Carriage).for_each(|force| take(&force.at_nodes, -1.0));
-            let shift = 0.5 * self.moved[7];
+            let shift = 0.5 * self.moved(Declared::SensorShift);
             missing.carriage = (0..count)
                 .map(|k| {
                     if k == 0 || k + 1 == count {

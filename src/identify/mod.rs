@@ -7,6 +7,7 @@
 
 pub mod closed_loop;
 mod curve;
+mod declared;
 mod driven;
 mod fit;
 mod hypothesis;
@@ -19,8 +20,9 @@ mod selection;
 pub mod spectrum;
 mod summary;
 
+pub use declared::Declared;
 pub use fit::{Effort, Fitted, correlation_length, fit};
-pub use hypothesis::{Coordinate, DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
+pub use hypothesis::{Coordinate, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
 pub use next_experiment::{Limits, NextExperiment, NextExperimentError, Plan};

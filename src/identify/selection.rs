@@ -8,9 +8,10 @@ use crate::plant::{EffectDescriptor, Residual, Samples, Side};
 
 use super::IdentifyError;
 use super::curve;
+use super::declared::Declared;
 use super::driven::Driven;
 use super::fit::{Effort, Fitted, correlation_length, fit};
-use super::hypothesis::{DECLARED, Hypothesis, Missing, Part, Place, Sides, Tolerances};
+use super::hypothesis::{Hypothesis, Missing, Part, Place, Sides, Tolerances};
 use super::measured::{Floor, Measured};
 
 /// Most effects that are added.
@@ -40,8 +41,7 @@ const MOST_CURVES: usize = 4;
 pub const NOISE_LIKE: f64 = 2.0;
 /// Floors that a recording leaves at most when nothing is hidden in it: 1.0 to 1.2 were seen.
 const ALL_BUT_NOISE: f64 = 1.3;
-/// Declared parameters of sliding: viscous friction, Coulomb and static force, Stribeck velocity; and the tolerance of a guide of which nothing is known.
-const FRICTION: [usize; 4] = [3, 4, 5, 6];
+/// Tolerance of a guide of which nothing is known.
 const ANY_GUIDE: f64 = 9.0;
 /// Tolerances beyond which a parameter of sliding is another guide's, whatever else there may be. Assumed.
 const FAR: f64 = 3.0;
@@ -297,7 +297,7 @@ impl<'a> Search<'a> {
     /// Guides whose friction is beyond its tolerance are no effect that a model lacks. Where the declared ones leave more than noise and end on a bound, and
     /// others explain everything, these are the answer, and the search would dress them up as laws.
     fn refuse_other_guides(&self, declared: &StageModel, tolerances: Tolerances) -> Result<(), IdentifyError> {
-        let of_friction = |place: Place| matches!(place, Place::Declared(index) if FRICTION.contains(&index));
+        let of_friction = |place: Place| matches!(place, Place::Declared(one) if Declared::SLIDING.contains(&one));
         let bent = self
             .before
             .coordinates
@@ -315,11 +315,11 @@ impl<'a> Search<'a> {
         let again = with_different_guides(&again.hypothesis, self.train, Effort::KEPT)?.hypothesis;
         let left = errors(&again, self.train, self.holdout)?;
         let mut farthest = 1.0f64;
-        let beyond: Vec<String> = FRICTION
+        let beyond: Vec<String> = Declared::SLIDING
             .into_iter()
-            .filter_map(|index| {
-                let value = |hypothesis: &Hypothesis| hypothesis.declared_value(index, self.train.rate);
-                let (name, unit) = DECLARED[index];
+            .filter_map(|one| {
+                let value = |hypothesis: &Hypothesis| hypothesis.declared_value(one, self.train.rate);
+                let (name, unit) = (one.name(), one.unit());
                 let (is, was) = (value(&again), value(&Hypothesis::new(declared, tolerances).ok()?));
                 let factor = (is / was).max(was / is);
                 farthest = farthest.max(factor);

@@ -5,18 +5,18 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use super::declared::Declared;
 use super::fit::Fitted;
-use super::hypothesis::{Coordinate, DECLARED, Part, Place};
+use super::hypothesis::{Coordinate, Part, Place};
 use super::measured::Measured;
 use super::next_experiment::NextExperiment;
 use super::selection::{Selection, Verdict};
+use crate::TWO_SIDED_95;
 use crate::model::{Curve, CurveSide};
 use crate::plant::{EffectDescriptor, Side};
 
 /// Version of the schema.
 pub const SCHEMA_VERSION: u32 = 1;
-/// Standard deviations on each side of a value that hold 95 % of a normal distribution.
-const TWO_SIDED_95: f64 = 1.96;
 
 /// Correlation from which two parameters are told to be tied. Assumed: at 0.98 each is known five times worse than if the other were given.
 const TIED: f64 = 0.98;
@@ -162,9 +162,8 @@ impl Summary {
     ) -> Summary {
         let fitted = &selection.after;
         let declared_effects = selection.before.hypothesis.effects.len();
-        let mut declared_parameters: BTreeMap<String, FoundParameter> = (0..DECLARED.len())
-            .map(|index| (DECLARED[index].0.to_owned(), declared(fitted, index, train.rate)))
-            .collect();
+        let mut declared_parameters: BTreeMap<String, FoundParameter> =
+            Declared::ALL.into_iter().map(|one| (one.name().to_owned(), declared(fitted, one, train.rate))).collect();
         for (index, part) in fitted.hypothesis.effects.iter().enumerate().take(declared_effects) {
             let alike = |other: &&Part| other.descriptor.name == part.descriptor.name;
             let label = match fitted.hypothesis.effects[..index].iter().filter(alike).count() {
@@ -251,13 +250,13 @@ fn coordinate(fitted: &Fitted, place: Place) -> Option<(&Coordinate, f64, bool)>
 /// Standard deviation of the mean over the guides of a declared parameter, as a share of it (of the shift: s): how the guides differ is
 /// fitted too, and what one of them does not know of itself the sum of all may know. First order in the deviations of all coordinates.
 /// Infinite where the parameter is on a bound or the data say nothing.
-fn deviation_of_declared(fitted: &Fitted, index: usize, rate: f64) -> f64 {
-    match coordinate(fitted, Place::Declared(index)) {
+fn deviation_of_declared(fitted: &Fitted, declared: Declared, rate: f64) -> f64 {
+    match coordinate(fitted, Place::Declared(declared)) {
         Some((_, deviation, false)) if deviation.is_finite() => {}
         _ => return f64::INFINITY,
     }
-    let value = fitted.hypothesis.declared_value(index, rate);
-    let whole = if DECLARED[index].0 == "sensor_shift" { 1.0 } else { value };
+    let value = fitted.hypothesis.declared_value(declared, rate);
+    let whole = if declared.is_factor() { value } else { 1.0 };
     let slopes: Vec<f64> = fitted
         .coordinates
         .iter()
@@ -271,7 +270,7 @@ fn deviation_of_declared(fitted: &Fitted, index: usize, rate: f64) -> f64 {
             let at = |moved: f64| {
                 let mut hypothesis = fitted.hypothesis.clone();
                 hypothesis.set(coordinate.place, coordinate.value + moved);
-                hypothesis.declared_value(index, rate)
+                hypothesis.declared_value(declared, rate)
             };
             (at(step) - at(-step)) / (2.0 * step * whole) * deviation
         })
@@ -304,16 +303,16 @@ fn deviation_of_alike(fitted: &Fitted, index: usize) -> f64 {
     }
 }
 
-fn declared(fitted: &Fitted, index: usize, rate: f64) -> FoundParameter {
-    let value = fitted.hypothesis.declared_value(index, rate);
-    let reach = TWO_SIDED_95 * deviation_of_declared(fitted, index, rate);
-    let ci95 = match DECLARED[index].0 {
-        "sensor_shift" => [value - reach, value + reach],
-        // The others are fitted as the logarithm of a factor.
-        _ => [value * (-reach).exp(), value * reach.exp()],
+fn declared(fitted: &Fitted, declared: Declared, rate: f64) -> FoundParameter {
+    let value = fitted.hypothesis.declared_value(declared, rate);
+    let reach = TWO_SIDED_95 * deviation_of_declared(fitted, declared, rate);
+    let ci95 = if declared.is_factor() {
+        [value * (-reach).exp(), value * reach.exp()]
+    } else {
+        [value - reach, value + reach]
     };
     let ci95 = Some(ci95).filter(|[low, high]| low.is_finite() && high.is_finite());
-    FoundParameter { value, unit: DECLARED[index].1.to_owned(), ci95 }
+    FoundParameter { value, unit: declared.unit().to_owned(), ci95 }
 }
 
 /// Names of an effect's parameters that have a part in the form of its law, in the order of the law.
@@ -379,7 +378,7 @@ fn peak(curve: &Curve) -> [(String, FoundParameter); 2] {
 
 /// Whether a coordinate is the logarithm of a factor on a declared value.
 fn is_share(place: Place) -> bool {
-    matches!(place, Place::Declared(index) if DECLARED[index].0 != "sensor_shift")
+    matches!(place, Place::Declared(declared) if declared.is_factor())
 }
 
 /// What deserves a word about the parameters of a fit: on a bound, hardly or not determined by the data, or tied to another one.
@@ -429,8 +428,8 @@ fn told(fitted: &Fitted, place: Place, rate: f64) -> Option<(String, f64, &'stat
     match place {
         Place::Spread { .. } => None,
         Place::Declared(declared) => {
-            let (name, unit) = DECLARED[declared];
-            Some((name.to_owned(), fitted.hypothesis.declared_value(declared, rate), unit))
+            let value = fitted.hypothesis.declared_value(declared, rate);
+            Some((declared.name().to_owned(), value, declared.unit()))
         }
         Place::Effect { effect, value } => {
             let part = &fitted.hypothesis.effects[effect];

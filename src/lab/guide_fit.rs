@@ -8,6 +8,7 @@
 
 use super::least_squares::{FitError, Minimum, minimise};
 use super::specimen::Recording;
+use crate::TWO_SIDED_95;
 use crate::model::Guide;
 
 /// What the measuring rig records, one row per sample, SI units.
@@ -98,8 +99,6 @@ const FEWEST_RUNS: usize = 10;
 const LEAST_DAMPING: f64 = 0.8;
 /// 99.9 % quantile of chi-squared with 2 degrees of freedom: what the falling part of F(v) must gain.
 const SIGNIFICANT: f64 = 13.816;
-/// 97.5 % quantile of the standard normal distribution.
-const Z: f64 = 1.959_963_984_540_054;
 /// Stribeck velocity where nothing falls with velocity, m/s: that of the catalogue's guide 2.
 const UNUSED_STRIBECK_VELOCITY: f64 = 5e-3;
 
@@ -283,7 +282,7 @@ fn conclude(minimum: &Minimum, shape: Shape, windows: &[Window], loops: &Motion)
     let variance = minimum.cost / freedom as f64 * correlation_time(of_loops);
     let covariance = |a: usize, b: usize| minimum.covariance[(a, b)] * variance;
     let logarithmic = |k: usize| {
-        let (value, half) = (p[k].exp(), Z * covariance(k, k).sqrt());
+        let (value, half) = (p[k].exp(), TWO_SIDED_95 * covariance(k, k).sqrt());
         Fitted { value, ci95: [value * (-half).exp(), value * half.exp()] }
     };
     let coulomb_force = logarithmic(3);
@@ -293,11 +292,11 @@ fn conclude(minimum: &Minimum, shape: Shape, windows: &[Window], loops: &Motion)
             (fc * fc * covariance(3, 3) + excess * excess * covariance(7, 7) + 2.0 * fc * excess * covariance(3, 7))
                 .sqrt();
         let value = fc + excess;
-        Fitted { value, ci95: [value - Z * deviation, value + Z * deviation] }
+        Fitted { value, ci95: [value - TWO_SIDED_95 * deviation, value + TWO_SIDED_95 * deviation] }
     } else {
         coulomb_force
     };
-    let half = Z * covariance(4, 4).sqrt();
+    let half = TWO_SIDED_95 * covariance(4, 4).sqrt();
     let force_rms = (of_loops.iter().map(|residual| residual * residual).sum::<f64>() / of_loops.len() as f64).sqrt();
     let mut fit = GuideFit {
         stiffness: logarithmic(0),

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::application::Application;
 use super::variant::{Experiment, VariantError, VariantResult};
+use crate::TWO_SIDED_95;
 use crate::model::{Catalogue, CatalogueEntry, Guide};
 
 /// A guide that stands for selection.
@@ -122,8 +123,6 @@ const LARGEST: u64 = 1_000_000_000_000;
 const SAFE: f64 = 0.95;
 /// Factor from which on a difference of a parameter is told as a reason. Assumed.
 const NOTABLE: f64 = 1.05;
-/// 97.5 % quantile of the standard normal distribution.
-const Z: f64 = 1.959_963_984_540_054;
 
 impl std::str::FromStr for Shard {
     type Err = SelectionError;
@@ -401,9 +400,10 @@ impl Tally {
     /// 95 % interval of the chance (Wilson, JASA 22, 1927).
     pub fn chance_ci95(&self) -> [f64; 2] {
         let (n, p) = (self.variants.max(1) as f64, self.chance());
-        let middle = p + Z * Z / (2.0 * n);
-        let half = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-        let scale = 1.0 + Z * Z / n;
+        let z = TWO_SIDED_95;
+        let middle = p + z * z / (2.0 * n);
+        let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+        let scale = 1.0 + z * z / n;
         [((middle - half) / scale).max(0.0), ((middle + half) / scale).min(1.0)]
     }
 

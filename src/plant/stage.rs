@@ -92,6 +92,11 @@ impl Rates {
         Ok(Rates { control, substeps: substeps as u32 })
     }
 
+    /// Physics at the default rate, or above it by as little as a whole multiple of the control rate allows; Hz.
+    pub fn of_control(control: f64) -> Result<Rates, RatesError> {
+        Rates::new(control, control * (Self::DEFAULT.physics() / control).ceil().max(1.0))
+    }
+
     /// Hz
     pub fn control(&self) -> f64 {
         self.control

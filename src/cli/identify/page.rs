@@ -4,8 +4,8 @@ use super::figures::{Figure, Group};
 use super::input::Input;
 use super::metres;
 use crate::identify::{
-    Evidence, Hypothesis, NextExperiment, Outcome, Selection, Summary, Tolerances, Verdict, in_digits, readable,
-    side_name, taking_part,
+    Declared, Evidence, Hypothesis, NextExperiment, Outcome, Selection, Summary, Tolerances, Verdict, in_digits,
+    readable, side_name, taking_part,
 };
 use crate::model::{CurveSide, ModelError, StageModel};
 use crate::plant::EffectDescriptor;
@@ -384,13 +384,12 @@ fn parameters(
         ("unit", Align::Left),
         ("95 % interval", Align::Right),
     ]);
-    let known = crate::identify::DECLARED.iter().enumerate();
-    for (index, (name, _)) in known {
-        let Some(parameter) = summary.declared_parameters.get(*name) else { continue };
-        let alone = selection.before.hypothesis.declared_value(index, rate);
+    for known in Declared::ALL {
+        let Some(parameter) = summary.declared_parameters.get(known.name()) else { continue };
+        let alone = selection.before.hypothesis.declared_value(known, rate);
         table.row([
-            Cell::code(*name),
-            Cell::text(readable(stated.declared_value(index, rate))),
+            Cell::code(known.name()),
+            Cell::text(readable(stated.declared_value(known, rate))),
             Cell::text(in_digits(alone, parameter.ci95)),
             Cell::text(in_digits(parameter.value, parameter.ci95)),
             Cell::text(&parameter.unit),

@@ -17,8 +17,6 @@ pub(super) const FORCE_SHARE: f64 = 0.8;
 pub(super) const GENTLE: f64 = 0.3;
 /// Bandwidth of the simulated controller, Hz, and its largest share of the rate.
 pub(super) const BANDWIDTH: (f64, f64) = (60.0, 1.0 / 14.0);
-/// Internal rate of the simulated stage, Hz, at least.
-pub(super) const PHYSICS_RATE: f64 = 40_000.0;
 
 /// A motion run with the identified model.
 pub(super) struct Simulated {
@@ -226,7 +224,7 @@ impl<'a> Layout<'a> {
         start: f64,
         from: f64,
     ) -> Result<Option<Simulated>, NextExperimentError> {
-        let rates = Rates::new(self.rate, self.rate * (PHYSICS_RATE / self.rate).ceil().max(1.0))?;
+        let rates = Rates::of_control(self.rate)?;
         let quiet = self.model.clone().without_noise();
         let mut stage = Stage::new(&quiet, rates, 0)?;
         stage.set_state(start, 0.0, &vec![0.0; quiet.guides.len()]);

@@ -15,9 +15,10 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::IdentifyError;
-use super::hypothesis::{DECLARED, Place};
+use super::hypothesis::Place;
 use super::measured::{Measured, forgetting_length};
 use super::selection::{Selection, Verdict};
+use crate::TWO_SIDED_95;
 use crate::control::{ControllerError, Point, TrajectoryError};
 use crate::model::{ModelError, StageModel};
 use crate::plant::RatesError;
@@ -195,7 +196,6 @@ const NOTHING: f64 = 1e-3;
 const MOST_PIECES: usize = 8;
 /// Untested effects that a motion is made for, where nothing else is open.
 const MOST_UNTESTED: usize = 5;
-const TWO_SIDED_95: f64 = 1.96;
 
 /// A piece that keeps to the limits, with what it says.
 struct Candidate {
@@ -367,7 +367,7 @@ pub fn plan(
                     let name = parameter.map_or("", |parameter| parameter.name);
                     (format!("{}.{name}", descriptor.name), parameter.map_or("", |parameter| parameter.unit))
                 }
-                Place::Declared(declared) => (DECLARED[declared].0.to_owned(), "1"),
+                Place::Declared(declared) => (declared.name().to_owned(), "1"),
                 Place::Spread { .. } => ("difference between guides".to_owned(), "1"),
             };
             let reach = |deviation: f64| Some(TWO_SIDED_95 * deviation * one.scale).filter(|reach| reach.is_finite());

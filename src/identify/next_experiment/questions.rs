@@ -5,10 +5,11 @@ use rayon::prelude::*;
 
 use super::super::driven::Driven;
 use super::super::fit::{Effort, correlation_length, derivatives, fit, stacked};
-use super::super::hypothesis::{Coordinate, DECLARED, Hypothesis, Part, Place, Sides};
+use super::super::hypothesis::{Coordinate, Hypothesis, Part, Place, Sides};
 use super::super::measured::Measured;
 use super::super::selection::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, SEVERAL, Selection};
-use super::{NextExperimentError, TWO_SIDED_95};
+use super::NextExperimentError;
+use crate::TWO_SIDED_95;
 use crate::model::ModelError;
 use crate::plant::EffectDescriptor;
 
@@ -228,7 +229,7 @@ impl Questions {
                 match one.place {
                     // How the guides differ is not asked for: their sum is.
                     Place::Spread { .. } => false,
-                    Place::Declared(declared) => DECLARED[declared].0 != "sensor_shift" && deviation > UNTOLD,
+                    Place::Declared(declared) => declared.is_factor() && deviation > UNTOLD,
                     // A term that is not there is no doubt.
                     Place::Effect { .. } => {
                         one.value.abs() > 1e-3 * one.scale

@@ -89,32 +89,29 @@ pub(crate) fn viscous_friction(residual: &Residual) -> Option<f64> {
     (fit.coefficients[1] > 0.0).then_some(fit.coefficients[1])
 }
 
-/// A bristle's slow loop along the motion of a residual, -1 to 1: dh/dx = (sign(v) - h) / width (Dahl 1968), mean of each step.
+/// A bristle's slow loop along the motion of a residual, -1 to 1: dh/dx = (sign(v) - h) / width (Dahl 1968), mean of each step's ends.
 pub(super) fn slow_loop(residual: &Residual, width: f64) -> Vec<f64> {
+    along_travel(residual, |state, travel| {
+        let target = travel.signum();
+        target + (state - target) * (-travel.abs() / width).exp()
+    })
+}
+
+/// The same of a spring with a slider: dh/dx = 1 / width up to 1 (Iwan 1966), mean of each step's ends.
+pub(super) fn sliding_loop(residual: &Residual, width: f64) -> Vec<f64> {
+    along_travel(residual, |state, travel| (state + travel / width).clamp(-1.0, 1.0))
+}
+
+/// A state that `advance(state, travel)` carries through the travel of each step, from 0: mean of each step's ends.
+fn along_travel(residual: &Residual, advance: impl Fn(f64, f64) -> f64) -> Vec<f64> {
     let step = step_of(residual);
     let mut state = 0.0;
     residual
         .velocity
         .iter()
-        .map(|velocity: &f64| {
+        .map(|velocity| {
             let before = state;
-            let target = velocity.signum();
-            state = target + (state - target) * (-velocity.abs() * step / width).exp();
-            0.5 * (before + state)
-        })
-        .collect()
-}
-
-/// The same of a spring with a slider: dh/dx = 1 / width up to 1 (Iwan 1966), mean of each step's ends.
-pub(super) fn sliding_loop(residual: &Residual, width: f64) -> Vec<f64> {
-    let step = step_of(residual);
-    let mut state = 0.0f64;
-    residual
-        .velocity
-        .iter()
-        .map(|velocity: &f64| {
-            let before = state;
-            state = (state + velocity * step / width).clamp(-1.0, 1.0);
+            state = advance(state, velocity * step);
             0.5 * (before + state)
         })
         .collect()
