@@ -153,52 +153,11 @@ impl Measured {
         };
         let (velocity, read_velocity) = (velocity_of(&smooth), velocity_of(&position));
 
-        let mut steps = Vec::with_capacity(count + count / 4);
-        for k in 0..count - 1 {
-            let mean = (smooth[k + 1] - smooth[k]) * rate;
-            let (start, end) = (velocity[k], velocity[k + 1]);
-            let still = noise * rate * REST_SPEED.0;
-            let turns = start * end <= 0.0 || (end - start).abs() > STEADY * mean.abs();
-            let parts = if turns && start.abs().max(end.abs()) > still { SUBSTEPS } else { 1 };
-            let duration = dt / parts as f64;
-            let (slides, moves) = (path(&smooth, &velocity, k, rate), path(&position, &read_velocity, k, rate));
-            for part in 0..parts {
-                let (from, to) = (part as f64 / parts as f64, (part + 1) as f64 / parts as f64);
-                let middle = 0.5 * (from + to);
-                steps.push(Step {
-                    motion: Motion {
-                        time: trace.time[k] - trace.time[0] + middle * dt,
-                        position: position[k] + 0.5 * (moves(from) + moves(to)) * dt,
-                        velocity: (moves(to) - moves(from)) * parts as f64,
-                        acceleration: 0.5 * (acceleration[k] + acceleration[k + 1]),
-                        motor_force: raw_command[k],
-                        friction: 0.0,
-                    },
-                    sliding: (slides(to) - slides(from)) * parts as f64,
-                    duration,
-                    node: k,
-                    early: (1.0 - middle) / parts as f64,
-                    late: middle / parts as f64,
-                });
-            }
-        }
-
-        let lowpass = Lowpass::new(FORCE_CORNER.min(rate / 5.0), rate);
-        let half = lowpass.half() + 1;
         for unknown in unknown_bristles(&trace.position, rate, model)? {
             valid[unknown].fill(false);
         }
-        // Running count of samples to leave out, so that each row is judged in one subtraction.
-        let missing: Vec<usize> = std::iter::once(0)
-            .chain(valid.iter().scan(0, |sum, valid| {
-                *sum += usize::from(!valid);
-                Some(*sum)
-            }))
-            .collect();
-        let rows: Vec<usize> = lowpass
-            .kept(count, 2)
-            .filter(|row| *row >= half && missing[row + half + 1] == missing[row - half])
-            .collect();
+        let lowpass = Lowpass::new(FORCE_CORNER.min(rate / 5.0), rate);
+        let rows = rows_of(&valid, &lowpass);
         if rows.len() * lowpass.factor() < MIN_SAMPLES / 2 {
             return Err(IdentifyError::TooShort {
                 name: name.to_owned(),
@@ -206,7 +165,7 @@ impl Measured {
                 least: MIN_SAMPLES / 2,
             });
         }
-        Ok(Measured {
+        let mut measured = Measured {
             time: trace.time.iter().map(|time| time - trace.time[0]).collect(),
             position,
             velocity,
@@ -220,11 +179,47 @@ impl Measured {
                 trace.reference_acceleration.clone(),
             ],
             raw_command,
-            steps,
+            steps: Vec::new(),
             rate,
             lowpass,
             rows,
-        })
+        };
+        measured.steps = measured.in_steps(&smooth, &read_velocity, noise);
+        Ok(measured)
+    }
+
+    /// The motion in steps: more of them where it turns. `smooth` is the position without what the noise feigns at rest, `read_velocity` the velocity with it.
+    fn in_steps(&self, smooth: &[f64], read_velocity: &[f64], noise: f64) -> Vec<Step> {
+        let (rate, dt, velocity) = (self.rate, self.rate.recip(), &self.velocity);
+        let still = noise * rate * REST_SPEED.0;
+        let mut steps = Vec::with_capacity(self.len() + self.len() / 4);
+        for k in 0..self.len() - 1 {
+            let mean = (smooth[k + 1] - smooth[k]) * rate;
+            let (start, end) = (velocity[k], velocity[k + 1]);
+            let turns = start * end <= 0.0 || (end - start).abs() > STEADY * mean.abs();
+            let parts = if turns && start.abs().max(end.abs()) > still { SUBSTEPS } else { 1 };
+            let (slides, moves) = (path(smooth, velocity, k, rate), path(&self.position, read_velocity, k, rate));
+            for part in 0..parts {
+                let (from, to) = (part as f64 / parts as f64, (part + 1) as f64 / parts as f64);
+                let middle = 0.5 * (from + to);
+                steps.push(Step {
+                    motion: Motion {
+                        time: self.time[k] + middle * dt,
+                        position: self.position[k] + 0.5 * (moves(from) + moves(to)) * dt,
+                        velocity: (moves(to) - moves(from)) * parts as f64,
+                        acceleration: 0.5 * (self.acceleration[k] + self.acceleration[k + 1]),
+                        motor_force: self.raw_command[k],
+                        friction: 0.0,
+                    },
+                    sliding: (slides(to) - slides(from)) * parts as f64,
+                    duration: dt / parts as f64,
+                    node: k,
+                    early: (1.0 - middle) / parts as f64,
+                    late: middle / parts as f64,
+                });
+            }
+        }
+        steps
     }
 
     /// Samples.
@@ -277,6 +272,19 @@ impl Floor {
     pub fn total(&self) -> f64 {
         self.motor.hypot(self.carriage)
     }
+}
+
+/// Samples at which the filtered signals are compared: thinned out, and where the filter sees valid samples only.
+fn rows_of(valid: &[bool], lowpass: &Lowpass) -> Vec<usize> {
+    let half = lowpass.half() + 1;
+    // Running count of samples to leave out, so that each row is judged in one subtraction.
+    let missing: Vec<usize> = std::iter::once(0)
+        .chain(valid.iter().scan(0, |sum, valid| {
+            *sum += usize::from(!valid);
+            Some(*sum)
+        }))
+        .collect();
+    lowpass.kept(valid.len(), 2).filter(|row| *row >= half && missing[row + half + 1] == missing[row - half]).collect()
 }
 
 /// Way from sample `k` over the share s of the interval behind it, over the length of the interval, m/s: a cubic with the velocities of

@@ -7,24 +7,23 @@
 //! Fedorov, Biometrika 62(1), 1975); for a parameter it is the fall of its standard deviation (D-optimality, ibid.). Pieces are taken greedily
 //! by evidence per second. Not covered: rivals that are not in the list of effects, and a rival's behaviour far from its present fit.
 
+mod agenda;
 mod layout;
 mod motion;
 mod questions;
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::IdentifyError;
-use super::hypothesis::Place;
 use super::measured::{Measured, forgetting_length};
 use super::selection::{Selection, Verdict};
-use crate::TWO_SIDED_95;
 use crate::control::{ControllerError, Point, TrajectoryError};
 use crate::model::{ModelError, StageModel};
 use crate::plant::RatesError;
+use agenda::Agenda;
 use layout::Layout;
-use motion::{Path, REST, Segment};
-use questions::{Questions, Subject, Sums};
+use motion::{Path, Segment};
+use questions::Questions;
 
 /// What the motion may do.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -188,22 +187,6 @@ pub struct Shown {
 pub const DURATIONS: (f64, f64) = (2.0, 3600.0);
 /// Lowest speed limit, m/s. Assumed: a tenth of the slowest speeds that stages are measured at.
 const LEAST_SPEED: f64 = 1e-4;
-/// Part of the first piece's evidence per second below which a further piece is not worth its time.
-const WORTH: f64 = 0.02;
-/// Rise of the logarithmic evidence below which nothing has been gained at all.
-const NOTHING: f64 = 1e-3;
-/// Most pieces: a motion that a person can still read.
-const MOST_PIECES: usize = 8;
-/// Untested effects that a motion is made for, where nothing else is open.
-const MOST_UNTESTED: usize = 5;
-
-/// A piece that keeps to the limits, with what it says.
-struct Candidate {
-    segment: Segment,
-    /// s, with the way to it.
-    duration: f64,
-    sums: Sums,
-}
 
 /// Works out the motion that settles most of what the search on `train` left open.
 pub fn plan(
@@ -214,187 +197,36 @@ pub fn plan(
 ) -> Result<Plan, NextExperimentError> {
     let layout = Layout::new(selection, declared, train, limits)?;
     let questions = Questions::new(selection, train)?;
-    let present = questions.sums(train)?;
     let nothing = || NextExperimentError::Nothing {
         low: limits.stroke.0,
         high: limits.stroke.1,
         speed: limits.speed,
         force: limits.force,
     };
-    let tried = |segment: Segment| -> Result<Option<Candidate>, NextExperimentError> {
-        let start = segment.start(limits.stroke);
-        let mut path = layout.approach(layout.middle(), start);
-        let from = path.seconds();
-        segment.follow(&mut path, layout.gentle);
-        let duration = path.seconds() - from + REST;
-        if duration > limits.duration {
-            return Ok(None);
-        }
-        match layout.simulate(&path, layout.middle(), from)? {
-            Some(run) if !run.measured.rows.is_empty() => {
-                Ok(Some(Candidate { segment, duration, sums: questions.sums(&run.measured)? }))
-            }
-            _ => Ok(None),
-        }
-    };
-    let candidates: Vec<Candidate> = layout
-        .candidates()
-        .into_par_iter()
-        .filter_map(|segment| tried(segment).transpose())
-        .collect::<Result<_, _>>()?;
-    if candidates.is_empty() {
-        return Err(nothing());
-    }
+    let candidates = agenda::candidates(&layout, &questions)?;
+    let simplest = candidates.first().ok_or_else(nothing)?.segment;
 
-    let floor = selection.floor.total().max(f64::MIN_POSITIVE);
-    let carriage = selection.floor.carriage;
-    let mut pairs: Vec<(usize, &'static str)> = Vec::new();
-    for question in &questions.questions {
-        if let Subject::Rival { effect, rival } = question.subject
-            && !pairs.contains(&(effect, rival))
-        {
-            pairs.push((effect, rival));
-        }
-    }
-    let open: Vec<(usize, &'static str)> = pairs
-        .into_iter()
-        .filter(|(effect, rival)| {
-            questions.rival(*effect, rival, &present, &present)
-                < questions.needed(*effect, &present, &present, carriage)
-                || selection.inseparable.iter().any(|(name, other)| {
-                    other == rival && selection.after.hypothesis.effects[*effect].descriptor.name == *name
-                })
-        })
-        .collect();
-    let asked: Vec<usize> = questions
-        .of(|subject| matches!(subject, Subject::Rival { effect, rival } if open.contains(&(effect, rival))))
-        .collect();
-    let mut untested: Vec<(usize, &'static str, f64)> = questions
-        .of(|subject| matches!(subject, Subject::Untested { .. }))
-        .filter_map(|question| match questions.questions[question].subject {
-            Subject::Untested { effect } => Some((question, effect, questions.separable(question, &present, &present))),
-            _ => None,
-        })
-        .collect();
-    untested.sort_by(|a, b| a.2.total_cmp(&b.2));
-    untested.truncate(MOST_UNTESTED);
-
-    // Evidence for each open question, and knowledge of each vague parameter, both as logarithms: no one drowns the others.
-    let before = questions.deviations(&present);
-    let vague = questions.vague(&before);
-    let evidence = |all: &Sums, asked: &[usize], vague: &[usize]| -> f64 {
-        let unit = present.rows as f64 * floor * floor;
-        let told: f64 = asked
-            .iter()
-            .map(|question| (questions.left(*question, all, &questions.adapted(*question, all)) / unit).ln_1p())
-            .sum();
-        let known: f64 = if vague.is_empty() {
-            0.0
-        } else {
-            let now = questions.deviations(all);
-            vague.iter().map(|index| (before[*index] / now[*index]).ln()).sum()
-        };
-        told + known
-    };
-    let choose = |forced: &[Segment], asked: &[usize], vague: &[usize]| -> Vec<Segment> {
-        let mut pieces = forced.to_vec();
-        let mut all = present.clone();
-        let mut left = limits.duration - forced.iter().map(|piece| layout.duration(piece)).sum::<f64>();
-        let mut best_rate = 0.0;
-        let mut value = evidence(&all, asked, vague);
-        while pieces.len() < MOST_PIECES {
-            let better = candidates
-                .iter()
-                .filter(|one| one.duration <= left && !pieces.contains(&one.segment))
-                .map(|one| (one, evidence(&all.plus(&one.sums), asked, vague) - value))
-                .max_by(|a, b| (a.1 / a.0.duration).total_cmp(&(b.1 / b.0.duration)));
-            let Some((one, gain)) = better else { break };
-            let rate = gain / one.duration;
-            if gain < NOTHING || rate < WORTH * best_rate {
-                break;
-            }
-            best_rate = rate.max(best_rate);
-            pieces.push(one.segment);
-            left -= one.duration;
-            all = all.plus(&one.sums);
-            value += gain;
-        }
-        pieces
-    };
-    let forced = layout.repeated(selection);
-    let mut pieces = choose(&forced, &asked, &vague);
+    let agenda = Agenda::new(selection, &questions, train)?;
+    let mut pieces = agenda.choose(&candidates, &layout.repeated(selection), &layout);
     // Nothing is open, or no motion tells: then for what the data have not shown.
     let settled = pieces.is_empty();
     if settled {
-        let asked: Vec<usize> = untested.iter().map(|(question, ..)| *question).collect();
-        pieces = choose(&[], &asked, &[]);
+        pieces = agenda.choose_for_untested(&candidates, &layout);
     }
     if pieces.is_empty() {
-        pieces = vec![candidates[0].segment];
+        pieces = vec![simplest];
     }
 
     let path = layout.compose(&pieces, layout.middle());
     let way = layout.approach(layout.middle(), pieces[0].start(limits.stroke)).seconds();
     let run = layout.simulate(&path, layout.middle(), way)?.ok_or_else(nothing)?;
     let new = questions.sums(&run.measured)?;
-    let all = present.plus(&new);
-    let floors = |square: f64| square.sqrt() / floor;
-    let effects = &selection.after.hypothesis.effects;
-    let rivals = open
-        .iter()
-        .map(|(effect, rival)| {
-            let after = questions.rival(*effect, rival, &new, &all);
-            let needed = questions.needed(*effect, &new, &all, carriage);
-            Separation {
-                effect: effects[*effect].descriptor.name.to_owned(),
-                rival: (*rival).to_owned(),
-                before: floors(questions.rival(*effect, rival, &present, &present)),
-                after: floors(after),
-                needed: floors(needed),
-                separates: after >= needed,
-            }
-        })
-        .collect();
-    let sharpened = questions.deviations(&all);
-    let parameters = vague
-        .iter()
-        .map(|index| {
-            let one = &questions.alternatives[0].coordinates[*index];
-            let (name, unit) = match one.place {
-                Place::Effect { effect, value } => {
-                    let descriptor = effects[effect].descriptor;
-                    let parameter = descriptor.parameters.get(value);
-                    let name = parameter.map_or("", |parameter| parameter.name);
-                    (format!("{}.{name}", descriptor.name), parameter.map_or("", |parameter| parameter.unit))
-                }
-                Place::Declared(declared) => (declared.name().to_owned(), "1"),
-                Place::Spread { .. } => ("difference between guides".to_owned(), "1"),
-            };
-            let reach = |deviation: f64| Some(TWO_SIDED_95 * deviation * one.scale).filter(|reach| reach.is_finite());
-            Sharpened { name, unit: unit.to_owned(), before: reach(before[*index]), after: reach(sharpened[*index]) }
-        })
-        .collect();
-    let untested = untested
-        .iter()
-        .filter(|_| settled)
-        .map(|(question, effect, square)| Shown {
-            effect: (*effect).to_owned(),
-            before: floors(*square),
-            after: floors(questions.separable(*question, &new, &all)),
-        })
-        .collect();
-    let coordinate = (selection.verdict == Verdict::Unknown)
-        .then_some(selection.coordinate)
-        .flatten()
-        .map(|coordinate| coordinate.name().to_owned());
-    let planned = pieces
-        .iter()
-        .map(|piece| {
-            let mut alone = Path::at(piece.start(limits.stroke));
-            piece.follow(&mut alone, layout.gentle);
-            Planned { kind: piece.kind().to_owned(), description: piece.description(), duration: alone.seconds() }
-        })
-        .collect();
+    let planned = |piece: &Segment| {
+        let mut alone = Path::at(piece.start(limits.stroke));
+        piece.follow(&mut alone, layout.gentle);
+        Planned { kind: piece.kind().to_owned(), description: piece.description(), duration: alone.seconds() }
+    };
+    let unexplained = selection.coordinate.filter(|_| selection.verdict == Verdict::Unknown);
     Ok(Plan {
         next: NextExperiment {
             file: String::new(),
@@ -402,11 +234,11 @@ pub fn plan(
             stroke: [run.range.0, run.range.1],
             peak_speed: run.peak_speed,
             peak_force: run.peak_force,
-            segments: planned,
-            rivals,
-            parameters,
-            untested,
-            coordinate,
+            segments: pieces.iter().map(planned).collect(),
+            rivals: agenda.separations(&new),
+            parameters: agenda.sharpened(&new),
+            untested: if settled { agenda.shown(&new) } else { Vec::new() },
+            coordinate: unexplained.map(|coordinate| coordinate.name().to_owned()),
         },
         points: path.points,
     })
@@ -435,6 +267,9 @@ mod tests {
     use super::super::fit::{Effort, fit};
     use super::super::hypothesis::{Hypothesis, Part, Sides};
     use super::super::selection::Outcome;
+    use super::agenda::MOST_UNTESTED;
+    use super::motion::REST;
+    use super::questions::Subject;
     use super::*;
     use crate::bag::Trace;
     use crate::control::{Controller, ControllerSettings, Follower, Trajectory};
