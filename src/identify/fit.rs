@@ -13,6 +13,10 @@ use crate::model::ModelError;
 const DIFFERENCE: f64 = 1e-4;
 /// Dampings that are tried, each five times the one before, until a step makes the error smaller.
 const DAMPINGS: usize = 10;
+/// Steps that derivatives may serve behind the one that they were taken for, and part of the fall they promise that a step must bring for
+/// another one.
+const OLDEST: usize = 3;
+const TRUSTED: f64 = 0.5;
 /// Least curvature that the damping acts on, as a part of the largest one: a coordinate with hardly any slope, such as a difference
 /// between guides near 0, must not jump to its bound. All coordinates are scaled by their tolerance, so their curvatures compare.
 const LEAST_CURVATURE: f64 = 1e-3;
@@ -81,58 +85,86 @@ fn expectation(coordinate: &Coordinate, noise: f64) -> f64 {
     }
 }
 
-/// Moves everything that may move on these sides until the missing force is least.
-pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort) -> Result<Fitted, ModelError> {
-    let has_cell = measured.cell.is_some();
-    let mut coordinates = start.coordinates(sides, has_cell);
-    let mut hypothesis = start.clone();
-    // Start inside: a coordinate on its bound has only one way to go.
-    for coordinate in &mut coordinates {
-        let (lower, upper) = coordinate.bounds;
-        let margin = 1e-3 * (upper - lower).min(coordinate.scale);
-        // A declared parameter that was bent to its bound has stood for something that the model lacked: begin as declared.
-        if matches!(coordinate.place, Place::Declared(_)) && (coordinate.value <= lower || coordinate.value >= upper) {
-            coordinate.value = 0.0;
-        }
-        coordinate.value = coordinate.value.clamp(lower + margin, upper - margin);
-        hypothesis.set(coordinate.place, coordinate.value);
+/// What a fit compares, on a record.
+#[derive(Clone, Copy)]
+struct Problem<'a> {
+    measured: &'a Measured,
+    sides: Sides,
+    /// Weight of what is declared, N.
+    noise: f64,
+}
+
+/// A place that a fit has come to.
+struct Point {
+    hypothesis: Hypothesis,
+    coordinates: Vec<Coordinate>,
+    driven: Driven,
+    missing: Missing,
+    residual: DVector<f64>,
+    squares: f64,
+}
+
+impl Point {
+    /// `before` is of a hypothesis nearby, or the default.
+    fn at(
+        hypothesis: Hypothesis,
+        coordinates: Vec<Coordinate>,
+        before: &Driven,
+        problem: Problem,
+    ) -> Result<Point, ModelError> {
+        let driven = hypothesis.driven(problem.measured, problem.sides, before)?;
+        let missing = hypothesis.missing_of(&driven, problem.measured, problem.sides);
+        let residual = stacked(&missing, &coordinates, problem.noise);
+        let squares = residual.norm_squared();
+        Ok(Point { hypothesis, coordinates, driven, missing, residual, squares })
     }
-    let mut driven = match hypothesis.driven(measured, sides, &Driven::default()) {
-        Ok(driven) => driven,
-        // Values that do not go together any more a little inside their bounds: the start is as it was given.
-        Err(_) => {
-            (hypothesis, coordinates) = (start.clone(), start.coordinates(sides, has_cell));
-            hypothesis.driven(measured, sides, &Driven::default())?
+
+    /// Where a fit begins: inside the bounds, since a coordinate on its bound has only one way to go.
+    fn inside(start: &Hypothesis, problem: Problem) -> Result<Point, ModelError> {
+        let given = start.coordinates(problem.sides, problem.measured.cell.is_some());
+        let (mut hypothesis, mut coordinates) = (start.clone(), given.clone());
+        for coordinate in &mut coordinates {
+            let (lower, upper) = coordinate.bounds;
+            let margin = 1e-3 * (upper - lower).min(coordinate.scale);
+            // A declared parameter that was bent to its bound has stood for something that the model lacked: begin as declared.
+            if matches!(coordinate.place, Place::Declared(_))
+                && (coordinate.value <= lower || coordinate.value >= upper)
+            {
+                coordinate.value = 0.0;
+            }
+            coordinate.value = coordinate.value.clamp(lower + margin, upper - margin);
+            hypothesis.set(coordinate.place, coordinate.value);
         }
-    };
-    let mut missing = hypothesis.missing_of(&driven, measured, sides);
-    let noise = start.floor(measured).carriage;
-    let mut residual = stacked(&missing, &coordinates, noise);
-    let mut squares = residual.norm_squared();
-    let mut damping = 1e-3;
-    let mut jacobian = DMatrix::zeros(0, 0);
-    for iteration in 0..=effort.iterations {
-        jacobian = derivatives(&hypothesis, &coordinates, &driven, measured, sides, &residual, noise)?;
-        if iteration == effort.iterations || coordinates.is_empty() {
-            break;
-        }
-        let gradient = jacobian.tr_mul(&residual);
-        let held: Vec<bool> = coordinates
-            .iter()
-            .zip(gradient.iter())
-            .map(|(coordinate, slope)| {
-                (coordinate.value <= coordinate.bounds.0 && *slope > 0.0)
-                    || (coordinate.value >= coordinate.bounds.1 && *slope < 0.0)
-            })
-            .collect();
-        let normal = jacobian.tr_mul(&jacobian);
-        let mut better = None;
+        // Values may not go together any more a little inside their bounds: then the start is as it was given.
+        Point::at(hypothesis, coordinates, &Driven::default(), problem)
+            .or_else(|_| Point::at(start.clone(), given, &Driven::default(), problem))
+    }
+
+    fn derivatives(&self, problem: Problem) -> Result<DMatrix<f64>, ModelError> {
+        let Problem { measured, sides, noise } = problem;
+        derivatives(&self.hypothesis, &self.coordinates, &self.driven, measured, sides, &self.residual, noise)
+    }
+
+    /// Coordinates at a bound with an error that pulls outwards.
+    fn held(&self, gradient: &DVector<f64>) -> Vec<bool> {
+        let outwards = |coordinate: &Coordinate, slope: f64| {
+            (coordinate.value <= coordinate.bounds.0 && slope > 0.0)
+                || (coordinate.value >= coordinate.bounds.1 && slope < 0.0)
+        };
+        self.coordinates.iter().zip(gradient.iter()).map(|(coordinate, slope)| outwards(coordinate, *slope)).collect()
+    }
+
+    /// A place where the error is smaller, and the way there in scales of the coordinates.
+    fn better(&self, jacobian: &DMatrix<f64>, damping: &mut f64, problem: Problem) -> Option<(Point, DVector<f64>)> {
+        let gradient = jacobian.tr_mul(&self.residual);
+        let held = self.held(&gradient);
+        let normal = jacobian.tr_mul(jacobian);
         let least = LEAST_CURVATURE * normal.diagonal().max();
         for _ in 0..DAMPINGS {
             let mut matrix = normal.clone();
             let mut right = -&gradient;
-            for index in 0..coordinates.len() {
-                matrix[(index, index)] += damping * matrix[(index, index)].max(least) + f64::MIN_POSITIVE;
+            for index in 0..self.coordinates.len() {
+                matrix[(index, index)] += *damping * matrix[(index, index)].max(least) + f64::MIN_POSITIVE;
                 if held[index] {
                     matrix.row_mut(index).fill(0.0);
                     matrix.column_mut(index).fill(0.0);
@@ -141,39 +173,75 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort
                 }
             }
             let Some(step) = matrix.cholesky().map(|factors| factors.solve(&right)) else {
-                damping = (damping * 10.0f64).max(1e-6);
+                *damping = (*damping * 10.0).max(1e-6);
                 continue;
             };
-            let mut tried = hypothesis.clone();
-            let mut moved = coordinates.clone();
-            for (coordinate, step) in moved.iter_mut().zip(step.iter()) {
+            let mut hypothesis = self.hypothesis.clone();
+            let mut coordinates = self.coordinates.clone();
+            for (coordinate, step) in coordinates.iter_mut().zip(step.iter()) {
                 let (lower, upper) = coordinate.bounds;
                 coordinate.value = (coordinate.value + step * coordinate.scale).clamp(lower, upper);
-                tried.set(coordinate.place, coordinate.value);
+                hypothesis.set(coordinate.place, coordinate.value);
             }
+            let way = DVector::from_iterator(
+                coordinates.len(),
+                coordinates.iter().zip(&self.coordinates).map(|(to, from)| (to.value - from.value) / to.scale),
+            );
             // Values that do not go together are a step too far, not an end.
-            let Ok(along) = tried.driven(measured, sides, &driven) else {
-                damping *= 5.0;
-                continue;
-            };
-            let left = tried.missing_of(&along, measured, sides);
-            let stack = stacked(&left, &moved, noise);
-            if stack.norm_squared() < squares {
-                better = Some((tried, moved, along, left, stack));
-                damping *= 0.2;
-                break;
+            match Point::at(hypothesis, coordinates, &self.driven, problem) {
+                Ok(point) if point.squares < self.squares => {
+                    *damping *= 0.2;
+                    return Some((point, way));
+                }
+                _ => *damping *= 5.0,
             }
-            damping *= 5.0;
         }
-        let Some((tried, moved, along, left, stack)) = better else { break };
-        let fallen = squares - stack.norm_squared();
-        (hypothesis, coordinates, driven, missing, residual) = (tried, moved, along, left, stack);
-        squares = residual.norm_squared();
-        if fallen < effort.progress * squares {
-            jacobian = derivatives(&hypothesis, &coordinates, &driven, measured, sides, &residual, noise)?;
+        None
+    }
+}
+
+/// Moves everything that may move on these sides until the missing force is least.
+pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort) -> Result<Fitted, ModelError> {
+    let problem = Problem { measured, sides, noise: start.floor(measured).carriage };
+    let mut point = Point::inside(start, problem)?;
+    let mut damping = 1e-3;
+    let mut jacobian = point.derivatives(problem)?;
+    // Steps since the derivatives were taken, and how often they were.
+    let (mut age, mut taken) = (0, 1);
+    while !point.coordinates.is_empty() {
+        let undamped = damping;
+        let found = point.better(&jacobian, &mut damping, problem);
+        let is_little = |next: &Point| point.squares - next.squares < effort.progress * next.squares;
+        let ends = match &found {
+            Some((next, _)) => age == 0 && is_little(next),
+            None => age == 0,
+        };
+        let mut reuse = false;
+        if let Some((next, way)) = found {
+            let expected = &jacobian * &way;
+            let fall = point.squares - (&point.residual + &expected).norm_squared();
+            reuse = age < OLDEST && !is_little(&next) && point.squares - next.squares > TRUSTED * fall;
+            if reuse {
+                // As the step has shown the residual to change along its way (Broyden, Mathematics of Computation 19, 1965).
+                let surprise = (&next.residual - &point.residual) - expected;
+                jacobian.ger(way.norm_squared().recip(), &surprise, &way, 1.0);
+            }
+            (point, age) = (next, age + 1);
+        } else {
+            damping = undamped;
+        }
+        if ends || (!reuse && taken > effort.iterations) {
             break;
         }
+        if !reuse {
+            jacobian = point.derivatives(problem)?;
+            (age, taken) = (0, taken + 1);
+        }
     }
+    if age > 0 {
+        jacobian = point.derivatives(problem)?;
+    }
+    let Point { hypothesis, coordinates, missing, residual, .. } = point;
     let at_bound = coordinates
         .iter()
         .map(|c| {
@@ -181,7 +249,8 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort
             c.value <= c.bounds.0 + margin || c.value >= c.bounds.1 - margin
         })
         .collect::<Vec<_>>();
-    let (deviations, correlations) = uncertainty(&jacobian, &residual, &missing, &coordinates, &at_bound, noise);
+    let (deviations, correlations) =
+        uncertainty(&jacobian, &residual, &missing, &coordinates, &at_bound, problem.noise);
     Ok(Fitted { hypothesis, missing, coordinates, deviations, correlations, at_bound })
 }
 

@@ -239,6 +239,11 @@ impl Hypothesis {
         Some(freed)
     }
 
+    /// Whether the guides differ from each other no more than they are declared to.
+    pub fn guides_are_alike(&self) -> bool {
+        self.spread.iter().flatten().all(|value| *value == 0.0)
+    }
+
     /// The same with the differences between the guides held, or not.
     pub fn holding_guides(&self, hold: bool) -> Hypothesis {
         Hypothesis { guides_differ: !hold, ..self.clone() }

@@ -30,7 +30,8 @@ const SIMPLER: f64 = 0.97;
 pub(super) const RIVAL: f64 = 0.985;
 /// Share of the explainable residual that a map must take out beyond the laws for the verdict to become unknown.
 const UNEXPLAINED: f64 = 0.1;
-/// Share of what laws leave, where that is no noise, that a map must take out for the same.
+/// Share of what laws leave, where that is no noise, that a map must take out for the same, and share of what a map leaves that a law beside
+/// it must: the rest of a curve of few knots has a shape that many a law bends towards.
 const HALF_OF_THE_REST: f64 = 0.5;
 /// Part of what laws leave unexplained that a curve in their place may leave at most: a law says more than a curve of many knots.
 const CURVE_ALONE: f64 = 0.5;
@@ -229,10 +230,11 @@ pub fn search(
     if !search.stopped {
         search.choose_forms_anew()?;
         search.add_curve()?;
-        // Beside a curve laws show, or change, that what it stands for had hidden; beside these it is another curve.
+        // Beside a curve laws show, or change, that what it stands for had hidden; beside these it is another curve. It settles first:
+        // a round of all laws costs far more.
         for _ in 0..MOST_CURVES {
-            let goes_on = search.coordinate.is_some()
-                && search.add_laws()? | search.choose_forms_anew()? | search.draw_curve_anew()?;
+            search.settle_curve()?;
+            let goes_on = search.coordinate.is_some() && search.add_laws()? | search.choose_forms_anew()?;
             if !goes_on {
                 break;
             }
@@ -420,7 +422,8 @@ impl<'a> Search<'a> {
             self.stopped = true;
             return Ok(false);
         }
-        let least_of = |left: f64| LEAST_SHARE * (left - self.floor.total().powi(2));
+        let least_share = if self.coordinate.is_some() { HALF_OF_THE_REST } else { LEAST_SHARE };
+        let least_of = |left: f64| least_share * (left - self.floor.total().powi(2));
         let least_on_train = least_of(self.best_errors.train());
         let least_on_holdout = least_of(self.best_errors.holdout());
         for (one, _) in &mut tried {
@@ -594,10 +597,21 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
+    /// Draws the curve anew while that is worth it.
+    fn settle_curve(&mut self) -> Result<(), IdentifyError> {
+        for _ in 0..MOST_CURVES {
+            if self.watch.stopped() || !self.draw_curve_anew()? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
     /// The curve once more, of what is left without it; whether that is worth going on.
     fn draw_curve_anew(&mut self) -> Result<bool, IdentifyError> {
         let effects = &self.best.hypothesis.effects;
         let Some(index) = effects.iter().rposition(|part| part.descriptor.name == "map") else { return Ok(false) };
+        self.watch.progress("the curve once more", 0.92);
         let without = self.best.hypothesis.without(index);
         let left = errors(&without, self.train, self.holdout)?;
         let Some((with, over)) = self.with_curve(&without, &left, 0.0)? else { return Ok(false) };
@@ -644,12 +658,14 @@ impl<'a> Search<'a> {
     /// Backwards: an effect that the others have made superfluous goes.
     fn prune(&mut self) -> Result<(), IdentifyError> {
         let mut index = self.declared_effects();
-        while index < self.best.hypothesis.effects.len()
-            && self.best.hypothesis.effects.len() > self.declared_effects() + 1
-        {
+        while index < self.best.hypothesis.effects.len() {
             self.watch.progress("pruning", 0.95);
             let name = self.best.hypothesis.effects[index].descriptor.name;
-            let fewer = with_different_guides(&self.best.hypothesis.without(index), self.train, Effort::KEPT)?;
+            let fewer = if self.best.hypothesis.effects.len() == self.declared_effects() + 1 {
+                self.before.clone()
+            } else {
+                with_different_guides(&self.best.hypothesis.without(index), self.train, Effort::KEPT)?
+            };
             let found = errors(&fewer.hypothesis, self.train, self.holdout)?;
             if found.holdout() - self.best_errors.holdout() >= self.least_gain(&found, &self.best_errors) {
                 index += 1;
@@ -733,12 +749,13 @@ fn winner(tried: &[(Evidence, Hypothesis)], strongest: f64) -> usize {
 /// on the products of their differences, and what an effect not yet known bent them to is no good start.
 fn with_different_guides(start: &Hypothesis, train: &Measured, effort: Effort) -> Result<Fitted, IdentifyError> {
     let fitted = |start: &Hypothesis| fit(start, train, Sides::BOTH, effort);
-    let (best, afresh) = rayon::join(
-        || fitted(&start.holding_guides(false)),
-        || start.different_guides().map(|afresh| fitted(&afresh)).transpose(),
-    );
-    let best = best?;
-    Ok(afresh?.filter(|one| one.squares() < best.squares()).unwrap_or(best))
+    let Some(afresh) = start.different_guides() else { return Ok(fitted(start)?) };
+    if start.guides_are_alike() {
+        return Ok(fitted(&afresh)?);
+    }
+    let (best, afresh) = rayon::join(|| fitted(&start.holding_guides(false)), || fitted(&afresh));
+    let (best, afresh) = (best?, afresh?);
+    Ok(if afresh.squares() < best.squares() { afresh } else { best })
 }
 
 /// The best fit from several starts, of about equal ones the first. Forms of a law that come close to each other are compared with the guides
@@ -753,15 +770,16 @@ fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: 
     if least < WORTH_A_LOOK * without {
         fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
     }
-    // Squares, the start as it was fitted, and the same with guides that went on.
+    // Squares, the start as it was fitted, and the same with guides that differ afresh and go on.
+    let afresh = |one: &Hypothesis| one.different_guides().unwrap_or_else(|| one.clone());
     let mut judged: Vec<(f64, Fitted, Hypothesis)> =
-        fitted.into_iter().map(|one| (one.squares(), one.clone(), one.hypothesis)).collect();
+        fitted.into_iter().map(|one| (one.squares(), one.clone(), afresh(&one.hypothesis))).collect();
     for effort in [Effort::COMPARED, Effort::KEPT] {
         if judged.len() < 2 || least > WORTH_A_LOOK * without {
             break;
         }
         judged.par_iter_mut().for_each(|(squares, _, free)| {
-            if let Ok(further) = with_different_guides(free, train, effort) {
+            if let Ok(further) = fit(free, train, Sides::BOTH, effort) {
                 (*squares, *free) = (further.squares(), further.hypothesis);
             }
         });
@@ -803,5 +821,63 @@ impl Selection {
             return 0.0;
         }
         (self.errors_before.holdout() - self.errors_after.holdout()) / explainable
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Candidates of a round with the free parameters and the gains of their laws.
+    fn tried(candidates: &[(&str, usize, f64)]) -> Vec<(Evidence, Hypothesis)> {
+        let hypothesis = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
+        let one = |&(name, free, holdout_gain): &(&str, usize, f64)| {
+            let descriptor = EffectDescriptor::find(name).unwrap();
+            let values = descriptor.parameters.iter().map(|parameter| parameter.default.unwrap_or(0.0)).collect();
+            let evidence = Evidence {
+                round: 0,
+                name: descriptor.name,
+                side: descriptor.side,
+                free,
+                part: Part { descriptor, values },
+                errors: Errors::default(),
+                train_gain: holdout_gain,
+                holdout_gain,
+                chance: 0.0,
+                outcome: Outcome::Beaten,
+            };
+            (evidence, hypothesis.clone())
+        };
+        candidates.iter().map(one).collect()
+    }
+
+    fn chosen(candidates: &[(&str, usize, f64)]) -> &'static str {
+        let tried = tried(candidates);
+        tried[winner(&tried, candidates[0].2)].0.name
+    }
+
+    #[test]
+    fn a_simpler_law_wins_if_it_explains_about_as_much() {
+        assert_eq!(chosen(&[("stiction_aging", 3, 1.0), ("payload", 1, 0.98)]), "payload");
+        assert_eq!(chosen(&[("stiction_aging", 3, 1.0), ("payload", 1, 0.96)]), "stiction_aging");
+    }
+
+    #[test]
+    fn of_laws_that_are_as_simple_the_one_wins_that_explains_more() {
+        assert_eq!(chosen(&[("payload", 1, 1.0), ("quadratic_drag", 1, 0.975)]), "payload");
+        assert_eq!(chosen(&[("quadratic_drag", 1, 1.0), ("payload", 1, 0.975)]), "quadratic_drag");
+    }
+
+    #[test]
+    fn of_equals_one_that_acts_goes_before_one_that_reads_wrong() {
+        assert_eq!(chosen(&[("encoder_scale", 1, 1.0), ("payload", 1, 0.999)]), "payload");
+        assert_eq!(chosen(&[("payload", 1, 1.0), ("encoder_scale", 1, 0.999)]), "payload");
+    }
+
+    #[test]
+    fn what_explains_too_little_never_wins() {
+        let mut tried = tried(&[("cable_chain", 2, 1.0), ("payload", 1, 0.999)]);
+        tried[1].0.outcome = Outcome::TooSmall;
+        assert_eq!(tried[winner(&tried, 1.0)].0.name, "cable_chain");
     }
 }
