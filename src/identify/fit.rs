@@ -32,16 +32,17 @@ const PIECES: usize = 40;
 /// How far a fit goes.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    iterations: usize,
-    /// Share by which the sum of squares must fall for another iteration to be worth it.
+    /// How often the derivatives are taken at most.
+    derivatives: usize,
+    /// Share by which the sum of squares must fall for another step to be worth it.
     progress: f64,
 }
 
 impl Effort {
     /// Of a fit that is compared with others.
-    pub const COMPARED: Effort = Effort { iterations: 8, progress: 1e-4 };
+    pub const COMPARED: Effort = Effort { derivatives: 8, progress: 1e-4 };
     /// Of a fit that others build on: what it left undone would pass for another effect.
-    pub const KEPT: Effort = Effort { iterations: 30, progress: 1e-5 };
+    pub const KEPT: Effort = Effort { derivatives: 30, progress: 1e-5 };
 }
 
 /// A hypothesis at its best, with what the fit knows about it.
@@ -210,33 +211,32 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort
     let (mut age, mut taken) = (0, 1);
     while !point.coordinates.is_empty() {
         let undamped = damping;
-        let found = point.better(&jacobian, &mut damping, problem);
-        let is_little = |next: &Point| point.squares - next.squares < effort.progress * next.squares;
-        let ends = match &found {
-            Some((next, _)) => age == 0 && is_little(next),
-            None => age == 0,
-        };
-        let mut reuse = false;
-        if let Some((next, way)) = found {
-            let expected = &jacobian * &way;
-            let fall = point.squares - (&point.residual + &expected).norm_squared();
-            reuse = age < OLDEST && !is_little(&next) && point.squares - next.squares > TRUSTED * fall;
-            if reuse {
-                // As the step has shown the residual to change along its way (Broyden, Mathematics of Computation 19, 1965).
+        match point.better(&jacobian, &mut damping, problem) {
+            // Not even along the derivatives of this very point.
+            None if age == 0 => break,
+            None => damping = undamped,
+            Some((next, way)) => {
+                let fall = point.squares - next.squares;
+                let is_little = fall < effort.progress * next.squares;
+                let expected = &jacobian * &way;
+                let promised = point.squares - (&point.residual + &expected).norm_squared();
                 let surprise = (&next.residual - &point.residual) - expected;
-                jacobian.ger(way.norm_squared().recip(), &surprise, &way, 1.0);
+                (point, age) = (next, age + 1);
+                if is_little && age == 1 {
+                    break;
+                }
+                if !is_little && age <= OLDEST && fall > TRUSTED * promised {
+                    // As the step has shown the residual to change along its way (Broyden, Mathematics of Computation 19, 1965).
+                    jacobian.ger(way.norm_squared().recip(), &surprise, &way, 1.0);
+                    continue;
+                }
             }
-            (point, age) = (next, age + 1);
-        } else {
-            damping = undamped;
         }
-        if ends || (!reuse && taken > effort.iterations) {
+        if taken > effort.derivatives {
             break;
         }
-        if !reuse {
-            jacobian = point.derivatives(problem)?;
-            (age, taken) = (0, taken + 1);
-        }
+        jacobian = point.derivatives(problem)?;
+        (age, taken) = (0, taken + 1);
     }
     if age > 0 {
         jacobian = point.derivatives(problem)?;

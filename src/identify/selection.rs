@@ -770,6 +770,8 @@ fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: 
     if least < WORTH_A_LOOK * without {
         fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
     }
+    let floor = fitted.first().map_or(0.0, |one| one.hypothesis.floor(train).total());
+    let noise = train.rows.len() as f64 * (ALL_BUT_NOISE * floor).powi(2);
     // Squares, the start as it was fitted, and the same with guides that differ afresh and go on.
     let afresh = |one: &Hypothesis| one.different_guides().unwrap_or_else(|| one.clone());
     let mut judged: Vec<(f64, Fitted, Hypothesis)> =
@@ -785,6 +787,10 @@ fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: 
         });
         let mut order: Vec<f64> = judged.iter().map(|(squares, ..)| *squares).collect();
         order.sort_by(f64::total_cmp);
+        // Where one leaves no more than noise, the end of the fits is noise too.
+        if order[0] <= noise {
+            break;
+        }
         // The two best, if they come close to each other.
         judged.retain(|(squares, ..)| *squares <= order[1] && squares * WORTH_THE_END < order[0]);
     }

@@ -31,7 +31,9 @@ pub(super) struct Simulated {
 
 /// What candidates are laid out for and simulated with.
 pub(super) struct Layout<'a> {
+    /// Limits of the reference, and those that the carriage must not leave either.
     pub(super) limits: Limits,
+    hard: Limits,
     pub(super) model: StageModel,
     pub(super) declared: &'a StageModel,
     /// kg, with what the effects add.
@@ -55,6 +57,8 @@ impl<'a> Layout<'a> {
         let after = &selection.after.hypothesis;
         let model = after.model();
         limits.check(&model)?;
+        let hard = limits;
+        let limits = hard.with_room();
         let (forget, moving) = limits.friction(&model)?;
         let mass = model.mass + Effects::new(&model.effects)?.added_mass();
         let acceleration = FORCE_SHARE * (limits.force - moving) / mass;
@@ -63,6 +67,7 @@ impl<'a> Layout<'a> {
         let rate = if (rate - rate.round()).abs() < 1e-5 * rate { rate.round() } else { rate };
         Ok(Layout {
             limits,
+            hard,
             model,
             declared,
             mass,
@@ -238,13 +243,14 @@ impl<'a> Layout<'a> {
         let (mut peak_force, mut peak_speed) = (0f64, 0f64);
         for row in 0..samples {
             let sample = stage.sample();
+            let velocity = stage.state().velocity;
             if row == 0 {
                 follower.hold(sample.time, sample.position);
                 follower.follow(sample.time, Trajectory::new(sample.time, path.points.clone())?)?;
             }
             let terms = controller.update(sample.time, sample.position, &mut follower);
             peak_force = peak_force.max(terms.output.abs());
-            peak_speed = peak_speed.max(terms.reference.velocity.abs());
+            peak_speed = peak_speed.max(terms.reference.velocity.abs()).max(velocity.abs());
             trace.time.push(sample.time as f64 * 1e-9);
             trace.reference_position.push(terms.reference.position);
             trace.reference_velocity.push(terms.reference.velocity);
@@ -254,14 +260,10 @@ impl<'a> Layout<'a> {
             trace.force.push(terms.output);
             stage.advance(terms.output);
         }
-        let range = trace
-            .reference_position
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
-        let (low, high) = self.limits.stroke;
-        let slack = 1e-6 + 1e-3 * self.span();
-        let inside = range.0 >= low - slack && range.1 <= high + slack;
-        if !inside || peak_force > self.limits.force || peak_speed > 1.001 * self.limits.speed {
+        let ways = trace.reference_position.iter().chain(&trace.position);
+        let range = ways.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+        let (low, high) = self.hard.stroke;
+        if range.0 < low || range.1 > high || peak_force > self.hard.force || peak_speed > self.hard.speed {
             return Ok(None);
         }
         let mut measured = Measured::new(&trace, self.declared, "the simulated motion")?;
