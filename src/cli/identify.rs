@@ -21,9 +21,9 @@ use super::Outcome;
 use crate::bag::{Mapping, topics};
 use crate::identify::Outcome::TooSmall;
 use crate::identify::{
-    CARRIAGE_GAIN, Change, LinearController, MOST_EFFECTS, NOISE_LIKE, NextExperiment, PositionErrors, Selection,
-    Summary, Tolerances, Verdict, Watch, closed_loop, in_digits, next_experiment, parameter_warnings, ripple_elsewhere,
-    search, taking_part,
+    CARRIAGE_GAIN, Change, LinearController, MOST_EFFECTS, NOISE_LIKE, NextExperiment, PositionErrors, RippleElsewhere,
+    Selection, Summary, Tolerances, Verdict, Watch, closed_loop, in_digits, next_experiment, parameter_warnings,
+    ripple_elsewhere, search, taking_part,
 };
 use crate::model::StageModel;
 use crate::node::stage_settings;
@@ -333,22 +333,34 @@ fn times_noise(selection: &Selection) -> String {
     }
 }
 
+/// Part by which the periods of one ripple may differ. Assumed.
+const SAME_PERIOD: f64 = 1e-3;
+
 /// Ripples of the train record that the hold-out has too, but with another phase: as found they would make it worse.
 fn moved_ripples(selection: &Selection, input: &Input) -> anyhow::Result<Vec<String>> {
     let Some(last) = selection.evidence.iter().map(|one| one.round).max() else { return Ok(Vec::new()) };
     let least = CARRIAGE_GAIN * selection.floor.carriage.powi(2);
-    let mut remarks = Vec::new();
+    // Without a cell a ripple of the motor and one of the carriage are the same one.
+    let mut moved: Vec<(RippleElsewhere, Vec<&str>)> = Vec::new();
     for one in selection.evidence.iter().filter(|one| one.round == last && one.outcome == TooSmall) {
         let found = ripple_elsewhere(&one.part, &selection.after.hypothesis, &input.holdout.measured)?;
-        if let Some(ripple) = found.filter(|ripple| one.train_gain > least && ripple.has_moved(least)) {
-            remarks.push(format!(
-                "{} with a period of {:.4e} m is on both records, but shifted by {:.2} rad on the hold-out: with a fixed phase it would \
-                 make the hold-out worse, so that it is left out",
-                one.name, ripple.period, ripple.phase_shift
-            ));
+        let Some(ripple) = found.filter(|ripple| one.train_gain > least && ripple.has_moved(least)) else { continue };
+        let alike = |other: &RippleElsewhere| (other.period - ripple.period).abs() < SAME_PERIOD * ripple.period;
+        match moved.iter_mut().find(|(other, _)| alike(other)) {
+            Some((_, names)) => names.push(one.name),
+            None => moved.push((ripple, vec![one.name])),
         }
     }
-    Ok(remarks)
+    let told = |(ripple, names): &(RippleElsewhere, Vec<&str>)| {
+        format!(
+            "{} with a period of {:.4e} m is on both records, but shifted by {:.2} rad on the hold-out: with a fixed phase it would \
+             make the hold-out worse, so that it is left out",
+            names.join(" or "),
+            ripple.period,
+            ripple.phase_shift
+        )
+    };
+    Ok(moved.iter().map(told).collect())
 }
 
 /// A number with its unit in a size that reads well.

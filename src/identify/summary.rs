@@ -445,26 +445,32 @@ fn tied(fitted: &Fitted, rate: f64) -> Vec<String> {
         Place::Effect { effect, .. } => Some(effect),
         _ => None,
     };
-    (0..fitted.hypothesis.effects.len())
-        .filter_map(|effect| {
-            let own = (0..fitted.coordinates.len()).filter(|index| effect_of(*index) == Some(effect));
-            let pairs = own.flat_map(|index| (0..fitted.coordinates.len()).map(move |other| (index, other)));
-            let (index, other) = pairs
-                .filter(|(_, other)| effect_of(*other) != Some(effect))
-                .filter(|(_, other)| told(fitted, fitted.coordinates[*other].place, rate).is_some())
-                .max_by(|a, b| {
-                    fitted.correlations[a.0][a.1].abs().total_cmp(&fitted.correlations[b.0][b.1].abs())
-                })?;
-            let correlation = fitted.correlations[index][other];
-            let name = |index: usize| told(fitted, fitted.coordinates[index].place, rate).map(|(name, ..)| name);
-            (correlation.abs() >= TIED).then_some(())?;
-            Some(format!(
-                "{} and {} are correlated by {correlation:.3}: these data know the two together better than each of them",
-                name(index)?,
-                name(other)?
-            ))
-        })
-        .collect()
+    let mut pairs: Vec<(usize, usize)> = Vec::new();
+    for effect in 0..fitted.hypothesis.effects.len() {
+        let own = (0..fitted.coordinates.len()).filter(|index| effect_of(*index) == Some(effect));
+        let closest = own
+            .flat_map(|index| (0..fitted.coordinates.len()).map(move |other| (index, other)))
+            .filter(|(_, other)| effect_of(*other) != Some(effect))
+            .filter(|(_, other)| told(fitted, fitted.coordinates[*other].place, rate).is_some())
+            .max_by(|a, b| fitted.correlations[a.0][a.1].abs().total_cmp(&fitted.correlations[b.0][b.1].abs()));
+        // Two effects may be tied to each other.
+        if let Some((index, other)) = closest
+            && !pairs.contains(&(other, index))
+        {
+            pairs.push((index, other));
+        }
+    }
+    let warning = |(index, other): (usize, usize)| {
+        let correlation = fitted.correlations[index][other];
+        let name = |index: usize| told(fitted, fitted.coordinates[index].place, rate).map(|(name, ..)| name);
+        (correlation.abs() >= TIED).then_some(())?;
+        Some(format!(
+            "{} and {} are correlated by {correlation:.3}: these data know the two together better than each of them",
+            name(index)?,
+            name(other)?
+        ))
+    };
+    pairs.into_iter().filter_map(warning).collect()
 }
 
 #[cfg(test)]
