@@ -341,11 +341,13 @@ fn moved_ripples(selection: &Selection, input: &Input) -> anyhow::Result<Vec<Str
     let Some(last) = selection.evidence.iter().map(|one| one.round).max() else { return Ok(Vec::new()) };
     let least = CARRIAGE_GAIN * selection.floor.carriage.powi(2);
     // Without a cell a ripple of the motor and one of the carriage are the same one.
+    let one_side = input.holdout.measured.cell.is_none();
     let mut moved: Vec<(RippleElsewhere, Vec<&str>)> = Vec::new();
     for one in selection.evidence.iter().filter(|one| one.round == last && one.outcome == TooSmall) {
         let found = ripple_elsewhere(&one.part, &selection.after.hypothesis, &input.holdout.measured)?;
         let Some(ripple) = found.filter(|ripple| one.train_gain > least && ripple.has_moved(least)) else { continue };
-        let alike = |other: &RippleElsewhere| (other.period - ripple.period).abs() < SAME_PERIOD * ripple.period;
+        let alike =
+            |other: &RippleElsewhere| one_side && (other.period - ripple.period).abs() < SAME_PERIOD * ripple.period;
         match moved.iter_mut().find(|(other, _)| alike(other)) {
             Some((_, names)) => names.push(one.name),
             None => moved.push((ripple, vec![one.name])),

@@ -19,6 +19,8 @@ use crate::plant::{Rates, RatesError, Stage};
 const PAST: usize = 3;
 /// Errors of now and before; reference velocities and accelerations of the next sample, of now and before.
 const INPUTS: usize = 5;
+/// Part of the largest singular value, of columns of length 1, below which the recording does not tell coefficients apart.
+const RANK: f64 = 1e-12;
 /// Rows of the least squares that are taken at once.
 const ROWS_AT_ONCE: usize = 4096;
 /// Largest rms of the found controller's own force less the recorded one, as a share of the recorded rms, with which it counts as found.
@@ -144,7 +146,7 @@ impl LinearController {
             column /= *scale;
         }
         let decomposed = matrix.svd(true, true);
-        let tolerance = f64::EPSILON * rows.len() as f64 * decomposed.singular_values.max();
+        let tolerance = RANK * decomposed.singular_values.max();
         let Ok(solution) = decomposed.solve(&top, tolerance) else {
             return Err(ClosedLoopError::NotLinear { share: 1.0 });
         };
@@ -246,12 +248,14 @@ pub fn position_error(
     quiet.motor.force_limit = quiet.motor.force_limit.max(largest(&trace.force));
     let mut stage = Stage::new(&quiet, rates, 0)?;
     let start = trace.position.iter().copied().find(|x| x.is_finite()).unwrap_or(0.0);
-    let read = Effects::new(&quiet.effects)?.read(0.0, start, 0.0).0;
-    // At rest the guides hold what the motor gives: what the cell reads where there is one.
+    let sensors = Effects::new(&quiet.effects)?;
+    let read = sensors.read(0.0, start, 0.0).0;
+    // At rest the guides hold what the motor gives: what the cell reads where there is one, without what it reads wrong.
     let guides = quiet.resolved_guides()?;
     let first = |forces: &[f64]| forces.iter().copied().find(|force| force.is_finite());
     let force = first(&trace.force).unwrap_or(0.0);
-    let held_by_guides = first(&trace.force_cell).unwrap_or(force);
+    let held_by_guides =
+        first(&trace.force_cell).map_or(force, |cell| cell - (sensors.read(0.0, start, cell).1 - cell));
     stage.set_state(start - (read - start), 0.0, &holding(&guides, held_by_guides));
     let mut running = Running::new(controller);
     let mut held = force;
@@ -327,13 +331,13 @@ fn step_of(trace: &Trace) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::measured::Measured;
     use super::*;
     use crate::control::{Controller, ControllerSettings, Follower, Trajectory};
 
     /// Moves of 20 mm and back under our own controller, recorded at 2 kHz; before them the guides came to hold a force.
-    fn recording(model: &StageModel, seed: u64, held: f64, moves: u64) -> Trace {
+    pub(in crate::identify) fn recording(model: &StageModel, seed: u64, held: f64, moves: u64) -> Trace {
         let rates = Rates::new(2000.0, 40_000.0).unwrap();
         let mut stage = Stage::new(model, rates, seed).unwrap();
         for _ in 0..1000 {

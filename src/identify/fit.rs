@@ -32,7 +32,7 @@ const PIECES: usize = 40;
 /// How far a fit goes.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// How often the derivatives are taken at most.
+    /// How often the derivatives are taken at most, without those at the end.
     derivatives: usize,
     /// Share by which the sum of squares must fall for another step to be worth it.
     progress: f64,
@@ -232,7 +232,7 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort
                 }
             }
         }
-        if taken > effort.derivatives {
+        if taken >= effort.derivatives {
             break;
         }
         jacobian = point.derivatives(problem)?;

@@ -239,9 +239,9 @@ impl Hypothesis {
         Some(freed)
     }
 
-    /// Whether the guides differ from each other no more than they are declared to.
+    /// Whether the guides are all the same.
     pub fn guides_are_alike(&self) -> bool {
-        self.spread.iter().flatten().all(|value| *value == 0.0)
+        self.spread.iter().flatten().all(|value| *value == 0.0) && self.guides.windows(2).all(|two| two[0] == two[1])
     }
 
     /// The same with the differences between the guides held, or not.

@@ -232,10 +232,11 @@ pub fn search(
         search.add_curve()?;
         // Beside a curve laws show, or change, that what it stands for had hidden; beside these it is another curve. It settles first:
         // a round of all laws costs far more.
-        for _ in 0..MOST_CURVES {
+        let mut turns = 0;
+        while search.coordinate.is_some() {
             search.settle_curve()?;
-            let goes_on = search.coordinate.is_some() && search.add_laws()? | search.choose_forms_anew()?;
-            if !goes_on {
+            turns += 1;
+            if turns > MOST_CURVES || !(search.add_laws()? | search.choose_forms_anew()?) {
                 break;
             }
         }
@@ -610,7 +611,9 @@ impl<'a> Search<'a> {
     /// The curve once more, of what is left without it; whether that is worth going on.
     fn draw_curve_anew(&mut self) -> Result<bool, IdentifyError> {
         let effects = &self.best.hypothesis.effects;
-        let Some(index) = effects.iter().rposition(|part| part.descriptor.name == "map") else { return Ok(false) };
+        let last = effects.iter().rposition(|part| part.descriptor.name == "map");
+        // One that the model declares is not for the search to change.
+        let Some(index) = last.filter(|index| *index >= self.declared_effects()) else { return Ok(false) };
         self.watch.progress("the curve once more", 0.92);
         let without = self.best.hypothesis.without(index);
         let left = errors(&without, self.train, self.holdout)?;
@@ -678,6 +681,9 @@ impl<'a> Search<'a> {
             let mut chosen = self.evidence.iter_mut().filter(|one| one.name == name && one.outcome == Outcome::Chosen);
             if let Some(one) = chosen.nth(place) {
                 one.outcome = Outcome::Pruned;
+                let round = one.round;
+                let equal = |one: &&mut Evidence| one.round == round && one.outcome == Outcome::Equal;
+                self.evidence.iter_mut().filter(equal).for_each(|one| one.outcome = Outcome::Beaten);
             }
             if before.iter().filter(|part| alike(part)).count() == 1 {
                 self.inseparable.retain(|(chosen, _)| *chosen != name);
@@ -746,7 +752,8 @@ fn winner(tried: &[(Evidence, Hypothesis)], strongest: f64) -> usize {
 }
 
 /// The fit with guides that differ from each other, from the differences that there are and afresh: the sum of the guides depends
-/// on the products of their differences, and what an effect not yet known bent them to is no good start.
+/// on the products of their differences, and what an effect not yet known bent them to is no good start. Guides that are all the same are
+/// none either: there no direction is better than its opposite.
 fn with_different_guides(start: &Hypothesis, train: &Measured, effort: Effort) -> Result<Fitted, IdentifyError> {
     let fitted = |start: &Hypothesis| fit(start, train, Sides::BOTH, effort);
     let Some(afresh) = start.different_guides() else { return Ok(fitted(start)?) };
@@ -770,7 +777,8 @@ fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: 
     if least < WORTH_A_LOOK * without {
         fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
     }
-    let floor = fitted.first().map_or(0.0, |one| one.hypothesis.floor(train).total());
+    let floor = fitted.first().map_or(Floor { motor: 0.0, carriage: 0.0 }, |one| one.hypothesis.floor(train));
+    let floor = if sides.motor { floor.motor } else { 0.0 }.hypot(if sides.carriage { floor.carriage } else { 0.0 });
     let noise = train.rows.len() as f64 * (ALL_BUT_NOISE * floor).powi(2);
     // Squares, the start as it was fitted, and the same with guides that differ afresh and go on.
     let afresh = |one: &Hypothesis| one.different_guides().unwrap_or_else(|| one.clone());
@@ -781,8 +789,9 @@ fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: 
             break;
         }
         judged.par_iter_mut().for_each(|(squares, _, free)| {
-            if let Ok(further) = fit(free, train, Sides::BOTH, effort) {
-                (*squares, *free) = (further.squares(), further.hypothesis);
+            if let Ok(further) = fit(free, train, sides, effort) {
+                *squares = squares.min(further.squares());
+                *free = further.hypothesis;
             }
         });
         let mut order: Vec<f64> = judged.iter().map(|(squares, ..)| *squares).collect();
@@ -832,7 +841,9 @@ impl Selection {
 
 #[cfg(test)]
 mod tests {
+    use super::super::closed_loop::tests::recording;
     use super::*;
+    use crate::model::{Curve, EffectParameters};
 
     /// Candidates of a round with the free parameters and the gains of their laws.
     fn tried(candidates: &[(&str, usize, f64)]) -> Vec<(Evidence, Hypothesis)> {
@@ -878,6 +889,22 @@ mod tests {
     fn of_equals_one_that_acts_goes_before_one_that_reads_wrong() {
         assert_eq!(chosen(&[("encoder_scale", 1, 1.0), ("payload", 1, 0.999)]), "payload");
         assert_eq!(chosen(&[("payload", 1, 1.0), ("encoder_scale", 1, 0.999)]), "payload");
+    }
+
+    #[test]
+    fn a_curve_that_the_model_declares_stays_as_it_is() {
+        let with_curve = |height: f64| {
+            let values = (0..41).map(|knot| height * (0.4 * f64::from(knot)).sin()).collect();
+            let curve =
+                Curve { coordinate: Coordinate::Position, side: CurveSide::Carriage, from: -0.005, to: 0.025, values };
+            StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() }
+        };
+        // Off by so little that it does not matter, and so much that another one would be nearer.
+        let (model, real) = (with_curve(2.0), with_curve(2.02));
+        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
+        let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
+        assert_eq!((found.verdict, found.coordinate), (Verdict::None, None));
+        assert_eq!(found.after.hypothesis.model().effects, model.effects);
     }
 
     #[test]

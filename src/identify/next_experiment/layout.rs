@@ -18,6 +18,9 @@ pub(super) const GENTLE: f64 = 0.3;
 /// Bandwidth of the simulated controller, Hz, and its largest share of the rate.
 pub(super) const BANDWIDTH: (f64, f64) = (60.0, 1.0 / 14.0);
 
+/// What the carriage may be beyond the stroke, m: what it overshoots by where it reverses on a stroke of a few break-away distances. Assumed.
+const SLACK: f64 = 1e-6;
+
 /// A motion run with the identified model.
 pub(super) struct Simulated {
     pub(super) measured: Measured,
@@ -243,14 +246,13 @@ impl<'a> Layout<'a> {
         let (mut peak_force, mut peak_speed) = (0f64, 0f64);
         for row in 0..samples {
             let sample = stage.sample();
-            let velocity = stage.state().velocity;
             if row == 0 {
                 follower.hold(sample.time, sample.position);
                 follower.follow(sample.time, Trajectory::new(sample.time, path.points.clone())?)?;
             }
             let terms = controller.update(sample.time, sample.position, &mut follower);
             peak_force = peak_force.max(terms.output.abs());
-            peak_speed = peak_speed.max(terms.reference.velocity.abs()).max(velocity.abs());
+            peak_speed = peak_speed.max(terms.reference.velocity.abs());
             trace.time.push(sample.time as f64 * 1e-9);
             trace.reference_position.push(terms.reference.position);
             trace.reference_velocity.push(terms.reference.velocity);
@@ -263,7 +265,11 @@ impl<'a> Layout<'a> {
         let ways = trace.reference_position.iter().chain(&trace.position);
         let range = ways.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
         let (low, high) = self.hard.stroke;
-        if range.0 < low || range.1 > high || peak_force > self.hard.force || peak_speed > self.hard.speed {
+        if range.0 < low - SLACK
+            || range.1 > high + SLACK
+            || peak_force > self.hard.force
+            || peak_speed > self.hard.speed
+        {
             return Ok(None);
         }
         let mut measured = Measured::new(&trace, self.declared, "the simulated motion")?;

@@ -59,7 +59,7 @@ pub enum NextExperimentError {
     #[error("the motion may take {given} s: must be between {least} and {most} s")]
     Duration { given: f64, least: f64, most: f64 },
     #[error(
-        "no piece of motion keeps to the limits of {low} m to {high} m, {speed} m/s and {force} N: allow more force or speed"
+        "no piece of motion keeps to the limits of {low} m to {high} m, {speed} m/s and {force} N: allow more of them"
     )]
     Nothing { low: f64, high: f64, speed: f64, force: f64 },
     #[error(transparent)]
@@ -227,9 +227,16 @@ pub fn plan(
         pieces = vec![simplest];
     }
 
-    let path = layout.compose(&pieces, layout.middle());
-    let way = layout.approach(layout.middle(), pieces[0].start(stroke)).seconds();
-    let run = layout.simulate(&path, layout.middle(), way)?.ok_or_else(nothing)?;
+    // Pieces that keep to the limits one by one may not do so behind each other.
+    let (path, run) = loop {
+        let path = layout.compose(&pieces, layout.middle());
+        let way = layout.approach(layout.middle(), pieces[0].start(stroke)).seconds();
+        match layout.simulate(&path, layout.middle(), way)? {
+            Some(run) => break (path, run),
+            None if pieces.len() > 1 => drop(pieces.pop()),
+            None => return Err(nothing()),
+        }
+    };
     let new = questions.sums(&run.measured)?;
     let planned = |piece: &Segment| {
         let mut alone = Path::at(piece.start(stroke));
