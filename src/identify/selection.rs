@@ -35,7 +35,7 @@ const UNEXPLAINED: f64 = 0.1;
 const HALF_OF_THE_REST: f64 = 0.5;
 /// Part of what laws leave unexplained that a curve in their place may leave at most: a law says more than a curve of many knots.
 const CURVE_ALONE: f64 = 0.5;
-/// How often a curve is drawn anew at most.
+/// How often a curve is drawn anew at most, and how often laws are looked for beside it.
 const MOST_CURVES: usize = 4;
 /// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2: friction driven along a measured
 /// motion costs the rest; a real machine is worth more.
@@ -868,27 +868,24 @@ mod tests {
         candidates.iter().map(one).collect()
     }
 
-    fn chosen(candidates: &[(&str, usize, f64)]) -> &'static str {
-        let tried = tried(candidates);
-        tried[winner(&tried, candidates[0].2)].0.name
-    }
-
+    /// Of two laws, the stronger first.
     #[test]
-    fn a_simpler_law_wins_if_it_explains_about_as_much() {
-        assert_eq!(chosen(&[("stiction_aging", 3, 1.0), ("payload", 1, 0.98)]), "payload");
-        assert_eq!(chosen(&[("stiction_aging", 3, 1.0), ("payload", 1, 0.96)]), "stiction_aging");
-    }
-
-    #[test]
-    fn of_laws_that_are_as_simple_the_one_wins_that_explains_more() {
-        assert_eq!(chosen(&[("payload", 1, 1.0), ("quadratic_drag", 1, 0.975)]), "payload");
-        assert_eq!(chosen(&[("quadratic_drag", 1, 1.0), ("payload", 1, 0.975)]), "quadratic_drag");
-    }
-
-    #[test]
-    fn of_equals_one_that_acts_goes_before_one_that_reads_wrong() {
-        assert_eq!(chosen(&[("encoder_scale", 1, 1.0), ("payload", 1, 0.999)]), "payload");
-        assert_eq!(chosen(&[("payload", 1, 1.0), ("encoder_scale", 1, 0.999)]), "payload");
+    fn the_winner_is_simple_then_strong_then_one_that_acts() {
+        let cases = [
+            // A simpler law wins if it explains about as much, and only then.
+            ([("stiction_aging", 3, 1.0), ("payload", 1, 0.98)], "payload"),
+            ([("stiction_aging", 3, 1.0), ("payload", 1, 0.96)], "stiction_aging"),
+            // Of laws that are as simple the one that explains more.
+            ([("payload", 1, 1.0), ("quadratic_drag", 1, 0.975)], "payload"),
+            ([("quadratic_drag", 1, 1.0), ("payload", 1, 0.975)], "quadratic_drag"),
+            // Of equals one that acts before one that reads wrong.
+            ([("encoder_scale", 1, 1.0), ("payload", 1, 0.999)], "payload"),
+            ([("payload", 1, 1.0), ("encoder_scale", 1, 0.999)], "payload"),
+        ];
+        for (candidates, expected) in cases {
+            let tried = tried(&candidates);
+            assert_eq!(tried[winner(&tried, candidates[0].2)].0.name, expected, "{candidates:?}");
+        }
     }
 
     #[test]
