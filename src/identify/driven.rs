@@ -1,9 +1,10 @@
 //! What guides, effects and sensors do along a recorded motion, in parts. A part hangs on a few values of a hypothesis; where these are as they were,
 //! it is taken over, so that a derivative costs no more than what its coordinate moves.
 
+use std::slice;
 use std::sync::Arc;
 
-use crate::model::{EffectParameters, Guide, ModelError};
+use crate::model::{EffectParameters, Guide, MAX_GUIDES, ModelError};
 use crate::plant::effects::Effects;
 use crate::plant::{FrictionScale, GuideBank, Motion, Side};
 
@@ -104,13 +105,26 @@ impl Driven {
     pub fn added_mass(&self) -> f64 {
         self.added_mass
     }
+
+    /// Friction of each guide's bristles at the nodes with these guides in place of its own, N; `None` where a guide's friction hangs on that
+    /// of the others.
+    pub fn friction_of_each(
+        &self,
+        guides: &[Guide],
+        measured: &Measured,
+    ) -> Result<Option<[Vec<f64>; MAX_GUIDES]>, ModelError> {
+        let Some(Friction { laws, .. }) = self.friction.as_deref() else { return Ok(None) };
+        if !effects_of(laws)?.leaves_guides_apart() {
+            return Ok(None);
+        }
+        friction_of_each(guides, laws, measured, self.readings.steps(measured)).map(Some)
+    }
 }
 
 impl Hypothesis {
     /// Along a record, for these sides. `before` is of the same record, or the default.
     pub(super) fn driven(&self, measured: &Measured, sides: Sides, before: &Driven) -> Result<Driven, ModelError> {
-        let all: Vec<EffectParameters> = self.effects.iter().map(Part::parameters).collect();
-        let added_mass = Effects::new(&all)?.added_mass();
+        let added_mass = effects_of(&self.effects)?.added_mass();
         let of = |wanted: &dyn Fn(&Part) -> Result<bool, ModelError>| -> Result<Vec<Part>, ModelError> {
             let mut parts = Vec::new();
             for part in &self.effects {
@@ -129,7 +143,7 @@ impl Hypothesis {
             Arc::ptr_eq(&readings, &before.readings) || readings.steps.is_none() && before.readings.steps.is_none();
         let steps = readings.steps(measured);
         let friction = if sides.carriage {
-            let (guides, laws) = (self.guides(), of(&|part| Ok(effects_of(part)?.shapes_friction()))?);
+            let (guides, laws) = (self.guides(), of(&|part| Ok(effects_of(slice::from_ref(part))?.shapes_friction()))?);
             let known =
                 before.friction.as_ref().filter(|known| moves_alike && known.guides == guides && known.laws == laws);
             Some(match known {
@@ -155,19 +169,53 @@ impl Hypothesis {
     }
 }
 
-fn effects_of(part: &Part) -> Result<Effects, ModelError> {
-    Effects::new(&[part.parameters()])
+fn effects_of(parts: &[Part]) -> Result<Effects, ModelError> {
+    let all: Vec<EffectParameters> = parts.iter().map(Part::parameters).collect();
+    Effects::new(&all)
 }
 
-/// Friction of the guides at the nodes under these laws, N. The guides begin with what the motor gives: at rest they hold it.
+/// Friction of the guides at the nodes under these laws, N.
 pub(super) fn friction(
     guides: &[Guide],
     laws: &[Part],
     measured: &Measured,
     steps: &[Step],
 ) -> Result<Vec<f64>, ModelError> {
-    let laws: Vec<EffectParameters> = laws.iter().map(Part::parameters).collect();
-    let mut effects = Effects::new(&laws)?;
+    let mut at_nodes = vec![0.0; measured.len()];
+    drive(guides, laws, measured, steps, |step, friction, _| {
+        at_nodes[step.node] += step.early * friction;
+        at_nodes[step.node + 1] += step.late * friction;
+    })?;
+    Ok(at_nodes)
+}
+
+/// The same of each guide's bristles, without the viscous part; 0 where there is no guide.
+fn friction_of_each(
+    guides: &[Guide],
+    laws: &[Part],
+    measured: &Measured,
+    steps: &[Step],
+) -> Result<[Vec<f64>; MAX_GUIDES], ModelError> {
+    let mut at_nodes = [(); MAX_GUIDES].map(|()| vec![0.0; measured.len()]);
+    drive(guides, laws, measured, steps, |step, _, each| {
+        for (at_nodes, friction) in at_nodes.iter_mut().zip(each) {
+            at_nodes[step.node] += step.early * friction;
+            at_nodes[step.node + 1] += step.late * friction;
+        }
+    })?;
+    Ok(at_nodes)
+}
+
+/// Drives the guides under these laws and tells of each step the friction of all and that of each guide's bristles, N. They begin with what
+/// the motor gives: at rest they hold it.
+fn drive(
+    guides: &[Guide],
+    laws: &[Part],
+    measured: &Measured,
+    steps: &[Step],
+    mut tell: impl FnMut(&Step, f64, [f64; MAX_GUIDES]),
+) -> Result<(), ModelError> {
+    let mut effects = effects_of(laws)?;
     let mut bank = match effects.bristle_elements() {
         Some(elements) => GuideBank::with_elements(guides, &elements),
         None => GuideBank::new(guides),
@@ -177,7 +225,7 @@ pub(super) fn friction(
     let ahead = (0.01 * measured.rate) as usize + 2;
     let force = start[1..ahead.min(count - 1)].iter().sum::<f64>() / (ahead.min(count - 1) - 1) as f64;
     bank.set_bristles(&holding(guides, force), 0.0);
-    let mut at_nodes = vec![0.0; count];
+    let viscous: f64 = guides.iter().map(|guide| guide.viscous_friction).sum();
     let mut friction = 0.0;
     for step in steps {
         let scale = if effects.is_empty() {
@@ -185,11 +233,11 @@ pub(super) fn friction(
         } else {
             effects.friction(&Motion { velocity: step.sliding, friction, ..step.motion }, step.duration)
         };
-        friction = bank.drive(step.sliding, step.duration, &scale);
-        at_nodes[step.node] += step.early * friction;
-        at_nodes[step.node + 1] += step.late * friction;
+        let each = bank.drive_each(step.sliding, step.duration, &scale);
+        friction = each.iter().sum::<f64>() + scale.viscous * viscous * step.sliding;
+        tell(step, friction, each);
     }
-    Ok(at_nodes)
+    Ok(())
 }
 
 /// Deflections of bristles that hold this force at rest, m: each guide its part of what all can hold, and no more than that.
@@ -201,7 +249,7 @@ pub(super) fn holding(guides: &[Guide], force: f64) -> Vec<f64> {
 
 /// Force of one effect along the motion.
 fn force(part: &Part, measured: &Measured, readings: &Readings) -> Result<Force, ModelError> {
-    let mut effects = effects_of(part)?;
+    let mut effects = effects_of(slice::from_ref(part))?;
     let steps = readings.steps(measured);
     let side = part.side();
     let read = side == Side::Motor;
@@ -239,8 +287,7 @@ fn force(part: &Part, measured: &Measured, readings: &Readings) -> Result<Force,
 
 /// The truth behind what these sensors read. What the encoder reads wrong is no motion: neither the mass nor the guides feel it.
 fn readings(sensors: Vec<Part>, measured: &Measured) -> Result<Readings, ModelError> {
-    let all: Vec<EffectParameters> = sensors.iter().map(Part::parameters).collect();
-    let effects = Effects::new(&all)?;
+    let effects = effects_of(&sensors)?;
     let error = |time: f64, reading: f64| reading - undo(reading, |position| effects.read(time, position, 0.0).0);
     let mut errors = vec![0.0; measured.len()];
     errors[0] = error(measured.time[0], measured.position[0]);
@@ -285,7 +332,7 @@ const MOST_TURNS: usize = 300;
 const CLOSE: f64 = 1e-14;
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
@@ -305,7 +352,7 @@ mod tests {
     use crate::plant::EffectDescriptor;
 
     /// Two seconds at 2 kHz over 0.1 m, as an encoder reads them, with a force that is of no importance.
-    fn record() -> Measured {
+    pub(in super::super) fn record() -> Measured {
         let mut trace = Trace::default();
         for k in 0..4000 {
             let time = 5e-4 * f64::from(k);
@@ -317,7 +364,7 @@ mod tests {
         Measured::new(&trace, &StageModel::default(), "a record").unwrap()
     }
 
-    fn hypothesis(effects: &[(&str, &[f64])]) -> Hypothesis {
+    pub(in super::super) fn hypothesis(effects: &[(&str, &[f64])]) -> Hypothesis {
         let start = Hypothesis::new(&StageModel::default(), Default::default()).unwrap();
         effects.iter().fold(start, |with, (name, values)| {
             with.with(Part { descriptor: EffectDescriptor::find(name).unwrap(), values: values.to_vec() })

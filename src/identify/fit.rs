@@ -2,15 +2,13 @@
 //! while the error pulls outwards (active set; Nocedal, Wright, "Numerical Optimization", ch. 16.7).
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::driven::Driven;
 use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
 use super::measured::Measured;
+use super::objective::{derivatives, stacked};
 use crate::model::ModelError;
 
-/// Step of the difference quotients, in scales of the coordinates.
-const DIFFERENCE: f64 = 1e-4;
 /// Dampings that are tried, each five times the one before, until a step makes the error smaller.
 const DAMPINGS: usize = 10;
 /// Steps that derivatives may serve behind the one that they were taken for, and part of the fall they promise that a step must bring for
@@ -63,26 +61,6 @@ impl Fitted {
     /// Sum of the squares of the missing force, N^2.
     pub fn squares(&self) -> f64 {
         self.missing.motor.iter().chain(&self.missing.carriage).map(|left| left * left).sum()
-    }
-}
-
-/// The missing force of both sides and, for each declared parameter, how far it is from its declared value: a row of one standard
-/// deviation of the noise per standard deviation of the tolerance, taken as a uniform distribution. It decides only where the data do
-/// not: a payload against the mass itself, a difference between guides that no motion shows.
-pub(super) fn stacked(missing: &Missing, coordinates: &[Coordinate], noise: f64) -> DVector<f64> {
-    let declared =
-        coordinates.iter().map(|coordinate| expectation(coordinate, noise) * coordinate.value / coordinate.scale);
-    DVector::from_iterator(
-        missing.motor.len() + missing.carriage.len() + coordinates.len(),
-        missing.motor.iter().chain(&missing.carriage).copied().chain(declared),
-    )
-}
-
-/// Weight of a declared parameter's distance from its declared value, N per scale; 0 for what nobody declared.
-fn expectation(coordinate: &Coordinate, noise: f64) -> f64 {
-    match coordinate.place {
-        Place::Declared(_) | Place::Spread { .. } => 3f64.sqrt() * noise,
-        Place::Effect { .. } => 0.0,
     }
 }
 
@@ -252,40 +230,6 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort
     let (deviations, correlations) =
         uncertainty(&jacobian, &residual, &missing, &coordinates, &at_bound, problem.noise);
     Ok(Fitted { hypothesis, missing, coordinates, deviations, correlations, at_bound })
-}
-
-/// Derivatives of the residual by the scaled coordinates, by forward differences (backward at the upper bound).
-pub(super) fn derivatives(
-    hypothesis: &Hypothesis,
-    coordinates: &[Coordinate],
-    driven: &Driven,
-    measured: &Measured,
-    sides: Sides,
-    residual: &DVector<f64>,
-    noise: f64,
-) -> Result<DMatrix<f64>, ModelError> {
-    let columns = coordinates
-        .par_iter()
-        .enumerate()
-        .map(|(index, coordinate)| {
-            let step = DIFFERENCE * coordinate.scale;
-            let step = if coordinate.value + step > coordinate.bounds.1 { -step } else { step };
-            let quotient = |step: f64| -> Result<DVector<f64>, ModelError> {
-                let mut moved = hypothesis.clone();
-                moved.set(coordinate.place, coordinate.value + step);
-                let mut there = coordinates.to_vec();
-                there[index].value += step;
-                let missing = moved.missing_of(&moved.driven(measured, sides, driven)?, measured, sides);
-                Ok((stacked(&missing, &there, noise) - residual) * (coordinate.scale / step))
-            };
-            // Some values are possible only together: then the other direction is, or none.
-            Ok(quotient(step).or_else(|_| quotient(-step)).unwrap_or_else(|_| DVector::zeros(residual.len())))
-        })
-        .collect::<Result<Vec<_>, ModelError>>()?;
-    if columns.is_empty() {
-        return Ok(DMatrix::zeros(residual.len(), 0));
-    }
-    Ok(DMatrix::from_columns(&columns))
 }
 
 /// Standard deviations and correlations of the coordinates; those on a bound are held.

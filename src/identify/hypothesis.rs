@@ -34,7 +34,7 @@ const SHIFT_LIMIT: f64 = 0.05;
 
 /// Declared parameters in which the guides may differ from each other with an effect on the friction of all. Viscous friction adds up
 /// to one number.
-const SPREAD: [Declared; 4] =
+pub(super) const SPREAD: [Declared; 4] =
     [Declared::Stiffness, Declared::CoulombForce, Declared::StaticForce, Declared::StribeckVelocity];
 /// Contrasts between guides: guide i differs from the mean in contrast j by the entry (j, i). Helmert's, of at most 1.
 const CONTRASTS: [[f64; MAX_GUIDES]; MAX_GUIDES - 1] =
@@ -105,6 +105,17 @@ pub enum Place {
         effect: usize,
         value: usize,
     },
+}
+
+impl Place {
+    /// The parameter of `SPREAD` that it moves, and how much of that in each guide.
+    pub(super) fn of_guides(self) -> Option<(Declared, [f64; MAX_GUIDES])> {
+        match self {
+            Place::Declared(declared) => SPREAD.contains(&declared).then_some((declared, [1.0; MAX_GUIDES])),
+            Place::Spread { parameter, contrast } => Some((SPREAD[parameter], CONTRASTS[contrast])),
+            Place::Effect { .. } => None,
+        }
+    }
 }
 
 /// What is compared: the motor side, the carriage side or both.

@@ -15,6 +15,7 @@ pub mod inverse_dynamics;
 mod lowpass;
 mod measured;
 pub mod next_experiment;
+mod objective;
 mod phase;
 mod selection;
 pub mod spectrum;

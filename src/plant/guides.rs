@@ -376,7 +376,7 @@ impl GuideBank {
     pub(super) fn advance_scaled(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
         let (impulse, level, damping) = self.step_bristles::<false>(velocity, step, scale);
         self.prepare_scaled_start(level, damping);
-        impulse
+        impulse.reduce_add()
     }
 
     /// Moves the guides over `step` seconds (greater than 0) at the constant velocity v and returns their mean friction over the step, N,
@@ -384,11 +384,18 @@ impl GuideBank {
     ///
     /// What the plant starts its next step from is left as it was: nobody solves for this motion.
     pub fn drive(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
-        let (impulse, ..) = self.step_bristles::<true>(velocity, step, scale);
-        impulse / step + scale.viscous * self.viscous_friction * velocity
+        let of_bristles: f64 = self.drive_each(velocity, step, scale).iter().sum();
+        of_bristles + scale.viscous * self.viscous_friction * velocity
     }
 
-    /// One step of all bristles at constant velocity: momentum taken from the carriage, N s, with g and sigma1. The mean deflection of the
+    /// As [`GuideBank::drive`]: the mean friction of the bristles of each guide, N, without the viscous part; 0 where there is no guide.
+    #[inline]
+    pub fn drive_each(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> [f64; MAX_GUIDES] {
+        let (impulse, ..) = self.step_bristles::<true>(velocity, step, scale);
+        (impulse * f64x4::splat(step.recip())).to_array()
+    }
+
+    /// One step of all bristles at constant velocity: momentum that each guide takes from the carriage, N s, with g and sigma1. The mean deflection of the
     /// step is that of its ends, or with `EXACT` that of the exponential between them.
     #[inline]
     fn step_bristles<const EXACT: bool>(
@@ -396,7 +403,7 @@ impl GuideBank {
         velocity: f64,
         step: f64,
         scale: &FrictionScale,
-    ) -> (f64, f64x4, f64x4) {
+    ) -> (f64x4, f64x4, f64x4) {
         self.scale = *scale;
         let squared = f64x4::splat(velocity * velocity);
         let level = self.scaled_level(squared);
@@ -448,7 +455,7 @@ impl GuideBank {
                 self.bristle = self.mean_bristle();
             }
         }
-        (impulse.reduce_add(), level, damping)
+        (impulse, level, damping)
     }
 }
 

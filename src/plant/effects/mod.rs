@@ -96,6 +96,11 @@ pub trait Effect: Debug + Send + Sync {
         false
     }
 
+    /// Whether what `friction` does hangs on the friction of all guides ([`Motion::friction`]).
+    fn feels_friction(&self) -> bool {
+        false
+    }
+
     /// Pieces into which a step as long as a control cycle is to be divided, where the force changes much within it though the motion is smooth:
     /// the samples on either side feel what comes early and what comes late unequally.
     fn pieces(&self) -> u32 {
@@ -418,6 +423,11 @@ impl Effects {
     /// Whether the guides' laws or bristles are not those of the model alone.
     pub fn shapes_friction(&self) -> bool {
         self.scales_friction || self.bristle_elements().is_some()
+    }
+
+    /// Whether each guide goes its own way along a given motion: no factor on its laws hangs on what the others do.
+    pub fn leaves_guides_apart(&self) -> bool {
+        !self.list.iter().any(|entry| entry.effect.feels_friction())
     }
 
     /// Factors on the guides' laws over a step. Before [`Effects::advance`], once per step.

@@ -49,7 +49,7 @@ const FORM: usize = 3;
 const WARM_UP_TIME: usize = 4;
 const WORK: usize = 5;
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Form {
     Proportion,
     Distance,
@@ -127,6 +127,10 @@ impl Effect for ViscousWarmUp {
 
     fn scales_friction(&self) -> bool {
         true
+    }
+
+    fn feels_friction(&self) -> bool {
+        self.form == Form::Work
     }
 
     fn reset(&mut self) {
