@@ -574,9 +574,9 @@ impl<'a> Search<'a> {
         let little = if self.is_noise(&self.best_errors) { f64::INFINITY } else { HALF_OF_THE_REST * rest };
         let least = (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(little);
         if let Some((with, over)) = self.with_curve(&self.best.hypothesis, &self.best_errors, least)? {
+            self.runners_up.push(Vec::new());
             self.coordinate = Some(over);
             self.take(with)?;
-            self.runners_up.push(Vec::new());
         }
         // Laws that explain a part each bend towards what is none of them: one curve alone may say it better.
         let laws = self.best.hypothesis.effects.len() - self.declared_effects();
@@ -608,12 +608,23 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
+    /// Where the curve stands that the search has added; one that the model declares is not for it to change.
+    fn curve(&self) -> Option<usize> {
+        let last = self.best.hypothesis.effects.iter().rposition(|part| part.descriptor.name == "map");
+        last.filter(|index| *index >= self.declared_effects())
+    }
+
+    /// Takes a fit with another curve, which stands last there, in place of the one that stands at `index`.
+    fn replace_curve(&mut self, index: usize, with: Fitted, over: Coordinate) -> Result<(), IdentifyError> {
+        self.runners_up.remove(index);
+        self.runners_up.push(Vec::new());
+        self.coordinate = Some(over);
+        self.take(with)
+    }
+
     /// The curve once more, of what is left without it; whether that is worth going on.
     fn draw_curve_anew(&mut self) -> Result<bool, IdentifyError> {
-        let effects = &self.best.hypothesis.effects;
-        let last = effects.iter().rposition(|part| part.descriptor.name == "map");
-        // One that the model declares is not for the search to change.
-        let Some(index) = last.filter(|index| *index >= self.declared_effects()) else { return Ok(false) };
+        let Some(index) = self.curve() else { return Ok(false) };
         self.watch.progress("the curve once more", 0.92);
         let without = self.best.hypothesis.without(index);
         let left = errors(&without, self.train, self.holdout)?;
@@ -621,9 +632,7 @@ impl<'a> Search<'a> {
         let found = errors(&with.hypothesis, self.train, self.holdout)?;
         let (now, before) = (self.beyond_noise(&found), self.beyond_noise(&self.best_errors));
         if now < before {
-            (self.best, self.best_errors, self.coordinate) = (with, found, Some(over));
-            self.runners_up.remove(index);
-            self.runners_up.push(Vec::new());
+            self.replace_curve(index, with, over)?;
         }
         Ok(now < (1.0 - UNEXPLAINED) * before && !self.is_noise(&found))
     }
@@ -663,35 +672,54 @@ impl<'a> Search<'a> {
         let mut index = self.declared_effects();
         while index < self.best.hypothesis.effects.len() {
             self.watch.progress("pruning", 0.95);
-            let name = self.best.hypothesis.effects[index].descriptor.name;
             let fewer = if self.best.hypothesis.effects.len() == self.declared_effects() + 1 {
                 self.before.clone()
             } else {
                 with_different_guides(&self.best.hypothesis.without(index), self.train, Effort::KEPT)?
             };
             let found = errors(&fewer.hypothesis, self.train, self.holdout)?;
-            if found.holdout() - self.best_errors.holdout() >= self.least_gain(&found, &self.best_errors) {
+            if found.holdout() - self.best_errors.holdout() < self.least_gain(&found, &self.best_errors) {
+                self.strike(index);
+                (self.best, self.best_errors) = (fewer, found);
+            } else if let Some((curve, with, over)) = self.with_curve_in_place_of(index)? {
+                self.strike(index);
+                self.replace_curve(curve - usize::from(curve > index), with, over)?;
+            } else {
                 index += 1;
-                continue;
             }
-            // Of several of a name the one that stands there: they were added in this order.
-            let alike = |part: &Part| part.descriptor.name == name;
-            let before = &self.best.hypothesis.effects[self.declared_effects()..];
-            let place = before[..index - self.declared_effects()].iter().filter(|part| alike(part)).count();
-            let mut chosen = self.evidence.iter_mut().filter(|one| one.name == name && one.outcome == Outcome::Chosen);
-            if let Some(one) = chosen.nth(place) {
-                one.outcome = Outcome::Pruned;
-                let round = one.round;
-                let equal = |one: &&mut Evidence| one.round == round && one.outcome == Outcome::Equal;
-                self.evidence.iter_mut().filter(equal).for_each(|one| one.outcome = Outcome::Beaten);
-            }
-            if before.iter().filter(|part| alike(part)).count() == 1 {
-                self.inseparable.retain(|(chosen, _)| *chosen != name);
-            }
-            self.runners_up.remove(index);
-            (self.best, self.best_errors) = (fewer, found);
         }
         Ok(())
+    }
+
+    /// A curve stands for what a law beside it has left: without that law it is another one. Where the present curve stands and the fit with the other one, if
+    /// that leaves less than law and curve do together: such a law was bent towards what none of them is.
+    fn with_curve_in_place_of(&self, index: usize) -> Result<Option<(usize, Fitted, Coordinate)>, IdentifyError> {
+        let Some(curve) = self.curve().filter(|curve| *curve != index) else { return Ok(None) };
+        let bare = self.best.hypothesis.without(index.max(curve)).without(index.min(curve));
+        let left = errors(&bare, self.train, self.holdout)?;
+        let Some((with, over)) = self.with_curve(&bare, &left, 0.0)? else { return Ok(None) };
+        let found = errors(&with.hypothesis, self.train, self.holdout)?;
+        Ok((found.holdout() < self.best_errors.holdout()).then_some((curve, with, over)))
+    }
+
+    /// Notes in the evidence that an effect goes, before it does.
+    fn strike(&mut self, index: usize) {
+        let name = self.best.hypothesis.effects[index].descriptor.name;
+        // Of several of a name the one that stands there: they were added in this order.
+        let alike = |part: &Part| part.descriptor.name == name;
+        let before = &self.best.hypothesis.effects[self.declared_effects()..];
+        let place = before[..index - self.declared_effects()].iter().filter(|part| alike(part)).count();
+        let mut chosen = self.evidence.iter_mut().filter(|one| one.name == name && one.outcome == Outcome::Chosen);
+        if let Some(one) = chosen.nth(place) {
+            one.outcome = Outcome::Pruned;
+            let round = one.round;
+            let equal = |one: &&mut Evidence| one.round == round && one.outcome == Outcome::Equal;
+            self.evidence.iter_mut().filter(equal).for_each(|one| one.outcome = Outcome::Beaten);
+        }
+        if before.iter().filter(|part| alike(part)).count() == 1 {
+            self.inseparable.retain(|(chosen, _)| *chosen != name);
+        }
+        self.runners_up.remove(index);
     }
 
     fn selection(mut self) -> Selection {
