@@ -932,6 +932,21 @@ mod tests {
         assert_eq!(found.after.hypothesis.model().effects, model.effects);
     }
 
+    /// A force that steps in time is nobody's law; one that is constant, or a spring, takes a part of it.
+    #[test]
+    fn beside_a_curve_laws_stay_that_are_there_and_no_others() {
+        let values = (0..41).map(|knot| if knot < 10 { 0.0 } else { 3.0 }).collect();
+        let curve = Curve { coordinate: Coordinate::Time, side: CurveSide::Carriage, from: 0.0, to: 8.0, values };
+        let cogging = EffectDescriptor::find("cogging").unwrap().parameters_of(&[3.0, 4e-3, 0.3]);
+        let real = StageModel { effects: vec![cogging, EffectParameters::map(curve)], ..StageModel::default() };
+        let model = StageModel::default();
+        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
+        let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
+        let effects: Vec<String> = found.after.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
+        assert_eq!(effects, ["cogging", "map"], "{:?}", found.verdict);
+        assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Time)));
+    }
+
     #[test]
     fn what_explains_too_little_never_wins() {
         let mut tried = tried(&[("cable_chain", 2, 1.0), ("payload", 1, 0.999)]);
