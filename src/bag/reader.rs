@@ -15,6 +15,7 @@ use super::metadata::Information;
 use super::provenance::{METADATA_NAME, MODEL_NAME, Provenance};
 use super::writer::{HASH_KEY, QOS_KEY};
 use crate::message::{RosMessage, from_cdr};
+use crate::model::{ModelError, StageModel};
 
 /// A topic of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -213,6 +214,14 @@ impl BagReader {
     /// Where the recording comes from, if it says.
     pub fn provenance(&self) -> Option<&Provenance> {
         self.provenance.as_ref()
+    }
+
+    /// The stage that was recorded, if the recording says.
+    pub fn model(&self) -> Result<Option<StageModel>, ModelError> {
+        let text = self.provenance.as_ref().map(|provenance| provenance.model_yaml.as_str());
+        text.filter(|text| !text.is_empty())
+            .map(|text| StageModel::from_yaml(text, &format!("{MODEL_NAME} in {}", self.path.display())))
+            .transpose()
     }
 
     /// Messages over all topics.

@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Outcome;
-use crate::bag::{self, CheckReport, DataQuality, Excitation, Mapping};
+use crate::bag::{self, BagReader, CheckReport, DataQuality, Excitation, Mapping};
 use crate::node::stage_settings;
 
 /// Show what a recording holds, whether anything is wrong with it, and what can be identified from it.
@@ -28,7 +28,7 @@ pub struct CheckArgs {
     /// rosbag2 directory, MCAP file or CSV file
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
-    /// Model file or catalogue guide that declares mass, friction and noise
+    /// Model file or catalogue guide that declares mass, friction and noise [default: the model in the bag]
     #[arg(long, value_name = "MODEL")]
     pub model: Option<String>,
     /// YAML file that says which topic and field, or column, is which signal
@@ -56,9 +56,15 @@ struct FullReport {
 /// Runs the command; the report goes to `out`.
 pub fn run(args: &CheckArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
-    let model = args.model.as_deref().map(stage_settings::model).transpose()?;
+    let mut model = args.model.as_deref().map(stage_settings::model).transpose()?;
     let asked = args.mapping.is_some() || args.model.is_some();
-    let messages = if bag::is_csv(&args.bag) { None } else { Some(bag::check(&args.bag)?) };
+    let mut messages = if bag::is_csv(&args.bag) { None } else { Some(bag::check(&args.bag)?) };
+    if let (None, Some(messages)) = (&model, &mut messages) {
+        model = BagReader::open(&args.bag)?.model().unwrap_or_else(|error| {
+            messages.warnings.push(format!("its model cannot be used: {error}"));
+            None
+        });
+    }
     let (data, no_data) = match bag::load(&args.bag, mapping.as_ref()) {
         Ok(recording) => (Some(recording), None),
         // asked for the messages only, a bag need not be one of a stage

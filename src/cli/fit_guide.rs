@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::Outcome;
 use crate::bag::{BagReader, Trace, topics};
 use crate::lab::{Fitted, GuideFit, RigRecord, fit_guide};
-use crate::model::{Catalogue, CatalogueEntry, Provenance, Quantity, StageModel};
+use crate::model::{Catalogue, CatalogueEntry, Provenance, Quantity};
 
 /// Fit a guide to recordings of the measuring rig and write it as an entry of a catalogue.
 ///
@@ -130,12 +130,7 @@ fn read(path: &Path) -> anyhow::Result<(RigRecord, Option<f64>)> {
         }
     );
     let trace = Trace::from_reader(&reader)?;
-    let mass = reader
-        .provenance()
-        .filter(|provenance| !provenance.model_yaml.is_empty())
-        .map(|provenance| StageModel::from_yaml(&provenance.model_yaml, &path.display().to_string()))
-        .transpose()?
-        .map(|model| model.mass);
+    let mass = reader.model()?.map(|model| model.mass);
     Ok((RigRecord { time: trace.time, position: trace.position, force: trace.force_cell }, mass))
 }
 

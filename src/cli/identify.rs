@@ -286,7 +286,7 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     for (effect, rival) in &selection.inseparable {
         let telltale = |name: &str| crate::plant::EffectDescriptor::find(name).map_or("", |found| found.telltale);
         remarks.push(format!(
-            "{effect} and {rival} explain these data equally; --next-experiment writes a motion that would separate them where there is one. What gives {effect} away: {}; {rival}: {}",
+            "{effect} and {rival} explain these data equally: all values, the mass among them, hold if it is {effect}; --next-experiment writes a motion that would separate them where there is one. What gives {effect} away: {}; {rival}: {}",
             telltale(effect),
             telltale(rival)
         ));

@@ -67,10 +67,11 @@ struct ReplayReport {
 pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let reader = BagReader::open(&args.bag)?;
     let provenance = reader.provenance().cloned();
-    let model = match (&args.model, &provenance) {
-        (Some(name), _) => stage_settings::model(name)?,
-        (None, Some(provenance)) => StageModel::from_yaml(&provenance.model_yaml, &args.bag.display().to_string())?,
-        (None, None) => anyhow::bail!("{} holds no model: give one with --model", args.bag.display()),
+    let model = match &args.model {
+        Some(name) => stage_settings::model(name)?,
+        None => reader
+            .model()?
+            .with_context(|| format!("{} holds no model: give one with --model", args.bag.display()))?,
     };
     let seed = match (args.seed, &provenance) {
         (Some(seed), _) => seed,

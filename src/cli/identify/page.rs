@@ -315,7 +315,7 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         }
     }
     for (effect, rival) in &selection.inseparable {
-        page.note(Mark::Warning, &format!("{effect} and {rival} explain these data equally."));
+        page.note(Mark::Warning, &format!("{effect} and {rival} explain these data equally: all values, the mass among them, hold if it is {effect}."));
     }
 }
 
