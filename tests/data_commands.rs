@@ -40,6 +40,22 @@ fn text(path: &Path) -> &str {
 }
 
 #[test]
+fn noise_is_judged_by_the_model_in_the_bag_unless_another_is_named() {
+    let home = TempDir::new().unwrap();
+    let out = home.path().join("step");
+    let experiment = ["experiment", "fine-step", "--guides", "guide_2", "--rest", "0.3", "--out", text(&out)];
+    let made = friction_stage(&experiment);
+    assert!(out.join("bags/guide_2_fine_step").is_dir(), "{}", stderr(&made));
+    let bag = out.join("bags/guide_2_fine_step");
+    let told = stdout(&friction_stage(&["check", text(&bag)]));
+    assert!(told.contains("0.0500 N is declared"), "{told}");
+    let quieter = home.path().join("quieter.yaml");
+    std::fs::write(&quieter, "force_cell: {noise: 0.01}\n").unwrap();
+    let told = stdout(&friction_stage(&["check", text(&bag), "--model", text(&quieter)]));
+    assert!(told.contains("0.0100 N is declared"), "{told}");
+}
+
+#[test]
 fn a_csv_file_is_imported_checked_and_told_in_sentences_and_json() {
     let home = TempDir::new().unwrap();
     let (csv, mapping) = drive(home.path(), 1.0);

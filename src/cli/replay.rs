@@ -69,9 +69,9 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let provenance = reader.provenance().cloned();
     let model = match &args.model {
         Some(name) => stage_settings::model(name)?,
-        None => reader
-            .model()?
-            .with_context(|| format!("{} holds no model: give one with --model", args.bag.display()))?,
+        None => {
+            reader.model()?.with_context(|| format!("{} holds no model: give one with --model", args.bag.display()))?
+        }
     };
     let seed = match (args.seed, &provenance) {
         (Some(seed), _) => seed,
