@@ -291,6 +291,11 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
             telltale(rival)
         ));
     }
+    for (name, periods) in &selection.unproven {
+        remarks.push(format!(
+            "{name} goes through {periods:.1} periods within the travel: that it repeats is not shown, a few such ripples add up to any curve over position. A longer travel would tell"
+        ));
+    }
     if selection.verdict == Verdict::Unknown
         && let Some(coordinate) = selection.coordinate
     {

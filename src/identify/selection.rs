@@ -35,6 +35,8 @@ const UNEXPLAINED: f64 = 0.1;
 const HALF_OF_THE_REST: f64 = 0.5;
 /// Part of what laws leave unexplained that a curve in their place may leave at most: a law says more than a curve of many knots.
 const CURVE_ALONE: f64 = 0.5;
+/// Periods within the travel from which on a ripple has shown that it is one. Assumed.
+const LEAST_PERIODS: f64 = 3.0;
 /// How often a curve is drawn anew at most, and how often laws are looked for beside it.
 const MOST_CURVES: usize = 4;
 /// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2: friction driven along a measured
@@ -127,6 +129,8 @@ pub struct Selection {
     pub runners_up: Vec<Option<(&'static str, f64)>>,
     /// Pairs that the data do not tell apart: effect of `after`, rival.
     pub inseparable: Vec<(&'static str, &'static str)>,
+    /// Ripples over the position that go through few periods within the travel, with how many.
+    pub unproven: Vec<(&'static str, f64)>,
     pub floor: Floor,
     pub stopped: bool,
 }
@@ -580,9 +584,9 @@ impl<'a> Search<'a> {
         }
         // Laws that explain a part each bend towards what is none of them: one curve alone may say it better.
         let laws = self.best.hypothesis.effects.len() - self.declared_effects();
+        let unexplained = !self.is_noise(&self.best_errors) && !self.is_explained(&self.best_errors);
         if laws > 0
-            && !self.is_noise(&self.best_errors)
-            && !self.is_explained(&self.best_errors)
+            && (unexplained || !self.unproven_ripples().is_empty())
             && let Some((alone, over)) = self.with_curve(&self.before.hypothesis, &self.errors_before, least)?
         {
             let found = errors(&alone.hypothesis, self.train, self.holdout)?;
@@ -596,6 +600,18 @@ impl<'a> Search<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Laws that were added which repeat over the position, and hardly do so in this record, with how often they do: a few of these add up to any curve.
+    fn unproven_ripples(&self) -> Vec<(&'static str, f64)> {
+        let position = &self.train.position;
+        let (from, to) = position.iter().fold((f64::MAX, f64::MIN), |(from, to), x| (from.min(*x), to.max(*x)));
+        let added = self.best.hypothesis.effects[self.declared_effects()..].iter();
+        let ripples = added.filter(|part| SEVERAL.contains(&part.descriptor.name)).filter_map(|part| {
+            let period = part.descriptor.parameters.iter().position(|parameter| parameter.name == "period")?;
+            Some((part.descriptor.name, (to - from) / part.values[period]))
+        });
+        ripples.filter(|(_, periods)| *periods < LEAST_PERIODS).collect()
     }
 
     /// Draws the curve anew while that is worth it.
@@ -744,6 +760,7 @@ impl<'a> Search<'a> {
         } else {
             Verdict::Found
         };
+        let unproven = self.unproven_ripples();
         Selection {
             verdict,
             before: self.before,
@@ -753,6 +770,7 @@ impl<'a> Search<'a> {
             evidence: self.evidence,
             coordinate: self.coordinate,
             runners_up,
+            unproven,
             inseparable: self.inseparable,
             floor: self.floor,
             stopped: self.stopped,
@@ -945,6 +963,21 @@ mod tests {
         let effects: Vec<String> = found.after.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
         assert_eq!(effects, ["cogging", "map"], "{:?}", found.verdict);
         assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Time)));
+    }
+
+    /// A bump that is wide against the travel is nearly the sum of a few ripples.
+    #[test]
+    fn a_curve_is_not_taken_for_the_ripples_that_add_up_to_it() {
+        let values = (0..41).map(|knot| 4.0 * (-(f64::from(knot) - 20.0).powi(2) / 8.0).exp()).collect();
+        let curve =
+            Curve { coordinate: Coordinate::Position, side: CurveSide::Carriage, from: -0.005, to: 0.025, values };
+        let real = StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() };
+        let model = StageModel::default();
+        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
+        let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
+        let effects: Vec<String> = found.after.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
+        assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Position)));
+        assert_eq!(effects, ["map"]);
     }
 
     #[test]

@@ -438,6 +438,7 @@ mod tests {
             coordinate: effects.iter().find_map(|part| part.parameters().curve.map(|curve| curve.coordinate)),
             runners_up: vec![None; effects.len()],
             inseparable,
+            unproven: Vec::new(),
             floor: train.floor(declared),
             stopped: false,
         }
