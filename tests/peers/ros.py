@@ -115,7 +115,7 @@ class Ros:
         """Has the controller follow a trajectory `lead` s of the stage's time from now. Returns its start, ns.
 
         In lockstep time runs several times as fast as the wall clock, and the first message to a new subscriber may take
-        3 s: a trajectory that came too late is sent again with a later start.
+        3 s: a trajectory that came too late is sent again with a later start, each time further ahead.
         """
         states = self.collect("/controller/state", depth=10)
         # The stage hears setpoints too, for its recording.
@@ -130,6 +130,7 @@ class Ros:
             )
             if nanoseconds(states[-1].setpoint_stamp) == start:
                 return start
+            lead *= 1.5
         raise AssertionError("the trajectory came too late 10 times")
 
     def call(self, kind: type, name: str, **request: Any) -> Any:
