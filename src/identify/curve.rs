@@ -7,6 +7,7 @@ use crate::plant::effects::viscous_friction;
 use crate::plant::{EffectDescriptor, Residual};
 
 use super::hypothesis::Part;
+use super::measured::range;
 
 /// Knot counts that are tried; the error that cross-validation leaves decides.
 const KNOTS: [usize; 6] = [8, 16, 32, 64, 128, 256];
@@ -30,8 +31,7 @@ pub fn propose(
         Coordinate::Velocity => residual.velocity,
         Coordinate::Time => residual.time,
     };
-    let from = along.iter().copied().fold(f64::INFINITY, f64::min);
-    let to = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let (from, to) = range(along);
     let total: f64 = residual.force.iter().map(|force| force * force).sum();
     if !(to > from && (to - from).is_finite() && total > 0.0) {
         return Ok(None);

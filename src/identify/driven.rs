@@ -106,7 +106,7 @@ impl Driven {
         self.added_mass
     }
 
-    /// Friction of each guide's bristles at the nodes with these guides in place of its own, N; `None` where a guide's friction hangs on that
+    /// Friction of each guide's bristles at the nodes with these guides in place of its own, N, without the viscous part; 0 where there is no guide. `None` where a guide's friction hangs on that
     /// of the others.
     pub fn friction_of_each(
         &self,
@@ -117,7 +117,11 @@ impl Driven {
         if !effects_of(laws)?.leaves_guides_apart() {
             return Ok(None);
         }
-        friction_of_each(guides, laws, measured, self.readings.steps(measured)).map(Some)
+        let mut at_nodes = [(); MAX_GUIDES].map(|()| vec![0.0; measured.len()]);
+        drive(guides, laws, measured, self.readings.steps(measured), |step, _, each| {
+            at_nodes.iter_mut().zip(each).for_each(|(at_nodes, friction)| step.share_out(friction, at_nodes));
+        })?;
+        Ok(Some(at_nodes))
     }
 }
 
@@ -182,27 +186,7 @@ pub(super) fn friction(
     steps: &[Step],
 ) -> Result<Vec<f64>, ModelError> {
     let mut at_nodes = vec![0.0; measured.len()];
-    drive(guides, laws, measured, steps, |step, friction, _| {
-        at_nodes[step.node] += step.early * friction;
-        at_nodes[step.node + 1] += step.late * friction;
-    })?;
-    Ok(at_nodes)
-}
-
-/// The same of each guide's bristles, without the viscous part; 0 where there is no guide.
-fn friction_of_each(
-    guides: &[Guide],
-    laws: &[Part],
-    measured: &Measured,
-    steps: &[Step],
-) -> Result<[Vec<f64>; MAX_GUIDES], ModelError> {
-    let mut at_nodes = [(); MAX_GUIDES].map(|()| vec![0.0; measured.len()]);
-    drive(guides, laws, measured, steps, |step, _, each| {
-        for (at_nodes, friction) in at_nodes.iter_mut().zip(each) {
-            at_nodes[step.node] += step.early * friction;
-            at_nodes[step.node + 1] += step.late * friction;
-        }
-    })?;
+    drive(guides, laws, measured, steps, |step, friction, _| step.share_out(friction, &mut at_nodes))?;
     Ok(at_nodes)
 }
 

@@ -52,6 +52,20 @@ pub struct Step {
     pub late: f64,
 }
 
+impl Step {
+    /// Adds the step's part of a force to its means at the nodes, N.
+    #[inline]
+    pub(super) fn share_out(&self, force: f64, at_nodes: &mut [f64]) {
+        at_nodes[self.node] += self.early * force;
+        at_nodes[self.node + 1] += self.late * force;
+    }
+}
+
+/// Least and largest of some values; infinite, the wrong way round, where there are none.
+pub(super) fn range(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| (least.min(*value), most.max(*value)))
+}
+
 /// A recording on a uniform grid, with everything that does not depend on a model worked out.
 ///
 /// Forces stand at the samples ("nodes") as the means of the two intervals around them, because the second difference of the
@@ -101,8 +115,7 @@ impl Measured {
         }
         let mut valid: Vec<bool> = trace.position.iter().map(|position| position.is_finite()).collect();
         let position = filled(&trace.position);
-        let lowest = position.iter().copied().fold(f64::INFINITY, f64::min);
-        let highest = position.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let (lowest, highest) = range(&position);
         let count_size = model.encoder.resolution.max(1e-12);
         if highest - lowest <= 10.0 * (count_size + model.encoder.noise) {
             return Err(IdentifyError::NoMotion { name: name.to_owned(), travel: highest - lowest });
