@@ -7,7 +7,6 @@ use crate::plant::effects::viscous_friction;
 use crate::plant::{EffectDescriptor, Residual};
 
 use super::hypothesis::Part;
-use super::measured::range;
 
 /// Knot counts that are tried; the error that cross-validation leaves decides.
 const KNOTS: [usize; 6] = [8, 16, 32, 64, 128, 256];
@@ -31,7 +30,7 @@ pub fn propose(
         Coordinate::Velocity => residual.velocity,
         Coordinate::Time => residual.time,
     };
-    let (from, to) = range(along);
+    let (from, to) = crate::range(along);
     let total: f64 = residual.force.iter().map(|force| force * force).sum();
     if !(to > from && (to - from).is_finite() && total > 0.0) {
         return Ok(None);

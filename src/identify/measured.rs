@@ -61,11 +61,6 @@ impl Step {
     }
 }
 
-/// Least and largest of some values; infinite, the wrong way round, where there are none.
-pub(super) fn range(values: &[f64]) -> (f64, f64) {
-    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| (least.min(*value), most.max(*value)))
-}
-
 /// A recording on a uniform grid, with everything that does not depend on a model worked out.
 ///
 /// Forces stand at the samples ("nodes") as the means of the two intervals around them, because the second difference of the
@@ -115,7 +110,7 @@ impl Measured {
         }
         let mut valid: Vec<bool> = trace.position.iter().map(|position| position.is_finite()).collect();
         let position = filled(&trace.position);
-        let (lowest, highest) = range(&position);
+        let (lowest, highest) = crate::range(&position);
         let count_size = model.encoder.resolution.max(1e-12);
         if highest - lowest <= 10.0 * (count_size + model.encoder.noise) {
             return Err(IdentifyError::NoMotion { name: name.to_owned(), travel: highest - lowest });

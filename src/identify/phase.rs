@@ -79,8 +79,7 @@ fn compare(position: &[f64], residual: &[f64], amplitude: f64, period: f64, phas
     let mean = right[2] / count;
     let gain = best.dot(&right) / count - mean * mean;
     let shift = cosine.atan2(sine) - phase;
-    let (lowest, highest) =
-        position.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+    let (lowest, highest) = crate::range(position);
     Some(RippleElsewhere {
         period,
         amplitudes: (amplitude, sine.hypot(cosine)),

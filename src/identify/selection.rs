@@ -12,7 +12,7 @@ use super::declared::Declared;
 use super::driven::Driven;
 use super::fit::{Effort, Fitted, correlation_length, fit};
 use super::hypothesis::{Hypothesis, Missing, Part, Place, Sides, Tolerances};
-use super::measured::{Floor, Measured, range};
+use super::measured::{Floor, Measured};
 
 /// Most effects that are added.
 pub const MOST_EFFECTS: usize = 4;
@@ -604,7 +604,7 @@ impl<'a> Search<'a> {
 
     /// Laws that were added which repeat over the position, and hardly do so in this record, with how often they do: a few of these add up to any curve.
     fn unproven_ripples(&self) -> Vec<(&'static str, f64)> {
-        let (from, to) = range(&self.train.position);
+        let (from, to) = crate::range(&self.train.position);
         let added = self.best.hypothesis.effects[self.declared_effects()..].iter();
         let ripples = added.filter(|part| SEVERAL.contains(&part.descriptor.name)).filter_map(|part| {
             let period = part.descriptor.parameters.iter().position(|parameter| parameter.name == "period")?;

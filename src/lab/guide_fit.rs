@@ -448,11 +448,11 @@ impl Motion {
     }
 
     fn force_range(&self) -> (f64, f64) {
-        range(&self.force)
+        crate::range(&self.force)
     }
 
     fn position_range(&self) -> (f64, f64) {
-        range(&self.position)
+        crate::range(&self.position)
     }
 
     /// Rms of sigma1 dz/dt along the motion, N.
@@ -557,10 +557,6 @@ impl Motion {
             rows: longest.len(),
         })
     }
-}
-
-fn range(values: &[f64]) -> (f64, f64) {
-    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(*value), high.max(*value)))
 }
 
 /// Weights that give value, first and second derivative of the least-squares cubic at the middle of 2 half + 1 samples
