@@ -237,33 +237,17 @@ fn force(part: &Part, measured: &Measured, readings: &Readings) -> Result<Force,
     let steps = readings.steps(measured);
     let side = part.side();
     let read = side == Side::Motor;
-    let pieces = effects.pieces();
-    let total = |(motor_side, carriage_side): (f64, f64)| motor_side + carriage_side;
     let mut at_nodes = vec![0.0; measured.len()];
     let mut at_samples = vec![0.0; if read { measured.len() } else { 0 }];
     for (index, step) in steps.iter().enumerate() {
         let (node, motion) = (step.node, step.motion);
-        let share = step.early + step.late;
-        for piece in 0..pieces {
-            // Middle of the piece from the middle of the step, in steps.
-            let aside = (f64::from(piece) + 0.5) / f64::from(pieces) - 0.5;
-            let time = aside * step.duration;
-            let there = Motion {
-                time: motion.time + time,
-                position: motion.position + time * motion.velocity,
-                velocity: motion.velocity + time * motion.acceleration,
-                ..motion
-            };
-            let force = total(effects.advance(&there, step.duration / f64::from(pieces)));
-            let late = step.late + aside * share * share;
-            at_nodes[node] += (share - late) / f64::from(pieces) * force;
-            at_nodes[node + 1] += late / f64::from(pieces) * force;
-        }
+        step.share_out_over(effects.advance_long(&motion, step.duration), &mut at_nodes);
         let ends = steps.get(index + 1).is_none_or(|next| next.node != node);
         if read && ends {
             let (position, velocity) = readings.at_sample(measured, node + 1);
             let end = Motion { time: measured.time[node + 1], position, velocity, ..motion };
-            at_samples[node + 1] = total(effects.advance(&end, 0.0));
+            let (motor_side, carriage_side) = effects.advance(&end, 0.0);
+            at_samples[node + 1] = motor_side + carriage_side;
         }
     }
     Ok(Force { part: part.clone(), side, at_nodes, at_samples })

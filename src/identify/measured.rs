@@ -5,6 +5,7 @@ use std::ops::Range;
 use crate::bag::Trace;
 use crate::model::{Guide, StageModel};
 use crate::plant::Motion;
+use crate::plant::effects::ForceOverStep;
 
 use super::IdentifyError;
 use super::lowpass::Lowpass;
@@ -58,6 +59,16 @@ impl Step {
     pub(super) fn share_out(&self, force: f64, at_nodes: &mut [f64]) {
         at_nodes[self.node] += self.early * force;
         at_nodes[self.node + 1] += self.late * force;
+    }
+
+    /// The same of a force that changes over the step: the later it comes, the more of it the later node gets.
+    #[inline]
+    pub(super) fn share_out_over(&self, force: ForceOverStep, at_nodes: &mut [f64]) {
+        self.share_out(force.mean, at_nodes);
+        let share = self.early + self.late;
+        let moved = share * share * force.moment;
+        at_nodes[self.node] -= moved;
+        at_nodes[self.node + 1] += moved;
     }
 }
 

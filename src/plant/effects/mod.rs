@@ -77,6 +77,15 @@ pub struct Motion {
     pub friction: f64,
 }
 
+/// A force along +x over a step: what comes early and what comes late in it move the samples on either side unequally.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ForceOverStep {
+    /// N
+    pub mean: f64,
+    /// Mean of the force times the time since the middle of the step, N times steps: between -1/2 and 1/2 of the largest force.
+    pub moment: f64,
+}
+
 /// What the model of guides, mass, motor and sensors lacks.
 ///
 /// The plant and identification drive the same object: `friction` once per step, then `force` once per step, with the steps in
@@ -86,6 +95,25 @@ pub trait Effect: Debug + Send + Sync {
     /// command, before the force cell; on the carriage side it acts behind the cell.
     fn force(&mut self, _motion: &Motion, _step: f64) -> f64 {
         0.0
+    }
+
+    /// As [`Effect::force`], over a step as long as a control cycle, with where in it the force acts.
+    fn force_over(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
+        let (pieces, mut over) = (self.pieces(), ForceOverStep::default());
+        for piece in 0..pieces {
+            let aside = (f64::from(piece) + 0.5) / f64::from(pieces) - 0.5;
+            let time = aside * step;
+            let there = Motion {
+                time: motion.time + time,
+                position: motion.position + time * motion.velocity,
+                velocity: motion.velocity + time * motion.acceleration,
+                ..*motion
+            };
+            let part = self.force(&there, step / f64::from(pieces)) / f64::from(pieces);
+            over.mean += part;
+            over.moment += aside * part;
+        }
+        over
     }
 
     /// Multiplies the factors on the guides' laws over a step; called only if `scales_friction`.
@@ -101,8 +129,7 @@ pub trait Effect: Debug + Send + Sync {
         false
     }
 
-    /// Pieces into which a step as long as a control cycle is to be divided, where the force changes much within it though the motion is smooth:
-    /// the samples on either side feel what comes early and what comes late unequally.
+    /// Pieces into which [`Effect::force_over`] divides a step, where the force changes much within it though the motion is smooth.
     fn pieces(&self) -> u32 {
         1
     }
@@ -415,11 +442,6 @@ impl Effects {
         self.list.iter().rev().find_map(|entry| entry.effect.bristle_elements())
     }
 
-    /// Pieces into which a step as long as a control cycle is to be divided, at least 1.
-    pub fn pieces(&self) -> u32 {
-        self.list.iter().map(|entry| entry.effect.pieces()).max().unwrap_or(1)
-    }
-
     /// Whether the guides' laws or bristles are not those of the model alone.
     pub fn shapes_friction(&self) -> bool {
         self.scales_friction || self.bristle_elements().is_some()
@@ -451,6 +473,14 @@ impl Effects {
             }
         }
         self.last()
+    }
+
+    /// Advances every effect by a step as long as a control cycle; sum of their forces.
+    pub fn advance_long(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
+        self.list.iter_mut().fold(ForceOverStep::default(), |sum, entry| {
+            let over = entry.effect.force_over(motion, step);
+            ForceOverStep { mean: sum.mean + over.mean, moment: sum.moment + over.moment }
+        })
     }
 
     /// Sums of the last step: motor side, carriage side, N.
