@@ -168,6 +168,13 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
                 .to_owned(),
         );
     }
+    if selection.after.hypothesis.effects.iter().any(|part| part.slips()) {
+        warnings.push(
+            "ball_passage slips: its amplitude and phase are each record's own, the errors of either record are those with the ones that fit it best, the closed loop \
+             is simulated without it, and a stage that loads the model shows one example of such phases"
+                .to_owned(),
+        );
+    }
     let loops = simulate(&selection, &input, &there.model(), &mut warnings);
     warnings.extend(remarks(&selection, input.train.measured.rate));
     warnings.extend(moved_ripples(&selection, &input)?);
@@ -289,6 +296,13 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
             "{effect} and {rival} explain these data equally: all values, the mass among them, hold if it is {effect}; --next-experiment writes a motion that would separate them where there is one. What gives {effect} away: {}; {rival}: {}",
             telltale(effect),
             telltale(rival)
+        ));
+    }
+    let passages =
+        selection.after.hypothesis.effects.iter().filter(|part| part.descriptor.name == "ball_passage").count();
+    if passages > 1 {
+        remarks.push(format!(
+            "{passages} ball_passage stand for guides of which each has a period of its own: together they are the ripple, and the values of one are not those of a guide"
         ));
     }
     for (name, periods) in &selection.unproven {

@@ -5,6 +5,8 @@
 //! the coefficients. Whether that is the controller is not judged by this fit, which sees each past force, but by letting the
 //! found controller run freely on the recorded errors.
 
+use std::slice;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::IdentifyError;
@@ -228,7 +230,7 @@ pub fn controller_of(train: &Trace, records: &[&Trace]) -> Result<LinearControll
 }
 
 /// Encoder reading of the simulated loop less the recorded one at each row, m; NaN where the recording has none. The stage is that of
-/// the model without sensor noise; setpoint and controller are the recorded ones.
+/// the model without sensor noise and without ripples whose phase the model does not know; setpoint and controller are the recorded ones.
 pub fn position_error(
     model: &StageModel,
     trace: &Trace,
@@ -244,6 +246,8 @@ pub fn position_error(
     let rate = if (rate - rate.round()).abs() < 1e-5 * rate { rate.round() } else { rate };
     let rates = Rates::of_control(rate)?;
     let mut quiet = model.clone().without_noise();
+    // An effect that is not possible is for the stage to refuse.
+    quiet.effects.retain(|effect| !Effects::new(slice::from_ref(effect)).is_ok_and(|effect| effect.slips()));
     // The recorded command is what the controller gave; the model's own limit would cut it where the machine did not.
     quiet.motor.force_limit = quiet.motor.force_limit.max(largest(&trace.force));
     let mut stage = Stage::new(&quiet, rates, 0)?;

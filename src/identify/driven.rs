@@ -10,6 +10,7 @@ use crate::plant::{FrictionScale, GuideBank, Motion, Side};
 
 use super::hypothesis::{Hypothesis, Part, Sides};
 use super::measured::{Measured, Step};
+use super::slipping::Slipping;
 
 /// Guides, effects and sensors of one hypothesis along one record.
 #[derive(Clone, Debug, Default)]
@@ -17,6 +18,8 @@ pub(super) struct Driven {
     readings: Arc<Readings>,
     friction: Option<Arc<Friction>>,
     forces: Vec<Arc<Force>>,
+    /// What balls that slip add to the carriage side.
+    slipping: Option<Arc<Slipping>>,
     /// kg
     added_mass: f64,
 }
@@ -102,6 +105,13 @@ impl Driven {
         self.forces.iter().map(Arc::as_ref)
     }
 
+    /// Takes out of a force of the carriage side at the rows, N, what this record has for itself.
+    pub fn take_out_own(&self, carriage: &mut [f64]) {
+        if let Some(slipping) = &self.slipping {
+            slipping.take_from(carriage);
+        }
+    }
+
     pub fn added_mass(&self) -> f64 {
         self.added_mass
     }
@@ -163,13 +173,19 @@ impl Hypothesis {
         let forces = self
             .effects
             .iter()
-            .filter(|part| part.side() != Side::Sensor)
+            .filter(|part| part.side() != Side::Sensor && part.slipping_ripple().is_none())
             .map(|part| {
                 let known = before.forces.iter().find(|known| moves_alike && known.part == *part);
                 known.map_or_else(|| Ok(Arc::new(force(part, measured, &readings)?)), |known| Ok(known.clone()))
             })
             .collect::<Result<_, ModelError>>()?;
-        Ok(Driven { readings, friction, forces, added_mass })
+        let ripples: Vec<_> = match sides.carriage {
+            true => self.effects.iter().filter_map(Part::slipping_ripple).collect(),
+            false => Vec::new(),
+        };
+        let known = before.slipping.as_ref().filter(|known| known.ripples == ripples);
+        let slipping = known.cloned().or_else(|| Slipping::new(ripples, measured).map(Arc::new));
+        Ok(Driven { readings, friction, forces, slipping, added_mass })
     }
 }
 

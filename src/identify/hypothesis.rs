@@ -5,11 +5,12 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::model::{EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
-use crate::plant::{EffectDescriptor, Side};
+use crate::plant::{EffectDescriptor, Side, SlippingRipple};
 
 use super::declared::Declared;
 use super::driven::{self, Driven};
 use super::measured::{Floor, Measured};
+use super::slipping::Slipping;
 
 /// How far the real machine may be from the declared one, as shares of the declared values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,6 +62,16 @@ impl PartialEq for Part {
 impl Part {
     pub fn parameters(&self) -> EffectParameters {
         self.descriptor.parameters_of(&self.values)
+    }
+
+    /// What each record has for itself of it: of balls that slip the whole force.
+    pub(super) fn slipping_ripple(&self) -> Option<SlippingRipple> {
+        (self.descriptor.build)(&self.values).slipping_ripple()
+    }
+
+    /// Whether the law leaves amplitude and phase of the force to each record.
+    pub fn slips(&self) -> bool {
+        self.slipping_ripple().is_some()
     }
 
     /// Side of the force cell, or sensor, where it acts: a map has it among its values.
@@ -217,6 +228,30 @@ impl Hypothesis {
                 let best = factors.solve(&right);
                 here.effects[effect].values[phase] = best[1].atan2(best[0]);
             }
+        }
+        Ok(here)
+    }
+
+    /// Numbers that a record has for itself: of each ripple of balls that slip its knots.
+    pub(super) fn own_numbers(&self, measured: &Measured) -> usize {
+        let ripples = self.effects.iter().filter_map(Part::slipping_ripple).collect();
+        Slipping::new(ripples, measured).map_or(0, |slipping| slipping.columns())
+    }
+
+    /// The same with the amplitudes of balls that slip as this record shows them, on the mean: with all guides in phase they would be twice the root
+    /// of the sum of the squares of four that are not.
+    pub(super) fn with_own_amplitudes(&self, measured: &Measured) -> Result<Hypothesis, ModelError> {
+        let of_record = |part: &Part| part.slipping_ripple();
+        let Some(slipping) = Slipping::new(self.effects.iter().filter_map(of_record).collect(), measured) else {
+            return Ok(self.clone());
+        };
+        let mut without = self.clone();
+        without.effects.retain(|part| of_record(part).is_none());
+        let missing = without.missing(measured, Sides::CARRIAGE)?;
+        let mut here = self.clone();
+        let slips = here.effects.iter_mut().filter(|part| of_record(part).is_some());
+        for (part, amplitude) in slips.zip(slipping.amplitudes(&missing.carriage)) {
+            part.values[0] = 2.0 * amplitude;
         }
         Ok(here)
     }
@@ -393,7 +428,9 @@ impl Hypothesis {
     pub(super) fn missing_of(&self, driven: &Driven, measured: &Measured, sides: Sides) -> Missing {
         let Missing { motor, carriage } = self.missing_at_samples(driven, measured, sides);
         let filtered = |signal: Vec<f64>| if signal.is_empty() { signal } else { measured.filtered(&signal) };
-        Missing { motor: filtered(motor), carriage: filtered(carriage) }
+        let mut carriage = filtered(carriage);
+        driven.take_out_own(&mut carriage);
+        Missing { motor: filtered(motor), carriage }
     }
 
     /// The same at every sample and not filtered; 0 at both ends, where there is no second difference.

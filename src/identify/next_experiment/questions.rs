@@ -25,7 +25,7 @@ pub(super) const UNTOLD: f64 = 0.5;
 pub(super) const USUAL: [(&str, &[f64]); 20] = [
     ("actuator_lag", &[2e-4, 0.0]),
     ("asymmetric_friction", &[0.05, 0.05]),
-    ("ball_passage", &[0.5, 9e-3, 0.0, 0.0, 0.0]),
+    ("ball_passage", &[0.5, 9e-3, 0.0, 0.0, 0.0, 0.0]),
     ("cable_chain", &[20.0, 0.0, 0.5, 1e-3, 0.0]),
     ("cogging", &[2.0, 24e-3, 0.0]),
     ("constant_force", &[0.5]),

@@ -47,7 +47,7 @@ effects!(
 );
 
 mod regression;
-pub(crate) use regression::viscous_friction;
+pub(crate) use regression::{golden_maximum, viscous_friction};
 
 /// Where an effect enters, which decides who can see it: the force cell sees the motor side only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,6 +84,15 @@ pub struct ForceOverStep {
     pub mean: f64,
     /// Mean of the force times the time since the middle of the step, N times steps: between -1/2 and 1/2 of the largest force.
     pub moment: f64,
+}
+
+/// A ripple over the position whose amplitude and phase change with the distance travelled, otherwise in each record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlippingRipple {
+    /// m
+    pub period: f64,
+    /// Distance over which they change little, m.
+    pub piece: f64,
 }
 
 /// What the model of guides, mass, motor and sensors lacks.
@@ -136,6 +145,11 @@ pub trait Effect: Debug + Send + Sync {
 
     /// Shares of the elements that stand in parallel in each guide, in place of its one bristle.
     fn bristle_elements(&self) -> Option<BristleElements> {
+        None
+    }
+
+    /// The ripple of balls that slip, whose phase is each record's own: what a record shows of it is found in that record, not by the law.
+    fn slipping_ripple(&self) -> Option<SlippingRipple> {
         None
     }
 
@@ -323,8 +337,13 @@ struct Entry {
 impl EffectDescriptor {
     /// Whether a value has a part in the form of the law that these values choose.
     pub fn takes_part(&self, values: &[f64], index: usize) -> bool {
-        let chooses = self.parameters.get(index).is_some_and(|parameter| parameter.name == "form");
-        self.name == "map" || chooses || (self.free)(values, index)
+        let always = self.parameters.get(index).is_some_and(|parameter| match parameter.name {
+            "form" => true,
+            "slip" => values[index] > 0.0,
+            // What a model has to give.
+            _ => parameter.default.is_none(),
+        });
+        self.name == "map" || always || (self.free)(values, index)
     }
 
     /// The descriptor of a canonical name.
@@ -450,6 +469,11 @@ impl Effects {
     /// Whether each guide goes its own way along a given motion: no factor on its laws hangs on what the others do.
     pub fn leaves_guides_apart(&self) -> bool {
         !self.list.iter().any(|entry| entry.effect.feels_friction())
+    }
+
+    /// Whether the phase of any of them is each record's own.
+    pub fn slips(&self) -> bool {
+        self.list.iter().any(|entry| entry.effect.slipping_ripple().is_some())
     }
 
     /// Factors on the guides' laws over a step. Before [`Effects::advance`], once per step.

@@ -288,7 +288,7 @@ pub(super) fn strongest_wave(
 }
 
 /// Where a function with one peak between the limits is largest.
-pub(super) fn golden_maximum(mut low: f64, mut high: f64, function: impl Fn(f64) -> f64) -> f64 {
+pub(crate) fn golden_maximum(mut low: f64, mut high: f64, function: impl Fn(f64) -> f64) -> f64 {
     let ratio = (5f64.sqrt() - 1.0) / 2.0;
     let (mut left, mut right) = (high - ratio * (high - low), low + ratio * (high - low));
     let (mut at_left, mut at_right) = (function(left), function(right));

@@ -1,0 +1,206 @@
+//! Ripples over the position whose phase each record has for itself: balls that slip.
+//!
+//! Guides whose phases walk are together one ripple, F = S(s) sin(2 pi x / p) + C(s) cos(2 pi x / p), of which S and C change slowly with the
+//! distance travelled s. No law tells them. They are linear here between knots a piece apart, and in each record those that leave least of
+//! the missing force (variable projection: Golub, Pereyra, SIAM Journal on Numerical Analysis 10, 1973): what is fitted of the law is its period.
+
+use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
+
+use crate::plant::SlippingRipple;
+use crate::plant::effects::golden_maximum;
+
+use super::measured::Measured;
+
+/// Part of the largest curvature that is added to each: knots that the record says nothing of stay at 0.
+const RIDGE: f64 = 1e-9;
+/// Steps of a search for a period per turn of the phase over the travel.
+const STEPS_PER_TURN: f64 = 4.0;
+/// Most steps of it.
+const MOST_STEPS: f64 = 2000.0;
+/// Fewest periods within the travel. Assumed: fewer are no ripple but a curve.
+const LEAST_PERIODS: f64 = 8.0;
+
+/// What the ripples of a hypothesis can be on a record.
+#[derive(Clone, Debug)]
+pub(super) struct Slipping {
+    pub ripples: Vec<SlippingRipple>,
+    waves: Vec<Waves>,
+    factors: Cholesky<f64, Dyn>,
+}
+
+/// One ripple at the rows of a record.
+#[derive(Clone, Debug)]
+struct Waves {
+    sine: Vec<f64>,
+    cosine: Vec<f64>,
+    /// Of each row the knot before it, and how far it is on the way to the next.
+    places: Vec<(usize, f64)>,
+    /// Column of the first knot: two for each knot.
+    first: usize,
+}
+
+impl Waves {
+    fn new(ripple: SlippingRipple, sine: Vec<f64>, cosine: Vec<f64>, travelled: &[f64], first: usize) -> Waves {
+        let all = travelled.last().copied().unwrap_or(0.0);
+        let pieces = (all / ripple.piece).round().max(0.0);
+        let place = |travelled: &f64| {
+            let along = if all > 0.0 { travelled / all * pieces } else { 0.0 };
+            let knot = along.floor().min((pieces - 1.0).max(0.0));
+            (knot as usize, along - knot)
+        };
+        Waves { sine, cosine, places: travelled.iter().map(place).collect(), first }
+    }
+
+    fn columns(&self) -> usize {
+        2 * (self.places.last().map_or(0, |(knot, part)| knot + usize::from(*part > 0.0)) + 1)
+    }
+
+    /// The columns that are not 0 in a row, with their entries.
+    fn row(&self, row: usize) -> [(usize, f64); 4] {
+        let (knot, part) = self.places[row];
+        let (sine, cosine, at) = (self.sine[row], self.cosine[row], self.first + 2 * knot);
+        // Where there is one knot alone the second pair is 0, and stands on the first.
+        let next = if part > 0.0 { at + 2 } else { at };
+        [(at, (1.0 - part) * sine), (at + 1, (1.0 - part) * cosine), (next, part * sine), (next + 1, part * cosine)]
+    }
+}
+
+impl Slipping {
+    /// Ripples of a hypothesis, filtered as the forces are; `None` without any.
+    pub fn new(ripples: Vec<SlippingRipple>, measured: &Measured) -> Option<Slipping> {
+        let travelled = travelled(measured);
+        let wave = |ripple: &SlippingRipple| {
+            let turn = |of: fn(f64) -> f64| -> Vec<f64> {
+                let values: Vec<f64> = measured.position.iter().map(|x| of(TAU * x / ripple.period)).collect();
+                measured.filtered(&values)
+            };
+            (turn(f64::sin), turn(f64::cos))
+        };
+        let waves = ripples.iter().map(wave).collect();
+        Slipping::of(ripples, waves, &travelled)
+    }
+
+    /// `waves`: sine and cosine of each ripple at the rows; `travelled`: distance there, m.
+    fn of(ripples: Vec<SlippingRipple>, waves: Vec<(Vec<f64>, Vec<f64>)>, travelled: &[f64]) -> Option<Slipping> {
+        let mut first = 0;
+        let mut all: Vec<Waves> = Vec::new();
+        for (ripple, (sine, cosine)) in ripples.iter().zip(waves) {
+            let waves = Waves::new(*ripple, sine, cosine, travelled, first);
+            first += waves.columns();
+            all.push(waves);
+        }
+        if first == 0 {
+            return None;
+        }
+        let mut normal = DMatrix::zeros(first, first);
+        for row in 0..travelled.len() {
+            for (index, waves) in all.iter().enumerate() {
+                for (column, entry) in waves.row(row) {
+                    for other in &all[..=index] {
+                        other.row(row).iter().for_each(|(before, value)| normal[(column, *before)] += entry * value);
+                    }
+                }
+            }
+        }
+        let ridge = RIDGE * normal.diagonal().max() + f64::MIN_POSITIVE;
+        (0..first).for_each(|column| normal[(column, column)] += ridge);
+        // Of a symmetric matrix the lower triangle is enough.
+        Some(Slipping { ripples, waves: all, factors: normal.cholesky()? })
+    }
+
+    /// Numbers that a record has for itself.
+    pub fn columns(&self) -> usize {
+        self.waves.iter().map(Waves::columns).sum()
+    }
+
+    /// Knots of sine and cosine, N, that leave least of a force at the rows.
+    fn knots(&self, force: &[f64]) -> DVector<f64> {
+        let mut right = DVector::zeros(self.columns());
+        for waves in &self.waves {
+            for (row, force) in force.iter().enumerate() {
+                waves.row(row).iter().for_each(|(column, entry)| right[*column] += entry * force);
+            }
+        }
+        self.factors.solve(&right)
+    }
+
+    /// Takes out of a force at the rows, N, what the ripples can be of it.
+    pub fn take_from(&self, force: &mut [f64]) {
+        let knots = self.knots(force);
+        for waves in &self.waves {
+            for (row, force) in force.iter_mut().enumerate() {
+                *force -= waves.row(row).iter().map(|(column, entry)| knots[*column] * entry).sum::<f64>();
+            }
+        }
+    }
+
+    /// Root of the mean of S^2 + C^2 along the rows, for each ripple, N, as it fits a force best.
+    pub fn amplitudes(&self, force: &[f64]) -> Vec<f64> {
+        let knots = self.knots(force);
+        let amplitude = |waves: &Waves| {
+            let squares = waves.places.iter().map(|(knot, part)| {
+                let at = waves.first + 2 * knot;
+                let next = if *part > 0.0 { at + 2 } else { at };
+                let along = |offset: usize| (1.0 - part) * knots[at + offset] + part * knots[next + offset];
+                along(0).powi(2) + along(1).powi(2)
+            });
+            (squares.sum::<f64>() / waves.places.len().max(1) as f64).sqrt()
+        };
+        self.waves.iter().map(amplitude).collect()
+    }
+}
+
+/// Distance travelled at the rows, m.
+fn travelled(measured: &Measured) -> Vec<f64> {
+    let mut way = 0.0;
+    let mut at_samples = vec![0.0; measured.len()];
+    for k in 1..measured.len() {
+        way += (measured.position[k] - measured.position[k - 1]).abs();
+        at_samples[k] = way;
+    }
+    measured.at_rows(&at_samples)
+}
+
+/// What a ripple can take out of the squares of a force at the rows of a record, N^2.
+pub(super) fn taken(force: &[f64], measured: &Measured, ripple: Option<SlippingRipple>) -> Option<f64> {
+    let slipping = Slipping::new(vec![ripple?], measured)?;
+    let mut left = force.to_vec();
+    slipping.take_from(&mut left);
+    let squares = |force: &[f64]| force.iter().map(|force| force * force).sum::<f64>();
+    Some(squares(force) - squares(&left))
+}
+
+/// Searches a force at the rows of a record for a ripple, N; `law` gives the ripple of a period. Period, m, of the one that takes most out; `None` where the travel is too
+/// short for any of `periods`.
+pub(super) fn strongest(
+    force: &[f64],
+    measured: &Measured,
+    law: impl Fn(f64) -> Option<SlippingRipple> + Sync,
+    periods: RangeInclusive<f64>,
+) -> Option<f64> {
+    let (travelled, position) = (travelled(measured), measured.at_rows(&measured.position));
+    let (lowest, highest) = crate::range(&position);
+    let range = highest - lowest;
+    let (fewest, most) = ((range / periods.end()).max(LEAST_PERIODS), range / periods.start());
+    if most.is_nan() || most <= fewest {
+        return None;
+    }
+    let explained = |turns: f64| {
+        let Some(ripple) = law(range / turns) else { return f64::NEG_INFINITY };
+        let waves = position.iter().map(|x| (TAU * x / ripple.period).sin_cos()).unzip();
+        let Some(slipping) = Slipping::of(vec![ripple], vec![waves], &travelled) else { return f64::NEG_INFINITY };
+        let mut left = force.to_vec();
+        slipping.take_from(&mut left);
+        -left.iter().map(|left| left * left).sum::<f64>()
+    };
+    let steps = ((most - fewest) * STEPS_PER_TURN).ceil().clamp(1.0, MOST_STEPS);
+    let turns = |step: f64| fewest + (most - fewest) * step / steps;
+    let all: Vec<f64> = (0..=steps as usize).into_par_iter().map(|step| explained(turns(step as f64))).collect();
+    let best = (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b]))? as f64;
+    let best = golden_maximum((best - 1.0).max(0.0), (best + 1.0).min(steps), |step| explained(turns(step)));
+    Some(range / turns(best))
+}
