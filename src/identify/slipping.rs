@@ -72,7 +72,7 @@ impl Waves {
 impl Slipping {
     /// Ripples of a hypothesis, filtered as the forces are; `None` without any.
     pub fn new(ripples: Vec<SlippingRipple>, measured: &Measured) -> Option<Slipping> {
-        let travelled = travelled(measured);
+        let travelled = measured.at_rows(&travelled(&measured.position));
         let wave = |ripple: &SlippingRipple| {
             let turn = |of: fn(f64) -> f64| -> Vec<f64> {
                 let values: Vec<f64> = measured.position.iter().map(|x| of(TAU * x / ripple.period)).collect();
@@ -154,15 +154,13 @@ impl Slipping {
     }
 }
 
-/// Distance travelled at the rows, m.
-fn travelled(measured: &Measured) -> Vec<f64> {
-    let mut way = 0.0;
-    let mut at_samples = vec![0.0; measured.len()];
-    for k in 1..measured.len() {
-        way += (measured.position[k] - measured.position[k - 1]).abs();
-        at_samples[k] = way;
+/// Distance travelled at each position, m.
+fn travelled(position: &[f64]) -> Vec<f64> {
+    let mut travelled = vec![0.0; position.len()];
+    for k in 1..position.len() {
+        travelled[k] = travelled[k - 1] + (position[k] - position[k - 1]).abs();
     }
-    measured.at_rows(&at_samples)
+    travelled
 }
 
 /// What a ripple can take out of the squares of a force at the rows of a record, N^2.
@@ -182,7 +180,8 @@ pub(super) fn strongest(
     law: impl Fn(f64) -> Option<SlippingRipple> + Sync,
     periods: RangeInclusive<f64>,
 ) -> Option<f64> {
-    let (travelled, position) = (travelled(measured), measured.at_rows(&measured.position));
+    let (travelled, position) =
+        (measured.at_rows(&travelled(&measured.position)), measured.at_rows(&measured.position));
     let (lowest, highest) = crate::range(&position);
     let range = highest - lowest;
     let (fewest, most) = ((range / periods.end()).max(LEAST_PERIODS), range / periods.start());
@@ -203,4 +202,74 @@ pub(super) fn strongest(
     let best = (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b]))? as f64;
     let best = golden_maximum((best - 1.0).max(0.0), (best + 1.0).min(steps), |step| explained(turns(step)));
     Some(range / turns(best))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::driven::tests::record;
+    use super::*;
+    use crate::plant::Side;
+
+    /// Force of a ripple whose phase turns by `turn` rad per metre travelled, N, at the rows, beside a slow one.
+    fn force(measured: &Measured, period: f64, turn: f64) -> (Vec<f64>, Vec<f64>) {
+        let of = |(x, s): (&f64, f64)| 0.4 * (TAU * x / period + 0.8 + turn * s).sin();
+        let ripple: Vec<f64> = measured.position.iter().zip(travelled(&measured.position)).map(of).collect();
+        let other: Vec<f64> = measured.position.iter().map(|x| 2.0 * x + 0.1).collect();
+        (measured.filtered(&ripple), measured.filtered(&other))
+    }
+
+    fn rms(values: &[f64]) -> f64 {
+        (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn a_ripple_whose_phase_turns_is_taken_out_and_what_is_beside_it_stays() {
+        let measured = record();
+        let (ripple, other) = force(&measured, 4e-3, 2.0);
+        let mut left: Vec<f64> = ripple.iter().zip(&other).map(|(ripple, other)| ripple + other).collect();
+        let slipping = Slipping::new(vec![SlippingRipple { period: 4e-3, piece: 0.1 }], &measured).unwrap();
+        // 0.4 m are travelled: four pieces.
+        assert_eq!(slipping.columns(), 10);
+        let amplitude = slipping.amplitudes(&ripple)[0];
+        assert!((amplitude / 0.4 - 1.0).abs() < 0.02, "{amplitude}");
+        slipping.take_from(&mut left);
+        let off: Vec<f64> = left.iter().zip(&other).map(|(left, other)| left - other).collect();
+        // Where the carriage turns, any force is a ripple.
+        assert!(rms(&off) < 0.2 * rms(&other), "{} of {}", rms(&off), rms(&other));
+        let rest = |piece: f64| {
+            let mut left = ripple.clone();
+            Slipping::new(vec![SlippingRipple { period: 4e-3, piece }], &measured).unwrap().take_from(&mut left);
+            rms(&left) / rms(&ripple)
+        };
+        // One phase for the whole record does not do.
+        assert!(rest(0.1) < 0.01 && rest(10.0) > 0.15, "{} {}", rest(0.1), rest(10.0));
+    }
+
+    #[test]
+    fn the_period_of_a_ripple_is_found_whose_phase_turns() {
+        let measured = record();
+        let (ripple, _) = force(&measured, 4e-3, 2.0);
+        let law = |period| Some(SlippingRipple { period, piece: 0.1 });
+        let period = strongest(&ripple, &measured, law, 1e-3..=1e-2).unwrap();
+        assert!((period / 4e-3 - 1.0).abs() < 3e-3, "{period}");
+        let none = strongest(&ripple, &measured, law, 0.05..=0.1);
+        assert_eq!(none, None, "of a travel of 0.1 m");
+    }
+
+    #[test]
+    fn what_slips_is_no_force_of_the_law_and_leaves_the_other_side_alone() {
+        use super::super::driven::tests::hypothesis;
+        use super::super::{Part, Sides};
+        let measured = record();
+        let with = hypothesis(&[("ball_passage", &[0.4, 4e-3, 0.0, 0.0, 0.0, 1.0])]);
+        let without = with.without(0);
+        assert!(with.effects.iter().all(Part::slips) && with.effects[0].side() == Side::Carriage);
+        let [with, without] = [with, without].map(|one| one.missing(&measured, Sides::BOTH).unwrap());
+        assert_eq!(with.motor, without.motor);
+        let mut expected = without.carriage.clone();
+        let ripple = SlippingRipple { period: 4e-3, piece: 0.25 };
+        Slipping::new(vec![ripple], &measured).unwrap().take_from(&mut expected);
+        assert_eq!(with.carriage, expected);
+        assert!(rms(&with.carriage) < rms(&without.carriage));
+    }
 }

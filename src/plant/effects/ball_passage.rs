@@ -291,6 +291,45 @@ mod tests {
     }
 
     #[test]
+    fn balls_that_slip_turn_the_phase_with_the_distance_and_not_with_the_position() {
+        let values = [0.8, 1e-2, 0.0, 0.0, 0.0, 0.5];
+        let mut passage = BallPassage::new(&values);
+        // To and fro over a period, 0.02 m each time.
+        let mut phases = Vec::new();
+        for _ in 0..20_000 {
+            for position in [0.0, 2.5e-3, 5e-3, 1e-2, 3.3e-3] {
+                at(&mut passage, position);
+            }
+            at(&mut passage, 0.0);
+            phases.push(passage.slip.as_ref().unwrap().phases.map(|(last, _)| last));
+        }
+        // Over 1 m: 50 times.
+        let squares = phases.windows(51).step_by(50).flat_map(|piece| (0..GUIDES).map(|guide| (piece[50][guide] - piece[0][guide]).powi(2)));
+        let squares: Vec<f64> = squares.collect();
+        let deviation = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        // 1600 pieces: standard error 2 %.
+        assert!((deviation / 0.5 - 1.0).abs() < 0.08, "{deviation} of {}", squares.len());
+    }
+
+    #[test]
+    fn balls_that_slip_do_so_alike_at_any_step_and_after_a_reset() {
+        let values = [0.8, 1e-2, 0.4, 0.0, 0.0, 1.5];
+        let end = |passage: &mut BallPassage, steps: i32| {
+            (1..=steps).map(|k| at(passage, 0.137 * f64::from(k) / f64::from(steps))).last().unwrap()
+        };
+        let mut passage = BallPassage::new(&values);
+        let coarse = end(&mut passage, 100);
+        passage.reset();
+        let fine = end(&mut passage, 12_345);
+        assert!((coarse - fine).abs() < 1e-9 && fine.abs() > 1e-3, "{coarse} {fine}");
+        // Where it was is forgotten, how it came there is not.
+        let again = at(&mut passage, 0.0);
+        passage.reset();
+        let first = at(&mut passage, 0.0);
+        assert!((again - first).abs() > 1e-3, "{again} {first}");
+    }
+
+    #[test]
     fn proposal_finds_amplitude_period_and_phase_under_noise_and_nothing_in_noise() {
         let found = proposal(&DESCRIPTOR, &[0.4, 9e-3, 2.0, 0.0, 0.0, 0.0]);
         assert!((found[0] / 0.4 - 1.0).abs() < 0.1 && (found[1] / 9e-3 - 1.0).abs() < 0.002, "{found:?}");
