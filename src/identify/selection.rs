@@ -31,6 +31,10 @@ const SIMPLER: f64 = 0.97;
 pub(super) const RIVAL: f64 = 0.985;
 /// Share of the explainable residual that a map must take out beyond the laws for the verdict to become unknown.
 const UNEXPLAINED: f64 = 0.1;
+/// Share of the explainable residual, and floors of noise, that laws which are the answer may leave, where it is more than noise: right ones left 0.02
+/// and 6 floors at most, false ones 0.03 and 38, or 0.09 and 103.
+const LEFT_AT_MOST: f64 = 0.05;
+const FLOORS_AT_MOST: f64 = 15.0;
 /// Share of what laws leave, where that is no noise, that a map must take out for the same, and share of what a map leaves that a law beside
 /// it must: the rest of a curve of few knots has a shape that many a law bends towards.
 const HALF_OF_THE_REST: f64 = 0.5;
@@ -341,7 +345,10 @@ impl<'a> Search<'a> {
                 let (name, unit) = (one.name(), one.unit());
                 let (is, was) = (value(&again), value(&Hypothesis::new(declared, tolerances).ok()?));
                 let factor = (is / was).max(was / is);
-                farthest = farthest.max(factor);
+                // The others show only where a stage hardly moves: what a law does there bends them far.
+                if matches!(one, Declared::CoulombForce | Declared::ViscousFriction) {
+                    farthest = farthest.max(factor);
+                }
                 (factor > 1.0 + tolerances.guides)
                     .then(|| format!("{name} is {is:.4} {unit}, declared {was:.4} {unit}"))
             })
@@ -398,7 +405,8 @@ impl<'a> Search<'a> {
 
     /// Whether little enough is left for what was found to be the answer.
     fn is_explained(&self, left: &Errors) -> bool {
-        self.beyond_noise(left) <= UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)
+        let share = self.beyond_noise(left) <= LEFT_AT_MOST * self.beyond_noise(&self.errors_before).max(0.0);
+        share && left.holdout() <= (FLOORS_AT_MOST * self.floor.total()).powi(2)
     }
 
     fn take(&mut self, best: Fitted) -> Result<(), IdentifyError> {
