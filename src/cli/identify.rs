@@ -171,7 +171,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     if selection.after.hypothesis.effects.iter().any(|part| part.slips()) {
         warnings.push(
             "ball_passage slips: its amplitude and phase are each record's own, the errors of either record are those with the ones that fit it best, the closed loop \
-             is simulated without it, and a stage that loads the model shows one example of such phases"
+             is simulated without it, and a stage that loads the model shows one example of such phases; its slip is the one of a few that does best"
                 .to_owned(),
         );
     }

@@ -251,7 +251,9 @@ impl Hypothesis {
         let mut here = self.clone();
         let slips = here.effects.iter_mut().filter(|part| of_record(part).is_some());
         for (part, amplitude) in slips.zip(slipping.amplitudes(&missing.carriage)) {
-            part.values[0] = 2.0 * amplitude;
+            if let Some(index) = part.descriptor.parameters.iter().position(|parameter| parameter.name == "amplitude") {
+                part.values[index] = 2.0 * amplitude;
+            }
         }
         Ok(here)
     }

@@ -42,11 +42,8 @@ const HALF_OF_THE_REST: f64 = 0.5;
 const CURVE_ALONE: f64 = 0.5;
 /// Periods within the travel from which on a ripple has shown that it is one. Assumed.
 const LEAST_PERIODS: f64 = 3.0;
-/// The law of balls whose phase each record may have for itself, where its slip stands among its values, and the slips that are tried, rad/sqrt(m): from one
-/// that hardly shows within a record to one that turns the phase within a few strokes.
-const SLIPS: &str = "ball_passage";
-const SLIP: usize = 5;
-const SLIP_SIZES: [f64; 5] = [0.1, 0.25, 0.35, 0.5, 1.0];
+/// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one that turns the phase within a few strokes.
+const SLIPS: [f64; 5] = [0.1, 0.25, 0.35, 0.5, 1.0];
 /// How often a curve is drawn anew at most, and how often laws are looked for beside it.
 const MOST_CURVES: usize = 4;
 /// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2: friction driven along a measured
@@ -708,29 +705,33 @@ impl<'a> Search<'a> {
         if !self.has_cell() || self.is_noise(&self.best_errors) {
             return Ok(false);
         }
-        self.watch.progress("balls that slip", 0.93);
-        let passage = EffectDescriptor::find(SLIPS)?;
+        // What passed for one with a fixed phase, or for a curve, goes: this would be in their place.
+        let goes = |part: &Part| ["map", slipping::LAW].contains(&part.descriptor.name);
         let mut with = self.best.hypothesis.holding_guides(true);
-        // What passed for one with a fixed phase, or for a curve, is what this would be in their place.
-        let stands_for_it = |part: &Part| ["map", SLIPS].contains(&part.descriptor.name);
-        for index in (self.declared_effects()..with.effects.len())
-            .rev()
-            .filter(|index| stands_for_it(&self.best.hypothesis.effects[*index]))
-        {
-            with = with.without(index);
+        for index in (self.declared_effects()..with.effects.len()).rev() {
+            if goes(&with.effects[index]) {
+                with = with.without(index);
+            }
         }
         let others = with.effects.len();
         let mut left = errors(&with, self.train, self.holdout)?;
         let mut evidence = Vec::new();
-        while with.effects.len() < self.declared_effects() + MOST_EFFECTS && !self.watch.stopped() {
-            let slip = with.effects.get(others).map(|part| part.values[SLIP]);
-            let Some(part) = self.slipping_ripple(&with, passage, slip)? else { break };
+        let mut slips = SLIPS.to_vec();
+        while with.effects.len() < self.declared_effects() + MOST_EFFECTS {
+            if self.watch.stopped() {
+                self.stopped = true;
+                return Ok(false);
+            }
+            self.watch.progress(&format!("balls that slip, ripple {}", evidence.len() + 1), 0.93);
+            let Some((part, slip)) = self.slipping_ripple(&with, &slips)? else { break };
+            // The guides are of one type.
+            slips = vec![slip];
             let fitted = fit(&with.with(part.clone()), self.train, Sides::CARRIAGE, Effort::COMPARED)?;
             let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
             let free = 1 + fitted.hypothesis.own_numbers(self.train) - with.own_numbers(self.train);
             let mut one = Evidence {
                 round: self.rounds + evidence.len(),
-                name: passage.name,
+                name: part.descriptor.name,
                 side: part.side(),
                 free,
                 part,
@@ -762,7 +763,7 @@ impl<'a> Search<'a> {
             return Ok(false);
         }
         for index in (self.declared_effects()..self.best.hypothesis.effects.len()).rev() {
-            if stands_for_it(&self.best.hypothesis.effects[index]) {
+            if goes(&self.best.hypothesis.effects[index]) {
                 self.strike(index);
                 self.best.hypothesis = self.best.hypothesis.without(index);
             }
@@ -776,30 +777,19 @@ impl<'a> Search<'a> {
         Ok(true)
     }
 
-    /// The ripple with a phase of each record's own that takes most out of the hold-out, with the steadiest phase that does about as well; its period is that of the train record.
-    fn slipping_ripple(
-        &self,
-        beside: &Hypothesis,
-        descriptor: &'static EffectDescriptor,
-        slip: Option<f64>,
-    ) -> Result<Option<Part>, IdentifyError> {
+    /// The ripple with a phase of each record's own that takes most out of the hold-out, with the smallest of `slips` that does about as well, and that; its period is that of the train record.
+    fn slipping_ripple(&self, beside: &Hypothesis, slips: &[f64]) -> Result<Option<(Part, f64)>, IdentifyError> {
         let carriage = |measured: &Measured| beside.missing(measured, Sides::CARRIAGE).map(|missing| missing.carriage);
         let (train, holdout) = (carriage(self.train)?, carriage(self.holdout)?);
-        let mut best: Option<(f64, Part)> = None;
-        for slip in slip.map_or(SLIP_SIZES.to_vec(), |slip| vec![slip]) {
-            let part = |period: f64| Part { descriptor, values: vec![0.5, period, 0.0, 0.0, 0.0, slip] };
-            let (shortest, longest) = descriptor.parameters[1].bounds;
-            let Some(period) =
-                slipping::strongest(&train, self.train, |period| part(period).slipping_ripple(), shortest..=longest)
-            else {
-                continue;
-            };
-            let Some(gain) = slipping::taken(&holdout, self.holdout, part(period).slipping_ripple()) else { continue };
-            if best.as_ref().is_none_or(|(best, _)| SIMPLER * gain > *best) {
-                best = Some((gain, part(period)));
+        let mut best: Option<(f64, Part, f64)> = None;
+        for slip in slips {
+            let Some(part) = slipping::strongest(&train, self.train, *slip)? else { continue };
+            let gain = slipping::taken(&holdout, self.holdout, &part);
+            if best.as_ref().is_none_or(|(best, ..)| SIMPLER * gain > *best) {
+                best = Some((gain, part, *slip));
             }
         }
-        Ok(best.map(|(_, part)| part))
+        Ok(best.map(|(_, part, slip)| (part, slip)))
     }
 
     /// Backwards: an effect that the others have made superfluous goes.

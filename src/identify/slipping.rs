@@ -5,16 +5,19 @@
 //! the missing force (variable projection: Golub, Pereyra, SIAM Journal on Numerical Analysis 10, 1973): what is fitted of the law is its period.
 
 use std::f64::consts::TAU;
-use std::ops::RangeInclusive;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
-use crate::plant::SlippingRipple;
+use crate::model::{EffectParameters, ModelError};
 use crate::plant::effects::golden_maximum;
+use crate::plant::{EffectDescriptor, SlippingRipple};
 
+use super::hypothesis::Part;
 use super::measured::Measured;
 
+/// The law that has balls which slip.
+pub(super) const LAW: &str = "ball_passage";
 /// Part of the largest curvature that is added to each: knots that the record says nothing of stay at 0.
 const RIDGE: f64 = 1e-9;
 /// Steps of a search for a period per turn of the phase over the travel.
@@ -163,45 +166,54 @@ fn travelled(position: &[f64]) -> Vec<f64> {
     travelled
 }
 
-/// What a ripple can take out of the squares of a force at the rows of a record, N^2.
-pub(super) fn taken(force: &[f64], measured: &Measured, ripple: Option<SlippingRipple>) -> Option<f64> {
-    let slipping = Slipping::new(vec![ripple?], measured)?;
+/// What balls that slip can take out of the squares of a force at the rows of a record, N^2.
+pub(super) fn taken(force: &[f64], measured: &Measured, part: &Part) -> f64 {
+    let Some(slipping) = Slipping::new(part.slipping_ripple().into_iter().collect(), measured) else { return 0.0 };
     let mut left = force.to_vec();
     slipping.take_from(&mut left);
-    let squares = |force: &[f64]| force.iter().map(|force| force * force).sum::<f64>();
-    Some(squares(force) - squares(&left))
+    squares(force) - squares(&left)
 }
 
-/// Searches a force at the rows of a record for a ripple, N; `law` gives the ripple of a period. Period, m, of the one that takes most out; `None` where the travel is too
-/// short for any of `periods`.
-pub(super) fn strongest(
-    force: &[f64],
-    measured: &Measured,
-    law: impl Fn(f64) -> Option<SlippingRipple> + Sync,
-    periods: RangeInclusive<f64>,
-) -> Option<f64> {
+fn squares(force: &[f64]) -> f64 {
+    force.iter().map(|force| force * force).sum()
+}
+
+/// Balls of a ripple of this period, m, whose phase walks so, rad/sqrt(m).
+fn balls(period: f64, slip: f64) -> Result<Part, ModelError> {
+    let descriptor = EffectDescriptor::find(LAW)?;
+    let given = EffectParameters::new(LAW, [("amplitude", 1.0), ("period", period), ("slip", slip)]);
+    Ok(Part { descriptor, values: descriptor.values_of(&given)? })
+}
+
+/// The balls whose phase walks so, rad/sqrt(m), that take most out of a force at the rows of a record, N; `None` where the travel is too short.
+pub(super) fn strongest(force: &[f64], measured: &Measured, slip: f64) -> Result<Option<Part>, ModelError> {
+    let bounds = EffectDescriptor::find(LAW)?.parameters.iter().find(|one| one.name == "period").map(|one| one.bounds);
+    let Some((shortest, longest)) = bounds else { return Ok(None) };
     let (travelled, position) =
         (measured.at_rows(&travelled(&measured.position)), measured.at_rows(&measured.position));
     let (lowest, highest) = crate::range(&position);
     let range = highest - lowest;
-    let (fewest, most) = ((range / periods.end()).max(LEAST_PERIODS), range / periods.start());
+    let (fewest, most) = ((range / longest).max(LEAST_PERIODS), range / shortest);
     if most.is_nan() || most <= fewest {
-        return None;
+        return Ok(None);
     }
-    let explained = |turns: f64| {
-        let Some(ripple) = law(range / turns) else { return f64::NEG_INFINITY };
+    // Not filtered, which moves no peak.
+    let left = |turns: f64| {
+        let ripple = balls(range / turns, slip).ok()?.slipping_ripple()?;
         let waves = position.iter().map(|x| (TAU * x / ripple.period).sin_cos()).unzip();
-        let Some(slipping) = Slipping::of(vec![ripple], vec![waves], &travelled) else { return f64::NEG_INFINITY };
+        let slipping = Slipping::of(vec![ripple], vec![waves], &travelled)?;
         let mut left = force.to_vec();
         slipping.take_from(&mut left);
-        -left.iter().map(|left| left * left).sum::<f64>()
+        Some(squares(&left))
     };
+    let explained = |turns: f64| left(turns).map_or(f64::NEG_INFINITY, |left| -left);
     let steps = ((most - fewest) * STEPS_PER_TURN).ceil().clamp(1.0, MOST_STEPS);
     let turns = |step: f64| fewest + (most - fewest) * step / steps;
     let all: Vec<f64> = (0..=steps as usize).into_par_iter().map(|step| explained(turns(step as f64))).collect();
-    let best = (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b]))? as f64;
-    let best = golden_maximum((best - 1.0).max(0.0), (best + 1.0).min(steps), |step| explained(turns(step)));
-    Some(range / turns(best))
+    let Some(best) = (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b])) else { return Ok(None) };
+    let (from, to) = ((best as f64 - 1.0).max(0.0), (best as f64 + 1.0).min(steps));
+    let step = golden_maximum(from, to, |step| explained(turns(step)));
+    Ok(Some(balls((range / turns(step)).clamp(shortest, longest), slip)?))
 }
 
 #[cfg(test)]
@@ -249,17 +261,17 @@ mod tests {
     fn the_period_of_a_ripple_is_found_whose_phase_turns() {
         let measured = record();
         let (ripple, _) = force(&measured, 4e-3, 2.0);
-        let law = |period| Some(SlippingRipple { period, piece: 0.1 });
-        let period = strongest(&ripple, &measured, law, 1e-3..=1e-2).unwrap();
+        // Pieces of 0.11 m.
+        let found = strongest(&ripple, &measured, 1.5).unwrap().unwrap();
+        let period = found.slipping_ripple().unwrap().period;
         assert!((period / 4e-3 - 1.0).abs() < 3e-3, "{period}");
-        let none = strongest(&ripple, &measured, law, 0.05..=0.1);
-        assert_eq!(none, None, "of a travel of 0.1 m");
+        assert!(taken(&ripple, &measured, &found) > 0.95 * squares(&ripple));
     }
 
     #[test]
     fn what_slips_is_no_force_of_the_law_and_leaves_the_other_side_alone() {
+        use super::super::Sides;
         use super::super::driven::tests::hypothesis;
-        use super::super::{Part, Sides};
         let measured = record();
         let with = hypothesis(&[("ball_passage", &[0.4, 4e-3, 0.0, 0.0, 0.0, 1.0])]);
         let without = with.without(0);
