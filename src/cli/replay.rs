@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::Outcome;
 use crate::bag::{BagReader, Trace};
-use crate::identify::{ClosedLoopError, Hypothesis, IdentifyError, Measured, Sides, Tolerances, closed_loop};
+use crate::identify::{ClosedLoopError, Hypothesis, IdentifyError, Measured, Part, Sides, Tolerances, closed_loop};
 use crate::model::StageModel;
 use crate::node::stage_settings;
 use crate::plant::{Rates, Stage};
@@ -136,11 +136,24 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let count = report.samples.max(1) as f64;
     report.position_rms_m = (report.position_rms_m / count).sqrt();
     report.force_cell_rms_n = (report.force_cell_rms_n / count).sqrt();
+    let mut in_record = model.clone();
     match missing_force(&model, &trace) {
-        Ok(rms) => report.missing_force_rms_n = Some(rms),
+        Ok((rms, declared, here)) => {
+            report.missing_force_rms_n = Some(rms);
+            if here.effects.iter().any(Part::slips) {
+                report.notes.push(
+                    "balls that slip have the amplitude and phase here that fit this record best, and no part in the closed loop"
+                        .to_owned(),
+                );
+            }
+            if here.effects != declared.effects {
+                in_record = here.model();
+                report.notes.push("external_vibration has the phase here that fits this record best".to_owned());
+            }
+        }
         Err(error) => report.notes.push(format!("no missing force: {error}")),
     }
-    match closed_loop_error(&model, &trace) {
+    match closed_loop_error(&in_record, &trace) {
         Ok(rms) => report.closed_loop_position_rms_m = Some(rms),
         Err(error) => report.notes.push(format!("no closed loop: {error}")),
     }
@@ -174,10 +187,13 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Rms of the force that the model misses along the recorded motion, both sides of the cell together, N.
-fn missing_force(model: &StageModel, trace: &Trace) -> Result<f64, IdentifyError> {
+/// Rms of the force that the model misses along the recorded motion, both sides of the cell together, N, with the phases that a record has for
+/// itself; the model as it is, and with these.
+fn missing_force(model: &StageModel, trace: &Trace) -> Result<(f64, Hypothesis, Hypothesis), IdentifyError> {
     let measured = Measured::new(trace, model, "the recording")?;
-    Ok(Hypothesis::new(model, Tolerances::default())?.missing(&measured, Sides::BOTH)?.rms())
+    let declared = Hypothesis::new(model, Tolerances::default())?;
+    let here = declared.in_record(&measured)?;
+    Ok((here.missing(&measured, Sides::BOTH)?.rms(), declared, here))
 }
 
 /// Rms of the closed loop's encoder less the recorded one, m.
