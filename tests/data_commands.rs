@@ -56,6 +56,32 @@ fn noise_is_judged_by_the_model_in_the_bag_unless_another_is_named() {
 }
 
 #[test]
+fn a_replay_takes_the_phases_that_a_record_has_for_itself_and_says_so() {
+    let home = TempDir::new().unwrap();
+    let (csv, mapping) = drive(home.path(), 1.0);
+    let bag = home.path().join("drive");
+    friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
+    let replayed = |effects: &str| {
+        let model = home.path().join("model.yaml");
+        std::fs::write(&model, format!("effects: [{effects}]\n")).unwrap();
+        let replay = friction_stage(&["replay", "--json", "--model", text(&model), text(&bag)]);
+        let report: serde_json::Value = serde_json::from_slice(&replay.stdout).expect(&stderr(&replay));
+        (report["missing_force_rms_n"].as_f64().unwrap(), report["notes"].to_string())
+    };
+    let (misses, notes) = replayed("");
+    assert!(!notes.contains("phase"), "{notes}");
+    // What is not there costs as much at any phase.
+    let vibration =
+        |phase: f64| replayed(&format!("external_vibration: {{amplitude: 3, frequency: 31, phase: {phase}}}"));
+    let ((one, notes), (other, _)) = (vibration(0.0), vibration(2.0));
+    assert!(one > misses + 0.01 && (one / other - 1.0).abs() < 1e-9, "{misses} {one} {other}");
+    assert!(notes.contains("external_vibration has the phase here"), "{notes}");
+    let (slipping, notes) = replayed("ball_passage: {amplitude: 3, period: 0.002, slip: 0.5}");
+    assert!(slipping <= misses, "{misses} {slipping}");
+    assert!(notes.contains("balls that slip"), "{notes}");
+}
+
+#[test]
 fn a_csv_file_is_imported_checked_and_told_in_sentences_and_json() {
     let home = TempDir::new().unwrap();
     let (csv, mapping) = drive(home.path(), 1.0);
