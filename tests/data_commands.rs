@@ -65,7 +65,8 @@ fn a_replay_takes_the_phases_that_a_record_has_for_itself_and_says_so() {
         let model = home.path().join("model.yaml");
         std::fs::write(&model, format!("effects: [{effects}]\n")).unwrap();
         let replay = friction_stage(&["replay", "--json", "--model", text(&model), text(&bag)]);
-        let report: serde_json::Value = serde_json::from_slice(&replay.stdout).expect(&stderr(&replay));
+        let report: serde_json::Value =
+            serde_json::from_slice(&replay.stdout).unwrap_or_else(|_| panic!("{}", stderr(&replay)));
         (report["missing_force_rms_n"].as_f64().unwrap(), report["notes"].to_string())
     };
     let (misses, notes) = replayed("");

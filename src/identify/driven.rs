@@ -15,7 +15,8 @@ use super::slipping::Slipping;
 /// Guides, effects and sensors of one hypothesis along one record.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Driven {
-    readings: Arc<Readings>,
+    encoder: Arc<EncoderTruth>,
+    cell: Arc<CellTruth>,
     friction: Option<Arc<Friction>>,
     forces: Vec<Arc<Force>>,
     /// What balls that slip add to the carriage side.
@@ -24,19 +25,25 @@ pub(super) struct Driven {
     added_mass: f64,
 }
 
-/// What the sensors read wrong.
+/// The motion behind what an encoder reads that is wrong.
 #[derive(Debug, Default)]
-struct Readings {
+struct EncoderTruth {
     sensors: Vec<Part>,
-    /// The true motion, where the encoder reads wrong.
+    /// Where the encoder reads wrong.
     steps: Option<Vec<Step>>,
     /// What the encoder reads too much at the samples, m; empty where it reads right.
     errors: Vec<f64>,
-    /// The true force, where the cell reads wrong, N.
-    cell: Option<Vec<f64>>,
 }
 
-impl Readings {
+/// The force behind what a force cell reads that is wrong.
+#[derive(Debug, Default)]
+struct CellTruth {
+    sensors: Vec<Part>,
+    /// Where the cell reads wrong, N.
+    forces: Option<Vec<f64>>,
+}
+
+impl EncoderTruth {
     fn steps<'a>(&'a self, measured: &'a Measured) -> &'a [Step] {
         self.steps.as_deref().unwrap_or(&measured.steps)
     }
@@ -82,15 +89,55 @@ impl Force {
     }
 }
 
+impl EncoderTruth {
+    /// What the encoder reads wrong is no motion: neither the mass nor the guides feel it.
+    fn new(sensors: Vec<Part>, measured: &Measured) -> Result<EncoderTruth, ModelError> {
+        if sensors.is_empty() {
+            return Ok(EncoderTruth::default());
+        }
+        let effects = effects_of(&sensors)?;
+        let error = |time: f64, reading: f64| reading - undo(reading, |position| effects.read(time, position, 0.0).0);
+        let mut errors = vec![0.0; measured.len()];
+        errors[0] = error(measured.time[0], measured.position[0]);
+        let mut at_end = errors[0];
+        let mut steps = measured.steps.clone();
+        for step in &mut steps {
+            let motion = &mut step.motion;
+            // Each step begins where the one before it ended.
+            let from = at_end;
+            at_end = error(motion.time, motion.position + 0.5 * motion.velocity * step.duration);
+            errors[step.node + 1] = at_end;
+            motion.position -= 0.5 * (from + at_end);
+            motion.velocity -= (at_end - from) / step.duration;
+            step.sliding -= (at_end - from) / step.duration;
+        }
+        let moves_as_read = errors.iter().all(|error| *error == 0.0);
+        let (steps, errors) = if moves_as_read { (None, Vec::new()) } else { (Some(steps), errors) };
+        Ok(EncoderTruth { sensors, steps, errors })
+    }
+}
+
+impl CellTruth {
+    fn new(sensors: Vec<Part>, measured: &Measured) -> Result<CellTruth, ModelError> {
+        if sensors.is_empty() {
+            return Ok(CellTruth::default());
+        }
+        let effects = effects_of(&sensors)?;
+        let truth = |(time, reading): (&f64, &f64)| undo(*reading, |force| effects.read(*time, 0.0, force).1);
+        let forces = measured.cell.as_ref().map(|cell| measured.time.iter().zip(cell).map(truth).collect());
+        Ok(CellTruth { sensors, forces })
+    }
+}
+
 impl Driven {
     /// Force of the cell at the nodes without what it reads wrong, N; `None` where there is no cell.
     pub fn cell<'a>(&'a self, measured: &'a Measured) -> Option<&'a [f64]> {
-        self.readings.cell.as_deref().or(measured.cell.as_deref())
+        self.cell.forces.as_deref().or(measured.cell.as_deref())
     }
 
     /// Acceleration that the encoder feigns at a sample other than the first and the last, m/s^2.
     pub fn feigned_acceleration(&self, k: usize, rate: f64) -> f64 {
-        match self.readings.errors.get(k.saturating_sub(1)..k + 2) {
+        match self.encoder.errors.get(k.saturating_sub(1)..k + 2) {
             Some([before, here, after]) => (after - 2.0 * here + before) * rate * rate,
             _ => 0.0,
         }
@@ -128,7 +175,7 @@ impl Driven {
             return Ok(None);
         }
         let mut at_nodes = [(); MAX_GUIDES].map(|()| vec![0.0; measured.len()]);
-        drive(guides, laws, measured, self.readings.steps(measured), |step, _, each| {
+        drive(guides, laws, measured, self.encoder.steps(measured), |step, _, each| {
             at_nodes.iter_mut().zip(each).for_each(|(at_nodes, friction)| step.share_out(friction, at_nodes));
         })?;
         Ok(Some(at_nodes))
@@ -148,14 +195,19 @@ impl Hypothesis {
             }
             Ok(parts)
         };
-        let sensors = of(&|part| Ok(part.side() == Side::Sensor))?;
-        let readings = match before.readings.sensors == sensors {
-            true => before.readings.clone(),
-            false => Arc::new(readings(sensors, measured)?),
+        let (of_encoder, of_cell): (Vec<Part>, Vec<Part>) =
+            of(&|part| Ok(part.side() == Side::Sensor))?.into_iter().partition(Part::is_of_encoder);
+        let encoder = match before.encoder.sensors == of_encoder {
+            true => before.encoder.clone(),
+            false => Arc::new(EncoderTruth::new(of_encoder, measured)?),
+        };
+        let cell = match before.cell.sensors == of_cell {
+            true => before.cell.clone(),
+            false => Arc::new(CellTruth::new(of_cell, measured)?),
         };
         let moves_alike =
-            Arc::ptr_eq(&readings, &before.readings) || readings.steps.is_none() && before.readings.steps.is_none();
-        let steps = readings.steps(measured);
+            Arc::ptr_eq(&encoder, &before.encoder) || encoder.steps.is_none() && before.encoder.steps.is_none();
+        let steps = encoder.steps(measured);
         let friction = if sides.carriage {
             let (guides, laws) = (self.guides(), of(&|part| Ok(effects_of(slice::from_ref(part))?.shapes_friction()))?);
             let known =
@@ -176,7 +228,7 @@ impl Hypothesis {
             .filter(|part| part.side() != Side::Sensor && part.slipping_ripple().is_none())
             .map(|part| {
                 let known = before.forces.iter().find(|known| moves_alike && known.part == *part);
-                known.map_or_else(|| Ok(Arc::new(force(part, measured, &readings)?)), |known| Ok(known.clone()))
+                known.map_or_else(|| Ok(Arc::new(force(part, measured, &encoder)?)), |known| Ok(known.clone()))
             })
             .collect::<Result<_, ModelError>>()?;
         let ripples: Vec<_> = match sides.carriage {
@@ -185,7 +237,7 @@ impl Hypothesis {
         };
         let known = before.slipping.as_ref().filter(|known| known.ripples == ripples);
         let slipping = known.cloned().or_else(|| Slipping::new(ripples, measured).map(Arc::new));
-        Ok(Driven { readings, friction, forces, slipping, added_mass })
+        Ok(Driven { encoder, cell, friction, forces, slipping, added_mass })
     }
 }
 
@@ -248,9 +300,9 @@ pub(super) fn holding(guides: &[Guide], force: f64) -> Vec<f64> {
 }
 
 /// Force of one effect along the motion.
-fn force(part: &Part, measured: &Measured, readings: &Readings) -> Result<Force, ModelError> {
+fn force(part: &Part, measured: &Measured, encoder: &EncoderTruth) -> Result<Force, ModelError> {
     let mut effects = effects_of(slice::from_ref(part))?;
-    let steps = readings.steps(measured);
+    let steps = encoder.steps(measured);
     let side = part.side();
     let read = side == Side::Motor;
     let mut at_nodes = vec![0.0; measured.len()];
@@ -260,7 +312,7 @@ fn force(part: &Part, measured: &Measured, readings: &Readings) -> Result<Force,
         step.share_out_over(effects.advance_long(&motion, step.duration), &mut at_nodes);
         let ends = steps.get(index + 1).is_none_or(|next| next.node != node);
         if read && ends {
-            let (position, velocity) = readings.at_sample(measured, node + 1);
+            let (position, velocity) = encoder.at_sample(measured, node + 1);
             let end = Motion { time: measured.time[node + 1], position, velocity, ..motion };
             let (motor_side, carriage_side) = effects.advance(&end, 0.0);
             at_samples[node + 1] = motor_side + carriage_side;
@@ -269,44 +321,21 @@ fn force(part: &Part, measured: &Measured, readings: &Readings) -> Result<Force,
     Ok(Force { part: part.clone(), side, at_nodes, at_samples })
 }
 
-/// The truth behind what these sensors read. What the encoder reads wrong is no motion: neither the mass nor the guides feel it.
-fn readings(sensors: Vec<Part>, measured: &Measured) -> Result<Readings, ModelError> {
-    let effects = effects_of(&sensors)?;
-    let error = |time: f64, reading: f64| reading - undo(reading, |position| effects.read(time, position, 0.0).0);
-    let mut errors = vec![0.0; measured.len()];
-    errors[0] = error(measured.time[0], measured.position[0]);
-    let mut at_end = errors[0];
-    let mut steps = measured.steps.clone();
-    for step in &mut steps {
-        let motion = &mut step.motion;
-        // Each step begins where the one before it ended.
-        let from = at_end;
-        at_end = error(motion.time, motion.position + 0.5 * motion.velocity * step.duration);
-        errors[step.node + 1] = at_end;
-        motion.position -= 0.5 * (from + at_end);
-        motion.velocity -= (at_end - from) / step.duration;
-        step.sliding -= (at_end - from) / step.duration;
-    }
-    let moves_as_read = errors.iter().all(|error| *error == 0.0);
-    let cell = measured.cell.as_ref().map(|cell| {
-        let truth = |(time, reading): (&f64, &f64)| undo(*reading, |force| effects.read(*time, 0.0, force).1);
-        measured.time.iter().zip(cell).map(truth).collect()
-    });
-    let (steps, errors) = if moves_as_read { (None, Vec::new()) } else { (Some(steps), errors) };
-    Ok(Readings { sensors, steps, errors, cell })
-}
-
-/// The truth behind a reading: the fixed point of truth = reading - (read(truth) - truth). Each turn takes out the share by which a change of the truth is
-/// read wrong, which is below 1: a gain of 0.9 needs most.
+/// The truth behind a reading, where read(truth) = reading: by secants (Press and others, "Numerical Recipes", ch. 9.2) from the reading itself
+/// and from what is left of it without the error that it has there. That error changes by less than the truth does.
 fn undo(reading: f64, read: impl Fn(f64) -> f64) -> f64 {
-    let mut truth = reading;
+    let (mut before, mut excess_before) = (reading, read(reading) - reading);
+    let mut truth = before - excess_before;
     for _ in 0..MOST_TURNS {
-        let next = reading - (read(truth) - truth);
-        let change = (next - truth).abs();
-        truth = next;
-        if change <= CLOSE * (1.0 + reading.abs()) {
+        if (truth - before).abs() <= CLOSE * (1.0 + reading.abs()) {
             break;
         }
+        let excess = read(truth) - reading;
+        let slope = (excess - excess_before) / (truth - before);
+        // Where rounding has made the slope what it cannot be, the error as it is.
+        let step = if (LEAST_SLOPE..=2.0).contains(&slope) { excess / slope } else { excess };
+        (before, excess_before) = (truth, excess);
+        truth -= step;
     }
     truth
 }
@@ -314,6 +343,8 @@ fn undo(reading: f64, read: impl Fn(f64) -> f64) -> f64 {
 /// Turns to the truth behind a reading, and the change that ends them, m or N: below the encoder's noise by far.
 const MOST_TURNS: usize = 300;
 const CLOSE: f64 = 1e-14;
+/// Least slope of a reading over the truth.
+const LEAST_SLOPE: f64 = 0.05;
 
 #[cfg(test)]
 pub(super) mod tests {
@@ -398,7 +429,7 @@ pub(super) mod tests {
             assert_eq!(after_all.carriage, anew_all.carriage, "{:?}", coordinate.place);
             kept += usize::from(Arc::ptr_eq(after.friction.as_ref().unwrap(), before.friction.as_ref().unwrap()));
         }
-        // Mass, shift of the sensors, and the three values of the cogging leave the friction alone.
-        assert_eq!(kept, 5);
+        // Mass, shift of the sensors, gain of the cell, and the three values of the cogging leave the friction alone.
+        assert_eq!(kept, 6);
     }
 }

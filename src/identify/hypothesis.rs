@@ -69,6 +69,11 @@ impl Part {
         (self.descriptor.build)(&self.values).slipping_ripple()
     }
 
+    /// Of what reads wrong: whether it is the encoder.
+    pub(super) fn is_of_encoder(&self) -> bool {
+        (self.descriptor.build)(&self.values).is_of_encoder()
+    }
+
     /// Whether the law leaves amplitude and phase of the force to each record.
     pub fn slips(&self) -> bool {
         self.slipping_ripple().is_some()

@@ -38,6 +38,10 @@ struct EncoderScale {
 }
 
 impl Effect for EncoderScale {
+    fn is_of_encoder(&self) -> bool {
+        true
+    }
+
     fn encoder(&self, _time: f64, position: f64) -> f64 {
         position + self.fraction * position
     }

@@ -42,6 +42,10 @@ struct EncoderSde {
 }
 
 impl Effect for EncoderSde {
+    fn is_of_encoder(&self) -> bool {
+        true
+    }
+
     fn encoder(&self, _time: f64, position: f64) -> f64 {
         position + self.amplitude * (self.wave_number * position + self.phase).sin()
     }

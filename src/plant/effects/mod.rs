@@ -168,6 +168,11 @@ pub trait Effect: Debug + Send + Sync {
         position
     }
 
+    /// Of what reads wrong: whether it is the encoder, and not the force cell.
+    fn is_of_encoder(&self) -> bool {
+        false
+    }
+
     /// What the force cell reads under a true force, N, before noise.
     fn force_cell(&self, _time: f64, force: f64) -> f64 {
         force
@@ -543,6 +548,17 @@ impl Effects {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_reads_wrong_says_of_which_sensor_it_is() {
+        for descriptor in ALL.iter().filter(|descriptor| descriptor.side == Side::Sensor) {
+            let values: Vec<f64> =
+                descriptor.parameters.iter().map(|one| one.scale.clamp(one.bounds.0, one.bounds.1)).collect();
+            let effect = (descriptor.build)(&values);
+            let wrong = (effect.encoder(0.37, 1.23e-3) != 1.23e-3, effect.force_cell(0.37, 5.0) != 5.0);
+            assert_eq!(wrong, (effect.is_of_encoder(), !effect.is_of_encoder()), "{}", descriptor.name);
+        }
+    }
 
     #[test]
     fn each_reading_error_is_about_the_truth_whatever_the_others_make_of_it() {
