@@ -59,6 +59,18 @@ fn noise_is_judged_by_the_model_in_the_bag_unless_another_is_named() {
 fn a_replay_takes_the_phases_that_a_record_has_for_itself_and_says_so() {
     let home = TempDir::new().unwrap();
     let (csv, mapping) = drive(home.path(), 1.0);
+    // 30 N at 31 Hz shake the carriage behind the cell.
+    let shaken = |line: &str| {
+        let columns: Vec<Option<f64>> = line.split(',').map(|column| column.parse().ok()).collect();
+        match columns[..] {
+            [Some(t), Some(x), Some(f)] => {
+                format!("{t},{x},{}\n", f - 0.03 * (std::f64::consts::TAU * 31.0 * t + 0.7).sin())
+            }
+            _ => format!("{line}\n"),
+        }
+    };
+    let with_vibration: String = std::fs::read_to_string(&csv).unwrap().lines().map(shaken).collect();
+    std::fs::write(&csv, with_vibration).unwrap();
     let bag = home.path().join("drive");
     friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
     let replayed = |effects: &str| {
@@ -71,12 +83,12 @@ fn a_replay_takes_the_phases_that_a_record_has_for_itself_and_says_so() {
     };
     let (misses, notes) = replayed("");
     assert!(!notes.contains("phase"), "{notes}");
-    // What is not there costs as much at any phase.
     let vibration =
-        |phase: f64| replayed(&format!("external_vibration: {{amplitude: 3, frequency: 31, phase: {phase}}}"));
-    let ((one, notes), (other, _)) = (vibration(0.0), vibration(2.0));
-    assert!(one > misses + 0.01 && (one / other - 1.0).abs() < 1e-9, "{misses} {one} {other}");
+        |phase: f64| replayed(&format!("external_vibration: {{amplitude: 30, frequency: 31, phase: {phase}}}"));
+    let ((right, silent), (wrong, notes)) = (vibration(0.7), vibration(2.9));
+    assert!(right < 0.8 * misses && (right / wrong - 1.0).abs() < 1e-3, "{misses} {right} {wrong}");
     assert!(notes.contains("external_vibration has the phase here"), "{notes}");
+    assert!(!silent.contains("phase"), "{silent}");
     let (slipping, notes) = replayed("ball_passage: {amplitude: 3, period: 0.002, slip: 0.5}");
     assert!(slipping <= misses, "{misses} {slipping}");
     assert!(notes.contains("balls that slip"), "{notes}");

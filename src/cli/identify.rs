@@ -171,7 +171,8 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     if selection.after.hypothesis.effects.iter().any(|part| part.slips()) {
         warnings.push(
             "ball_passage slips: its amplitude and phase are each record's own, the errors of either record are those with the ones that fit it best, the closed loop \
-             is simulated without it, and a stage that loads the model shows one example of such phases; its slip is the one of a few that does best"
+             is simulated without it, and a stage that loads the model shows one example of such phases; its slip is the one of a few that does best. A ripple of the carriage on a \
+             machine that was homed anew between the records looks the same"
                 .to_owned(),
         );
     }
@@ -280,6 +281,9 @@ fn simulate(
     }
 }
 
+/// Ratio up to which the periods of ball passages are those of guides of one type. Assumed.
+const ONE_TYPE: f64 = 1.2;
+
 /// What a user should know about the model and the search.
 fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     let mut remarks = Vec::new();
@@ -298,11 +302,14 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
             telltale(rival)
         ));
     }
-    let passages =
-        selection.after.hypothesis.effects.iter().filter(|part| part.descriptor.name == "ball_passage").count();
-    if passages > 1 {
+    let added = &selection.after.hypothesis.effects[selection.before.hypothesis.effects.len()..];
+    let passages: Vec<f64> =
+        added.iter().filter(|part| part.descriptor.name == "ball_passage").map(|part| part.values[1]).collect();
+    let (shortest, longest) = crate::range(&passages);
+    if passages.len() > 1 && longest < ONE_TYPE * shortest {
         remarks.push(format!(
-            "{passages} ball_passage stand for guides of which each has a period of its own: together they are the ripple, and the values of one are not those of a guide"
+            "{} ball_passage of nearly one period stand for guides that differ in theirs: together they are the ripple, and the values of one are not those of a guide",
+            passages.len()
         ));
     }
     for (name, periods) in &selection.unproven {

@@ -59,7 +59,7 @@ struct ReplayReport {
     missing_force_rms_n: Option<f64>,
     /// Encoder of the closed loop less the recorded one; null where the loop cannot be simulated.
     closed_loop_position_rms_m: Option<f64>,
-    /// Why one of these figures is not there.
+    /// What these figures take for granted, and why one of them is not there.
     notes: Vec<String>,
 }
 
@@ -187,13 +187,21 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+/// Share of what a model misses that the phase which fits this record best has to leave out for the one of the model to be another record's.
+const ANOTHER_PHASE: f64 = 0.05;
+
 /// Rms of the force that the model misses along the recorded motion, both sides of the cell together, N, with the phases that a record has for
-/// itself; the model as it is, and with these.
+/// itself; the model as it is, and with these, where its own are not those of this record.
 fn missing_force(model: &StageModel, trace: &Trace) -> Result<(f64, Hypothesis, Hypothesis), IdentifyError> {
     let measured = Measured::new(trace, model, "the recording")?;
     let declared = Hypothesis::new(model, Tolerances::default())?;
     let here = declared.in_record(&measured)?;
-    Ok((here.missing(&measured, Sides::BOTH)?.rms(), declared, here))
+    let missing = |hypothesis: &Hypothesis| hypothesis.missing(&measured, Sides::BOTH).map(|missing| missing.rms());
+    let (as_declared, in_record) = (missing(&declared)?, missing(&here)?);
+    if in_record < (1.0 - ANOTHER_PHASE) * as_declared {
+        return Ok((in_record, declared, here));
+    }
+    Ok((as_declared, declared.clone(), declared))
 }
 
 /// Rms of the closed loop's encoder less the recorded one, m.

@@ -243,9 +243,9 @@ impl Hypothesis {
         Slipping::new(ripples, measured).map_or(0, |slipping| slipping.columns())
     }
 
-    /// The same with the amplitudes of balls that slip as this record shows them, on the mean: with all guides in phase they would be twice the root
-    /// of the sum of the squares of four that are not.
-    pub(super) fn with_own_amplitudes(&self, measured: &Measured) -> Result<Hypothesis, ModelError> {
+    /// The same with the amplitudes of balls that slip, of the effects from `first` on, as this record shows them, on the mean: with all guides in phase they would be
+    /// twice the root of the sum of the squares of four that are not.
+    pub(super) fn with_own_amplitudes(&self, first: usize, measured: &Measured) -> Result<Hypothesis, ModelError> {
         let of_record = |part: &Part| part.slipping_ripple();
         let Some(slipping) = Slipping::new(self.effects.iter().filter_map(of_record).collect(), measured) else {
             return Ok(self.clone());
@@ -254,10 +254,12 @@ impl Hypothesis {
         without.effects.retain(|part| of_record(part).is_none());
         let missing = without.missing(measured, Sides::CARRIAGE)?;
         let mut here = self.clone();
-        let slips = here.effects.iter_mut().filter(|part| of_record(part).is_some());
-        for (part, amplitude) in slips.zip(slipping.amplitudes(&missing.carriage)) {
-            if let Some(index) = part.descriptor.parameters.iter().position(|parameter| parameter.name == "amplitude") {
-                part.values[index] = 2.0 * amplitude;
+        let slips = here.effects.iter_mut().enumerate().filter(|(_, part)| of_record(part).is_some());
+        for ((index, part), amplitude) in slips.zip(slipping.amplitudes(&missing.carriage)) {
+            let place = part.descriptor.parameters.iter().position(|parameter| parameter.name == "amplitude");
+            if let (Some(place), Some(amplitude), true) = (place, amplitude, index >= first) {
+                let (least, most) = part.descriptor.parameters[place].bounds;
+                part.values[place] = (2.0 * amplitude).clamp(least, most);
             }
         }
         Ok(here)

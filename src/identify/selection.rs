@@ -164,11 +164,11 @@ fn errors(hypothesis: &Hypothesis, train: &Measured, holdout: &Measured) -> Resu
 
 /// What `free` parameters take out of the mean square of a residual by chance, N^2, twice over: each its share of the values that are
 /// independent of each other. What drifts or wanders has few of them.
-fn by_chance(hypothesis: &Hypothesis, free: usize, train: &Measured) -> Result<f64, IdentifyError> {
-    let missing = hypothesis.missing(train, Sides::BOTH)?;
+fn by_chance(hypothesis: &Hypothesis, free: usize, measured: &Measured) -> Result<f64, IdentifyError> {
+    let missing = hypothesis.missing(measured, Sides::BOTH)?;
     let (motor, carriage) = missing.squares();
     let per_parameter = motor * correlation_length(&missing.motor) + carriage * correlation_length(&missing.carriage);
-    Ok(2.0 * free as f64 * per_parameter / train.rows.len() as f64)
+    Ok(2.0 * free as f64 * per_parameter / measured.rows.len() as f64)
 }
 
 /// Columns that proposals look at, on the train record.
@@ -254,9 +254,11 @@ pub fn search(
     }
     if !search.stopped && search.let_balls_slip()? {
         search.add_laws()?;
-        search.choose_forms_anew()?;
-        search.add_curve()?;
-        search.settle_curve()?;
+        if !search.stopped {
+            search.choose_forms_anew()?;
+            search.add_curve()?;
+            search.settle_curve()?;
+        }
     }
     if !search.stopped {
         search.prune()?;
@@ -403,7 +405,9 @@ impl<'a> Search<'a> {
     /// Whether little enough is left for what was found to be the answer.
     fn is_explained(&self, left: &Errors) -> bool {
         let share = self.beyond_noise(left) <= LEFT_AT_MOST * self.beyond_noise(&self.errors_before).max(0.0);
-        share && left.holdout() <= (FLOORS_AT_MOST * self.floor.total()).powi(2)
+        let floor = self.floor.total();
+        // Sensors without any noise say nothing of sizes.
+        share && (floor <= 0.0 || left.holdout() <= (FLOORS_AT_MOST * floor).powi(2))
     }
 
     fn take(&mut self, best: Fitted) -> Result<(), IdentifyError> {
@@ -726,9 +730,15 @@ impl<'a> Search<'a> {
             let Some((part, slip)) = self.slipping_ripple(&with, &slips)? else { break };
             // The guides are of one type.
             slips = vec![slip];
-            let fitted = fit(&with.with(part.clone()), self.train, Sides::CARRIAGE, Effort::COMPARED)?;
+            let fitted = fit(&with.with(part.clone()), self.train, self.sides_of(Side::Carriage), Effort::COMPARED)?;
             let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
-            let free = 1 + fitted.hypothesis.own_numbers(self.train) - with.own_numbers(self.train);
+            let own_numbers = |record: &Measured| {
+                let before = with.own_numbers(record);
+                1 + fitted.hypothesis.own_numbers(record).saturating_sub(before)
+            };
+            let free = own_numbers(self.train);
+            let there = fitted.hypothesis.in_record(self.holdout)?;
+            let chance_there = by_chance(&there, own_numbers(self.holdout), self.holdout)?;
             let mut one = Evidence {
                 round: self.rounds + evidence.len(),
                 name: part.descriptor.name,
@@ -743,7 +753,7 @@ impl<'a> Search<'a> {
             };
             let least_of =
                 |left: f64| (LEAST_SHARE * (left - self.floor.total().powi(2))).max(self.threshold(Side::Carriage));
-            let is_enough = one.holdout_gain >= least_of(left.holdout())
+            let is_enough = one.holdout_gain >= least_of(left.holdout()).max(chance_there)
                 && one.train_gain >= least_of(left.train()).max(one.chance);
             if !is_enough {
                 one.outcome = Outcome::TooSmall;
@@ -779,10 +789,13 @@ impl<'a> Search<'a> {
 
     /// The ripple with a phase of each record's own that takes most out of the hold-out, with the smallest of `slips` that does about as well, and that; its period is that of the train record.
     fn slipping_ripple(&self, beside: &Hypothesis, slips: &[f64]) -> Result<Option<(Part, f64)>, IdentifyError> {
-        let carriage = |measured: &Measured| beside.missing(measured, Sides::CARRIAGE).map(|missing| missing.carriage);
-        let (train, holdout) = (carriage(self.train)?, carriage(self.holdout)?);
+        let train = beside.missing(self.train, Sides::CARRIAGE)?.carriage;
+        let holdout = beside.in_record(self.holdout)?.missing(self.holdout, Sides::CARRIAGE)?.carriage;
         let mut best: Option<(f64, Part, f64)> = None;
         for slip in slips {
+            if self.watch.stopped() {
+                break;
+            }
             let Some(part) = slipping::strongest(&train, self.train, *slip)? else { continue };
             let gain = slipping::taken(&holdout, self.holdout, &part);
             if best.as_ref().is_none_or(|(best, ..)| SIMPLER * gain > *best) {
@@ -848,7 +861,7 @@ impl<'a> Search<'a> {
     }
 
     fn selection(mut self) -> Result<Selection, IdentifyError> {
-        self.best.hypothesis = self.best.hypothesis.with_own_amplitudes(self.train)?;
+        self.best.hypothesis = self.best.hypothesis.with_own_amplitudes(self.declared_effects(), self.train)?;
         let there = |name: &str| self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name);
         // Two laws that are both there are no rivals: each has taken out what the other one could not.
         self.inseparable.retain(|(_, rival)| !there(rival));

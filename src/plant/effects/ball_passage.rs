@@ -27,8 +27,6 @@ const POINTS_PER_PERIOD: usize = 4;
 const REACH: usize = 1000;
 /// Walk of the phase, rad, that the pieces may show over which a record has its own.
 const WALK_OF_A_PIECE: f64 = 0.5;
-/// Fewest periods in such a piece: a narrow band.
-const LEAST_PERIODS: f64 = 20.0;
 /// Deviations that a random number is taken to stay below.
 const FARTHEST: f64 = 5.0;
 
@@ -199,8 +197,7 @@ impl Effect for BallPassage {
 
     fn slipping_ripple(&self) -> Option<SlippingRipple> {
         let slip = self.slip.as_ref()?;
-        let piece = (WALK_OF_A_PIECE / slip.size).powi(2).max(LEAST_PERIODS * slip.period);
-        Some(SlippingRipple { period: slip.period, piece })
+        Some(SlippingRipple { period: slip.period, piece: (WALK_OF_A_PIECE / slip.size).powi(2) })
     }
 
     fn stiffness(&self) -> f64 {

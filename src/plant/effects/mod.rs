@@ -82,7 +82,7 @@ pub struct Motion {
 pub struct ForceOverStep {
     /// N
     pub mean: f64,
-    /// Mean of the force times the time since the middle of the step, N times steps: between -1/2 and 1/2 of the largest force.
+    /// Mean of the force times the time since the middle of the step, N times steps: between -1/4 and 1/4 of the largest force.
     pub moment: f64,
 }
 
