@@ -727,18 +727,13 @@ impl<'a> Search<'a> {
                 return Ok(false);
             }
             self.watch.progress(&format!("balls that slip, ripple {}", evidence.len() + 1), 0.93);
-            let Some((part, slip)) = self.slipping_ripple(&with, &slips)? else { break };
+            let Some((part, slip, share)) = self.slipping_ripple(&with, &slips)? else { break };
             // The guides are of one type.
             slips = vec![slip];
             let fitted = fit(&with.with(part.clone()), self.train, self.sides_of(Side::Carriage), Effort::COMPARED)?;
             let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
-            let own_numbers = |record: &Measured| {
-                let before = with.own_numbers(record);
-                1 + fitted.hypothesis.own_numbers(record).saturating_sub(before)
-            };
-            let free = own_numbers(self.train);
-            let there = fitted.hypothesis.in_record(self.holdout)?;
-            let chance_there = by_chance(&there, own_numbers(self.holdout), self.holdout)?;
+            let before = with.own_numbers(self.train);
+            let free = 1 + fitted.hypothesis.own_numbers(self.train).saturating_sub(before);
             let mut one = Evidence {
                 round: self.rounds + evidence.len(),
                 name: part.descriptor.name,
@@ -753,7 +748,8 @@ impl<'a> Search<'a> {
             };
             let least_of =
                 |left: f64| (LEAST_SHARE * (left - self.floor.total().powi(2))).max(self.threshold(Side::Carriage));
-            let is_enough = one.holdout_gain >= least_of(left.holdout()).max(chance_there)
+            let is_enough = share >= LEAST_SHARE
+                && one.holdout_gain >= least_of(left.holdout())
                 && one.train_gain >= least_of(left.train()).max(one.chance);
             if !is_enough {
                 one.outcome = Outcome::TooSmall;
@@ -787,22 +783,23 @@ impl<'a> Search<'a> {
         Ok(true)
     }
 
-    /// The ripple with a phase of each record's own that takes most out of the hold-out, with the smallest of `slips` that does about as well, and that; its period is that of the train record.
-    fn slipping_ripple(&self, beside: &Hypothesis, slips: &[f64]) -> Result<Option<(Part, f64)>, IdentifyError> {
+    /// The ripple with a phase of each record's own that takes most out of the hold-out along the way, with the smallest of `slips` that does about as well, that, and the share
+    /// it takes; its period is that of the train record.
+    fn slipping_ripple(&self, beside: &Hypothesis, slips: &[f64]) -> Result<Option<(Part, f64, f64)>, IdentifyError> {
         let train = beside.missing(self.train, Sides::CARRIAGE)?.carriage;
         let holdout = beside.in_record(self.holdout)?.missing(self.holdout, Sides::CARRIAGE)?.carriage;
-        let mut best: Option<(f64, Part, f64)> = None;
+        let mut best: Option<(Part, f64, f64)> = None;
         for slip in slips {
             if self.watch.stopped() {
                 break;
             }
             let Some(part) = slipping::strongest(&train, self.train, *slip)? else { continue };
-            let gain = slipping::taken(&holdout, self.holdout, &part);
-            if best.as_ref().is_none_or(|(best, ..)| SIMPLER * gain > *best) {
-                best = Some((gain, part, *slip));
+            let share = slipping::share_along_the_way(&holdout, self.holdout, &part);
+            if best.as_ref().is_none_or(|(.., best)| SIMPLER * share > *best) {
+                best = Some((part, *slip, share));
             }
         }
-        Ok(best.map(|(_, part, slip)| (part, slip)))
+        Ok(best)
     }
 
     /// Backwards: an effect that the others have made superfluous goes.

@@ -2,8 +2,8 @@
 //!
 //! Guides whose phases walk are together one ripple, F = S(s) sin(2 pi x / p) + C(s) cos(2 pi x / p), of which S and C change slowly with the
 //! distance travelled s. No law tells them. They are linear here between knots a piece apart, and in each record those that leave least of
-//! the missing force along the way (after the variable projection of Golub, Pereyra, SIAM Journal on Numerical Analysis 10, 1973): what is fitted of the law
-//! is its period. A ripple that goes through few periods in a record is not looked for in it: it would be any force.
+//! the missing force (variable projection: Golub, Pereyra, SIAM Journal on Numerical Analysis 10, 1973): what is fitted of the law is its period. That there is
+//! such a ripple is judged along the way: where the carriage rests, and in a record with few periods, it could be any force.
 
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -41,7 +41,8 @@ pub(super) struct Slipping {
     pub ripples: Vec<SlippingRipple>,
     /// One for each ripple; `None` for one that the record does not show.
     waves: Vec<Option<Waves>>,
-    way: Way,
+    /// What a row counts.
+    weights: Vec<f64>,
     factors: Cholesky<f64, Dyn>,
 }
 
@@ -52,7 +53,7 @@ struct Way {
     travelled: Vec<f64>,
     /// Rows without a hole between them: behind one nobody knows the phase.
     runs: Vec<Range<usize>>,
-    /// Distance from the row before, m. A ripple over the position is looked for along the way, and not where the carriage rests: there any force is one.
+    /// Distance from the row before, m: what a row counts where a ripple is looked for along the way. Where the carriage rests any force is one.
     weights: Vec<f64>,
     /// Travel, m.
     range: f64,
@@ -142,15 +143,21 @@ impl Slipping {
             way.shows(*ripple).then(|| (turn(f64::sin), turn(f64::cos)))
         };
         let waves = ripples.iter().map(wave).collect();
-        Slipping::of(ripples, waves, way)
+        let weights = vec![1.0; way.travelled.len()];
+        Slipping::of(ripples, waves, &way, weights)
     }
 
     /// `waves`: sine and cosine of each ripple at the rows, where the record shows it.
-    fn of(ripples: Vec<SlippingRipple>, waves: Vec<Option<(Vec<f64>, Vec<f64>)>>, way: Way) -> Option<Slipping> {
+    fn of(
+        ripples: Vec<SlippingRipple>,
+        waves: Vec<Option<(Vec<f64>, Vec<f64>)>>,
+        way: &Way,
+        weights: Vec<f64>,
+    ) -> Option<Slipping> {
         let mut columns = 0;
         let mut all: Vec<Option<Waves>> = Vec::new();
         for (ripple, waves) in ripples.iter().zip(waves) {
-            let waves = waves.map(|(sine, cosine)| Waves::new(*ripple, sine, cosine, &way, columns));
+            let waves = waves.map(|(sine, cosine)| Waves::new(*ripple, sine, cosine, way, columns));
             columns += waves.as_ref().map_or(0, |waves| 2 * waves.knots);
             all.push(waves);
         }
@@ -159,7 +166,7 @@ impl Slipping {
         }
         // Of a symmetric matrix the lower triangle is enough.
         let mut normal = DMatrix::zeros(columns, columns);
-        for (row, weight) in way.weights.iter().enumerate() {
+        for (row, weight) in weights.iter().enumerate() {
             for (index, waves) in all.iter().enumerate() {
                 for (column, entry) in waves.iter().flat_map(|waves| waves.row(row)) {
                     for (before, value) in all[..=index].iter().flatten().flat_map(|waves| waves.row(row)) {
@@ -170,7 +177,7 @@ impl Slipping {
         }
         let ridge = RIDGE * normal.diagonal().max() + f64::MIN_POSITIVE;
         (0..columns).for_each(|column| normal[(column, column)] += ridge);
-        Some(Slipping { ripples, waves: all, way, factors: normal.cholesky()? })
+        Some(Slipping { ripples, waves: all, weights, factors: normal.cholesky()? })
     }
 
     /// Numbers that a record has for itself.
@@ -178,11 +185,11 @@ impl Slipping {
         self.waves.iter().flatten().map(|waves| 2 * waves.knots).sum()
     }
 
-    /// Knots of sine and cosine, N, that leave least of a force at the rows along the way.
+    /// Knots of sine and cosine, N, that leave least of a force at the rows.
     fn knots(&self, force: &[f64]) -> DVector<f64> {
         let mut right = DVector::zeros(self.columns());
         for waves in self.waves.iter().flatten() {
-            for (row, (force, weight)) in force.iter().zip(&self.way.weights).enumerate() {
+            for (row, (force, weight)) in force.iter().zip(&self.weights).enumerate() {
                 waves.row(row).iter().for_each(|(column, entry)| right[*column] += weight * entry * force);
             }
         }
@@ -199,32 +206,41 @@ impl Slipping {
         }
     }
 
-    /// Root of the mean of S^2 + C^2 along the way, for each ripple that the record shows, N, as it fits a force best.
+    /// Root of the mean of S^2 + C^2, for each ripple that the record shows, N, as it fits a force best.
     pub fn amplitudes(&self, force: &[f64]) -> Vec<Option<f64>> {
         let knots = self.knots(force);
         let amplitude = |waves: &Waves| {
-            let squares = waves.places.iter().zip(&self.way.weights).map(|((knot, part), weight)| {
+            let squares = waves.places.iter().zip(&self.weights).map(|((knot, part), weight)| {
                 let at = waves.first + 2 * knot;
                 let next = if *part > 0.0 { at + 2 } else { at };
                 let along = |offset: usize| (1.0 - part) * knots[at + offset] + part * knots[next + offset];
                 weight * (along(0).powi(2) + along(1).powi(2))
             });
-            (squares.sum::<f64>() / self.way.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)).sqrt()
+            (squares.sum::<f64>() / self.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)).sqrt()
         };
         self.waves.iter().map(|waves| waves.as_ref().map(amplitude)).collect()
     }
 }
 
-/// What balls that slip can take out of the squares of a force at the rows of a record, N^2.
-pub(super) fn taken(force: &[f64], measured: &Measured, part: &Part) -> f64 {
-    let Some(slipping) = Slipping::new(part.slipping_ripple().into_iter().collect(), measured) else { return 0.0 };
-    let mut left = force.to_vec();
-    slipping.take_from(&mut left);
-    squares(force) - squares(&left)
+/// Share of the squares of a force at the rows of a record that balls which slip can take out along the way.
+pub(super) fn share_along_the_way(force: &[f64], measured: &Measured, part: &Part) -> f64 {
+    let Some(ripple) = part.slipping_ripple() else { return 0.0 };
+    let way = Way::new(measured);
+    if !way.shows(ripple) {
+        return 0.0;
+    }
+    left_along_the_way(force, &measured.at_rows(&measured.position), &way, ripple).map_or(0.0, |left| 1.0 - left)
 }
 
-fn squares(force: &[f64]) -> f64 {
-    force.iter().map(|force| force * force).sum()
+/// Share of the squares of a force that a ripple leaves along the way. Not filtered as the force is, which moves no peak.
+fn left_along_the_way(force: &[f64], position: &[f64], way: &Way, ripple: SlippingRipple) -> Option<f64> {
+    let waves = position.iter().map(|x| (TAU * x / ripple.period).sin_cos()).unzip();
+    let slipping = Slipping::of(vec![ripple], vec![Some(waves)], way, way.weights.clone())?;
+    let mut left = force.to_vec();
+    slipping.take_from(&mut left);
+    let squares =
+        |force: &[f64]| force.iter().zip(&way.weights).map(|(force, weight)| weight * force * force).sum::<f64>();
+    Some(squares(&left) / squares(force))
 }
 
 /// Balls of a ripple of this period, m, whose phase walks so, rad/sqrt(m).
@@ -234,7 +250,7 @@ fn balls(period: f64, slip: f64) -> Result<Part, ModelError> {
     Ok(Part { descriptor, values: descriptor.values_of(&given)? })
 }
 
-/// The balls whose phase walks so, rad/sqrt(m), that take most out of a force at the rows of a record, N; `None` where the travel is too short.
+/// The balls whose phase walks so, rad/sqrt(m), that take most out of a force at the rows of a record, N, along the way; `None` where the travel is too short.
 pub(super) fn strongest(force: &[f64], measured: &Measured, slip: f64) -> Result<Option<Part>, ModelError> {
     let bounds = EffectDescriptor::find(LAW)?.parameters.iter().find(|one| one.name == "period").map(|one| one.bounds);
     let Some((shortest, longest)) = bounds else { return Ok(None) };
@@ -245,16 +261,10 @@ pub(super) fn strongest(force: &[f64], measured: &Measured, slip: f64) -> Result
     if most.is_nan() || most <= fewest {
         return Ok(None);
     }
-    // Not filtered, which moves no peak.
-    let left = |turns: f64| {
+    let explained = |turns: f64| {
         let ripple = SlippingRipple { period: way.range / turns, ..ripple };
-        let waves = position.iter().map(|x| (TAU * x / ripple.period).sin_cos()).unzip();
-        let slipping = Slipping::of(vec![ripple], vec![Some(waves)], way.clone())?;
-        let mut left = force.to_vec();
-        slipping.take_from(&mut left);
-        Some(squares(&left))
+        left_along_the_way(force, &position, &way, ripple).map_or(f64::NEG_INFINITY, |left| -left)
     };
-    let explained = |turns: f64| left(turns).map_or(f64::NEG_INFINITY, |left| -left);
     let steps = ((most - fewest) * STEPS_PER_TURN).ceil().clamp(1.0, MOST_STEPS);
     let turns = |step: f64| fewest + (most - fewest) * step / steps;
     let all: Vec<f64> = (0..=steps as usize).into_par_iter().map(|step| explained(turns(step as f64))).collect();
@@ -298,7 +308,8 @@ mod tests {
         assert!((amplitude / 0.4 - 1.0).abs() < 0.02, "{amplitude}");
         slipping.take_from(&mut left);
         let off: Vec<f64> = left.iter().zip(&other).map(|(left, other)| left - other).collect();
-        assert!(rms(&off) < 0.05 * rms(&other), "{} of {}", rms(&off), rms(&other));
+        // Where the carriage turns, any force is a ripple.
+        assert!(rms(&off) < 0.2 * rms(&other), "{} of {}", rms(&off), rms(&other));
         let rest = |piece: f64| {
             let mut left = ripple.clone();
             Slipping::new(vec![SlippingRipple { period: 4e-3, piece }], &measured).unwrap().take_from(&mut left);
@@ -316,7 +327,7 @@ mod tests {
         let found = strongest(&ripple, &measured, 1.5).unwrap().unwrap();
         let period = found.slipping_ripple().unwrap().period;
         assert!((period / 4e-3 - 1.0).abs() < 3e-3, "{period}");
-        assert!(taken(&ripple, &measured, &found) > 0.95 * squares(&ripple));
+        assert!(share_along_the_way(&ripple, &measured, &found) > 0.95);
     }
 
     /// To and fro over 50 mm in 0.1 s with rests of a second, while a force walks at random: at each rest it could be any phase of any ripple.
@@ -342,8 +353,8 @@ mod tests {
         let force = measured.filtered(&force);
         for slip in [0.1, 0.5, 1.0] {
             let found = strongest(&force, &measured, slip).unwrap().unwrap();
-            let share = taken(&force, &measured, &found) / squares(&force);
-            assert!(share < 0.2, "slip {slip}: {share} of the squares");
+            let share = share_along_the_way(&force, &measured, &found);
+            assert!(share < 0.05, "slip {slip}: {share} of the squares");
         }
     }
 
