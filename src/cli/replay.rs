@@ -138,7 +138,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     report.force_cell_rms_n = (report.force_cell_rms_n / count).sqrt();
     let mut in_record = model.clone();
     match missing_force(&model, &trace) {
-        Ok((rms, declared, here)) => {
+        Ok((rms, here, phase_is_its_own)) => {
             report.missing_force_rms_n = Some(rms);
             if here.effects.iter().any(Part::slips) {
                 report.notes.push(
@@ -146,7 +146,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
                         .to_owned(),
                 );
             }
-            if here.effects != declared.effects {
+            if phase_is_its_own {
                 in_record = here.model();
                 report.notes.push("external_vibration has the phase here that fits this record best".to_owned());
             }
@@ -187,21 +187,21 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Share of what a model misses that the phase which fits this record best has to leave out for the one of the model to be another record's.
+/// Share of what a model misses that the phase which fits this record best has to leave out for the one of the model to be another record's. Assumed.
 const ANOTHER_PHASE: f64 = 0.05;
 
 /// Rms of the force that the model misses along the recorded motion, both sides of the cell together, N, with the phases that a record has for
-/// itself; the model as it is, and with these, where its own are not those of this record.
-fn missing_force(model: &StageModel, trace: &Trace) -> Result<(f64, Hypothesis, Hypothesis), IdentifyError> {
+/// itself; what stands for the model in this record, and whether that has another phase.
+fn missing_force(model: &StageModel, trace: &Trace) -> Result<(f64, Hypothesis, bool), IdentifyError> {
     let measured = Measured::new(trace, model, "the recording")?;
     let declared = Hypothesis::new(model, Tolerances::default())?;
     let here = declared.in_record(&measured)?;
     let missing = |hypothesis: &Hypothesis| hypothesis.missing(&measured, Sides::BOTH).map(|missing| missing.rms());
     let (as_declared, in_record) = (missing(&declared)?, missing(&here)?);
     if in_record < (1.0 - ANOTHER_PHASE) * as_declared {
-        return Ok((in_record, declared, here));
+        return Ok((in_record, here, true));
     }
-    Ok((as_declared, declared.clone(), declared))
+    Ok((as_declared, declared, false))
 }
 
 /// Rms of the closed loop's encoder less the recorded one, m.

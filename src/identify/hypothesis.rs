@@ -246,15 +246,13 @@ impl Hypothesis {
     /// The same with the amplitudes of balls that slip, of the effects from `first` on, as this record shows them, on the mean: with all guides in phase they would be
     /// twice the root of the sum of the squares of four that are not.
     pub(super) fn with_own_amplitudes(&self, first: usize, measured: &Measured) -> Result<Hypothesis, ModelError> {
-        let of_record = |part: &Part| part.slipping_ripple();
-        let Some(slipping) = Slipping::new(self.effects.iter().filter_map(of_record).collect(), measured) else {
-            return Ok(self.clone());
-        };
+        let ripples = self.effects.iter().filter_map(Part::slipping_ripple).collect();
+        let Some(slipping) = Slipping::new(ripples, measured) else { return Ok(self.clone()) };
         let mut without = self.clone();
-        without.effects.retain(|part| of_record(part).is_none());
+        without.effects.retain(|part| !part.slips());
         let missing = without.missing(measured, Sides::CARRIAGE)?;
         let mut here = self.clone();
-        let slips = here.effects.iter_mut().enumerate().filter(|(_, part)| of_record(part).is_some());
+        let slips = here.effects.iter_mut().enumerate().filter(|(_, part)| part.slips());
         for ((index, part), amplitude) in slips.zip(slipping.amplitudes(&missing.carriage)) {
             let place = part.descriptor.parameters.iter().position(|parameter| parameter.name == "amplitude");
             if let (Some(place), Some(amplitude), true) = (place, amplitude, index >= first) {

@@ -404,10 +404,7 @@ impl<'a> Search<'a> {
 
     /// Whether little enough is left for what was found to be the answer.
     fn is_explained(&self, left: &Errors) -> bool {
-        let share = self.beyond_noise(left) <= LEFT_AT_MOST * self.beyond_noise(&self.errors_before).max(0.0);
-        let floor = self.floor.total();
-        // Sensors without any noise say nothing of sizes.
-        share && (floor <= 0.0 || left.holdout() <= (FLOORS_AT_MOST * floor).powi(2))
+        leaves_little(left.holdout(), self.errors_before.holdout(), self.floor.total())
     }
 
     fn take(&mut self, best: Fitted) -> Result<(), IdentifyError> {
@@ -898,6 +895,13 @@ impl<'a> Search<'a> {
     }
 }
 
+/// Whether laws that leave a mean square on the hold-out, of one before, both N^2, over a floor of noise, N, are the answer though more than noise is left.
+fn leaves_little(left: f64, before: f64, floor: f64) -> bool {
+    let share = left - floor.powi(2) <= LEFT_AT_MOST * (before - floor.powi(2)).max(0.0);
+    // Sensors without any noise say nothing of sizes.
+    share && (floor <= 0.0 || left <= (FLOORS_AT_MOST * floor).powi(2))
+}
+
 /// The simplest law among those that explain about as much as the strongest, of several the one that explains most.
 fn winner(tried: &[(Evidence, Hypothesis)], strongest: f64) -> usize {
     let explains = |index: &usize| {
@@ -1120,6 +1124,18 @@ mod tests {
         assert!((period / 1.3e-3 - 1.0).abs() < 0.01, "{period}");
         // Four guides of 1.5 N in any phase.
         assert!((2.0..12.0).contains(&amplitude), "{amplitude}");
+    }
+
+    /// In floors: what is left, and what was before.
+    #[test]
+    fn laws_are_the_answer_where_they_leave_little_in_shares_and_in_floors() {
+        let over_a_floor = |left: f64, before: f64| leaves_little(left * left, before * before, 1.0);
+        assert!(over_a_floor(6.0, 50.0));
+        // A seal that remembers, taken for a hysteresis, and for four laws at once.
+        assert!(!over_a_floor(103.0, 341.0) && !over_a_floor(38.0, 211.0));
+        // Little in floors, but not of what there was.
+        assert!(!over_a_floor(6.0, 20.0));
+        assert!(leaves_little(1e-4, 1.0, 0.0) && !leaves_little(0.1, 1.0, 0.0));
     }
 
     #[test]

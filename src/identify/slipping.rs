@@ -20,7 +20,7 @@ use super::measured::Measured;
 
 /// The law that has balls which slip.
 pub(super) const LAW: &str = "ball_passage";
-/// Part of the largest curvature that is added to each: knots that the record says nothing of stay at 0.
+/// Part of the largest curvature that is added to each, far above rounding and far below what a record tells: knots that the record says nothing of stay at 0.
 const RIDGE: f64 = 1e-9;
 /// Steps of a search for a period per turn of the phase over the travel.
 const STEPS_PER_TURN: f64 = 4.0;
@@ -28,9 +28,9 @@ const STEPS_PER_TURN: f64 = 4.0;
 const MOST_STEPS: f64 = 2000.0;
 /// Fewest periods within the travel. Assumed: fewer are no ripple but a curve.
 const LEAST_PERIODS: f64 = 8.0;
-/// Fewest periods in a piece: a narrow band.
+/// Fewest periods in a piece: a narrow band. Assumed.
 const PERIODS_IN_A_PIECE: f64 = 20.0;
-/// Most pieces of a record: longer ones have longer pieces, so that time and memory stay linear.
+/// Most pieces of a record, assumed: longer ones have longer pieces, so that time and memory stay linear.
 const MOST_PIECES: f64 = 100.0;
 /// Rows that are farther apart than this have a hole between them, s. Assumed.
 const HOLE: f64 = 0.25;
@@ -71,13 +71,18 @@ struct Waves {
     knots: usize,
 }
 
+/// Distance travelled at each position, m.
+fn travelled(position: &[f64]) -> Vec<f64> {
+    let mut travelled = vec![0.0; position.len()];
+    for k in 1..position.len() {
+        travelled[k] = travelled[k - 1] + (position[k] - position[k - 1]).abs();
+    }
+    travelled
+}
+
 impl Way {
     fn new(measured: &Measured) -> Way {
-        let mut travelled = vec![0.0; measured.len()];
-        for k in 1..measured.len() {
-            travelled[k] = travelled[k - 1] + (measured.position[k] - measured.position[k - 1]).abs();
-        }
-        let travelled = measured.at_rows(&travelled);
+        let travelled = measured.at_rows(&travelled(&measured.position));
         let holes = measured.rows.windows(2).map(|two| (two[1] - two[0]) as f64 > HOLE * measured.rate);
         let starts: Vec<usize> = holes.enumerate().filter(|(_, hole)| *hole).map(|(row, _)| row + 1).collect();
         let ends = starts.iter().copied().chain([travelled.len()]);
@@ -282,12 +287,8 @@ mod tests {
 
     /// Force of a ripple whose phase turns by `turn` rad per metre travelled, N, at the rows, beside a slow one.
     fn force(measured: &Measured, period: f64, turn: f64) -> (Vec<f64>, Vec<f64>) {
-        let mut travelled = vec![0.0; measured.len()];
-        for k in 1..measured.len() {
-            travelled[k] = travelled[k - 1] + (measured.position[k] - measured.position[k - 1]).abs();
-        }
         let of = |(x, s): (&f64, f64)| 0.4 * (TAU * x / period + 0.8 + turn * s).sin();
-        let ripple: Vec<f64> = measured.position.iter().zip(travelled).map(of).collect();
+        let ripple: Vec<f64> = measured.position.iter().zip(travelled(&measured.position)).map(of).collect();
         let other: Vec<f64> = measured.position.iter().map(|x| 2.0 * x + 0.1).collect();
         (measured.filtered(&ripple), measured.filtered(&other))
     }
