@@ -26,6 +26,10 @@ const UNKNOWN: f64 = 1e-12;
 const HAS_NO_PART: f64 = 1e-3;
 /// Pieces of a record that count as independent of each other: about a second each.
 const PIECES: usize = 40;
+/// Times the variance that noise alone gives the differences of means of neighbouring pieces above which a residual wanders: noise alone gives
+/// 1, and 2 once in 10,000 records.
+const WALKS: f64 = 4.0;
+const TENTHS: usize = 10;
 
 /// How far a fit goes.
 #[derive(Clone, Copy, Debug)]
@@ -234,10 +238,11 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort
 
 /// Standard deviations and correlations of the coordinates; those on a bound are held.
 ///
-/// The covariance is H^-1 S H^-1 with the normal matrix H of the Jacobian and S the covariance of the gradient: the larger, coordinate
-/// by coordinate, of two estimates. One takes the residual of each side as noise of its own size and correlation length. The other
+/// The covariance is H^-1 S H^-1 with the normal matrix H of the Jacobian and S the covariance of the gradient: the largest, coordinate
+/// by coordinate, of three estimates. One takes the residual of each side as noise of its own size and correlation length. One
 /// leaves out one piece of the record after the other (jackknife of clusters: Bell, McCaffrey, Survey Methodology 28, 2002) and so counts what a model
-/// misses here and there, also where few pieces say most about a coordinate.
+/// misses here and there, also where few pieces say most about a coordinate. One takes what wanders from piece to piece for a random walk: pieces are not
+/// independent then, and leaving out one of them changes little.
 fn uncertainty(
     jacobian: &DMatrix<f64>,
     residual: &DVector<f64>,
@@ -261,7 +266,7 @@ fn uncertainty(
     let (inverse, known) = inverse_where_known(&normal);
 
     let none = || DMatrix::zeros(free.len(), free.len());
-    let mut as_noise = none();
+    let (mut as_noise, mut as_walk) = (none(), none());
     let mut pieces = vec![(none(), DVector::zeros(free.len())); PIECES];
     let mut from = 0;
     for side in [&missing.motor, &missing.carriage] {
@@ -270,6 +275,7 @@ fn uncertainty(
         if rows > 0 {
             let variance = side.iter().map(|left| left * left).sum::<f64>() / rows as f64 * correlation_length(side);
             as_noise += slopes.tr_mul(&slopes) * variance;
+            as_walk += gradient_of_walk(&slopes.into_owned(), walk(side));
             for (piece, (normal, gradient)) in pieces.iter_mut().enumerate() {
                 let (start, end) = (piece * rows / PIECES, (piece + 1) * rows / PIECES);
                 let slopes = slopes.rows(start, end - start);
@@ -282,6 +288,7 @@ fn uncertainty(
     let expected = columns.rows(from, coordinates.len());
     let expected = expected.tr_mul(&expected) * (noise * noise);
     let as_noise = &inverse * (as_noise + &expected) * &inverse;
+    let as_walk = &inverse * as_walk * &inverse;
     let mut in_pieces = &inverse * expected * &inverse;
     for (of_piece, gradient) in &pieces {
         // How far the rest of the record would move the coordinates.
@@ -290,7 +297,7 @@ fn uncertainty(
         in_pieces += &moved * moved.transpose() * ((PIECES - 1) as f64 / PIECES as f64);
     }
     for (row, index) in free.iter().enumerate().filter(|(row, _)| known[*row]) {
-        let variance = as_noise[(row, row)].max(in_pieces[(row, row)]);
+        let variance = as_noise[(row, row)].max(in_pieces[(row, row)]).max(as_walk[(row, row)]);
         deviations[*index] = variance.sqrt() * coordinates[*index].scale;
         for (column, other) in free.iter().enumerate().filter(|(column, _)| known[*column]) {
             correlations[*index][*other] =
@@ -301,7 +308,7 @@ fn uncertainty(
 }
 
 /// Inverse of a normal matrix without the directions in which the data say nothing, and which coordinates have no part in these.
-fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>) {
+pub(super) fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>) {
     let count = normal.nrows();
     // Columns of length 1, so that the eigenvalues are those of correlations.
     let length: Vec<f64> = normal.diagonal().iter().map(|square| square.sqrt()).collect();
@@ -318,6 +325,39 @@ fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>) {
         }
     }
     (DMatrix::from_fn(count, count, |row, column| inverse[(row, column)] / (length[row] * length[column])), known)
+}
+
+/// Variance by which a residual walks at random from one row to the next, N^2; 0 where its means over the pieces differ no more than noise
+/// makes them, as its means over tenths of a piece show that.
+fn walk(residual: &[f64]) -> f64 {
+    let rows = residual.len() / PIECES;
+    if rows < 2 * TENTHS {
+        return 0.0;
+    }
+    // Mean square by which the means of neighbouring pieces differ.
+    let between = |rows: usize| {
+        let means: Vec<f64> =
+            residual.chunks_exact(rows).map(|piece| piece.iter().sum::<f64>() / rows as f64).collect();
+        means.windows(2).map(|two| (two[1] - two[0]).powi(2)).sum::<f64>() / (means.len() - 1) as f64
+    };
+    let (seen, by_noise) = (between(rows), between(rows / TENTHS) / TENTHS as f64);
+    // The means of neighbouring pieces of a walk differ by two thirds of what it walks over a piece; beside it the noise is little.
+    if seen > WALKS * by_noise { 1.5 * seen / rows as f64 } else { 0.0 }
+}
+
+/// Covariance of the gradient by a residual that walks by this variance from row to row: a step of it is in all rows behind.
+fn gradient_of_walk(slopes: &DMatrix<f64>, variance: f64) -> DMatrix<f64> {
+    let count = slopes.ncols();
+    let mut sum = DMatrix::zeros(count, count);
+    if variance <= 0.0 {
+        return sum;
+    }
+    let mut behind = DVector::zeros(count);
+    for row in (0..slopes.nrows()).rev() {
+        behind += slopes.row(row).transpose();
+        sum.ger(variance, &behind, &behind, 1.0);
+    }
+    sum
 }
 
 /// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation up to its first zero.
@@ -339,6 +379,10 @@ pub fn correlation_length(values: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
     use super::*;
 
     #[test]
@@ -359,5 +403,37 @@ mod tests {
         assert_eq!(known, [true, true]);
         let unit = &normal * &inverse;
         assert!((unit - DMatrix::identity(2, 2)).amax() < 1e-6, "{inverse}");
+    }
+
+    /// White noise of 1 N, and on top a walk of this size from row to row.
+    fn wandering(size: f64, seed: u64) -> Vec<f64> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut walk = 0.0;
+        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+        let mut value = || {
+            walk += size * normal();
+            walk + normal()
+        };
+        (0..4000).map(|_| value()).collect()
+    }
+
+    #[test]
+    fn what_walks_is_told_from_noise() {
+        for seed in 0..200 {
+            assert_eq!(walk(&wandering(0.0, seed)), 0.0);
+        }
+        let seen = (0..200).map(|seed| walk(&wandering(0.2, seed))).sum::<f64>() / 200.0;
+        assert!((seen / 0.04 - 1.0).abs() < 0.05, "{seen}");
+    }
+
+    /// The slope of a line through a walk of size q over n rows scatters by q sqrt(6 / (5 n)): least squares, whose residual hides most of it.
+    #[test]
+    fn a_line_through_a_walk_is_as_uncertain_as_a_walk_makes_it() {
+        let rows = 4000;
+        let line = DMatrix::from_fn(rows, 2, |row, column| if column == 0 { 1.0 } else { row as f64 });
+        let inverse = line.tr_mul(&line).try_inverse().unwrap();
+        let covariance = &inverse * gradient_of_walk(&line, 0.04) * &inverse;
+        let expected = 0.04 * 6.0 / (5.0 * rows as f64);
+        assert!((covariance[(1, 1)] / expected - 1.0).abs() < 1e-2, "{} {expected}", covariance[(1, 1)]);
     }
 }

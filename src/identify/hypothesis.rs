@@ -64,6 +64,12 @@ impl Part {
         self.descriptor.parameters_of(&self.values)
     }
 
+    /// Its parameter of this name.
+    pub fn value_of(&self, name: &str) -> Option<f64> {
+        let place = self.descriptor.parameters.iter().position(|parameter| parameter.name == name)?;
+        self.values.get(place).copied()
+    }
+
     /// What each record has for itself of it: of balls that slip the whole force.
     pub(super) fn slipping_ripple(&self) -> Option<SlippingRipple> {
         (self.descriptor.build)(&self.values).slipping_ripple()
@@ -261,6 +267,11 @@ impl Hypothesis {
             }
         }
         Ok(here)
+    }
+
+    /// The model as declared.
+    pub(super) fn declared(&self) -> &StageModel {
+        &self.declared
     }
 
     /// What the declared noise of the sensors leaves on a record.

@@ -90,12 +90,14 @@ pub struct Measured {
     pub cell: Option<Vec<f64>>,
     /// Command, N; what the cell read where there is no command.
     pub command: Vec<f64>,
-    /// Whether a cell has read the force on the carriage.
-    pub by_cell: bool,
     /// Reference position, m; NaN where the recording has none.
     pub reference: [Vec<f64>; 3],
-    /// Command as recorded, sample by sample, N.
+    /// Command and cell as recorded, sample by sample, N; in place of a command that there is none of what the cell read.
     pub raw_command: Vec<f64>,
+    raw_cell: Option<Vec<f64>>,
+    has_command: bool,
+    /// Standard deviation of the encoder's noise as the record shows it, m; above 0.
+    pub noise: f64,
     /// In order of time; each interval between samples has one or several.
     pub steps: Vec<Step>,
     pub rate: f64,
@@ -114,7 +116,6 @@ impl Measured {
         }
         let span = trace.time[count - 1] - trace.time[0];
         let rate = (count - 1) as f64 / span;
-        let dt = rate.recip();
         let absent = |values: &[f64]| values.iter().all(|value| value.is_nan());
         if absent(&trace.force) && absent(&trace.force_cell) {
             return Err(IdentifyError::NoForce { name: name.to_owned() });
@@ -146,32 +147,8 @@ impl Measured {
             note(&trace.force_cell);
             filled(&trace.force_cell)
         });
-
-        // Interval k runs from sample k to k + 1; the cell shows it at its end, the command at its start.
-        let inner = |values: &dyn Fn(usize) -> f64| -> Vec<f64> {
-            (0..count).map(|k| if k == 0 || k + 1 == count { 0.0 } else { values(k) }).collect()
-        };
-        let command = inner(&|k| 0.5 * (raw_command[k - 1] + raw_command[k]));
-        let cell = raw_cell.as_ref().map(|cell| inner(&|k| 0.5 * (cell[k] + cell[k + 1])));
-        let acceleration = inner(&|k| (position[k + 1] - 2.0 * position[k] + position[k - 1]) * rate * rate);
-
         // An encoder without any noise is no division by 0.
         let noise = noise_of(&position).max(model.encoder.resolution / 12f64.sqrt()).max(f64::MIN_POSITIVE);
-        // A cell's noise would shake the carriage more than the controller does.
-        let shaken =
-            has_command.then(|| command.iter().map(|force| force * dt * dt / model.mass).collect::<Vec<f64>>());
-        let smooth = at_rest_smoothed(&position, shaken.as_deref(), rate, noise);
-        // With a force that is held the velocity at a node is the central difference less a quarter of the jump of the acceleration times dt.
-        let force = raw_cell.as_ref();
-        let jump = |k: usize| match force {
-            Some(cell) => cell[k + 1] - cell[k],
-            None => raw_command[k] - raw_command[k - 1],
-        };
-        let velocity_of = |position: &[f64]| {
-            inner(&|k| 0.5 * (position[k + 1] - position[k - 1]) * rate - 0.25 * jump(k) * dt / model.mass)
-        };
-        let (velocity, read_velocity) = (velocity_of(&smooth), velocity_of(&position));
-
         for unknown in unknown_bristles(&trace.position, rate, model)? {
             valid[unknown].fill(false);
         }
@@ -187,30 +164,74 @@ impl Measured {
         let mut measured = Measured {
             time: trace.time.iter().map(|time| time - trace.time[0]).collect(),
             position,
-            velocity,
-            acceleration,
-            cell,
-            command,
-            by_cell: has_cell || !has_command,
+            velocity: Vec::new(),
+            acceleration: Vec::new(),
+            cell: None,
+            command: Vec::new(),
+            has_command,
             reference: [
                 trace.reference_position.clone(),
                 trace.reference_velocity.clone(),
                 trace.reference_acceleration.clone(),
             ],
             raw_command,
+            raw_cell,
+            noise,
             steps: Vec::new(),
             rate,
             lowpass,
             rows,
         };
-        measured.steps = measured.in_steps(&smooth, &read_velocity, noise);
+        measured.work_out(model.mass);
         Ok(measured)
     }
 
+    /// Everything that follows from position, command and cell as recorded, with a mass in kg.
+    fn work_out(&mut self, mass: f64) {
+        let (position, raw_command) = (&self.position, &self.raw_command);
+        let (count, rate, dt) = (self.len(), self.rate, self.rate.recip());
+        // Interval k runs from sample k to k + 1; the cell shows it at its end, the command at its start.
+        let inner = |values: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            (0..count).map(|k| if k == 0 || k + 1 == count { 0.0 } else { values(k) }).collect()
+        };
+        let command = inner(&|k| 0.5 * (raw_command[k - 1] + raw_command[k]));
+        let cell = self.raw_cell.as_ref().map(|cell| inner(&|k| 0.5 * (cell[k] + cell[k + 1])));
+        let acceleration = inner(&|k| (position[k + 1] - 2.0 * position[k] + position[k - 1]) * rate * rate);
+        // A cell's noise would shake the carriage more than the controller does.
+        let shaken = self.has_command.then(|| command.iter().map(|force| force * dt * dt / mass).collect::<Vec<f64>>());
+        let smooth = at_rest_smoothed(position, shaken.as_deref(), rate, self.noise);
+        // With a force that is held the velocity at a node is the central difference less a quarter of the jump of the acceleration times dt.
+        let jump = |k: usize| match &self.raw_cell {
+            Some(cell) => cell[k + 1] - cell[k],
+            None => raw_command[k] - raw_command[k - 1],
+        };
+        let velocity_of = |position: &[f64]| {
+            inner(&|k| 0.5 * (position[k + 1] - position[k - 1]) * rate - 0.25 * jump(k) * dt / mass)
+        };
+        let (velocity, read_velocity) = (velocity_of(&smooth), velocity_of(position));
+        (self.command, self.cell, self.acceleration, self.velocity) = (command, cell, acceleration, velocity);
+        self.steps = self.in_steps(&smooth, &read_velocity);
+    }
+
+    /// The same record had encoder (m) and cell (N) read this more, sample by sample; a cell that is not there reads nothing.
+    pub(super) fn with_noise(
+        &self,
+        mut encoder: impl FnMut() -> f64,
+        mut cell: impl FnMut() -> f64,
+        mass: f64,
+    ) -> Measured {
+        let mut noisy = self.clone();
+        noisy.position.iter_mut().for_each(|position| *position += encoder());
+        let read = if noisy.has_command { noisy.raw_cell.as_mut() } else { Some(&mut noisy.raw_command) };
+        read.into_iter().flatten().for_each(|force| *force += cell());
+        noisy.work_out(mass);
+        noisy
+    }
+
     /// The motion in steps: more of them where it turns. `smooth` is the position without what the noise feigns at rest, `read_velocity` the velocity with it.
-    fn in_steps(&self, smooth: &[f64], read_velocity: &[f64], noise: f64) -> Vec<Step> {
+    fn in_steps(&self, smooth: &[f64], read_velocity: &[f64]) -> Vec<Step> {
         let (rate, dt, velocity) = (self.rate, self.rate.recip(), &self.velocity);
-        let still = noise * rate * REST_SPEED.0;
+        let still = self.noise * rate * REST_SPEED.0;
         let mut steps = Vec::with_capacity(self.len() + self.len() / 4);
         for k in 0..self.len() - 1 {
             let mean = (smooth[k + 1] - smooth[k]) * rate;
@@ -250,6 +271,11 @@ impl Measured {
         self.time.is_empty()
     }
 
+    /// Whether a cell has read the force on the carriage.
+    pub fn by_cell(&self) -> bool {
+        self.cell.is_some() || !self.has_command
+    }
+
     /// A signal, filtered, at the rows.
     pub fn filtered(&self, signal: &[f64]) -> Vec<f64> {
         self.rows.iter().map(|row| self.lowpass.at(signal, *row)).collect()
@@ -274,7 +300,7 @@ impl Measured {
         let read = model.force_cell.noise * self.lowpass.noise_gain(&[0.5, 0.5]);
         Floor {
             motor: if self.cell.is_some() { read } else { 0.0 },
-            carriage: if self.by_cell { inertia.hypot(read) } else { inertia },
+            carriage: if self.by_cell() { inertia.hypot(read) } else { inertia },
         }
     }
 }

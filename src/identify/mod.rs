@@ -18,6 +18,7 @@ pub mod next_experiment;
 mod objective;
 mod phase;
 mod selection;
+mod sensor_noise;
 mod slipping;
 pub mod spectrum;
 mod summary;

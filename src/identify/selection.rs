@@ -13,7 +13,7 @@ use super::driven::Driven;
 use super::fit::{Effort, Fitted, correlation_length, fit};
 use super::hypothesis::{Hypothesis, Missing, Part, Place, Sides, Tolerances};
 use super::measured::{Floor, Measured};
-use super::slipping;
+use super::{sensor_noise, slipping};
 
 /// Most effects that are added.
 pub const MOST_EFFECTS: usize = 4;
@@ -44,6 +44,8 @@ const CURVE_ALONE: f64 = 0.5;
 const LEAST_PERIODS: f64 = 3.0;
 /// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one that turns the phase within a few strokes.
 const SLIPS: [f64; 5] = [0.1, 0.25, 0.35, 0.5, 1.0];
+/// Part by which the periods of guides of one type differ at most. Assumed.
+const OF_ONE_TYPE: f64 = 0.1;
 /// How often a curve is drawn anew at most, and how often laws are looked for beside it.
 const MOST_CURVES: usize = 4;
 /// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2: friction driven along a measured
@@ -431,7 +433,6 @@ impl<'a> Search<'a> {
     fn add_laws(&mut self) -> Result<bool, IdentifyError> {
         let mut added = false;
         while self.laws < MOST_EFFECTS && self.add_one()? {
-            self.laws += 1;
             added = true;
         }
         Ok(added)
@@ -478,9 +479,16 @@ impl<'a> Search<'a> {
             }
         }
         let chosen = tried[winner].1.holding_guides(false);
+        let added = &chosen.effects[self.best.hypothesis.effects.len()..];
+        for part in added {
+            // Ripples that came together are each a row, with what all of them do.
+            let row = if *part == tried[winner].0.part { continue } else { tried[winner].0.clone() };
+            tried.push((Evidence { part: part.clone(), ..row }, chosen.clone()));
+        }
+        self.laws += added.len();
+        self.runners_up.extend(added.iter().map(|_| others.clone()));
         self.evidence.extend(tried.into_iter().map(|(one, _)| one));
         self.take(with_different_guides(&chosen, self.train, Effort::KEPT)?)?;
-        self.runners_up.push(others);
         Ok(true)
     }
 
@@ -532,21 +540,72 @@ impl<'a> Search<'a> {
             let Some(fitted) = best_start(starts, self.train, sides, &self.best.missing) else { continue };
             let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
             let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
-            let free = (0..part.values.len()).filter(|value| (descriptor.free)(&part.values, *value)).count();
-            let evidence = Evidence {
-                round,
-                name: descriptor.name,
-                side,
-                free,
-                part,
-                errors: found,
-                train_gain: self.best_errors.train() - found.train(),
-                holdout_gain: self.best_errors.holdout() - found.holdout(),
-                chance: by_chance(&fitted.hypothesis, free, self.train)?,
-                outcome: Outcome::Beaten,
-            };
+            let mut evidence = self.evidence_of(round, part, side, 1, &fitted.hypothesis, found)?;
+            let mut hypothesis = fitted.hypothesis;
+            if descriptor.name == slipping::LAW {
+                (evidence, hypothesis) = self.of_all_guides(evidence, hypothesis)?;
+            }
             if best.as_ref().is_none_or(|(best, _)| evidence.holdout_gain >= best.holdout_gain) {
-                best = Some((evidence, fitted.hypothesis));
+                best = Some((evidence, hypothesis));
+            }
+        }
+        Ok(best)
+    }
+
+    /// Evidence of a candidate that adds the last `count` effects of a hypothesis, all of the same law.
+    fn evidence_of(
+        &self,
+        round: usize,
+        part: Part,
+        side: Side,
+        count: usize,
+        hypothesis: &Hypothesis,
+        errors: Errors,
+    ) -> Result<Evidence, IdentifyError> {
+        let free_of =
+            |part: &Part| (0..part.values.len()).filter(|value| (part.descriptor.free)(&part.values, *value)).count();
+        let free = hypothesis.effects.iter().rev().take(count).map(free_of).sum();
+        Ok(Evidence {
+            round,
+            name: part.descriptor.name,
+            side,
+            free,
+            part,
+            errors,
+            train_gain: self.best_errors.train() - errors.train(),
+            holdout_gain: self.best_errors.holdout() - errors.holdout(),
+            chance: by_chance(hypothesis, free, self.train)?,
+            outcome: Outcome::Beaten,
+        })
+    }
+
+    /// Guides whose periods differ a little beat, and the ripple of one of them that fits the train record does not fit the hold-out. Where it is so, the ripples
+    /// of several at once, if they do better.
+    fn of_all_guides(&self, one: Evidence, with: Hypothesis) -> Result<(Evidence, Hypothesis), IdentifyError> {
+        let share = |gain: f64, left: f64| gain / (left - self.floor.total().powi(2)).max(f64::MIN_POSITIVE);
+        let fits_one_record = share(one.train_gain, self.best_errors.train()) >= LEAST_SHARE
+            && share(one.holdout_gain, self.best_errors.holdout()) < LEAST_SHARE;
+        if !fits_one_record || one.train_gain < one.chance {
+            return Ok((one, with));
+        }
+        let (descriptor, round, side) = (one.part.descriptor, one.round, one.side);
+        let (first, mut last) = (one.part.clone(), with.clone());
+        let mut best = (one, with);
+        for count in 2..=MOST_EFFECTS - self.laws {
+            let residual = Columns::new(&last, self.train)?;
+            let Some(values) = (descriptor.propose)(&residual.residual(side == Side::Motor)) else { break };
+            let part = Part { descriptor, values };
+            let alike = part.value_of("period").zip(first.value_of("period"));
+            if alike.is_none_or(|(next, first)| (next / first - 1.0).abs() > OF_ONE_TYPE) {
+                break;
+            }
+            let Ok(fitted) = fit(&last.with(part), self.train, self.sides_of(side), Effort::COMPARED) else { break };
+            last = fitted.hypothesis;
+            let found = errors(&last, self.train, self.holdout)?;
+            let Some(part) = last.effects.iter().rev().nth(count - 1).cloned() else { break };
+            let evidence = self.evidence_of(round, part, side, count, &last, found)?;
+            if evidence.holdout_gain > best.0.holdout_gain {
+                best = (evidence, last.clone());
             }
         }
         Ok(best)
@@ -624,10 +683,9 @@ impl<'a> Search<'a> {
     fn unproven_ripples(&self) -> Vec<(&'static str, f64)> {
         let (from, to) = crate::range(&self.train.position);
         let added = self.best.hypothesis.effects[self.declared_effects()..].iter();
-        let ripples = added.filter(|part| SEVERAL.contains(&part.descriptor.name)).filter_map(|part| {
-            let period = part.descriptor.parameters.iter().position(|parameter| parameter.name == "period")?;
-            Some((part.descriptor.name, (to - from) / part.values[period]))
-        });
+        let ripples = added
+            .filter(|part| SEVERAL.contains(&part.descriptor.name))
+            .filter_map(|part| Some((part.descriptor.name, (to - from) / part.value_of("period")?)));
         ripples.filter(|(_, periods)| *periods < LEAST_PERIODS).collect()
     }
 
@@ -878,6 +936,10 @@ impl<'a> Search<'a> {
             Verdict::Found
         };
         let unproven = self.unproven_ripples();
+        if !self.stopped {
+            self.watch.progress("what the sensors' noise does to the parameters", 0.97);
+            self.best = sensor_noise::widened(self.best, self.train)?;
+        }
         Ok(Selection {
             verdict,
             before: self.before,
