@@ -402,9 +402,9 @@ fn judge(run: &GeneratedRun, factor: f64, size: f64, watch: &dyn Watch) -> Resul
         inseparable: selection.inseparable.clone(),
         detected: selection.verdict != Verdict::None,
         open: selection.verdict == Verdict::NotSeparable
-            && hidden.iter().all(|hidden| {
-                found.contains(&hidden.name) || selection.inseparable.iter().any(|(_, rival)| *rival == hidden.name)
-            }),
+            && wanted(&hidden)
+                .iter()
+                .all(|name| found.contains(name) || selection.inseparable.iter().any(|(_, rival)| rival == name)),
         right,
         explained_share: selection.explained_share(),
         before: rms(selection.errors_before.holdout_motor, selection.errors_before.holdout_carriage),
@@ -444,6 +444,12 @@ fn hidden(run: &GeneratedRun, check: &Measured) -> Vec<Hidden> {
         .collect()
 }
 
+/// Names that tell all that is hidden: a constant force beside a spring is a spring with another centre.
+fn wanted(hidden: &[Hidden]) -> Vec<&'static str> {
+    let spring = hidden.iter().any(|hidden| hidden.name == "cable_chain");
+    hidden.iter().map(|hidden| hidden.name).filter(|name| !(spring && *name == "constant_force")).collect()
+}
+
 /// Whether this is the answer that an engineer who knows the truth would accept.
 fn right(hidden: &[Hidden], selection: &Selection, found: &[&str], coordinate: Option<&str>) -> bool {
     if hidden.is_empty() {
@@ -459,7 +465,7 @@ fn right(hidden: &[Hidden], selection: &Selection, found: &[&str], coordinate: O
             && followed
             && selection.errors_after.holdout() < selection.errors_before.holdout();
     }
-    let mut wanted: Vec<&str> = hidden.iter().map(|hidden| hidden.name).collect();
+    let mut wanted = wanted(hidden);
     let mut named = found.to_vec();
     wanted.sort_unstable();
     named.sort_unstable();
@@ -498,11 +504,13 @@ fn deviations(hidden: &[Hidden], mass: f64, fitted: &Fitted) -> BTreeMap<String,
             Place::Declared(_) | Place::Spread { .. } => {}
             Place::Effect { effect, value } => {
                 let part = &fitted.hypothesis.effects[effect];
-                // Of guides that each have a period of their own none is the one that the truth names.
-                if part.descriptor.name == "ball_passage" {
+                let parameter = part.descriptor.parameters[value].name;
+                // Of guides that each have a period of their own none is the one that the truth names; the centre of a spring is that of the truth only
+                // without a constant force.
+                let other_centre = parameter == "center" && wanted(hidden).len() < hidden.len();
+                if part.descriptor.name == "ball_passage" || other_centre {
                     continue;
                 }
-                let parameter = part.descriptor.parameters[value].name;
                 let truth = hidden
                     .iter()
                     .find(|hidden| hidden.name == part.descriptor.name)

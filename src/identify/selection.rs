@@ -23,6 +23,8 @@ const MOTOR_GAIN: f64 = 0.02;
 pub const CARRIAGE_GAIN: f64 = 0.5;
 /// Share of what is still explainable on each record that an effect must take out: below it the law only bends towards what it is not.
 const LEAST_SHARE: f64 = 0.1;
+/// The same beside laws that explain nearly all: what is left then is mostly what these are not, unless it is nearly all of another effect.
+const LEAST_SHARE_OF_LITTLE: f64 = 0.25;
 /// Effects of which there may be several: harmonics of a period, lines of a spectrum.
 pub(super) const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
 /// Share of the best gain that a law with fewer parameters must reach to be preferred.
@@ -446,7 +448,13 @@ impl<'a> Search<'a> {
             self.stopped = true;
             return Ok(false);
         }
-        let least_share = if self.coordinate.is_some() { HALF_OF_THE_REST } else { LEAST_SHARE };
+        let least_share = if self.coordinate.is_some() {
+            HALF_OF_THE_REST
+        } else if self.is_explained(&self.best_errors) {
+            LEAST_SHARE_OF_LITTLE
+        } else {
+            LEAST_SHARE
+        };
         let least_of = |left: f64| least_share * (left - self.floor.total().powi(2));
         let least_on_train = least_of(self.best_errors.train());
         let least_on_holdout = least_of(self.best_errors.holdout());
