@@ -466,12 +466,14 @@ fn right(hidden: &[Hidden], selection: &Selection, found: &[&str], coordinate: O
             && selection.errors_after.holdout() < selection.errors_before.holdout();
     }
     let mut wanted = wanted(hidden);
+    let mut all: Vec<&str> = hidden.iter().map(|hidden| hidden.name).collect();
     let mut named = found.to_vec();
     wanted.sort_unstable();
+    all.sort_unstable();
     named.sort_unstable();
     // Several harmonics or lines are one effect.
     named.dedup();
-    selection.verdict == Verdict::Found && named == wanted
+    selection.verdict == Verdict::Found && (named == wanted || named == all)
 }
 
 /// Force that a hidden effect adds or feigns in the record that is compared, N rms.
@@ -492,8 +494,9 @@ fn shown(signal: &generator::Hidden, truth: &RecordTruth, measured: &Measured, m
 /// Parameters of the hidden effects, by name, and the mass: how many standard deviations the fit is off.
 fn deviations(hidden: &[Hidden], mass: f64, fitted: &Fitted) -> BTreeMap<String, f64> {
     let mut all = BTreeMap::new();
-    for (coordinate, deviation) in fitted.coordinates.iter().zip(&fitted.deviations) {
-        if !deviation.is_finite() || *deviation <= 0.0 {
+    for (index, coordinate) in fitted.coordinates.iter().enumerate() {
+        let deviation = fitted.deviation(index);
+        if !deviation.is_finite() || deviation <= 0.0 {
             continue;
         }
         match coordinate.place {

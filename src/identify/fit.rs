@@ -1,7 +1,7 @@
 //! Least squares with bounds: Levenberg-Marquardt (Marquardt 1963) whose steps stay inside, with the coordinates at a bound held there
 //! while the error pulls outwards (active set; Nocedal, Wright, "Numerical Optimization", ch. 16.7).
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use super::driven::Driven;
 use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
@@ -26,8 +26,8 @@ const UNKNOWN: f64 = 1e-12;
 const HAS_NO_PART: f64 = 1e-3;
 /// Pieces of a record that count as independent of each other: about a second each.
 const PIECES: usize = 40;
-/// Times the variance that noise alone gives the differences of means of neighbouring pieces above which a residual wanders: noise alone gives
-/// 1, and 2 once in 10,000 records.
+/// Parts of a record, and of each of these, whose means tell a walk from noise, and how many times what noise makes of their differences is more than noise: white
+/// noise comes to that once in a thousand records.
 const WALKS: f64 = 4.0;
 const TENTHS: usize = 10;
 
@@ -53,8 +53,10 @@ pub struct Fitted {
     pub hypothesis: Hypothesis,
     pub missing: Missing,
     pub coordinates: Vec<Coordinate>,
-    /// Standard deviation of each coordinate; infinite where the data say nothing.
+    /// Standard deviation of each coordinate around what records like this one give; infinite where the data say nothing.
     pub deviations: Vec<f64>,
+    /// How far the sensors' noise takes that from the truth, by coordinate; 0 where nobody has asked.
+    pub shifts: Vec<f64>,
     /// Correlation matrix of the coordinates, row by row.
     pub correlations: Vec<Vec<f64>>,
     /// Coordinates that ended on a bound.
@@ -62,6 +64,11 @@ pub struct Fitted {
 }
 
 impl Fitted {
+    /// How far a coordinate may be from the truth: standard deviation and shift.
+    pub fn deviation(&self, index: usize) -> f64 {
+        self.deviations[index].hypot(self.shifts[index])
+    }
+
     /// Sum of the squares of the missing force, N^2.
     pub fn squares(&self) -> f64 {
         self.missing.motor.iter().chain(&self.missing.carriage).map(|left| left * left).sum()
@@ -233,16 +240,17 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort
         .collect::<Vec<_>>();
     let (deviations, correlations) =
         uncertainty(&jacobian, &residual, &missing, &coordinates, &at_bound, problem.noise);
-    Ok(Fitted { hypothesis, missing, coordinates, deviations, correlations, at_bound })
+    let shifts = vec![0.0; coordinates.len()];
+    Ok(Fitted { hypothesis, missing, coordinates, deviations, shifts, correlations, at_bound })
 }
 
 /// Standard deviations and correlations of the coordinates; those on a bound are held.
 ///
-/// The covariance is H^-1 S H^-1 with the normal matrix H of the Jacobian and S the covariance of the gradient: the largest, coordinate
-/// by coordinate, of three estimates. One takes the residual of each side as noise of its own size and correlation length. One
+/// The covariance is H^-1 S H^-1 with the normal matrix H of the Jacobian and S the covariance of the gradient: the larger, coordinate
+/// by coordinate, of two estimates. One takes the residual of each side as noise of its own size and correlation length, and what wanders
+/// within the record as a random walk on top. The other
 /// leaves out one piece of the record after the other (jackknife of clusters: Bell, McCaffrey, Survey Methodology 28, 2002) and so counts what a model
-/// misses here and there, also where few pieces say most about a coordinate. One takes what wanders from piece to piece for a random walk: pieces are not
-/// independent then, and leaving out one of them changes little.
+/// misses here and there, also where few pieces say most about a coordinate; of a walk it sees little, since its pieces are not independent.
 fn uncertainty(
     jacobian: &DMatrix<f64>,
     residual: &DVector<f64>,
@@ -266,7 +274,7 @@ fn uncertainty(
     let (inverse, known) = inverse_where_known(&normal);
 
     let none = || DMatrix::zeros(free.len(), free.len());
-    let (mut as_noise, mut as_walk) = (none(), none());
+    let mut as_noise = none();
     let mut pieces = vec![(none(), DVector::zeros(free.len())); PIECES];
     let mut from = 0;
     for side in [&missing.motor, &missing.carriage] {
@@ -275,7 +283,7 @@ fn uncertainty(
         if rows > 0 {
             let variance = side.iter().map(|left| left * left).sum::<f64>() / rows as f64 * correlation_length(side);
             as_noise += slopes.tr_mul(&slopes) * variance;
-            as_walk += gradient_of_walk(&slopes.into_owned(), walk(side));
+            as_noise += gradient_of_walk(slopes, walk(side));
             for (piece, (normal, gradient)) in pieces.iter_mut().enumerate() {
                 let (start, end) = (piece * rows / PIECES, (piece + 1) * rows / PIECES);
                 let slopes = slopes.rows(start, end - start);
@@ -288,7 +296,6 @@ fn uncertainty(
     let expected = columns.rows(from, coordinates.len());
     let expected = expected.tr_mul(&expected) * (noise * noise);
     let as_noise = &inverse * (as_noise + &expected) * &inverse;
-    let as_walk = &inverse * as_walk * &inverse;
     let mut in_pieces = &inverse * expected * &inverse;
     for (of_piece, gradient) in &pieces {
         // How far the rest of the record would move the coordinates.
@@ -297,7 +304,7 @@ fn uncertainty(
         in_pieces += &moved * moved.transpose() * ((PIECES - 1) as f64 / PIECES as f64);
     }
     for (row, index) in free.iter().enumerate().filter(|(row, _)| known[*row]) {
-        let variance = as_noise[(row, row)].max(in_pieces[(row, row)]).max(as_walk[(row, row)]);
+        let variance = as_noise[(row, row)].max(in_pieces[(row, row)]);
         deviations[*index] = variance.sqrt() * coordinates[*index].scale;
         for (column, other) in free.iter().enumerate().filter(|(column, _)| known[*column]) {
             correlations[*index][*other] =
@@ -327,26 +334,26 @@ pub(super) fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<b
     (DMatrix::from_fn(count, count, |row, column| inverse[(row, column)] / (length[row] * length[column])), known)
 }
 
-/// Variance by which a residual walks at random from one row to the next, N^2; 0 where its means over the pieces differ no more than noise
-/// makes them, as its means over tenths of a piece show that.
+/// Variance by which a residual walks at random from one row to the next, N^2; 0 where its means over tenths of the record differ no more than noise
+/// makes them, as the means over tenths of these show that.
 fn walk(residual: &[f64]) -> f64 {
-    let rows = residual.len() / PIECES;
-    if rows < 2 * TENTHS {
+    let rows = residual.len() / TENTHS;
+    if rows < TENTHS {
         return 0.0;
     }
-    // Mean square by which the means of neighbouring pieces differ.
+    // Mean square by which the means of neighbouring parts differ.
     let between = |rows: usize| {
-        let means: Vec<f64> =
-            residual.chunks_exact(rows).map(|piece| piece.iter().sum::<f64>() / rows as f64).collect();
+        let means: Vec<f64> = residual.chunks_exact(rows).map(|part| part.iter().sum::<f64>() / rows as f64).collect();
         means.windows(2).map(|two| (two[1] - two[0]).powi(2)).sum::<f64>() / (means.len() - 1) as f64
     };
-    let (seen, by_noise) = (between(rows), between(rows / TENTHS) / TENTHS as f64);
-    // The means of neighbouring pieces of a walk differ by two thirds of what it walks over a piece; beside it the noise is little.
-    if seen > WALKS * by_noise { 1.5 * seen / rows as f64 } else { 0.0 }
+    let seen = between(rows);
+    let by_noise = between(rows / TENTHS) * (rows / TENTHS) as f64 / rows as f64;
+    // The means of neighbouring parts of a walk differ by two thirds of what it walks over one.
+    if seen > WALKS * by_noise { 1.5 * (seen - by_noise) / rows as f64 } else { 0.0 }
 }
 
 /// Covariance of the gradient by a residual that walks by this variance from row to row: a step of it is in all rows behind.
-fn gradient_of_walk(slopes: &DMatrix<f64>, variance: f64) -> DMatrix<f64> {
+fn gradient_of_walk(slopes: DMatrixView<f64>, variance: f64) -> DMatrix<f64> {
     let count = slopes.ncols();
     let mut sum = DMatrix::zeros(count, count);
     if variance <= 0.0 {
@@ -354,7 +361,7 @@ fn gradient_of_walk(slopes: &DMatrix<f64>, variance: f64) -> DMatrix<f64> {
     }
     let mut behind = DVector::zeros(count);
     for row in (0..slopes.nrows()).rev() {
-        behind += slopes.row(row).transpose();
+        behind.iter_mut().zip(slopes.row(row).iter()).for_each(|(sum, slope)| *sum += slope);
         sum.ger(variance, &behind, &behind, 1.0);
     }
     sum
@@ -419,11 +426,21 @@ mod tests {
 
     #[test]
     fn what_walks_is_told_from_noise() {
-        for seed in 0..200 {
-            assert_eq!(walk(&wandering(0.0, seed)), 0.0);
-        }
-        let seen = (0..200).map(|seed| walk(&wandering(0.2, seed))).sum::<f64>() / 200.0;
+        let of = |size: f64| (0..400).map(move |seed| walk(&wandering(size, seed)));
+        assert!(of(0.0).filter(|variance| *variance > 0.0).count() <= 2);
+        // Over a tenth of the record the walk of 0.02 goes as far as 160 such values scatter: hardly seen, and at 0.2 always.
+        assert!(of(0.02).filter(|variance| *variance > 0.0).count() > 360);
+        let seen = of(0.2).sum::<f64>() / 400.0;
         assert!((seen / 0.04 - 1.0).abs() < 0.05, "{seen}");
+    }
+
+    /// What repeats with the moves, four times and more in a tenth of the record, is no walk.
+    #[test]
+    fn what_repeats_does_not_walk() {
+        for period in [7.3, 31.0, 97.0] {
+            let wave: Vec<f64> = (0..4000).map(|row| (row as f64 * std::f64::consts::TAU / period).sin()).collect();
+            assert!(walk(&wave) * 4000.0 < 0.05, "{period}: {}", walk(&wave));
+        }
     }
 
     /// The slope of a line through a walk of size q over n rows scatters by q sqrt(6 / (5 n)): least squares, whose residual hides most of it.
@@ -432,7 +449,7 @@ mod tests {
         let rows = 4000;
         let line = DMatrix::from_fn(rows, 2, |row, column| if column == 0 { 1.0 } else { row as f64 });
         let inverse = line.tr_mul(&line).try_inverse().unwrap();
-        let covariance = &inverse * gradient_of_walk(&line, 0.04) * &inverse;
+        let covariance = &inverse * gradient_of_walk(line.as_view(), 0.04) * &inverse;
         let expected = 0.04 * 6.0 / (5.0 * rows as f64);
         assert!((covariance[(1, 1)] / expected - 1.0).abs() < 1e-2, "{} {expected}", covariance[(1, 1)]);
     }

@@ -92,7 +92,7 @@ pub struct Measured {
     pub command: Vec<f64>,
     /// Reference position, m; NaN where the recording has none.
     pub reference: [Vec<f64>; 3],
-    /// Command and cell as recorded, sample by sample, N; in place of a command that there is none of what the cell read.
+    /// Command and cell as recorded, sample by sample, holes filled, N; without a command in its place what the cell read a sample later.
     pub raw_command: Vec<f64>,
     raw_cell: Option<Vec<f64>>,
     has_command: bool,
@@ -220,8 +220,22 @@ impl Measured {
         mut cell: impl FnMut() -> f64,
         mass: f64,
     ) -> Measured {
-        let mut noisy = self.clone();
-        noisy.position.iter_mut().for_each(|position| *position += encoder());
+        // All but what is worked out anew.
+        let mut noisy = Measured {
+            time: self.time.clone(),
+            position: self.position.iter().map(|position| position + encoder()).collect(),
+            velocity: Vec::new(),
+            acceleration: Vec::new(),
+            cell: None,
+            command: Vec::new(),
+            reference: self.reference.clone(),
+            raw_command: self.raw_command.clone(),
+            raw_cell: self.raw_cell.clone(),
+            steps: Vec::new(),
+            lowpass: self.lowpass.clone(),
+            rows: self.rows.clone(),
+            ..*self
+        };
         let read = if noisy.has_command { noisy.raw_cell.as_mut() } else { Some(&mut noisy.raw_command) };
         read.into_iter().flatten().for_each(|force| *force += cell());
         noisy.work_out(mass);

@@ -23,7 +23,8 @@ const MOTOR_GAIN: f64 = 0.02;
 pub const CARRIAGE_GAIN: f64 = 0.5;
 /// Share of what is still explainable on each record that an effect must take out: below it the law only bends towards what it is not.
 const LEAST_SHARE: f64 = 0.1;
-/// The same beside laws that explain nearly all: what is left then is mostly what these are not, unless it is nearly all of another effect.
+/// The same on the carriage beside laws that explain nearly all: what is left there is what these are not quite, or nearly all of other effects, of which
+/// there are three at most.
 const LEAST_SHARE_OF_LITTLE: f64 = 0.25;
 /// Effects of which there may be several: harmonics of a period, lines of a spectrum.
 pub(super) const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
@@ -35,7 +36,7 @@ pub(super) const RIVAL: f64 = 0.985;
 const UNEXPLAINED: f64 = 0.1;
 /// Share of the explainable residual, and floors of noise, that laws which are the answer may leave, where it is more than noise: right ones left 0.02
 /// and 6 floors at most, false ones 0.03 and 38, or 0.09 and 103.
-const LEFT_AT_MOST: f64 = 0.05;
+pub const LEFT_AT_MOST: f64 = 0.05;
 const FLOORS_AT_MOST: f64 = 15.0;
 /// Share of what laws leave, where that is no noise, that a map must take out for the same, and share of what a map leaves that a law beside
 /// it must: the rest of a curve of few knots has a shape that many a law bends towards.
@@ -357,7 +358,7 @@ impl<'a> Search<'a> {
             })
             .collect();
         // A law may bend a parameter a little beyond its tolerance, and leaves something then; no law bends it far.
-        let all = left.holdout().sqrt() <= ALL_BUT_NOISE * self.floor.total();
+        let all = self.is_all_but_noise(&left);
         let nearly = self.beyond_noise(&left) < UNEXPLAINED * self.beyond_noise(&self.errors_before);
         let other = all || (nearly && farthest > 1.0 + FAR * tolerances.guides);
         if beyond.is_empty() || !other {
@@ -392,9 +393,32 @@ impl<'a> Search<'a> {
     /// Least fall of the mean square that is worth an effect with whose arrival the errors fall so, N^2. Wherever it acts: what the cell shows is judged as
     /// exactly as the motor, the rest as the carriage.
     fn least_gain(&self, without: &Errors, with: &Errors) -> f64 {
+        self.threshold(if self.is_shown_by_cell(without, with) { Side::Motor } else { Side::Carriage })
+    }
+
+    fn is_shown_by_cell(&self, without: &Errors, with: &Errors) -> bool {
         let on_motor = without.holdout_motor - with.holdout_motor;
-        let shown_by_cell = on_motor > 0.0 && on_motor >= self.threshold(Side::Motor);
-        self.threshold(if shown_by_cell { Side::Motor } else { Side::Carriage })
+        on_motor > 0.0 && on_motor >= self.threshold(Side::Motor)
+    }
+
+    /// What a candidate must take off the mean square of train or hold-out where this is what is left, N^2.
+    fn least_of(&self, one: &Evidence, left: f64) -> f64 {
+        let share = if self.coordinate.is_some() {
+            HALF_OF_THE_REST
+        } else if self.is_explained(&self.best_errors) && !self.is_shown_by_cell(&self.best_errors, &one.errors) {
+            LEAST_SHARE_OF_LITTLE
+        } else {
+            LEAST_SHARE
+        };
+        self.least_gain(&self.best_errors, &one.errors).max(share * (left - self.floor.total().powi(2)))
+    }
+
+    fn least_on_train(&self, one: &Evidence) -> f64 {
+        self.least_of(one, self.best_errors.train()).max(one.chance)
+    }
+
+    fn least_on_holdout(&self, one: &Evidence) -> f64 {
+        self.least_of(one, self.best_errors.holdout())
     }
 
     /// What these errors leave on the hold-out beyond the noise of the sensors, N^2.
@@ -404,6 +428,11 @@ impl<'a> Search<'a> {
 
     fn is_noise(&self, left: &Errors) -> bool {
         left.holdout() <= (NOISE_LIKE * self.floor.total()).powi(2)
+    }
+
+    /// Whether no more is left than where nothing is hidden.
+    fn is_all_but_noise(&self, left: &Errors) -> bool {
+        left.holdout().sqrt() <= ALL_BUT_NOISE * self.floor.total()
     }
 
     /// Whether little enough is left for what was found to be the answer.
@@ -448,21 +477,8 @@ impl<'a> Search<'a> {
             self.stopped = true;
             return Ok(false);
         }
-        let least_share = if self.coordinate.is_some() {
-            HALF_OF_THE_REST
-        } else if self.is_explained(&self.best_errors) {
-            LEAST_SHARE_OF_LITTLE
-        } else {
-            LEAST_SHARE
-        };
-        let least_of = |left: f64| least_share * (left - self.floor.total().powi(2));
-        let least_on_train = least_of(self.best_errors.train());
-        let least_on_holdout = least_of(self.best_errors.holdout());
         for (one, _) in &mut tried {
-            let least = self.least_gain(&self.best_errors, &one.errors);
-            if one.holdout_gain < least.max(least_on_holdout)
-                || one.train_gain < least.max(least_on_train).max(one.chance)
-            {
+            if one.train_gain < self.least_on_train(one) || one.holdout_gain < self.least_on_holdout(one) {
                 one.outcome = Outcome::TooSmall;
             }
         }
@@ -587,36 +603,39 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Guides whose periods differ a little beat, and the ripple of one of them that fits the train record does not fit the hold-out. Where it is so, the ripples
-    /// of several at once, if they do better.
+    /// Guides whose periods differ a little beat, and the ripple of one of them that fits the train record does not fit the hold-out. Where it is so, the
+    /// fewest ripples at once that do, as far as effects may be added.
     fn of_all_guides(&self, one: Evidence, with: Hypothesis) -> Result<(Evidence, Hypothesis), IdentifyError> {
-        let share = |gain: f64, left: f64| gain / (left - self.floor.total().powi(2)).max(f64::MIN_POSITIVE);
-        let fits_one_record = share(one.train_gain, self.best_errors.train()) >= LEAST_SHARE
-            && share(one.holdout_gain, self.best_errors.holdout()) < LEAST_SHARE;
-        if !fits_one_record || one.train_gain < one.chance {
+        if one.train_gain < self.least_on_train(&one) || one.holdout_gain >= self.least_on_holdout(&one) {
             return Ok((one, with));
         }
         let (descriptor, round, side) = (one.part.descriptor, one.round, one.side);
-        let (first, mut last) = (one.part.clone(), with.clone());
-        let mut best = (one, with);
+        let mut groups: Vec<(Evidence, Hypothesis)> = Vec::new();
+        let mut last = with.clone();
         for count in 2..=MOST_EFFECTS - self.laws {
-            let residual = Columns::new(&last, self.train)?;
-            let Some(values) = (descriptor.propose)(&residual.residual(side == Side::Motor)) else { break };
-            let part = Part { descriptor, values };
-            let alike = part.value_of("period").zip(first.value_of("period"));
-            if alike.is_none_or(|(next, first)| (next / first - 1.0).abs() > OF_ONE_TYPE) {
+            if self.watch.stopped() {
                 break;
             }
-            let Ok(fitted) = fit(&last.with(part), self.train, self.sides_of(side), Effort::COMPARED) else { break };
+            let columns = Columns::new(&last, self.train)?;
+            let Some(values) = (descriptor.propose)(&columns.residual(side == Side::Motor)) else { break };
+            let next = last.with(Part { descriptor, values });
+            let Ok(fitted) = fit(&next, self.train, self.sides_of(side), Effort::COMPARED) else { break };
             last = fitted.hypothesis;
+            let group = &last.effects[last.effects.len() - count..];
+            if !are_of_one_type(group) {
+                break;
+            }
             let found = errors(&last, self.train, self.holdout)?;
-            let Some(part) = last.effects.iter().rev().nth(count - 1).cloned() else { break };
-            let evidence = self.evidence_of(round, part, side, count, &last, found)?;
-            if evidence.holdout_gain > best.0.holdout_gain {
-                best = (evidence, last.clone());
+            let evidence = self.evidence_of(round, group[0].clone(), side, count, &last, found)?;
+            if evidence.train_gain >= self.least_on_train(&evidence)
+                && evidence.holdout_gain >= self.least_on_holdout(&evidence)
+            {
+                groups.push((evidence, last.clone()));
             }
         }
-        Ok(best)
+        let most = groups.iter().map(|(group, _)| group.holdout_gain).fold(0.0, f64::max);
+        let fewest = groups.into_iter().find(|(group, _)| group.holdout_gain >= SIMPLER * most);
+        Ok(fewest.unwrap_or((one, with)))
     }
 
     /// The form of a law was chosen while effects that came later were still in the residual: where more than noise is left, it is proposed anew
@@ -624,7 +643,7 @@ impl<'a> Search<'a> {
     fn choose_forms_anew(&mut self) -> Result<bool, IdentifyError> {
         let mut changed = false;
         for index in self.declared_effects()..self.best.hypothesis.effects.len() {
-            if self.is_noise(&self.best_errors) {
+            if self.is_all_but_noise(&self.best_errors) {
                 break;
             }
             let part = &self.best.hypothesis.effects[index];
@@ -911,8 +930,12 @@ impl<'a> Search<'a> {
         if let Some(one) = chosen.nth(place) {
             one.outcome = Outcome::Pruned;
             let round = one.round;
-            let equal = |one: &&mut Evidence| one.round == round && one.outcome == Outcome::Equal;
-            self.evidence.iter_mut().filter(equal).for_each(|one| one.outcome = Outcome::Beaten);
+            let in_round = |one: &Evidence, outcome: Outcome| one.round == round && one.outcome == outcome;
+            // Of ripples that came together others may stay.
+            if !self.evidence.iter().any(|one| in_round(one, Outcome::Chosen)) {
+                let equals = self.evidence.iter_mut().filter(|one| in_round(one, Outcome::Equal));
+                equals.for_each(|one| one.outcome = Outcome::Beaten);
+            }
         }
         if before.iter().filter(|part| alike(part)).count() == 1 {
             self.inseparable.retain(|(chosen, _)| *chosen != name);
@@ -944,7 +967,7 @@ impl<'a> Search<'a> {
             Verdict::Found
         };
         let unproven = self.unproven_ripples();
-        if !self.stopped {
+        if !self.stopped && !self.watch.stopped() {
             self.watch.progress("what the sensors' noise does to the parameters", 0.97);
             self.best = sensor_noise::widened(self.best, self.train)?;
         }
@@ -963,6 +986,13 @@ impl<'a> Search<'a> {
             stopped: self.stopped,
         })
     }
+}
+
+/// Whether ripples have periods as guides of one type have them.
+fn are_of_one_type(ripples: &[Part]) -> bool {
+    let periods: Vec<f64> = ripples.iter().filter_map(|part| part.value_of("period")).collect();
+    let (shortest, longest) = crate::range(&periods);
+    periods.len() == ripples.len() && longest <= (1.0 + OF_ONE_TYPE) * shortest
 }
 
 /// Whether laws that leave a mean square on the hold-out, of one before, both N^2, over a floor of noise, N, are the answer though more than noise is left.
@@ -1081,6 +1111,8 @@ impl Selection {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::super::closed_loop::tests::recording;
     use super::*;
     use crate::model::{Curve, EffectParameters};
@@ -1194,6 +1226,39 @@ mod tests {
         assert!((period / 1.3e-3 - 1.0).abs() < 0.01, "{period}");
         // Four guides of 1.5 N in any phase.
         assert!((2.0..12.0).contains(&amplitude), "{amplitude}");
+    }
+
+    /// Two guides whose ripples beat over 30 mm: one ripple that fits the first 20 mm does not fit the next ones, two do.
+    #[test]
+    fn ripples_that_beat_are_named_together() {
+        let model = StageModel::default();
+        let periods = [1.30e-3, 1.36e-3];
+        let record = |from: f64, seed, moves| {
+            let passages = periods.map(|period| {
+                let phase = (TAU * from / period) % TAU;
+                EffectDescriptor::find("ball_passage").unwrap().parameters_of(&[3.0, period, phase, 0.0, 0.0, 0.0])
+            });
+            let real = StageModel { effects: passages.to_vec(), ..StageModel::default() };
+            let mut trace = recording(&real, seed, 0.0, moves);
+            for positions in [&mut trace.position, &mut trace.reference_position] {
+                positions.iter_mut().for_each(|position| *position += from);
+            }
+            Measured::new(&trace, &model, "the record").unwrap()
+        };
+        let found = search(&model, Tolerances::default(), &record(0.0, 3, 6), &record(0.02, 4, 4), &Silent).unwrap();
+        let effects = &found.after.hypothesis.effects;
+        assert_eq!(found.verdict, Verdict::Found, "{effects:?}");
+        assert!(effects.iter().all(|part| part.descriptor.name == "ball_passage" && !part.slips()), "{effects:?}");
+        let mut named: Vec<f64> = effects.iter().filter_map(|part| part.value_of("period")).collect();
+        named.sort_by(f64::total_cmp);
+        assert_eq!(named.len(), 2, "{effects:?}");
+        for (period, expected) in named.iter().zip(periods) {
+            assert!((period / expected - 1.0).abs() < 1e-3, "{named:?}");
+        }
+        // A row for each, of one round.
+        let rows: Vec<&Evidence> = found.evidence.iter().filter(|one| one.outcome == Outcome::Chosen).collect();
+        assert!(rows.len() == 2 && rows[0].round == rows[1].round && rows[0].part != rows[1].part, "{rows:?}");
+        assert_eq!(found.runners_up.len(), 2);
     }
 
     /// In floors: what is left, and what was before.

@@ -4,11 +4,10 @@
 //! remembers it and |v| rectifies it. Its effect is measured: the record once more with as much noise again, and what that moves
 //! (simulation-extrapolation: Cook, Stefanski, JASA 89, 1994).
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use rayon::prelude::*;
 
 use super::driven::Driven;
 use super::fit::{Fitted, inverse_where_known};
@@ -19,9 +18,11 @@ use crate::model::ModelError;
 
 /// Records with noise added, each with its opposite, so that what is linear in the noise is in their difference and a shift in their sum.
 const PAIRS: u64 = 8;
+/// Pairs of which each record has its own derivatives: these, too, are of the measured motion.
+const OWN_DERIVATIVES: u64 = 2;
 
-/// The same fit, with the deviations of its coordinates as large as the spread that the noise of the sensors gives them, and with the shift
-/// that it gives them on top.
+/// The same fit, with deviations at least as large as the spread that the noise of the sensors gives its coordinates, and with the shifts that it gives
+/// them. Noise of the encoder as the record shows it, of the cell as declared.
 pub(super) fn widened(mut fitted: Fitted, measured: &Measured) -> Result<Fitted, ModelError> {
     let hypothesis = &fitted.hypothesis;
     let noise = hypothesis.floor(measured).carriage;
@@ -30,15 +31,24 @@ pub(super) fn widened(mut fitted: Fitted, measured: &Measured) -> Result<Fitted,
     if free.is_empty() {
         return Ok(fitted);
     }
-    let driven = hypothesis.driven(measured, Sides::BOTH, &Driven::default())?;
     let residual = |measured: &Measured, driven: &Driven| {
         stacked(&hypothesis.missing_of(driven, measured, Sides::BOTH), &fitted.coordinates, noise)
     };
+    let columns = |measured: &Measured, driven: &Driven, residual: &DVector<f64>| {
+        let all = derivatives(hypothesis, &fitted.coordinates, driven, measured, Sides::BOTH, residual, noise)?;
+        Ok::<_, ModelError>(all.select_columns(free.iter()))
+    };
+    // Where a fit would go from here in one step (Gauss, Newton).
+    let step =
+        |inverse: &DMatrix<f64>, columns: &DMatrix<f64>, residual: &DVector<f64>| -(inverse * columns.tr_mul(residual));
+    let driven = hypothesis.driven(measured, Sides::BOTH, &Driven::default())?;
     let here = residual(measured, &driven);
-    let columns = derivatives(hypothesis, &fitted.coordinates, &driven, measured, Sides::BOTH, &here, noise)?
-        .select_columns(free.iter());
-    let (inverse, _) = inverse_where_known(&columns.tr_mul(&columns));
-    let moved_by = |seed: u64, sign: f64| -> Result<DVector<f64>, ModelError> {
+    let columns_here = columns(measured, &driven, &here)?;
+    let (inverse_here, _) = inverse_where_known(&columns_here.tr_mul(&columns_here));
+    let step_here = step(&inverse_here, &columns_here, &here);
+
+    // Where noise takes a fit, with the derivatives of here, and what its own derivatives add to that.
+    let moved_by = |seed: u64, sign: f64| -> Result<(DVector<f64>, DVector<f64>), ModelError> {
         let declared = hypothesis.declared();
         let mut of_encoder = ChaCha8Rng::seed_from_u64(2 * seed);
         let mut of_cell = ChaCha8Rng::seed_from_u64(2 * seed + 1);
@@ -48,22 +58,35 @@ pub(super) fn widened(mut fitted: Fitted, measured: &Measured) -> Result<Fitted,
             || sign * declared.force_cell.noise * draw(&mut of_cell),
             declared.mass,
         );
-        let there = residual(&noisy, &hypothesis.driven(&noisy, Sides::BOTH, &Driven::default())?);
-        Ok(-(&inverse * columns.tr_mul(&(there - &here))))
+        let driven = hypothesis.driven(&noisy, Sides::BOTH, &Driven::default())?;
+        let there = residual(&noisy, &driven);
+        let moved = step(&inverse_here, &columns_here, &there);
+        let mut more = DVector::zeros(free.len());
+        if seed < OWN_DERIVATIVES {
+            let columns = columns(&noisy, &driven, &there)?;
+            let (inverse, _) = inverse_where_known(&columns.tr_mul(&columns));
+            more = step(&inverse, &columns, &there) - &moved;
+        }
+        Ok((moved - &step_here, more))
     };
-    let moved = (0..PAIRS)
-        .into_par_iter()
-        .map(|seed| Ok((moved_by(seed, 1.0)?, moved_by(seed, -1.0)?)))
-        .collect::<Result<Vec<_>, ModelError>>()?;
+    let zero = || DVector::<f64>::zeros(free.len());
+    let (mut shift, mut own, mut spread) = (zero(), zero(), zero());
+    for seed in 0..PAIRS {
+        // Two at a time: each is a record of its own in memory.
+        let (there, opposite) = rayon::join(|| moved_by(seed, 1.0), || moved_by(seed, -1.0));
+        let ((there, own_there), (opposite, own_opposite)) = (there?, opposite?);
+        shift += (&there + &opposite) / (2 * PAIRS) as f64;
+        own += (own_there + own_opposite) / (2 * OWN_DERIVATIVES) as f64;
+        spread += ((there - opposite) / 2.0).map(|value| value * value) / PAIRS as f64;
+    }
     for (row, index) in free.iter().enumerate() {
-        let mean = |of: &dyn Fn(f64, f64) -> f64| {
-            moved.iter().map(|(there, opposite)| of(there[row], opposite[row])).sum::<f64>() / PAIRS as f64
-        };
-        let shift = mean(&|there, opposite| 0.5 * (there + opposite));
-        let spread = mean(&|there, opposite| (0.5 * (there - opposite)).powi(2));
         let scale = fitted.coordinates[*index].scale;
-        let variance = (fitted.deviations[*index] / scale).powi(2).max(spread) + shift * shift;
-        fitted.deviations[*index] = variance.sqrt() * scale;
+        let (spread, shift) = (spread[row].sqrt() * scale, (shift[row] + own[row]) * scale);
+        // A law that noise takes out of its bounds says nothing of its size.
+        if spread.is_finite() && shift.is_finite() {
+            fitted.deviations[*index] = fitted.deviations[*index].max(spread);
+            fitted.shifts[*index] = shift;
+        }
     }
     Ok(fitted)
 }
@@ -94,8 +117,23 @@ mod tests {
             // What is declared is true: nothing has to move.
             let off = fitted.coordinates[index].value / f64::from(records).sqrt();
             narrow += off / fitted.deviations[index];
-            wide += off / widened.deviations[index];
+            wide += off / widened.deviation(index);
+            // Not so wide that it would hold anything.
+            assert!(widened.deviation(index) < 20.0 * fitted.deviation(index));
         }
         assert!(narrow > 4.0 && wide < TWO_SIDED_95, "{narrow} and {wide} deviations of the mean");
+    }
+
+    #[test]
+    fn without_noise_nothing_is_shifted() {
+        let model = StageModel::default().without_noise();
+        let measured = Measured::new(&recording(&model, 3, 0.0, 4), &model, "exact").unwrap();
+        let hypothesis = Hypothesis::new(&model, Tolerances::default()).unwrap();
+        let fitted = fit(&hypothesis, &measured, Sides::BOTH, Effort::COMPARED).unwrap();
+        let widened = widened(fitted.clone(), &measured).unwrap();
+        assert_eq!(widened.deviations, fitted.deviations);
+        for (shift, deviation) in widened.shifts.iter().zip(&fitted.deviations) {
+            assert!(shift.abs() <= 1e-6 * deviation, "{shift:e} of {deviation:e}");
+        }
     }
 }

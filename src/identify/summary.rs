@@ -244,7 +244,7 @@ impl Summary {
 /// Coordinate of a place in a fit with its standard deviation and whether it ended on a bound.
 fn coordinate(fitted: &Fitted, place: Place) -> Option<(&Coordinate, f64, bool)> {
     let index = fitted.coordinates.iter().position(|coordinate| coordinate.place == place)?;
-    Some((&fitted.coordinates[index], fitted.deviations[index], fitted.at_bound[index]))
+    Some((&fitted.coordinates[index], fitted.deviation(index), fitted.at_bound[index]))
 }
 
 /// Standard deviation of the mean over the guides of a declared parameter, as a share of it (of the shift: s): how the guides differ is
@@ -272,15 +272,22 @@ fn deviation_of_declared(fitted: &Fitted, declared: Declared, rate: f64) -> f64 
                 hypothesis.set(coordinate.place, coordinate.value + moved);
                 hypothesis.declared_value(declared, rate)
             };
-            (at(step) - at(-step)) / (2.0 * step * whole) * deviation
+            (at(step) - at(-step)) / (2.0 * step * whole)
         })
         .collect();
-    let variance: f64 = slopes
+    let scattered: Vec<f64> = slopes
+        .iter()
+        .zip(&fitted.deviations)
+        .map(|(slope, deviation)| if *slope == 0.0 { 0.0 } else { slope * deviation })
+        .collect();
+    let variance: f64 = scattered
         .iter()
         .zip(&fitted.correlations)
-        .map(|(slope, row)| slope * slopes.iter().zip(row).map(|(other, correlation)| other * correlation).sum::<f64>())
+        .map(|(one, row)| one * scattered.iter().zip(row).map(|(other, correlation)| other * correlation).sum::<f64>())
         .sum();
-    variance.max(0.0).sqrt()
+    // All coordinates are shifted together.
+    let shift: f64 = slopes.iter().zip(&fitted.shifts).map(|(slope, shift)| slope * shift).sum();
+    variance.max(0.0).sqrt().hypot(shift)
 }
 
 /// Standard deviation of a coordinate if it were known how the guides differ: what the motion says about the parameter at all.
@@ -390,7 +397,7 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
         let (lower, upper) = coordinate.bounds;
         let deviation = match coordinate.place {
             Place::Declared(_) => deviation_of_alike(fitted, index),
-            _ => fitted.deviations[index],
+            _ => fitted.deviation(index),
         };
         let nothing =
             matches!(coordinate.place, Place::Effect { .. }) && lower == 0.0 && value < 1e-3 * coordinate.scale;

@@ -4,8 +4,8 @@ use super::figures::{Figure, Group};
 use super::input::Input;
 use super::metres;
 use crate::identify::{
-    Declared, Evidence, Hypothesis, NextExperiment, Outcome, Selection, Summary, Tolerances, Verdict, in_digits,
-    readable, side_name, taking_part,
+    Declared, Evidence, Hypothesis, LEFT_AT_MOST, NextExperiment, Outcome, Selection, Summary, Tolerances, Verdict,
+    in_digits, readable, side_name, taking_part,
 };
 use crate::model::{CurveSide, ModelError, StageModel};
 use crate::plant::EffectDescriptor;
@@ -89,7 +89,7 @@ pub fn page(
         "Friction and effects are driven along the measured motion; measured and modelled forces pass the same zero-phase lowpass. A candidate is \
          fitted on the side where it acts, together with what else moves that side; the one that is chosen is refitted with everything, all declared parameters within \
          their tolerances. It stays only if it lowers the error on the train record and on the hold-out, which no fit has seen, by more than \
-         chance, the sensors' floor and a tenth of what is left to explain; of laws that explain about the same the simplest is taken.",
+         chance, the sensors' floor and a tenth of what is left to explain (a quarter beside laws that explain nearly all, half beside a curve); of laws that explain about the same the simplest is taken.",
     );
     page.subsection("Identified model");
     for warning in identified.warnings()? {
@@ -177,7 +177,7 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             "of the held-out residual above the floor".to_owned(),
             if summary.effects.is_empty() {
                 Mark::Neutral
-            } else if summary.explained_share >= 0.9 {
+            } else if summary.explained_share >= 1.0 - LEFT_AT_MOST {
                 Mark::Good
             } else {
                 Mark::Warning
@@ -455,6 +455,7 @@ fn candidates(page: &mut Page, selection: &Selection) {
     }
     page.text(
         "Candidates that are not in a round saw nothing of their kind in the residual. The gain is the fall of the mean square of the \
-         missing force with the candidate; it is too little where it is within chance, below the sensors' floor or less than a tenth of what is left to explain.",
+         missing force with the candidate; it is too little where it is within chance, below the sensors' floor or less than a tenth of what is left to explain (a quarter beside laws that explain nearly all, half beside a curve). Ripples of several guides \
+         that were chosen together stand with the gain of all of them.",
     );
 }

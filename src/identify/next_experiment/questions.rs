@@ -267,6 +267,7 @@ impl Questions {
 pub(super) fn rivals(selection: &Selection) -> Vec<(usize, Part)> {
     let declared = selection.before.hypothesis.effects.len();
     let mut rivals: Vec<(usize, Part)> = Vec::new();
+    let mut rounds = Vec::new();
     let mut chosen: Vec<_> = selection.evidence.iter().filter(|one| one.outcome == Outcome::Chosen).collect();
     for (effect, part) in selection.after.hypothesis.effects.iter().enumerate().skip(declared) {
         if part.descriptor.name == "map" {
@@ -275,6 +276,11 @@ pub(super) fn rivals(selection: &Selection) -> Vec<(usize, Part)> {
         // Of several of a name the first one is the one that was added first.
         let Some(place) = chosen.iter().position(|one| one.name == part.descriptor.name) else { continue };
         let won = chosen.remove(place);
+        // Of ripples that were chosen together the first stands for all.
+        if rounds.contains(&won.round) {
+            continue;
+        }
+        rounds.push(won.round);
         let mut others: Vec<_> =
             selection.evidence.iter().filter(|one| one.round == won.round && one.outcome != Outcome::Chosen).collect();
         others.sort_by(|a, b| b.holdout_gain.total_cmp(&a.holdout_gain));
