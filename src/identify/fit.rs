@@ -26,10 +26,10 @@ const UNKNOWN: f64 = 1e-12;
 const HAS_NO_PART: f64 = 1e-3;
 /// Pieces of a record that count as independent of each other: about a second each.
 const PIECES: usize = 40;
-/// Parts of a record, and of each of these, whose means tell a walk from noise, and how many times what noise makes of their differences is more than noise: white
-/// noise comes to that once in a thousand records.
-const WALKS: f64 = 4.0;
+/// Parts of a record, and parts of each of these, whose means tell a walk from noise.
 const TENTHS: usize = 10;
+/// How many times what noise makes of the differences of these means is a walk. Assumed: white noise comes to it once in a few hundred records at most.
+const WALKS: f64 = 4.0;
 
 /// How far a fit goes.
 #[derive(Clone, Copy, Debug)]

@@ -16,26 +16,27 @@ use super::measured::Measured;
 use super::objective::{derivatives, stacked};
 use crate::model::ModelError;
 
-/// Records with noise added, each with its opposite, so that what is linear in the noise is in their difference and a shift in their sum.
+/// Assumed: records with noise added, each with its opposite, so that what is linear in the noise is in their difference and a shift in their sum.
 const PAIRS: u64 = 8;
-/// Pairs of which each record has its own derivatives: these, too, are of the measured motion.
+/// Assumed: pairs of which each record has its own derivatives, which are of the measured motion too, and cost most.
 const OWN_DERIVATIVES: u64 = 2;
 
 /// The same fit, with deviations at least as large as the spread that the noise of the sensors gives its coordinates, and with the shifts that it gives
 /// them. Noise of the encoder as the record shows it, of the cell as declared.
 pub(super) fn widened(mut fitted: Fitted, measured: &Measured) -> Result<Fitted, ModelError> {
     let hypothesis = &fitted.hypothesis;
-    let noise = hypothesis.floor(measured).carriage;
+    // As in the fit.
+    let weight = hypothesis.floor(measured).carriage;
     let free: Vec<usize> =
         (0..fitted.coordinates.len()).filter(|index| fitted.deviations[*index].is_finite()).collect();
     if free.is_empty() {
         return Ok(fitted);
     }
     let residual = |measured: &Measured, driven: &Driven| {
-        stacked(&hypothesis.missing_of(driven, measured, Sides::BOTH), &fitted.coordinates, noise)
+        stacked(&hypothesis.missing_of(driven, measured, Sides::BOTH), &fitted.coordinates, weight)
     };
     let columns = |measured: &Measured, driven: &Driven, residual: &DVector<f64>| {
-        let all = derivatives(hypothesis, &fitted.coordinates, driven, measured, Sides::BOTH, residual, noise)?;
+        let all = derivatives(hypothesis, &fitted.coordinates, driven, measured, Sides::BOTH, residual, weight)?;
         Ok::<_, ModelError>(all.select_columns(free.iter()))
     };
     // Where a fit would go from here in one step (Gauss, Newton).

@@ -11,6 +11,10 @@ use crate::model::{CurveSide, ModelError, StageModel};
 use crate::plant::EffectDescriptor;
 use crate::report::page::{Align, Cell, Mark, Page, Table, Tile};
 
+/// What a candidate must explain on each record, in words.
+const LEAST_SHARE: &str =
+    "a tenth of what is left to explain (a quarter beside laws that explain nearly all, half beside a curve)";
+
 pub fn page(
     name: &str,
     declared: &StageModel,
@@ -85,12 +89,12 @@ pub fn page(
         ),
         ("identified model", summary.model.clone()),
     ]);
-    page.text(
+    page.text(&format!(
         "Friction and effects are driven along the measured motion; measured and modelled forces pass the same zero-phase lowpass. A candidate is \
          fitted on the side where it acts, together with what else moves that side; the one that is chosen is refitted with everything, all declared parameters within \
          their tolerances. It stays only if it lowers the error on the train record and on the hold-out, which no fit has seen, by more than \
-         chance, the sensors' floor and a tenth of what is left to explain (a quarter beside laws that explain nearly all, half beside a curve); of laws that explain about the same the simplest is taken.",
-    );
+         chance, the sensors' floor and {LEAST_SHARE}; of laws that explain about the same the simplest is taken.",
+    ));
     page.subsection("Identified model");
     for warning in identified.warnings()? {
         page.note(Mark::Neutral, &warning);
@@ -453,9 +457,9 @@ fn candidates(page: &mut Page, selection: &Selection) {
         }
         page.table(&table);
     }
-    page.text(
+    page.text(&format!(
         "Candidates that are not in a round saw nothing of their kind in the residual. The gain is the fall of the mean square of the \
-         missing force with the candidate; it is too little where it is within chance, below the sensors' floor or less than a tenth of what is left to explain (a quarter beside laws that explain nearly all, half beside a curve). Ripples of several guides \
+         missing force with the candidate; it is too little where it is within chance, below the sensors' floor or less than {LEAST_SHARE}. Ripples of several guides \
          that were chosen together stand with the gain of all of them.",
-    );
+    ));
 }
