@@ -1273,6 +1273,40 @@ mod tests {
         assert!(leaves_little(1e-4, 1.0, 0.0) && !leaves_little(0.1, 1.0, 0.0));
     }
 
+    /// Of 100 N^2 over a floor of 0.1 N: laws that leave a half ask the next one for a tenth of that, laws that leave nearly nothing for a quarter, unless
+    /// the cell shows it.
+    #[test]
+    fn beside_laws_that_explain_nearly_all_the_next_one_must_take_more() {
+        let model = StageModel::default();
+        let record = |seed, moves| Measured::new(&recording(&model, seed, 0.0, moves), &model, "the record").unwrap();
+        let (train, holdout) = (record(3, 4), record(4, 2));
+        let declared = Hypothesis::new(&model, Tolerances::default()).unwrap();
+        let mut search = Search::new(&declared, &train, &holdout, &Silent).unwrap();
+        search.floor = Floor { motor: 0.05, carriage: 0.1 };
+        let on_both = |motor: f64, carriage: f64| Errors {
+            train_motor: motor,
+            train_carriage: carriage,
+            holdout_motor: motor,
+            holdout_carriage: carriage,
+        };
+        search.errors_before = on_both(0.0, 100.0);
+        let mut is_enough = |before: Errors, after: Errors| {
+            search.best_errors = before;
+            let mut one = tried(&[("cable_chain", 2, before.holdout() - after.holdout())]).remove(0).0;
+            one.errors = after;
+            let enough = one.holdout_gain >= search.least_on_holdout(&one);
+            assert_eq!(enough, one.train_gain >= search.least_on_train(&one));
+            enough
+        };
+        for (left, share) in [(50.0, 0.1), (1.0, 0.25)] {
+            for (taken, expected) in [(0.9 * share, false), (1.1 * share, true)] {
+                let after = on_both(0.0, (1.0 - taken) * left);
+                assert_eq!(is_enough(on_both(0.0, left), after), expected, "{taken} of {left} N^2");
+            }
+        }
+        assert!(is_enough(on_both(0.3, 0.7), on_both(0.15, 0.7)));
+    }
+
     #[test]
     fn what_explains_too_little_never_wins() {
         let mut tried = tried(&[("cable_chain", 2, 1.0), ("payload", 1, 0.999)]);

@@ -40,6 +40,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             damping: values[2],
             stretch: 0.0,
             velocity: None,
+            swing: Swing::default(),
         })
     },
     propose,
@@ -56,6 +57,36 @@ struct StructuralMode {
     stretch: f64,
     /// du/dt, m/s; `None` before the first step, which it begins with the carriage.
     velocity: Option<f64>,
+    swing: Swing,
+}
+
+/// What a free part does over a step: it hangs on the length of the step alone, which is nearly always that of the step before.
+#[derive(Debug, Default)]
+struct Swing {
+    /// s
+    step: f64,
+    /// Of stretch, and of its rate, how much is left, and of each how much the other one gives (s, 1/s).
+    stretch: f64,
+    rate: f64,
+    stretch_by_rate: f64,
+    rate_by_stretch: f64,
+}
+
+impl Swing {
+    /// Of a part of this circular frequency, rad/s, and damping ratio.
+    fn over(step: f64, rate: f64, damping: f64) -> Swing {
+        let decay = damping * rate;
+        let swing = rate * (1.0 - damping * damping).sqrt();
+        let (sine, cosine) = (swing * step).sin_cos();
+        let (fade, aside) = ((-decay * step).exp(), sine / swing);
+        Swing {
+            step,
+            stretch: fade * (cosine + decay * aside),
+            rate: fade * (cosine - decay * aside),
+            stretch_by_rate: fade * aside,
+            rate_by_stretch: -fade * rate * rate * aside,
+        }
+    }
 }
 
 impl Effect for StructuralMode {
@@ -70,14 +101,12 @@ impl Effect for StructuralMode {
         }
         let start = self.velocity.unwrap_or(motion.velocity - 0.5 * step * motion.acceleration);
         let rate = start - motion.velocity;
-        let decay = self.damping * self.rate;
-        let swing = self.rate * (1.0 - self.damping * self.damping).sqrt();
-        let (sine, cosine) = (swing * step).sin_cos();
-        let fade = (-decay * step).exp();
-        let stretch = self.stretch;
-        self.stretch = fade * (stretch * cosine + (rate + decay * stretch) / swing * sine);
-        let end_rate = fade * (rate * cosine - (self.rate * self.rate * stretch + decay * rate) / swing * sine);
-        let end = end_rate + motion.velocity;
+        if self.swing.step != step {
+            self.swing = Swing::over(step, self.rate, self.damping);
+        }
+        let (swing, stretch) = (&self.swing, self.stretch);
+        self.stretch = swing.stretch * stretch + swing.stretch_by_rate * rate;
+        let end = swing.rate_by_stretch * stretch + swing.rate * rate + motion.velocity;
         self.velocity = Some(end);
         self.mass * (start - end) / step
     }
