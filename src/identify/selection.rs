@@ -11,7 +11,7 @@ use super::curve;
 use super::declared::Declared;
 use super::driven::Driven;
 use super::fit::{Effort, Fitted, correlation_length, fit};
-use super::hypothesis::{Hypothesis, Missing, Part, Place, Sides, Tolerances};
+use super::hypothesis::{Hypothesis, Part, Place, Sides, Tolerances};
 use super::measured::{Floor, Measured};
 use super::{sensor_noise, slipping};
 
@@ -21,6 +21,8 @@ pub const MOST_EFFECTS: usize = 4;
 /// model of the motor is exact; on the carriage the measured motion stands for the true one, and guides of which no two are alike leave up to a fifth of a square.
 const MOTOR_GAIN: f64 = 0.02;
 pub const CARRIAGE_GAIN: f64 = 0.5;
+/// How many times that a curve must take: it says less than a law, and of a law that is just too small a curve would tell.
+const CURVE_GAIN: f64 = 2.0;
 /// Share of what is still explainable on each record that an effect must take out: below it the law only bends towards what it is not.
 const LEAST_SHARE: f64 = 0.1;
 /// The same on the carriage beside laws that explain nearly all: what is left there is what these are not quite, or nearly all of other effects, of which
@@ -32,7 +34,7 @@ pub(super) const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage"
 const SIMPLER: f64 = 0.97;
 /// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to be separable.
 pub(super) const RIVAL: f64 = 0.985;
-/// Share of the explainable residual that a map must take out beyond the laws for the verdict to become unknown.
+/// Share of the explainable residual that a map must take out beyond the laws for the verdict to become unknown; where it is so already, of what they leave.
 const UNEXPLAINED: f64 = 0.1;
 /// Share of the explainable residual, and floors of noise, that laws which are the answer may leave, where it is more than noise: right ones left 0.02
 /// and 6 floors at most, false ones 0.03 and 38, or 0.09 and 103.
@@ -60,7 +62,7 @@ const ALL_BUT_NOISE: f64 = 1.3;
 const ANY_GUIDE: f64 = 9.0;
 /// Tolerances beyond which a parameter of sliding is another guide's, whatever else there may be. Assumed.
 const FAR: f64 = 3.0;
-/// Share of the squares of a fit from a simpler start below which a later one replaces it.
+/// Share of the squares of one fit below which another one is better on the train record.
 const BETTER_START: f64 = 0.99;
 /// Share of the squares without a law to which one start must come, and above which another comes close to it.
 const WORTH_A_LOOK: f64 = 0.7;
@@ -561,7 +563,7 @@ impl<'a> Search<'a> {
             let side = part.side();
             let sides = if late { Sides::BOTH } else { self.sides_of(side) };
             let starts = starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
-            let Some(fitted) = best_start(starts, self.train, sides, &self.best.missing) else { continue };
+            let Some(fitted) = self.best_start(starts, sides) else { continue };
             let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
             let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
             let mut evidence = self.evidence_of(round, part, side, 1, &fitted.hypothesis, found)?;
@@ -574,6 +576,60 @@ impl<'a> Search<'a> {
             }
         }
         Ok(best)
+    }
+
+    /// The best fit from several starts beside what was found; of about equal ones that which leaves least on the hold-out, and of these the first. Forms of a
+    /// law that come close to each other are compared with the guides fitted anew: held as they are, these speak for the form that is most like what they
+    /// were bent to.
+    fn best_start(&self, starts: Vec<Hypothesis>, sides: Sides) -> Option<Fitted> {
+        let (train, without) = (self.train, &self.best.missing);
+        let squares = |side: &[f64], counts: bool| if counts { side.iter().map(|left| left * left).sum() } else { 0.0 };
+        let without: f64 = squares(&without.motor, sides.motor) + squares(&without.carriage, sides.carriage);
+        // A law whose values do not go together has lost; it does not end the search.
+        let mut fitted: Vec<Fitted> =
+            starts.par_iter().filter_map(|start| fit(start, train, sides, Effort::COMPARED).ok()).collect();
+        let least = fitted.iter().map(Fitted::squares).fold(f64::INFINITY, f64::min);
+        if least < WORTH_A_LOOK * without {
+            fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
+        }
+        let floor = fitted.first().map_or(Floor { motor: 0.0, carriage: 0.0 }, |one| one.hypothesis.floor(train));
+        let floor =
+            if sides.motor { floor.motor } else { 0.0 }.hypot(if sides.carriage { floor.carriage } else { 0.0 });
+        let noise = train.rows.len() as f64 * (ALL_BUT_NOISE * floor).powi(2);
+        // Squares, the start as it was fitted, and the same with guides that differ afresh and go on.
+        let afresh = |one: &Hypothesis| one.different_guides().unwrap_or_else(|| one.clone());
+        let mut judged: Vec<(f64, Fitted, Hypothesis)> =
+            fitted.into_iter().map(|one| (one.squares(), one.clone(), afresh(&one.hypothesis))).collect();
+        for effort in [Effort::COMPARED, Effort::KEPT] {
+            if judged.len() < 2 || least > WORTH_A_LOOK * without {
+                break;
+            }
+            judged.par_iter_mut().for_each(|(squares, _, free)| {
+                if let Ok(further) = fit(free, train, sides, effort) {
+                    *squares = squares.min(further.squares());
+                    *free = further.hypothesis;
+                }
+            });
+            let mut order: Vec<f64> = judged.iter().map(|(squares, ..)| *squares).collect();
+            order.sort_by(f64::total_cmp);
+            // Where one leaves no more than noise, the end of the fits is noise too.
+            if order[0] <= noise {
+                break;
+            }
+            // The two best, if they come close to each other.
+            judged.retain(|(squares, ..)| *squares <= order[1] && squares * WORTH_THE_END < order[0]);
+        }
+        let least = judged.iter().map(|(squares, ..)| *squares).fold(f64::INFINITY, f64::min);
+        judged.retain(|(squares, ..)| BETTER_START * squares <= least);
+        let mut best: Option<(f64, Fitted)> = None;
+        for (_, one, _) in judged {
+            let Ok(found) = errors(&one.hypothesis, train, self.holdout) else { continue };
+            let left = found.holdout();
+            if best.as_ref().is_none_or(|(least, _)| left < SIMPLER * least) {
+                best = Some((left, one));
+            }
+        }
+        best.map(|(_, one)| one)
     }
 
     /// Evidence of a candidate that adds the last `count` effects of a hypothesis, all of the same law.
@@ -661,12 +717,13 @@ impl<'a> Search<'a> {
                 other
             };
             let others = starts(&Part { descriptor, values }, self.train).into_iter().map(other).collect();
-            let Some(found) = best_start(others, self.train, Sides::BOTH, &self.best.missing) else { continue };
+            let Some(found) = self.best_start(others, Sides::BOTH) else { continue };
             let found = with_different_guides(&found.hypothesis, self.train, Effort::KEPT)?;
             let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;
-            if found.squares() < BETTER_START * self.best.squares()
-                && found_errors.holdout() < self.best_errors.holdout()
-            {
+            // On the train record clearly better, or as good and clearly better on the hold-out.
+            let half = HALF_OF_THE_REST * self.beyond_noise(&self.best_errors);
+            let least = if self.beyond_noise(&found_errors) < half { BETTER_START.recip() } else { BETTER_START };
+            if found.squares() < least * self.best.squares() && found_errors.holdout() < self.best_errors.holdout() {
                 (self.best, self.best_errors) = (found, found_errors);
                 changed = true;
             }
@@ -677,10 +734,14 @@ impl<'a> Search<'a> {
     /// What is left over one coordinate that no law has?
     fn add_curve(&mut self) -> Result<(), IdentifyError> {
         self.watch.progress("curves over position, velocity and time", 0.9);
-        // Where laws leave more than noise, half of that is worth a curve, however little it is of the whole.
+        // Where laws leave more than noise, half of that is worth a curve, however little it is of the whole; where they are no answer, less is.
         let rest = self.beyond_noise(&self.best_errors).max(0.0);
-        let little = if self.is_noise(&self.best_errors) { f64::INFINITY } else { HALF_OF_THE_REST * rest };
-        let least = (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(little);
+        let of_the_rest = match (self.is_noise(&self.best_errors), self.is_explained(&self.best_errors)) {
+            (true, _) => f64::INFINITY,
+            (false, true) => HALF_OF_THE_REST,
+            (false, false) => UNEXPLAINED,
+        };
+        let least = (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(of_the_rest * rest);
         if let Some((with, over)) = self.with_curve(&self.best.hypothesis, &self.best_errors, least)? {
             self.runners_up.push(Vec::new());
             self.coordinate = Some(over);
@@ -755,7 +816,7 @@ impl<'a> Search<'a> {
         Ok(now < (1.0 - UNEXPLAINED) * before && !self.is_noise(&found))
     }
 
-    /// The curve over position, velocity or time that takes most out of the hold-out, if that is more than chance and than `least` (N^2), refitted.
+    /// The curve over position, velocity or time that takes most out of the hold-out, if that is more than chance, and with everything refitted more than `least` (N^2).
     fn with_curve(
         &self,
         start: &Hypothesis,
@@ -777,12 +838,15 @@ impl<'a> Search<'a> {
                 let with = start.with(part);
                 let gain = start_errors.holdout() - errors(&with, self.train, self.holdout)?.holdout();
                 let side = if side == CurveSide::Motor { Side::Motor } else { Side::Carriage };
-                if gain > self.threshold(side).max(least) && best.as_ref().is_none_or(|best| gain > best.1) {
+                if gain > CURVE_GAIN * self.threshold(side) && best.as_ref().is_none_or(|best| gain > best.1) {
                     best = Some((with, gain, over));
                 }
             }
         }
-        best.map(|(with, _, over)| Ok((fit(&with, self.train, Sides::BOTH, Effort::KEPT)?, over))).transpose()
+        let Some((with, _, over)) = best else { return Ok(None) };
+        let fitted = fit(&with, self.train, Sides::BOTH, Effort::KEPT)?;
+        let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
+        Ok((start_errors.holdout() - found.holdout() > least).then_some((fitted, over)))
     }
 
     /// Where more than noise is left: is it a ripple on the carriage whose phase each record has for itself? Such a ripple is granted more than any law, so
@@ -1033,48 +1097,6 @@ fn with_different_guides(start: &Hypothesis, train: &Measured, effort: Effort) -
     let (best, afresh) = rayon::join(|| fitted(&start.holding_guides(false)), || fitted(&afresh));
     let (best, afresh) = (best?, afresh?);
     Ok(if afresh.squares() < best.squares() { afresh } else { best })
-}
-
-/// The best fit from several starts, of about equal ones the first. Forms of a law that come close to each other are compared with the guides
-/// fitted anew: held as they are, these speak for the form that is most like what they were bent to.
-fn best_start(starts: Vec<Hypothesis>, train: &Measured, sides: Sides, without: &Missing) -> Option<Fitted> {
-    let squares = |side: &[f64], counts: bool| if counts { side.iter().map(|left| left * left).sum() } else { 0.0 };
-    let without: f64 = squares(&without.motor, sides.motor) + squares(&without.carriage, sides.carriage);
-    // A law whose values do not go together has lost; it does not end the search.
-    let mut fitted: Vec<Fitted> =
-        starts.par_iter().filter_map(|start| fit(start, train, sides, Effort::COMPARED).ok()).collect();
-    let least = fitted.iter().map(Fitted::squares).fold(f64::INFINITY, f64::min);
-    if least < WORTH_A_LOOK * without {
-        fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
-    }
-    let floor = fitted.first().map_or(Floor { motor: 0.0, carriage: 0.0 }, |one| one.hypothesis.floor(train));
-    let floor = if sides.motor { floor.motor } else { 0.0 }.hypot(if sides.carriage { floor.carriage } else { 0.0 });
-    let noise = train.rows.len() as f64 * (ALL_BUT_NOISE * floor).powi(2);
-    // Squares, the start as it was fitted, and the same with guides that differ afresh and go on.
-    let afresh = |one: &Hypothesis| one.different_guides().unwrap_or_else(|| one.clone());
-    let mut judged: Vec<(f64, Fitted, Hypothesis)> =
-        fitted.into_iter().map(|one| (one.squares(), one.clone(), afresh(&one.hypothesis))).collect();
-    for effort in [Effort::COMPARED, Effort::KEPT] {
-        if judged.len() < 2 || least > WORTH_A_LOOK * without {
-            break;
-        }
-        judged.par_iter_mut().for_each(|(squares, _, free)| {
-            if let Ok(further) = fit(free, train, sides, effort) {
-                *squares = squares.min(further.squares());
-                *free = further.hypothesis;
-            }
-        });
-        let mut order: Vec<f64> = judged.iter().map(|(squares, ..)| *squares).collect();
-        order.sort_by(f64::total_cmp);
-        // Where one leaves no more than noise, the end of the fits is noise too.
-        if order[0] <= noise {
-            break;
-        }
-        // The two best, if they come close to each other.
-        judged.retain(|(squares, ..)| *squares <= order[1] && squares * WORTH_THE_END < order[0]);
-    }
-    let better = |best: (f64, Fitted), one: (f64, Fitted)| if one.0 < BETTER_START * best.0 { one } else { best };
-    judged.into_iter().map(|(squares, one, _)| (squares, one)).reduce(better).map(|(_, one)| one)
 }
 
 /// What a fit starts from, the simplest form of the law first.
