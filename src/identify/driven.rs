@@ -67,10 +67,10 @@ struct Friction {
     at_nodes: Vec<f64>,
 }
 
-/// Force of one effect.
+/// Force of one effect, or of all that make the motor's force of its command: each of these hangs on those before it.
 #[derive(Debug)]
 pub(super) struct Force {
-    part: Part,
+    parts: Vec<Part>,
     side: Side,
     /// Mean over the two intervals around a sample, N.
     pub at_nodes: Vec<f64>,
@@ -222,13 +222,16 @@ impl Hypothesis {
         } else {
             None
         };
-        let forces = self
-            .effects
-            .iter()
-            .filter(|part| part.side() != Side::Sensor && part.slipping_ripple().is_none())
-            .map(|part| {
-                let known = before.forces.iter().find(|known| moves_alike && known.part == *part);
-                known.map_or_else(|| Ok(Arc::new(force(part, measured, &encoder)?)), |known| Ok(known.clone()))
+        let (of_drive, alone): (Vec<Part>, Vec<Part>) =
+            of(&|part| Ok(part.side() != Side::Sensor && part.slipping_ripple().is_none()))?
+                .into_iter()
+                .partition(Part::is_of_drive);
+        let alone = alone.into_iter().map(|part| vec![part]);
+        let forces = alone
+            .chain((!of_drive.is_empty()).then_some(of_drive))
+            .map(|parts| {
+                let known = before.forces.iter().find(|known| moves_alike && known.parts == parts);
+                known.map_or_else(|| Ok(Arc::new(force(parts, measured, &encoder)?)), |known| Ok(known.clone()))
             })
             .collect::<Result<_, ModelError>>()?;
         let ripples: Vec<_> = match sides.carriage {
@@ -299,11 +302,11 @@ pub(super) fn holding(guides: &[Guide], force: f64) -> Vec<f64> {
     guides.iter().map(|guide| part * guide.static_force / guide.stiffness).collect()
 }
 
-/// Force of one effect along the motion.
-fn force(part: &Part, measured: &Measured, encoder: &EncoderTruth) -> Result<Force, ModelError> {
-    let mut effects = effects_of(slice::from_ref(part))?;
+/// Force of effects of one side along the motion.
+fn force(parts: Vec<Part>, measured: &Measured, encoder: &EncoderTruth) -> Result<Force, ModelError> {
+    let mut effects = effects_of(&parts)?;
     let steps = encoder.steps(measured);
-    let side = part.side();
+    let side = parts.first().map_or(Side::Carriage, Part::side);
     let read = side == Side::Motor;
     let mut at_nodes = vec![0.0; measured.len()];
     let mut at_samples = vec![0.0; if read { measured.len() } else { 0 }];
@@ -318,7 +321,7 @@ fn force(part: &Part, measured: &Measured, encoder: &EncoderTruth) -> Result<For
             at_samples[node + 1] = motor_side + carriage_side;
         }
     }
-    Ok(Force { part: part.clone(), side, at_nodes, at_samples })
+    Ok(Force { parts, side, at_nodes, at_samples })
 }
 
 /// The truth behind a reading, where read(truth) = reading: by secants (Press and others, "Numerical Recipes", ch. 9.2) from the reading itself

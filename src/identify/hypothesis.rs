@@ -80,6 +80,11 @@ impl Part {
         (self.descriptor.build)(&self.values).is_of_encoder()
     }
 
+    /// Whether it is in the chain from the command to the motor's force.
+    pub(super) fn is_of_drive(&self) -> bool {
+        (self.descriptor.build)(&self.values).drive().is_some()
+    }
+
     /// Whether the law leaves amplitude and phase of the force to each record.
     pub fn slips(&self) -> bool {
         self.slipping_ripple().is_some()

@@ -12,7 +12,7 @@ mod sensors;
 mod stage;
 
 pub use body::Body;
-pub use effects::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Samples, Side, SlippingRipple};
+pub use effects::{Drive, Effect, EffectDescriptor, EffectParameter, Motion, Residual, Samples, Side, SlippingRipple};
 pub use guides::{BristleElements, BristleShare, FrictionScale, GuideBank, MAX_ELEMENTS, MAX_STEP_DAMPING, Slip};
 pub use sensors::{Reading, Sensors};
 pub use stage::{Rates, RatesError, Sample, Stage, StageState};

@@ -6,7 +6,7 @@
 //! Not modelled: slew rate, a second-order current loop. Before the first step the command was 0.
 
 use super::regression::{along, largest_over_decades, least_squares};
-use super::{Effect, EffectDescriptor, EffectParameter, ForceOverStep, Motion, Residual, Side};
+use super::{Drive, Effect, EffectDescriptor, EffectParameter, ForceOverStep, Motion, Residual, Side};
 
 /// Longest time constant and delay, s.
 const LONGEST: f64 = 0.05;
@@ -131,6 +131,10 @@ impl Effect for ActuatorLag {
         }
         let arrived = self.lead(motion.time - 0.5 * step, step, motion.motor_force);
         ForceOverStep { mean: arrived.mean - motion.motor_force, ..arrived }
+    }
+
+    fn drive(&self) -> Option<Drive> {
+        Some(Drive::Lag)
     }
 
     fn reset(&mut self) {

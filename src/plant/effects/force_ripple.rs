@@ -1,7 +1,7 @@
 //! Force ripple: the force of the motor per current changes with where the windings stand over the magnets.
 //!
-//! F = u g sin(2 pi x / p + phi), along +x on the motor side: u commanded force (N), g fraction, p period (m), phi phase at x = 0 (rad).
-//! Proportional to the commanded force; without command there is none. It is no potential: the motor pays for it.
+//! F = u g sin(2 pi x / p + phi), along +x on the motor side: u commanded force (N), with what an `actuator_lag` and a `motor_gain` make of it,
+//! g fraction, p period (m), phi phase at x = 0 (rad). Proportional to the commanded force; without command there is none. It is no potential: the motor pays for it.
 //! Source: first harmonic of the force constant over position (Gieras, Piech, Tomczuk, "Linear Synchronous Motors", 2nd ed. 2011).
 //! Sizes: assumed, 1 to 5 %.
 //! Not modelled: higher harmonics, saturation of the iron.
@@ -9,7 +9,7 @@
 use std::f64::consts::TAU;
 
 use super::regression::strongest_wave;
-use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{Drive, Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
 
 /// Shortest and longest period, m.
 const PERIODS: (f64, f64) = (1e-4, 1.0);
@@ -42,6 +42,10 @@ struct ForceRipple {
 impl Effect for ForceRipple {
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
         motion.motor_force * self.fraction * (self.wave_number * motion.position + self.phase).sin()
+    }
+
+    fn drive(&self) -> Option<Drive> {
+        Some(Drive::Ripple)
     }
 }
 

@@ -71,7 +71,7 @@ pub struct Motion {
     pub velocity: f64,
     /// Of the carriage, m/s^2, at the start of the step.
     pub acceleration: f64,
-    /// Commanded motor force over the step, N, without effects.
+    /// Commanded motor force over the step, N; for an effect of the chain ([`Effect::drive`]) as it arrives there.
     pub motor_force: f64,
     /// Friction of the guides as the step begins, N, positive against positive motion. For laws of friction: forces are not told it.
     pub friction: f64,
@@ -84,6 +84,25 @@ pub struct ForceOverStep {
     pub mean: f64,
     /// Mean of the force times the time since the middle of the step, N times steps: between -1/4 and 1/4 of the largest force.
     pub moment: f64,
+}
+
+/// Place of an effect in the chain that makes the motor's force of its command. What it takes for the command is what the places before it pass on; those of one
+/// place stand side by side.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Drive {
+    /// The command arrives late.
+    Lag,
+    /// More or less force per command, everywhere; the force is proportional to the command.
+    Gain,
+    /// The same over the position.
+    Ripple,
+}
+
+impl ForceOverStep {
+    fn add(&mut self, other: ForceOverStep) {
+        self.mean += other.mean;
+        self.moment += other.moment;
+    }
 }
 
 /// A ripple over the position whose amplitude and phase change with the distance travelled, otherwise in each record.
@@ -123,6 +142,11 @@ pub trait Effect: Debug + Send + Sync {
             over.moment += aside * part;
         }
         over
+    }
+
+    /// Its place in the chain from the command to the motor's force, if it has one.
+    fn drive(&self) -> Option<Drive> {
+        None
     }
 
     /// Multiplies the factors on the guides' laws over a step; called only if `scales_friction`.
@@ -321,10 +345,43 @@ fn all_free(_values: &[f64], _index: usize) -> bool {
     true
 }
 
+/// The force of the motor on its way through the chain of its drive.
+struct Chain {
+    command: ForceOverStep,
+    place: Option<Drive>,
+    /// What arrives at this place, and that with what it adds.
+    arriving: ForceOverStep,
+    passed_on: ForceOverStep,
+}
+
+impl Chain {
+    fn new(command: f64) -> Chain {
+        let command = ForceOverStep { mean: command, moment: 0.0 };
+        Chain { command, place: None, arriving: command, passed_on: command }
+    }
+
+    /// What arrives at a place that is not before the last one. Where there is no place, the command.
+    fn arriving(&mut self, place: Option<Drive>) -> ForceOverStep {
+        if place.is_none() {
+            return self.command;
+        }
+        if place != self.place {
+            (self.place, self.arriving) = (place, self.passed_on);
+        }
+        self.arriving
+    }
+
+    fn pass_on(&mut self, added: ForceOverStep) {
+        self.passed_on.add(added);
+    }
+}
+
 /// The effects of one stage with the forces of the last step.
 #[derive(Debug)]
 pub struct Effects {
     list: Vec<Entry>,
+    /// Places in `list`: first those of the chain that makes the motor's force, as they follow each other.
+    order: Vec<usize>,
     forces: Vec<f64>,
     scales_friction: bool,
     reads: bool,
@@ -432,7 +489,9 @@ impl Effects {
         let forces = vec![0.0; list.len()];
         let scales_friction = list.iter().any(|entry| entry.effect.scales_friction());
         let reads = list.iter().any(|entry| entry.side == Side::Sensor);
-        let mut effects = Effects { list, forces, scales_friction, reads, motor_side: 0.0, carriage_side: 0.0 };
+        let mut order: Vec<usize> = (0..list.len()).collect();
+        order.sort_by_key(|index| list[*index].effect.drive().map_or((true, None), |drive| (false, Some(drive))));
+        let mut effects = Effects { list, order, forces, scales_friction, reads, motor_side: 0.0, carriage_side: 0.0 };
         effects.reset(0.0);
         Ok(effects)
     }
@@ -493,11 +552,19 @@ impl Effects {
     /// Advances every effect by a step; sums of the motor side and of the carriage side, N.
     pub fn advance(&mut self, motion: &Motion, step: f64) -> (f64, f64) {
         (self.motor_side, self.carriage_side) = (0.0, 0.0);
-        for (entry, force) in self.list.iter_mut().zip(&mut self.forces) {
-            *force = entry.effect.force(motion, step);
-            match entry.side {
-                Side::Motor => self.motor_side += *force,
-                Side::Carriage => self.carriage_side += *force,
+        let mut chain = Chain::new(motion.motor_force);
+        for index in &self.order {
+            let Entry { side, effect, .. } = &mut self.list[*index];
+            let drive = effect.drive();
+            let motor_force = chain.arriving(drive).mean;
+            let force = effect.force(&Motion { motor_force, ..*motion }, step);
+            if drive.is_some() {
+                chain.pass_on(ForceOverStep { mean: force, moment: 0.0 });
+            }
+            self.forces[*index] = force;
+            match side {
+                Side::Motor => self.motor_side += force,
+                Side::Carriage => self.carriage_side += force,
                 Side::Sensor => {}
             }
         }
@@ -506,10 +573,22 @@ impl Effects {
 
     /// Advances every effect by a step as long as a control cycle; sum of their forces.
     pub fn advance_long(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
-        self.list.iter_mut().fold(ForceOverStep::default(), |sum, entry| {
-            let over = entry.effect.force_over(motion, step);
-            ForceOverStep { mean: sum.mean + over.mean, moment: sum.moment + over.moment }
-        })
+        let (mut sum, mut chain) = (ForceOverStep::default(), Chain::new(motion.motor_force));
+        for index in &self.order {
+            let effect = &mut self.list[*index].effect;
+            let drive = effect.drive();
+            let arriving = chain.arriving(drive);
+            let mut over = effect.force_over(&Motion { motor_force: arriving.mean, ..*motion }, step);
+            if drive.is_some_and(|drive| drive > Drive::Lag) {
+                // Proportional to the force that arrives, and so is where in the step it acts.
+                over.moment += effect.force(&Motion { motor_force: arriving.moment, ..*motion }, step);
+            }
+            if drive.is_some() {
+                chain.pass_on(over);
+            }
+            sum.add(over);
+        }
+        sum
     }
 
     /// Sums of the last step: motor side, carriage side, N.
@@ -558,6 +637,36 @@ mod tests {
             let wrong = (effect.encoder(0.37, 1.23e-3) != 1.23e-3, effect.force_cell(0.37, 5.0) != 5.0);
             assert_eq!(wrong, (effect.is_of_encoder(), !effect.is_of_encoder()), "{}", descriptor.name);
         }
+    }
+
+    /// A first-order lag of 1 ms under a command that steps to 100 N, in closed form: y = u (1 - exp(-t / T)), its mean over a cycle of h
+    /// u (1 - T / h (1 - exp(-h / T))), its moment u T / h (1/2 (1 + exp(-h / T)) - T / h (1 - exp(-h / T))).
+    #[test]
+    fn gain_and_ripple_make_their_part_of_the_force_that_arrives_late() {
+        let named = |name: &str, values: &[(&'static str, f64)]| EffectParameters::new(name, values.iter().copied());
+        let (lag, cycle, command) = (1e-3, 5e-4, 100.0);
+        // In any order of the model.
+        let mut effects = Effects::new(&[
+            named("force_ripple", &[("fraction", 0.05), ("period", 0.02)]),
+            named("cogging", &[("amplitude", 2.0), ("period", 0.02)]),
+            named("motor_gain", &[("fraction", 0.2)]),
+            named("actuator_lag", &[("time_constant", lag)]),
+        ])
+        .unwrap();
+        // A quarter of a period: the peak of ripple and cogging.
+        let motion = Motion { time: 0.5 * cycle, position: 0.005, motor_force: command, ..Motion::default() };
+        let (ratio, rest) = (lag / cycle, (-cycle / lag).exp());
+        let mean = command * (1.0 - ratio * (1.0 - rest));
+        let moment = command * ratio * (0.5 * (1.0 + rest) - ratio * (1.0 - rest));
+        let over = effects.advance_long(&motion, cycle);
+        let factor = 1.2 * 1.05;
+        assert!((over.mean - (factor * mean + 2.0 - command)).abs() < 1e-9, "{over:?}");
+        assert!((over.moment - factor * moment).abs() < 1e-9, "{over:?} {}", factor * moment);
+        effects.reset(0.0);
+        let (motor_side, _) = effects.advance(&motion, cycle);
+        assert!((motor_side - over.mean).abs() < 1e-9);
+        let expected = [0.05 * 1.2 * mean, 2.0, 0.2 * mean, mean - command];
+        assert!(effects.forces().iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-9));
     }
 
     #[test]

@@ -1,11 +1,11 @@
 //! Motor gain: the motor makes more or less force than its command by a fixed part.
 //!
-//! F = u g, along +x on the motor side: u commanded force (N), g fraction.
+//! F = u g, along +x on the motor side: u commanded force as it arrives behind an `actuator_lag` (N), g fraction.
 //! Source: error of the declared force constant, linear (assumed). Sizes: assumed, 1 to 5 %.
 //! Not modelled: saturation, change with temperature.
 
 use super::regression::least_squares;
-use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{Drive, Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "motor_gain",
@@ -29,6 +29,10 @@ struct MotorGain {
 impl Effect for MotorGain {
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
         self.fraction * motion.motor_force
+    }
+
+    fn drive(&self) -> Option<Drive> {
+        Some(Drive::Gain)
     }
 }
 
