@@ -704,20 +704,20 @@ impl<'a> Search<'a> {
             }
             let part = &self.best.hypothesis.effects[index];
             let (descriptor, on_motor) = (part.descriptor, part.side() == Side::Motor && self.has_cell());
-            if starts(part, self.train).len() < 2 {
-                continue;
-            }
             self.watch.progress(&format!("forms of {}", descriptor.name), 0.85);
             let columns = Columns::new(&self.best.hypothesis.without(index), self.train)?;
             let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { continue };
+            let starts = starts(&Part { descriptor, values }, self.train);
+            if starts.len() < 2 {
+                continue;
+            }
             let held = self.best.hypothesis.holding_guides(true);
             let other = |part: Part| {
                 let mut other = held.clone();
                 other.effects[index] = part;
                 other
             };
-            let others = starts(&Part { descriptor, values }, self.train).into_iter().map(other).collect();
-            let Some(found) = self.best_start(others, Sides::BOTH) else { continue };
+            let Some(found) = self.best_start(starts.into_iter().map(other).collect(), Sides::BOTH) else { continue };
             let found = with_different_guides(&found.hypothesis, self.train, Effort::KEPT)?;
             let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;
             // On the train record clearly better, or as good and clearly better on the hold-out.

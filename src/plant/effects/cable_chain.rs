@@ -10,11 +10,15 @@
 //! linear over the stroke. Sizes: assumed, 1 to 10 N over the stroke.
 //! Not modelled: bumps of single links, dwell-time creep of the cables.
 
-use super::regression::{along, least_squares};
+use super::regression::{along, largest_over_decades, least_squares};
 use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
 
-/// Path over which the hysteresis turns where nothing else is known, m. Assumed.
+/// Path over which the hysteresis turns where a model does not say it, m. Assumed.
 const WIDTH: f64 = 1e-3;
+/// Shortest and longest one of a proposal, m: shorter is what the bristles of the guides do, longer a spring on any stroke.
+const WIDTHS: (f64, f64) = (1e-4, 0.3);
+/// Least stiffness of a proposal, N/m: with less, a fit cannot find the center.
+const SOFTEST: f64 = 0.1;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "cable_chain",
@@ -117,15 +121,19 @@ impl Effect for CableChain {
     }
 }
 
-/// Spring from the slope of the residual over position, hysteresis from its loop at the width that is assumed.
+/// Spring from the slope of the residual over position, hysteresis from its loop, at the width at which both explain most.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
-    let loops = CableChain::new(&[0.0, 0.0, 1.0, WIDTH, 0.0]);
-    let hysteresis = along(loops, residual);
     let base = least_squares(residual.force, |_| [1.0])?;
-    let fit = least_squares(residual.force, |k| [1.0, residual.position[k], hysteresis[k]])?;
+    let fit = |width: f64| {
+        let hysteresis = along(CableChain::new(&[0.0, 0.0, 1.0, width, 0.0]), residual);
+        least_squares(residual.force, |k| [1.0, residual.position[k], hysteresis[k]])
+    };
+    let width = largest_over_decades(WIDTHS.0, WIDTHS.1, |width| fit(width).map_or(0.0, |fit| fit.explained));
+    let fit = fit(width)?;
     let [offset, slope, amplitude] = fit.coefficients;
-    (fit.improves_on(&base) && slope < 0.0)
-        .then(|| vec![-slope, (-offset / slope).clamp(-10.0, 10.0), amplitude.max(0.0), WIDTH, 0.0])
+    let (stiffness, amplitude) = ((-slope).max(SOFTEST), amplitude.max(0.0));
+    (fit.improves_on(&base) && (slope < 0.0 || amplitude > 0.0))
+        .then(|| vec![stiffness, (offset / stiffness).clamp(-10.0, 10.0), amplitude, width, 0.0])
 }
 
 #[cfg(test)]
@@ -199,9 +207,11 @@ mod tests {
 
     #[test]
     fn proposal_finds_spring_center_and_hysteresis_under_noise_and_nothing_in_noise() {
-        let found = proposal(&DESCRIPTOR, &[80.0, 0.06, 1.5, 1e-3, 0.0]);
-        assert!((found[0] / 80.0 - 1.0).abs() < 0.02 && (found[1] - 0.06).abs() < 3e-3, "{found:?}");
-        assert!((found[2] / 1.5 - 1.0).abs() < 0.05, "{found:?}");
+        for width in [1e-3, 0.02] {
+            let found = proposal(&DESCRIPTOR, &[80.0, 0.06, 1.5, width, 0.0]);
+            assert!((found[0] / 80.0 - 1.0).abs() < 0.02 && (found[1] - 0.06).abs() < 3e-3, "{found:?}");
+            assert!((found[2] / 1.5 - 1.0).abs() < 0.05 && (found[3] / width - 1.0).abs() < 0.5, "{found:?}");
+        }
         let none = Record::motion().with_noise(0.3, 3);
         assert!(propose(&none.residual()).is_none());
     }

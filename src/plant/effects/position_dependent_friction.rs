@@ -17,6 +17,8 @@ const LIMIT: f64 = 0.95;
 const PERIODS: (f64, f64) = (1e-3, 10.0);
 /// Narrowest and widest bump, m.
 const WIDTHS: (f64, f64) = (1e-4, 10.0);
+/// Width of a bump where a model does not say it, m. Assumed.
+const WIDTH: f64 = 0.05;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "position_dependent_friction",
@@ -27,7 +29,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     parameters: &[
         EffectParameter::required("fraction", "1", "part by which Fc and Fs rise at the peak", (-LIMIT, LIMIT), 0.05),
         EffectParameter::optional("center", "m", "middle of the bump", (-10.0, 10.0), 0.02, 0.0),
-        EffectParameter::optional("width", "m", "half width of the bump at 1/e", WIDTHS, 0.02, 0.05),
+        EffectParameter::optional("width", "m", "half width of the bump at 1/e", WIDTHS, 0.02, WIDTH),
         EffectParameter::optional("period", "m", "distance after which a wave repeats; 0 makes it a bump", (0.0, 10.0), 1e-3, 0.0),
         EffectParameter::optional("phase", "rad", "phase of the wave at position 0", (-TAU, TAU), 1.0, 0.0),
     ],
@@ -45,7 +47,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         })
     },
     propose,
-    starts: super::as_proposed,
+    starts: bump_or_wave,
 };
 
 #[derive(Debug)]
@@ -85,19 +87,30 @@ const CENTERS: usize = 64;
 /// Bins over the position for the bump.
 const BINS: usize = 512;
 
-/// The wave or the bump whose product with the modelled friction, less its viscous part, takes most out of the residual.
+/// The bump and the wave whose products with the modelled friction, less its viscous part, take most out of the residual, in one: with the fraction of the
+/// stronger one; a width or a period of 0 where there is none.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let viscous = viscous_friction(residual)?;
     let gain = |k: usize| -(residual.friction[k] - viscous * residual.velocity[k]);
     let wave = strongest_wave(residual.position, gain, residual.force, PERIODS.0..=PERIODS.1);
     let bump = strongest_bump(residual, gain);
-    let of_wave = |wave: Wave| vec![wave.amplitude().min(LIMIT), 0.0, 0.05, wave.period, wave.phase()];
-    match (wave, bump) {
-        (Some(wave), Some((explained, _))) if wave.explained > explained => Some(of_wave(wave)),
-        (_, Some((_, values))) => Some(values),
-        (Some(wave), None) => Some(of_wave(wave)),
+    let of_wave = |wave: Wave| (wave.explained, vec![wave.amplitude().min(LIMIT), 0.0, 0.0, wave.period, wave.phase()]);
+    match (wave.map(of_wave), bump) {
+        (Some((of_wave, wave)), Some((of_bump, bump))) => {
+            let fraction = if of_wave > of_bump { wave[0] } else { bump[0] };
+            Some(vec![fraction, bump[1], bump[2], wave[3], wave[4]])
+        }
+        (Some((_, only)), None) | (None, Some((_, only))) => Some(only),
         (None, None) => None,
     }
+}
+
+/// What explains most while the guides are bent by it need not be the form: each that was proposed.
+fn bump_or_wave(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
+    let [fraction, center, width, period, phase] = *values else { return Vec::new() };
+    let bump = (width > 0.0).then(|| vec![fraction, center, width, 0.0, 0.0]);
+    let wave = (period > 0.0).then(|| vec![fraction, 0.0, WIDTH, period, phase]);
+    bump.into_iter().chain(wave).collect()
 }
 
 /// The bump that takes most out of the residual beyond a constant factor on the friction: how much, and its values.
@@ -185,10 +198,11 @@ mod tests {
 
     #[test]
     fn proposal_finds_bump_and_wave_under_noise_and_nothing_in_noise() {
-        let found = proposal(&DESCRIPTOR, &[0.2, 0.13, 0.02, 0.0, 0.0]);
+        let forms = |values: &[f64]| bump_or_wave(&proposal(&DESCRIPTOR, values), 5e-4);
+        let found = &forms(&[0.2, 0.13, 0.02, 0.0, 0.0])[0];
         assert!((found[0] / 0.2 - 1.0).abs() < 0.1 && (found[1] - 0.13).abs() < 2e-3, "{found:?}");
         assert!((found[2] / 0.02 - 1.0).abs() < 0.1 && found[3] == 0.0, "{found:?}");
-        let found = proposal(&DESCRIPTOR, &[0.1, 0.0, 0.05, 0.06, 0.5]);
+        let found = &forms(&[0.1, 0.0, 0.05, 0.06, 0.5])[1];
         assert!((found[0] / 0.1 - 1.0).abs() < 0.1 && (found[3] / 0.06 - 1.0).abs() < 0.01, "{found:?}");
         assert!((found[4] - 0.5).abs() < 0.15, "{found:?}");
         assert_silent_on_noise(&DESCRIPTOR);
