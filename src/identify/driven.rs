@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crate::model::{EffectParameters, Guide, MAX_GUIDES, ModelError};
 use crate::plant::effects::Effects;
-use crate::plant::{FrictionScale, GuideBank, Motion, Side};
+use crate::plant::{Drive, FrictionScale, GuideBank, Motion, Side};
 
 use super::hypothesis::{Hypothesis, Part, Sides};
 use super::measured::{Measured, Step};
@@ -15,7 +15,7 @@ use super::slipping::Slipping;
 /// Guides, effects and sensors of one hypothesis along one record.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Driven {
-    encoder: Arc<EncoderTruth>,
+    moved: Arc<Moved>,
     cell: Arc<CellTruth>,
     friction: Option<Arc<Friction>>,
     forces: Vec<Arc<Force>>,
@@ -25,11 +25,14 @@ pub(super) struct Driven {
     added_mass: f64,
 }
 
-/// The motion behind what an encoder reads that is wrong.
+/// The motion behind what the encoder reads.
 #[derive(Debug, Default)]
-struct EncoderTruth {
+struct Moved {
+    /// What it reads wrong.
     sensors: Vec<Part>,
-    /// Where the encoder reads wrong.
+    /// What makes the command late that shakes the carriage at rest.
+    lags: Vec<Part>,
+    /// Where it is not the motion as measured.
     steps: Option<Vec<Step>>,
     /// What the encoder reads too much at the samples, m; empty where it reads right.
     errors: Vec<f64>,
@@ -43,7 +46,7 @@ struct CellTruth {
     forces: Option<Vec<f64>>,
 }
 
-impl EncoderTruth {
+impl Moved {
     fn steps<'a>(&'a self, measured: &'a Measured) -> &'a [Step] {
         self.steps.as_deref().unwrap_or(&measured.steps)
     }
@@ -89,18 +92,26 @@ impl Force {
     }
 }
 
-impl EncoderTruth {
-    /// What the encoder reads wrong is no motion: neither the mass nor the guides feel it.
-    fn new(sensors: Vec<Part>, measured: &Measured) -> Result<EncoderTruth, ModelError> {
+impl Moved {
+    fn new(sensors: Vec<Part>, lags: Vec<Part>, measured: &Measured) -> Result<Moved, ModelError> {
+        let shaken = if lags.is_empty() {
+            None
+        } else {
+            let late = force(lags.clone(), measured, &Moved::default())?;
+            let arriving: Vec<f64> =
+                measured.command.iter().zip(&late.at_nodes).map(|(command, late)| command + late).collect();
+            Some(measured.moved_by(&arriving).1)
+        };
         if sensors.is_empty() {
-            return Ok(EncoderTruth::default());
+            return Ok(Moved { sensors, lags, steps: shaken, errors: Vec::new() });
         }
+        // What the encoder reads wrong is no motion: neither the mass nor the guides feel it.
         let effects = effects_of(&sensors)?;
         let error = |time: f64, reading: f64| reading - undo(reading, |position| effects.read(time, position, 0.0).0);
         let mut errors = vec![0.0; measured.len()];
         errors[0] = error(measured.time[0], measured.position[0]);
         let mut at_end = errors[0];
-        let mut steps = measured.steps.clone();
+        let mut steps = shaken.clone().unwrap_or_else(|| measured.steps.clone());
         for step in &mut steps {
             let motion = &mut step.motion;
             // Each step begins where the one before it ended.
@@ -112,8 +123,8 @@ impl EncoderTruth {
             step.sliding -= (at_end - from) / step.duration;
         }
         let moves_as_read = errors.iter().all(|error| *error == 0.0);
-        let (steps, errors) = if moves_as_read { (None, Vec::new()) } else { (Some(steps), errors) };
-        Ok(EncoderTruth { sensors, steps, errors })
+        let (steps, errors) = if moves_as_read { (shaken, Vec::new()) } else { (Some(steps), errors) };
+        Ok(Moved { sensors, lags, steps, errors })
     }
 }
 
@@ -137,7 +148,7 @@ impl Driven {
 
     /// Acceleration that the encoder feigns at a sample other than the first and the last, m/s^2.
     pub fn feigned_acceleration(&self, k: usize, rate: f64) -> f64 {
-        match self.encoder.errors.get(k.saturating_sub(1)..k + 2) {
+        match self.moved.errors.get(k.saturating_sub(1)..k + 2) {
             Some([before, here, after]) => (after - 2.0 * here + before) * rate * rate,
             _ => 0.0,
         }
@@ -175,7 +186,7 @@ impl Driven {
             return Ok(None);
         }
         let mut at_nodes = [(); MAX_GUIDES].map(|()| vec![0.0; measured.len()]);
-        drive(guides, laws, measured, self.encoder.steps(measured), |step, _, each| {
+        drive(guides, laws, measured, self.moved.steps(measured), |step, _, each| {
             at_nodes.iter_mut().zip(each).for_each(|(at_nodes, friction)| step.share_out(friction, at_nodes));
         })?;
         Ok(Some(at_nodes))
@@ -197,17 +208,17 @@ impl Hypothesis {
         };
         let (of_encoder, of_cell): (Vec<Part>, Vec<Part>) =
             of(&|part| Ok(part.side() == Side::Sensor))?.into_iter().partition(Part::is_of_encoder);
-        let encoder = match before.encoder.sensors == of_encoder {
-            true => before.encoder.clone(),
-            false => Arc::new(EncoderTruth::new(of_encoder, measured)?),
+        let lags = of(&|part| Ok(part.drive() == Some(Drive::Lag)))?;
+        let moved = match before.moved.sensors == of_encoder && before.moved.lags == lags {
+            true => before.moved.clone(),
+            false => Arc::new(Moved::new(of_encoder, lags, measured)?),
         };
         let cell = match before.cell.sensors == of_cell {
             true => before.cell.clone(),
             false => Arc::new(CellTruth::new(of_cell, measured)?),
         };
-        let moves_alike =
-            Arc::ptr_eq(&encoder, &before.encoder) || encoder.steps.is_none() && before.encoder.steps.is_none();
-        let steps = encoder.steps(measured);
+        let moves_alike = Arc::ptr_eq(&moved, &before.moved) || moved.steps.is_none() && before.moved.steps.is_none();
+        let steps = moved.steps(measured);
         let friction = if sides.carriage {
             let (guides, laws) = (self.guides(), of(&|part| Ok(effects_of(slice::from_ref(part))?.shapes_friction()))?);
             let known =
@@ -225,13 +236,13 @@ impl Hypothesis {
         let (of_drive, alone): (Vec<Part>, Vec<Part>) =
             of(&|part| Ok(part.side() != Side::Sensor && part.slipping_ripple().is_none()))?
                 .into_iter()
-                .partition(Part::is_of_drive);
+                .partition(|part| part.drive().is_some());
         let alone = alone.into_iter().map(|part| vec![part]);
         let forces = alone
             .chain((!of_drive.is_empty()).then_some(of_drive))
             .map(|parts| {
                 let known = before.forces.iter().find(|known| moves_alike && known.parts == parts);
-                known.map_or_else(|| Ok(Arc::new(force(parts, measured, &encoder)?)), |known| Ok(known.clone()))
+                known.map_or_else(|| Ok(Arc::new(force(parts, measured, &moved)?)), |known| Ok(known.clone()))
             })
             .collect::<Result<_, ModelError>>()?;
         let ripples: Vec<_> = match sides.carriage {
@@ -240,7 +251,7 @@ impl Hypothesis {
         };
         let known = before.slipping.as_ref().filter(|known| known.ripples == ripples);
         let slipping = known.cloned().or_else(|| Slipping::new(ripples, measured).map(Arc::new));
-        Ok(Driven { encoder, cell, friction, forces, slipping, added_mass })
+        Ok(Driven { moved, cell, friction, forces, slipping, added_mass })
     }
 }
 
@@ -303,9 +314,9 @@ pub(super) fn holding(guides: &[Guide], force: f64) -> Vec<f64> {
 }
 
 /// Force of effects of one side along the motion.
-fn force(parts: Vec<Part>, measured: &Measured, encoder: &EncoderTruth) -> Result<Force, ModelError> {
+fn force(parts: Vec<Part>, measured: &Measured, moved: &Moved) -> Result<Force, ModelError> {
     let mut effects = effects_of(&parts)?;
-    let steps = encoder.steps(measured);
+    let steps = moved.steps(measured);
     let side = parts.first().map_or(Side::Carriage, Part::side);
     let read = side == Side::Motor;
     let mut at_nodes = vec![0.0; measured.len()];
@@ -315,7 +326,7 @@ fn force(parts: Vec<Part>, measured: &Measured, encoder: &EncoderTruth) -> Resul
         step.share_out_over(effects.advance_long(&motion, step.duration), &mut at_nodes);
         let ends = steps.get(index + 1).is_none_or(|next| next.node != node);
         if read && ends {
-            let (position, velocity) = encoder.at_sample(measured, node + 1);
+            let (position, velocity) = moved.at_sample(measured, node + 1);
             let end = Motion { time: measured.time[node + 1], position, velocity, ..motion };
             let (motor_side, carriage_side) = effects.advance(&end, 0.0);
             at_samples[node + 1] = motor_side + carriage_side;

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::model::{EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
-use crate::plant::{EffectDescriptor, Side, SlippingRipple};
+use crate::plant::{Drive, EffectDescriptor, Side, SlippingRipple};
 
 use super::declared::Declared;
 use super::driven::{self, Driven};
@@ -80,9 +80,9 @@ impl Part {
         (self.descriptor.build)(&self.values).is_of_encoder()
     }
 
-    /// Whether it is in the chain from the command to the motor's force.
-    pub(super) fn is_of_drive(&self) -> bool {
-        (self.descriptor.build)(&self.values).drive().is_some()
+    /// Its place in the chain from the command to the motor's force, if it has one.
+    pub(super) fn drive(&self) -> Option<Drive> {
+        (self.descriptor.build)(&self.values).drive()
     }
 
     /// Whether the law leaves amplitude and phase of the force to each record.

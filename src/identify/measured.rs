@@ -98,6 +98,8 @@ pub struct Measured {
     has_command: bool,
     /// Standard deviation of the encoder's noise as the record shows it, m; above 0.
     pub noise: f64,
+    /// Moving mass as declared, kg.
+    mass: f64,
     /// In order of time; each interval between samples has one or several.
     pub steps: Vec<Step>,
     pub rate: f64,
@@ -177,6 +179,7 @@ impl Measured {
             raw_command,
             raw_cell,
             noise,
+            mass: model.mass,
             steps: Vec::new(),
             rate,
             lowpass,
@@ -189,7 +192,7 @@ impl Measured {
     /// Everything that follows from position, command and cell as recorded, with a mass in kg.
     fn work_out(&mut self, mass: f64) {
         let (position, raw_command) = (&self.position, &self.raw_command);
-        let (count, rate, dt) = (self.len(), self.rate, self.rate.recip());
+        let (count, rate) = (self.len(), self.rate);
         // Interval k runs from sample k to k + 1; the cell shows it at its end, the command at its start.
         let inner = |values: &dyn Fn(usize) -> f64| -> Vec<f64> {
             (0..count).map(|k| if k == 0 || k + 1 == count { 0.0 } else { values(k) }).collect()
@@ -197,20 +200,28 @@ impl Measured {
         let command = inner(&|k| 0.5 * (raw_command[k - 1] + raw_command[k]));
         let cell = self.raw_cell.as_ref().map(|cell| inner(&|k| 0.5 * (cell[k] + cell[k + 1])));
         let acceleration = inner(&|k| (position[k + 1] - 2.0 * position[k] + position[k - 1]) * rate * rate);
+        (self.command, self.cell, self.acceleration, self.mass) = (command, cell, acceleration, mass);
+        (self.velocity, self.steps) = self.moved_by(&self.command);
+    }
+
+    /// Velocity at the nodes, m/s, and the motion in steps, where this force of the motor at the nodes, N, shakes the carriage at rest.
+    pub(super) fn moved_by(&self, push: &[f64]) -> (Vec<f64>, Vec<Step>) {
+        let (position, count, rate, dt, mass) = (&self.position, self.len(), self.rate, self.rate.recip(), self.mass);
         // A cell's noise would shake the carriage more than the controller does.
-        let shaken = self.has_command.then(|| command.iter().map(|force| force * dt * dt / mass).collect::<Vec<f64>>());
+        let shaken = self.has_command.then(|| push.iter().map(|force| force * dt * dt / mass).collect::<Vec<f64>>());
         let smooth = at_rest_smoothed(position, shaken.as_deref(), rate, self.noise);
         // With a force that is held the velocity at a node is the central difference less a quarter of the jump of the acceleration times dt.
         let jump = |k: usize| match &self.raw_cell {
             Some(cell) => cell[k + 1] - cell[k],
-            None => raw_command[k] - raw_command[k - 1],
+            None => self.raw_command[k] - self.raw_command[k - 1],
         };
-        let velocity_of = |position: &[f64]| {
-            inner(&|k| 0.5 * (position[k + 1] - position[k - 1]) * rate - 0.25 * jump(k) * dt / mass)
+        let velocity_of = |position: &[f64]| -> Vec<f64> {
+            let between = |k: usize| 0.5 * (position[k + 1] - position[k - 1]) * rate - 0.25 * jump(k) * dt / mass;
+            (0..count).map(|k| if k == 0 || k + 1 == count { 0.0 } else { between(k) }).collect()
         };
         let (velocity, read_velocity) = (velocity_of(&smooth), velocity_of(position));
-        (self.command, self.cell, self.acceleration, self.velocity) = (command, cell, acceleration, velocity);
-        self.steps = self.in_steps(&smooth, &read_velocity);
+        let steps = self.in_steps(&smooth, &velocity, &read_velocity);
+        (velocity, steps)
     }
 
     /// The same record had encoder (m) and cell (N) read this more, sample by sample; a cell that is not there reads nothing.
@@ -242,9 +253,10 @@ impl Measured {
         noisy
     }
 
-    /// The motion in steps: more of them where it turns. `smooth` is the position without what the noise feigns at rest, `read_velocity` the velocity with it.
-    fn in_steps(&self, smooth: &[f64], read_velocity: &[f64]) -> Vec<Step> {
-        let (rate, dt, velocity) = (self.rate, self.rate.recip(), &self.velocity);
+    /// The motion in steps: more of them where it turns. `smooth` is the position without what the noise feigns at rest, `velocity` its velocity at the nodes,
+    /// `read_velocity` that with the noise.
+    fn in_steps(&self, smooth: &[f64], velocity: &[f64], read_velocity: &[f64]) -> Vec<Step> {
+        let (rate, dt) = (self.rate, self.rate.recip());
         let still = self.noise * rate * REST_SPEED.0;
         let mut steps = Vec::with_capacity(self.len() + self.len() / 4);
         for k in 0..self.len() - 1 {

@@ -973,14 +973,15 @@ impl<'a> Search<'a> {
     }
 
     /// A curve stands for what a law beside it has left: without that law it is another one. Where the present curve stands and the fit with the other one, if
-    /// that leaves less than law and curve do together: such a law was bent towards what none of them is.
+    /// the law does not take as much of what that leaves as one that comes beside a curve must: such a law was bent towards what none of them is.
     fn with_curve_in_place_of(&self, index: usize) -> Result<Option<(usize, Fitted, Coordinate)>, IdentifyError> {
         let Some(curve) = self.curve().filter(|curve| *curve != index) else { return Ok(None) };
         let bare = self.best.hypothesis.without(index.max(curve)).without(index.min(curve));
         let left = errors(&bare, self.train, self.holdout)?;
         let Some((with, over)) = self.with_curve(&bare, &left, 0.0)? else { return Ok(None) };
         let found = errors(&with.hypothesis, self.train, self.holdout)?;
-        Ok((found.holdout() < self.best_errors.holdout()).then_some((curve, with, over)))
+        let least = self.least_gain(&found, &self.best_errors).max(HALF_OF_THE_REST * self.beyond_noise(&found));
+        Ok((found.holdout() - self.best_errors.holdout() < least).then_some((curve, with, over)))
     }
 
     /// Notes in the evidence that an effect goes, before it does.
