@@ -12,14 +12,16 @@ use std::f64::consts::PI;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use friction_stage::identify::{Effort, Hypothesis, Measured, Part, Sides, Silent, Tolerances, Verdict, fit, search};
+use friction_stage::identify::{
+    Effort, Hypothesis, Measured, NOISE_LIKE, Part, Sides, Silent, Tolerances, Verdict, fit, search,
+};
 use friction_stage::model::{Coordinate, Guide, GuideSource, StageModel};
 use friction_stage::plant::EffectDescriptor;
 use serde_json::Value;
 
 use generator::effects::{
-    CableChain, ConstantForce, DistributedBristles, EncoderSde, ExternalVibration, ForceCellGain, RailJoint,
-    StictionAging, StructuralMode, ViscousWarmUp,
+    ActuatorLag, CableChain, ConstantForce, DistributedBristles, EncoderSde, ExternalVibration, ForceCellGain,
+    RailJoint, StictionAging, StructuralMode, ViscousWarmUp,
 };
 use generator::guides::Slip;
 use generator::programme::Programme;
@@ -79,19 +81,25 @@ fn a_recording_with_nothing_hidden_gets_none() {
 }
 
 /// A carriage at rest is shaken by what the controller makes of the encoder's noise, and its bristles relax: 5 % in 8 s. Friction along
-/// the encoder's own motion missed 0.9 N of it.
+/// the encoder's own motion missed 0.9 N of it, and along the command of a motor that is late 0.11 N.
 #[test]
 fn a_rest_of_many_seconds_leaves_no_more_than_the_noise_of_the_sensors() {
-    let run =
-        Setup { programme: Programme::Resting, guide_tolerance: 0.0, ..Setup::new(11) }.generate().expect("a run");
+    let lag = ActuatorLag { time_constant: 0.5e-3, delay: 0.0 };
     let declared = StageModel::load(&declared_model()).expect("the declared model");
-    let [train, check] = [&run.train, &run.check]
-        .map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"));
     let start = Hypothesis::new(&declared, Tolerances::default()).expect("a hypothesis");
-    let fitted = fit(&start, &train, Sides::BOTH, Effort::KEPT).expect("a fit");
-    let missing = fitted.hypothesis.missing(&check, Sides::BOTH).expect("a residual").rms();
-    let floor = check.floor(&declared).total();
-    assert!(missing < 1.5 * floor, "{missing} N rms, the noise leaves {floor} N");
+    let descriptor = EffectDescriptor::find("actuator_lag").expect("a law");
+    let late = start.with(Part { descriptor, values: vec![lag.time_constant, lag.delay] });
+    for (hidden, start, floors) in [(vec![], start, 1.5), (vec![Box::new(lag) as Effect], late, NOISE_LIKE)] {
+        let setup = Setup { programme: Programme::Resting, guide_tolerance: 0.0, ..Setup::new(11) };
+        let run = setup.with_all(hidden).generate().expect("a run");
+        let [train, check] = [&run.train, &run.check]
+            .map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"));
+        let fitted = fit(&start, &train, Sides::BOTH, Effort::KEPT).expect("a fit");
+        let missing = fitted.hypothesis.missing(&check, Sides::BOTH).expect("a residual").rms();
+        let floor = check.floor(&declared).total();
+        let effects = start.effects.len();
+        assert!(missing < floors * floor, "{effects} effects: {missing} N rms, the noise leaves {floor} N");
+    }
 }
 
 /// What is too quick for a step of a control cycle: each law with the values that were hidden leaves the sensors' noise, and a fit that
