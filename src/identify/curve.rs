@@ -1,12 +1,15 @@
 //! An empirical curve of the missing force, or of a change of friction, over position, velocity or time, smooth as the data ask for.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
 
 use crate::model::{Coordinate, Curve, CurveSide, EffectParameters, ModelError};
 use crate::plant::effects::viscous_friction;
 use crate::plant::{EffectDescriptor, Residual};
 
-use super::hypothesis::Part;
+use super::driven::Driven;
+use super::hypothesis::{self, Hypothesis, Part, Place, Sides};
+use super::measured::Measured;
+use super::objective::{derivatives, stacked};
 
 /// Knot counts that are tried; the error that cross-validation leaves decides.
 const KNOTS: [usize; 6] = [8, 16, 32, 64, 128, 256];
@@ -16,17 +19,73 @@ const BLOCKS: usize = 40;
 const FOLDS: usize = 5;
 /// Weight of the squared second differences of the knots, in units of the mean weight of a knot. Assumed: only bridges gaps.
 const STIFFNESS: f64 = 1e-6;
+/// The same of each value by itself: only keeps the equations solvable.
+const RIDGE: f64 = 1e-9;
 
 /// Least change of friction: nearly all of it gone.
 const NO_FRICTION: f64 = -0.99;
 
-/// The curve over one coordinate that predicts left-out blocks of the residual best, with the share of its mean square that it takes
-/// out there; `None` where it takes out nothing.
+/// What a fit may move while a curve is drawn: the guides were bent to what the curve is to stand for.
+pub struct Beside {
+    coordinates: Vec<hypothesis::Coordinate>,
+    /// Change of the missing force per scale of each coordinate, N, row by row in columns.
+    slopes: DMatrix<f64>,
+    /// Weight of each coordinate's distance from what is declared, N^2 per square of its scale.
+    declared: Vec<f64>,
+    /// Products of the slopes with each other, fold by fold.
+    products: Vec<DMatrix<f64>>,
+}
+
+impl Beside {
+    /// What a fit of the carriage side moves. Not the differences between the guides: they take long steps, far from linear.
+    pub fn of(hypothesis: &Hypothesis, measured: &Measured) -> Result<Beside, ModelError> {
+        let mut coordinates = hypothesis.coordinates(Sides::CARRIAGE, measured.cell.is_some());
+        coordinates.retain(|coordinate| !matches!(coordinate.place, Place::Spread { .. }));
+        let driven = hypothesis.driven(measured, Sides::CARRIAGE, &Driven::default())?;
+        let missing = hypothesis.missing_of(&driven, measured, Sides::CARRIAGE);
+        let noise = hypothesis.floor(measured).carriage;
+        let residual = stacked(&missing, &coordinates, noise);
+        let slopes = derivatives(hypothesis, &coordinates, &driven, measured, Sides::CARRIAGE, &residual, noise)?;
+        let rows = missing.carriage.len();
+        let declared = (0..coordinates.len()).map(|index| slopes[(rows + index, index)].powi(2)).collect();
+        Ok(Beside::new(coordinates, slopes.rows(0, rows).transpose(), declared))
+    }
+
+    /// Nothing that moves, beside so many rows.
+    pub fn nothing(rows: usize) -> Beside {
+        Beside::new(Vec::new(), DMatrix::zeros(0, rows), Vec::new())
+    }
+
+    /// Whether anything does.
+    pub fn moves(&self) -> bool {
+        !self.coordinates.is_empty()
+    }
+
+    fn new(coordinates: Vec<hypothesis::Coordinate>, slopes: DMatrix<f64>, declared: Vec<f64>) -> Beside {
+        let count = slopes.ncols();
+        let mut products = vec![DMatrix::zeros(slopes.nrows(), slopes.nrows()); FOLDS];
+        for block in 0..BLOCKS {
+            let (from, to) = ((block * count).div_ceil(BLOCKS), ((block + 1) * count).div_ceil(BLOCKS));
+            let rows = slopes.columns(from, to - from);
+            products[block % FOLDS] += rows * rows.transpose();
+        }
+        Beside { coordinates, slopes, declared, products }
+    }
+}
+
+/// A curve, and where the coordinates beside it move.
+pub struct Drawn {
+    pub part: Part,
+    pub moved: Vec<hypothesis::Coordinate>,
+}
+
+/// The curve over one coordinate that, with what moves beside it, predicts left-out blocks of the residual best; `None` where it predicts nothing of it.
 pub fn propose(
     residual: &Residual,
     coordinate: Coordinate,
     side: CurveSide,
-) -> Result<Option<(Part, f64)>, ModelError> {
+    beside: &Beside,
+) -> Result<Option<Drawn>, ModelError> {
     let along = match coordinate {
         Coordinate::Position => residual.position,
         Coordinate::Velocity => residual.velocity,
@@ -48,87 +107,114 @@ pub fn propose(
     };
     let count = along.len();
     let fold = |index: usize| index * BLOCKS / count % FOLDS;
-    let mut best: Option<(f64, Vec<f64>)> = None;
+    let mut best: Option<(f64, DVector<f64>, usize)> = None;
     for knots in KNOTS {
-        let mut folds = vec![Squares::new(knots); FOLDS];
+        let mut folds: Vec<Squares> = beside.products.iter().map(|products| Squares::new(knots, products)).collect();
         for index in 0..count {
             let at = place(along[index], from, to, knots);
-            folds[fold(index)].add(at, gain[index], residual.force[index]);
+            folds[fold(index)].add(at, gain[index], residual.force[index], beside.slopes.column(index));
         }
-        let all = folds.iter().fold(Squares::new(knots), |all, fold| all.and(fold, 1.0));
-        let others: Vec<Option<Vec<f64>>> = folds.iter().map(|fold| all.clone().and(fold, -1.0).solve()).collect();
-        let (Some(values), Some(others)) = (all.solve(), others.into_iter().collect::<Option<Vec<_>>>()) else {
-            continue;
+        let mut all = folds[0].clone();
+        folds[1..].iter().for_each(|fold| all.add_times(fold, 1.0));
+        let without = |fold: &Squares| {
+            let mut others = all.clone();
+            others.add_times(fold, -1.0);
+            others.solve(beside)
         };
+        let others: Option<Vec<DVector<f64>>> = folds.iter().map(without).collect();
+        let (Some(solution), Some(others)) = (all.solve(beside), others) else { continue };
+        let moved: Vec<DVector<f64>> =
+            others.iter().map(|solution| beside.slopes.tr_mul(&solution.rows_range(knots..))).collect();
         let left = (0..count).map(|index| {
-            let curve = interpolate(&others[fold(index)], from, to, along[index]);
-            (residual.force[index] - gain[index] * curve).powi(2)
+            let fold = fold(index);
+            let curve = interpolate(&others[fold].as_slice()[..knots], from, to, along[index]);
+            (residual.force[index] + moved[fold][index] - gain[index] * curve).powi(2)
         });
         let left: f64 = left.sum();
-        if best.as_ref().is_none_or(|(least, _)| left < *least) {
-            best = Some((left, values));
+        if best.as_ref().is_none_or(|(least, ..)| left < *least) {
+            best = Some((left, solution, knots));
         }
     }
-    let Some((left, values)) = best.filter(|(left, _)| *left < total) else { return Ok(None) };
-    let values = match side {
-        CurveSide::Friction | CurveSide::Viscous => values.into_iter().map(|value| value.max(NO_FRICTION)).collect(),
-        CurveSide::Carriage | CurveSide::Motor => values,
-    };
+    let Some((_, solution, knots)) = best.filter(|(left, ..)| *left < total) else { return Ok(None) };
+    let least = if matches!(side, CurveSide::Friction | CurveSide::Viscous) { NO_FRICTION } else { f64::NEG_INFINITY };
+    let values = solution.rows_range(..knots).iter().map(|value| value.max(least)).collect();
     let curve = Curve { coordinate, side, from, to, values };
     let descriptor = EffectDescriptor::find("map")?;
     let values = descriptor.values_of(&EffectParameters::map(curve))?;
-    Ok(Some((Part { descriptor, values }, 1.0 - left / total)))
+    let moves = beside.coordinates.iter().zip(solution.iter().skip(knots));
+    let moved = moves.map(|(coordinate, moves)| hypothesis::Coordinate {
+        value: (coordinate.value + moves * coordinate.scale).clamp(coordinate.bounds.0, coordinate.bounds.1),
+        ..coordinate.clone()
+    });
+    Ok(Some(Drawn { part: Part { descriptor, values }, moved: moved.collect() }))
 }
 
-/// Least squares for the knots of a piecewise linear curve.
+/// Least squares for the knots of a piecewise linear curve and, behind them, what moves beside it.
 #[derive(Clone)]
 struct Squares {
     normal: DMatrix<f64>,
     right: DVector<f64>,
     weight: f64,
+    knots: usize,
 }
 
 impl Squares {
-    fn new(knots: usize) -> Squares {
-        Squares { normal: DMatrix::zeros(knots, knots), right: DVector::zeros(knots), weight: 0.0 }
+    /// `products`: of the slopes of what moves beside the curve.
+    fn new(knots: usize, products: &DMatrix<f64>) -> Squares {
+        let all = knots + products.nrows();
+        let mut normal = DMatrix::zeros(all, all);
+        normal.view_range_mut(knots.., knots..).copy_from(products);
+        Squares { normal, right: DVector::zeros(all), weight: 0.0, knots }
     }
 
-    /// Takes in a force, N, behind a knot by a share of the way to the next one, where a knot of 1 adds `gain`, N.
-    fn add(&mut self, (knot, share): (usize, f64), gain: f64, force: f64) {
+    /// Takes in a missing force, N, behind a knot by a share of the way to the next one, where a knot of 1 takes away `gain`, N, and what moves beside it
+    /// adds `slopes`, N.
+    fn add(&mut self, (knot, share): (usize, f64), gain: f64, force: f64, slopes: DVectorView<f64>) {
         let pair = [(knot, (1.0 - share) * gain), (knot + 1, share * gain)];
         for (row, a) in pair {
             self.right[row] += a * force;
             for (column, b) in pair {
                 self.normal[(row, column)] += a * b;
             }
+            for (column, slope) in slopes.iter().enumerate() {
+                self.normal[(self.knots + column, row)] -= a * slope;
+            }
+        }
+        for (row, slope) in slopes.iter().enumerate() {
+            self.right[self.knots + row] -= slope * force;
         }
         self.weight += gain * gain;
     }
 
-    /// With others, so many times.
-    fn and(mut self, other: &Squares, times: f64) -> Squares {
-        self.normal += times * &other.normal;
+    /// Adds others so many times.
+    fn add_times(&mut self, other: &Squares, times: f64) {
+        self.normal.zip_apply(&other.normal, |one, other| *one += times * other);
         self.right.axpy(times, &other.right, 1.0);
         self.weight += times * other.weight;
-        self
     }
 
-    /// The knots, with a weak penalty on bending.
-    fn solve(mut self) -> Option<Vec<f64>> {
-        let knots = self.right.len();
+    /// The knots, with a weak penalty on bending, and the moves, with the weight of what is declared.
+    fn solve(&self, beside: &Beside) -> Option<DVector<f64>> {
+        let (knots, mut normal, mut right) = (self.knots, self.normal.clone(), self.right.clone());
         let penalty = STIFFNESS * self.weight / knots as f64;
         for knot in 1..knots - 1 {
             let bend = [(knot - 1, 1.0), (knot, -2.0), (knot + 1, 1.0)];
             for (row, a) in bend {
                 for (column, b) in bend {
-                    self.normal[(row, column)] += penalty * a * b;
+                    normal[(row, column)] += penalty * a * b;
                 }
             }
         }
         for knot in 0..knots {
-            self.normal[(knot, knot)] += 1e-9 * self.weight;
+            normal[(knot, knot)] += RIDGE * self.weight;
         }
-        Some(self.normal.cholesky()?.solve(&self.right).as_slice().to_vec())
+        let most = (knots..normal.nrows()).map(|index| normal[(index, index)]).fold(0.0, f64::max);
+        for (index, (coordinate, weight)) in beside.coordinates.iter().zip(&beside.declared).enumerate() {
+            normal[(knots + index, knots + index)] += weight + RIDGE * most;
+            right[knots + index] -= weight * coordinate.value / coordinate.scale;
+        }
+        // Only the lower triangle is filled behind the knots, which is all that is read.
+        Some(normal.cholesky()?.solve(&right))
     }
 }
 
@@ -170,9 +256,12 @@ mod tests {
             mass: 40.0,
             samples: Samples { position: &still, force: &force, step: 1e-3 },
         };
-        let (part, share) = propose(&residual, Coordinate::Velocity, CurveSide::Carriage).unwrap().unwrap();
-        assert!(share > 0.99, "{share}");
-        let curve = part.parameters().curve.unwrap();
-        assert!((interpolate(&curve.values, curve.from, curve.to, -0.02) + 3.0 * (-4.0f64 / 9.0).exp()).abs() < 0.1);
+        let drawn = propose(&residual, Coordinate::Velocity, CurveSide::Carriage, &Beside::nothing(count)).unwrap();
+        let curve = drawn.unwrap().part.parameters().curve.unwrap();
+        let at = |speed: f64| 3.0 * speed.signum() * (-(speed / 0.03).powi(2)).exp();
+        for speed in [-0.08, -0.02, 0.015, 0.05] {
+            let found = interpolate(&curve.values, curve.from, curve.to, speed);
+            assert!((found - at(speed)).abs() < 0.1, "{speed}: {found}");
+        }
     }
 }

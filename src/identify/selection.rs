@@ -7,7 +7,7 @@ use crate::plant::effects::ALL;
 use crate::plant::{EffectDescriptor, Residual, Samples, Side};
 
 use super::IdentifyError;
-use super::curve;
+use super::curve::{self, Beside};
 use super::declared::Declared;
 use super::driven::Driven;
 use super::fit::{Effort, Fitted, correlation_length, fit};
@@ -824,29 +824,51 @@ impl<'a> Search<'a> {
         least: f64,
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
         let columns = Columns::new(start, self.train)?;
+        let mut best: Option<(Fitted, f64, Coordinate)> = None;
+        // As the guides are, and with what a small step of them moves: where it takes a long one, its derivatives do not lead there.
+        for beside in [Beside::nothing(self.train.rows.len()), Beside::of(start, self.train)?] {
+            let Some((drawn, over)) = self.drawn_curve(start, start_errors, &columns, &beside)? else { continue };
+            let fitted = fit(&drawn, self.train, Sides::BOTH, Effort::KEPT)?;
+            let gain = start_errors.holdout() - errors(&fitted.hypothesis, self.train, self.holdout)?.holdout();
+            if gain > least && best.as_ref().is_none_or(|(_, most, _)| gain > *most) {
+                best = Some((fitted, gain, over));
+            }
+        }
+        Ok(best.map(|(fitted, _, over)| (fitted, over)))
+    }
+
+    /// The curve that takes most out of the hold-out as it is drawn, if that is more than chance.
+    fn drawn_curve(
+        &self,
+        start: &Hypothesis,
+        start_errors: &Errors,
+        columns: &Columns,
+        beside: &Beside,
+    ) -> Result<Option<(Hypothesis, Coordinate)>, IdentifyError> {
         let mut best: Option<(Hypothesis, f64, Coordinate)> = None;
         for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
             for side in [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous] {
                 // Friction over velocity is what the guides are fitted for.
                 let of_guides =
                     matches!(side, CurveSide::Friction | CurveSide::Viscous) && over == Coordinate::Velocity;
-                if side == CurveSide::Motor && !self.has_cell() || of_guides {
+                // Behind the cell nothing of the carriage moves.
+                let on_motor = side == CurveSide::Motor;
+                if of_guides || on_motor && (!self.has_cell() || beside.moves()) {
                     continue;
                 }
-                let residual = columns.residual(side == CurveSide::Motor);
-                let Some((part, _)) = curve::propose(&residual, over, side)? else { continue };
-                let with = start.with(part);
-                let gain = start_errors.holdout() - errors(&with, self.train, self.holdout)?.holdout();
-                let side = if side == CurveSide::Motor { Side::Motor } else { Side::Carriage };
+                let Some(drawn) = curve::propose(&columns.residual(on_motor), over, side, beside)? else { continue };
+                let mut with = start.with(drawn.part);
+                drawn.moved.iter().for_each(|coordinate| with.set(coordinate.place, coordinate.value));
+                // Values that do not go together are no curve.
+                let Ok(found) = errors(&with, self.train, self.holdout) else { continue };
+                let gain = start_errors.holdout() - found.holdout();
+                let side = if on_motor { Side::Motor } else { Side::Carriage };
                 if gain > CURVE_GAIN * self.threshold(side) && best.as_ref().is_none_or(|best| gain > best.1) {
                     best = Some((with, gain, over));
                 }
             }
         }
-        let Some((with, _, over)) = best else { return Ok(None) };
-        let fitted = fit(&with, self.train, Sides::BOTH, Effort::KEPT)?;
-        let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
-        Ok((start_errors.holdout() - found.holdout() > least).then_some((fitted, over)))
+        Ok(best.map(|(with, _, over)| (with, over)))
     }
 
     /// Where more than noise is left: is it a ripple on the carriage whose phase each record has for itself? Such a ripple is granted more than any law, so

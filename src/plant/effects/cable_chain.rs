@@ -34,13 +34,14 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::optional("form", "1", "hysteresis of Dahl (0), of Bouc and Wen (1), of a spring and a slider (2)", (0.0, 2.0), 1.0, 0.0),
     ],
     check: super::any,
-    free: |values, index| index < 3 || (index == 3 && values[2] > 0.0),
+    free: |values, index| index < WIDTH_AT || (index == WIDTH_AT && values[2] > 0.0),
     build: |values| Box::new(CableChain::new(values)),
     propose,
-    starts: |values, _| super::every_form(values, FORM, 3),
+    starts: forms_and_widths,
 };
 
-/// Where this value stands.
+/// Where these values stand.
+const WIDTH_AT: usize = 3;
 const FORM: usize = 4;
 
 #[derive(Clone, Copy, Debug)]
@@ -89,7 +90,7 @@ impl CableChain {
             stiffness: values[0],
             center: values[1],
             amplitude: values[2],
-            width: values[3],
+            width: values[WIDTH_AT],
             hysteresis: 0.0,
         }
     }
@@ -134,6 +135,13 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let (stiffness, amplitude) = ((-slope).max(SOFTEST), amplitude.max(0.0));
     (fit.improves_on(&base) && (slope < 0.0 || amplitude > 0.0))
         .then(|| vec![stiffness, (offset / stiffness).clamp(-10.0, 10.0), amplitude, width, 0.0])
+}
+
+/// A loop that is small beside the spring does not show its width while the guides are bent by both: also the one that is assumed.
+fn forms_and_widths(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
+    let mut assumed = values.to_vec();
+    assumed[WIDTH_AT] = WIDTH;
+    [values, &assumed].into_iter().flat_map(|values| super::every_form(values, FORM, 3)).collect()
 }
 
 #[cfg(test)]
