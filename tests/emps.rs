@@ -10,7 +10,7 @@ use friction_stage::identify::inverse_dynamics::{EMPS, FrictionLaw, Regression};
 use friction_stage::identify::{
     Hypothesis, Measured, Outcome, Sides, Silent, Tolerances, Verdict, ripple_elsewhere, search,
 };
-use friction_stage::model::StageModel;
+use friction_stage::model::{Coordinate, StageModel};
 
 /// Train and check record, or `None` with a message.
 fn records() -> Option<[Trace; 2]> {
@@ -66,13 +66,16 @@ fn search_on_train_alone_finds_friction_per_direction_and_lowers_the_error_on_ch
     println!("published protocol {before:.2?} -> {after:.2?} %, 200 Hz residual {own_before:.2?} -> {own_after:.2?} %");
     // The model that was declared gains on the published 4.1 and 6.0 by the hold of the command alone: half a sample, 0.5 ms.
     assert!(before[0] < 4.0 && before[1] < 5.0, "{before:?}");
-    assert!(after[0] <= 3.0 && after[1] <= 3.7, "{after:?}");
+    assert!(after[0] <= 2.2 && after[1] <= 3.3, "{after:?}");
     assert!(own_after[0] < 0.85 * own_before[0] && own_after[1] < 0.9 * own_before[1], "{own_before:?} {own_after:?}");
 
     // A real machine: what is left is far above the encoder's noise, above all a ripple whose phase differs between the records.
     assert_eq!(found.verdict, Verdict::Unknown);
     let added: Vec<&str> = found.after.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
-    assert_eq!(added, ["constant_force", "asymmetric_friction"]);
+    assert_eq!(added, ["constant_force", "asymmetric_friction", "map"]);
+    // In both records the friction is lower by some newtons below a centimetre a second than the authors' law says: a curve over the velocity.
+    assert_eq!(found.coordinate, Some(Coordinate::Velocity));
+
     // The authors' own viscous friction per direction: 167 and 240 N s/m.
     let asymmetry = found.after.hypothesis.effects[1].values[1];
     let viscous = found.after.hypothesis.guides()[0].viscous_friction;

@@ -7,7 +7,7 @@ use crate::plant::effects::viscous_friction;
 use crate::plant::{EffectDescriptor, Residual};
 
 use super::driven::Driven;
-use super::hypothesis::{self, Hypothesis, Part, Place, Sides};
+use super::hypothesis::{self, Hypothesis, Part, Sides};
 use super::measured::Measured;
 use super::objective::{derivatives, stacked};
 
@@ -21,6 +21,8 @@ const FOLDS: usize = 5;
 const STIFFNESS: f64 = 1e-6;
 /// The same of each value by itself: only keeps the equations solvable.
 const RIDGE: f64 = 1e-9;
+/// Weight of a step beside the curve, in units of what it changes: steps that hardly show would be long, far from linear. Assumed.
+const DAMPING: f64 = 1e-3;
 
 /// Least change of friction: nearly all of it gone.
 const NO_FRICTION: f64 = -0.99;
@@ -37,10 +39,9 @@ pub struct Beside {
 }
 
 impl Beside {
-    /// What a fit of the carriage side moves. Not the differences between the guides: they take long steps, far from linear.
+    /// Everything that a fit of the carriage side moves.
     pub fn of(hypothesis: &Hypothesis, measured: &Measured) -> Result<Beside, ModelError> {
-        let mut coordinates = hypothesis.coordinates(Sides::CARRIAGE, measured.cell.is_some());
-        coordinates.retain(|coordinate| !matches!(coordinate.place, Place::Spread { .. }));
+        let coordinates = hypothesis.coordinates(Sides::CARRIAGE, measured.cell.is_some());
         let driven = hypothesis.driven(measured, Sides::CARRIAGE, &Driven::default())?;
         let missing = hypothesis.missing_of(&driven, measured, Sides::CARRIAGE);
         let noise = hypothesis.floor(measured).carriage;
@@ -208,9 +209,8 @@ impl Squares {
         for knot in 0..knots {
             normal[(knot, knot)] += RIDGE * self.weight;
         }
-        let most = (knots..normal.nrows()).map(|index| normal[(index, index)]).fold(0.0, f64::max);
         for (index, (coordinate, weight)) in beside.coordinates.iter().zip(&beside.declared).enumerate() {
-            normal[(knots + index, knots + index)] += weight + RIDGE * most;
+            normal[(knots + index, knots + index)] += weight + DAMPING * self.normal[(knots + index, knots + index)];
             right[knots + index] -= weight * coordinate.value / coordinate.scale;
         }
         // Only the lower triangle is filled behind the knots, which is all that is read.
