@@ -21,8 +21,8 @@ const FOLDS: usize = 5;
 const STIFFNESS: f64 = 1e-6;
 /// The same of each value by itself: only keeps the equations solvable.
 const RIDGE: f64 = 1e-9;
-/// Weight of a step beside the curve, in units of what it changes: steps that hardly show would be long, far from linear. Assumed.
-const DAMPING: f64 = 1e-3;
+/// Weights of a step beside the curve, in units of what it changes, each a curve of its own: steps that hardly show are long, far from linear. Assumed.
+const DAMPINGS: [f64; 3] = [1e-3, 1e-2, 1e-1];
 
 /// Least change of friction: nearly all of it gone.
 const NO_FRICTION: f64 = -0.99;
@@ -57,11 +57,6 @@ impl Beside {
         Beside::new(Vec::new(), DMatrix::zeros(0, rows), Vec::new())
     }
 
-    /// Whether anything does.
-    pub fn moves(&self) -> bool {
-        !self.coordinates.is_empty()
-    }
-
     fn new(coordinates: Vec<hypothesis::Coordinate>, slopes: DMatrix<f64>, declared: Vec<f64>) -> Beside {
         let count = slopes.ncols();
         let mut products = vec![DMatrix::zeros(slopes.nrows(), slopes.nrows()); FOLDS];
@@ -77,16 +72,18 @@ impl Beside {
 /// A curve, and where the coordinates beside it move.
 pub struct Drawn {
     pub part: Part,
+    /// Empty where they are held.
     pub moved: Vec<hypothesis::Coordinate>,
 }
 
-/// The curve over one coordinate that, with what moves beside it, predicts left-out blocks of the residual best; `None` where it predicts nothing of it.
+/// The curves over one coordinate that predict left-out blocks of the residual best: one with everything else held, and one for each damping of what moves beside
+/// it. Left out are those that predict nothing of it.
 pub fn propose(
     residual: &Residual,
     coordinate: Coordinate,
     side: CurveSide,
     beside: &Beside,
-) -> Result<Option<Drawn>, ModelError> {
+) -> Result<Vec<Drawn>, ModelError> {
     let along = match coordinate {
         Coordinate::Position => residual.position,
         Coordinate::Velocity => residual.velocity,
@@ -95,7 +92,7 @@ pub fn propose(
     let (from, to) = crate::range(along);
     let total: f64 = residual.force.iter().map(|force| force * force).sum();
     if !(to > from && (to - from).is_finite() && total > 0.0) {
-        return Ok(None);
+        return Ok(Vec::new());
     }
     // Force that a knot of 1 adds: 1 N, or as a change of friction all of its Coulomb or its viscous part, against the motion.
     let viscous = viscous_friction(residual).unwrap_or(0.0);
@@ -108,7 +105,12 @@ pub fn propose(
     };
     let count = along.len();
     let fold = |index: usize| index * BLOCKS / count % FOLDS;
-    let mut best: Option<(f64, DVector<f64>, usize)> = None;
+    let mut dampings = vec![None];
+    if !beside.coordinates.is_empty() {
+        dampings.extend(DAMPINGS.map(Some));
+    }
+    // For each damping what is left of blocks that are left out, the solution and its knots.
+    let mut best = vec![(total, DVector::zeros(0), 0); dampings.len()];
     for knots in KNOTS {
         let mut folds: Vec<Squares> = beside.products.iter().map(|products| Squares::new(knots, products)).collect();
         for index in 0..count {
@@ -117,44 +119,44 @@ pub fn propose(
         }
         let mut all = folds[0].clone();
         folds[1..].iter().for_each(|fold| all.add_times(fold, 1.0));
-        let without = |fold: &Squares| {
-            let mut others = all.clone();
-            others.add_times(fold, -1.0);
-            others.solve(beside)
-        };
-        let others: Option<Vec<DVector<f64>>> = folds.iter().map(without).collect();
-        let (Some(solution), Some(others)) = (all.solve(beside), others) else { continue };
-        let moved: Vec<DVector<f64>> =
-            others.iter().map(|solution| beside.slopes.tr_mul(&solution.rows_range(knots..))).collect();
-        let left = (0..count).map(|index| {
-            let fold = fold(index);
-            let curve = interpolate(&others[fold].as_slice()[..knots], from, to, along[index]);
-            (residual.force[index] + moved[fold][index] - gain[index] * curve).powi(2)
-        });
-        let left: f64 = left.sum();
-        if best.as_ref().is_none_or(|(least, ..)| left < *least) {
-            best = Some((left, solution, knots));
+        for (damping, best) in dampings.iter().zip(&mut best) {
+            let left_of = |fold: &Squares| {
+                let mut others = all.clone();
+                others.add_times(fold, -1.0);
+                Some(fold.left(&others.solve(beside, *damping)?))
+            };
+            let left: Option<f64> = folds.iter().map(left_of).sum();
+            if let (Some(left), Some(solution)) = (left, all.solve(beside, *damping))
+                && left < best.0
+            {
+                *best = (left, solution, knots);
+            }
         }
     }
-    let Some((_, solution, knots)) = best.filter(|(left, ..)| *left < total) else { return Ok(None) };
     let least = if matches!(side, CurveSide::Friction | CurveSide::Viscous) { NO_FRICTION } else { f64::NEG_INFINITY };
-    let values = solution.rows_range(..knots).iter().map(|value| value.max(least)).collect();
-    let curve = Curve { coordinate, side, from, to, values };
     let descriptor = EffectDescriptor::find("map")?;
-    let values = descriptor.values_of(&EffectParameters::map(curve))?;
-    let moves = beside.coordinates.iter().zip(solution.iter().skip(knots));
-    let moved = moves.map(|(coordinate, moves)| hypothesis::Coordinate {
-        value: (coordinate.value + moves * coordinate.scale).clamp(coordinate.bounds.0, coordinate.bounds.1),
-        ..coordinate.clone()
+    let drawn = best.into_iter().filter(|(_, _, knots)| *knots > 0).map(|(_, solution, knots)| {
+        let values = solution.rows_range(..knots).iter().map(|value| value.max(least)).collect();
+        let curve = Curve { coordinate, side, from, to, values };
+        let values = descriptor.values_of(&EffectParameters::map(curve))?;
+        let moves = beside.coordinates.iter().zip(solution.iter().skip(knots));
+        let moved = moves.map(|(coordinate, moves)| hypothesis::Coordinate {
+            value: (coordinate.value + moves * coordinate.scale).clamp(coordinate.bounds.0, coordinate.bounds.1),
+            ..coordinate.clone()
+        });
+        Ok(Drawn { part: Part { descriptor, values }, moved: moved.collect() })
     });
-    Ok(Some(Drawn { part: Part { descriptor, values }, moved: moved.collect() }))
+    drawn.collect()
 }
 
 /// Least squares for the knots of a piecewise linear curve and, behind them, what moves beside it.
 #[derive(Clone)]
 struct Squares {
+    /// Only the lower triangle is filled.
     normal: DMatrix<f64>,
     right: DVector<f64>,
+    /// Of the force, N^2.
+    force: f64,
     weight: f64,
     knots: usize,
 }
@@ -165,7 +167,7 @@ impl Squares {
         let all = knots + products.nrows();
         let mut normal = DMatrix::zeros(all, all);
         normal.view_range_mut(knots.., knots..).copy_from(products);
-        Squares { normal, right: DVector::zeros(all), weight: 0.0, knots }
+        Squares { normal, right: DVector::zeros(all), force: 0.0, weight: 0.0, knots }
     }
 
     /// Takes in a missing force, N, behind a knot by a share of the way to the next one, where a knot of 1 takes away `gain`, N, and what moves beside it
@@ -184,6 +186,7 @@ impl Squares {
         for (row, slope) in slopes.iter().enumerate() {
             self.right[self.knots + row] -= slope * force;
         }
+        self.force += force * force;
         self.weight += gain * gain;
     }
 
@@ -191,12 +194,24 @@ impl Squares {
     fn add_times(&mut self, other: &Squares, times: f64) {
         self.normal.zip_apply(&other.normal, |one, other| *one += times * other);
         self.right.axpy(times, &other.right, 1.0);
+        self.force += times * other.force;
         self.weight += times * other.weight;
     }
 
-    /// The knots, with a weak penalty on bending, and the moves, with the weight of what is declared.
-    fn solve(&self, beside: &Beside) -> Option<DVector<f64>> {
-        let (knots, mut normal, mut right) = (self.knots, self.normal.clone(), self.right.clone());
+    /// What a solution leaves of the force, N^2.
+    fn left(&self, solution: &DVector<f64>) -> f64 {
+        let count = solution.len();
+        let mut normal = self.normal.view((0, 0), (count, count)).into_owned();
+        normal.fill_upper_triangle_with_lower_triangle();
+        self.force - 2.0 * solution.dot(&self.right.rows(0, count)) + solution.dot(&(normal * solution))
+    }
+
+    /// The knots, with a weak penalty on bending, and, unless they are held, the moves, with the weight of what is declared and a damping.
+    fn solve(&self, beside: &Beside, damping: Option<f64>) -> Option<DVector<f64>> {
+        let knots = self.knots;
+        let count = if damping.is_some() { self.right.len() } else { knots };
+        let mut normal = self.normal.view((0, 0), (count, count)).into_owned();
+        let mut right = self.right.rows(0, count).into_owned();
         let penalty = STIFFNESS * self.weight / knots as f64;
         for knot in 1..knots - 1 {
             let bend = [(knot - 1, 1.0), (knot, -2.0), (knot + 1, 1.0)];
@@ -209,11 +224,13 @@ impl Squares {
         for knot in 0..knots {
             normal[(knot, knot)] += RIDGE * self.weight;
         }
-        for (index, (coordinate, weight)) in beside.coordinates.iter().zip(&beside.declared).enumerate() {
-            normal[(knots + index, knots + index)] += weight + DAMPING * self.normal[(knots + index, knots + index)];
-            right[knots + index] -= weight * coordinate.value / coordinate.scale;
+        if let Some(damping) = damping {
+            for (index, (coordinate, weight)) in beside.coordinates.iter().zip(&beside.declared).enumerate() {
+                let at = knots + index;
+                normal[(at, at)] += weight + damping * self.normal[(at, at)];
+                right[at] -= weight * coordinate.value / coordinate.scale;
+            }
         }
-        // Only the lower triangle is filled behind the knots, which is all that is read.
         Some(normal.cholesky()?.solve(&right))
     }
 }
@@ -224,16 +241,16 @@ fn place(value: f64, from: f64, to: f64, knots: usize) -> (usize, f64) {
     (knot, at - knot as f64)
 }
 
-fn interpolate(values: &[f64], from: f64, to: f64, at: f64) -> f64 {
-    let (knot, share) = place(at, from, to, values.len());
-    values[knot] * (1.0 - share) + values[knot + 1] * share
-}
-
 #[cfg(test)]
 mod tests {
     use crate::plant::Samples;
 
     use super::*;
+
+    fn interpolate(values: &[f64], from: f64, to: f64, at: f64) -> f64 {
+        let (knot, share) = place(at, from, to, values.len());
+        values[knot] * (1.0 - share) + values[knot + 1] * share
+    }
 
     /// A motion that goes to and fro once in two blocks: every other block is all that there is of one half of the velocities.
     #[test]
@@ -257,7 +274,7 @@ mod tests {
             samples: Samples { position: &still, force: &force, step: 1e-3 },
         };
         let drawn = propose(&residual, Coordinate::Velocity, CurveSide::Carriage, &Beside::nothing(count)).unwrap();
-        let curve = drawn.unwrap().part.parameters().curve.unwrap();
+        let curve = drawn[0].part.parameters().curve.unwrap();
         let at = |speed: f64| 3.0 * speed.signum() * (-(speed / 0.03).powi(2)).exp();
         for speed in [-0.08, -0.02, 0.015, 0.05] {
             let found = interpolate(&curve.values, curve.from, curve.to, speed);

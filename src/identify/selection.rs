@@ -827,51 +827,42 @@ impl<'a> Search<'a> {
         least: f64,
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
         let columns = Columns::new(start, self.train)?;
+        let (nothing, moving) = (Beside::nothing(self.train.rows.len()), Beside::of(start, self.train)?);
+        // The best one with everything else held, and that with moves: these are far from linear, so that one that is better at first need not be the better one.
+        let mut drawn: [Option<(Hypothesis, f64, Coordinate)>; 2] = [None, None];
+        for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
+            for side in [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous] {
+                // Friction over velocity is what the guides are fitted for.
+                let of_guides =
+                    matches!(side, CurveSide::Friction | CurveSide::Viscous) && over == Coordinate::Velocity;
+                let on_motor = side == CurveSide::Motor;
+                if on_motor && !self.has_cell() || of_guides {
+                    continue;
+                }
+                // Behind the cell nothing of the carriage moves.
+                let (beside, at) = if on_motor { (&nothing, Side::Motor) } else { (&moving, Side::Carriage) };
+                for one in curve::propose(&columns.residual(on_motor), over, side, beside)? {
+                    let mut with = start.with(one.part);
+                    one.moved.iter().for_each(|coordinate| with.set(coordinate.place, coordinate.value));
+                    // Values that do not go together are no curve.
+                    let Ok(found) = errors(&with, self.train, self.holdout) else { continue };
+                    let gain = start_errors.holdout() - found.holdout();
+                    let best = &mut drawn[usize::from(!one.moved.is_empty())];
+                    if gain > CURVE_GAIN * self.threshold(at) && best.as_ref().is_none_or(|(_, most, _)| gain > *most) {
+                        *best = Some((with, gain, over));
+                    }
+                }
+            }
+        }
         let mut best: Option<(Fitted, f64, Coordinate)> = None;
-        // As the guides are, and with what a small step of them moves: where it takes a long one, its derivatives do not lead there.
-        for beside in [Beside::nothing(self.train.rows.len()), Beside::of(start, self.train)?] {
-            let Some((drawn, over)) = self.drawn_curve(start, start_errors, &columns, &beside)? else { continue };
-            let fitted = fit(&drawn, self.train, Sides::BOTH, Effort::KEPT)?;
+        for (with, _, over) in drawn.into_iter().flatten() {
+            let fitted = fit(&with, self.train, Sides::BOTH, Effort::KEPT)?;
             let gain = start_errors.holdout() - errors(&fitted.hypothesis, self.train, self.holdout)?.holdout();
             if gain > least && best.as_ref().is_none_or(|(_, most, _)| gain > *most) {
                 best = Some((fitted, gain, over));
             }
         }
         Ok(best.map(|(fitted, _, over)| (fitted, over)))
-    }
-
-    /// The curve that takes most out of the hold-out as it is drawn, if that is more than chance.
-    fn drawn_curve(
-        &self,
-        start: &Hypothesis,
-        start_errors: &Errors,
-        columns: &Columns,
-        beside: &Beside,
-    ) -> Result<Option<(Hypothesis, Coordinate)>, IdentifyError> {
-        let mut best: Option<(Hypothesis, f64, Coordinate)> = None;
-        for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
-            for side in [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous] {
-                // Friction over velocity is what the guides are fitted for.
-                let of_guides =
-                    matches!(side, CurveSide::Friction | CurveSide::Viscous) && over == Coordinate::Velocity;
-                // Behind the cell nothing of the carriage moves.
-                let on_motor = side == CurveSide::Motor;
-                if of_guides || on_motor && (!self.has_cell() || beside.moves()) {
-                    continue;
-                }
-                let Some(drawn) = curve::propose(&columns.residual(on_motor), over, side, beside)? else { continue };
-                let mut with = start.with(drawn.part);
-                drawn.moved.iter().for_each(|coordinate| with.set(coordinate.place, coordinate.value));
-                // Values that do not go together are no curve.
-                let Ok(found) = errors(&with, self.train, self.holdout) else { continue };
-                let gain = start_errors.holdout() - found.holdout();
-                let side = if on_motor { Side::Motor } else { Side::Carriage };
-                if gain > CURVE_GAIN * self.threshold(side) && best.as_ref().is_none_or(|best| gain > best.1) {
-                    best = Some((with, gain, over));
-                }
-            }
-        }
-        Ok(best.map(|(with, _, over)| (with, over)))
     }
 
     /// Where more than noise is left: is it a ripple on the carriage whose phase each record has for itself? Such a ripple is granted more than any law, so
