@@ -828,38 +828,44 @@ impl<'a> Search<'a> {
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
         let columns = Columns::new(start, self.train)?;
         let (nothing, moving) = (Beside::nothing(self.train.rows.len()), Beside::of(start, self.train)?);
-        // The best one with everything else held, and that with moves: these are far from linear, so that one that is better at first need not be the better one.
-        let mut drawn: [Option<(Hypothesis, f64, Coordinate)>; 2] = [None, None];
-        for over in [Coordinate::Position, Coordinate::Velocity, Coordinate::Time] {
-            for side in [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous] {
-                // Friction over velocity is what the guides are fitted for.
-                let of_guides =
-                    matches!(side, CurveSide::Friction | CurveSide::Viscous) && over == Coordinate::Velocity;
-                let on_motor = side == CurveSide::Motor;
-                if on_motor && !self.has_cell() || of_guides {
-                    continue;
-                }
-                // Behind the cell nothing of the carriage moves.
-                let (beside, at) = if on_motor { (&nothing, Side::Motor) } else { (&moving, Side::Carriage) };
-                for one in curve::propose(&columns.residual(on_motor), over, side, beside)? {
-                    let mut with = start.with(one.part);
-                    one.moved.iter().for_each(|coordinate| with.set(coordinate.place, coordinate.value));
-                    // Values that do not go together are no curve.
-                    let Ok(found) = errors(&with, self.train, self.holdout) else { continue };
-                    let gain = start_errors.holdout() - found.holdout();
-                    let best = &mut drawn[usize::from(!one.moved.is_empty())];
-                    if gain > CURVE_GAIN * self.threshold(at) && best.as_ref().is_none_or(|(_, most, _)| gain > *most) {
-                        *best = Some((with, gain, over));
-                    }
+        let sides = [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous];
+        let mut sought: Vec<(Coordinate, CurveSide)> = [Coordinate::Position, Coordinate::Velocity, Coordinate::Time]
+            .into_iter()
+            .flat_map(|over| sides.map(|side| (over, side)))
+            .collect();
+        sought.retain(|(over, side)| match side {
+            CurveSide::Motor => self.has_cell(),
+            // Friction over velocity is what the guides are fitted for.
+            CurveSide::Friction | CurveSide::Viscous => *over != Coordinate::Velocity,
+            CurveSide::Carriage => true,
+        });
+        let drawn = sought.into_par_iter().map(|(over, side)| {
+            // Behind the cell nothing of the carriage moves.
+            let on_motor = side == CurveSide::Motor;
+            let (beside, at) = if on_motor { (&nothing, Side::Motor) } else { (&moving, Side::Carriage) };
+            let mut worth = Vec::new();
+            for one in curve::propose(&columns.residual(on_motor), over, side, beside)? {
+                let mut with = start.with(one.part);
+                one.moved.iter().for_each(|coordinate| with.set(coordinate.place, coordinate.value));
+                // Values that do not go together are no curve.
+                let Ok(found) = errors(&with, self.train, self.holdout) else { continue };
+                let gain = start_errors.holdout() - found.holdout();
+                if gain > CURVE_GAIN * self.threshold(at) {
+                    worth.push((!one.moved.is_empty(), gain, with, over));
                 }
             }
-        }
+            Ok(worth)
+        });
+        let drawn: Vec<_> = drawn.collect::<Result<Vec<_>, IdentifyError>>()?.into_iter().flatten().collect();
+        // The best one with everything else held, and that with moves: these are far from linear, so that one that is better at first need not be the better one.
         let mut best: Option<(Fitted, f64, Coordinate)> = None;
-        for (with, _, over) in drawn.into_iter().flatten() {
-            let fitted = fit(&with, self.train, Sides::BOTH, Effort::KEPT)?;
+        for moves in [false, true] {
+            let drawn = drawn.iter().filter(|one| one.0 == moves).max_by(|one, other| one.1.total_cmp(&other.1));
+            let Some((_, _, with, over)) = drawn else { continue };
+            let fitted = fit(with, self.train, Sides::BOTH, Effort::KEPT)?;
             let gain = start_errors.holdout() - errors(&fitted.hypothesis, self.train, self.holdout)?.holdout();
             if gain > least && best.as_ref().is_none_or(|(_, most, _)| gain > *most) {
-                best = Some((fitted, gain, over));
+                best = Some((fitted, gain, *over));
             }
         }
         Ok(best.map(|(fitted, _, over)| (fitted, over)))
