@@ -45,9 +45,6 @@ const FLOORS_AT_MOST: f64 = 15.0;
 const HALF_OF_THE_REST: f64 = 0.5;
 /// Part of what laws leave unexplained that a curve in their place may leave at most: a law says more than a curve of many knots.
 const CURVE_ALONE: f64 = 0.5;
-/// Part of what a curve takes that a law must take by itself for the curve not to stand in its place: laws that were there took two thirds and more of it,
-/// others a sixth to a half.
-const LAW_FOR_A_CURVE: f64 = 0.5;
 /// Periods within the travel from which on a ripple has shown that it is one. Assumed.
 const LEAST_PERIODS: f64 = 3.0;
 /// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one that turns the phase within a few strokes.
@@ -995,8 +992,8 @@ impl<'a> Search<'a> {
     }
 
     /// A curve stands for what a law beside it has left: without that law it is another one. Where the present curve stands and the fit with the other one, if
-    /// the law does not take as much of what that leaves as one that comes beside a curve must, and by itself far less than that: such a law was bent
-    /// towards what none of them is.
+    /// the law does not take as much of what that leaves as one that comes beside a curve must, and alone leaves far more: such a law was bent towards what
+    /// none of them is.
     fn with_curve_in_place_of(&self, index: usize) -> Result<Option<(usize, Fitted, Coordinate)>, IdentifyError> {
         let Some(curve) = self.curve().filter(|curve| *curve != index) else { return Ok(None) };
         let bare = self.best.hypothesis.without(index.max(curve)).without(index.min(curve));
@@ -1007,12 +1004,9 @@ impl<'a> Search<'a> {
         if found.holdout() - self.best_errors.holdout() >= least {
             return Ok(None);
         }
-        let refitted = |hypothesis: &Hypothesis| -> Result<f64, IdentifyError> {
-            let fitted = with_different_guides(hypothesis, self.train, Effort::KEPT)?;
-            Ok(errors(&fitted.hypothesis, self.train, self.holdout)?.holdout())
-        };
-        let (neither, law) = (refitted(&bare)?, refitted(&self.best.hypothesis.without(curve))?);
-        Ok((neither - law < LAW_FOR_A_CURVE * (neither - found.holdout())).then_some((curve, with, over)))
+        let law = with_different_guides(&self.best.hypothesis.without(curve), self.train, Effort::KEPT)?;
+        let alone = errors(&law.hypothesis, self.train, self.holdout)?;
+        Ok((self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(&alone)).then_some((curve, with, over)))
     }
 
     /// Notes in the evidence that an effect goes, before it does.
