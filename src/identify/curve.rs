@@ -23,8 +23,9 @@ const FOLDS: usize = 5;
 const STIFFNESS: f64 = 1e-6;
 /// The same of each value by itself: only keeps the equations solvable.
 const RIDGE: f64 = 1e-9;
-/// Weights of a step beside the curve, in units of what it changes, each a curve of its own: steps that hardly show are long, far from linear. Assumed.
-const DAMPINGS: [f64; 3] = [1e-3, 1e-2, 1e-1];
+/// Weights of a step beside the curve, in units of what it changes, each a curve of its own: steps that hardly show are long, far from linear. Without one everything
+/// else is held. Assumed.
+pub const DAMPINGS: [Option<f64>; 4] = [None, Some(1e-3), Some(1e-2), Some(1e-1)];
 
 /// Least change of friction: nearly all of it gone.
 const NO_FRICTION: f64 = -0.99;
@@ -77,6 +78,8 @@ fn blocks(count: usize) -> impl Iterator<Item = (usize, Range<usize>)> {
 /// A curve, and where the coordinates beside it move.
 pub struct Drawn {
     pub part: Part,
+    /// One of [`DAMPINGS`].
+    pub damping: Option<f64>,
     /// Empty where they are held.
     pub moved: Vec<hypothesis::Coordinate>,
 }
@@ -108,10 +111,7 @@ pub fn propose(
         }
         CurveSide::Viscous => residual.velocity.iter().map(|v| -viscous * v).collect(),
     };
-    let mut dampings = vec![None];
-    if !beside.coordinates.is_empty() {
-        dampings.extend(DAMPINGS.map(Some));
-    }
+    let dampings = if beside.coordinates.is_empty() { &DAMPINGS[..1] } else { &DAMPINGS[..] };
     // For each damping what is left of blocks that are left out, the solution and its knots.
     let mut best = vec![(total, DVector::zeros(0), 0); dampings.len()];
     for knots in KNOTS {
@@ -140,7 +140,8 @@ pub fn propose(
     }
     let least = if matches!(side, CurveSide::Friction | CurveSide::Viscous) { NO_FRICTION } else { f64::NEG_INFINITY };
     let descriptor = EffectDescriptor::find("map")?;
-    let drawn = best.into_iter().filter(|(_, _, knots)| *knots > 0).map(|(_, solution, knots)| {
+    let drawn = best.into_iter().zip(dampings).filter(|((.., knots), _)| *knots > 0);
+    let drawn = drawn.map(|((_, solution, knots), &damping)| {
         let values = solution.rows_range(..knots).iter().map(|value| value.max(least)).collect();
         let curve = Curve { coordinate, side, from, to, values };
         let values = descriptor.values_of(&EffectParameters::map(curve))?;
@@ -149,7 +150,7 @@ pub fn propose(
             value: (coordinate.value + moves * coordinate.scale).clamp(coordinate.bounds.0, coordinate.bounds.1),
             ..coordinate.clone()
         });
-        Ok(Drawn { part: Part { descriptor, values }, moved: moved.collect() })
+        Ok(Drawn { part: Part { descriptor, values }, damping, moved: moved.collect() })
     });
     drawn.collect()
 }

@@ -848,23 +848,23 @@ impl<'a> Search<'a> {
                 let Ok(found) = errors(&with, self.train, self.holdout) else { continue };
                 let gain = start_errors.holdout() - found.holdout();
                 if gain > CURVE_GAIN * self.threshold(at) {
-                    worth.push((!one.moved.is_empty(), gain, with, over));
+                    worth.push((one.damping, gain, with, over));
                 }
             }
             Ok(worth)
         });
         let drawn: Vec<_> = drawn.collect::<Result<Vec<_>, IdentifyError>>()?.into_iter().flatten().collect();
-        // The best one with everything else held, and that with moves: these are far from linear, so that one that is better at first need not be the better one.
-        let mut best: Option<(Fitted, f64, Coordinate)> = None;
-        for moves in [false, true] {
-            let drawn = drawn.iter().filter(|one| one.0 == moves).max_by(|one, other| one.1.total_cmp(&other.1));
-            let Some((_, _, with, over)) = drawn else { continue };
-            let fitted = fit(with, self.train, Sides::BOTH, Effort::KEPT)?;
-            let gain = start_errors.holdout() - errors(&fitted.hypothesis, self.train, self.holdout)?.holdout();
-            if gain > least && best.as_ref().is_none_or(|(_, most, _)| gain > *most) {
-                best = Some((fitted, gain, *over));
-            }
-        }
+        // The best one of each damping: moves are far from linear, so that one that is better at first need not be the better one.
+        let fitted = curve::DAMPINGS.par_iter().filter_map(|damping| {
+            let alike = drawn.iter().filter(|one| one.0 == *damping);
+            let (_, _, with, over) = alike.max_by(|one, other| one.1.total_cmp(&other.1))?;
+            Some(fit(with, self.train, Sides::BOTH, Effort::KEPT).map_err(IdentifyError::from).and_then(|fitted| {
+                let gain = start_errors.holdout() - errors(&fitted.hypothesis, self.train, self.holdout)?.holdout();
+                Ok((fitted, gain, *over))
+            }))
+        });
+        let fitted = fitted.collect::<Result<Vec<_>, IdentifyError>>()?.into_iter();
+        let best = fitted.filter(|(_, gain, _)| *gain > least).max_by(|one, other| one.1.total_cmp(&other.1));
         Ok(best.map(|(fitted, _, over)| (fitted, over)))
     }
 
