@@ -72,7 +72,8 @@ impl Beside {
 
 /// Rows of each block of a record of so many, with the fold that it belongs to.
 fn blocks(count: usize) -> impl Iterator<Item = (usize, Range<usize>)> {
-    (0..BLOCKS).map(move |block| (block % FOLDS, block * count / BLOCKS..(block + 1) * count / BLOCKS))
+    (0..BLOCKS)
+        .map(move |block| (block % FOLDS, (block * count).div_ceil(BLOCKS)..((block + 1) * count).div_ceil(BLOCKS)))
 }
 
 /// A curve, and where the coordinates beside it move.
