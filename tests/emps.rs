@@ -73,7 +73,7 @@ fn search_on_train_alone_finds_friction_per_direction_and_lowers_the_error_on_ch
     assert_eq!(found.verdict, Verdict::Unknown);
     let added: Vec<&str> = found.after.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
     assert_eq!(added, ["constant_force", "asymmetric_friction", "map"]);
-    // In both records the friction is lower by some newtons below a centimetre a second than the authors' law says: a curve over the velocity.
+    // At the lowest speeds the friction is less than the authors' law says, in both records: a curve over the velocity.
     assert_eq!(found.coordinate, Some(Coordinate::Velocity));
 
     // The authors' own viscous friction per direction: 167 and 240 N s/m.

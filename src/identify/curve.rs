@@ -268,13 +268,16 @@ mod tests {
         3.0 * speed.signum() * (-(speed / 0.03).powi(2)).exp()
     }
 
-    /// What is drawn over the velocity of a motion that goes to and fro once in two blocks, so that every other block is all that there is of one half of the
-    /// velocities, of the force that is missing at a sample and its velocity.
-    fn drawn_of(force: impl Fn(usize, f64) -> f64, beside: &Beside) -> Vec<Drawn> {
-        let speed = |index: usize| 0.01 + 0.09 * (index % 200) as f64 / 200.0;
-        let velocity: Vec<f64> =
-            (0..COUNT).map(|index| if index / 200 % 2 == 0 { speed(index) } else { -speed(index) }).collect();
-        let force: Vec<f64> = velocity.iter().enumerate().map(|(index, v)| force(index, *v)).collect();
+    /// Of a motion that goes to and fro once in two blocks, so that every other block is all that there is of one half of the velocities, m/s.
+    fn velocity(index: usize) -> f64 {
+        let speed = 0.01 + 0.09 * (index % 200) as f64 / 200.0;
+        if (index / 200).is_multiple_of(2) { speed } else { -speed }
+    }
+
+    /// What is drawn over the velocity of the force that is missing at each sample, N.
+    fn drawn_of(force: impl Fn(usize) -> f64, beside: &Beside) -> Vec<Drawn> {
+        let velocity: Vec<f64> = (0..COUNT).map(velocity).collect();
+        let force: Vec<f64> = (0..COUNT).map(force).collect();
         let time: Vec<f64> = (0..COUNT).map(|index| index as f64 * 1e-3).collect();
         let still = vec![0.0; COUNT];
         let residual = Residual {
@@ -300,7 +303,7 @@ mod tests {
 
     #[test]
     fn a_curve_is_found_whatever_the_rhythm_of_the_motion() {
-        let drawn = drawn_of(|_, v| peak(v), &Beside::nothing(COUNT));
+        let drawn = drawn_of(|index| peak(velocity(index)), &Beside::nothing(COUNT));
         assert!(drawn.len() == 1 && off(&drawn[0]) < 0.1, "{}", off(&drawn[0]));
     }
 
@@ -310,12 +313,9 @@ mod tests {
         let model = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
         let coordinate =
             hypothesis::Coordinate { bounds: (-9.0, 9.0), ..model.coordinates(Sides::CARRIAGE, true)[0].clone() };
-        let slope = |index: usize, v: f64| 4.0 * v.signum() + (0.01 * index as f64).sin();
-        let mut slopes = DMatrix::zeros(1, COUNT);
-        let bent = |index: usize, v: f64| peak(v) - 0.5 * slope(index, v);
-        for (index, slope_of) in slopes.iter_mut().enumerate() {
-            *slope_of = slope(index, if index / 200 % 2 == 0 { 1.0 } else { -1.0 });
-        }
+        let slope = |index: usize| 4.0 * velocity(index).signum() + (0.01 * index as f64).sin();
+        let slopes = DMatrix::from_fn(1, COUNT, |_, index| slope(index));
+        let bent = |index: usize| peak(velocity(index)) - 0.5 * slope(index);
         let beside = Beside::new(vec![coordinate.clone()], slopes, vec![0.0]);
         let drawn = drawn_of(bent, &beside);
         let (held, moved) = (&drawn[0], &drawn[1]);

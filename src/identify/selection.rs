@@ -233,6 +233,15 @@ impl Columns {
     }
 }
 
+/// A curve as it is drawn, before anything is fitted anew.
+struct DrawnCurve {
+    with: Hypothesis,
+    over: Coordinate,
+    damping: Option<f64>,
+    /// Fall of the held-out mean square, N^2.
+    gain: f64,
+}
+
 /// Searches for what the declared model lacks.
 pub fn search(
     declared: &StageModel,
@@ -823,6 +832,25 @@ impl<'a> Search<'a> {
         start_errors: &Errors,
         least: f64,
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
+        let drawn = self.drawn_curves(start, start_errors)?;
+        // The best one of each damping: moves are far from linear, so that one that is better at first need not be the better one.
+        let fitted = curve::DAMPINGS.par_iter().filter_map(|damping| {
+            let alike = drawn.iter().filter(|one| one.damping == *damping);
+            let one = alike.max_by(|one, other| one.gain.total_cmp(&other.gain))?;
+            let fitted = || -> Result<_, IdentifyError> {
+                let fitted = fit(&one.with, self.train, Sides::BOTH, Effort::KEPT)?;
+                let left = errors(&fitted.hypothesis, self.train, self.holdout)?.holdout();
+                Ok((fitted, start_errors.holdout() - left, one.over))
+            };
+            Some(fitted())
+        });
+        let fitted = fitted.collect::<Result<Vec<_>, _>>()?.into_iter();
+        let best = fitted.filter(|(_, gain, _)| *gain > least).max_by(|one, other| one.1.total_cmp(&other.1));
+        Ok(best.map(|(fitted, _, over)| (fitted, over)))
+    }
+
+    /// Curves over everything that there is, those that take more than chance out of the hold-out.
+    fn drawn_curves(&self, start: &Hypothesis, start_errors: &Errors) -> Result<Vec<DrawnCurve>, IdentifyError> {
         let columns = Columns::new(start, self.train)?;
         let (nothing, moving) = (Beside::nothing(self.train.rows.len()), Beside::of(start, self.train)?);
         let sides = [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous];
@@ -836,36 +864,23 @@ impl<'a> Search<'a> {
             CurveSide::Friction | CurveSide::Viscous => *over != Coordinate::Velocity,
             CurveSide::Carriage => true,
         });
-        let drawn = sought.into_par_iter().map(|(over, side)| {
+        let drawn = sought.into_par_iter().map(|(over, side)| -> Result<Vec<DrawnCurve>, IdentifyError> {
             // Behind the cell nothing of the carriage moves.
             let on_motor = side == CurveSide::Motor;
             let (beside, at) = if on_motor { (&nothing, Side::Motor) } else { (&moving, Side::Carriage) };
-            let mut worth = Vec::new();
-            for one in curve::propose(&columns.residual(on_motor), over, side, beside)? {
+            let drawn = curve::propose(&columns.residual(on_motor), over, side, beside)?;
+            let worth = drawn.into_iter().filter_map(|one| {
                 let mut with = start.with(one.part);
                 one.moved.iter().for_each(|coordinate| with.set(coordinate.place, coordinate.value));
                 // Values that do not go together are no curve.
-                let Ok(found) = errors(&with, self.train, self.holdout) else { continue };
-                let gain = start_errors.holdout() - found.holdout();
-                if gain > CURVE_GAIN * self.threshold(at) {
-                    worth.push((one.damping, gain, with, over));
-                }
-            }
-            Ok(worth)
+                let left = errors(&with, self.train, self.holdout).ok()?.holdout();
+                let gain = start_errors.holdout() - left;
+                let worth = gain > CURVE_GAIN * self.threshold(at);
+                worth.then_some(DrawnCurve { with, over, damping: one.damping, gain })
+            });
+            Ok(worth.collect())
         });
-        let drawn: Vec<_> = drawn.collect::<Result<Vec<_>, IdentifyError>>()?.into_iter().flatten().collect();
-        // The best one of each damping: moves are far from linear, so that one that is better at first need not be the better one.
-        let fitted = curve::DAMPINGS.par_iter().filter_map(|damping| {
-            let alike = drawn.iter().filter(|one| one.0 == *damping);
-            let (_, _, with, over) = alike.max_by(|one, other| one.1.total_cmp(&other.1))?;
-            Some(fit(with, self.train, Sides::BOTH, Effort::KEPT).map_err(IdentifyError::from).and_then(|fitted| {
-                let gain = start_errors.holdout() - errors(&fitted.hypothesis, self.train, self.holdout)?.holdout();
-                Ok((fitted, gain, *over))
-            }))
-        });
-        let fitted = fitted.collect::<Result<Vec<_>, IdentifyError>>()?.into_iter();
-        let best = fitted.filter(|(_, gain, _)| *gain > least).max_by(|one, other| one.1.total_cmp(&other.1));
-        Ok(best.map(|(fitted, _, over)| (fitted, over)))
+        Ok(drawn.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
     }
 
     /// Where more than noise is left: is it a ripple on the carriage whose phase each record has for itself? Such a ripple is granted more than any law, so
