@@ -17,7 +17,7 @@ use anyhow::{Context as _, Result, bail};
 use clap::{Parser, Subcommand};
 use friction_stage::TWO_SIDED_95;
 use friction_stage::identify::{
-    Declared, Evidence, Fitted, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection, Tolerances, Verdict,
+    Declared, Estimate, Evidence, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection, Tolerances, Verdict,
     Watch, search,
 };
 use friction_stage::model::{Coordinate, Guide, GuideSource, StageModel};
@@ -57,11 +57,13 @@ enum What {
         /// Per effect.
         #[arg(long, default_value_t = 1)]
         runs: u64,
+        /// Only these effects, with commas between them.
         #[arg(long, value_delimiter = ',')]
         only: Vec<String>,
     },
     /// Each listed effect over its size: how often is it detected and named?
     Power {
+        /// Only these effects, with commas between them.
         #[arg(long, value_delimiter = ',')]
         only: Vec<String>,
         /// Sizes: held-out force in floors of the sensors' noise.
@@ -76,6 +78,7 @@ enum What {
         /// Per effect.
         #[arg(long, default_value_t = 1)]
         runs: u64,
+        /// Only these effects, with commas between them.
         #[arg(long, value_delimiter = ',')]
         only: Vec<String>,
     },
@@ -492,7 +495,7 @@ fn shown(signal: &generator::Hidden, truth: &RecordTruth, measured: &Measured, m
 }
 
 /// Parameters of the hidden effects, by name, and the mass: how many standard deviations the fit is off.
-fn deviations(hidden: &[Hidden], mass: f64, fitted: &Fitted) -> BTreeMap<String, f64> {
+fn deviations(hidden: &[Hidden], mass: f64, fitted: &Estimate) -> BTreeMap<String, f64> {
     let mut all = BTreeMap::new();
     for (index, coordinate) in fitted.coordinates.iter().enumerate() {
         let deviation = fitted.deviation(index);

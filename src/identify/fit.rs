@@ -34,7 +34,7 @@ const WALKS: f64 = 4.0;
 /// How far a fit goes.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
-    /// How often the derivatives are taken at most, without those at the end.
+    /// How often the derivatives are taken at most.
     derivatives: usize,
     /// Share by which the sum of squares must fall for another step to be worth it.
     progress: f64,
@@ -47,31 +47,56 @@ impl Effort {
     pub const KEPT: Effort = Effort { derivatives: 30, progress: 1e-5 };
 }
 
-/// A hypothesis at its best, with what the fit knows about it.
+/// A hypothesis at its best.
 #[derive(Clone, Debug)]
 pub struct Fitted {
     pub hypothesis: Hypothesis,
     pub missing: Missing,
     pub coordinates: Vec<Coordinate>,
+    /// Coordinates that ended on a bound.
+    pub at_bound: Vec<bool>,
+}
+
+/// A hypothesis at its best, with how well the data know it.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    pub hypothesis: Hypothesis,
+    pub missing: Missing,
+    pub coordinates: Vec<Coordinate>,
+    /// Coordinates that ended on a bound.
+    pub at_bound: Vec<bool>,
     /// Standard deviation of each coordinate around what records like this one give; infinite where the data say nothing.
     pub deviations: Vec<f64>,
     /// How far the sensors' noise takes that from the truth, by coordinate; 0 where nobody has asked.
     pub shifts: Vec<f64>,
     /// Correlation matrix of the coordinates, row by row.
     pub correlations: Vec<Vec<f64>>,
-    /// Coordinates that ended on a bound.
-    pub at_bound: Vec<bool>,
 }
 
 impl Fitted {
-    /// How far a coordinate may be from the truth: standard deviation and shift.
-    pub fn deviation(&self, index: usize) -> f64 {
-        self.deviations[index].hypot(self.shifts[index])
-    }
-
     /// Sum of the squares of the missing force, N^2.
     pub fn squares(&self) -> f64 {
         self.missing.motor.iter().chain(&self.missing.carriage).map(|left| left * left).sum()
+    }
+
+    /// How well the record of the fit knows its coordinates. `sides` as in the fit.
+    pub fn estimate(self, measured: &Measured, sides: Sides) -> Result<Estimate, ModelError> {
+        let Fitted { hypothesis, coordinates, at_bound, .. } = self;
+        let problem = Problem { measured, sides, noise: hypothesis.floor(measured).carriage };
+        let point = Point::at(hypothesis, coordinates, &Driven::default(), problem)?;
+        let jacobian = point.derivatives(problem)?;
+        let Point { hypothesis, coordinates, missing, residual, .. } = point;
+        let (deviations, correlations) =
+            uncertainty(&jacobian, &residual, &missing, &coordinates, &at_bound, problem.noise);
+        let shifts = vec![0.0; coordinates.len()];
+        Ok(Estimate { hypothesis, missing, coordinates, at_bound, deviations, shifts, correlations })
+    }
+}
+
+impl Estimate {
+    /// How far a coordinate may be from the truth: standard deviation and shift.
+    pub fn deviation(&self, index: usize) -> f64 {
+        self.deviations[index].hypot(self.shifts[index])
     }
 }
 
@@ -227,21 +252,15 @@ pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort
         jacobian = point.derivatives(problem)?;
         (age, taken) = (0, taken + 1);
     }
-    if age > 0 {
-        jacobian = point.derivatives(problem)?;
-    }
-    let Point { hypothesis, coordinates, missing, residual, .. } = point;
+    let Point { hypothesis, coordinates, missing, .. } = point;
     let at_bound = coordinates
         .iter()
         .map(|c| {
             let margin = 1e-6 * c.scale;
             c.value <= c.bounds.0 + margin || c.value >= c.bounds.1 - margin
         })
-        .collect::<Vec<_>>();
-    let (deviations, correlations) =
-        uncertainty(&jacobian, &residual, &missing, &coordinates, &at_bound, problem.noise);
-    let shifts = vec![0.0; coordinates.len()];
-    Ok(Fitted { hypothesis, missing, coordinates, deviations, shifts, correlations, at_bound })
+        .collect();
+    Ok(Fitted { hypothesis, missing, coordinates, at_bound })
 }
 
 /// Standard deviations and correlations of the coordinates; those on a bound are held.

@@ -24,7 +24,7 @@ pub mod spectrum;
 mod summary;
 
 pub use declared::Declared;
-pub use fit::{Effort, Fitted, correlation_length, fit};
+pub use fit::{Effort, Estimate, Fitted, correlation_length, fit};
 pub use hypothesis::{Coordinate, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};

@@ -10,7 +10,7 @@ use super::IdentifyError;
 use super::curve::{self, Beside};
 use super::declared::Declared;
 use super::driven::Driven;
-use super::fit::{Effort, Fitted, correlation_length, fit};
+use super::fit::{Effort, Estimate, Fitted, correlation_length, fit};
 use super::hypothesis::{Hypothesis, Part, Place, Sides, Tolerances};
 use super::measured::{Floor, Measured};
 use super::{sensor_noise, slipping};
@@ -133,7 +133,7 @@ pub enum Verdict {
 pub struct Selection {
     pub verdict: Verdict,
     pub before: Fitted,
-    pub after: Fitted,
+    pub after: Estimate,
     pub errors_before: Errors,
     pub errors_after: Errors,
     pub evidence: Vec<Evidence>,
@@ -984,21 +984,32 @@ impl<'a> Search<'a> {
 
     /// Backwards: an effect that the others have made superfluous goes.
     fn prune(&mut self) -> Result<(), IdentifyError> {
+        // The laws without the curve, with where it stands, for as long as nothing else changes.
+        let mut alone: Option<(usize, Fitted, Errors)> = None;
         let mut index = self.declared_effects();
         while index < self.best.hypothesis.effects.len() {
             self.watch.progress("pruning", 0.95);
-            let fewer = if self.best.hypothesis.effects.len() == self.declared_effects() + 1 {
-                self.before.clone()
-            } else {
-                with_different_guides(&self.best.hypothesis.without(index), self.train, Effort::KEPT)?
+            if let (None, Some(curve)) = (&alone, self.curve()) {
+                let (laws, left) = self.without(curve)?;
+                alone = Some((curve, laws, left));
+            }
+            let (fewer, found) = match &alone {
+                Some((curve, laws, left)) if *curve == index => (laws.clone(), *left),
+                _ => self.without(index)?,
             };
-            let found = errors(&fewer.hypothesis, self.train, self.holdout)?;
             if found.holdout() - self.best_errors.holdout() < self.least_gain(&found, &self.best_errors) {
                 self.strike(index);
                 (self.best, self.best_errors) = (fewer, found);
-            } else if let Some((curve, with, over)) = self.with_curve_in_place_of(index)? {
+                alone = None;
+                continue;
+            }
+            if let Some((curve, _, left)) = alone.as_ref().filter(|(curve, ..)| *curve != index)
+                && let Some((with, over)) = self.with_curve_in_place_of(index, *curve, left)?
+            {
+                let curve = curve - usize::from(*curve > index);
                 self.strike(index);
-                self.replace_curve(curve - usize::from(curve > index), with, over)?;
+                self.replace_curve(curve, with, over)?;
+                alone = None;
             } else {
                 index += 1;
             }
@@ -1006,22 +1017,33 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// A curve stands for what a law beside it has left: without that law it is another one. Where the present curve stands and the fit with the other one, if
-    /// the law does not take as much of what that leaves as one that comes beside a curve must, and alone leaves far more: such a law was bent towards what
-    /// none of them is.
-    fn with_curve_in_place_of(&self, index: usize) -> Result<Option<(usize, Fitted, Coordinate)>, IdentifyError> {
-        let Some(curve) = self.curve().filter(|curve| *curve != index) else { return Ok(None) };
-        let bare = self.best.hypothesis.without(index.max(curve)).without(index.min(curve));
+    /// What was found, fitted without one of its effects.
+    fn without(&self, index: usize) -> Result<(Fitted, Errors), IdentifyError> {
+        let fewer = if self.best.hypothesis.effects.len() == self.declared_effects() + 1 {
+            self.before.clone()
+        } else {
+            with_different_guides(&self.best.hypothesis.without(index), self.train, Effort::KEPT)?
+        };
+        let left = errors(&fewer.hypothesis, self.train, self.holdout)?;
+        Ok((fewer, left))
+    }
+
+    /// A curve stands for what a law beside it has left: without that law it is another one. The fit with that one in place of both, if the law does not take
+    /// as much of what it leaves as one that comes beside a curve must, and the laws alone leave far more: such a law was bent towards what none of them is.
+    fn with_curve_in_place_of(
+        &self,
+        law: usize,
+        curve: usize,
+        alone: &Errors,
+    ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
+        let bare = self.best.hypothesis.without(law.max(curve)).without(law.min(curve));
         let left = errors(&bare, self.train, self.holdout)?;
         let Some((with, over)) = self.with_curve(&bare, &left, 0.0)? else { return Ok(None) };
         let found = errors(&with.hypothesis, self.train, self.holdout)?;
         let least = self.least_gain(&found, &self.best_errors).max(HALF_OF_THE_REST * self.beyond_noise(&found));
-        if found.holdout() - self.best_errors.holdout() >= least {
-            return Ok(None);
-        }
-        let law = with_different_guides(&self.best.hypothesis.without(curve), self.train, Effort::KEPT)?;
-        let alone = errors(&law.hypothesis, self.train, self.holdout)?;
-        Ok((self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(&alone)).then_some((curve, with, over)))
+        let is_bent = found.holdout() - self.best_errors.holdout() < least
+            && self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(alone);
+        Ok(is_bent.then_some((with, over)))
     }
 
     /// Notes in the evidence that an effect goes, before it does.
@@ -1072,14 +1094,15 @@ impl<'a> Search<'a> {
             Verdict::Found
         };
         let unproven = self.unproven_ripples();
+        let mut after = self.best.estimate(self.train, Sides::BOTH)?;
         if !self.stopped && !self.watch.stopped() {
             self.watch.progress("what the sensors' noise does to the parameters", 0.97);
-            self.best = sensor_noise::widened(self.best, self.train)?;
+            after = sensor_noise::widened(after, self.train)?;
         }
         Ok(Selection {
             verdict,
             before: self.before,
-            after: self.best,
+            after,
             errors_before: self.errors_before,
             errors_after: self.best_errors,
             evidence: self.evidence,

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::driven::Driven;
-use super::fit::{Fitted, inverse_where_known};
+use super::fit::{Estimate, inverse_where_known};
 use super::hypothesis::Sides;
 use super::measured::Measured;
 use super::objective::{derivatives, stacked};
@@ -23,7 +23,7 @@ const OWN_DERIVATIVES: u64 = 2;
 
 /// The same fit, with deviations at least as large as the spread that the noise of the sensors gives its coordinates, and with the shifts that it gives
 /// them. Noise of the encoder as the record shows it, of the cell as declared.
-pub(super) fn widened(mut fitted: Fitted, measured: &Measured) -> Result<Fitted, ModelError> {
+pub(super) fn widened(mut fitted: Estimate, measured: &Measured) -> Result<Estimate, ModelError> {
     let hypothesis = &fitted.hypothesis;
     // As in the fit.
     let weight = hypothesis.floor(measured).carriage;
@@ -112,6 +112,7 @@ mod tests {
             let measured = Measured::new(&recording(&model, seed, 0.0, 6), &model, "noisy").unwrap();
             let hypothesis = Hypothesis::new(&model, Tolerances::default()).unwrap();
             let fitted = fit(&hypothesis, &measured, Sides::BOTH, Effort::KEPT).unwrap();
+            let fitted = fitted.estimate(&measured, Sides::BOTH).unwrap();
             let widened = widened(fitted.clone(), &measured).unwrap();
             let of_static_force = |one: &Coordinate| one.place == Place::Declared(Declared::StaticForce);
             let index = fitted.coordinates.iter().position(of_static_force).unwrap();
@@ -131,6 +132,7 @@ mod tests {
         let measured = Measured::new(&recording(&model, 3, 0.0, 4), &model, "exact").unwrap();
         let hypothesis = Hypothesis::new(&model, Tolerances::default()).unwrap();
         let fitted = fit(&hypothesis, &measured, Sides::BOTH, Effort::COMPARED).unwrap();
+        let fitted = fitted.estimate(&measured, Sides::BOTH).unwrap();
         let widened = widened(fitted.clone(), &measured).unwrap();
         assert_eq!(widened.deviations, fitted.deviations);
         for (shift, deviation) in widened.shifts.iter().zip(&fitted.deviations) {

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::declared::Declared;
-use super::fit::Fitted;
+use super::fit::Estimate;
 use super::hypothesis::{Coordinate, Part, Place};
 use super::measured::Measured;
 use super::next_experiment::NextExperiment;
@@ -242,7 +242,7 @@ impl Summary {
 }
 
 /// Coordinate of a place in a fit with its standard deviation and whether it ended on a bound.
-fn coordinate(fitted: &Fitted, place: Place) -> Option<(&Coordinate, f64, bool)> {
+fn coordinate(fitted: &Estimate, place: Place) -> Option<(&Coordinate, f64, bool)> {
     let index = fitted.coordinates.iter().position(|coordinate| coordinate.place == place)?;
     Some((&fitted.coordinates[index], fitted.deviation(index), fitted.at_bound[index]))
 }
@@ -250,7 +250,7 @@ fn coordinate(fitted: &Fitted, place: Place) -> Option<(&Coordinate, f64, bool)>
 /// Standard deviation of the mean over the guides of a declared parameter, as a share of it (of the shift: s): how the guides differ is
 /// fitted too, and what one of them does not know of itself the sum of all may know. First order in the deviations of all coordinates.
 /// Infinite where the parameter is on a bound or the data say nothing.
-fn deviation_of_declared(fitted: &Fitted, declared: Declared, rate: f64) -> f64 {
+fn deviation_of_declared(fitted: &Estimate, declared: Declared, rate: f64) -> f64 {
     match coordinate(fitted, Place::Declared(declared)) {
         Some((_, deviation, false)) if deviation.is_finite() => {}
         _ => return f64::INFINITY,
@@ -291,7 +291,7 @@ fn deviation_of_declared(fitted: &Fitted, declared: Declared, rate: f64) -> f64 
 }
 
 /// Standard deviation of a coordinate if it were known how the guides differ: what the motion says about the parameter at all.
-fn deviation_of_alike(fitted: &Fitted, index: usize) -> f64 {
+fn deviation_of_alike(fitted: &Estimate, index: usize) -> f64 {
     let deviation = fitted.deviations[index];
     let spread: Vec<usize> = (0..fitted.coordinates.len())
         .filter(|other| {
@@ -310,7 +310,7 @@ fn deviation_of_alike(fitted: &Fitted, index: usize) -> f64 {
     }
 }
 
-fn declared(fitted: &Fitted, declared: Declared, rate: f64) -> FoundParameter {
+fn declared(fitted: &Estimate, declared: Declared, rate: f64) -> FoundParameter {
     let value = fitted.hypothesis.declared_value(declared, rate);
     let reach = TWO_SIDED_95 * deviation_of_declared(fitted, declared, rate);
     let ci95 = if declared.is_factor() {
@@ -340,7 +340,7 @@ pub fn taking_part(effect: &FoundEffect) -> Vec<&str> {
     named.filter(|(index, _)| descriptor.takes_part(&values, *index)).map(|(_, parameter)| parameter.name).collect()
 }
 
-fn parameters(fitted: &Fitted, effect: usize) -> BTreeMap<String, FoundParameter> {
+fn parameters(fitted: &Estimate, effect: usize) -> BTreeMap<String, FoundParameter> {
     let part = &fitted.hypothesis.effects[effect];
     let curve = part.parameters().curve;
     part.descriptor
@@ -389,7 +389,7 @@ fn is_share(place: Place) -> bool {
 }
 
 /// What deserves a word about the parameters of a fit: on a bound, hardly or not determined by the data, or tied to another one.
-pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
+pub fn parameter_warnings(fitted: &Estimate, rate: f64) -> Vec<String> {
     let mut warnings = Vec::new();
     for (index, coordinate) in fitted.coordinates.iter().enumerate() {
         // How the guides differ is not asked for: their sum is.
@@ -431,7 +431,7 @@ pub fn parameter_warnings(fitted: &Fitted, rate: f64) -> Vec<String> {
 }
 
 /// Name of a coordinate, its value and unit; `None` for the differences between guides and the knots of a map.
-fn told(fitted: &Fitted, place: Place, rate: f64) -> Option<(String, f64, &'static str)> {
+fn told(fitted: &Estimate, place: Place, rate: f64) -> Option<(String, f64, &'static str)> {
     match place {
         Place::Spread { .. } => None,
         Place::Declared(declared) => {
@@ -447,7 +447,7 @@ fn told(fitted: &Fitted, place: Place, rate: f64) -> Option<(String, f64, &'stat
 }
 
 /// Parameters of effects that the data tie to a parameter of something else: the closest tie of each effect.
-fn tied(fitted: &Fitted, rate: f64) -> Vec<String> {
+fn tied(fitted: &Estimate, rate: f64) -> Vec<String> {
     let effect_of = |index: usize| match fitted.coordinates[index].place {
         Place::Effect { effect, .. } => Some(effect),
         _ => None,

@@ -412,7 +412,7 @@ mod tests {
         let hypothesis = Hypothesis::new(declared, tolerances).unwrap();
         let before = fit(&hypothesis, train, sides, Effort::COMPARED).unwrap();
         let with = effects.iter().fold(before.hypothesis.clone(), |hypothesis, part| hypothesis.with(part.clone()));
-        let after = fit(&with, train, sides, Effort::COMPARED).unwrap();
+        let after = fit(&with, train, sides, Effort::COMPARED).unwrap().estimate(train, sides).unwrap();
         let one = |part: &Part, outcome| Evidence {
             round: 0,
             name: part.descriptor.name,

@@ -73,7 +73,8 @@ impl Form {
     fn gone(self, through: f64, extent: f64) -> f64 {
         match self {
             Form::Proportion => (through / extent).min(1.0),
-            Form::Distance | Form::Time | Form::Work => -(-through / extent).exp_m1(),
+            // Of what is near 0 no more than its sum with 1 counts: no need of exp_m1.
+            Form::Distance | Form::Time | Form::Work => 1.0 - (-through / extent).exp(),
             Form::Structure => through,
         }
     }
@@ -89,6 +90,8 @@ struct ViscousWarmUp {
     time_constant: f64,
     /// s, t or W; g itself in form 4.
     gone_through: f64,
+    /// Length of the last step, s, and what of s or W it left: one step is as long as the other.
+    remains: (f64, f64),
 }
 
 impl ViscousWarmUp {
@@ -99,21 +102,35 @@ impl ViscousWarmUp {
             Form::Time => values[WARM_UP_TIME],
             Form::Work => values[WORK],
         };
-        ViscousWarmUp { form, fraction: values[0], extent, time_constant: values[2], gone_through: 0.0 }
+        ViscousWarmUp::of(form, values[0], extent, values[TIME_CONSTANT])
+    }
+
+    fn of(form: Form, fraction: f64, extent: f64, time_constant: f64) -> ViscousWarmUp {
+        ViscousWarmUp { form, fraction, extent, time_constant, gone_through: 0.0, remains: (0.0, 1.0) }
+    }
+
+    /// Part of s or W that is left after a step.
+    fn remains(&mut self, step: f64) -> f64 {
+        if step != self.remains.0 {
+            self.remains = (step, (-step / self.time_constant).exp());
+        }
+        self.remains.1
     }
 
     /// What was gone through after a step that begins with `before` of it. Exact for the step's constant velocity and friction.
-    fn after(&self, before: f64, motion: &Motion, step: f64) -> f64 {
-        let recovery = self.time_constant.recip();
-        let (gain, loss) = match self.form {
-            Form::Proportion | Form::Distance => (motion.velocity.abs(), recovery),
+    fn after(&mut self, before: f64, motion: &Motion, step: f64) -> f64 {
+        let (steady, remains) = match self.form {
+            Form::Proportion | Form::Distance => (motion.velocity.abs() * self.time_constant, self.remains(step)),
             Form::Time => return before + step,
             // What bristles give back as they spring does not cool the grease.
-            Form::Work => ((motion.friction * motion.velocity).max(0.0), recovery),
-            Form::Structure => (motion.velocity.abs() / self.extent, motion.velocity.abs() / self.extent + recovery),
+            Form::Work => ((motion.friction * motion.velocity).max(0.0) * self.time_constant, self.remains(step)),
+            Form::Structure => {
+                let gain = motion.velocity.abs() / self.extent;
+                let loss = gain + self.time_constant.recip();
+                (gain / loss, (-loss * step).exp())
+            }
         };
-        let steady = gain / loss;
-        steady + (before - steady) * (-loss * step).exp()
+        steady + (before - steady) * remains
     }
 }
 
@@ -169,7 +186,7 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let forms = [(Form::Proportion, NEVER), (Form::Time, NEVER), (Form::Work, NEVER)];
     values[TIME_CONSTANT] = recoveries[RECOVERIES.len() - 1].1;
     for (form, time_constant) in forms.into_iter().chain(recoveries) {
-        let law = ViscousWarmUp { form, fraction: 0.0, extent: 1.0, time_constant, gone_through: 0.0 };
+        let mut law = ViscousWarmUp::of(form, 0.0, 1.0, time_constant);
         let mut gone_through = if matches!(form, Form::Time) { first } else { 0.0 };
         let path: Vec<f64> = (0..residual.time.len())
             .map(|k| {
@@ -250,6 +267,22 @@ mod tests {
             warm_up.friction(&Motion { velocity: 1.0, ..Motion::default() }, 1e-3, &mut scale);
         }
         assert!((scale.viscous - (1.0 - 0.4 * (1.0 - (-4.0f64).exp()))).abs() < 1e-4, "{scale:?}");
+    }
+
+    /// At a constant velocity v the distance that is remembered is v T (1 - exp(-t / T)), however the time is divided into steps.
+    #[test]
+    fn what_is_remembered_does_not_hang_on_the_lengths_of_the_steps() {
+        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 1.0, 0.7, 0.0, 10.0, 100.0]);
+        let motion = Motion { velocity: 0.3, ..Motion::default() };
+        let (mut time, mut scale) = (0.0, FrictionScale::ONE);
+        for step in [5e-4, 5e-4, 2e-3, 1e-4].into_iter().cycle().take(2000) {
+            scale = FrictionScale::ONE;
+            warm_up.friction(&motion, step, &mut scale);
+            time += step;
+        }
+        // The mean of a step is that of its middle, but for the square of the step.
+        let expected = 1.0 - 0.4 * 0.3 * 0.7 * (1.0 - (-(time - 5e-5) / 0.7f64).exp());
+        assert!((scale.viscous - expected).abs() < 1e-9, "{} {expected}", scale.viscous);
     }
 
     #[test]
