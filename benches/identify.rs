@@ -377,6 +377,7 @@ fn judge(run: &GeneratedRun, factor: f64, size: f64, watch: &dyn Watch) -> Resul
 
     let found: Vec<&'static str> = selection
         .after
+        .fitted
         .hypothesis
         .effects
         .iter()
@@ -415,7 +416,7 @@ fn judge(run: &GeneratedRun, factor: f64, size: f64, watch: &dyn Watch) -> Resul
         floor: [selection.floor.motor, selection.floor.carriage],
         deviations: deviations(&hidden, run.truth.mass, &selection.after),
         evidence: strongest(&selection.evidence),
-        parameters: described(&selection.after.hypothesis),
+        parameters: described(&selection.after.fitted.hypothesis),
         hidden,
         found,
         seconds,
@@ -495,21 +496,21 @@ fn shown(signal: &generator::Hidden, truth: &RecordTruth, measured: &Measured, m
 }
 
 /// Parameters of the hidden effects, by name, and the mass: how many standard deviations the fit is off.
-fn deviations(hidden: &[Hidden], mass: f64, fitted: &Estimate) -> BTreeMap<String, f64> {
+fn deviations(hidden: &[Hidden], mass: f64, estimate: &Estimate) -> BTreeMap<String, f64> {
     let mut all = BTreeMap::new();
-    for (index, coordinate) in fitted.coordinates.iter().enumerate() {
-        let deviation = fitted.deviation(index);
+    for (index, coordinate) in estimate.fitted.coordinates.iter().enumerate() {
+        let deviation = estimate.deviation(index);
         if !deviation.is_finite() || deviation <= 0.0 {
             continue;
         }
         match coordinate.place {
             Place::Declared(Declared::Mass) => {
-                let value = fitted.hypothesis.mass();
+                let value = estimate.fitted.hypothesis.mass();
                 all.insert("mass".to_owned(), (value - mass) / (deviation * value));
             }
             Place::Declared(_) | Place::Spread { .. } => {}
             Place::Effect { effect, value } => {
-                let part = &fitted.hypothesis.effects[effect];
+                let part = &estimate.fitted.hypothesis.effects[effect];
                 let parameter = part.descriptor.parameters[value].name;
                 // Of guides that each have a period of their own none is the one that the truth names; the centre of a spring is that of the truth only
                 // without a constant force.

@@ -60,9 +60,9 @@ fn search_on_train_alone_finds_friction_per_direction_and_lowers_the_error_on_ch
     let published = |hypothesis: &Hypothesis| {
         [0, 1].map(|index| 100.0 * EMPS.relative_error(hypothesis, &traces[index], &model).unwrap())
     };
-    let (before, after) = (published(&found.before.hypothesis), published(&found.after.hypothesis));
+    let (before, after) = (published(&found.before.hypothesis), published(&found.after.fitted.hypothesis));
     let own = |hypothesis: &Hypothesis| [own_figure(hypothesis, &train), own_figure(hypothesis, &check)];
-    let (own_before, own_after) = (own(&found.before.hypothesis), own(&found.after.hypothesis));
+    let (own_before, own_after) = (own(&found.before.hypothesis), own(&found.after.fitted.hypothesis));
     println!("published protocol {before:.2?} -> {after:.2?} %, 200 Hz residual {own_before:.2?} -> {own_after:.2?} %");
     // The model that was declared gains on the published 4.1 and 6.0 by the hold of the command alone: half a sample, 0.5 ms.
     assert!(before[0] < 4.0 && before[1] < 5.0, "{before:?}");
@@ -71,14 +71,14 @@ fn search_on_train_alone_finds_friction_per_direction_and_lowers_the_error_on_ch
 
     // A real machine: what is left is far above the encoder's noise, above all a ripple whose phase differs between the records.
     assert_eq!(found.verdict, Verdict::Unknown);
-    let added: Vec<&str> = found.after.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
+    let added: Vec<&str> = found.after.fitted.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
     assert_eq!(added, ["constant_force", "asymmetric_friction", "map"]);
     // At the lowest speeds the friction is less than the authors' law says, in both records: a curve over the velocity.
     assert_eq!(found.coordinate, Some(Coordinate::Velocity));
 
     // The authors' own viscous friction per direction: 167 and 240 N s/m.
-    let asymmetry = found.after.hypothesis.effects[1].values[1];
-    let viscous = found.after.hypothesis.guides()[0].viscous_friction;
+    let asymmetry = found.after.fitted.hypothesis.effects[1].values[1];
+    let viscous = found.after.fitted.hypothesis.guides()[0].viscous_friction;
     for (way, expected) in [(1.0, 167.0), (-1.0, 240.0)] {
         let found = viscous * (1.0 + way * asymmetry);
         assert!((found / expected - 1.0).abs() < 0.05, "{found} N s/m, expected about {expected}");
@@ -98,7 +98,7 @@ fn search_on_train_alone_finds_friction_per_direction_and_lowers_the_error_on_ch
     assert!((0.8..1.2).contains(&ripple.part.values[0]), "{:?}", ripple.part);
     assert!(ripple.train_gain > 0.3 && ripple.holdout_gain < -0.3, "{ripple:?}");
     let elsewhere =
-        ripple_elsewhere(&ripple.part, &found.after.hypothesis, &check).unwrap().expect("cogging is a ripple");
+        ripple_elsewhere(&ripple.part, &found.after.fitted.hypothesis, &check).unwrap().expect("cogging is a ripple");
     println!("{elsewhere:.3?}");
     assert!(elsewhere.has_moved(0.3) && elsewhere.phase_shift.abs() > 1.0, "{elsewhere:?}");
 }

@@ -190,7 +190,7 @@ fn a_law_that_a_joint_hides_is_found_beside_the_curve() {
     let warm_up = ViscousWarmUp { fraction: 0.3, work: 100.0 };
     let found = found_in(16, vec![Box::new(warm_up), Box::new(joint)]);
     assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Position)));
-    let mut names: Vec<&str> = found.after.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
+    let mut names: Vec<&str> = found.after.fitted.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
     names.sort_unstable();
     assert_eq!(names, ["map", "viscous_warm_up"], "share {}", found.explained_share());
     assert!(found.explained_share() > 0.99, "{}", found.explained_share());
@@ -209,13 +209,17 @@ fn a_gain_of_the_cell_is_found_beside_a_mode_and_left_open_where_it_is_small() {
     let name = |part: &Part| part.descriptor.name;
     let mode = StructuralMode { mass: 0.3, frequency: 176.0, damping: 0.014 };
     let both = found(-0.009, vec![Box::new(mode)]);
-    let names: Vec<&str> = both.after.hypothesis.effects.iter().map(name).collect();
+    let names: Vec<&str> = both.after.fitted.hypothesis.effects.iter().map(name).collect();
     assert_eq!((both.verdict, names), (Verdict::Found, vec!["force_cell_gain", "structural_mode"]));
-    assert!((both.after.hypothesis.effects[0].values[0] + 0.009).abs() < 5e-5, "{:?}", both.after.hypothesis.effects);
+    assert!(
+        (both.after.fitted.hypothesis.effects[0].values[0] + 0.009).abs() < 5e-5,
+        "{:?}",
+        both.after.fitted.hypothesis.effects
+    );
 
     let small = found(1e-4, Vec::new());
-    assert_eq!(small.verdict, Verdict::NotSeparable, "{:?}", small.after.hypothesis.effects);
-    let mut rivals: Vec<&str> = small.after.hypothesis.effects.iter().map(name).collect();
+    assert_eq!(small.verdict, Verdict::NotSeparable, "{:?}", small.after.fitted.hypothesis.effects);
+    let mut rivals: Vec<&str> = small.after.fitted.hypothesis.effects.iter().map(name).collect();
     rivals.extend(small.inseparable.iter().map(|(_, rival)| *rival));
     rivals.sort_unstable();
     assert_eq!(rivals, ["force_cell_gain", "motor_gain"]);
@@ -237,8 +241,8 @@ fn a_law_is_found_in_the_form_that_it_has() {
     ];
     for (effect, name, parameter, truth, close) in hidden {
         let found = found_in(51, vec![effect]);
-        assert_eq!(found.verdict, Verdict::Found, "{name}: {:?}", found.after.hypothesis.effects);
-        let part = &found.after.hypothesis.effects[0];
+        assert_eq!(found.verdict, Verdict::Found, "{name}: {:?}", found.after.fitted.hypothesis.effects);
+        let part = &found.after.fitted.hypothesis.effects[0];
         let value = |name: &str| {
             part.values[part.descriptor.parameters.iter().position(|one| one.name == name).expect("a parameter")]
         };

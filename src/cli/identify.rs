@@ -159,8 +159,8 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let selection = search(&declared, tolerances, &input.train.measured, &input.holdout.measured, &watch)?;
     bar.set_message("closed loop");
     let mut warnings = input.warnings.clone();
-    let model = selection.after.hypothesis.model();
-    let there = selection.after.hypothesis.in_record(&input.holdout.measured)?;
+    let model = selection.after.fitted.hypothesis.model();
+    let there = selection.after.fitted.hypothesis.in_record(&input.holdout.measured)?;
     if there.model() != model {
         warnings.push(
             "external_vibration counts its phase from the start of a record: the errors on the hold-out are those with the phase that fits the \
@@ -168,7 +168,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
                 .to_owned(),
         );
     }
-    if selection.after.hypothesis.effects.iter().any(|part| part.slips()) {
+    if selection.after.fitted.hypothesis.effects.iter().any(|part| part.slips()) {
         warnings.push(
             "ball_passage slips: its amplitude and phase are each record's own, the errors of either record are those with the ones that fit it best, the closed loop \
              is simulated without it, and a stage that loads the model shows one example of such phases; its slip is the one of a few that does best. A ripple of the carriage on a \
@@ -253,7 +253,7 @@ fn simulate(
         let mut found = input.train.traces().map(|trace| closed_loop::controller_of(trace, &all));
         let first = found.next().unwrap_or(Err(crate::identify::ClosedLoopError::NoSetpoint));
         let controller = first.or_else(|error| found.find_map(Result::ok).ok_or(error))?;
-        let (before, after) = (selection.before.hypothesis.model(), selection.after.hypothesis.model());
+        let (before, after) = (selection.before.hypothesis.model(), selection.after.fitted.hypothesis.model());
         let errors = |record: &Record, after: &StageModel, controller: &LinearController| {
             let each = |model: &StageModel| {
                 record
@@ -302,7 +302,7 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
             telltale(rival)
         ));
     }
-    let added = &selection.after.hypothesis.effects[selection.before.hypothesis.effects.len()..];
+    let added = &selection.after.fitted.hypothesis.effects[selection.before.hypothesis.effects.len()..];
     let passages: Vec<f64> =
         added.iter().filter(|part| part.descriptor.name == "ball_passage").map(|part| part.values[1]).collect();
     let (shortest, longest) = crate::range(&passages);
@@ -341,7 +341,7 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
             times_noise(selection)
         ));
     }
-    let added = selection.after.hypothesis.effects.len() - selection.before.hypothesis.effects.len();
+    let added = selection.after.fitted.hypothesis.effects.len() - selection.before.hypothesis.effects.len();
     if added >= MOST_EFFECTS && left > NOISE_LIKE * selection.floor.total() {
         remarks.push(format!("no more than {MOST_EFFECTS} laws are added: there may be further ones; declare those that are right in --model, and identify again"));
     }
@@ -370,7 +370,7 @@ fn moved_ripples(selection: &Selection, input: &Input) -> anyhow::Result<Vec<Str
     let one_side = input.holdout.measured.cell.is_none();
     let mut moved: Vec<(RippleElsewhere, Vec<&str>)> = Vec::new();
     for one in selection.evidence.iter().filter(|one| one.round == last && one.outcome == TooSmall) {
-        let found = ripple_elsewhere(&one.part, &selection.after.hypothesis, &input.holdout.measured)?;
+        let found = ripple_elsewhere(&one.part, &selection.after.fitted.hypothesis, &input.holdout.measured)?;
         let Some(ripple) = found.filter(|ripple| one.train_gain > least && ripple.has_moved(least)) else { continue };
         let alike =
             |other: &RippleElsewhere| one_side && (other.period - ripple.period).abs() < SAME_PERIOD * ripple.period;

@@ -57,14 +57,10 @@ pub struct Fitted {
     pub at_bound: Vec<bool>,
 }
 
-/// A hypothesis at its best, with how well the data know it.
+/// A fit with how well the data know it.
 #[derive(Clone, Debug)]
 pub struct Estimate {
-    pub hypothesis: Hypothesis,
-    pub missing: Missing,
-    pub coordinates: Vec<Coordinate>,
-    /// Coordinates that ended on a bound.
-    pub at_bound: Vec<bool>,
+    pub fitted: Fitted,
     /// Standard deviation of each coordinate around what records like this one give; infinite where the data say nothing.
     pub deviations: Vec<f64>,
     /// How far the sensors' noise takes that from the truth, by coordinate; 0 where nobody has asked.
@@ -81,15 +77,15 @@ impl Fitted {
 
     /// How well the record of the fit knows its coordinates. `sides` as in the fit.
     pub fn estimate(self, measured: &Measured, sides: Sides) -> Result<Estimate, ModelError> {
-        let Fitted { hypothesis, coordinates, at_bound, .. } = self;
-        let problem = Problem { measured, sides, noise: hypothesis.floor(measured).carriage };
-        let point = Point::at(hypothesis, coordinates, &Driven::default(), problem)?;
+        let problem = Problem { measured, sides, noise: self.hypothesis.floor(measured).carriage };
+        let point = Point::at(self.hypothesis.clone(), self.coordinates.clone(), &Driven::default(), problem)?;
         let jacobian = point.derivatives(problem)?;
-        let Point { hypothesis, coordinates, missing, residual, .. } = point;
         let (deviations, correlations) =
-            uncertainty(&jacobian, &residual, &missing, &coordinates, &at_bound, problem.noise);
-        let shifts = vec![0.0; coordinates.len()];
-        Ok(Estimate { hypothesis, missing, coordinates, at_bound, deviations, shifts, correlations })
+            uncertainty(&jacobian, &point.residual, &point.missing, &self.coordinates, &self.at_bound, problem.noise);
+        let shifts = vec![0.0; self.coordinates.len()];
+        // Of the hypothesis as it stands, whatever was set in it behind the fit.
+        let fitted = Fitted { missing: point.missing, ..self };
+        Ok(Estimate { fitted, deviations, shifts, correlations })
     }
 }
 

@@ -1259,7 +1259,7 @@ mod tests {
         let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
         let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
         assert_eq!((found.verdict, found.coordinate), (Verdict::None, None));
-        assert_eq!(found.after.hypothesis.model().effects, model.effects);
+        assert_eq!(found.after.fitted.hypothesis.model().effects, model.effects);
     }
 
     /// A force that steps in time is nobody's law; one that is constant, or a spring, takes a part of it.
@@ -1272,7 +1272,8 @@ mod tests {
         let model = StageModel::default();
         let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
         let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
-        let effects: Vec<String> = found.after.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
+        let effects: Vec<String> =
+            found.after.fitted.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
         assert_eq!(effects, ["cogging", "map"], "{:?}", found.verdict);
         assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Time)));
     }
@@ -1287,7 +1288,8 @@ mod tests {
         let model = StageModel::default();
         let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
         let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
-        let effects: Vec<String> = found.after.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
+        let effects: Vec<String> =
+            found.after.fitted.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
         assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Position)));
         assert_eq!(effects, ["map"]);
     }
@@ -1304,7 +1306,7 @@ mod tests {
         };
         let (train, holdout) = (record(0.3, 3, 6), record(2.3, 4, 4));
         let found = search(&model, Tolerances::default(), &train, &holdout, &Silent).unwrap();
-        let effects = &found.after.hypothesis.effects;
+        let effects = &found.after.fitted.hypothesis.effects;
         assert_eq!(found.verdict, Verdict::Found, "{effects:?}");
         assert!(effects.iter().all(|part| part.descriptor.name == "ball_passage" && part.slips()), "{effects:?}");
         assert!(found.explained_share() > 0.9, "{}", found.explained_share());
@@ -1332,7 +1334,7 @@ mod tests {
             Measured::new(&trace, &model, "the record").unwrap()
         };
         let found = search(&model, Tolerances::default(), &record(0.0, 3, 6), &record(0.02, 4, 4), &Silent).unwrap();
-        let effects = &found.after.hypothesis.effects;
+        let effects = &found.after.fitted.hypothesis.effects;
         assert_eq!(found.verdict, Verdict::Found, "{effects:?}");
         assert!(effects.iter().all(|part| part.descriptor.name == "ball_passage" && !part.slips()), "{effects:?}");
         let mut named: Vec<f64> = effects.iter().filter_map(|part| part.value_of("period")).collect();

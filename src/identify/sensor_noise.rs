@@ -23,20 +23,21 @@ const OWN_DERIVATIVES: u64 = 2;
 
 /// The same fit, with deviations at least as large as the spread that the noise of the sensors gives its coordinates, and with the shifts that it gives
 /// them. Noise of the encoder as the record shows it, of the cell as declared.
-pub(super) fn widened(mut fitted: Estimate, measured: &Measured) -> Result<Estimate, ModelError> {
-    let hypothesis = &fitted.hypothesis;
+pub(super) fn widened(mut estimate: Estimate, measured: &Measured) -> Result<Estimate, ModelError> {
+    let hypothesis = &estimate.fitted.hypothesis;
     // As in the fit.
     let weight = hypothesis.floor(measured).carriage;
     let free: Vec<usize> =
-        (0..fitted.coordinates.len()).filter(|index| fitted.deviations[*index].is_finite()).collect();
+        (0..estimate.fitted.coordinates.len()).filter(|index| estimate.deviations[*index].is_finite()).collect();
     if free.is_empty() {
-        return Ok(fitted);
+        return Ok(estimate);
     }
     let residual = |measured: &Measured, driven: &Driven| {
-        stacked(&hypothesis.missing_of(driven, measured, Sides::BOTH), &fitted.coordinates, weight)
+        stacked(&hypothesis.missing_of(driven, measured, Sides::BOTH), &estimate.fitted.coordinates, weight)
     };
     let columns = |measured: &Measured, driven: &Driven, residual: &DVector<f64>| {
-        let all = derivatives(hypothesis, &fitted.coordinates, driven, measured, Sides::BOTH, residual, weight)?;
+        let all =
+            derivatives(hypothesis, &estimate.fitted.coordinates, driven, measured, Sides::BOTH, residual, weight)?;
         Ok::<_, ModelError>(all.select_columns(free.iter()))
     };
     // Where a fit would go from here in one step (Gauss, Newton).
@@ -81,15 +82,15 @@ pub(super) fn widened(mut fitted: Estimate, measured: &Measured) -> Result<Estim
         spread += ((there - opposite) / 2.0).map(|value| value * value) / PAIRS as f64;
     }
     for (row, index) in free.iter().enumerate() {
-        let scale = fitted.coordinates[*index].scale;
+        let scale = estimate.fitted.coordinates[*index].scale;
         let (spread, shift) = (spread[row].sqrt() * scale, (shift[row] + own[row]) * scale);
         // A law that noise takes out of its bounds says nothing of its size.
         if spread.is_finite() && shift.is_finite() {
-            fitted.deviations[*index] = fitted.deviations[*index].max(spread);
-            fitted.shifts[*index] = shift;
+            estimate.deviations[*index] = estimate.deviations[*index].max(spread);
+            estimate.shifts[*index] = shift;
         }
     }
-    Ok(fitted)
+    Ok(estimate)
 }
 
 #[cfg(test)]
@@ -112,16 +113,16 @@ mod tests {
             let measured = Measured::new(&recording(&model, seed, 0.0, 6), &model, "noisy").unwrap();
             let hypothesis = Hypothesis::new(&model, Tolerances::default()).unwrap();
             let fitted = fit(&hypothesis, &measured, Sides::BOTH, Effort::KEPT).unwrap();
-            let fitted = fitted.estimate(&measured, Sides::BOTH).unwrap();
-            let widened = widened(fitted.clone(), &measured).unwrap();
+            let estimate = fitted.estimate(&measured, Sides::BOTH).unwrap();
+            let widened = widened(estimate.clone(), &measured).unwrap();
             let of_static_force = |one: &Coordinate| one.place == Place::Declared(Declared::StaticForce);
-            let index = fitted.coordinates.iter().position(of_static_force).unwrap();
+            let index = estimate.fitted.coordinates.iter().position(of_static_force).unwrap();
             // What is declared is true: nothing has to move.
-            let off = fitted.coordinates[index].value / f64::from(records).sqrt();
-            narrow += off / fitted.deviations[index];
+            let off = estimate.fitted.coordinates[index].value / f64::from(records).sqrt();
+            narrow += off / estimate.deviations[index];
             wide += off / widened.deviation(index);
             // Not so wide that it would hold anything.
-            assert!(widened.deviation(index) < 20.0 * fitted.deviation(index));
+            assert!(widened.deviation(index) < 20.0 * estimate.deviation(index));
         }
         assert!(narrow > 4.0 && wide < TWO_SIDED_95, "{narrow} and {wide} deviations of the mean");
     }
@@ -132,10 +133,10 @@ mod tests {
         let measured = Measured::new(&recording(&model, 3, 0.0, 4), &model, "exact").unwrap();
         let hypothesis = Hypothesis::new(&model, Tolerances::default()).unwrap();
         let fitted = fit(&hypothesis, &measured, Sides::BOTH, Effort::COMPARED).unwrap();
-        let fitted = fitted.estimate(&measured, Sides::BOTH).unwrap();
-        let widened = widened(fitted.clone(), &measured).unwrap();
-        assert_eq!(widened.deviations, fitted.deviations);
-        for (shift, deviation) in widened.shifts.iter().zip(&fitted.deviations) {
+        let estimate = fitted.estimate(&measured, Sides::BOTH).unwrap();
+        let widened = widened(estimate.clone(), &measured).unwrap();
+        assert_eq!(widened.deviations, estimate.deviations);
+        for (shift, deviation) in widened.shifts.iter().zip(&estimate.deviations) {
             assert!(shift.abs() <= 1e-6 * deviation, "{shift:e} of {deviation:e}");
         }
     }

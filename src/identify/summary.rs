@@ -160,21 +160,22 @@ impl Summary {
         model: &str,
         warnings: Vec<String>,
     ) -> Summary {
-        let fitted = &selection.after;
+        let estimate = &selection.after;
         let declared_effects = selection.before.hypothesis.effects.len();
         let mut declared_parameters: BTreeMap<String, FoundParameter> =
-            Declared::ALL.into_iter().map(|one| (one.name().to_owned(), declared(fitted, one, train.rate))).collect();
-        for (index, part) in fitted.hypothesis.effects.iter().enumerate().take(declared_effects) {
+            Declared::ALL.into_iter().map(|one| (one.name().to_owned(), declared(estimate, one, train.rate))).collect();
+        for (index, part) in estimate.fitted.hypothesis.effects.iter().enumerate().take(declared_effects) {
             let alike = |other: &&Part| other.descriptor.name == part.descriptor.name;
-            let label = match fitted.hypothesis.effects[..index].iter().filter(alike).count() {
+            let label = match estimate.fitted.hypothesis.effects[..index].iter().filter(alike).count() {
                 0 => part.descriptor.name.to_owned(),
                 before => format!("{}_{}", part.descriptor.name, before + 1),
             };
-            for (name, parameter) in parameters(fitted, index) {
+            for (name, parameter) in parameters(estimate, index) {
                 declared_parameters.insert(format!("{label}.{name}"), parameter);
             }
         }
-        let effects = fitted
+        let effects = estimate
+            .fitted
             .hypothesis
             .effects
             .iter()
@@ -184,7 +185,7 @@ impl Summary {
                 name: part.descriptor.name.to_owned(),
                 side: side_name(part.side()).to_owned(),
                 coordinate: part.parameters().curve.map(|curve| curve.coordinate.name().to_owned()),
-                parameters: parameters(fitted, index),
+                parameters: parameters(estimate, index),
                 runner_up: selection
                     .runners_up
                     .get(index)
@@ -242,25 +243,26 @@ impl Summary {
 }
 
 /// Coordinate of a place in a fit with its standard deviation and whether it ended on a bound.
-fn coordinate(fitted: &Estimate, place: Place) -> Option<(&Coordinate, f64, bool)> {
-    let index = fitted.coordinates.iter().position(|coordinate| coordinate.place == place)?;
-    Some((&fitted.coordinates[index], fitted.deviation(index), fitted.at_bound[index]))
+fn coordinate(estimate: &Estimate, place: Place) -> Option<(&Coordinate, f64, bool)> {
+    let index = estimate.fitted.coordinates.iter().position(|coordinate| coordinate.place == place)?;
+    Some((&estimate.fitted.coordinates[index], estimate.deviation(index), estimate.fitted.at_bound[index]))
 }
 
 /// Standard deviation of the mean over the guides of a declared parameter, as a share of it (of the shift: s): how the guides differ is
-/// fitted too, and what one of them does not know of itself the sum of all may know. First order in the deviations of all coordinates.
+/// estimate too, and what one of them does not know of itself the sum of all may know. First order in the deviations of all coordinates.
 /// Infinite where the parameter is on a bound or the data say nothing.
-fn deviation_of_declared(fitted: &Estimate, declared: Declared, rate: f64) -> f64 {
-    match coordinate(fitted, Place::Declared(declared)) {
+fn deviation_of_declared(estimate: &Estimate, declared: Declared, rate: f64) -> f64 {
+    match coordinate(estimate, Place::Declared(declared)) {
         Some((_, deviation, false)) if deviation.is_finite() => {}
         _ => return f64::INFINITY,
     }
-    let value = fitted.hypothesis.declared_value(declared, rate);
+    let value = estimate.fitted.hypothesis.declared_value(declared, rate);
     let whole = if declared.is_factor() { value } else { 1.0 };
-    let slopes: Vec<f64> = fitted
+    let slopes: Vec<f64> = estimate
+        .fitted
         .coordinates
         .iter()
-        .zip(&fitted.deviations)
+        .zip(&estimate.deviations)
         .map(|(coordinate, deviation)| {
             let ours = matches!(coordinate.place, Place::Declared(_) | Place::Spread { .. });
             if !ours || !deviation.is_finite() {
@@ -268,7 +270,7 @@ fn deviation_of_declared(fitted: &Estimate, declared: Declared, rate: f64) -> f6
             }
             let step = 1e-4 * coordinate.scale;
             let at = |moved: f64| {
-                let mut hypothesis = fitted.hypothesis.clone();
+                let mut hypothesis = estimate.fitted.hypothesis.clone();
                 hypothesis.set(coordinate.place, coordinate.value + moved);
                 hypothesis.declared_value(declared, rate)
             };
@@ -277,42 +279,43 @@ fn deviation_of_declared(fitted: &Estimate, declared: Declared, rate: f64) -> f6
         .collect();
     let scattered: Vec<f64> = slopes
         .iter()
-        .zip(&fitted.deviations)
+        .zip(&estimate.deviations)
         .map(|(slope, deviation)| if *slope == 0.0 { 0.0 } else { slope * deviation })
         .collect();
     let variance: f64 = scattered
         .iter()
-        .zip(&fitted.correlations)
+        .zip(&estimate.correlations)
         .map(|(one, row)| one * scattered.iter().zip(row).map(|(other, correlation)| other * correlation).sum::<f64>())
         .sum();
     // All coordinates are shifted together.
-    let shift: f64 = slopes.iter().zip(&fitted.shifts).map(|(slope, shift)| slope * shift).sum();
+    let shift: f64 = slopes.iter().zip(&estimate.shifts).map(|(slope, shift)| slope * shift).sum();
     variance.max(0.0).sqrt().hypot(shift)
 }
 
 /// Standard deviation of a coordinate if it were known how the guides differ: what the motion says about the parameter at all.
-fn deviation_of_alike(fitted: &Estimate, index: usize) -> f64 {
-    let deviation = fitted.deviations[index];
-    let spread: Vec<usize> = (0..fitted.coordinates.len())
+fn deviation_of_alike(estimate: &Estimate, index: usize) -> f64 {
+    let deviation = estimate.deviations[index];
+    let spread: Vec<usize> = (0..estimate.fitted.coordinates.len())
         .filter(|other| {
-            matches!(fitted.coordinates[*other].place, Place::Spread { .. }) && fitted.deviations[*other].is_finite()
+            matches!(estimate.fitted.coordinates[*other].place, Place::Spread { .. })
+                && estimate.deviations[*other].is_finite()
         })
         .collect();
     if spread.is_empty() || !deviation.is_finite() {
         return deviation;
     }
     let among =
-        DMatrix::from_fn(spread.len(), spread.len(), |row, column| fitted.correlations[spread[row]][spread[column]]);
-    let with = DVector::from_fn(spread.len(), |row, _| fitted.correlations[index][spread[row]]);
+        DMatrix::from_fn(spread.len(), spread.len(), |row, column| estimate.correlations[spread[row]][spread[column]]);
+    let with = DVector::from_fn(spread.len(), |row, _| estimate.correlations[index][spread[row]]);
     match among.cholesky() {
         Some(factors) => deviation * (1.0 - with.dot(&factors.solve(&with))).max(0.0).sqrt(),
         None => deviation,
     }
 }
 
-fn declared(fitted: &Estimate, declared: Declared, rate: f64) -> FoundParameter {
-    let value = fitted.hypothesis.declared_value(declared, rate);
-    let reach = TWO_SIDED_95 * deviation_of_declared(fitted, declared, rate);
+fn declared(estimate: &Estimate, declared: Declared, rate: f64) -> FoundParameter {
+    let value = estimate.fitted.hypothesis.declared_value(declared, rate);
+    let reach = TWO_SIDED_95 * deviation_of_declared(estimate, declared, rate);
     let ci95 = if declared.is_factor() {
         [value * (-reach).exp(), value * reach.exp()]
     } else {
@@ -340,8 +343,8 @@ pub fn taking_part(effect: &FoundEffect) -> Vec<&str> {
     named.filter(|(index, _)| descriptor.takes_part(&values, *index)).map(|(_, parameter)| parameter.name).collect()
 }
 
-fn parameters(fitted: &Estimate, effect: usize) -> BTreeMap<String, FoundParameter> {
-    let part = &fitted.hypothesis.effects[effect];
+fn parameters(estimate: &Estimate, effect: usize) -> BTreeMap<String, FoundParameter> {
+    let part = &estimate.fitted.hypothesis.effects[effect];
     let curve = part.parameters().curve;
     part.descriptor
         .parameters
@@ -351,7 +354,7 @@ fn parameters(fitted: &Estimate, effect: usize) -> BTreeMap<String, FoundParamet
         .filter(|(_, parameter)| curve.is_none() || !parameter.unit.is_empty())
         .map(|(index, parameter)| {
             let value = part.values[index];
-            let reach = coordinate(fitted, Place::Effect { effect, value: index })
+            let reach = coordinate(estimate, Place::Effect { effect, value: index })
                 .map_or(f64::INFINITY, |(_, deviation, _)| TWO_SIDED_95 * deviation);
             let unit = curve.as_ref().map_or(parameter.unit, |curve| curve.coordinate.unit());
             // An interval wider than what is possible says nothing.
@@ -389,22 +392,22 @@ fn is_share(place: Place) -> bool {
 }
 
 /// What deserves a word about the parameters of a fit: on a bound, hardly or not determined by the data, or tied to another one.
-pub fn parameter_warnings(fitted: &Estimate, rate: f64) -> Vec<String> {
+pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
     let mut warnings = Vec::new();
-    for (index, coordinate) in fitted.coordinates.iter().enumerate() {
+    for (index, coordinate) in estimate.fitted.coordinates.iter().enumerate() {
         // How the guides differ is not asked for: their sum is.
-        let Some((name, value, unit)) = told(fitted, coordinate.place, rate) else { continue };
+        let Some((name, value, unit)) = told(estimate, coordinate.place, rate) else { continue };
         let (lower, upper) = coordinate.bounds;
         let deviation = match coordinate.place {
-            Place::Declared(_) => deviation_of_alike(fitted, index),
-            _ => fitted.deviation(index),
+            Place::Declared(_) => deviation_of_alike(estimate, index),
+            _ => estimate.deviation(index),
         };
         let nothing =
             matches!(coordinate.place, Place::Effect { .. }) && lower == 0.0 && value < 1e-3 * coordinate.scale;
-        if fitted.at_bound[index] && nothing {
+        if estimate.fitted.at_bound[index] && nothing {
             // A term of the law that is not there is no doubt about the others.
             continue;
-        } else if fitted.at_bound[index] {
+        } else if estimate.fitted.at_bound[index] {
             let which = if coordinate.value <= 0.5 * (lower + upper) { "lower" } else { "upper" };
             warnings.push(format!(
                 "{name} ended on its {which} bound ({} {unit}): the truth may lie beyond, or another effect hides in it",
@@ -426,20 +429,20 @@ pub fn parameter_warnings(fitted: &Estimate, rate: f64) -> Vec<String> {
             ));
         }
     }
-    warnings.extend(tied(fitted, rate));
+    warnings.extend(tied(estimate, rate));
     warnings
 }
 
 /// Name of a coordinate, its value and unit; `None` for the differences between guides and the knots of a map.
-fn told(fitted: &Estimate, place: Place, rate: f64) -> Option<(String, f64, &'static str)> {
+fn told(estimate: &Estimate, place: Place, rate: f64) -> Option<(String, f64, &'static str)> {
     match place {
         Place::Spread { .. } => None,
         Place::Declared(declared) => {
-            let value = fitted.hypothesis.declared_value(declared, rate);
+            let value = estimate.fitted.hypothesis.declared_value(declared, rate);
             Some((declared.name().to_owned(), value, declared.unit()))
         }
         Place::Effect { effect, value } => {
-            let part = &fitted.hypothesis.effects[effect];
+            let part = &estimate.fitted.hypothesis.effects[effect];
             let parameter = part.descriptor.parameters.get(value)?;
             Some((format!("{}.{}", part.descriptor.name, parameter.name), part.values[value], parameter.unit))
         }
@@ -447,19 +450,19 @@ fn told(fitted: &Estimate, place: Place, rate: f64) -> Option<(String, f64, &'st
 }
 
 /// Parameters of effects that the data tie to a parameter of something else: the closest tie of each effect.
-fn tied(fitted: &Estimate, rate: f64) -> Vec<String> {
-    let effect_of = |index: usize| match fitted.coordinates[index].place {
+fn tied(estimate: &Estimate, rate: f64) -> Vec<String> {
+    let effect_of = |index: usize| match estimate.fitted.coordinates[index].place {
         Place::Effect { effect, .. } => Some(effect),
         _ => None,
     };
     let mut pairs: Vec<(usize, usize)> = Vec::new();
-    for effect in 0..fitted.hypothesis.effects.len() {
-        let own = (0..fitted.coordinates.len()).filter(|index| effect_of(*index) == Some(effect));
+    for effect in 0..estimate.fitted.hypothesis.effects.len() {
+        let own = (0..estimate.fitted.coordinates.len()).filter(|index| effect_of(*index) == Some(effect));
         let closest = own
-            .flat_map(|index| (0..fitted.coordinates.len()).map(move |other| (index, other)))
+            .flat_map(|index| (0..estimate.fitted.coordinates.len()).map(move |other| (index, other)))
             .filter(|(_, other)| effect_of(*other) != Some(effect))
-            .filter(|(_, other)| told(fitted, fitted.coordinates[*other].place, rate).is_some())
-            .max_by(|a, b| fitted.correlations[a.0][a.1].abs().total_cmp(&fitted.correlations[b.0][b.1].abs()));
+            .filter(|(_, other)| told(estimate, estimate.fitted.coordinates[*other].place, rate).is_some())
+            .max_by(|a, b| estimate.correlations[a.0][a.1].abs().total_cmp(&estimate.correlations[b.0][b.1].abs()));
         // Two effects may be tied to each other.
         if let Some((index, other)) = closest
             && !pairs.contains(&(other, index))
@@ -468,8 +471,8 @@ fn tied(fitted: &Estimate, rate: f64) -> Vec<String> {
         }
     }
     let warning = |(index, other): (usize, usize)| {
-        let correlation = fitted.correlations[index][other];
-        let name = |index: usize| told(fitted, fitted.coordinates[index].place, rate).map(|(name, ..)| name);
+        let correlation = estimate.correlations[index][other];
+        let name = |index: usize| told(estimate, estimate.fitted.coordinates[index].place, rate).map(|(name, ..)| name);
         (correlation.abs() >= TIED).then_some(())?;
         Some(format!(
             "{} and {} are correlated by {correlation:.3}: these data know the two together better than each of them",

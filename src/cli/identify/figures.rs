@@ -59,7 +59,7 @@ impl Residuals<'_> {
         Ok(Residuals {
             measured,
             before: selection.before.hypothesis.missing(measured, Sides::BOTH)?,
-            after: selection.after.hypothesis.in_record(measured)?.missing(measured, Sides::BOTH)?,
+            after: selection.after.fitted.hypothesis.in_record(measured)?.missing(measured, Sides::BOTH)?,
         })
     }
 
@@ -78,7 +78,7 @@ impl Residuals<'_> {
 pub fn draw(selection: &Selection, input: &Input, loops: Option<&LoopErrors>) -> anyhow::Result<Vec<Figure>> {
     let train = Residuals::of(selection, &input.train.measured)?;
     let holdout = Residuals::of(selection, &input.holdout.measured)?;
-    let mut figures: Vec<Figure> = maps(&selection.after.hypothesis.model())?;
+    let mut figures: Vec<Figure> = maps(&selection.after.fitted.hypothesis.model())?;
     figures.extend(force(&holdout)?);
     if let Some(loops) = loops {
         figures.push(position(&input.holdout, &loops.holdout)?);

@@ -283,7 +283,7 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         page.text("No effect was added to the declared model.");
         return;
     }
-    let added = selection.after.hypothesis.effects.iter().skip(selection.before.hypothesis.effects.len());
+    let added = selection.after.fitted.hypothesis.effects.iter().skip(selection.before.hypothesis.effects.len());
     for (effect, part) in summary.effects.iter().zip(added) {
         let over = effect.coordinate.as_ref().map_or_else(String::new, |coordinate| format!(" over {coordinate}"));
         let place = match part.parameters().curve.map(|curve| curve.side) {

@@ -92,7 +92,7 @@ impl<'a> Agenda<'a> {
         }
         rivals.retain(|(effect, rival)| {
             let told = questions.rival(*effect, rival, &present, &present);
-            let name = selection.after.hypothesis.effects[*effect].descriptor.name;
+            let name = selection.after.fitted.hypothesis.effects[*effect].descriptor.name;
             told < questions.needed(*effect, &present, &present, selection.floor.carriage)
                 || selection.inseparable.contains(&(name, *rival))
         });
@@ -186,7 +186,7 @@ impl<'a> Agenda<'a> {
             let after = questions.rival(*effect, rival, new, all);
             let needed = questions.needed(*effect, new, all, self.selection.floor.carriage);
             Separation {
-                effect: self.selection.after.hypothesis.effects[*effect].descriptor.name.to_owned(),
+                effect: self.selection.after.fitted.hypothesis.effects[*effect].descriptor.name.to_owned(),
                 rival: (*rival).to_owned(),
                 before: self.floors(questions.rival(*effect, rival, present, present)),
                 after: self.floors(after),
@@ -204,7 +204,7 @@ impl<'a> Agenda<'a> {
             let one = &self.questions.alternatives[0].coordinates[*index];
             let (name, unit) = match one.place {
                 Place::Effect { effect, value } => {
-                    let descriptor = self.selection.after.hypothesis.effects[effect].descriptor;
+                    let descriptor = self.selection.after.fitted.hypothesis.effects[effect].descriptor;
                     let parameter = descriptor.parameters.get(value);
                     let name = parameter.map_or("", |parameter| parameter.name);
                     (format!("{}.{name}", descriptor.name), parameter.map_or("", |parameter| parameter.unit))

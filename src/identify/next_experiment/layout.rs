@@ -57,7 +57,7 @@ impl<'a> Layout<'a> {
         train: &Measured,
         limits: Limits,
     ) -> Result<Layout<'a>, NextExperimentError> {
-        let after = &selection.after.hypothesis;
+        let after = &selection.after.fitted.hypothesis;
         let model = after.model();
         limits.check(&model)?;
         let hard = limits;
@@ -149,7 +149,7 @@ impl<'a> Layout<'a> {
         if selection.verdict != Verdict::Unknown {
             return Vec::new();
         }
-        let curve = selection.after.hypothesis.effects.iter().find_map(|part| part.parameters().curve);
+        let curve = selection.after.fitted.hypothesis.effects.iter().find_map(|part| part.parameters().curve);
         let (low, high) = self.limits.stroke;
         let (kind, from, to) = match &curve {
             Some(curve) if curve.coordinate == Over::Position => {

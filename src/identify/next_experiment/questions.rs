@@ -102,7 +102,7 @@ pub(super) struct Questions {
 
 impl Questions {
     pub(super) fn new(selection: &Selection, train: &Measured) -> Result<Questions, NextExperimentError> {
-        let after = &selection.after.hypothesis;
+        let after = &selection.after.fitted.hypothesis;
         let sides = Sides { motor: train.cell.is_some(), carriage: true };
         let has_cell = train.cell.is_some();
         let alternative = |hypothesis: Hypothesis| {
@@ -142,7 +142,7 @@ impl Questions {
             let subject = Subject::Untested { effect: part.descriptor.name };
             questions.push(Question { subject, truth: after.with(part), alternative: 0 });
         }
-        let missing = &selection.after.missing;
+        let missing = &selection.after.fitted.missing;
         let (motor, carriage) = missing.squares();
         let rows = missing.motor.len() + missing.carriage.len();
         let mean = (motor + carriage) * missing.carriage.len().max(1) as f64 / rows.max(1) as f64;
@@ -269,7 +269,7 @@ pub(super) fn rivals(selection: &Selection) -> Vec<(usize, Part)> {
     let mut rivals: Vec<(usize, Part)> = Vec::new();
     let mut rounds = Vec::new();
     let mut chosen: Vec<_> = selection.evidence.iter().filter(|one| one.outcome == Outcome::Chosen).collect();
-    for (effect, part) in selection.after.hypothesis.effects.iter().enumerate().skip(declared) {
+    for (effect, part) in selection.after.fitted.hypothesis.effects.iter().enumerate().skip(declared) {
         if part.descriptor.name == "map" {
             continue;
         }
