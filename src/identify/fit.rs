@@ -1,13 +1,25 @@
 //! Least squares with bounds: Levenberg-Marquardt (Marquardt 1963) whose steps stay inside, with the coordinates at a bound held there
 //! while the error pulls outwards (active set; Nocedal, Wright, "Numerical Optimization", ch. 16.7).
 
-use nalgebra::{DMatrix, DMatrixView, DVector};
+use std::slice;
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
 
 use super::driven::Driven;
 use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
 use super::measured::Measured;
-use super::objective::{derivatives, stacked};
+use super::objective::{derivatives, normal_of, stacked};
+use super::uncertainty::uncertainty;
 use crate::model::ModelError;
+
+/// Part of what a fit must still fall by to be worth anything that it must come to between two derivatives: with less it gives up.
+const HOPELESS: f64 = 0.05;
+/// Derivatives behind which a fit that still goes on is taken to follow a narrow valley, part of a step at which it looks how the valley bends, and part of the
+/// step that twice the bend may have at most (Transtrum, Sethna, arXiv:1201.5885, 2012, their h and alpha).
+const IN_A_VALLEY: usize = 3;
+const LOOKS_AT: f64 = 0.1;
+const MOST_BENT: f64 = 0.75;
 
 /// Dampings that are tried, each five times the one before, until a step makes the error smaller.
 const DAMPINGS: usize = 10;
@@ -19,18 +31,6 @@ const TRUSTED: f64 = 0.5;
 /// between guides near 0, must not jump to its bound. All coordinates are scaled by their tolerance, so their curvatures compare.
 const LEAST_CURVATURE: f64 = 1e-3;
 
-/// Eigenvalue of the normal matrix with columns of length 1 below which the data say nothing about a direction: derivatives by differences
-/// are no better than that.
-const UNKNOWN: f64 = 1e-12;
-/// Part of a coordinate in such a direction below which it is known all the same.
-const HAS_NO_PART: f64 = 1e-3;
-/// Pieces of a record that count as independent of each other: about a second each.
-const PIECES: usize = 40;
-/// Parts of a record, and parts of each of these, whose means tell a walk from noise.
-const TENTHS: usize = 10;
-/// How many times what noise makes of the differences of these means is a walk. Assumed: white noise comes to it once in a few hundred records at most.
-const WALKS: f64 = 4.0;
-
 /// How far a fit goes.
 #[derive(Clone, Copy, Debug)]
 pub struct Effort {
@@ -38,13 +38,20 @@ pub struct Effort {
     derivatives: usize,
     /// Share by which the sum of squares must fall for another step to be worth it.
     progress: f64,
+    /// Sum of squares that it must come below to be worth anything, N^2.
+    worth: f64,
 }
 
 impl Effort {
     /// Of a fit that is compared with others.
-    pub const COMPARED: Effort = Effort { derivatives: 8, progress: 1e-4 };
+    pub const COMPARED: Effort = Effort { derivatives: 8, progress: 1e-4, worth: f64::INFINITY };
     /// Of a fit that others build on: what it left undone would pass for another effect.
-    pub const KEPT: Effort = Effort { derivatives: 30, progress: 1e-5 };
+    pub const KEPT: Effort = Effort { derivatives: 30, progress: 1e-5, worth: f64::INFINITY };
+
+    /// The same of a fit that may stop where it will hardly come below this sum of squares, N^2.
+    pub fn worth_below(self, squares: f64) -> Effort {
+        Effort { worth: squares.min(self.worth), ..self }
+    }
 }
 
 /// A hypothesis at its best.
@@ -103,6 +110,16 @@ struct Problem<'a> {
     sides: Sides,
     /// Weight of what is declared, N.
     noise: f64,
+}
+
+/// A step that stays inside of the bounds.
+struct StepInside {
+    /// In scales of the coordinates.
+    step: DVector<f64>,
+    /// Of the matrix that it solves, with ones for what is fixed.
+    factors: Cholesky<f64, Dyn>,
+    /// Coordinates that are held, or end on a bound.
+    fixed: Vec<bool>,
 }
 
 /// A place that a fit has come to.
@@ -165,44 +182,89 @@ impl Point {
         self.coordinates.iter().zip(gradient.iter()).map(|(coordinate, slope)| outwards(coordinate, *slope)).collect()
     }
 
-    /// A place where the error is smaller, and the way there in scales of the coordinates.
-    fn better(&self, jacobian: &DMatrix<f64>, damping: &mut f64, problem: Problem) -> Option<(Point, DVector<f64>)> {
+    /// Some way from here, in scales of the coordinates, as far as the bounds allow.
+    fn moved(&self, step: &DVector<f64>, problem: Problem) -> Result<Point, ModelError> {
+        let (mut hypothesis, mut coordinates) = (self.hypothesis.clone(), self.coordinates.clone());
+        for (coordinate, step) in coordinates.iter_mut().zip(step.iter()) {
+            let (lower, upper) = coordinate.bounds;
+            coordinate.value = (coordinate.value + step * coordinate.scale).clamp(lower, upper);
+            hypothesis.set(coordinate.place, coordinate.value);
+        }
+        Point::at(hypothesis, coordinates, &self.driven, problem)
+    }
+
+    /// The way to another point, in scales of the coordinates.
+    fn way_to(&self, other: &Point) -> DVector<f64> {
+        let ways = other.coordinates.iter().zip(&self.coordinates).map(|(to, from)| (to.value - from.value) / to.scale);
+        DVector::from_iterator(self.coordinates.len(), ways)
+    }
+
+    /// The step that solves matrix step = -gradient for the coordinates that are not held, in their scales: one that would go beyond its bound goes there, and
+    /// the others as is best then.
+    fn step_inside(&self, matrix: &DMatrix<f64>, gradient: &DVector<f64>, held: &[bool]) -> Option<StepInside> {
+        let count = self.coordinates.len();
+        let (mut fixed, mut there) = (held.to_vec(), DVector::zeros(count));
+        loop {
+            let (mut free, mut right) = (matrix.clone(), -(gradient + matrix * &there));
+            for index in (0..count).filter(|index| fixed[*index]) {
+                free.row_mut(index).fill(0.0);
+                free.column_mut(index).fill(0.0);
+                free[(index, index)] = 1.0;
+                right[index] = there[index];
+            }
+            let factors = free.cholesky()?;
+            let step = factors.solve(&right);
+            let mut beyond = false;
+            for (index, coordinate) in self.coordinates.iter().enumerate() {
+                let (lower, upper) = coordinate.bounds;
+                let to = coordinate.value + step[index] * coordinate.scale;
+                if !fixed[index] && (to < lower || to > upper) {
+                    there[index] = (to.clamp(lower, upper) - coordinate.value) / coordinate.scale;
+                    (fixed[index], beyond) = (true, true);
+                }
+            }
+            if !beyond {
+                return Some(StepInside { step, factors, fixed });
+            }
+        }
+    }
+
+    /// How the residual bends along a step: its second derivative, for a step of length 1; `None` where a bound is in the way.
+    fn bend(&self, step: &DVector<f64>, jacobian: &DMatrix<f64>, problem: Problem) -> Option<DVector<f64>> {
+        let part = step * LOOKS_AT;
+        let near = self.moved(&part, problem).ok()?;
+        let is_free = (self.way_to(&near) - &part).norm() < 1e-9 * part.norm();
+        is_free.then(|| (near.residual - &self.residual - jacobian * part) * (2.0 / LOOKS_AT.powi(2)))
+    }
+
+    /// A place where the error is smaller. `bends` where the step is to follow a valley: the derivatives must be those of this very point.
+    fn better(&self, jacobian: &DMatrix<f64>, damping: &mut f64, bends: bool, problem: Problem) -> Option<Point> {
         let gradient = jacobian.tr_mul(&self.residual);
         let held = self.held(&gradient);
-        let normal = jacobian.tr_mul(jacobian);
+        let normal = normal_of(jacobian);
         let least = LEAST_CURVATURE * normal.diagonal().max();
         for _ in 0..DAMPINGS {
             let mut matrix = normal.clone();
-            let mut right = -&gradient;
             for index in 0..self.coordinates.len() {
                 matrix[(index, index)] += *damping * matrix[(index, index)].max(least) + f64::MIN_POSITIVE;
-                if held[index] {
-                    matrix.row_mut(index).fill(0.0);
-                    matrix.column_mut(index).fill(0.0);
-                    matrix[(index, index)] = 1.0;
-                    right[index] = 0.0;
-                }
             }
-            let Some(step) = matrix.cholesky().map(|factors| factors.solve(&right)) else {
+            let Some(StepInside { mut step, factors, fixed }) = self.step_inside(&matrix, &gradient, &held) else {
                 *damping = (*damping * 10.0).max(1e-6);
                 continue;
             };
-            let mut hypothesis = self.hypothesis.clone();
-            let mut coordinates = self.coordinates.clone();
-            for (coordinate, step) in coordinates.iter_mut().zip(step.iter()) {
-                let (lower, upper) = coordinate.bounds;
-                coordinate.value = (coordinate.value + step * coordinate.scale).clamp(lower, upper);
-                hypothesis.set(coordinate.place, coordinate.value);
+            if let Some(bend) = bends.then(|| self.bend(&step, jacobian, problem)).flatten() {
+                let mut right = -jacobian.tr_mul(&bend);
+                right.iter_mut().zip(&fixed).filter(|(_, fixed)| **fixed).for_each(|(right, _)| *right = 0.0);
+                let aside = factors.solve(&right);
+                if 2.0 * aside.norm() < MOST_BENT * step.norm() {
+                    step += aside * 0.5;
+                }
             }
-            let way = DVector::from_iterator(
-                coordinates.len(),
-                coordinates.iter().zip(&self.coordinates).map(|(to, from)| (to.value - from.value) / to.scale),
-            );
             // Values that do not go together are a step too far, not an end.
-            match Point::at(hypothesis, coordinates, &self.driven, problem) {
+            match self.moved(&step, problem) {
                 Ok(point) if point.squares < self.squares => {
                     *damping *= 0.2;
-                    return Some((point, way));
+                    return Some(point);
                 }
                 _ => *damping *= 5.0,
             }
@@ -211,265 +273,198 @@ impl Point {
     }
 }
 
-/// Moves everything that may move on these sides until the missing force is least.
-pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort) -> Result<Fitted, ModelError> {
-    let problem = Problem { measured, sides, noise: start.floor(measured).carriage };
-    let mut point = Point::inside(start, problem)?;
-    let mut damping = 1e-3;
-    let mut jacobian = point.derivatives(problem)?;
-    // Steps since the derivatives were taken, and how often they were.
-    let (mut age, mut taken) = (0, 1);
-    while !point.coordinates.is_empty() {
-        let undamped = damping;
-        match point.better(&jacobian, &mut damping, problem) {
-            // Not even along the derivatives of this very point.
-            None if age == 0 => break,
-            None => damping = undamped,
-            Some((next, way)) => {
-                let fall = point.squares - next.squares;
-                let is_little = fall < effort.progress * next.squares;
-                let expected = &jacobian * &way;
-                let promised = point.squares - (&point.residual + &expected).norm_squared();
-                let surprise = (&next.residual - &point.residual) - expected;
-                (point, age) = (next, age + 1);
-                if is_little && age == 1 {
-                    break;
-                }
-                if !is_little && age <= OLDEST && fall > TRUSTED * promised {
-                    // As the step has shown the residual to change along its way (Broyden, Mathematics of Computation 19, 1965).
-                    jacobian.ger(way.norm_squared().recip(), &surprise, &way, 1.0);
-                    continue;
-                }
-            }
-        }
-        if taken >= effort.derivatives {
-            break;
-        }
-        jacobian = point.derivatives(problem)?;
-        (age, taken) = (0, taken + 1);
+/// A fit on its way.
+struct Descent<'a> {
+    problem: Problem<'a>,
+    effort: Effort,
+    point: Point,
+    damping: f64,
+    /// How often the derivatives were taken, and how far the squares have fallen along the last ones, N^2.
+    taken: usize,
+    fallen: f64,
+    ended: bool,
+}
+
+impl<'a> Descent<'a> {
+    fn new(
+        start: &Hypothesis,
+        measured: &'a Measured,
+        sides: Sides,
+        effort: Effort,
+    ) -> Result<Descent<'a>, ModelError> {
+        let problem = Problem { measured, sides, noise: start.floor(measured).carriage };
+        let point = Point::inside(start, problem)?;
+        let ended = point.coordinates.is_empty();
+        Ok(Descent { problem, effort, point, damping: 1e-3, taken: 0, fallen: 0.0, ended })
     }
-    let Point { hypothesis, coordinates, missing, .. } = point;
-    let at_bound = coordinates
-        .iter()
-        .map(|c| {
+
+    /// Takes the derivatives and goes as far as they lead.
+    fn advance(&mut self) -> Result<(), ModelError> {
+        let began = self.point.squares;
+        let mut jacobian = self.point.derivatives(self.problem)?;
+        self.taken += 1;
+        for age in 0.. {
+            let bends = age == 0 && self.taken > IN_A_VALLEY;
+            let undamped = self.damping;
+            let Some(next) = self.point.better(&jacobian, &mut self.damping, bends, self.problem) else {
+                // Not even along the derivatives of this very point.
+                self.ended |= age == 0;
+                self.damping = undamped;
+                break;
+            };
+            let before = std::mem::replace(&mut self.point, next);
+            let fall = before.squares - self.point.squares;
+            if fall < self.effort.progress * self.point.squares {
+                self.ended |= age == 0;
+                break;
+            }
+            let way = before.way_to(&self.point);
+            let expected = &jacobian * &way;
+            let promised = before.squares - (&before.residual + &expected).norm_squared();
+            if age == OLDEST || fall <= TRUSTED * promised {
+                break;
+            }
+            // As the step has shown the residual to change along its way (Broyden, Mathematics of Computation 19, 1965).
+            let surprise = (&self.point.residual - before.residual) - expected;
+            jacobian.ger(way.norm_squared().recip(), &surprise, &way, 1.0);
+        }
+        self.fallen = began - self.point.squares;
+        self.ended |= self.taken >= self.effort.derivatives;
+        Ok(())
+    }
+
+    /// Whether it will hardly come below this sum of squares, N^2.
+    fn is_hopeless(&self, worth: f64) -> bool {
+        self.fallen < HOPELESS * (self.point.squares - worth)
+    }
+
+    fn fitted(self) -> Fitted {
+        let Point { hypothesis, coordinates, missing, .. } = self.point;
+        let is_at_bound = |c: &Coordinate| {
             let margin = 1e-6 * c.scale;
             c.value <= c.bounds.0 + margin || c.value >= c.bounds.1 - margin
-        })
-        .collect();
-    Ok(Fitted { hypothesis, missing, coordinates, at_bound })
+        };
+        let at_bound = coordinates.iter().map(is_at_bound).collect();
+        Fitted { hypothesis, missing, coordinates, at_bound }
+    }
 }
 
-/// Standard deviations and correlations of the coordinates; those on a bound are held.
-///
-/// The covariance is H^-1 S H^-1 with the normal matrix H of the Jacobian and S the covariance of the gradient: the larger, coordinate
-/// by coordinate, of two estimates. One takes the residual of each side as noise of its own size and correlation length, and what wanders
-/// within the record as a random walk on top. The other
-/// leaves out one piece of the record after the other (jackknife of clusters: Bell, McCaffrey, Survey Methodology 28, 2002) and so counts what a model
-/// misses here and there, also where few pieces say most about a coordinate; of a walk it sees little, since its pieces are not independent.
-fn uncertainty(
-    jacobian: &DMatrix<f64>,
-    residual: &DVector<f64>,
-    missing: &Missing,
-    coordinates: &[Coordinate],
-    at_bound: &[bool],
-    noise: f64,
-) -> (Vec<f64>, Vec<Vec<f64>>) {
-    let count = coordinates.len();
-    let mut deviations = vec![f64::INFINITY; count];
-    let mut correlations = vec![vec![0.0; count]; count];
-    // What does not move the residual at all is not known, and must not hide what the data say about the others.
-    let most = jacobian.column_iter().map(|column| column.norm()).fold(0.0, f64::max);
-    let free: Vec<usize> =
-        (0..count).filter(|index| !at_bound[*index] && jacobian.column(*index).norm() > 1e-9 * most).collect();
-    if free.is_empty() || residual.is_empty() {
-        return (deviations, correlations);
-    }
-    let columns = jacobian.select_columns(free.iter());
-    let normal = columns.tr_mul(&columns);
-    let (inverse, known) = inverse_where_known(&normal);
+/// Moves everything that may move on these sides until the missing force is least.
+pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort) -> Result<Fitted, ModelError> {
+    race(slice::from_ref(start), measured, sides, effort, 1.0).remove(0)
+}
 
-    let none = || DMatrix::zeros(free.len(), free.len());
-    let mut as_noise = none();
-    let mut pieces = vec![(none(), DVector::zeros(free.len())); PIECES];
-    let mut from = 0;
-    for side in [&missing.motor, &missing.carriage] {
-        let rows = side.len();
-        let slopes = columns.rows(from, rows);
-        if rows > 0 {
-            let variance = side.iter().map(|left| left * left).sum::<f64>() / rows as f64 * correlation_length(side);
-            as_noise += slopes.tr_mul(&slopes) * variance;
-            as_noise += gradient_of_walk(slopes, walk(side));
-            for (piece, (normal, gradient)) in pieces.iter_mut().enumerate() {
-                let (start, end) = (piece * rows / PIECES, (piece + 1) * rows / PIECES);
-                let slopes = slopes.rows(start, end - start);
-                *normal += slopes.tr_mul(&slopes);
-                *gradient += slopes.tr_mul(&residual.rows(from + start, end - start));
+/// Fits from several starts side by side, each as far as it may become the best one: it gives up where it will hardly come below `within` times the squares of
+/// the best so far.
+pub fn race(
+    starts: &[Hypothesis],
+    measured: &Measured,
+    sides: Sides,
+    effort: Effort,
+    within: f64,
+) -> Vec<Result<Fitted, ModelError>> {
+    let mut fits: Vec<_> = starts.par_iter().map(|start| Descent::new(start, measured, sides, effort)).collect();
+    let going = |fit: &Result<Descent, ModelError>| fit.as_ref().is_ok_and(|fit| !fit.ended);
+    while fits.iter().any(going) {
+        fits.par_iter_mut().filter(|fit| going(fit)).for_each(|fit| {
+            let failed = fit.as_mut().ok().and_then(|fit| fit.advance().err());
+            if let Some(error) = failed {
+                *fit = Err(error);
             }
-        }
-        from += rows;
+        });
+        let least = fits.iter().flatten().map(|fit| fit.point.squares).fold(f64::INFINITY, f64::min);
+        let worth = effort.worth.min(within * least);
+        fits.iter_mut().flatten().for_each(|fit| fit.ended |= fit.is_hopeless(worth));
     }
-    let expected = columns.rows(from, coordinates.len());
-    let expected = expected.tr_mul(&expected) * (noise * noise);
-    let as_noise = &inverse * (as_noise + &expected) * &inverse;
-    let mut in_pieces = &inverse * expected * &inverse;
-    for (of_piece, gradient) in &pieces {
-        // How far the rest of the record would move the coordinates.
-        let (without, _) = inverse_where_known(&(&normal - of_piece));
-        let moved = without * gradient;
-        in_pieces += &moved * moved.transpose() * ((PIECES - 1) as f64 / PIECES as f64);
-    }
-    for (row, index) in free.iter().enumerate().filter(|(row, _)| known[*row]) {
-        let variance = as_noise[(row, row)].max(in_pieces[(row, row)]);
-        deviations[*index] = variance.sqrt() * coordinates[*index].scale;
-        for (column, other) in free.iter().enumerate().filter(|(column, _)| known[*column]) {
-            correlations[*index][*other] =
-                inverse[(row, column)] / (inverse[(row, row)] * inverse[(column, column)]).sqrt();
-        }
-    }
-    (deviations, correlations)
-}
-
-/// Inverse of a normal matrix without the directions in which the data say nothing, and which coordinates have no part in these.
-pub(super) fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>) {
-    let count = normal.nrows();
-    // Columns of length 1, so that the eigenvalues are those of correlations.
-    let length: Vec<f64> = normal.diagonal().iter().map(|square| square.sqrt()).collect();
-    let scaled = DMatrix::from_fn(count, count, |row, column| normal[(row, column)] / (length[row] * length[column]));
-    let eigen = scaled.symmetric_eigen();
-    let (mut inverse, mut known) = (DMatrix::zeros(count, count), vec![true; count]);
-    for (value, direction) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-        if *value > UNKNOWN {
-            inverse += direction * direction.transpose() / *value;
-        } else {
-            for (known, part) in known.iter_mut().zip(direction.iter()) {
-                *known &= part.abs() < HAS_NO_PART;
-            }
-        }
-    }
-    (DMatrix::from_fn(count, count, |row, column| inverse[(row, column)] / (length[row] * length[column])), known)
-}
-
-/// Variance by which a residual walks at random from one row to the next, N^2; 0 where its means over tenths of the record differ no more than noise
-/// makes them, as the means over tenths of these show that.
-fn walk(residual: &[f64]) -> f64 {
-    let rows = residual.len() / TENTHS;
-    if rows < TENTHS {
-        return 0.0;
-    }
-    // Mean square by which the means of neighbouring parts differ.
-    let between = |rows: usize| {
-        let means: Vec<f64> = residual.chunks_exact(rows).map(|part| part.iter().sum::<f64>() / rows as f64).collect();
-        means.windows(2).map(|two| (two[1] - two[0]).powi(2)).sum::<f64>() / (means.len() - 1) as f64
-    };
-    let by_noise = between(rows / TENTHS) * (rows / TENTHS) as f64;
-    if between(rows) * rows as f64 <= WALKS * by_noise {
-        return 0.0;
-    }
-    // The means of neighbouring parts of a walk differ by two thirds of what it walks over one. The fit has taken its slowest part.
-    let walks = |rows: usize| 1.5 * (between(rows) - by_noise / rows as f64) / rows as f64;
-    walks(rows).max(walks(residual.len() / PIECES))
-}
-
-/// Covariance of the gradient by a residual that walks by this variance from row to row: a step of it is in all rows behind.
-fn gradient_of_walk(slopes: DMatrixView<f64>, variance: f64) -> DMatrix<f64> {
-    let count = slopes.ncols();
-    let mut sum = DMatrix::zeros(count, count);
-    if variance <= 0.0 {
-        return sum;
-    }
-    let mut behind = DVector::zeros(count);
-    for row in (0..slopes.nrows()).rev() {
-        behind.iter_mut().zip(slopes.row(row).iter()).for_each(|(sum, slope)| *sum += slope);
-        sum.ger(variance, &behind, &behind, 1.0);
-    }
-    sum
-}
-
-/// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation up to its first zero.
-pub fn correlation_length(values: &[f64]) -> f64 {
-    let power: f64 = values.iter().map(|value| value * value).sum();
-    if power <= 0.0 {
-        return 1.0;
-    }
-    let mut length = 1.0;
-    for lag in 1..values.len().min(2000) {
-        let product: f64 = values.iter().zip(&values[lag..]).map(|(a, b)| a * b).sum::<f64>() / power;
-        if product <= 0.05 {
-            break;
-        }
-        length += 2.0 * product;
-    }
-    length
+    fits.into_iter().map(|fit| fit.map(Descent::fitted)).collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
-    use rand_distr::{Distribution, StandardNormal};
-
+    use super::super::closed_loop::tests::recording;
+    use super::super::hypothesis::{Part, Tolerances};
     use super::*;
+    use crate::model::StageModel;
+    use crate::plant::EffectDescriptor;
 
-    #[test]
-    fn two_coordinates_that_do_the_same_are_unknown_and_the_third_is_known() {
-        // Columns (1, 0), (0, 3) and (0, 3): the sum of the last two is known, each of them is not.
-        let columns = DMatrix::from_row_slice(2, 3, &[1.0, 0.0, 0.0, 0.0, 3.0, 3.0]);
-        let (inverse, known) = inverse_where_known(&columns.tr_mul(&columns));
-        assert_eq!(known, [true, false, false]);
-        assert!((inverse[(0, 0)] - 1.0).abs() < 1e-12, "{inverse}");
-        let sum = DVector::from_column_slice(&[0.0, 1.0, 1.0]);
-        assert!((sum.dot(&(&inverse * &sum)) - 1.0 / 9.0).abs() < 1e-12, "{inverse}");
+    fn declared() -> Hypothesis {
+        Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap()
     }
 
-    #[test]
-    fn where_everything_is_known_it_is_the_inverse() {
-        let normal = DMatrix::from_row_slice(2, 2, &[4e6, 1e-3, 1e-3, 2e-9]);
-        let (inverse, known) = inverse_where_known(&normal);
-        assert_eq!(known, [true, true]);
-        let unit = &normal * &inverse;
-        assert!((unit - DMatrix::identity(2, 2)).amax() < 1e-6, "{inverse}");
-    }
-
-    /// White noise of 1 N, and on top a walk of this size from row to row.
-    fn wandering(size: f64, seed: u64) -> Vec<f64> {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut walk = 0.0;
-        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        let mut value = || {
-            walk += size * normal();
-            walk + normal()
-        };
-        (0..4000).map(|_| value()).collect()
-    }
-
-    #[test]
-    fn what_walks_is_told_from_noise() {
-        let of = |size: f64| (0..400).map(move |seed| walk(&wandering(size, seed)));
-        assert!(of(0.0).filter(|variance| *variance > 0.0).count() <= 2);
-        // Over a tenth of the record the walk of 0.02 goes as far as 160 such values scatter: hardly seen, and at 0.2 always.
-        assert!(of(0.02).filter(|variance| *variance > 0.0).count() > 360);
-        // The larger of two estimates.
-        let seen = of(0.2).sum::<f64>() / 400.0 / 0.04;
-        assert!((1.0..1.2).contains(&seen), "{seen}");
-    }
-
-    /// What repeats with the moves, four times and more in a tenth of the record, is no walk.
-    #[test]
-    fn what_repeats_does_not_walk() {
-        for period in [7.3, 31.0, 97.0] {
-            let wave: Vec<f64> = (0..4000).map(|row| (row as f64 * std::f64::consts::TAU / period).sin()).collect();
-            assert!(walk(&wave) * 4000.0 < 0.05, "{period}: {}", walk(&wave));
+    fn point_between(bounds: [(f64, f64); 3]) -> Point {
+        let coordinate =
+            |bounds| Coordinate { place: Place::Effect { effect: 0, value: 0 }, value: 0.0, scale: 0.5, bounds };
+        Point {
+            hypothesis: declared(),
+            coordinates: bounds.map(coordinate).to_vec(),
+            driven: Driven::default(),
+            missing: Missing::default(),
+            residual: DVector::zeros(0),
+            squares: 0.0,
         }
     }
 
-    /// The slope of a line through a walk of size q over n rows scatters by q sqrt(6 / (5 n)): least squares, whose residual hides most of it.
+    /// Steps in scales of 0.5: the first coordinate wants to go 2.5 of them and may go 1; the second one then goes further than it would have.
     #[test]
-    fn a_line_through_a_walk_is_as_uncertain_as_a_walk_makes_it() {
-        let rows = 4000;
-        let line = DMatrix::from_fn(rows, 2, |row, column| if column == 0 { 1.0 } else { row as f64 });
-        let inverse = line.tr_mul(&line).try_inverse().unwrap();
-        let covariance = &inverse * gradient_of_walk(line.as_view(), 0.04) * &inverse;
-        let expected = 0.04 * 6.0 / (5.0 * rows as f64);
-        assert!((covariance[(1, 1)] / expected - 1.0).abs() < 1e-2, "{} {expected}", covariance[(1, 1)]);
+    fn a_coordinate_stops_at_its_bound_and_the_others_go_where_that_is_best() {
+        let matrix = DMatrix::from_row_slice(3, 3, &[2.0, 1.0, 0.0, 1.0, 2.0, 0.0, 0.0, 0.0, 4.0]);
+        let gradient = DVector::from_column_slice(&[-6.0, -4.5, 8.0]);
+        let free = (-9.0, 9.0);
+        let step = |first: (f64, f64), held: [bool; 3]| {
+            let StepInside { step, fixed, .. } =
+                point_between([first, free, free]).step_inside(&matrix, &gradient, &held).unwrap();
+            (step, fixed)
+        };
+        let (anywhere, fixed) = step(free, [false; 3]);
+        assert!((&anywhere - DVector::from_column_slice(&[2.5, 1.0, -2.0])).norm() < 1e-12, "{anywhere}");
+        assert_eq!(fixed, [false; 3]);
+        let (inside, fixed) = step((-9.0, 0.5), [false; 3]);
+        assert!((&inside - DVector::from_column_slice(&[1.0, 1.75, -2.0])).norm() < 1e-12, "{inside}");
+        assert_eq!(fixed, [true, false, false]);
+        let (held, _) = step(free, [false, false, true]);
+        assert!((&held - DVector::from_column_slice(&[2.5, 1.0, 0.0])).norm() < 1e-12, "{held}");
+    }
+
+    /// Side by side with one that lacks a force of 5 N, which gives up, and with one that has it from another start, which does not.
+    #[test]
+    fn side_by_side_the_best_one_ends_as_it_does_alone() {
+        let push =
+            |force: f64| Part { descriptor: EffectDescriptor::find("constant_force").unwrap(), values: vec![force] };
+        let real = StageModel { effects: vec![push(5.0).parameters()], ..StageModel::default() };
+        let measured = Measured::new(&recording(&real, 3, 0.0, 4), &StageModel::default(), "the record").unwrap();
+        let starts = [declared(), declared().with(push(1.0)), declared().with(push(8.0))];
+        let alone = starts.each_ref().map(|start| fit(start, &measured, Sides::BOTH, Effort::KEPT).unwrap());
+        let raced: Vec<Fitted> =
+            race(&starts, &measured, Sides::BOTH, Effort::KEPT, 1.0).into_iter().flatten().collect();
+        let best = if alone[1].squares() < alone[2].squares() { 1 } else { 2 };
+        assert_eq!(raced[best].squares(), alone[best].squares());
+        assert!(
+            (raced[best].hypothesis.effects[0].values[0] - 5.0).abs() < 0.1,
+            "{:?}",
+            raced[best].hypothesis.effects
+        );
+        assert!(raced[0].squares() > 10.0 * raced[best].squares());
+        assert!(raced.iter().zip(&alone).all(|(raced, alone)| raced.squares() >= alone.squares()));
+        let without_a_limit = race(&starts, &measured, Sides::BOTH, Effort::KEPT, f64::INFINITY);
+        let squares: Vec<f64> = without_a_limit.iter().flatten().map(Fitted::squares).collect();
+        assert_eq!(squares, alone.each_ref().map(Fitted::squares));
+    }
+
+    /// A spring that the model lacks.
+    #[test]
+    fn a_fit_that_is_not_worth_going_on_with_ends_early_and_says_where() {
+        let measured = {
+            let cable = EffectDescriptor::find("cable_chain").unwrap();
+            let values = cable.parameters.iter().map(|parameter| parameter.default.unwrap_or(0.0)).collect();
+            let mut part = Part { descriptor: cable, values };
+            part.values[0] = 300.0;
+            let real = StageModel { effects: vec![part.parameters()], ..StageModel::default() };
+            Measured::new(&recording(&real, 3, 0.0, 4), &StageModel::default(), "the record").unwrap()
+        };
+        let to_its_end = fit(&declared(), &measured, Sides::BOTH, Effort::KEPT).unwrap();
+        let given_up = fit(&declared(), &measured, Sides::BOTH, Effort::KEPT.worth_below(0.0)).unwrap();
+        assert!(given_up.squares() >= to_its_end.squares() && given_up.squares() < 2.0 * to_its_end.squares());
+        let reachable = Effort::KEPT.worth_below(2.0 * to_its_end.squares());
+        assert_eq!(fit(&declared(), &measured, Sides::BOTH, reachable).unwrap().squares(), to_its_end.squares());
     }
 }

@@ -22,9 +22,10 @@ mod sensor_noise;
 mod slipping;
 pub mod spectrum;
 mod summary;
+mod uncertainty;
 
 pub use declared::Declared;
-pub use fit::{Effort, Estimate, Fitted, correlation_length, fit};
+pub use fit::{Effort, Estimate, Fitted, fit};
 pub use hypothesis::{Coordinate, Hypothesis, Missing, Part, Place, Sides, Tolerances};
 pub use lowpass::Lowpass;
 pub use measured::{Floor, MIN_SAMPLES, Measured, Step};
@@ -40,6 +41,7 @@ pub use summary::{
     Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, in_digits, parameter_warnings, readable,
     side_name, taking_part,
 };
+pub use uncertainty::correlation_length;
 
 use crate::model::ModelError;
 

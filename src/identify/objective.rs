@@ -74,6 +74,16 @@ pub(super) fn derivatives(
     Ok(DMatrix::from_columns(&columns))
 }
 
+/// J^T J, which is symmetric, on all cores.
+pub(super) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
+    let count = jacobian.ncols();
+    let below: Vec<Vec<f64>> = (0..count)
+        .into_par_iter()
+        .map(|row| (0..=row).map(|column| jacobian.column(row).dot(&jacobian.column(column))).collect())
+        .collect();
+    DMatrix::from_fn(count, count, |row, column| below[row.max(column)][row.min(column)])
+}
+
 /// How the missing force changes with the parameters of each guide alone.
 ///
 /// Along a measured motion guides know nothing of each other. One pass moves a parameter of all of them, the friction of each tells its own part, and
@@ -95,29 +105,38 @@ impl GuideSlopes {
         if !coordinates.iter().any(|coordinate| matches!(coordinate.place, Place::Spread { .. })) {
             return Ok(None);
         }
-        let Some(here) = driven.friction_of_each(&hypothesis.guides(), measured)? else { return Ok(None) };
-        let slopes = SPREAD.par_iter().map(|parameter| {
-            let place = Place::Declared(*parameter);
+        // The guides as they are, then with one parameter of all of them a step further.
+        let mut passes = vec![hypothesis.guides()];
+        let mut steps = Vec::new();
+        for parameter in SPREAD {
+            let place = Place::Declared(parameter);
             let Some(coordinate) = coordinates.iter().find(|coordinate| coordinate.place == place) else {
                 return Ok(None);
             };
             let step = DIFFERENCE * coordinate.scale;
             let mut moved = hypothesis.clone();
             moved.set(place, coordinate.value + step);
-            let Some(there) = driven.friction_of_each(&moved.guides(), measured)? else { return Ok(None) };
-            let slope = |(here, mut there): (&Vec<f64>, Vec<f64>)| {
-                there.iter_mut().zip(here).for_each(|(there, here)| *there = (*there - here) / step);
+            passes.push(moved.guides());
+            steps.push((parameter, step));
+        }
+        let at_rows = passes.par_iter().map(|guides| -> Result<Option<Vec<DVector<f64>>>, ModelError> {
+            let Some(each) = driven.friction_of_each(guides, measured)? else { return Ok(None) };
+            let at_rows = |mut friction: Vec<f64>| {
                 // As the missing force itself: nothing at both ends.
-                let last = there.len() - 1;
-                (there[0], there[last]) = (0.0, 0.0);
-                let mut filtered = measured.filtered(&there);
+                let last = friction.len() - 1;
+                (friction[0], friction[last]) = (0.0, 0.0);
+                let mut filtered = measured.filtered(&friction);
                 driven.take_out_own(&mut filtered);
                 DVector::from_vec(filtered)
             };
-            Ok(Some((*parameter, here.iter().zip(there).map(slope).collect())))
+            Ok(Some(each.map(at_rows).into()))
         });
-        let slopes = slopes.collect::<Result<Option<Vec<_>>, ModelError>>()?;
-        Ok(slopes.map(|slopes| GuideSlopes { slopes }))
+        let Some(at_rows) = at_rows.collect::<Result<Option<Vec<_>>, ModelError>>()? else { return Ok(None) };
+        let slopes = steps.into_iter().zip(&at_rows[1..]).map(|((parameter, step), there)| {
+            (parameter, there.iter().zip(&at_rows[0]).map(|(there, here)| (there - here) / step).collect())
+        });
+        let slopes = slopes.collect();
+        Ok(Some(GuideSlopes { slopes }))
     }
 
     /// Along a coordinate, N per scale; `None` where it moves no such parameter.

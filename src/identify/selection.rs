@@ -10,9 +10,10 @@ use super::IdentifyError;
 use super::curve::{self, Beside};
 use super::declared::Declared;
 use super::driven::Driven;
-use super::fit::{Effort, Estimate, Fitted, correlation_length, fit};
+use super::fit::{Effort, Estimate, Fitted, fit, race};
 use super::hypothesis::{Hypothesis, Part, Place, Sides, Tolerances};
 use super::measured::{Floor, Measured};
+use super::uncertainty::correlation_length;
 use super::{sensor_noise, slipping};
 
 /// Most effects that are added.
@@ -64,6 +65,9 @@ const ANY_GUIDE: f64 = 9.0;
 const FAR: f64 = 3.0;
 /// Share of the squares of one fit below which another one is better on the train record.
 const BETTER_START: f64 = 0.99;
+/// How many times the noise above what was found a fit without one of its effects may leave on the train record while it is worth going on, and how many times
+/// that one with another curve in place of an effect: to pass they may leave half of the noise more on the hold-out, or twice as much.
+const MANY_TIMES: f64 = 3.0;
 /// Share of the squares without a law to which one start must come, and above which another comes close to it.
 const WORTH_A_LOOK: f64 = 0.7;
 /// The same, with the guides fitted anew, for the fits of several to be brought to their ends.
@@ -596,7 +600,7 @@ impl<'a> Search<'a> {
         let without: f64 = squares(&without.motor, sides.motor) + squares(&without.carriage, sides.carriage);
         // A law whose values do not go together has lost; it does not end the search.
         let mut fitted: Vec<Fitted> =
-            starts.par_iter().filter_map(|start| fit(start, train, sides, Effort::COMPARED).ok()).collect();
+            race(&starts, train, sides, Effort::COMPARED, WORTH_A_LOOK.recip()).into_iter().flatten().collect();
         let least = fitted.iter().map(Fitted::squares).fold(f64::INFINITY, f64::min);
         if least < WORTH_A_LOOK * without {
             fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
@@ -613,12 +617,14 @@ impl<'a> Search<'a> {
             if judged.len() < 2 || least > WORTH_A_LOOK * without {
                 break;
             }
-            judged.par_iter_mut().for_each(|(squares, _, free)| {
-                if let Ok(further) = fit(free, train, sides, effort) {
+            let free: Vec<Hypothesis> = judged.iter().map(|(.., free)| free.clone()).collect();
+            let further = race(&free, train, sides, effort, WORTH_THE_END.recip());
+            for ((squares, _, free), further) in judged.iter_mut().zip(further) {
+                if let Ok(further) = further {
                     *squares = squares.min(further.squares());
                     *free = further.hypothesis;
                 }
-            });
+            }
             let mut order: Vec<f64> = judged.iter().map(|(squares, ..)| *squares).collect();
             order.sort_by(f64::total_cmp);
             // Where one leaves no more than noise, the end of the fits is noise too.
@@ -727,7 +733,8 @@ impl<'a> Search<'a> {
                 other
             };
             let Some(found) = self.best_start(starts.into_iter().map(other).collect(), Sides::BOTH) else { continue };
-            let found = with_different_guides(&found.hypothesis, self.train, Effort::KEPT)?;
+            let worth = self.best.squares() / BETTER_START;
+            let found = with_different_guides(&found.hypothesis, self.train, Effort::KEPT.worth_below(worth))?;
             let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;
             // On the train record clearly better, or as good and clearly better on the hold-out.
             let half = HALF_OF_THE_REST * self.beyond_noise(&self.best_errors);
@@ -751,7 +758,7 @@ impl<'a> Search<'a> {
             (false, false) => UNEXPLAINED,
         };
         let least = (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(of_the_rest * rest);
-        if let Some((with, over)) = self.with_curve(&self.best.hypothesis, &self.best_errors, least)? {
+        if let Some((with, over)) = self.with_curve(&self.best.hypothesis, &self.best_errors, least, Effort::KEPT)? {
             self.runners_up.push(Vec::new());
             self.coordinate = Some(over);
             self.take(with)?;
@@ -761,7 +768,8 @@ impl<'a> Search<'a> {
         let unexplained = !self.is_noise(&self.best_errors) && !self.is_explained(&self.best_errors);
         if laws > 0
             && (unexplained || !self.unproven_ripples().is_empty())
-            && let Some((alone, over)) = self.with_curve(&self.before.hypothesis, &self.errors_before, least)?
+            && let Some((alone, over)) =
+                self.with_curve(&self.before.hypothesis, &self.errors_before, least, Effort::KEPT)?
         {
             let found = errors(&alone.hypothesis, self.train, self.holdout)?;
             if self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(&self.best_errors) {
@@ -816,7 +824,7 @@ impl<'a> Search<'a> {
         self.watch.progress("the curve once more", 0.92);
         let without = self.best.hypothesis.without(index);
         let left = errors(&without, self.train, self.holdout)?;
-        let Some((with, over)) = self.with_curve(&without, &left, 0.0)? else { return Ok(false) };
+        let Some((with, over)) = self.with_curve(&without, &left, 0.0, Effort::KEPT)? else { return Ok(false) };
         let found = errors(&with.hypothesis, self.train, self.holdout)?;
         let (now, before) = (self.beyond_noise(&found), self.beyond_noise(&self.best_errors));
         if now < before {
@@ -831,6 +839,7 @@ impl<'a> Search<'a> {
         start: &Hypothesis,
         start_errors: &Errors,
         least: f64,
+        effort: Effort,
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
         let drawn = self.drawn_curves(start, start_errors)?;
         // The best one of each damping: moves are far from linear, so that one that is better at first need not be the better one.
@@ -838,7 +847,7 @@ impl<'a> Search<'a> {
             let alike = drawn.iter().filter(|one| one.damping == *damping);
             let one = alike.max_by(|one, other| one.gain.total_cmp(&other.gain))?;
             let fitted = || -> Result<_, IdentifyError> {
-                let fitted = fit(&one.with, self.train, Sides::BOTH, Effort::KEPT)?;
+                let fitted = fit(&one.with, self.train, Sides::BOTH, effort)?;
                 let left = errors(&fitted.hypothesis, self.train, self.holdout)?.holdout();
                 Ok((fitted, start_errors.holdout() - left, one.over))
             };
@@ -990,12 +999,13 @@ impl<'a> Search<'a> {
         while index < self.best.hypothesis.effects.len() {
             self.watch.progress("pruning", 0.95);
             if let (None, Some(curve)) = (&alone, self.curve()) {
-                let (laws, left) = self.without(curve)?;
+                let (laws, left) = self.without(curve, Effort::KEPT)?;
                 alone = Some((curve, laws, left));
             }
+            let superfluous = Effort::KEPT.worth_below(self.best.squares() + MANY_TIMES * self.noise_squares());
             let (fewer, found) = match &alone {
                 Some((curve, laws, left)) if *curve == index => (laws.clone(), *left),
-                _ => self.without(index)?,
+                _ => self.without(index, superfluous)?,
             };
             if found.holdout() - self.best_errors.holdout() < self.least_gain(&found, &self.best_errors) {
                 self.strike(index);
@@ -1017,12 +1027,17 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
+    /// Squares that noise leaves on the train record, N^2.
+    fn noise_squares(&self) -> f64 {
+        self.train.rows.len() as f64 * self.floor.total().powi(2)
+    }
+
     /// What was found, fitted without one of its effects.
-    fn without(&self, index: usize) -> Result<(Fitted, Errors), IdentifyError> {
+    fn without(&self, index: usize, effort: Effort) -> Result<(Fitted, Errors), IdentifyError> {
         let fewer = if self.best.hypothesis.effects.len() == self.declared_effects() + 1 {
             self.before.clone()
         } else {
-            with_different_guides(&self.best.hypothesis.without(index), self.train, Effort::KEPT)?
+            with_different_guides(&self.best.hypothesis.without(index), self.train, effort)?
         };
         let left = errors(&fewer.hypothesis, self.train, self.holdout)?;
         Ok((fewer, left))
@@ -1038,7 +1053,8 @@ impl<'a> Search<'a> {
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
         let bare = self.best.hypothesis.without(law.max(curve)).without(law.min(curve));
         let left = errors(&bare, self.train, self.holdout)?;
-        let Some((with, over)) = self.with_curve(&bare, &left, 0.0)? else { return Ok(None) };
+        let effort = Effort::KEPT.worth_below(MANY_TIMES * (self.best.squares() + self.noise_squares()));
+        let Some((with, over)) = self.with_curve(&bare, &left, 0.0, effort)? else { return Ok(None) };
         let found = errors(&with.hypothesis, self.train, self.holdout)?;
         let least = self.least_gain(&found, &self.best_errors).max(HALF_OF_THE_REST * self.beyond_noise(&found));
         let is_bent = found.holdout() - self.best_errors.holdout() < least
@@ -1153,14 +1169,15 @@ fn winner(tried: &[(Evidence, Hypothesis)], strongest: f64) -> usize {
 /// on the products of their differences, and what an effect not yet known bent them to is no good start. Guides that are all the same are
 /// none either: there no direction is better than its opposite.
 fn with_different_guides(start: &Hypothesis, train: &Measured, effort: Effort) -> Result<Fitted, IdentifyError> {
-    let fitted = |start: &Hypothesis| fit(start, train, Sides::BOTH, effort);
-    let Some(afresh) = start.different_guides() else { return Ok(fitted(start)?) };
+    let Some(afresh) = start.different_guides() else { return Ok(fit(start, train, Sides::BOTH, effort)?) };
     if start.guides_are_alike() {
-        return Ok(fitted(&afresh)?);
+        return Ok(fit(&afresh, train, Sides::BOTH, effort)?);
     }
-    let (best, afresh) = rayon::join(|| fitted(&start.holding_guides(false)), || fitted(&afresh));
-    let (best, afresh) = (best?, afresh?);
-    Ok(if afresh.squares() < best.squares() { afresh } else { best })
+    let fitted = race(&[start.holding_guides(false), afresh], train, Sides::BOTH, effort, 1.0);
+    let fitted = fitted.into_iter().collect::<Result<Vec<_>, _>>()?;
+    // Of equals the first one.
+    let best = fitted.into_iter().reduce(|best, other| if other.squares() < best.squares() { other } else { best });
+    Ok(best.expect("two fits"))
 }
 
 /// What a fit starts from, the simplest form of the law first.

@@ -10,10 +10,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::driven::Driven;
-use super::fit::{Estimate, inverse_where_known};
+use super::fit::Estimate;
 use super::hypothesis::Sides;
 use super::measured::Measured;
 use super::objective::{derivatives, stacked};
+use super::uncertainty::inverse_where_known;
 use crate::model::ModelError;
 
 /// Assumed: records with noise added, each with its opposite, so that what is linear in the noise is in their difference and a shift in their sum.

@@ -4,11 +4,12 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::super::driven::Driven;
-use super::super::fit::{Effort, correlation_length, fit};
+use super::super::fit::{Effort, fit};
 use super::super::hypothesis::{Coordinate, Hypothesis, Part, Place, Sides};
 use super::super::measured::Measured;
 use super::super::objective::{derivatives, stacked};
 use super::super::selection::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, SEVERAL, Selection};
+use super::super::uncertainty::correlation_length;
 use super::NextExperimentError;
 use crate::TWO_SIDED_95;
 use crate::model::ModelError;
