@@ -11,9 +11,6 @@ use super::exp2::exp2_of_negative;
 /// Most bristle elements of one guide.
 pub const MAX_ELEMENTS: usize = 4;
 
-/// Powers of two below this one add nothing to what they are compared with: 2^-60 is lost in the rounding of a sum of about 1.
-const LOST: f64 = -60.0;
-
 /// A deflection this close to its limit has reached it.
 const ROUNDING: f64 = 1e-9;
 
@@ -207,7 +204,7 @@ impl GuideBank {
     /// Recomputes what one step hands to the next, after a state was set from outside.
     fn refresh(&mut self, velocity: f64) {
         let squared = f64x4::splat(velocity * velocity);
-        let (level, damping) = (self.scaled_level::<false>(squared), self.damping_at(squared));
+        let (level, damping) = (self.scaled_level(squared), self.damping_at(squared));
         self.bristle = self.mean_bristle();
         self.prepare_scaled_start(level, damping);
     }
@@ -260,13 +257,11 @@ impl GuideBank {
     }
 
     /// g at the factors of the last step.
-    #[inline]
-    fn scaled_level<const SLIDES: bool>(&self, velocity_squared: f64x4) -> f64x4 {
+    fn scaled_level(&self, velocity_squared: f64x4) -> f64x4 {
         let FrictionScale { coulomb, stat, .. } = self.scale;
         // In this form factors of 1 leave every bit as it is.
         let stribeck = self.stribeck_force * f64x4::splat(stat) + self.coulomb_force * f64x4::splat(stat - coulomb);
-        let power = self.stribeck_exponent * velocity_squared;
-        let fade = if SLIDES { exp2_or_nothing(power) } else { exp2_of_negative(power) };
+        let fade = exp2_of_negative(self.stribeck_exponent * velocity_squared);
         self.coulomb_force * f64x4::splat(coulomb) + stribeck * fade
     }
 
@@ -287,7 +282,7 @@ impl GuideBank {
     fn bristle_velocities(&self, velocity: f64) -> (f64x4, f64x4, f64x4) {
         let v = f64x4::splat(velocity);
         let squared = v * v;
-        let slip = self.stiffness * v.abs() / self.scaled_level::<false>(squared);
+        let slip = self.stiffness * v.abs() / self.scaled_level(squared);
         let damping = self.damping_at(squared);
         let Some(elements) = &self.elements else {
             let rate = v - slip * self.bristle;
@@ -298,7 +293,7 @@ impl GuideBank {
             let rate = match elements.law {
                 Slip::Gradual => v - f64x4::splat(elements.ratio[index]) * slip * *bristle,
                 Slip::Sudden => {
-                    let end = elements.end(index, self.scaled_level::<false>(squared) * self.compliance);
+                    let end = elements.end(index, self.scaled_level(squared) * self.compliance);
                     (end * v).simd_gt(f64x4::ZERO).select(f64x4::ZERO, v)
                 }
             };
@@ -411,7 +406,7 @@ impl GuideBank {
     ) -> (f64x4, f64x4, f64x4) {
         self.scale = *scale;
         let squared = f64x4::splat(velocity * velocity);
-        let level = self.scaled_level::<EXACT>(squared);
+        let level = self.scaled_level(squared);
         let damping = self.damping_at(squared);
         let power = self.relaxation * f64x4::splat(velocity.abs() * step) / level;
         let single_steady = level * self.compliance * f64x4::splat(1f64.copysign(velocity));
@@ -427,7 +422,7 @@ impl GuideBank {
             let (end, mean) = match slip {
                 Slip::Gradual => {
                     let power = power * f64x4::splat(ratio);
-                    let decay = if EXACT { exp2_or_nothing(power) } else { exp2_of_negative(power) };
+                    let decay = exp2_of_negative(power);
                     let excess = *bristle - steady;
                     let end = steady + excess * decay;
                     (end, if EXACT { steady + excess * mean_of_decay(power, decay) } else { (*bristle + end) * half })
@@ -462,12 +457,6 @@ impl GuideBank {
         }
         (impulse, level, damping)
     }
-}
-
-/// 2^x for x <= 0, or 0 where it is lost in all lanes: along a recorded motion the guides slide most of the time, and nobody waits for one step.
-#[inline]
-fn exp2_or_nothing(x: f64x4) -> f64x4 {
-    if x.simd_lt(f64x4::splat(LOST)).all() { f64x4::ZERO } else { exp2_of_negative(x) }
 }
 
 /// Mean of 2^(p s) over s from 0 to 1, where p is not positive and `decay` = 2^p.
