@@ -2,8 +2,8 @@
 //!
 //! A thread follows the discovery events of one participant. It replaces ros2-client's spinner,
 //! which also subscribes to `/clock`: every tick of a lockstep clock would wake it in every
-//! process. In: discovery events. Out: counts of matches to wait for, and a warning when the
-//! quality of service of a peer does not fit, which otherwise nobody would see.
+//! process. In: discovery events. Out: counts of matches and single peers to wait for, and a
+//! warning when the quality of service of a peer does not fit, which otherwise nobody would see.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -20,6 +20,7 @@ use std::{
 
 use futures::Stream;
 use rustdds::{DomainParticipant, DomainParticipantStatusEvent as Event, GUID, QosPolicies, StatusEvented};
+use tokio::sync::Notify;
 
 use super::inlet::Waiter;
 
@@ -50,7 +51,10 @@ impl Endpoint {
 #[derive(Default)]
 struct State {
     endpoints: Mutex<BTreeMap<GUID, Endpoint>>,
+    /// For threads that wait.
     changed: Condvar,
+    /// For tasks that wait.
+    changed_async: Notify,
     stop: AtomicBool,
 }
 
@@ -112,6 +116,23 @@ impl GraphWatch {
             .unwrap_or_else(PoisonError::into_inner);
         matches(&endpoints)
     }
+
+    /// Waits until the endpoint `peer` of another node is matched with one of ours, or `limit` has passed; whether it
+    /// is. To be awaited on a tokio runtime with time.
+    pub async fn wait_for_peer(&self, peer: GUID, limit: Duration) -> bool {
+        let matched = || self.state.endpoints().values().any(|endpoint| endpoint.peers.contains(&peer));
+        let until_matched = async {
+            loop {
+                // Before the look: what comes between the two counts.
+                let change = self.state.changed_async.notified();
+                if matched() {
+                    return;
+                }
+                change.await;
+            }
+        };
+        tokio::time::timeout(limit, until_matched).await.is_ok()
+    }
 }
 
 impl Drop for GraphWatch {
@@ -167,4 +188,5 @@ fn note(state: &State, event: Event) {
         _ => return,
     }
     state.changed.notify_all();
+    state.changed_async.notify_waiters();
 }

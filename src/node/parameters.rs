@@ -15,6 +15,7 @@ use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{MessageTypeName, Name, Node, ParameterValue, Publisher, QosProfile, rcl_interfaces};
 
 use super::arguments::Override;
+use super::participant::Participant;
 use super::service::{self, Service, ServiceError};
 use crate::model::nearest;
 
@@ -431,20 +432,20 @@ pub struct ParameterServer {
 
 impl ParameterServer {
     /// Opens the services. They answer while [`run`](Self::run) runs.
-    pub fn new(node: &mut Node, set: Arc<Mutex<ParameterSet>>) -> Result<Self, ServiceError> {
-        let full_name = node.fully_qualified_name();
+    pub fn new(participant: &Participant, set: Arc<Mutex<ParameterSet>>) -> Result<Self, ServiceError> {
+        let full_name = participant.node().fully_qualified_name();
         let name = |service: &str| format!("{full_name}/{service}");
-        let events = Arc::new(Events::new(node)?);
+        let events = Arc::new(Events::new(&mut participant.node())?);
         events.publish_new(&set);
 
-        let list = service::serve::<ListParameters, _, _>(node, &name("list_parameters"), {
+        let list = service::serve::<ListParameters, _, _>(participant, &name("list_parameters"), {
             let set = set.clone();
             move |request| {
                 let result = locked(&set).list(&request.prefixes, request.depth);
                 std::future::ready(rcl_interfaces::ListParametersResponse { result })
             }
         })?;
-        let get = service::serve::<GetParameters, _, _>(node, &name("get_parameters"), {
+        let get = service::serve::<GetParameters, _, _>(participant, &name("get_parameters"), {
             let set = set.clone();
             move |request| {
                 let set = locked(&set);
@@ -454,7 +455,7 @@ impl ParameterServer {
                 })
             }
         })?;
-        let types = service::serve::<GetParameterTypes, _, _>(node, &name("get_parameter_types"), {
+        let types = service::serve::<GetParameterTypes, _, _>(participant, &name("get_parameter_types"), {
             let set = set.clone();
             move |request| {
                 let set = locked(&set);
@@ -466,7 +467,7 @@ impl ParameterServer {
                 })
             }
         })?;
-        let describe = service::serve::<DescribeParameters, _, _>(node, &name("describe_parameters"), {
+        let describe = service::serve::<DescribeParameters, _, _>(participant, &name("describe_parameters"), {
             let set = set.clone();
             move |request| {
                 let set = locked(&set);
@@ -475,19 +476,20 @@ impl ParameterServer {
                 })
             }
         })?;
-        let set_each = service::serve::<SetParameters, _, _>(node, &name("set_parameters"), {
+        let set_each = service::serve::<SetParameters, _, _>(participant, &name("set_parameters"), {
             let (set, events) = (set.clone(), events.clone());
             move |request| {
                 let one_by_one = request.parameter.into_iter().map(|one| events.apply(&set, vec![one])).collect();
                 std::future::ready(rcl_interfaces::SetParametersResponse { results: one_by_one })
             }
         })?;
-        let set_all = service::serve::<SetParametersAtomically, _, _>(node, &name("set_parameters_atomically"), {
-            move |request| {
-                let result = events.apply(&set, request.parameter);
-                std::future::ready(rcl_interfaces::SetParametersAtomicallyResponse { result })
-            }
-        })?;
+        let set_all =
+            service::serve::<SetParametersAtomically, _, _>(participant, &name("set_parameters_atomically"), {
+                move |request| {
+                    let result = events.apply(&set, request.parameter);
+                    std::future::ready(rcl_interfaces::SetParametersAtomicallyResponse { result })
+                }
+            })?;
         let services = Box::pin(async move {
             futures::join!(list, get, types, describe, set_each, set_all);
         });

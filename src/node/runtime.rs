@@ -158,8 +158,7 @@ impl Background {
         parameters: Arc<Mutex<ParameterSet>>,
         control: UnboundedSender<Control>,
     ) -> anyhow::Result<Background> {
-        let mut node = participant.node();
-        let server = ParameterServer::new(&mut node, parameters)?;
+        let server = ParameterServer::new(participant, parameters)?;
         Ok(Background { tasks: vec![Box::pin(server.run())], control })
     }
 
@@ -176,8 +175,7 @@ impl Background {
             let message = if request.data { "enabled" } else { "disabled: no force" }.to_owned();
             std::future::ready(SetBoolResponse { success, message })
         };
-        let task =
-            service::serve::<SetBool, _, _>(&mut participant.node(), &startup.service_name("~/enable"), handler)?;
+        let task = service::serve::<SetBool, _, _>(participant, &startup.service_name("~/enable"), handler)?;
         self.spawn(task);
         Ok(())
     }
@@ -196,7 +194,7 @@ impl Background {
                 }
             }
         };
-        let task = service::serve::<Trigger, _, _>(&mut participant.node(), &startup.service_name("~/reset"), handler)?;
+        let task = service::serve::<Trigger, _, _>(participant, &startup.service_name("~/reset"), handler)?;
         self.spawn(task);
         Ok(())
     }
@@ -214,8 +212,7 @@ impl Background {
                 Err(message) => SetBoolResponse { success: false, message },
             })
         };
-        let task =
-            service::serve::<SetBool, _, _>(&mut participant.node(), &startup.service_name("~/record"), handler)?;
+        let task = service::serve::<SetBool, _, _>(participant, &startup.service_name("~/record"), handler)?;
         self.spawn(task);
         Ok(())
     }

@@ -4,11 +4,20 @@
 //! polls all of its services together on one thread (`futures::join!`). The parameter services and the node's own
 //! (`~/reset`, `~/enable`, `~/record`) are both served by it.
 
-use std::future::Future;
+use std::{future::Future, time::Duration};
 
 use futures::StreamExt;
 use ros2_client::qos::{Durability, History, WhenFull};
-use ros2_client::{Message, Name, Node, QosProfile, ServiceMapping, ServiceTypeName};
+use ros2_client::{Message, Name, QosProfile, RmwRequestId, ServiceMapping, ServiceTypeName};
+use rustdds::GUID;
+
+use super::participant::Participant;
+
+/// How long an answer waits for the reader that it is for. A packet of the discovery that was lost comes again with the
+/// next heartbeat, after 3 s with Fast DDS.
+pub const READER_COMES_WITHIN: Duration = Duration::from_secs(10);
+/// Answers that may wait for their readers at the same time, before new requests wait too.
+const WAITING_ANSWERS: usize = 1000;
 
 /// A ROS 2 service type: request, response and name, as in `std_srvs/srv/Trigger`.
 pub trait Service {
@@ -31,10 +40,14 @@ pub enum ServiceError {
 
 /// Opens the service `name` (absolute) and gives back the future that answers its requests, one after the other.
 ///
-/// The future ends only when it is dropped. A request that cannot be read, or an answer that cannot be sent because
-/// the asking node has gone, is reported in the log and costs the others nothing.
+/// The future ends only when it is dropped; it is polled on a tokio runtime with time. A request that cannot be read,
+/// or an answer that cannot be sent because the asking node has gone, is reported in the log and costs the others
+/// nothing.
+///
+/// A request may come before its client's reader of answers is known here, and an answer that is sent then is lost. So
+/// an answer waits for that reader, as in rmw_fastrtps (`__rmw_send_response`), while other requests are answered.
 pub fn serve<S, H, F>(
-    node: &mut Node,
+    participant: &Participant,
     name: &str,
     mut handler: H,
 ) -> Result<impl Future<Output = ()> + Send + use<S, H, F>, ServiceError>
@@ -56,22 +69,40 @@ where
         })?;
     let service_type = ServiceTypeName::new(S::PACKAGE, S::NAME);
     // Enhanced is what rmw_fastrtps speaks.
-    let server = node
+    let server = participant
+        .node()
         .create_server::<S::Request, S::Response>(ServiceMapping::Enhanced, &parsed, &service_type, qos.clone(), qos)
         .map_err(|source| ServiceError::Create { name: name.to_owned(), problem: source.to_string() })?;
-    let name = name.to_owned();
+    let (name, participant) = (name.to_owned(), participant.clone());
     Ok(async move {
-        let mut requests = server.receive_request_stream();
-        while let Some(request) = requests.next().await {
-            match request {
-                Ok((id, request)) => {
-                    let response = handler(request).await;
-                    if let Err(error) = server.send_response(id, response) {
-                        tracing::warn!("service {name}: the answer was not sent: {error}");
-                    }
+        let (name, server, watch) = (&name, &server, participant.watch());
+        let answers = server.receive_request_stream().filter_map(|request| {
+            let answer = match request {
+                Ok((id, request)) => Some((id, handler(request))),
+                Err(error) => {
+                    tracing::warn!("service {name}: a request could not be read: {error}");
+                    None
                 }
-                Err(error) => tracing::warn!("service {name}: a request could not be read: {error}"),
+            };
+            async move {
+                let (id, response) = answer?;
+                Some((id, response.await))
             }
-        }
+        });
+        let send = |(id, response): (RmwRequestId, S::Response)| async move {
+            let reader = GUID::from(id.writer_gid);
+            // Fast DDS names the reader of answers in its requests, others the writer of the request.
+            if reader.entity_id.entity_kind.is_reader() && !watch.wait_for_peer(reader, READER_COMES_WITHIN).await {
+                tracing::warn!(
+                    "service {name}: who asked did not open a reader for the answer within {} s, or has gone",
+                    READER_COMES_WITHIN.as_secs()
+                );
+                return;
+            }
+            if let Err(error) = server.send_response(id, response) {
+                tracing::warn!("service {name}: the answer was not sent: {error}");
+            }
+        };
+        answers.for_each_concurrent(WAITING_ANSWERS, send).await;
     })
 }
