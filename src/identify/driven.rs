@@ -5,7 +5,7 @@ use std::slice;
 use std::sync::Arc;
 
 use crate::model::{EffectParameters, Guide, MAX_GUIDES, ModelError};
-use crate::plant::effects::Effects;
+use crate::plant::effects::{Effects, Scaled};
 use crate::plant::{Drive, FrictionScale, GuideBank, Motion, Side};
 
 use super::hypothesis::{Hypothesis, Part, Sides};
@@ -17,7 +17,7 @@ use super::slipping::Slipping;
 pub(super) struct Driven {
     moved: Arc<Moved>,
     cell: Arc<CellTruth>,
-    friction: Option<Arc<Friction>>,
+    friction: Option<Friction>,
     forces: Vec<Arc<Force>>,
     /// What balls that slip add to the carriage side.
     slipping: Option<Arc<Slipping>>,
@@ -62,11 +62,33 @@ impl Moved {
     }
 }
 
-/// Friction of all guides at the nodes, N.
-#[derive(Debug)]
+/// Friction of all guides, in two parts: bristles know nothing of what is viscous.
+#[derive(Clone, Debug)]
 struct Friction {
+    bristles: Arc<Bristles>,
+    viscous: Arc<Viscous>,
+    /// Sum of sigma2, N s/m.
+    coefficient: f64,
+}
+
+/// What the bristles of all guides give.
+#[derive(Debug)]
+struct Bristles {
+    /// Without viscous friction.
     guides: Vec<Guide>,
     laws: Vec<Part>,
+    /// Over each step, and as means at the nodes, N.
+    over_steps: Vec<f64>,
+    at_nodes: Vec<f64>,
+}
+
+/// Viscous friction of guides with a sigma2 of 1 N s/m in all.
+#[derive(Debug)]
+struct Viscous {
+    laws: Vec<Part>,
+    /// Of laws that feel the friction: that of which bristles, and how much of this one.
+    felt: Option<(Arc<Bristles>, f64)>,
+    /// Means at the nodes, N.
     at_nodes: Vec<f64>,
 }
 
@@ -154,9 +176,9 @@ impl Driven {
         }
     }
 
-    /// Friction of the guides, N, at the nodes; `None` where the carriage side was not asked for.
-    pub fn friction(&self) -> Option<&[f64]> {
-        self.friction.as_ref().map(|friction| friction.at_nodes.as_slice())
+    /// Parts of the guides' friction at the nodes with what each is to be multiplied by, N; none where the carriage side was not asked for.
+    pub fn friction(&self) -> impl Iterator<Item = (&[f64], f64)> {
+        self.friction.iter().flat_map(Friction::parts)
     }
 
     pub fn forces(&self) -> impl Iterator<Item = &Force> {
@@ -181,12 +203,12 @@ impl Driven {
         guides: &[Guide],
         measured: &Measured,
     ) -> Result<Option<[Vec<f64>; MAX_GUIDES]>, ModelError> {
-        let Some(Friction { laws, .. }) = self.friction.as_deref() else { return Ok(None) };
-        if !effects_of(laws)?.leaves_guides_apart() {
+        let Some(Friction { bristles, viscous, .. }) = &self.friction else { return Ok(None) };
+        if viscous.felt.is_some() {
             return Ok(None);
         }
         let mut at_nodes = [(); MAX_GUIDES].map(|()| vec![0.0; measured.len()]);
-        drive(guides, laws, measured, self.moved.steps(measured), |step, _, each| {
+        drive(guides, &bristles.laws, measured, self.moved.steps(measured), |step, each| {
             at_nodes.iter_mut().zip(each).for_each(|(at_nodes, friction)| step.share_out(friction, at_nodes));
         })?;
         Ok(Some(at_nodes))
@@ -220,16 +242,10 @@ impl Hypothesis {
         let moves_alike = Arc::ptr_eq(&moved, &before.moved) || moved.steps.is_none() && before.moved.steps.is_none();
         let steps = moved.steps(measured);
         let friction = if sides.carriage {
-            let (guides, laws) = (self.guides(), of(&|part| Ok(effects_of(slice::from_ref(part))?.shapes_friction()))?);
-            let known =
-                before.friction.as_ref().filter(|known| moves_alike && known.guides == guides && known.laws == laws);
-            Some(match known {
-                Some(known) => known.clone(),
-                None => {
-                    let at_nodes = friction(&guides, &laws, measured, steps)?;
-                    Arc::new(Friction { guides, laws, at_nodes })
-                }
-            })
+            let known = before.friction.as_ref().filter(|_| moves_alike);
+            let of_bristles = of(&|part| Ok(effects_of(slice::from_ref(part))?.shapes_bristles()))?;
+            let of_viscous = of(&|part| Ok(effects_of(slice::from_ref(part))?.scales().viscous))?;
+            Some(Friction::new(&self.guides(), of_bristles, of_viscous, measured, steps, known)?)
         } else {
             None
         };
@@ -260,26 +276,98 @@ fn effects_of(parts: &[Part]) -> Result<Effects, ModelError> {
     Effects::new(&all)
 }
 
-/// Friction of the guides at the nodes under these laws, N.
-pub(super) fn friction(
-    guides: &[Guide],
-    laws: &[Part],
-    measured: &Measured,
-    steps: &[Step],
-) -> Result<Vec<f64>, ModelError> {
+/// Friction of the guides at the nodes without any law beside them, N.
+pub(super) fn friction(guides: &[Guide], measured: &Measured) -> Result<Vec<f64>, ModelError> {
+    let friction = Friction::new(guides, Vec::new(), Vec::new(), measured, &measured.steps, None)?;
     let mut at_nodes = vec![0.0; measured.len()];
-    drive(guides, laws, measured, steps, |step, friction, _| step.share_out(friction, &mut at_nodes))?;
+    for (part, factor) in friction.parts() {
+        at_nodes.iter_mut().zip(part).for_each(|(sum, force)| *sum += factor * force);
+    }
     Ok(at_nodes)
 }
 
-/// Drives the guides under these laws and tells of each step the friction of all and that of each guide's bristles, N. They begin with what
-/// the motor gives: at rest they hold it.
+impl Friction {
+    /// `known` is of the same motion.
+    fn new(
+        guides: &[Guide],
+        of_bristles: Vec<Part>,
+        of_viscous: Vec<Part>,
+        measured: &Measured,
+        steps: &[Step],
+        known: Option<&Friction>,
+    ) -> Result<Friction, ModelError> {
+        let coefficient = guides.iter().map(|guide| guide.viscous_friction).sum();
+        let bare: Vec<Guide> = guides.iter().map(|guide| Guide { viscous_friction: 0.0, ..guide.clone() }).collect();
+        let bristles = match known.map(|known| &known.bristles) {
+            Some(known) if known.guides == bare && known.laws == of_bristles => known.clone(),
+            _ => Arc::new(Bristles::new(bare, of_bristles, measured, steps)?),
+        };
+        let is_felt = effects_of(&of_viscous)?.feel_friction();
+        let felt = is_felt.then(|| (bristles.clone(), coefficient));
+        let feels_alike = |known: &Viscous| match (&known.felt, &felt) {
+            (Some((known, by)), Some((bristles, coefficient))) => Arc::ptr_eq(known, bristles) && by == coefficient,
+            (known, felt) => known.is_none() && felt.is_none(),
+        };
+        let viscous = match known.map(|known| &known.viscous) {
+            Some(known) if known.laws == of_viscous && feels_alike(known) => known.clone(),
+            _ => Arc::new(Viscous::new(of_viscous, felt, measured, steps)?),
+        };
+        Ok(Friction { bristles, viscous, coefficient })
+    }
+
+    /// At the nodes, with what each is to be multiplied by, N.
+    fn parts(&self) -> [(&[f64], f64); 2] {
+        [(&self.bristles.at_nodes, 1.0), (&self.viscous.at_nodes, self.coefficient)]
+    }
+}
+
+impl Bristles {
+    fn new(guides: Vec<Guide>, laws: Vec<Part>, measured: &Measured, steps: &[Step]) -> Result<Bristles, ModelError> {
+        let (mut over_steps, mut at_nodes) = (Vec::with_capacity(steps.len()), vec![0.0; measured.len()]);
+        drive(&guides, &laws, measured, steps, |step, each| {
+            let friction = each.iter().sum();
+            step.share_out(friction, &mut at_nodes);
+            over_steps.push(friction);
+        })?;
+        Ok(Bristles { guides, laws, over_steps, at_nodes })
+    }
+}
+
+impl Viscous {
+    fn new(
+        laws: Vec<Part>,
+        felt: Option<(Arc<Bristles>, f64)>,
+        measured: &Measured,
+        steps: &[Step],
+    ) -> Result<Viscous, ModelError> {
+        let mut effects = effects_of(&laws)?;
+        let mut at_nodes = vec![0.0; measured.len()];
+        let mut friction = 0.0;
+        for (index, step) in steps.iter().enumerate() {
+            let factor = if laws.is_empty() {
+                1.0
+            } else {
+                let motion = Motion { velocity: step.sliding, friction, ..step.motion };
+                effects.friction(&motion, step.duration).viscous
+            };
+            let viscous = factor * step.sliding;
+            step.share_out(viscous, &mut at_nodes);
+            if let Some((bristles, coefficient)) = &felt {
+                friction = bristles.over_steps[index] + coefficient * viscous;
+            }
+        }
+        Ok(Viscous { laws, felt, at_nodes })
+    }
+}
+
+/// Drives the guides' bristles under these laws and tells of each step what those of each guide give, N. They begin with what the motor gives: at rest
+/// they hold it.
 fn drive(
     guides: &[Guide],
     laws: &[Part],
     measured: &Measured,
     steps: &[Step],
-    mut tell: impl FnMut(&Step, f64, [f64; MAX_GUIDES]),
+    mut tell: impl FnMut(&Step, [f64; MAX_GUIDES]),
 ) -> Result<(), ModelError> {
     let mut effects = effects_of(laws)?;
     let mut bank = match effects.bristle_elements() {
@@ -291,17 +379,14 @@ fn drive(
     let ahead = (0.01 * measured.rate) as usize + 2;
     let force = start[1..ahead.min(count - 1)].iter().sum::<f64>() / (ahead.min(count - 1) - 1) as f64;
     bank.set_bristles(&holding(guides, force), 0.0);
-    let viscous: f64 = guides.iter().map(|guide| guide.viscous_friction).sum();
-    let mut friction = 0.0;
+    let is_scaled = effects.scales() != Scaled::NOTHING;
     for step in steps {
-        let scale = if effects.is_empty() {
-            FrictionScale::ONE
+        let scale = if is_scaled {
+            effects.friction(&Motion { velocity: step.sliding, ..step.motion }, step.duration)
         } else {
-            effects.friction(&Motion { velocity: step.sliding, friction, ..step.motion }, step.duration)
+            FrictionScale::ONE
         };
-        let each = bank.drive_each(step.sliding, step.duration, &scale);
-        friction = each.iter().sum::<f64>() + scale.viscous * viscous * step.sliding;
-        tell(step, friction, each);
+        tell(step, bank.drive_each(step.sliding, step.duration, &scale));
     }
     Ok(())
 }
@@ -431,7 +516,7 @@ pub(super) mod tests {
         let before = start.driven(&measured, Sides::BOTH, &Driven::default()).unwrap();
         let coordinates = start.coordinates(Sides::BOTH, true);
         assert!(coordinates.len() > 25, "{}", coordinates.len());
-        let mut kept = 0;
+        let mut kept = (0, 0);
         for coordinate in coordinates {
             let mut moved = start.clone();
             moved.set(coordinate.place, coordinate.value + 1e-2 * coordinate.scale);
@@ -441,9 +526,12 @@ pub(super) mod tests {
                 [&after, &anew].map(|driven| moved.missing_at_samples(driven, &measured, Sides::BOTH));
             assert_eq!(after_all.motor, anew_all.motor, "{:?}", coordinate.place);
             assert_eq!(after_all.carriage, anew_all.carriage, "{:?}", coordinate.place);
-            kept += usize::from(Arc::ptr_eq(after.friction.as_ref().unwrap(), before.friction.as_ref().unwrap()));
+            let [after, before] = [&after, &before].map(|driven| driven.friction.as_ref().unwrap());
+            kept.0 += usize::from(Arc::ptr_eq(&after.bristles, &before.bristles));
+            kept.1 += usize::from(Arc::ptr_eq(&after.viscous, &before.viscous));
         }
-        // Mass, shift of the sensors, gain of the cell, and the three values of the cogging leave the friction alone.
-        assert_eq!(kept, 6);
+        // Mass, shift of the sensors, gain of the cell, and the three values of the cogging leave the friction alone; sigma2 and the three values of the warm-up
+        // leave the bristles alone.
+        assert_eq!(kept, (10, 6));
     }
 }

@@ -482,7 +482,7 @@ impl Hypothesis {
             let mut take = |forces: &[f64], sign: f64| {
                 left.iter_mut().zip(forces).for_each(|(left, force)| *left += sign * force);
             };
-            driven.friction().into_iter().for_each(|friction| take(friction, 1.0));
+            driven.friction().for_each(|(part, factor)| take(part, factor));
             on(Side::Carriage).for_each(|force| take(&force.at_nodes, -1.0));
             let shift = 0.5 * self.moved(Declared::SensorShift);
             missing.carriage = (0..count)
@@ -499,6 +499,6 @@ impl Hypothesis {
 
     /// Friction of the guides along the measured motion without effects, N, at the nodes.
     pub fn friction(&self, measured: &Measured) -> Result<Vec<f64>, ModelError> {
-        driven::friction(&self.guides(), &[], measured, &measured.steps)
+        driven::friction(&self.guides(), measured)
     }
 }

@@ -7,7 +7,7 @@
 //! Not modelled: bristle stiffness that depends on direction.
 
 use super::regression::{least_squares, viscous_friction};
-use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Side};
+use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side};
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "asymmetric_friction",
@@ -43,8 +43,8 @@ impl Effect for AsymmetricFriction {
         scale.viscous *= 1.0 + self.viscous_fraction * direction;
     }
 
-    fn scales_friction(&self) -> bool {
-        true
+    fn scales(&self) -> Scaled {
+        Scaled::BOTH
     }
 }
 

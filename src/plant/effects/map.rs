@@ -9,7 +9,7 @@
 
 use crate::model::{Coordinate, Curve, CurveSide, ModelError};
 
-use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Side};
+use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Scaled, Side};
 
 /// Values before the knots: coordinate, side, from, to.
 const HEAD: usize = 4;
@@ -81,7 +81,7 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
     if knots.len() < 2 {
         return refuse("effects.map.values (their number)", knots.len() as f64, "be at least 2".to_owned());
     }
-    if scales_friction(curve(values).side)
+    if scaled(curve(values).side) != Scaled::NOTHING
         && let Some(index) = knots.iter().position(|value| *value < -1.0)
     {
         let limit = "be at least -1, where no friction is left".to_owned();
@@ -93,8 +93,12 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
     }
 }
 
-fn scales_friction(side: CurveSide) -> bool {
-    matches!(side, CurveSide::Friction | CurveSide::Viscous)
+fn scaled(side: CurveSide) -> Scaled {
+    match side {
+        CurveSide::Carriage | CurveSide::Motor => Scaled::NOTHING,
+        CurveSide::Friction => Scaled::BRISTLES,
+        CurveSide::Viscous => Scaled::VISCOUS,
+    }
 }
 
 #[derive(Debug)]
@@ -141,13 +145,13 @@ impl Map {
     }
 
     fn is_force_over_position(&self) -> bool {
-        self.curve.coordinate == Coordinate::Position && !self.scales_friction()
+        self.curve.coordinate == Coordinate::Position && scaled(self.curve.side) == Scaled::NOTHING
     }
 }
 
 impl Effect for Map {
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
-        if self.scales_friction() { 0.0 } else { self.along(motion) }
+        if scaled(self.curve.side) == Scaled::NOTHING { self.along(motion) } else { 0.0 }
     }
 
     fn friction(&mut self, motion: &Motion, _step: f64, scale: &mut FrictionScale) {
@@ -162,8 +166,8 @@ impl Effect for Map {
         }
     }
 
-    fn scales_friction(&self) -> bool {
-        scales_friction(self.curve.side)
+    fn scales(&self) -> Scaled {
+        scaled(self.curve.side)
     }
 
     fn side(&self) -> Option<Side> {

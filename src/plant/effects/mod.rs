@@ -98,6 +98,22 @@ pub enum Drive {
     Ripple,
 }
 
+/// Laws of the guides that an effect multiplies by a factor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Scaled {
+    /// What bristles give: Fc, Fs.
+    pub bristles: bool,
+    /// sigma2
+    pub viscous: bool,
+}
+
+impl Scaled {
+    pub const NOTHING: Scaled = Scaled { bristles: false, viscous: false };
+    pub const BRISTLES: Scaled = Scaled { bristles: true, viscous: false };
+    pub const VISCOUS: Scaled = Scaled { bristles: false, viscous: true };
+    pub const BOTH: Scaled = Scaled { bristles: true, viscous: true };
+}
+
 impl ForceOverStep {
     fn add(&mut self, other: ForceOverStep) {
         self.mean += other.mean;
@@ -128,6 +144,9 @@ pub trait Effect: Debug + Send + Sync {
     /// As [`Effect::force`], over a step as long as a control cycle, with where in it the force acts.
     fn force_over(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
         let (pieces, mut over) = (self.pieces(), ForceOverStep::default());
+        if pieces == 1 {
+            return ForceOverStep { mean: self.force(motion, step), moment: 0.0 };
+        }
         for piece in 0..pieces {
             let aside = (f64::from(piece) + 0.5) / f64::from(pieces) - 0.5;
             let time = aside * step;
@@ -149,15 +168,16 @@ pub trait Effect: Debug + Send + Sync {
         None
     }
 
-    /// Multiplies the factors on the guides' laws over a step; called only if `scales_friction`.
+    /// Multiplies the factors on the guides' laws over a step; called only if it `scales` any.
     fn friction(&mut self, _motion: &Motion, _step: f64, _scale: &mut FrictionScale) {}
 
-    /// Whether `friction` does anything.
-    fn scales_friction(&self) -> bool {
-        false
+    /// Which factors `friction` multiplies.
+    fn scales(&self) -> Scaled {
+        Scaled::NOTHING
     }
 
-    /// Whether what `friction` does hangs on the friction of all guides ([`Motion::friction`]).
+    /// Whether what `friction` does hangs on the friction of all guides ([`Motion::friction`]). Only of what scales the viscous friction alone: bristles know
+    /// nothing of it.
     fn feels_friction(&self) -> bool {
         false
     }
@@ -347,7 +367,6 @@ fn all_free(_values: &[f64], _index: usize) -> bool {
 
 /// The force of the motor on its way through the chain of its drive.
 struct Chain {
-    command: ForceOverStep,
     place: Option<Drive>,
     /// What arrives at this place, and that with what it adds.
     arriving: ForceOverStep,
@@ -357,16 +376,13 @@ struct Chain {
 impl Chain {
     fn new(command: f64) -> Chain {
         let command = ForceOverStep { mean: command, moment: 0.0 };
-        Chain { command, place: None, arriving: command, passed_on: command }
+        Chain { place: None, arriving: command, passed_on: command }
     }
 
-    /// What arrives at a place that is not before the last one. Where there is no place, the command.
-    fn arriving(&mut self, place: Option<Drive>) -> ForceOverStep {
-        if place.is_none() {
-            return self.command;
-        }
-        if place != self.place {
-            (self.place, self.arriving) = (place, self.passed_on);
+    /// What arrives at a place that is not before the last one.
+    fn arriving(&mut self, place: Drive) -> ForceOverStep {
+        if self.place != Some(place) {
+            (self.place, self.arriving) = (Some(place), self.passed_on);
         }
         self.arriving
     }
@@ -383,7 +399,7 @@ pub struct Effects {
     /// Places in `list`: first those of the chain that makes the motor's force, as they follow each other.
     order: Vec<usize>,
     forces: Vec<f64>,
-    scales_friction: bool,
+    scales: Scaled,
     reads: bool,
     motor_side: f64,
     carriage_side: f64,
@@ -393,6 +409,7 @@ pub struct Effects {
 struct Entry {
     descriptor: &'static EffectDescriptor,
     side: Side,
+    drive: Option<Drive>,
     effect: Box<dyn Effect>,
 }
 
@@ -483,15 +500,19 @@ impl Effects {
             .map(|given| {
                 let descriptor = EffectDescriptor::find(&given.name)?;
                 let effect = (descriptor.build)(&descriptor.values_of(given)?);
-                Ok(Entry { descriptor, side: effect.side().unwrap_or(descriptor.side), effect })
+                let (side, drive) = (effect.side().unwrap_or(descriptor.side), effect.drive());
+                Ok(Entry { descriptor, side, drive, effect })
             })
             .collect::<Result<Vec<_>, ModelError>>()?;
         let forces = vec![0.0; list.len()];
-        let scales_friction = list.iter().any(|entry| entry.effect.scales_friction());
+        let scales = list.iter().map(|entry| entry.effect.scales()).fold(Scaled::NOTHING, |all, one| Scaled {
+            bristles: all.bristles || one.bristles,
+            viscous: all.viscous || one.viscous,
+        });
         let reads = list.iter().any(|entry| entry.side == Side::Sensor);
         let mut order: Vec<usize> = (0..list.len()).collect();
-        order.sort_by_key(|index| list[*index].effect.drive().map_or((true, None), |drive| (false, Some(drive))));
-        let mut effects = Effects { list, order, forces, scales_friction, reads, motor_side: 0.0, carriage_side: 0.0 };
+        order.sort_by_key(|index| list[*index].drive.map_or((true, None), |drive| (false, Some(drive))));
+        let mut effects = Effects { list, order, forces, scales, reads, motor_side: 0.0, carriage_side: 0.0 };
         effects.reset(0.0);
         Ok(effects)
     }
@@ -525,14 +546,24 @@ impl Effects {
         self.list.iter().rev().find_map(|entry| entry.effect.bristle_elements())
     }
 
-    /// Whether the guides' laws or bristles are not those of the model alone.
-    pub fn shapes_friction(&self) -> bool {
-        self.scales_friction || self.bristle_elements().is_some()
+    /// Which factors on the guides' laws they multiply.
+    pub fn scales(&self) -> Scaled {
+        self.scales
     }
 
-    /// Whether each guide goes its own way along a given motion: no factor on its laws hangs on what the others do.
-    pub fn leaves_guides_apart(&self) -> bool {
-        !self.list.iter().any(|entry| entry.effect.feels_friction())
+    /// Whether what the guides' bristles give is not that of the model alone.
+    pub fn shapes_bristles(&self) -> bool {
+        self.scales.bristles || self.bristle_elements().is_some()
+    }
+
+    /// Whether the guides' laws or bristles are not those of the model alone.
+    pub fn shapes_friction(&self) -> bool {
+        self.scales.viscous || self.shapes_bristles()
+    }
+
+    /// Whether what any of them does to the viscous friction hangs on the friction of all guides.
+    pub fn feel_friction(&self) -> bool {
+        self.list.iter().any(|entry| entry.effect.feels_friction())
     }
 
     /// Whether the phase of any of them is each record's own.
@@ -543,7 +574,7 @@ impl Effects {
     /// Factors on the guides' laws over a step. Before [`Effects::advance`], once per step.
     pub fn friction(&mut self, motion: &Motion, step: f64) -> FrictionScale {
         let mut scale = FrictionScale::ONE;
-        if self.scales_friction {
+        if self.scales != Scaled::NOTHING {
             self.list.iter_mut().for_each(|entry| entry.effect.friction(motion, step, &mut scale));
         }
         scale
@@ -554,13 +585,15 @@ impl Effects {
         (self.motor_side, self.carriage_side) = (0.0, 0.0);
         let mut chain = Chain::new(motion.motor_force);
         for index in &self.order {
-            let Entry { side, effect, .. } = &mut self.list[*index];
-            let drive = effect.drive();
-            let motor_force = chain.arriving(drive).mean;
-            let force = effect.force(&Motion { motor_force, ..*motion }, step);
-            if drive.is_some() {
+            let Entry { side, drive, effect, .. } = &mut self.list[*index];
+            let force = if let Some(place) = *drive {
+                let motor_force = chain.arriving(place).mean;
+                let force = effect.force(&Motion { motor_force, ..*motion }, step);
                 chain.pass_on(ForceOverStep { mean: force, moment: 0.0 });
-            }
+                force
+            } else {
+                effect.force(motion, step)
+            };
             self.forces[*index] = force;
             match side {
                 Side::Motor => self.motor_side += force,
@@ -575,17 +608,18 @@ impl Effects {
     pub fn advance_long(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
         let (mut sum, mut chain) = (ForceOverStep::default(), Chain::new(motion.motor_force));
         for index in &self.order {
-            let effect = &mut self.list[*index].effect;
-            let drive = effect.drive();
-            let arriving = chain.arriving(drive);
+            let Entry { drive, effect, .. } = &mut self.list[*index];
+            let Some(place) = *drive else {
+                sum.add(effect.force_over(motion, step));
+                continue;
+            };
+            let arriving = chain.arriving(place);
             let mut over = effect.force_over(&Motion { motor_force: arriving.mean, ..*motion }, step);
-            if drive.is_some_and(|drive| drive > Drive::Lag) {
+            if place > Drive::Lag {
                 // Proportional to the force that arrives, and so is where in the step it acts.
                 over.moment += effect.force(&Motion { motor_force: arriving.moment, ..*motion }, step);
             }
-            if drive.is_some() {
-                chain.pass_on(over);
-            }
+            chain.pass_on(over);
             sum.add(over);
         }
         sum

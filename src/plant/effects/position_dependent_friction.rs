@@ -9,7 +9,7 @@
 use std::f64::consts::TAU;
 
 use super::regression::{Wave, golden_maximum, largest_over_decades, least_squares, strongest_wave, viscous_friction};
-use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Side};
+use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side};
 
 /// Friction must stay positive.
 const LIMIT: f64 = 0.95;
@@ -72,8 +72,8 @@ impl Effect for PositionDependentFriction {
         scale.stat *= 1.0 + self.fraction * shape;
     }
 
-    fn scales_friction(&self) -> bool {
-        true
+    fn scales(&self) -> Scaled {
+        Scaled::BRISTLES
     }
 }
 

@@ -11,7 +11,7 @@
 //! Not modelled: normal load.
 
 use super::regression::{break_away, largest_over_decades, least_squares, step_of};
-use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Side};
+use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side};
 
 /// Distance that renews the contacts where nothing else is known, m. Assumed: some times the 40 um at which the paper's guides 1 and 3 have
 /// not yet broken away; over less the contacts would be new before the bristles could show that they were old.
@@ -103,8 +103,8 @@ impl Effect for StictionAging {
         scale.stat *= 1.0 + self.fraction * self.advance(motion.velocity, step);
     }
 
-    fn scales_friction(&self) -> bool {
-        true
+    fn scales(&self) -> Scaled {
+        Scaled::BRISTLES
     }
 
     fn reset(&mut self) {

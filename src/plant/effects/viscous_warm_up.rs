@@ -12,7 +12,7 @@
 //! Not modelled: change of the Coulomb part, heat from elsewhere.
 
 use super::regression::{largest_over_decades, least_squares, viscous_friction};
-use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Side};
+use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side};
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "viscous_warm_up",
@@ -142,8 +142,8 @@ impl Effect for ViscousWarmUp {
         scale.viscous *= 1.0 - self.fraction * self.form.gone(through, self.extent);
     }
 
-    fn scales_friction(&self) -> bool {
-        true
+    fn scales(&self) -> Scaled {
+        Scaled::VISCOUS
     }
 
     fn feels_friction(&self) -> bool {
