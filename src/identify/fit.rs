@@ -243,7 +243,7 @@ impl Point {
         let held = self.held(&gradient);
         let normal = normal_of(jacobian);
         let least = LEAST_CURVATURE * normal.diagonal().max();
-        for _ in 0..DAMPINGS {
+        for attempt in 0..DAMPINGS {
             let mut matrix = normal.clone();
             for index in 0..self.coordinates.len() {
                 matrix[(index, index)] += *damping * matrix[(index, index)].max(least) + f64::MIN_POSITIVE;
@@ -263,7 +263,8 @@ impl Point {
             // Values that do not go together are a step too far, not an end.
             match self.moved(&step, problem) {
                 Ok(point) if point.squares < self.squares => {
-                    *damping *= 0.2;
+                    // What took several attempts was too little damped.
+                    *damping *= if attempt == 0 { 0.2 } else { 1.0 };
                     return Some(point);
                 }
                 _ => *damping *= 5.0,

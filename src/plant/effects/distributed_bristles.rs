@@ -40,10 +40,11 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: |_, index| index != FORM,
     build: |values| Box::new(DistributedBristles { elements: elements(values) }),
     propose,
-    starts: |values, _| super::every_form(values, FORM, 2),
+    starts: |values, _| [values, &evenly_spread(values)].into_iter().flat_map(|start| super::every_form(start, FORM, 2)).collect(),
 };
 
-/// Where this value stands.
+/// Where these values stand.
+const STIFFNESS: usize = 6;
 const FORM: usize = 7;
 
 /// Sums of given shares may exceed 1 by this: decimals in a file.
@@ -57,6 +58,12 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
         }
     }
     Ok(())
+}
+
+/// As stiff at the smallest motion, with elements of one stiffness that slip one after another at even distances: from few widths a fit does not come to these by
+/// itself.
+fn evenly_spread(values: &[f64]) -> [f64; 8] {
+    [0.25, 0.1, 0.25, 0.2, 0.25, 0.3, values[STIFFNESS], values[FORM]]
 }
 
 /// Shares of all elements. Where a search goes beyond a sum of 1, they are scaled back to it.
