@@ -40,7 +40,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: |_, index| index != FORM,
     build: |values| Box::new(DistributedBristles { elements: elements(values) }),
     propose,
-    starts: |values, _| [values, &evenly_spread(values)].into_iter().flat_map(|start| super::every_form(start, FORM, 2)).collect(),
+    starts: |values, _| super::every_form(values, FORM, 2).into_iter().chain([evenly_spread(values)]).collect(),
 };
 
 /// Where these values stand.
@@ -60,10 +60,10 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
     Ok(())
 }
 
-/// As stiff at the smallest motion, with elements of one stiffness that slip one after another at even distances: from few widths a fit does not come to these by
-/// itself.
-fn evenly_spread(values: &[f64]) -> [f64; 8] {
-    [0.25, 0.1, 0.25, 0.2, 0.25, 0.3, values[STIFFNESS], values[FORM]]
+/// As stiff at the smallest motion, with elements of one stiffness that slip suddenly, one after another at even distances. With sudden slips the squares are
+/// rugged: from few widths a fit does not come to these by itself.
+fn evenly_spread(values: &[f64]) -> Vec<f64> {
+    vec![0.25, 0.1, 0.25, 0.2, 0.25, 0.3, values[STIFFNESS], 1.0]
 }
 
 /// Shares of all elements. Where a search goes beyond a sum of 1, they are scaled back to it.
