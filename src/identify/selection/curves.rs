@@ -1,0 +1,240 @@
+//! Curves over one coordinate for what no law has.
+
+use rayon::prelude::*;
+
+use crate::identify::IdentifyError;
+use crate::identify::curve::{self, Beside};
+use crate::identify::fit::{Effort, Fitted, fit};
+use crate::identify::hypothesis::{Hypothesis, Sides};
+use crate::model::{Coordinate, CurveSide};
+use crate::plant::Side;
+
+use super::columns::Columns;
+use super::worth::HALF_OF_THE_REST;
+use super::{Errors, Evidence, Outcome, SEVERAL, Search, errors};
+
+/// How many times that a curve must take: it says less than a law, and of a law that is just too small a curve would tell.
+const CURVE_GAIN: f64 = 2.0;
+/// Share of the explainable residual that a map must take out beyond the laws for the verdict to become unknown; where it is so already, of what they leave.
+pub(super) const UNEXPLAINED: f64 = 0.1;
+/// Part of what laws leave unexplained that a curve in their place may leave at most: a law says more than a curve of many knots.
+pub(super) const CURVE_ALONE: f64 = 0.5;
+/// Periods within the travel from which on a ripple has shown that it is one. Assumed.
+const LEAST_PERIODS: f64 = 3.0;
+/// How often a curve is drawn anew at most, and how often laws are looked for beside it.
+pub(super) const MOST_CURVES: usize = 4;
+
+/// A curve as it is drawn, before anything is fitted anew.
+struct DrawnCurve {
+    with: Hypothesis,
+    over: Coordinate,
+    damping: Option<f64>,
+    /// Fall of the held-out mean square, N^2.
+    gain: f64,
+}
+
+impl Search<'_> {
+    /// What is left over one coordinate that no law has?
+    pub(super) fn add_curve(&mut self) -> Result<(), IdentifyError> {
+        self.watch.progress("curves over position, velocity and time", 0.9);
+        // Where laws leave more than noise, half of that is worth a curve, however little it is of the whole; where they are no answer, less is.
+        let rest = self.beyond_noise(&self.best_errors).max(0.0);
+        let of_the_rest = match (self.is_noise(&self.best_errors), self.is_explained(&self.best_errors)) {
+            (true, _) => f64::INFINITY,
+            (false, true) => HALF_OF_THE_REST,
+            (false, false) => UNEXPLAINED,
+        };
+        let least = (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(of_the_rest * rest);
+        if let Some((with, over)) = self.with_curve(&self.best.hypothesis, &self.best_errors, least, Effort::KEPT)? {
+            self.runners_up.push(Vec::new());
+            self.coordinate = Some(over);
+            self.take(with)?;
+        }
+        // Laws that explain a part each bend towards what is none of them: one curve alone may say it better.
+        let laws = self.best.hypothesis.effects.len() - self.declared_effects();
+        let unexplained = !self.is_noise(&self.best_errors) && !self.is_explained(&self.best_errors);
+        if laws > 0
+            && (unexplained || !self.unproven_ripples().is_empty())
+            && let Some((alone, over)) =
+                self.with_curve(&self.before.hypothesis, &self.errors_before, least, Effort::KEPT)?
+        {
+            let found = errors(&alone.hypothesis, self.train, self.holdout)?;
+            if self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(&self.best_errors) {
+                (self.best, self.best_errors, self.coordinate) = (alone, found, Some(over));
+                let kept = |one: &&mut Evidence| matches!(one.outcome, Outcome::Chosen | Outcome::Equal);
+                self.evidence.iter_mut().filter(kept).for_each(|one| one.outcome = Outcome::Pruned);
+                self.inseparable.clear();
+                self.runners_up.truncate(self.declared_effects());
+                self.runners_up.push(Vec::new());
+            }
+        }
+        Ok(())
+    }
+
+    /// Laws that were added which repeat over the position, and hardly do so in this record, with how often they do: a few of these add up to any curve.
+    pub(super) fn unproven_ripples(&self) -> Vec<(&'static str, f64)> {
+        let (from, to) = crate::range(&self.train.position);
+        let added = self.best.hypothesis.effects[self.declared_effects()..].iter();
+        let ripples = added
+            .filter(|part| SEVERAL.contains(&part.descriptor.name))
+            .filter_map(|part| Some((part.descriptor.name, (to - from) / part.value_of("period")?)));
+        ripples.filter(|(_, periods)| *periods < LEAST_PERIODS).collect()
+    }
+
+    /// Draws the curve anew while that is worth it.
+    pub(super) fn settle_curve(&mut self) -> Result<(), IdentifyError> {
+        for _ in 0..MOST_CURVES {
+            if self.watch.stopped() || !self.draw_curve_anew()? {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Where the curve stands that the search has added; one that the model declares is not for it to change.
+    pub(super) fn curve(&self) -> Option<usize> {
+        let last = self.best.hypothesis.effects.iter().rposition(|part| part.descriptor.name == "map");
+        last.filter(|index| *index >= self.declared_effects())
+    }
+
+    /// Takes a fit with another curve, which stands last there, in place of the one that stands at `index`.
+    pub(super) fn replace_curve(&mut self, index: usize, with: Fitted, over: Coordinate) -> Result<(), IdentifyError> {
+        self.runners_up.remove(index);
+        self.runners_up.push(Vec::new());
+        self.coordinate = Some(over);
+        self.take(with)
+    }
+
+    /// The curve once more, of what is left without it; whether that is worth going on.
+    fn draw_curve_anew(&mut self) -> Result<bool, IdentifyError> {
+        let Some(index) = self.curve() else { return Ok(false) };
+        self.watch.progress("the curve once more", 0.92);
+        let without = self.best.hypothesis.without(index);
+        let left = errors(&without, self.train, self.holdout)?;
+        let Some((with, over)) = self.with_curve(&without, &left, 0.0, Effort::KEPT)? else { return Ok(false) };
+        let found = errors(&with.hypothesis, self.train, self.holdout)?;
+        let (now, before) = (self.beyond_noise(&found), self.beyond_noise(&self.best_errors));
+        if now < before {
+            self.replace_curve(index, with, over)?;
+        }
+        Ok(now < (1.0 - UNEXPLAINED) * before && !self.is_noise(&found))
+    }
+
+    /// The curve over position, velocity or time that takes most out of the hold-out, if that is more than chance, and with everything refitted more than `least` (N^2).
+    pub(super) fn with_curve(
+        &self,
+        start: &Hypothesis,
+        start_errors: &Errors,
+        least: f64,
+        effort: Effort,
+    ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
+        let drawn = self.drawn_curves(start, start_errors)?;
+        // The best one of each damping: moves are far from linear, so that one that is better at first need not be the better one.
+        let fitted = curve::DAMPINGS.par_iter().filter_map(|damping| {
+            let alike = drawn.iter().filter(|one| one.damping == *damping);
+            let one = alike.max_by(|one, other| one.gain.total_cmp(&other.gain))?;
+            let fitted = || -> Result<_, IdentifyError> {
+                let fitted = fit(&one.with, self.train, Sides::BOTH, effort)?;
+                let left = errors(&fitted.hypothesis, self.train, self.holdout)?.holdout();
+                Ok((fitted, start_errors.holdout() - left, one.over))
+            };
+            Some(fitted())
+        });
+        let fitted = fitted.collect::<Result<Vec<_>, _>>()?.into_iter();
+        let best = fitted.filter(|(_, gain, _)| *gain > least).max_by(|one, other| one.1.total_cmp(&other.1));
+        Ok(best.map(|(fitted, _, over)| (fitted, over)))
+    }
+
+    /// Curves over everything that there is, those that take more than chance out of the hold-out.
+    fn drawn_curves(&self, start: &Hypothesis, start_errors: &Errors) -> Result<Vec<DrawnCurve>, IdentifyError> {
+        let columns = Columns::new(start, self.train)?;
+        let (nothing, moving) = (Beside::nothing(self.train.rows.len()), Beside::of(start, self.train)?);
+        let sides = [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous];
+        let mut sought: Vec<(Coordinate, CurveSide)> = [Coordinate::Position, Coordinate::Velocity, Coordinate::Time]
+            .into_iter()
+            .flat_map(|over| sides.map(|side| (over, side)))
+            .collect();
+        sought.retain(|(over, side)| match side {
+            CurveSide::Motor => self.has_cell(),
+            // Friction over velocity is what the guides are fitted for.
+            CurveSide::Friction | CurveSide::Viscous => *over != Coordinate::Velocity,
+            CurveSide::Carriage => true,
+        });
+        let drawn = sought.into_par_iter().map(|(over, side)| -> Result<Vec<DrawnCurve>, IdentifyError> {
+            // Behind the cell nothing of the carriage moves.
+            let on_motor = side == CurveSide::Motor;
+            let (beside, at) = if on_motor { (&nothing, Side::Motor) } else { (&moving, Side::Carriage) };
+            let drawn = curve::propose(&columns.residual(on_motor), over, side, beside)?;
+            let worth = drawn.into_iter().filter_map(|one| {
+                let mut with = start.with(one.part);
+                one.moved.iter().for_each(|coordinate| with.set(coordinate.place, coordinate.value));
+                // Values that do not go together are no curve.
+                let left = errors(&with, self.train, self.holdout).ok()?.holdout();
+                let gain = start_errors.holdout() - left;
+                let worth = gain > CURVE_GAIN * self.threshold(at);
+                worth.then_some(DrawnCurve { with, over, damping: one.damping, gain })
+            });
+            Ok(worth.collect())
+        });
+        Ok(drawn.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::closed_loop::tests::recording;
+    use crate::identify::hypothesis::Tolerances;
+    use crate::identify::measured::Measured;
+    use crate::identify::selection::{Silent, Verdict, search};
+    use crate::model::{Curve, EffectParameters, StageModel};
+    use crate::plant::EffectDescriptor;
+
+    #[test]
+    fn a_curve_that_the_model_declares_stays_as_it_is() {
+        let with_curve = |height: f64| {
+            let values = (0..41).map(|knot| height * (0.4 * f64::from(knot)).sin()).collect();
+            let curve =
+                Curve { coordinate: Coordinate::Position, side: CurveSide::Carriage, from: -0.005, to: 0.025, values };
+            StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() }
+        };
+        // Off by so little that it does not matter, and so much that another one would be nearer.
+        let (model, real) = (with_curve(2.0), with_curve(2.02));
+        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
+        let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
+        assert_eq!((found.verdict, found.coordinate), (Verdict::None, None));
+        assert_eq!(found.after.fitted.hypothesis.model().effects, model.effects);
+    }
+
+    /// A force that steps in time is nobody's law; one that is constant, or a spring, takes a part of it.
+    #[test]
+    fn beside_a_curve_laws_stay_that_are_there_and_no_others() {
+        let values = (0..41).map(|knot| if knot < 10 { 0.0 } else { 3.0 }).collect();
+        let curve = Curve { coordinate: Coordinate::Time, side: CurveSide::Carriage, from: 0.0, to: 8.0, values };
+        let cogging = EffectDescriptor::find("cogging").unwrap().parameters_of(&[3.0, 4e-3, 0.3]);
+        let real = StageModel { effects: vec![cogging, EffectParameters::map(curve)], ..StageModel::default() };
+        let model = StageModel::default();
+        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
+        let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
+        let effects: Vec<String> =
+            found.after.fitted.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
+        assert_eq!(effects, ["cogging", "map"], "{:?}", found.verdict);
+        assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Time)));
+    }
+
+    /// A bump that is wide against the travel is nearly the sum of a few ripples.
+    #[test]
+    fn a_curve_is_not_taken_for_the_ripples_that_add_up_to_it() {
+        let values = (0..41).map(|knot| 4.0 * (-(f64::from(knot) - 20.0).powi(2) / 8.0).exp()).collect();
+        let curve =
+            Curve { coordinate: Coordinate::Position, side: CurveSide::Carriage, from: -0.005, to: 0.025, values };
+        let real = StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() };
+        let model = StageModel::default();
+        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
+        let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
+        let effects: Vec<String> =
+            found.after.fitted.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
+        assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Position)));
+        assert_eq!(effects, ["map"]);
+    }
+}

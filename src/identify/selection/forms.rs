@@ -1,0 +1,124 @@
+//! Forms of a law and the values that its fit starts from: which of them is the right one?
+
+use crate::identify::IdentifyError;
+use crate::identify::fit::{Effort, Fitted, race};
+use crate::identify::hypothesis::{Hypothesis, Part, Sides};
+use crate::identify::measured::{Floor, Measured};
+use crate::plant::Side;
+
+use super::columns::Columns;
+use super::guides::with_different_guides;
+use super::rounds::SIMPLER;
+use super::worth::{ALL_BUT_NOISE, HALF_OF_THE_REST};
+use super::{Search, errors};
+
+/// Share of the squares of one fit below which another one is better on the train record.
+const BETTER_START: f64 = 0.99;
+/// Share of the squares without a law to which one start must come, and above which another comes close to it.
+const WORTH_A_LOOK: f64 = 0.7;
+/// The same, with the guides fitted anew, for the fits of several to be brought to their ends.
+const WORTH_THE_END: f64 = 0.9;
+
+impl Search<'_> {
+    /// The best fit from several starts beside what was found; of about equal ones that which leaves least on the hold-out, and of these the first. Forms of a
+    /// law that come close to each other are compared with the guides fitted anew: held as they are, these speak for the form that is most like what they
+    /// were bent to.
+    pub(super) fn best_start(&self, starts: Vec<Hypothesis>, sides: Sides) -> Option<Fitted> {
+        let (train, without) = (self.train, &self.best.missing);
+        let squares = |side: &[f64], counts: bool| if counts { side.iter().map(|left| left * left).sum() } else { 0.0 };
+        let without: f64 = squares(&without.motor, sides.motor) + squares(&without.carriage, sides.carriage);
+        // A law whose values do not go together has lost; it does not end the search.
+        let mut fitted: Vec<Fitted> =
+            race(&starts, train, sides, Effort::COMPARED, WORTH_A_LOOK.recip()).into_iter().flatten().collect();
+        let least = fitted.iter().map(Fitted::squares).fold(f64::INFINITY, f64::min);
+        if least < WORTH_A_LOOK * without {
+            fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
+        }
+        let floor = fitted.first().map_or(Floor { motor: 0.0, carriage: 0.0 }, |one| one.hypothesis.floor(train));
+        let floor =
+            if sides.motor { floor.motor } else { 0.0 }.hypot(if sides.carriage { floor.carriage } else { 0.0 });
+        let noise = train.rows.len() as f64 * (ALL_BUT_NOISE * floor).powi(2);
+        // Squares, the start as it was fitted, and the same with guides that differ afresh and go on.
+        let afresh = |one: &Hypothesis| one.different_guides().unwrap_or_else(|| one.clone());
+        let mut judged: Vec<(f64, Fitted, Hypothesis)> =
+            fitted.into_iter().map(|one| (one.squares(), one.clone(), afresh(&one.hypothesis))).collect();
+        for effort in [Effort::COMPARED, Effort::KEPT] {
+            if judged.len() < 2 || least > WORTH_A_LOOK * without {
+                break;
+            }
+            let free: Vec<Hypothesis> = judged.iter().map(|(.., free)| free.clone()).collect();
+            let further = race(&free, train, sides, effort, WORTH_THE_END.recip());
+            for ((squares, _, free), further) in judged.iter_mut().zip(further) {
+                if let Ok(further) = further {
+                    *squares = squares.min(further.squares());
+                    *free = further.hypothesis;
+                }
+            }
+            let mut order: Vec<f64> = judged.iter().map(|(squares, ..)| *squares).collect();
+            order.sort_by(f64::total_cmp);
+            // Where one leaves no more than noise, the end of the fits is noise too.
+            if order[0] <= noise {
+                break;
+            }
+            // The two best, if they come close to each other.
+            judged.retain(|(squares, ..)| *squares <= order[1] && squares * WORTH_THE_END < order[0]);
+        }
+        let least = judged.iter().map(|(squares, ..)| *squares).fold(f64::INFINITY, f64::min);
+        judged.retain(|(squares, ..)| BETTER_START * squares <= least);
+        let mut best: Option<(f64, Fitted)> = None;
+        for (_, one, _) in judged {
+            let Ok(found) = errors(&one.hypothesis, train, self.holdout) else { continue };
+            let left = found.holdout();
+            if best.as_ref().is_none_or(|(least, _)| left < SIMPLER * least) {
+                best = Some((left, one));
+            }
+        }
+        best.map(|(_, one)| one)
+    }
+
+    /// The form of a law was chosen while effects that came later were still in the residual: where more than noise is left, it is proposed anew
+    /// without them. Whether that changed one.
+    pub(super) fn choose_forms_anew(&mut self) -> Result<bool, IdentifyError> {
+        let mut changed = false;
+        for index in self.declared_effects()..self.best.hypothesis.effects.len() {
+            if self.is_all_but_noise(&self.best_errors) {
+                break;
+            }
+            let part = &self.best.hypothesis.effects[index];
+            let (descriptor, on_motor) = (part.descriptor, part.side() == Side::Motor && self.has_cell());
+            self.watch.progress(&format!("forms of {}", descriptor.name), 0.85);
+            let columns = Columns::new(&self.best.hypothesis.without(index), self.train)?;
+            let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { continue };
+            let starts = starts(&Part { descriptor, values }, self.train);
+            if starts.len() < 2 {
+                continue;
+            }
+            let held = self.best.hypothesis.holding_guides(true);
+            let other = |part: Part| {
+                let mut other = held.clone();
+                other.effects[index] = part;
+                other
+            };
+            let Some(found) = self.best_start(starts.into_iter().map(other).collect(), Sides::BOTH) else { continue };
+            let worth = self.best.squares() / BETTER_START;
+            let found = with_different_guides(&found.hypothesis, self.train, Effort::KEPT.worth_below(worth))?;
+            let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;
+            // On the train record clearly better, or as good and clearly better on the hold-out.
+            let half = HALF_OF_THE_REST * self.beyond_noise(&self.best_errors);
+            let least = if self.beyond_noise(&found_errors) < half { BETTER_START.recip() } else { BETTER_START };
+            if found.squares() < least * self.best.squares() && found_errors.holdout() < self.best_errors.holdout() {
+                (self.best, self.best_errors) = (found, found_errors);
+                changed = true;
+            }
+        }
+        Ok(changed)
+    }
+}
+
+/// What a fit starts from, the simplest form of the law first.
+pub(super) fn starts(part: &Part, measured: &Measured) -> Vec<Part> {
+    let descriptor = part.descriptor;
+    let mut starts = (descriptor.starts)(&part.values, measured.rate.recip());
+    starts.sort_by_key(|values| (0..values.len()).filter(|index| (descriptor.free)(values, *index)).count());
+    starts.into_iter().map(|values| Part { descriptor, values }).collect()
+}

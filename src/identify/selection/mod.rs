@@ -1,0 +1,317 @@
+//! Which effects are there? Forward selection with a refit of everything at each step, judged on held-out data, pruned backwards.
+
+mod columns;
+mod curves;
+mod forms;
+mod guides;
+mod pruning;
+mod rounds;
+mod slips;
+mod worth;
+
+use crate::model::{Coordinate, StageModel};
+use crate::plant::Side;
+
+use super::IdentifyError;
+use super::fit::{Effort, Estimate, Fitted, fit};
+use super::hypothesis::{Hypothesis, Part, Sides, Tolerances};
+use super::measured::{Floor, Measured};
+use super::sensor_noise;
+use super::uncertainty::correlation_length;
+
+use curves::MOST_CURVES;
+use guides::with_different_guides;
+
+pub(super) use rounds::RIVAL;
+pub use worth::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
+
+/// Most effects that are added.
+pub const MOST_EFFECTS: usize = 4;
+/// Effects of which there may be several: harmonics of a period, lines of a spectrum.
+pub(super) const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
+
+/// Errors of a hypothesis: mean squares of the missing force, N^2.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Errors {
+    pub train_motor: f64,
+    pub train_carriage: f64,
+    pub holdout_motor: f64,
+    pub holdout_carriage: f64,
+}
+
+impl Errors {
+    pub fn train(&self) -> f64 {
+        self.train_motor + self.train_carriage
+    }
+
+    pub fn holdout(&self) -> f64 {
+        self.holdout_motor + self.holdout_carriage
+    }
+}
+
+/// What became of a candidate in one round.
+#[derive(Clone, Debug)]
+pub struct Evidence {
+    pub round: usize,
+    pub name: &'static str,
+    pub side: Side,
+    /// Parameters that the fit moved.
+    pub free: usize,
+    pub part: Part,
+    pub errors: Errors,
+    /// Fall of the mean square with this candidate, N^2.
+    pub train_gain: f64,
+    pub holdout_gain: f64,
+    /// Fall of the mean square of train that as many parameters would take out of what is left by chance, N^2.
+    pub chance: f64,
+    pub outcome: Outcome,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    Chosen,
+    /// Less than chance, the floor or what is left to explain ask for.
+    TooSmall,
+    /// Another one does better.
+    Beaten,
+    /// Explains as much as the chosen one.
+    Equal,
+    /// Chosen, and not needed any more once the others were there.
+    Pruned,
+}
+
+/// How the search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    Found,
+    None,
+    Unknown,
+    NotSeparable,
+}
+
+/// Result of the search.
+#[derive(Clone, Debug)]
+pub struct Selection {
+    pub verdict: Verdict,
+    pub before: Fitted,
+    pub after: Estimate,
+    pub errors_before: Errors,
+    pub errors_after: Errors,
+    pub evidence: Vec<Evidence>,
+    /// Coordinate of the map, where one was needed.
+    pub coordinate: Option<Coordinate>,
+    /// For each effect of `after`: the best other candidate of its round with its held-out rms, N.
+    pub runners_up: Vec<Option<(&'static str, f64)>>,
+    /// Pairs that the data do not tell apart: effect of `after`, rival.
+    pub inseparable: Vec<(&'static str, &'static str)>,
+    /// Ripples over the position that go through few periods within the travel, with how many.
+    pub unproven: Vec<(&'static str, f64)>,
+    pub floor: Floor,
+    pub stopped: bool,
+}
+
+impl Selection {
+    /// Share of the explainable held-out residual that the added effects take out; 0 where there is nothing to explain.
+    pub fn explained_share(&self) -> f64 {
+        let floor = self.floor.total().powi(2);
+        let explainable = self.errors_before.holdout() - floor;
+        if explainable <= 0.0 {
+            return 0.0;
+        }
+        (self.errors_before.holdout() - self.errors_after.holdout()) / explainable
+    }
+}
+
+/// What the search tells while it runs.
+pub trait Watch: Sync {
+    /// A line about what is tried now, and the share of the work that is done.
+    fn progress(&self, _what: &str, _share: f64) {}
+    /// Whether to stop and return what there is.
+    fn stopped(&self) -> bool {
+        false
+    }
+}
+
+/// A watch that says nothing and never stops.
+pub struct Silent;
+impl Watch for Silent {}
+
+/// Searches for what the declared model lacks.
+pub fn search(
+    declared: &StageModel,
+    tolerances: Tolerances,
+    train: &Measured,
+    holdout: &Measured,
+    watch: &dyn Watch,
+) -> Result<Selection, IdentifyError> {
+    watch.progress("fit of the declared model", 0.0);
+    let mut search = Search::new(&Hypothesis::new(declared, tolerances)?, train, holdout, watch)?;
+    search.refuse_other_guides(declared, tolerances)?;
+    search.add_laws()?;
+    if !search.stopped {
+        search.choose_forms_anew()?;
+        search.add_curve()?;
+        // Beside a curve laws show, or change, that what it stands for had hidden; beside these it is another curve. It settles first:
+        // a round of all laws costs far more.
+        let mut turns = 0;
+        while search.coordinate.is_some() {
+            search.settle_curve()?;
+            turns += 1;
+            if turns > MOST_CURVES || !(search.add_laws()? | search.choose_forms_anew()?) {
+                break;
+            }
+        }
+    }
+    if !search.stopped && search.let_balls_slip()? {
+        search.add_laws()?;
+        if !search.stopped {
+            search.choose_forms_anew()?;
+            search.add_curve()?;
+            search.settle_curve()?;
+        }
+    }
+    if !search.stopped {
+        search.prune()?;
+    }
+    search.selection()
+}
+
+/// A search on its way.
+struct Search<'a> {
+    train: &'a Measured,
+    holdout: &'a Measured,
+    watch: &'a dyn Watch,
+    floor: Floor,
+    before: Fitted,
+    errors_before: Errors,
+    best: Fitted,
+    best_errors: Errors,
+    /// Rounds in which candidates were tried, and laws that were added.
+    rounds: usize,
+    laws: usize,
+    evidence: Vec<Evidence>,
+    coordinate: Option<Coordinate>,
+    /// For each effect the other candidates of its round, the best first, with their held-out rms, N.
+    runners_up: Vec<Vec<(&'static str, f64)>>,
+    inseparable: Vec<(&'static str, &'static str)>,
+    stopped: bool,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        declared: &Hypothesis,
+        train: &'a Measured,
+        holdout: &'a Measured,
+        watch: &'a dyn Watch,
+    ) -> Result<Search<'a>, IdentifyError> {
+        let alike = fit(declared, train, Sides::BOTH, Effort::COMPARED)?;
+        let before = with_different_guides(&alike.hypothesis, train, Effort::KEPT)?;
+        let errors_before = errors(&before.hypothesis, train, holdout)?;
+        Ok(Search {
+            train,
+            holdout,
+            watch,
+            floor: declared.floor(holdout),
+            runners_up: vec![Vec::new(); before.hypothesis.effects.len()],
+            best: before.clone(),
+            best_errors: errors_before,
+            before,
+            errors_before,
+            rounds: 0,
+            laws: 0,
+            evidence: Vec::new(),
+            coordinate: None,
+            inseparable: Vec::new(),
+            stopped: false,
+        })
+    }
+
+    fn has_cell(&self) -> bool {
+        self.train.cell.is_some()
+    }
+
+    /// Effects that the model declares: they stand first.
+    fn declared_effects(&self) -> usize {
+        self.before.hypothesis.effects.len()
+    }
+
+    fn take(&mut self, best: Fitted) -> Result<(), IdentifyError> {
+        self.best_errors = errors(&best.hypothesis, self.train, self.holdout)?;
+        self.best = best;
+        Ok(())
+    }
+
+    /// Sides that a fit with this effect has to look at beside those that were found before: what a sensor reads wrong moves with the fit of
+    /// either side, and one side alone would bend it.
+    fn sides_of(&self, side: Side) -> Sides {
+        let has_cell = self.has_cell();
+        let sensors = self.best.hypothesis.effects.iter().any(|part| part.side() == Side::Sensor);
+        match side {
+            _ if has_cell && sensors => Sides::BOTH,
+            Side::Motor if has_cell => Sides::MOTOR,
+            Side::Motor | Side::Carriage if !has_cell => Sides::BOTH,
+            Side::Sensor if has_cell => Sides::BOTH,
+            _ => Sides::CARRIAGE,
+        }
+    }
+
+    fn selection(mut self) -> Result<Selection, IdentifyError> {
+        self.best.hypothesis = self.best.hypothesis.with_own_amplitudes(self.declared_effects(), self.train)?;
+        let there = |name: &str| self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name);
+        // Two laws that are both there are no rivals: each has taken out what the other one could not.
+        self.inseparable.retain(|(_, rival)| !there(rival));
+        if !there("map") {
+            self.coordinate = None;
+        }
+        // Nor is what came later a runner-up.
+        let runners_up =
+            self.runners_up.iter().map(|others| others.iter().find(|(name, _)| !there(name)).copied()).collect();
+        let added = self.best.hypothesis.effects.len() - self.declared_effects();
+        // Nothing is `none`, and little is `found`, while what is left is not noise.
+        let settled = self.is_noise(&self.best_errors) || (added > 0 && self.is_explained(&self.best_errors));
+        let verdict = if self.coordinate.is_some() || !settled {
+            Verdict::Unknown
+        } else if added == 0 {
+            Verdict::None
+        } else if !self.inseparable.is_empty() {
+            Verdict::NotSeparable
+        } else {
+            Verdict::Found
+        };
+        let unproven = self.unproven_ripples();
+        let mut after = self.best.estimate(self.train, Sides::BOTH)?;
+        if !self.stopped && !self.watch.stopped() {
+            self.watch.progress("what the sensors' noise does to the parameters", 0.97);
+            after = sensor_noise::widened(after, self.train)?;
+        }
+        Ok(Selection {
+            verdict,
+            before: self.before,
+            after,
+            errors_before: self.errors_before,
+            errors_after: self.best_errors,
+            evidence: self.evidence,
+            coordinate: self.coordinate,
+            runners_up,
+            unproven,
+            inseparable: self.inseparable,
+            floor: self.floor,
+            stopped: self.stopped,
+        })
+    }
+}
+
+fn errors(hypothesis: &Hypothesis, train: &Measured, holdout: &Measured) -> Result<Errors, IdentifyError> {
+    let (train_motor, train_carriage) = hypothesis.missing(train, Sides::BOTH)?.squares();
+    let (holdout_motor, holdout_carriage) = hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
+    Ok(Errors { train_motor, train_carriage, holdout_motor, holdout_carriage })
+}
+
+/// What `free` parameters take out of the mean square of a residual by chance, N^2, twice over: each its share of the values that are
+/// independent of each other. What drifts or wanders has few of them.
+fn by_chance(hypothesis: &Hypothesis, free: usize, measured: &Measured) -> Result<f64, IdentifyError> {
+    let missing = hypothesis.missing(measured, Sides::BOTH)?;
+    let (motor, carriage) = missing.squares();
+    let per_parameter = motor * correlation_length(&missing.motor) + carriage * correlation_length(&missing.carriage);
+    Ok(2.0 * free as f64 * per_parameter / measured.rows.len() as f64)
+}

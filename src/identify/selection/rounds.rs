@@ -1,0 +1,337 @@
+//! Rounds of candidates: each law proposes itself from the residual and is fitted with everything that was found before.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+
+use crate::identify::IdentifyError;
+use crate::identify::fit::{Effort, fit};
+use crate::identify::hypothesis::{Hypothesis, Part, Sides};
+use crate::identify::slipping;
+use crate::plant::effects::ALL;
+use crate::plant::{EffectDescriptor, Side};
+
+use super::columns::Columns;
+use super::forms::starts;
+use super::guides::with_different_guides;
+use super::{Errors, Evidence, MOST_EFFECTS, Outcome, SEVERAL, Search, by_chance, errors};
+
+/// Share of the best gain that a law with fewer parameters must reach to be preferred.
+pub(super) const SIMPLER: f64 = 0.97;
+/// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to be separable.
+pub const RIVAL: f64 = 0.985;
+/// Part by which the periods of guides of one type differ at most. Assumed.
+const OF_ONE_TYPE: f64 = 0.1;
+
+impl Search<'_> {
+    /// Adds laws one by one while any explains enough; whether there was one.
+    pub(super) fn add_laws(&mut self) -> Result<bool, IdentifyError> {
+        let mut added = false;
+        while self.laws < MOST_EFFECTS && self.add_one()? {
+            added = true;
+        }
+        Ok(added)
+    }
+
+    /// One round: the candidate that explains most is added, if any explains enough.
+    fn add_one(&mut self) -> Result<bool, IdentifyError> {
+        let mut tried = self.try_all(self.rounds)?;
+        self.rounds += 1;
+        if self.watch.stopped() {
+            self.stopped = true;
+            return Ok(false);
+        }
+        for (one, _) in &mut tried {
+            if one.train_gain < self.least_on_train(one) || one.holdout_gain < self.least_on_holdout(one) {
+                one.outcome = Outcome::TooSmall;
+            }
+        }
+        let strongest = tried.iter().find(|(one, _)| one.outcome != Outcome::TooSmall).map(|(one, _)| one.holdout_gain);
+        let Some(strongest) = strongest else {
+            self.evidence.extend(tried.into_iter().map(|(one, _)| one));
+            return Ok(false);
+        };
+        let winner = winner(&tried, strongest);
+        tried[winner].0.outcome = Outcome::Chosen;
+        let (gain, free, name) = (tried[winner].0.holdout_gain, tried[winner].0.free, tried[winner].0.name);
+        let mut others = Vec::new();
+        for (index, (one, _)) in tried.iter_mut().enumerate() {
+            if index == winner {
+                continue;
+            }
+            others.push((one.name, one.errors.holdout().sqrt()));
+            let closeness = (one.holdout_gain / gain).min(gain / one.holdout_gain);
+            if one.outcome == Outcome::Beaten && closeness >= RIVAL && one.free <= free {
+                one.outcome = Outcome::Equal;
+                self.inseparable.push((name, one.name));
+            }
+        }
+        let chosen = tried[winner].1.holding_guides(false);
+        let added = &chosen.effects[self.best.hypothesis.effects.len()..];
+        for part in added {
+            // Ripples that came together are each a row, with what all of them do.
+            let row = if *part == tried[winner].0.part { continue } else { tried[winner].0.clone() };
+            tried.push((Evidence { part: part.clone(), ..row }, chosen.clone()));
+        }
+        self.laws += added.len();
+        self.runners_up.extend(added.iter().map(|_| others.clone()));
+        self.evidence.extend(tried.into_iter().map(|(one, _)| one));
+        self.take(with_different_guides(&chosen, self.train, Effort::KEPT)?)?;
+        Ok(true)
+    }
+
+    /// Every candidate beside what was found, refitted, the best on the hold-out first.
+    fn try_all(&self, round: usize) -> Result<Vec<(Evidence, Hypothesis)>, IdentifyError> {
+        let columns = Columns::new(&self.best.hypothesis, self.train)?;
+        let there = |name: &str| self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name);
+        let candidates: Vec<&'static EffectDescriptor> = ALL
+            .iter()
+            .copied()
+            .filter(|candidate| candidate.name != "map")
+            .filter(|candidate| SEVERAL.contains(&candidate.name) || !there(candidate.name))
+            .collect();
+        let done = AtomicUsize::new(0);
+        let tried: Vec<Option<(Evidence, Hypothesis)>> = candidates
+            .par_iter()
+            .map(|descriptor| {
+                if self.watch.stopped() {
+                    return Ok(None);
+                }
+                let share = done.fetch_add(1, Ordering::Relaxed) as f64 / candidates.len() as f64;
+                let what = format!("round {}: {}", round + 1, descriptor.name);
+                self.watch.progress(&what, ((round as f64 + share) / 3.0).min(0.85));
+                self.try_one(round, descriptor, &columns)
+            })
+            .collect::<Result<_, IdentifyError>>()?;
+        let mut tried: Vec<(Evidence, Hypothesis)> = tried.into_iter().flatten().collect();
+        tried.sort_by(|a, b| b.0.holdout_gain.total_cmp(&a.0.holdout_gain));
+        Ok(tried)
+    }
+
+    /// One candidate on the side where it explains most; `None` where it proposes nothing.
+    fn try_one(
+        &self,
+        round: usize,
+        descriptor: &'static EffectDescriptor,
+        columns: &Columns,
+    ) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
+        // Differences between the guides stay as they are while candidates are tried: the joint refit moves them.
+        let held = self.best.hypothesis.holding_guides(true);
+        let late = descriptor.parameters.iter().any(|parameter| parameter.name == "delay");
+        let mut best: Option<(Evidence, Hypothesis)> = None;
+        for on_motor in looks(descriptor.side, late, self.has_cell()) {
+            let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
+            let part = Part { descriptor, values };
+            let side = part.side();
+            let sides = if late { Sides::BOTH } else { self.sides_of(side) };
+            let starts = starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
+            let Some(fitted) = self.best_start(starts, sides) else { continue };
+            let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
+            let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
+            let mut evidence = self.evidence_of(round, part, side, 1, &fitted.hypothesis, found)?;
+            let mut hypothesis = fitted.hypothesis;
+            if descriptor.name == slipping::LAW {
+                (evidence, hypothesis) = self.of_all_guides(evidence, hypothesis)?;
+            }
+            if best.as_ref().is_none_or(|(best, _)| evidence.holdout_gain >= best.holdout_gain) {
+                best = Some((evidence, hypothesis));
+            }
+        }
+        Ok(best)
+    }
+
+    /// Evidence of a candidate that adds the last `count` effects of a hypothesis, all of the same law.
+    fn evidence_of(
+        &self,
+        round: usize,
+        part: Part,
+        side: Side,
+        count: usize,
+        hypothesis: &Hypothesis,
+        errors: Errors,
+    ) -> Result<Evidence, IdentifyError> {
+        let free_of =
+            |part: &Part| (0..part.values.len()).filter(|value| (part.descriptor.free)(&part.values, *value)).count();
+        let free = hypothesis.effects.iter().rev().take(count).map(free_of).sum();
+        Ok(Evidence {
+            round,
+            name: part.descriptor.name,
+            side,
+            free,
+            part,
+            errors,
+            train_gain: self.best_errors.train() - errors.train(),
+            holdout_gain: self.best_errors.holdout() - errors.holdout(),
+            chance: by_chance(hypothesis, free, self.train)?,
+            outcome: Outcome::Beaten,
+        })
+    }
+
+    /// Guides whose periods differ a little beat, and the ripple of one of them that fits the train record does not fit the hold-out. Where it is so, the
+    /// fewest ripples at once that do, as far as effects may be added.
+    fn of_all_guides(&self, one: Evidence, with: Hypothesis) -> Result<(Evidence, Hypothesis), IdentifyError> {
+        if one.train_gain < self.least_on_train(&one) || one.holdout_gain >= self.least_on_holdout(&one) {
+            return Ok((one, with));
+        }
+        let (descriptor, round, side) = (one.part.descriptor, one.round, one.side);
+        let mut groups: Vec<(Evidence, Hypothesis)> = Vec::new();
+        let mut last = with.clone();
+        for count in 2..=MOST_EFFECTS - self.laws {
+            if self.watch.stopped() {
+                break;
+            }
+            let columns = Columns::new(&last, self.train)?;
+            let Some(values) = (descriptor.propose)(&columns.residual(side == Side::Motor)) else { break };
+            let next = last.with(Part { descriptor, values });
+            let Ok(fitted) = fit(&next, self.train, self.sides_of(side), Effort::COMPARED) else { break };
+            last = fitted.hypothesis;
+            let group = &last.effects[last.effects.len() - count..];
+            if !are_of_one_type(group) {
+                break;
+            }
+            let found = errors(&last, self.train, self.holdout)?;
+            let evidence = self.evidence_of(round, group[0].clone(), side, count, &last, found)?;
+            if evidence.train_gain >= self.least_on_train(&evidence)
+                && evidence.holdout_gain >= self.least_on_holdout(&evidence)
+            {
+                groups.push((evidence, last.clone()));
+            }
+        }
+        let most = groups.iter().map(|(group, _)| group.holdout_gain).fold(0.0, f64::max);
+        let fewest = groups.into_iter().find(|(group, _)| group.holdout_gain >= SIMPLER * most);
+        Ok(fewest.unwrap_or((one, with)))
+    }
+}
+
+/// Whether ripples have periods as guides of one type have them.
+fn are_of_one_type(ripples: &[Part]) -> bool {
+    let periods: Vec<f64> = ripples.iter().filter_map(|part| part.value_of("period")).collect();
+    let (shortest, longest) = crate::range(&periods);
+    periods.len() == ripples.len() && longest <= (1.0 + OF_ONE_TYPE) * shortest
+}
+
+/// The simplest law among those that explain about as much as the strongest, of several the one that explains most.
+fn winner(tried: &[(Evidence, Hypothesis)], strongest: f64) -> usize {
+    let explains = |index: &usize| {
+        let one = &tried[*index].0;
+        one.outcome != Outcome::TooSmall && one.holdout_gain >= SIMPLER * strongest
+    };
+    let fewest = (0..tried.len()).filter(explains).map(|index| tried[index].0.free).min();
+    let simplest: Vec<usize> =
+        (0..tried.len()).filter(explains).filter(|index| Some(tried[*index].0.free) == fewest).collect();
+    let most = simplest.iter().map(|index| tried[*index].0.holdout_gain).fold(0.0, f64::max);
+    // Of equals first what acts, then what only reads wrong: the answer must not hang on the last digit.
+    let equals = simplest.into_iter().filter(|index| tried[*index].0.holdout_gain >= RIVAL * most);
+    let order = |index: &usize| {
+        let one = &tried[*index].0;
+        (one.side == Side::Sensor, ALL.iter().position(|listed| listed.name == one.name))
+    };
+    equals.min_by_key(order).unwrap_or(0)
+}
+
+/// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false). What is late by less than a cycle is there
+/// when the cell reads: the carriage alone shows it.
+fn looks(side: Side, late: bool, has_cell: bool) -> &'static [bool] {
+    match side {
+        Side::Motor if late && has_cell => &[true, false],
+        Side::Motor => &[true],
+        Side::Carriage => &[false],
+        Side::Sensor if has_cell => &[true, false],
+        Side::Sensor => &[false],
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::identify::closed_loop::tests::recording;
+    use crate::identify::hypothesis::Tolerances;
+    use crate::identify::measured::Measured;
+    use crate::identify::selection::{Silent, Verdict, search};
+    use crate::model::StageModel;
+
+    /// Candidates of a round with the free parameters and the gains of their laws.
+    pub(in crate::identify::selection) fn tried(candidates: &[(&str, usize, f64)]) -> Vec<(Evidence, Hypothesis)> {
+        let hypothesis = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
+        let one = |&(name, free, holdout_gain): &(&str, usize, f64)| {
+            let descriptor = EffectDescriptor::find(name).unwrap();
+            let values = descriptor.parameters.iter().map(|parameter| parameter.default.unwrap_or(0.0)).collect();
+            let evidence = Evidence {
+                round: 0,
+                name: descriptor.name,
+                side: descriptor.side,
+                free,
+                part: Part { descriptor, values },
+                errors: Errors::default(),
+                train_gain: holdout_gain,
+                holdout_gain,
+                chance: 0.0,
+                outcome: Outcome::Beaten,
+            };
+            (evidence, hypothesis.clone())
+        };
+        candidates.iter().map(one).collect()
+    }
+
+    /// Of two laws, the stronger first.
+    #[test]
+    fn the_winner_is_simple_then_strong_then_one_that_acts() {
+        let cases = [
+            // A simpler law wins if it explains about as much, and only then.
+            ([("stiction_aging", 3, 1.0), ("payload", 1, 0.98)], "payload"),
+            ([("stiction_aging", 3, 1.0), ("payload", 1, 0.96)], "stiction_aging"),
+            // Of laws that are as simple the one that explains more.
+            ([("payload", 1, 1.0), ("quadratic_drag", 1, 0.975)], "payload"),
+            ([("quadratic_drag", 1, 1.0), ("payload", 1, 0.975)], "quadratic_drag"),
+            // Of equals one that acts before one that reads wrong.
+            ([("encoder_scale", 1, 1.0), ("payload", 1, 0.999)], "payload"),
+            ([("payload", 1, 1.0), ("encoder_scale", 1, 0.999)], "payload"),
+        ];
+        for (candidates, expected) in cases {
+            let tried = tried(&candidates);
+            assert_eq!(tried[winner(&tried, candidates[0].2)].0.name, expected, "{candidates:?}");
+        }
+    }
+
+    #[test]
+    fn what_explains_too_little_never_wins() {
+        let mut tried = tried(&[("cable_chain", 2, 1.0), ("payload", 1, 0.999)]);
+        tried[1].0.outcome = Outcome::TooSmall;
+        assert_eq!(tried[winner(&tried, 1.0)].0.name, "cable_chain");
+    }
+
+    /// Two guides whose ripples beat over 30 mm: one ripple that fits the first 20 mm does not fit the next ones, two do.
+    #[test]
+    fn ripples_that_beat_are_named_together() {
+        let model = StageModel::default();
+        let periods = [1.30e-3, 1.36e-3];
+        let record = |from: f64, seed, moves| {
+            let passages = periods.map(|period| {
+                let phase = (TAU * from / period) % TAU;
+                EffectDescriptor::find("ball_passage").unwrap().parameters_of(&[3.0, period, phase, 0.0, 0.0, 0.0])
+            });
+            let real = StageModel { effects: passages.to_vec(), ..StageModel::default() };
+            let mut trace = recording(&real, seed, 0.0, moves);
+            for positions in [&mut trace.position, &mut trace.reference_position] {
+                positions.iter_mut().for_each(|position| *position += from);
+            }
+            Measured::new(&trace, &model, "the record").unwrap()
+        };
+        let found = search(&model, Tolerances::default(), &record(0.0, 3, 6), &record(0.02, 4, 4), &Silent).unwrap();
+        let effects = &found.after.fitted.hypothesis.effects;
+        assert_eq!(found.verdict, Verdict::Found, "{effects:?}");
+        assert!(effects.iter().all(|part| part.descriptor.name == "ball_passage" && !part.slips()), "{effects:?}");
+        let mut named: Vec<f64> = effects.iter().filter_map(|part| part.value_of("period")).collect();
+        named.sort_by(f64::total_cmp);
+        assert_eq!(named.len(), 2, "{effects:?}");
+        for (period, expected) in named.iter().zip(periods) {
+            assert!((period / expected - 1.0).abs() < 1e-3, "{named:?}");
+        }
+        // A row for each, of one round.
+        let rows: Vec<&Evidence> = found.evidence.iter().filter(|one| one.outcome == Outcome::Chosen).collect();
+        assert!(rows.len() == 2 && rows[0].round == rows[1].round && rows[0].part != rows[1].part, "{rows:?}");
+        assert_eq!(found.runners_up.len(), 2);
+    }
+}

@@ -1,0 +1,156 @@
+//! What is worth an effect, and when enough is explained.
+
+use crate::plant::Side;
+
+use super::{Errors, Evidence, Search};
+
+/// What an effect must take off the mean square of train and of hold-out, in squares of the floor of its side. Behind the force cell the
+/// model of the motor is exact; on the carriage the measured motion stands for the true one, and guides of which no two are alike leave up to a fifth of a square.
+const MOTOR_GAIN: f64 = 0.02;
+pub const CARRIAGE_GAIN: f64 = 0.5;
+/// Share of what is still explainable on each record that an effect must take out: below it the law only bends towards what it is not.
+pub(super) const LEAST_SHARE: f64 = 0.1;
+/// The same on the carriage beside laws that explain nearly all: what is left there is what these are not quite, or nearly all of other effects, of which
+/// there are three at most.
+const LEAST_SHARE_OF_LITTLE: f64 = 0.25;
+/// Share of what laws leave, where that is no noise, that a map must take out for the same, and share of what a map leaves that a law beside
+/// it must: the rest of a curve of few knots has a shape that many a law bends towards.
+pub(super) const HALF_OF_THE_REST: f64 = 0.5;
+/// Share of the explainable residual, and floors of noise, that laws which are the answer may leave, where it is more than noise: right ones left 0.02
+/// and 6 floors at most, false ones 0.03 and 38, or 0.09 and 103.
+pub const LEFT_AT_MOST: f64 = 0.05;
+const FLOORS_AT_MOST: f64 = 15.0;
+/// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2: friction driven along a measured
+/// motion costs the rest; a real machine is worth more.
+pub const NOISE_LIKE: f64 = 2.0;
+/// Floors that a recording leaves at most when nothing is hidden in it: 1.0 to 1.2 were seen.
+pub(super) const ALL_BUT_NOISE: f64 = 1.3;
+
+impl Search<'_> {
+    /// Least fall of a mean square on this side, N^2.
+    pub(super) fn threshold(&self, side: Side) -> f64 {
+        match side {
+            Side::Motor if self.has_cell() => MOTOR_GAIN * self.floor.motor.powi(2),
+            _ => CARRIAGE_GAIN * self.floor.carriage.powi(2),
+        }
+    }
+
+    /// Least fall of the mean square that is worth an effect with whose arrival the errors fall so, N^2. Wherever it acts: what the cell shows is judged as
+    /// exactly as the motor, the rest as the carriage.
+    pub(super) fn least_gain(&self, without: &Errors, with: &Errors) -> f64 {
+        self.threshold(if self.is_shown_by_cell(without, with) { Side::Motor } else { Side::Carriage })
+    }
+
+    pub(super) fn is_shown_by_cell(&self, without: &Errors, with: &Errors) -> bool {
+        let on_motor = without.holdout_motor - with.holdout_motor;
+        on_motor > 0.0 && on_motor >= self.threshold(Side::Motor)
+    }
+
+    /// What a candidate must take off the mean square of train or hold-out where this is what is left, N^2.
+    pub(super) fn least_of(&self, one: &Evidence, left: f64) -> f64 {
+        let share = if self.coordinate.is_some() {
+            HALF_OF_THE_REST
+        } else if self.is_explained(&self.best_errors) && !self.is_shown_by_cell(&self.best_errors, &one.errors) {
+            LEAST_SHARE_OF_LITTLE
+        } else {
+            LEAST_SHARE
+        };
+        self.least_gain(&self.best_errors, &one.errors).max(share * (left - self.floor.total().powi(2)))
+    }
+
+    pub(super) fn least_on_train(&self, one: &Evidence) -> f64 {
+        self.least_of(one, self.best_errors.train()).max(one.chance)
+    }
+
+    pub(super) fn least_on_holdout(&self, one: &Evidence) -> f64 {
+        self.least_of(one, self.best_errors.holdout())
+    }
+
+    /// What these errors leave on the hold-out beyond the noise of the sensors, N^2.
+    pub(super) fn beyond_noise(&self, left: &Errors) -> f64 {
+        left.holdout() - self.floor.total().powi(2)
+    }
+
+    pub(super) fn is_noise(&self, left: &Errors) -> bool {
+        left.holdout() <= (NOISE_LIKE * self.floor.total()).powi(2)
+    }
+
+    /// Whether no more is left than where nothing is hidden.
+    pub(super) fn is_all_but_noise(&self, left: &Errors) -> bool {
+        left.holdout().sqrt() <= ALL_BUT_NOISE * self.floor.total()
+    }
+
+    /// Whether little enough is left for what was found to be the answer.
+    pub(super) fn is_explained(&self, left: &Errors) -> bool {
+        leaves_little(left.holdout(), self.errors_before.holdout(), self.floor.total())
+    }
+
+    /// Squares that noise leaves on the train record, N^2.
+    pub(super) fn noise_squares(&self) -> f64 {
+        self.train.rows.len() as f64 * self.floor.total().powi(2)
+    }
+}
+
+/// Whether laws that leave a mean square on the hold-out, of one before, both N^2, over a floor of noise, N, are the answer though more than noise is left.
+fn leaves_little(left: f64, before: f64, floor: f64) -> bool {
+    let share = left - floor.powi(2) <= LEFT_AT_MOST * (before - floor.powi(2)).max(0.0);
+    // Sensors without any noise say nothing of sizes.
+    share && (floor <= 0.0 || left <= (FLOORS_AT_MOST * floor).powi(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rounds::tests::tried;
+    use super::*;
+    use crate::identify::closed_loop::tests::recording;
+    use crate::identify::hypothesis::{Hypothesis, Tolerances};
+    use crate::identify::measured::{Floor, Measured};
+    use crate::identify::selection::Silent;
+    use crate::model::StageModel;
+
+    /// In floors: what is left, and what was before.
+    #[test]
+    fn laws_are_the_answer_where_they_leave_little_in_shares_and_in_floors() {
+        let over_a_floor = |left: f64, before: f64| leaves_little(left * left, before * before, 1.0);
+        assert!(over_a_floor(6.0, 50.0));
+        // A seal that remembers, taken for a hysteresis, and for four laws at once.
+        assert!(!over_a_floor(103.0, 341.0) && !over_a_floor(38.0, 211.0));
+        // Little in floors, but not of what there was.
+        assert!(!over_a_floor(6.0, 20.0));
+        assert!(leaves_little(1e-4, 1.0, 0.0) && !leaves_little(0.1, 1.0, 0.0));
+    }
+
+    /// Of 100 N^2 over a floor of 0.1 N: laws that leave a half ask the next one for a tenth of that, laws that leave nearly nothing for a quarter, unless
+    /// the cell shows it.
+    #[test]
+    fn beside_laws_that_explain_nearly_all_the_next_one_must_take_more() {
+        let model = StageModel::default();
+        let record = |seed, moves| Measured::new(&recording(&model, seed, 0.0, moves), &model, "the record").unwrap();
+        let (train, holdout) = (record(3, 4), record(4, 2));
+        let declared = Hypothesis::new(&model, Tolerances::default()).unwrap();
+        let mut search = Search::new(&declared, &train, &holdout, &Silent).unwrap();
+        search.floor = Floor { motor: 0.05, carriage: 0.1 };
+        let on_both = |motor: f64, carriage: f64| Errors {
+            train_motor: motor,
+            train_carriage: carriage,
+            holdout_motor: motor,
+            holdout_carriage: carriage,
+        };
+        search.errors_before = on_both(0.0, 100.0);
+        let mut is_enough = |before: Errors, after: Errors| {
+            search.best_errors = before;
+            let mut one = tried(&[("cable_chain", 2, before.holdout() - after.holdout())]).remove(0).0;
+            one.errors = after;
+            let enough = one.holdout_gain >= search.least_on_holdout(&one);
+            assert_eq!(enough, one.train_gain >= search.least_on_train(&one));
+            enough
+        };
+        for (left, share) in [(50.0, 0.1), (1.0, 0.25)] {
+            for (taken, expected) in [(0.9 * share, false), (1.1 * share, true)] {
+                let after = on_both(0.0, (1.0 - taken) * left);
+                assert_eq!(is_enough(on_both(0.0, left), after), expected, "{taken} of {left} N^2");
+            }
+        }
+        assert!(is_enough(on_both(0.3, 0.7), on_both(0.15, 0.7)));
+    }
+}
