@@ -23,13 +23,11 @@ impl Search<'_> {
     /// The best fit from several starts beside what was found; of about equal ones that which leaves least on the hold-out, and of these the first. Forms of a
     /// law that come close to each other are compared with the guides fitted anew: held as they are, these speak for the form that is most like what they
     /// were bent to.
-    pub(super) fn best_start(&self, starts: Vec<Hypothesis>, sides: Sides) -> Option<Fitted> {
-        let (train, without) = (self.train, &self.best.missing);
-        let squares = |side: &[f64], counts: bool| if counts { side.iter().map(|left| left * left).sum() } else { 0.0 };
-        let without: f64 = squares(&without.motor, sides.motor) + squares(&without.carriage, sides.carriage);
+    pub(super) fn best_start(&self, starts: Vec<Hypothesis>, sides: Sides, effort: Effort) -> Option<Fitted> {
+        let (train, without) = (self.train, self.squares_left(sides));
         // A law whose values do not go together has lost; it does not end the search.
         let mut fitted: Vec<Fitted> =
-            race(&starts, train, sides, Effort::COMPARED, WORTH_A_LOOK.recip()).into_iter().flatten().collect();
+            race(&starts, train, sides, effort, WORTH_A_LOOK.recip()).into_iter().flatten().collect();
         let least = fitted.iter().map(Fitted::squares).fold(f64::INFINITY, f64::min);
         if least < WORTH_A_LOOK * without {
             fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
@@ -99,7 +97,8 @@ impl Search<'_> {
                 other.effects[index] = part;
                 other
             };
-            let Some(found) = self.best_start(starts.into_iter().map(other).collect(), Sides::BOTH) else { continue };
+            let starts = starts.into_iter().map(other).collect();
+            let Some(found) = self.best_start(starts, Sides::BOTH, Effort::COMPARED) else { continue };
             let worth = self.best.squares() / BETTER_START;
             let found = with_different_guides(&found.hypothesis, self.train, Effort::KEPT.worth_below(worth))?;
             let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;

@@ -125,7 +125,10 @@ impl Search<'_> {
             let side = part.side();
             let sides = if late { Sides::BOTH } else { self.sides_of(side) };
             let starts = starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
-            let Some(fitted) = self.best_start(starts, sides) else { continue };
+            let Some(fitted) = self.best_start(starts, sides, Effort::COMPARED.worth_below(self.worth_on_train(sides)))
+            else {
+                continue;
+            };
             let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
             let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
             let mut evidence = self.evidence_of(round, part, side, 1, &fitted.hypothesis, found)?;

@@ -1,5 +1,6 @@
 //! What is worth an effect, and when enough is explained.
 
+use crate::identify::hypothesis::Sides;
 use crate::plant::Side;
 
 use super::{Errors, Evidence, Search};
@@ -41,20 +42,25 @@ impl Search<'_> {
         self.threshold(if self.is_shown_by_cell(without, with) { Side::Motor } else { Side::Carriage })
     }
 
-    pub(super) fn is_shown_by_cell(&self, without: &Errors, with: &Errors) -> bool {
+    fn is_shown_by_cell(&self, without: &Errors, with: &Errors) -> bool {
         let on_motor = without.holdout_motor - with.holdout_motor;
         on_motor > 0.0 && on_motor >= self.threshold(Side::Motor)
     }
 
-    /// What a candidate must take off the mean square of train or hold-out where this is what is left, N^2.
-    pub(super) fn least_of(&self, one: &Evidence, left: f64) -> f64 {
-        let share = if self.coordinate.is_some() {
+    /// Share of what is still explainable that a candidate must take out.
+    fn least_share(&self, shown_by_cell: bool) -> f64 {
+        if self.coordinate.is_some() {
             HALF_OF_THE_REST
-        } else if self.is_explained(&self.best_errors) && !self.is_shown_by_cell(&self.best_errors, &one.errors) {
+        } else if self.is_explained(&self.best_errors) && !shown_by_cell {
             LEAST_SHARE_OF_LITTLE
         } else {
             LEAST_SHARE
-        };
+        }
+    }
+
+    /// What a candidate must take off the mean square of train or hold-out where this is what is left, N^2.
+    fn least_of(&self, one: &Evidence, left: f64) -> f64 {
+        let share = self.least_share(self.is_shown_by_cell(&self.best_errors, &one.errors));
         self.least_gain(&self.best_errors, &one.errors).max(share * (left - self.floor.total().powi(2)))
     }
 
@@ -64,6 +70,21 @@ impl Search<'_> {
 
     pub(super) fn least_on_holdout(&self, one: &Evidence) -> f64 {
         self.least_of(one, self.best_errors.holdout())
+    }
+
+    /// Squares of the train record that what was found leaves on these sides, N^2.
+    pub(super) fn squares_left(&self, sides: Sides) -> f64 {
+        let squares = |side: &[f64], counts: bool| if counts { side.iter().map(|left| left * left).sum() } else { 0.0 };
+        squares(&self.best.missing.motor, sides.motor) + squares(&self.best.missing.carriage, sides.carriage)
+    }
+
+    /// Squares of the train record that a candidate on these sides must come below, N^2: one whose fit will not is too small, however it ends.
+    pub(super) fn worth_on_train(&self, sides: Sides) -> f64 {
+        let shown_by_cell = sides.motor && self.has_cell();
+        let least = self.threshold(if shown_by_cell { Side::Motor } else { Side::Carriage });
+        let explainable = self.best_errors.train() - self.floor.total().powi(2);
+        let rows = self.train.rows.len() as f64;
+        self.squares_left(sides) - rows * least.max(self.least_share(shown_by_cell) * explainable)
     }
 
     /// What these errors leave on the hold-out beyond the noise of the sensors, N^2.
