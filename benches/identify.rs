@@ -11,6 +11,7 @@ mod generator;
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
@@ -40,6 +41,9 @@ struct Arguments {
     /// One JSON object per run and one for the summary.
     #[arg(long, global = true)]
     json: bool,
+    /// Also write the recordings of each run, to bags/EFFECTS-SEED and truth/EFFECTS-SEED in this folder.
+    #[arg(long, global = true)]
+    keep: Option<PathBuf>,
     /// Cargo says so to every bench.
     #[arg(long, global = true, hide = true)]
     bench: bool,
@@ -250,6 +254,10 @@ impl Session<'_> {
                 return Ok(());
             }
         };
+        if let Some(folder) = &self.arguments.keep {
+            let name = format!("{}-{seed}", title.replace(" + ", "-"));
+            run.write(&folder.join("bags").join(&name), &folder.join("truth").join(&name))?;
+        }
         let bar = indicatif::ProgressBar::new(1000)
             .with_style(indicatif::ProgressStyle::with_template("{prefix} [{elapsed}] {bar:20} {msg}")?)
             .with_prefix(format!("{title} seed {seed}"));
