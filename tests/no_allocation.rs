@@ -64,6 +64,7 @@ fn every_effect() -> Vec<EffectParameters> {
         from: 0.0,
         to: 0.05,
         values: vec![0.0, 1.0, -1.0],
+        jump: None,
     };
     let effect = |effect: &&effects::EffectDescriptor| match effect.name {
         "map" => EffectParameters::map(curve.clone()),

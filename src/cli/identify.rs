@@ -23,9 +23,9 @@ use crate::identify::Outcome::TooSmall;
 use crate::identify::{
     CARRIAGE_GAIN, Change, LinearController, MOST_EFFECTS, NOISE_LIKE, NextExperiment, PositionErrors, RippleElsewhere,
     Selection, Summary, Tolerances, Verdict, Watch, closed_loop, in_digits, next_experiment, parameter_warnings,
-    ripple_elsewhere, search, taking_part,
+    readable, ripple_elsewhere, search, taking_part,
 };
-use crate::model::StageModel;
+use crate::model::{Curve, CurveSide, Jump, StageModel};
 use crate::node::stage_settings;
 
 /// Find what a declared model lacks: refit it to a recording, trace the residual to an effect, add it, and show the error before
@@ -284,6 +284,23 @@ fn simulate(
 /// Ratio up to which the periods of ball passages are those of guides of one type. Assumed.
 const ONE_TYPE: f64 = 1.2;
 
+/// What happens where a curve over the time jumps.
+fn jump_in_words(curve: &Curve) -> Option<String> {
+    let Jump { at, height } = curve.jump?;
+    let goes = if height > 0.0 { "rises" } else { "falls" };
+    let by = match curve.side {
+        CurveSide::Carriage => format!("the force on the carriage {goes} by {} N", readable(height.abs())),
+        CurveSide::Motor => format!("the force of the motor {goes} by {} N", readable(height.abs())),
+        CurveSide::Friction => {
+            format!("the Coulomb friction {goes} by {:.1} % of that of the guides", 100.0 * height.abs())
+        }
+        CurveSide::Viscous => {
+            format!("the viscous friction {goes} by {:.1} % of that of the guides", 100.0 * height.abs())
+        }
+    };
+    Some(format!("at {at:.3} s {by}"))
+}
+
 /// What a user should know about the model and the search.
 fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     let mut remarks = Vec::new();
@@ -324,6 +341,8 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
             "no law of the list explains what is left over {}: an empirical map stands for it, which holds only where the data have been",
             coordinate.name()
         ));
+        let curves = added.iter().filter_map(|part| part.parameters().curve);
+        remarks.extend(curves.filter_map(|curve| jump_in_words(&curve)).map(|words| format!("the map jumps: {words}")));
     }
     if selection.verdict == Verdict::Unknown && selection.coordinate.is_none() {
         remarks.push(format!(

@@ -4,12 +4,13 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector, DVectorView};
 
-use crate::model::{Coordinate, Curve, CurveSide, EffectParameters, ModelError};
+use crate::model::{Coordinate, Curve, CurveSide, EffectParameters, Jump, ModelError};
 use crate::plant::effects::viscous_friction;
 use crate::plant::{EffectDescriptor, Residual};
 
+use super::declared::Declared;
 use super::driven::Driven;
-use super::hypothesis::{self, Hypothesis, Part, Sides};
+use super::hypothesis::{self, Hypothesis, Part, Place, Sides};
 use super::measured::Measured;
 use super::objective::{derivatives, stacked};
 
@@ -26,6 +27,11 @@ const RIDGE: f64 = 1e-9;
 /// Weights of a step beside the curve, in units of what it changes, each a curve of its own: steps that hardly show are long, far from linear. Without one everything
 /// else is held. Assumed.
 pub const DAMPINGS: [Option<f64>; 4] = [None, Some(1e-3), Some(1e-2), Some(1e-1)];
+
+/// Part of what a curve leaves of left-out blocks that it may leave with a jump for that to be there. Assumed: a jump is worth as much as a law.
+const WITH_A_JUMP: f64 = 0.9;
+/// Part of its own squares that a jump must have which neither curve nor anything beside it has: at the ends of a record there is none. Assumed.
+const OF_ITS_OWN: f64 = 1e-3;
 
 /// Least change of friction: nearly all of it gone.
 const NO_FRICTION: f64 = -0.99;
@@ -81,7 +87,7 @@ pub struct Drawn {
     pub part: Part,
     /// One of [`DAMPINGS`].
     pub damping: Option<f64>,
-    /// Empty where they are held.
+    /// What stands beside it.
     pub moved: Vec<hypothesis::Coordinate>,
 }
 
@@ -113,50 +119,187 @@ pub fn propose(
         CurveSide::Viscous => residual.velocity.iter().map(|v| -viscous * v).collect(),
     };
     let dampings = if beside.coordinates.is_empty() { &DAMPINGS[..1] } else { &DAMPINGS[..] };
-    // For each damping what is left of blocks that are left out, the solution and its knots.
-    let mut best = vec![(total, DVector::zeros(0), 0); dampings.len()];
-    for knots in KNOTS {
-        let mut folds: Vec<Squares> = beside.products.iter().map(|products| Squares::new(knots, products)).collect();
-        for (fold, rows) in blocks(along.len()) {
-            for index in rows {
-                let at = place(along[index], from, to, knots);
-                folds[fold].add(at, gain[index], residual.force[index], beside.slopes.column(index));
-            }
-        }
-        let mut all = folds[0].clone();
-        folds[1..].iter().for_each(|fold| all.add_times(fold, 1.0));
-        for (damping, best) in dampings.iter().zip(&mut best) {
-            let left_of = |fold: &Squares| {
-                let mut others = all.clone();
-                others.add_times(fold, -1.0);
-                Some(fold.left(&others.solve(beside, *damping)?))
-            };
-            let left: Option<f64> = folds.iter().map(left_of).sum();
-            if let (Some(left), Some(solution)) = (left, all.solve(beside, *damping))
-                && left < best.0
-            {
-                *best = (left, solution, knots);
-            }
-        }
-    }
-    let least = if matches!(side, CurveSide::Friction | CurveSide::Viscous) { NO_FRICTION } else { f64::NEG_INFINITY };
+    let rows = Rows { along, gain: &gain, force: residual.force, from, to, beside };
+    let alone = rows.smooth(dampings, None);
+    // What changes at a place or at a speed does so each time that the stage comes there, and a curve has it; what happens at a time happens once.
+    let at = if coordinate == Coordinate::Time { rows.jump(dampings) } else { None };
+    let with_jump = at.map_or_else(Vec::new, |at| rows.smooth(dampings, Some(at)));
     let descriptor = EffectDescriptor::find("map")?;
-    let drawn = best.into_iter().zip(dampings).filter(|((.., knots), _)| *knots > 0);
-    let drawn = drawn.map(|((_, solution, knots), &damping)| {
-        let values = solution.rows_range(..knots).iter().map(|value| value.max(least)).collect();
-        let curve = Curve { coordinate, side, from, to, values };
-        let values = descriptor.values_of(&EffectParameters::map(curve))?;
-        let moves = beside.coordinates.iter().zip(solution.iter().skip(knots));
+    let drawn = dampings.iter().enumerate().filter_map(|(index, &damping)| {
+        let without = alone[index].as_ref();
+        let worth = WITH_A_JUMP * without.map_or(total, |smooth| smooth.left);
+        let with = with_jump.get(index).and_then(Option::as_ref).filter(|smooth| smooth.left < worth);
+        let Smooth { solution, knots, left } = with.or(without)?;
+        if *left >= total {
+            return None;
+        }
+        let (values, others) = solution.as_slice().split_at(*knots);
+        let (jump, moves) = others.split_at(usize::from(with.is_some()));
+        let jump = at.zip(jump.first()).map(|(at, height)| Jump { at, height: *height });
+        let mut curve = Curve { coordinate, side, from, to, values: values.to_vec(), jump };
+        if matches!(side, CurveSide::Friction | CurveSide::Viscous) {
+            keep_some_friction(&mut curve);
+        }
+        let moves = beside.coordinates.iter().zip(moves);
         let moved = moves.map(|(coordinate, moves)| hypothesis::Coordinate {
             value: (coordinate.value + moves * coordinate.scale).clamp(coordinate.bounds.0, coordinate.bounds.1),
             ..coordinate.clone()
         });
-        Ok(Drawn { part: Part { descriptor, values }, damping, moved: moved.collect() })
+        let mut moved: Vec<_> = moved.collect();
+        if moved.is_empty() {
+            moved.clone_from(&beside.coordinates);
+        }
+        level(&mut curve, &mut moved);
+        let values = descriptor.values_of(&EffectParameters::map(curve));
+        Some(values.map(|values| Drawn { part: Part { descriptor, values }, damping, moved }))
     });
     drawn.collect()
 }
 
-/// Least squares for the knots of a piecewise linear curve and, behind them, what moves beside it.
+/// Raises a change of friction to the least that there is.
+fn keep_some_friction(curve: &mut Curve) {
+    curve.values.iter_mut().for_each(|value| *value = value.max(NO_FRICTION));
+    let step = (curve.to - curve.from) / (curve.values.len() - 1) as f64;
+    if let Some(jump) = &mut curve.jump {
+        // Between two knots a curve is nowhere below both.
+        let behind =
+            curve.values.iter().enumerate().filter(|(knot, _)| curve.from + (knot + 1) as f64 * step > jump.at);
+        let least = behind.map(|(_, value)| *value).fold(f64::INFINITY, f64::min);
+        jump.height = jump.height.max(NO_FRICTION - least);
+    }
+}
+
+/// A change of friction that is everywhere is none: it goes to the guides, as far as these are not as declared. Together nothing changes.
+fn level(curve: &mut Curve, moved: &mut [hypothesis::Coordinate]) {
+    let scaled: &[Declared] = match curve.side {
+        CurveSide::Carriage | CurveSide::Motor => return,
+        CurveSide::Friction => &[Declared::CoulombForce, Declared::StaticForce],
+        CurveSide::Viscous => &[Declared::ViscousFriction],
+    };
+    let is_scaled = |one: &hypothesis::Coordinate, names: &[Declared]| matches!(one.place, Place::Declared(declared) if names.contains(&declared));
+    let Some(bent) = moved.iter().find(|one| is_scaled(one, &scaled[..1])).map(|one| one.value) else { return };
+    let mut up = -bent;
+    for one in moved.iter().filter(|one| is_scaled(one, scaled)) {
+        up = up.clamp(one.bounds.0 - one.value, one.bounds.1 - one.value);
+    }
+    moved.iter_mut().filter(|one| is_scaled(one, scaled)).for_each(|one| one.value += up);
+    curve.values.iter_mut().for_each(|value| *value = (1.0 + *value) / up.exp() - 1.0);
+    if let Some(jump) = &mut curve.jump {
+        jump.height /= up.exp();
+    }
+}
+
+/// What a curve is drawn through.
+struct Rows<'a> {
+    along: &'a [f64],
+    /// Force that a knot of 1 takes away, N.
+    gain: &'a [f64],
+    /// Missing, N.
+    force: &'a [f64],
+    from: f64,
+    to: f64,
+    beside: &'a Beside,
+}
+
+/// A curve through rows.
+struct Smooth {
+    /// Of blocks that were left out, N^2.
+    left: f64,
+    /// Knots, jump, moves beside them.
+    solution: DVector<f64>,
+    knots: usize,
+}
+
+impl Rows<'_> {
+    /// Force that values of 1 of a curve take away in a row, N: of the knots around it and, behind it, of the jump.
+    fn pieces(&self, row: usize, knots: usize, jump: Option<f64>) -> impl Iterator<Item = (usize, f64)> + Clone {
+        let (knot, share) = place(self.along[row], self.from, self.to, knots);
+        let gain = self.gain[row];
+        let jump = jump.filter(|at| self.along[row] >= *at).map(|_| (knots, gain));
+        [(knot, (1.0 - share) * gain), (knot + 1, share * gain)].into_iter().chain(jump)
+    }
+
+    /// Equations for the rows of each fold.
+    fn folds(&self, knots: usize, jump: Option<f64>) -> Vec<Squares> {
+        let new = |products| Squares::new(knots, usize::from(jump.is_some()), products);
+        let mut folds: Vec<Squares> = self.beside.products.iter().map(new).collect();
+        for (fold, rows) in blocks(self.along.len()) {
+            for row in rows {
+                folds[fold].add(
+                    self.pieces(row, knots, jump),
+                    self.gain[row],
+                    self.force[row],
+                    self.beside.slopes.column(row),
+                );
+            }
+        }
+        folds
+    }
+
+    /// For each damping the curve that predicts left-out blocks best.
+    fn smooth(&self, dampings: &[Option<f64>], jump: Option<f64>) -> Vec<Option<Smooth>> {
+        let mut best: Vec<Option<Smooth>> = dampings.iter().map(|_| None).collect();
+        for knots in KNOTS {
+            let folds = self.folds(knots, jump);
+            let all = sum(&folds);
+            for (damping, best) in dampings.iter().zip(&mut best) {
+                let left_of = |fold: &Squares| {
+                    let mut others = all.clone();
+                    others.add_times(fold, -1.0);
+                    Some(fold.left(&others.solve(self.beside, *damping)?))
+                };
+                let left: Option<f64> = folds.iter().map(left_of).sum();
+                if let (Some(left), Some(solution)) = (left, all.solve(self.beside, *damping))
+                    && best.as_ref().is_none_or(|best| left < best.left)
+                {
+                    *best = Some(Smooth { left, solution, knots });
+                }
+            }
+        }
+        best
+    }
+
+    /// The place between two rows, in the order of time, where a jump takes most of what a curve of few knots leaves.
+    fn jump(&self, dampings: &[Option<f64>]) -> Option<f64> {
+        let (knots, count) = (KNOTS[0], self.along.len());
+        let all = sum(&self.folds(knots, None));
+        let best = dampings.iter().filter_map(|damping| {
+            let (normal, right) = all.equations(self.beside, *damping);
+            let factors = normal.cholesky()?;
+            let solution = factors.solve(&right);
+            // Of a jump before this row: products with what is there, its own squares, and its product with what is left.
+            let (mut shared, mut own, mut taken) = (DVector::zeros(solution.len()), 0.0, 0.0);
+            let (mut most, mut at) = (0.0, None);
+            for row in (1..count).rev() {
+                let gain = self.gain[row];
+                let slopes = self.beside.slopes.column(row);
+                let moves = slopes.iter().take(solution.len() - knots).enumerate();
+                let moves = moves.map(|(index, slope)| (knots + index, -slope));
+                let mut left = self.force[row];
+                for (index, piece) in self.pieces(row, knots, None).chain(moves) {
+                    left -= piece * solution[index];
+                    shared[index] += gain * piece;
+                }
+                own += gain * gain;
+                taken += gain * left;
+                let alone = own - shared.dot(&factors.solve(&shared));
+                if alone > OF_ITS_OWN * own && taken * taken > most * alone {
+                    (most, at) = (taken * taken / alone, Some(0.5 * (self.along[row - 1] + self.along[row])));
+                }
+            }
+            Some((all.left(&solution) - most, at?))
+        });
+        best.min_by(|one, other| one.0.total_cmp(&other.0)).map(|(_, at)| at)
+    }
+}
+
+fn sum(folds: &[Squares]) -> Squares {
+    let mut all = folds[0].clone();
+    folds[1..].iter().for_each(|fold| all.add_times(fold, 1.0));
+    all
+}
+
+/// Least squares for the knots of a piecewise linear curve and, behind them, its jump and what moves beside it.
 #[derive(Clone)]
 struct Squares {
     /// Only the lower triangle is filled.
@@ -166,32 +309,39 @@ struct Squares {
     force: f64,
     weight: f64,
     knots: usize,
+    /// Knots and jumps.
+    values: usize,
 }
 
 impl Squares {
     /// `products`: of the slopes of what moves beside the curve.
-    fn new(knots: usize, products: &DMatrix<f64>) -> Squares {
-        let all = knots + products.nrows();
+    fn new(knots: usize, jumps: usize, products: &DMatrix<f64>) -> Squares {
+        let values = knots + jumps;
+        let all = values + products.nrows();
         let mut normal = DMatrix::zeros(all, all);
-        normal.view_range_mut(knots.., knots..).copy_from(products);
-        Squares { normal, right: DVector::zeros(all), force: 0.0, weight: 0.0, knots }
+        normal.view_range_mut(values.., values..).copy_from(products);
+        Squares { normal, right: DVector::zeros(all), force: 0.0, weight: 0.0, knots, values }
     }
 
-    /// Takes in a missing force, N, behind a knot by a share of the way to the next one, where a knot of 1 takes away `gain`, N, and what moves beside it
-    /// adds `slopes`, N.
-    fn add(&mut self, (knot, share): (usize, f64), gain: f64, force: f64, slopes: DVectorView<f64>) {
-        let pair = [(knot, (1.0 - share) * gain), (knot + 1, share * gain)];
-        for (row, a) in pair {
+    /// Takes in a missing force, N, of which values of 1 take away `pieces`, a curve of 1 `gain`, and to which what moves beside it adds `slopes`, N.
+    fn add(
+        &mut self,
+        pieces: impl Iterator<Item = (usize, f64)> + Clone,
+        gain: f64,
+        force: f64,
+        slopes: DVectorView<f64>,
+    ) {
+        for (row, a) in pieces.clone() {
             self.right[row] += a * force;
-            for (column, b) in pair {
+            for (column, b) in pieces.clone() {
                 self.normal[(row, column)] += a * b;
             }
             for (column, slope) in slopes.iter().enumerate() {
-                self.normal[(self.knots + column, row)] -= a * slope;
+                self.normal[(self.values + column, row)] -= a * slope;
             }
         }
         for (row, slope) in slopes.iter().enumerate() {
-            self.right[self.knots + row] -= slope * force;
+            self.right[self.values + row] -= slope * force;
         }
         self.force += force * force;
         self.weight += gain * gain;
@@ -213,10 +363,10 @@ impl Squares {
         self.force - 2.0 * solution.dot(&self.right.rows(0, count)) + solution.dot(&(normal * solution))
     }
 
-    /// The knots, with a weak penalty on bending, and, unless they are held, the moves, with the weight of what is declared and a damping.
-    fn solve(&self, beside: &Beside, damping: Option<f64>) -> Option<DVector<f64>> {
-        let knots = self.knots;
-        let count = if damping.is_some() { self.right.len() } else { knots };
+    /// The knots, with a weak penalty on bending, the jump, and, unless they are held, the moves, with the weight of what is declared and a damping.
+    fn equations(&self, beside: &Beside, damping: Option<f64>) -> (DMatrix<f64>, DVector<f64>) {
+        let (knots, values) = (self.knots, self.values);
+        let count = if damping.is_some() { self.right.len() } else { values };
         let mut normal = self.normal.view((0, 0), (count, count)).into_owned();
         let mut right = self.right.rows(0, count).into_owned();
         let penalty = STIFFNESS * self.weight / knots as f64;
@@ -228,16 +378,21 @@ impl Squares {
                 }
             }
         }
-        for knot in 0..knots {
-            normal[(knot, knot)] += RIDGE * self.weight;
+        for value in 0..values {
+            normal[(value, value)] += RIDGE * self.weight;
         }
         if let Some(damping) = damping {
             for (index, (coordinate, weight)) in beside.coordinates.iter().zip(&beside.declared).enumerate() {
-                let at = knots + index;
+                let at = values + index;
                 normal[(at, at)] += weight + damping * self.normal[(at, at)];
                 right[at] -= weight * coordinate.value / coordinate.scale;
             }
         }
+        (normal, right)
+    }
+
+    fn solve(&self, beside: &Beside, damping: Option<f64>) -> Option<DVector<f64>> {
+        let (normal, right) = self.equations(beside, damping);
         Some(normal.cholesky()?.solve(&right))
     }
 }
@@ -274,8 +429,8 @@ mod tests {
         if (index / 200).is_multiple_of(2) { speed } else { -speed }
     }
 
-    /// What is drawn over the velocity of the force that is missing at each sample, N.
-    fn drawn_of(force: impl Fn(usize) -> f64, beside: &Beside) -> Vec<Drawn> {
+    /// What is drawn over a coordinate of the force that is missing at each sample, N.
+    fn drawn_of(force: impl Fn(usize) -> f64, over: Coordinate, beside: &Beside) -> Vec<Drawn> {
         let velocity: Vec<f64> = (0..COUNT).map(velocity).collect();
         let force: Vec<f64> = (0..COUNT).map(force).collect();
         let time: Vec<f64> = (0..COUNT).map(|index| index as f64 * 1e-3).collect();
@@ -291,7 +446,7 @@ mod tests {
             mass: 40.0,
             samples: Samples { position: &still, force: &force, step: 1e-3 },
         };
-        propose(&residual, Coordinate::Velocity, CurveSide::Carriage, beside).unwrap()
+        propose(&residual, over, CurveSide::Carriage, beside).unwrap()
     }
 
     /// Largest distance of a curve from the peak, N.
@@ -303,7 +458,7 @@ mod tests {
 
     #[test]
     fn a_curve_is_found_whatever_the_rhythm_of_the_motion() {
-        let drawn = drawn_of(|index| peak(velocity(index)), &Beside::nothing(COUNT));
+        let drawn = drawn_of(|index| peak(velocity(index)), Coordinate::Velocity, &Beside::nothing(COUNT));
         assert!(drawn.len() == 1 && off(&drawn[0]) < 0.1, "{}", off(&drawn[0]));
     }
 
@@ -317,10 +472,79 @@ mod tests {
         let slopes = DMatrix::from_fn(1, COUNT, |_, index| slope(index));
         let bent = |index: usize| peak(velocity(index)) - 0.5 * slope(index);
         let beside = Beside::new(vec![coordinate.clone()], slopes, vec![0.0]);
-        let drawn = drawn_of(bent, &beside);
+        let drawn = drawn_of(bent, Coordinate::Velocity, &beside);
         let (held, moved) = (&drawn[0], &drawn[1]);
-        assert!(held.moved.is_empty() && off(held) > 1.5, "{}", off(held));
+        assert!(held.moved[0].value == coordinate.value && off(held) > 1.5, "{}", off(held));
         let back = (moved.moved[0].value - coordinate.value) / coordinate.scale;
         assert!((back - 0.5).abs() < 0.02 && off(moved) < 0.15, "{back}, {}", off(moved));
+    }
+
+    /// On a force that drifts one that is there from 3.1 s on, and a slope that looks much like it.
+    #[test]
+    fn over_the_time_a_jump_is_where_one_is() {
+        let drift = |index: usize| 2.0 * (1.3e-3 * index as f64).sin() + 0.1 * (7.9 * index as f64).sin();
+        let jumps = |index: usize| if index < 3100 { 0.0 } else { -4.0 };
+        let rises = |index: usize| -4.0 * ((index as f64 - 2600.0) / 1000.0).clamp(0.0, 1.0);
+        let nothing = Beside::nothing(COUNT);
+        let jump_of = |force: &dyn Fn(usize) -> f64| {
+            let drawn = drawn_of(|index| drift(index) + force(index), Coordinate::Time, &nothing);
+            drawn[0].part.parameters().curve.unwrap().jump
+        };
+        let Jump { at, height } = jump_of(&jumps).expect("a jump");
+        assert!((at - 3.0995).abs() < 2e-3 && (height + 4.0).abs() < 0.05, "{height} N at {at} s");
+        assert_eq!(jump_of(&rises), None);
+        assert_eq!(jump_of(&|_| 0.0), None);
+    }
+
+    /// Friction that falls to nothing keeps a little, with its jump too.
+    #[test]
+    fn of_the_friction_a_little_stays() {
+        let mut curve = Curve {
+            coordinate: Coordinate::Time,
+            side: CurveSide::Friction,
+            from: 0.0,
+            to: 4.0,
+            values: vec![-1.4, 0.0, 0.2, -0.4, 0.3],
+            jump: Some(Jump { at: 2.5, height: -0.8 }),
+        };
+        keep_some_friction(&mut curve);
+        let least = curve.corners().into_iter().map(|(_, value)| value).fold(f64::INFINITY, f64::min);
+        assert!((least - NO_FRICTION).abs() < 1e-12, "{curve:?}");
+        assert!((curve.jump.unwrap().height + 0.59).abs() < 1e-12, "{curve:?}");
+    }
+
+    /// Guides that were bent to 0.8 of their Coulomb friction, and beside them half as much again, up to a jump; static friction may rise by a tenth only.
+    #[test]
+    fn what_changes_friction_everywhere_goes_to_the_guides() {
+        let value_of = |moved: &[hypothesis::Coordinate], which: Declared| {
+            moved.iter().find(|one| one.place == Place::Declared(which)).unwrap().value
+        };
+        for (most, expected) in [(1.5f64, 1.0 / 0.8), (1.1, 1.1)] {
+            let mut moved = Hypothesis::new(&StageModel::default(), Tolerances::default())
+                .unwrap()
+                .coordinates(Sides::CARRIAGE, true);
+            for one in &mut moved {
+                match one.place {
+                    Place::Declared(Declared::CoulombForce) => (one.value, one.bounds) = (0.8f64.ln(), (-1.0, 1.0)),
+                    Place::Declared(Declared::StaticForce) => (one.value, one.bounds) = (0.0, (-1.0, most.ln())),
+                    _ => {}
+                }
+            }
+            let mut curve = Curve {
+                coordinate: Coordinate::Time,
+                side: CurveSide::Friction,
+                from: 0.0,
+                to: 2.0,
+                values: vec![0.5; 3],
+                jump: Some(Jump { at: 1.0, height: -0.5 }),
+            };
+            level(&mut curve, &mut moved);
+            let (coulomb, stat) = (value_of(&moved, Declared::CoulombForce), value_of(&moved, Declared::StaticForce));
+            assert!((coulomb.exp() - 0.8 * expected).abs() < 1e-12 && (stat.exp() - expected).abs() < 1e-12);
+            let behind = curve.corners()[4].1;
+            for (change, friction) in [(curve.values[0], 1.5), (behind, 1.0)] {
+                assert!(((1.0 + change) * expected - friction).abs() < 1e-12, "{change}");
+            }
+        }
     }
 }

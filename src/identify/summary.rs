@@ -12,7 +12,7 @@ use super::measured::Measured;
 use super::next_experiment::NextExperiment;
 use super::selection::{Selection, Verdict};
 use crate::TWO_SIDED_95;
-use crate::model::{Curve, CurveSide};
+use crate::model::Curve;
 use crate::plant::{EffectDescriptor, Side};
 
 /// Version of the schema.
@@ -345,45 +345,45 @@ pub fn taking_part(effect: &FoundEffect) -> Vec<&str> {
 
 fn parameters(estimate: &Estimate, effect: usize) -> BTreeMap<String, FoundParameter> {
     let part = &estimate.fitted.hypothesis.effects[effect];
-    let curve = part.parameters().curve;
+    if let Some(curve) = part.parameters().curve {
+        return of_curve(&curve);
+    }
     part.descriptor
         .parameters
         .iter()
         .enumerate()
-        // Of a map the coordinate and the side stand beside the parameters.
-        .filter(|(_, parameter)| curve.is_none() || !parameter.unit.is_empty())
         .map(|(index, parameter)| {
             let value = part.values[index];
             let reach = coordinate(estimate, Place::Effect { effect, value: index })
                 .map_or(f64::INFINITY, |(_, deviation, _)| TWO_SIDED_95 * deviation);
-            let unit = curve.as_ref().map_or(parameter.unit, |curve| curve.coordinate.unit());
             // An interval wider than what is possible says nothing.
             let says = reach.is_finite() && 2.0 * reach < parameter.bounds.1 - parameter.bounds.0;
             let ci95 = says.then_some([value - reach, value + reach]);
-            (parameter.name.to_owned(), FoundParameter { value, unit: unit.to_owned(), ci95 })
+            (parameter.name.to_owned(), FoundParameter { value, unit: parameter.unit.to_owned(), ci95 })
         })
-        .chain(curve.iter().flat_map(peak))
         .collect()
 }
 
-/// Height of a curve above its median where it is farthest from it, and its center: the mean place, weighted by the square of the height.
-fn peak(curve: &Curve) -> [(String, FoundParameter); 2] {
-    let mut sorted = curve.values.clone();
+/// Where a curve begins and ends, its height above its median where it is farthest from it, its center, which is the mean place, weighted by the square of the
+/// height, and its jump. The coordinate and the side stand beside these.
+fn of_curve(curve: &Curve) -> BTreeMap<String, FoundParameter> {
+    let corners = curve.corners();
+    let mut sorted: Vec<f64> = corners.iter().map(|(_, value)| *value).collect();
     sorted.sort_by(f64::total_cmp);
     let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-    let heights = || curve.values.iter().map(|value| value - median);
-    let height = heights().max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0);
-    let step = (curve.to - curve.from) / (curve.values.len().max(2) - 1) as f64;
-    let places = heights().enumerate().map(|(knot, height)| (curve.from + knot as f64 * step, height * height));
-    let (moment, weight) =
-        places.fold((0.0, 0.0), |(moment, sum), (place, weight)| (moment + place * weight, sum + weight));
+    let heights = || corners.iter().map(|(place, value)| (place, value - median));
+    let height = heights().map(|(_, height)| height).max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0);
+    let (moment, weight) = heights()
+        .fold((0.0, 0.0), |(moment, sum), (place, height)| (moment + place * height * height, sum + height * height));
     let center = if weight > 0.0 { moment / weight } else { 0.5 * (curve.from + curve.to) };
-    let unit = match curve.side {
-        CurveSide::Carriage | CurveSide::Motor => "N",
-        CurveSide::Friction | CurveSide::Viscous => "1",
+    let (along, unit) = (curve.coordinate.unit(), curve.side.unit());
+    let jump = curve.jump.map(|jump| [("jump", jump.height, unit), ("jump_at", jump.at, along)]);
+    let always =
+        [("from", curve.from, along), ("to", curve.to, along), ("amplitude", height, unit), ("center", center, along)];
+    let found = |(name, value, unit): (&str, f64, &str)| {
+        (name.to_owned(), FoundParameter { value, unit: unit.to_owned(), ci95: None })
     };
-    let found = |value, unit: &str| FoundParameter { value, unit: unit.to_owned(), ci95: None };
-    [("amplitude".to_owned(), found(height, unit)), ("center".to_owned(), found(center, curve.coordinate.unit()))]
+    always.into_iter().chain(jump.into_iter().flatten()).map(found).collect()
 }
 
 /// Whether a coordinate is the logarithm of a factor on a declared value.
@@ -486,7 +486,7 @@ fn tied(estimate: &Estimate, rate: f64) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Coordinate;
+    use crate::model::{Coordinate, CurveSide, Jump};
 
     #[test]
     fn a_curve_is_told_by_its_height_and_its_center() {
@@ -494,11 +494,25 @@ mod tests {
         let mut values = vec![1.0; 101];
         (values[28], values[34]) = (-3.0, 6.0);
         let side = CurveSide::Carriage;
-        let curve = Curve { coordinate: Coordinate::Position, side, from: 0.0, to: 0.1, values };
-        let [(_, amplitude), (_, center)] = peak(&curve);
+        let curve = Curve { coordinate: Coordinate::Position, side, from: 0.0, to: 0.1, values, jump: None };
+        let told = of_curve(&curve);
+        let (amplitude, center) = (&told["amplitude"], &told["center"]);
         assert!((amplitude.value - 5.0).abs() < 1e-12 && amplitude.unit == "N", "{amplitude:?}");
         let expected = (16.0 * 0.028 + 25.0 * 0.034) / 41.0;
         assert!((center.value - expected).abs() < 1e-12 && center.unit == "m", "{center:?}");
+        assert!(!told.contains_key("jump"), "{told:?}");
+    }
+
+    /// Friction that is level and falls by a quarter at 3 s.
+    #[test]
+    fn a_jump_is_told_with_its_place_and_in_the_height_of_the_curve() {
+        let (coordinate, side) = (Coordinate::Time, CurveSide::Friction);
+        let jump = Some(Jump { at: 3.0, height: -0.25 });
+        let told = of_curve(&Curve { coordinate, side, from: 0.0, to: 10.0, values: vec![0.25; 11], jump });
+        let expected = [("amplitude", 0.25, "1"), ("jump", -0.25, "1"), ("jump_at", 3.0, "s"), ("center", 1.5, "s")];
+        for (name, value, unit) in expected {
+            assert!((told[name].value - value).abs() < 1e-12 && told[name].unit == unit, "{name}: {:?}", told[name]);
+        }
     }
 
     #[test]

@@ -32,6 +32,37 @@ pub struct Curve {
     pub to: f64,
     /// Force at the knots, N; two or more.
     pub values: Vec<f64>,
+    /// Over the time only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub jump: Option<Jump>,
+}
+
+impl Curve {
+    /// Places between which the curve is straight, with the values there: the knots, and both ends of the jump.
+    pub fn corners(&self) -> Vec<(f64, f64)> {
+        let step = (self.to - self.from) / (self.values.len().max(2) - 1) as f64;
+        let mut corners: Vec<(f64, f64)> =
+            self.values.iter().enumerate().map(|(knot, value)| (self.from + knot as f64 * step, *value)).collect();
+        if let Some(Jump { at, height }) = self.jump {
+            let before = corners.iter().take_while(|(place, _)| *place < at).count();
+            corners[before..].iter_mut().for_each(|(_, value)| *value += height);
+            if let (Some(&(from, low)), Some(&(_, high))) = (corners[..before].last(), corners.get(before)) {
+                let value = low + (at - from) / step * (high - height - low);
+                corners.splice(before..before, [(at, value), (at, value + height)]);
+            }
+        }
+        corners
+    }
+}
+
+/// A place from which on a curve is higher than its knots say: something came loose, or took hold.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Jump {
+    /// In the unit of the coordinate.
+    pub at: f64,
+    /// In the unit of the knots.
+    pub height: f64,
 }
 
 /// What a curve runs over.
@@ -64,6 +95,14 @@ pub enum CurveSide {
 impl CurveSide {
     fn is_carriage(&self) -> bool {
         *self == CurveSide::Carriage
+    }
+
+    /// Of the knots: a force, or a part of the friction.
+    pub fn unit(self) -> &'static str {
+        match self {
+            CurveSide::Carriage | CurveSide::Motor => "N",
+            CurveSide::Friction | CurveSide::Viscous => "1",
+        }
     }
 }
 
@@ -157,13 +196,33 @@ mod tests {
             from: -0.5,
             to: 0.1 + 0.2,
             values: vec![1.0, -0.25, 1.0 / 3.0],
+            jump: None,
         };
+        let falls =
+            Curve { coordinate: Coordinate::Time, jump: Some(Jump { at: 7.5, height: -0.1 - 0.2 }), ..curve.clone() };
         let mut model = StageModel::default();
         model.effects.push(EffectParameters::map(curve.clone()));
         model.effects.push(EffectParameters::new("cogging", [("amplitude", 6.0)]));
         model.effects.push(EffectParameters::map(Curve { side: CurveSide::Carriage, ..curve }));
+        model.effects.push(EffectParameters::map(falls));
         let text = model.to_yaml().unwrap();
         assert_eq!(StageModel::from_yaml(&text, "round trip").unwrap(), model, "{text}");
+    }
+
+    #[test]
+    fn a_curve_has_corners_at_its_knots_and_both_ends_of_its_jump() {
+        let curve = |at| Curve {
+            coordinate: Coordinate::Time,
+            side: CurveSide::Carriage,
+            from: 1.0,
+            to: 3.0,
+            values: vec![1.0, 3.0, 4.0],
+            jump: Some(Jump { at, height: -5.0 }),
+        };
+        assert_eq!(curve(1.5).corners(), [(1.0, 1.0), (1.5, 2.0), (1.5, -3.0), (2.0, -2.0), (3.0, -1.0)]);
+        assert_eq!(curve(0.5).corners(), [(1.0, -4.0), (2.0, -2.0), (3.0, -1.0)]);
+        assert_eq!(curve(3.5).corners(), [(1.0, 1.0), (2.0, 3.0), (3.0, 4.0)]);
+        assert_eq!(Curve { values: vec![], ..curve(1.5) }.corners(), []);
     }
 
     #[test]

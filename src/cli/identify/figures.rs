@@ -141,17 +141,16 @@ fn maps(model: &StageModel) -> anyhow::Result<Vec<Figure>> {
             CurveSide::Friction => ("Change of Coulomb and static friction", "part of the friction"),
             CurveSide::Viscous => ("Change of viscous friction", "part of the friction"),
         };
-        let step = (curve.to - curve.from) / (curve.values.len().max(2) - 1) as f64;
         let mut chart = Chart::new(format!("{what} over {word} that no law of the list explains"), label, ordinate);
-        let points =
-            curve.values.iter().enumerate().map(|(knot, value)| (scale * (curve.from + knot as f64 * step), *value));
+        let points = curve.corners().into_iter().map(|(place, value)| (scale * place, value));
         chart.add("map", 0, Style::Line, points);
+        let jump = super::jump_in_words(curve).map_or_else(String::new, |words| format!("; {words}"));
         Ok(Figure {
             name: if index == 0 { "map".to_owned() } else { format!("map_{}", index + 1) },
             group: Group::Comparison,
             svg: chart.svg()?,
             caption: format!(
-                "The empirical map of the identified model over {word}: linear between {} knots, constant beyond.",
+                "The empirical map of the identified model over {word}: linear between {} knots, constant beyond{jump}.",
                 curve.values.len()
             ),
         })

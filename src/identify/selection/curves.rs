@@ -129,6 +129,8 @@ impl Search<'_> {
         effort: Effort,
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
         let drawn = self.drawn_curves(start, start_errors)?;
+        // A curve that takes less than half of that out of the train record will not take all of it out of the hold-out.
+        let effort = effort.worth_below(self.train.rows.len() as f64 * (start_errors.train() - 0.5 * least));
         // The best one of each damping: moves are far from linear, so that one that is better at first need not be the better one.
         let fitted = curve::DAMPINGS.par_iter().filter_map(|damping| {
             let alike = drawn.iter().filter(|one| one.damping == *damping);
@@ -187,15 +189,21 @@ mod tests {
     use crate::identify::hypothesis::Tolerances;
     use crate::identify::measured::Measured;
     use crate::identify::selection::{Silent, Verdict, search};
-    use crate::model::{Curve, EffectParameters, StageModel};
+    use crate::model::{Curve, EffectParameters, Jump, StageModel};
     use crate::plant::EffectDescriptor;
 
     #[test]
     fn a_curve_that_the_model_declares_stays_as_it_is() {
         let with_curve = |height: f64| {
             let values = (0..41).map(|knot| height * (0.4 * f64::from(knot)).sin()).collect();
-            let curve =
-                Curve { coordinate: Coordinate::Position, side: CurveSide::Carriage, from: -0.005, to: 0.025, values };
+            let curve = Curve {
+                coordinate: Coordinate::Position,
+                side: CurveSide::Carriage,
+                from: -0.005,
+                to: 0.025,
+                values,
+                jump: None,
+            };
             StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() }
         };
         // Off by so little that it does not matter, and so much that another one would be nearer.
@@ -210,7 +218,8 @@ mod tests {
     #[test]
     fn beside_a_curve_laws_stay_that_are_there_and_no_others() {
         let values = (0..41).map(|knot| if knot < 10 { 0.0 } else { 3.0 }).collect();
-        let curve = Curve { coordinate: Coordinate::Time, side: CurveSide::Carriage, from: 0.0, to: 8.0, values };
+        let curve =
+            Curve { coordinate: Coordinate::Time, side: CurveSide::Carriage, from: 0.0, to: 8.0, values, jump: None };
         let cogging = EffectDescriptor::find("cogging").unwrap().parameters_of(&[3.0, 4e-3, 0.3]);
         let real = StageModel { effects: vec![cogging, EffectParameters::map(curve)], ..StageModel::default() };
         let model = StageModel::default();
@@ -222,12 +231,39 @@ mod tests {
         assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Time)));
     }
 
+    /// Friction of which a quarter is gone from one instant on.
+    #[test]
+    fn what_comes_loose_is_told_with_its_instant() {
+        // A record begins half a second after the stage.
+        let jump = Some(Jump { at: 3.8 + 0.5, height: -0.25 });
+        let (coordinate, side) = (Coordinate::Time, CurveSide::Friction);
+        let curve = Curve { coordinate, side, from: 0.0, to: 9.0, values: vec![0.0; 2], jump };
+        let real = StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() };
+        let model = StageModel::default();
+        let record = |seed| Measured::new(&recording(&real, seed, 0.0, 4), &model, "the record").unwrap();
+        let found = search(&model, Tolerances::default(), &record(3), &record(4), &Silent).unwrap();
+        let effects = found.after.fitted.hypothesis.model().effects;
+        assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Time)), "{effects:?}");
+        let [EffectParameters { curve: Some(curve), .. }] = &effects[..] else { panic!("{effects:?}") };
+        let jump = curve.jump.expect("a jump");
+        let before = curve.corners().into_iter().rfind(|(place, _)| *place < jump.at).unwrap().1;
+        assert!((jump.at - 3.8).abs() < 5e-3, "{jump:?}");
+        assert!((jump.height / (1.0 + before) + 0.25).abs() < 0.03, "{curve:?}");
+        assert!(found.explained_share() > 0.98, "{}", found.explained_share());
+    }
+
     /// A bump that is wide against the travel is nearly the sum of a few ripples.
     #[test]
     fn a_curve_is_not_taken_for_the_ripples_that_add_up_to_it() {
         let values = (0..41).map(|knot| 4.0 * (-(f64::from(knot) - 20.0).powi(2) / 8.0).exp()).collect();
-        let curve =
-            Curve { coordinate: Coordinate::Position, side: CurveSide::Carriage, from: -0.005, to: 0.025, values };
+        let curve = Curve {
+            coordinate: Coordinate::Position,
+            side: CurveSide::Carriage,
+            from: -0.005,
+            to: 0.025,
+            values,
+            jump: None,
+        };
         let real = StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() };
         let model = StageModel::default();
         let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();

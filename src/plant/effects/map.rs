@@ -4,15 +4,18 @@
 //! beyond the ends; c position (m), velocity (m/s) or time (s since the start). Where the model says `side: friction`, the curve is instead the part by
 //! which Coulomb and static friction of all guides are higher, and with `side: viscous` that by which their viscous friction is: no less than -1.
 //! Source: none, which is the point. Piecewise linear, so that each knot is the force there and a fit is linear in the knots.
+//! Over the time it may jump by a height at one place: from there on it is higher than its knots say.
 //! Over position the force has a potential; over velocity and time it has none.
-//! Not modelled: dependence on two coordinates at once.
+//! Not modelled: dependence on two coordinates at once, a second jump.
 
-use crate::model::{Coordinate, Curve, CurveSide, ModelError};
+use crate::model::{Coordinate, Curve, CurveSide, Jump, ModelError};
 
 use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Scaled, Side};
 
-/// Values before the knots: coordinate, side, from, to.
-const HEAD: usize = 4;
+/// Values before the knots: coordinate, side, from, to, and the height and the place of the jump, both 0 where there is none.
+const HEAD: usize = 6;
+const HEIGHT: usize = 4;
+const AT: usize = 5;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "map",
@@ -25,6 +28,8 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::optional("side", "", "0 carriage, 1 motor, 2 friction, 3 viscous", (0.0, 3.0), 1.0, 0.0),
         EffectParameter::required("from", "m, m/s or s", "first knot", (-1e6, 1e6), 0.1),
         EffectParameter::required("to", "m, m/s or s", "last knot", (-1e6, 1e6), 0.1),
+        EffectParameter::optional("jump", "N or 1", "height of a jump; over the time only", (-1e6, 1e6), 1.0, 0.0),
+        EffectParameter::optional("jump_at", "s", "its place", (-1e6, 1e6), 1.0, 0.0),
     ],
     check,
     free: |_, index| index >= HEAD,
@@ -47,7 +52,8 @@ pub(super) fn values(curve: &Curve) -> Vec<f64> {
         CurveSide::Friction => 2.0,
         CurveSide::Viscous => 3.0,
     };
-    [coordinate, side, curve.from, curve.to].into_iter().chain(curve.values.iter().copied()).collect()
+    let Jump { at, height } = curve.jump.unwrap_or(Jump { at: 0.0, height: 0.0 });
+    [coordinate, side, curve.from, curve.to, height, at].into_iter().chain(curve.values.iter().copied()).collect()
 }
 
 /// The inverse of [`values`].
@@ -63,7 +69,8 @@ pub(super) fn curve(values: &[f64]) -> Curve {
         code if code < 2.5 => CurveSide::Friction,
         _ => CurveSide::Viscous,
     };
-    Curve { coordinate, side, from: values[2], to: values[3], values: values[HEAD..].to_vec() }
+    let jump = (values[HEIGHT] != 0.0).then_some(Jump { at: values[AT], height: values[HEIGHT] });
+    Curve { coordinate, side, from: values[2], to: values[3], values: values[HEAD..].to_vec(), jump }
 }
 
 fn check(values: &[f64]) -> Result<(), ModelError> {
@@ -81,11 +88,26 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
     if knots.len() < 2 {
         return refuse("effects.map.values (their number)", knots.len() as f64, "be at least 2".to_owned());
     }
-    if scaled(curve(values).side) != Scaled::NOTHING
-        && let Some(index) = knots.iter().position(|value| *value < -1.0)
-    {
-        let limit = "be at least -1, where no friction is left".to_owned();
-        return refuse(&format!("effects.map.values[{index}]"), knots[index], limit);
+    let curve = curve(values);
+    if let Some(Jump { at, height }) = curve.jump {
+        if !(at.is_finite() && height.is_finite()) {
+            return refuse("effects.map.jump", if at.is_finite() { height } else { at }, "be finite".to_owned());
+        }
+        if curve.coordinate != Coordinate::Time {
+            return refuse("effects.map.jump.at", at, "be given over the time only".to_owned());
+        }
+    }
+    if scaled(curve.side) != Scaled::NOTHING {
+        let limit = || "be at least -1, where no friction is left".to_owned();
+        if let Some(index) = knots.iter().position(|value| *value < -1.0) {
+            return refuse(&format!("effects.map.values[{index}]"), knots[index], limit());
+        }
+        if let Some(Jump { height, .. }) = curve.jump {
+            let least = curve.corners().iter().map(|(_, value)| *value).fold(f64::INFINITY, f64::min);
+            if least < -1.0 {
+                return refuse("effects.map.jump.height", height, format!("{}: there it comes to {least}", limit()));
+            }
+        }
     }
     match knots.iter().position(|value| !value.is_finite()) {
         Some(index) => refuse(&format!("effects.map.values[{index}]"), knots[index], "be finite".to_owned()),
@@ -131,7 +153,8 @@ impl Map {
     fn at(&self, coordinate: f64) -> f64 {
         let (knot, part) = self.locate(coordinate);
         let values = &self.curve.values;
-        values[knot] + part * (values[knot + 1] - values[knot])
+        let jump = self.curve.jump.filter(|jump| coordinate >= jump.at).map_or(0.0, |jump| jump.height);
+        values[knot] + part * (values[knot + 1] - values[knot]) + jump
     }
 }
 
@@ -203,7 +226,18 @@ mod tests {
     use crate::model::EffectParameters;
 
     fn tent(coordinate: Coordinate) -> Curve {
-        Curve { coordinate, side: CurveSide::Carriage, from: -0.1, to: 0.1, values: vec![1.0, 4.0, -2.0] }
+        Curve { coordinate, side: CurveSide::Carriage, from: -0.1, to: 0.1, values: vec![1.0, 4.0, -2.0], jump: None }
+    }
+
+    #[test]
+    fn behind_its_jump_a_curve_is_higher() {
+        let given = Curve { jump: Some(Jump { at: 0.05, height: 3.0 }), ..tent(Coordinate::Time) };
+        assert_eq!(curve(&values(&given)), given);
+        let mut map = Map::new(given);
+        for (time, force) in [(0.0, 4.0), (0.0499, 1.006), (0.05, 4.0), (0.1, 1.0), (5.0, 1.0)] {
+            let found = map.force(&Motion { time, ..Motion::default() }, 1e-4);
+            assert!((found - force).abs() < 1e-12, "{time} s: {found} N, expected {force} N");
+        }
     }
 
     #[test]
@@ -265,7 +299,12 @@ mod tests {
 
     #[test]
     fn impossible_curves_are_refused_with_the_numbers() {
-        let cases: [(Curve, &[&str]); 4] = [
+        let jump = |height| Some(Jump { at: 0.05, height });
+        let friction = Curve { side: CurveSide::Friction, values: vec![0.0, 0.4], ..tent(Coordinate::Time) };
+        let cases: [(Curve, &[&str]); 7] = [
+            (Curve { jump: jump(1.0), ..tent(Coordinate::Position) }, &["effects.map.jump", "0.05", "time"]),
+            (Curve { jump: jump(f64::NAN), ..tent(Coordinate::Time) }, &["effects.map.jump", "NaN"]),
+            (Curve { jump: jump(-1.5), ..friction }, &["effects.map.jump.height", "-1.5", "at least -1", "-1.2"]),
             (Curve { to: -0.2, ..tent(Coordinate::Position) }, &["effects.map.to", "-0.2", "-0.1"]),
             (Curve { from: f64::NAN, ..tent(Coordinate::Position) }, &["effects.map.from", "NaN"]),
             (Curve { values: vec![1.0], ..tent(Coordinate::Position) }, &["values", "1", "at least 2"]),

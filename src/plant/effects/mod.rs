@@ -435,7 +435,7 @@ impl EffectDescriptor {
     }
 
     /// Values of an effect of a model, in the order of `parameters`, checked. Of a `map`: coordinate (0 position, 1 velocity, 2 time), side
-    /// (0 carriage, 1 motor, 2 Coulomb friction, 3 viscous friction), from, to, then the force at the knots.
+    /// (0 carriage, 1 motor, 2 Coulomb friction, 3 viscous friction), from, to, height and place of its jump (0 where there is none), then the force at the knots.
     pub fn values_of(&self, given: &EffectParameters) -> Result<Vec<f64>, ModelError> {
         let values = match &given.curve {
             Some(curve) if self.name == map::DESCRIPTOR.name => map::values(curve),
