@@ -36,17 +36,23 @@ const LEAST_CURVATURE: f64 = 1e-3;
 pub struct Effort {
     /// How often the derivatives are taken at most.
     derivatives: usize,
-    /// Share by which the sum of squares must fall for another step to be worth it.
+    /// Share by which the sum of squares must fall for another step to be worth it, and the same in N^2: the larger one counts.
     progress: f64,
+    least_fall: f64,
     /// Sum of squares that it must come below to be worth anything, N^2.
     worth: f64,
 }
 
 impl Effort {
     /// Of a fit that is compared with others.
-    pub const COMPARED: Effort = Effort { derivatives: 8, progress: 1e-4, worth: f64::INFINITY };
+    pub const COMPARED: Effort = Effort { derivatives: 8, progress: 1e-4, least_fall: 0.0, worth: f64::INFINITY };
     /// Of a fit that others build on: what it left undone would pass for another effect.
-    pub const KEPT: Effort = Effort { derivatives: 30, progress: 1e-5, worth: f64::INFINITY };
+    pub const KEPT: Effort = Effort { derivatives: 30, progress: 1e-5, least_fall: 0.0, worth: f64::INFINITY };
+
+    /// The same of a fit that may stop where a step brings less than this, N^2.
+    pub fn ending_below(self, fall: f64) -> Effort {
+        Effort { least_fall: fall, ..self }
+    }
 
     /// The same of a fit that may stop where it will hardly come below this sum of squares, N^2.
     pub fn worth_below(self, squares: f64) -> Effort {
@@ -315,7 +321,7 @@ impl<'a> Descent<'a> {
             };
             let before = std::mem::replace(&mut self.point, next);
             let fall = before.squares - self.point.squares;
-            if fall < self.effort.progress * self.point.squares {
+            if fall < self.effort.least_fall.max(self.effort.progress * self.point.squares) {
                 self.ended |= age == 0;
                 break;
             }

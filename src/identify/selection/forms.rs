@@ -100,7 +100,11 @@ impl Search<'_> {
             let starts = starts.into_iter().map(other).collect();
             let Some(found) = self.best_start(starts, Sides::BOTH, Effort::COMPARED) else { continue };
             let worth = self.best.squares() / BETTER_START;
-            let found = with_different_guides(&found.hypothesis, self.train, Effort::KEPT.worth_below(worth))?;
+            let found = with_different_guides(
+                &found.hypothesis,
+                self.train,
+                self.on_the_way(&self.best_errors).worth_below(worth),
+            )?;
             let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;
             // On the train record clearly better, or as good and clearly better on the hold-out.
             let half = HALF_OF_THE_REST * self.beyond_noise(&self.best_errors);

@@ -171,6 +171,7 @@ pub fn search(
         }
     }
     if !search.stopped {
+        search.finish()?;
         search.prune()?;
     }
     search.selection()
@@ -238,6 +239,20 @@ impl<'a> Search<'a> {
     fn take(&mut self, best: Fitted) -> Result<(), IdentifyError> {
         self.best_errors = errors(&best.hypothesis, self.train, self.holdout)?;
         self.best = best;
+        Ok(())
+    }
+
+    /// Fits what was found to the end: on the way there that was not worth it.
+    fn finish(&mut self) -> Result<(), IdentifyError> {
+        if self.best.hypothesis.effects.len() == self.declared_effects() {
+            return Ok(());
+        }
+        self.watch.progress("fit of what was found", 0.94);
+        let fitted = fit(&self.best.hypothesis, self.train, Sides::BOTH, Effort::KEPT)?;
+        // A fit begins inside of all bounds, and may end elsewhere.
+        if fitted.squares() < self.best.squares() {
+            self.take(fitted)?;
+        }
         Ok(())
     }
 

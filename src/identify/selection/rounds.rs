@@ -54,6 +54,7 @@ impl Search<'_> {
         let winner = winner(&tried, strongest);
         tried[winner].0.outcome = Outcome::Chosen;
         let (gain, free, name) = (tried[winner].0.holdout_gain, tried[winner].0.free, tried[winner].0.name);
+        let effort = self.on_the_way(&tried[winner].0.errors);
         let mut others = Vec::new();
         for (index, (one, _)) in tried.iter_mut().enumerate() {
             if index == winner {
@@ -76,7 +77,7 @@ impl Search<'_> {
         self.laws += added.len();
         self.runners_up.extend(added.iter().map(|_| others.clone()));
         self.evidence.extend(tried.into_iter().map(|(one, _)| one));
-        self.take(with_different_guides(&chosen, self.train, Effort::KEPT)?)?;
+        self.take(with_different_guides(&chosen, self.train, effort)?)?;
         Ok(true)
     }
 

@@ -75,7 +75,7 @@ impl Search<'_> {
         if with.effects.len() == others {
             return Ok(false);
         }
-        let fitted = with_different_guides(&with.holding_guides(false), self.train, Effort::KEPT)?;
+        let fitted = with_different_guides(&with.holding_guides(false), self.train, self.on_the_way(&left))?;
         let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
         if self.beyond_noise(&found) > HALF_OF_THE_REST * self.beyond_noise(&self.best_errors) {
             return Ok(false);

@@ -1,5 +1,6 @@
 //! What is worth an effect, and when enough is explained.
 
+use crate::identify::fit::Effort;
 use crate::identify::hypothesis::Sides;
 use crate::plant::Side;
 
@@ -26,6 +27,9 @@ const FLOORS_AT_MOST: f64 = 15.0;
 pub const NOISE_LIKE: f64 = 2.0;
 /// Floors that a recording leaves at most when nothing is hidden in it: 1.0 to 1.2 were seen.
 pub(super) const ALL_BUT_NOISE: f64 = 1.3;
+
+/// Part of what the next effect must take off that a step of a fit between rounds must bring: the rest passes for no effect.
+const PART_OF_THE_NEXT: f64 = 0.01;
 
 impl Search<'_> {
     /// Least fall of a mean square on this side, N^2.
@@ -70,6 +74,13 @@ impl Search<'_> {
 
     pub(super) fn least_on_holdout(&self, one: &Evidence) -> f64 {
         self.least_of(one, self.best_errors.holdout())
+    }
+
+    /// Of a fit on the way from `before`: the last one goes to its end.
+    pub(super) fn on_the_way(&self, before: &Errors) -> Effort {
+        let explainable = before.train() - self.floor.total().powi(2);
+        let next = self.threshold(Side::Carriage).max(LEAST_SHARE * explainable);
+        Effort::KEPT.ending_below(PART_OF_THE_NEXT * next * self.train.rows.len() as f64)
     }
 
     /// Squares of the train record that what was found leaves on these sides, N^2.
