@@ -457,6 +457,23 @@ mod tests {
         assert_eq!(squares, alone.each_ref().map(Fitted::squares));
     }
 
+    /// A force that comes and goes over 4 mm, from 4.25 mm.
+    #[test]
+    fn a_fit_between_rounds_ends_where_its_steps_bring_too_little() {
+        let cogging = |period: f64| Part {
+            descriptor: EffectDescriptor::find("cogging").unwrap(),
+            values: vec![3.0, period, 0.3],
+        };
+        let real = StageModel { effects: vec![cogging(4e-3).parameters()], ..StageModel::default() };
+        let measured = Measured::new(&recording(&real, 3, 0.0, 4), &StageModel::default(), "the record").unwrap();
+        let start = declared().with(cogging(4.25e-3));
+        let squares = |effort| fit(&start, &measured, Sides::BOTH, effort).unwrap().squares();
+        let (to_its_end, at_once) = (squares(Effort::KEPT), squares(Effort::KEPT.ending_below(f64::INFINITY)));
+        let between = squares(Effort::KEPT.ending_below(1e-3 * to_its_end));
+        assert!(at_once > 1.1 * to_its_end, "{at_once} N^2, {to_its_end} N^2");
+        assert!((between / to_its_end - 1.0).abs() < 0.01, "{between} N^2, {to_its_end} N^2");
+    }
+
     /// A spring that the model lacks.
     #[test]
     fn a_fit_that_is_not_worth_going_on_with_ends_early_and_says_where() {

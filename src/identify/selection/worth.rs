@@ -175,6 +175,10 @@ mod tests {
             one.errors = after;
             let enough = one.holdout_gain >= search.least_on_holdout(&one);
             assert_eq!(enough, one.train_gain >= search.least_on_train(&one));
+            // Its fit is given up where it will not come to just that.
+            let sides = if search.is_shown_by_cell(&before, &after) { Sides::MOTOR } else { Sides::CARRIAGE };
+            let asked = (search.squares_left(sides) - search.worth_on_train(sides)) / train.rows.len() as f64;
+            assert!((asked / search.least_on_train(&one) - 1.0).abs() < 1e-12, "{asked} N^2");
             enough
         };
         for (left, share) in [(50.0, 0.1), (1.0, 0.25)] {
