@@ -288,15 +288,13 @@ const ONE_TYPE: f64 = 1.2;
 fn jump_in_words(curve: &Curve) -> Option<String> {
     let Jump { at, height } = curve.jump?;
     let goes = if height > 0.0 { "rises" } else { "falls" };
+    let before = curve.corners().into_iter().find(|(place, _)| *place >= at).map_or(0.0, |(_, value)| value);
+    let part = 100.0 * height.abs() / (1.0 + before);
     let by = match curve.side {
         CurveSide::Carriage => format!("the force on the carriage {goes} by {} N", readable(height.abs())),
         CurveSide::Motor => format!("the force of the motor {goes} by {} N", readable(height.abs())),
-        CurveSide::Friction => {
-            format!("the Coulomb friction {goes} by {:.1} % of that of the guides", 100.0 * height.abs())
-        }
-        CurveSide::Viscous => {
-            format!("the viscous friction {goes} by {:.1} % of that of the guides", 100.0 * height.abs())
-        }
+        CurveSide::Friction => format!("the Coulomb friction {goes} by {part:.1} %"),
+        CurveSide::Viscous => format!("the viscous friction {goes} by {part:.1} %"),
     };
     Some(format!("at {at:.3} s {by}"))
 }
