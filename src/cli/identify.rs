@@ -460,3 +460,25 @@ fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Re
     }
     writeln!(out, "{}", directory.join("report.html").display())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Coordinate;
+
+    #[test]
+    fn a_jump_is_told_in_newtons_or_as_a_part_of_the_friction_before_it() {
+        let words = |side, height| {
+            let jump = Some(Jump { at: 3.0, height });
+            let curve =
+                Curve { coordinate: Coordinate::Time, side, from: 0.0, to: 8.0, values: vec![-0.1, -0.1, 0.3], jump };
+            jump_in_words(&curve)
+        };
+        assert_eq!(
+            words(CurveSide::Friction, -0.18).as_deref(),
+            Some("at 3.000 s the Coulomb friction falls by 20.0 %")
+        );
+        assert_eq!(words(CurveSide::Viscous, 0.45).as_deref(), Some("at 3.000 s the viscous friction rises by 50.0 %"));
+        assert_eq!(words(CurveSide::Motor, -2.5).as_deref(), Some("at 3.000 s the force of the motor falls by 2.5 N"));
+    }
+}

@@ -169,8 +169,10 @@ impl Search<'_> {
             for way in [-step, step] {
                 let mut other = best.clone();
                 other.effects[curve].values[at] += way;
-                let squares = left(&other)?;
-                if squares < least {
+                // Values that do not go together there are no curve.
+                if let Ok(squares) = left(&other)
+                    && squares < least
+                {
                     (best, least, moved) = (other, squares, true);
                     break;
                 }
