@@ -159,13 +159,10 @@ pub fn propose(
 /// Raises a change of friction to the least that there is.
 fn keep_some_friction(curve: &mut Curve) {
     curve.values.iter_mut().for_each(|value| *value = value.max(NO_FRICTION));
-    let step = (curve.to - curve.from) / (curve.values.len() - 1) as f64;
+    // What is still lower stands behind the jump.
+    let least = curve.corners().into_iter().map(|(_, value)| value).fold(f64::INFINITY, f64::min);
     if let Some(jump) = &mut curve.jump {
-        // Between two knots a curve is nowhere below both.
-        let behind =
-            curve.values.iter().enumerate().filter(|(knot, _)| curve.from + (knot + 1) as f64 * step > jump.at);
-        let least = behind.map(|(_, value)| *value).fold(f64::INFINITY, f64::min);
-        jump.height = jump.height.max(NO_FRICTION - least);
+        jump.height += (NO_FRICTION - least).max(0.0);
     }
 }
 
@@ -176,13 +173,16 @@ fn level(curve: &mut Curve, moved: &mut [hypothesis::Coordinate]) {
         CurveSide::Friction => &[Declared::CoulombForce, Declared::StaticForce],
         CurveSide::Viscous => &[Declared::ViscousFriction],
     };
-    let is_scaled = |one: &hypothesis::Coordinate, names: &[Declared]| matches!(one.place, Place::Declared(declared) if names.contains(&declared));
-    let Some(bent) = moved.iter().find(|one| is_scaled(one, &scaled[..1])).map(|one| one.value) else { return };
+    let is_among = |one: &hypothesis::Coordinate, names: &[Declared]| match one.place {
+        Place::Declared(declared) => names.contains(&declared),
+        _ => false,
+    };
+    let Some(bent) = moved.iter().find(|one| is_among(one, &scaled[..1])).map(|one| one.value) else { return };
     let mut up = -bent;
-    for one in moved.iter().filter(|one| is_scaled(one, scaled)) {
+    for one in moved.iter().filter(|one| is_among(one, scaled)) {
         up = up.clamp(one.bounds.0 - one.value, one.bounds.1 - one.value);
     }
-    moved.iter_mut().filter(|one| is_scaled(one, scaled)).for_each(|one| one.value += up);
+    moved.iter_mut().filter(|one| is_among(one, scaled)).for_each(|one| one.value += up);
     curve.values.iter_mut().for_each(|value| *value = (1.0 + *value) / up.exp() - 1.0);
     if let Some(jump) = &mut curve.jump {
         jump.height /= up.exp();

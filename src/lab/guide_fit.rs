@@ -651,7 +651,7 @@ mod tests {
         assert!(held.iter().all(|count| *count >= 7), "{held:?}");
     }
 
-    /// `cargo test --release -- --ignored --nocapture intervals_hold`: a minute on two cores.
+    /// `cargo test --release -- --ignored --nocapture intervals_hold`: 44 s on two cores.
     #[test]
     #[ignore = "counts over 100 rigs, 44 s with --release and minutes without; tests/run fits ten of them and counts the same"]
     fn intervals_hold_the_truth_in_90_to_99_percent_of_100_rigs() {

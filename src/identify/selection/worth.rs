@@ -28,7 +28,7 @@ pub const NOISE_LIKE: f64 = 2.0;
 /// Floors that a recording leaves at most when nothing is hidden in it: 1.0 to 1.2 were seen.
 pub(super) const ALL_BUT_NOISE: f64 = 1.3;
 
-/// Part of what the next effect must take off that a step of a fit between rounds must bring: the rest passes for no effect.
+/// Part of what the next effect must take off that a step of a fit between rounds must bring: the rest passes for no effect. Assumed.
 const PART_OF_THE_NEXT: f64 = 0.01;
 
 impl Search<'_> {
