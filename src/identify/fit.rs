@@ -471,6 +471,8 @@ mod tests {
         let (to_its_end, at_once) = (squares(Effort::KEPT), squares(Effort::KEPT.ending_below(f64::INFINITY)));
         let between = squares(Effort::KEPT.ending_below(1e-3 * to_its_end));
         assert!(at_once > 1.1 * to_its_end, "{at_once} N^2, {to_its_end} N^2");
+        // Below what it is worth it goes on as far as any.
+        assert_eq!(squares(Effort::KEPT.worth_below(1.5 * to_its_end)), to_its_end);
         assert!((between / to_its_end - 1.0).abs() < 0.01, "{between} N^2, {to_its_end} N^2");
     }
 
