@@ -153,25 +153,32 @@ impl Point {
         Ok(Point { hypothesis, coordinates, driven, missing, residual, squares })
     }
 
-    /// Where a fit begins: inside the bounds, since a coordinate on its bound has only one way to go.
+    /// Where a fit begins: inside the bounds, since a coordinate on its bound has only one way to go. A declared parameter that was bent to its bound has
+    /// stood for something that the model lacked: it begins as declared, if that is nearer now.
     fn inside(start: &Hypothesis, problem: Problem) -> Result<Point, ModelError> {
         let given = start.coordinates(problem.sides, problem.measured.cell.is_some());
-        let (mut hypothesis, mut coordinates) = (start.clone(), given.clone());
-        for coordinate in &mut coordinates {
-            let (lower, upper) = coordinate.bounds;
-            let margin = 1e-3 * (upper - lower).min(coordinate.scale);
-            // A declared parameter that was bent to its bound has stood for something that the model lacked: begin as declared.
-            if matches!(coordinate.place, Place::Declared(_))
-                && (coordinate.value <= lower || coordinate.value >= upper)
-            {
-                coordinate.value = 0.0;
+        let is_bent = |one: &Coordinate| {
+            matches!(one.place, Place::Declared(_)) && (one.value <= one.bounds.0 || one.value >= one.bounds.1)
+        };
+        let begin = |as_declared: bool| {
+            let (mut hypothesis, mut coordinates) = (start.clone(), given.clone());
+            for coordinate in &mut coordinates {
+                let (lower, upper) = coordinate.bounds;
+                let margin = 1e-3 * (upper - lower).min(coordinate.scale);
+                let value = if as_declared && is_bent(coordinate) { 0.0 } else { coordinate.value };
+                coordinate.value = value.clamp(lower + margin, upper - margin);
+                hypothesis.set(coordinate.place, coordinate.value);
             }
-            coordinate.value = coordinate.value.clamp(lower + margin, upper - margin);
-            hypothesis.set(coordinate.place, coordinate.value);
-        }
+            Point::at(hypothesis, coordinates, &Driven::default(), problem)
+        };
+        let bent = begin(false);
+        let point = match given.iter().any(is_bent).then(|| begin(true)) {
+            Some(Ok(declared)) if bent.as_ref().is_ok_and(|bent| declared.squares > bent.squares) => bent,
+            Some(Ok(declared)) => Ok(declared),
+            _ => bent,
+        };
         // Values may not go together any more a little inside their bounds: then the start is as it was given.
-        Point::at(hypothesis, coordinates, &Driven::default(), problem)
-            .or_else(|_| Point::at(start.clone(), given, &Driven::default(), problem))
+        point.or_else(|_| Point::at(start.clone(), given, &Driven::default(), problem))
     }
 
     fn derivatives(&self, problem: Problem) -> Result<DMatrix<f64>, ModelError> {
@@ -389,6 +396,7 @@ pub fn race(
 #[cfg(test)]
 mod tests {
     use super::super::closed_loop::tests::recording;
+    use super::super::declared::Declared;
     use super::super::hypothesis::{Part, Tolerances};
     use super::*;
     use crate::model::StageModel;
@@ -440,6 +448,27 @@ mod tests {
         assert_eq!(fixed, [true, false, false]);
         let (held, _) = step(free, [false, false, true]);
         assert!((&held - DVector::from_column_slice(&[2.5, 1.0, 0.0])).norm() < 1e-12, "{held}");
+    }
+
+    /// Coulomb friction on its bound, of guides that have as much or what is declared.
+    #[test]
+    fn what_was_bent_to_its_bound_begins_as_declared_if_that_is_nearer() {
+        let place = Place::Declared(Declared::CoulombForce);
+        let bound = |hypothesis: &Hypothesis| {
+            let coordinates = hypothesis.coordinates(Sides::BOTH, true);
+            coordinates.into_iter().find(|one| one.place == place).expect("a coordinate").bounds.1
+        };
+        let mut bent = declared();
+        bent.set(place, bound(&bent));
+        for (real, expected) in [(bent.model(), bound(&bent)), (StageModel::default(), 0.0)] {
+            let measured = Measured::new(&recording(&real, 3, 0.0, 2), &StageModel::default(), "the record").unwrap();
+            let problem = Problem { measured: &measured, sides: Sides::BOTH, noise: 0.0 };
+            let point = Point::inside(&bent, problem).unwrap();
+            let began = point.coordinates.iter().find(|one| one.place == place).expect("a coordinate");
+            // A little inside.
+            assert!((began.value - expected).abs() < 1e-3, "{} of {expected}", began.value);
+            assert!(began.value < began.bounds.1);
+        }
     }
 
     /// Side by side with one that lacks a force of 5 N, which gives up, and with one that has it from another start, which does not.
