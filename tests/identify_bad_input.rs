@@ -178,7 +178,7 @@ fn wrong_signs_and_units_are_named_with_the_signal() {
         (
             "half",
             |c| both_forces(c, |f| 0.5 * f),
-            &["declares 40.0000 kg", "another machine, a payload or a wrong unit"],
+            &["declares 40.0000 kg", "another machine, a payload, or a wrong unit"],
         ),
         ("nine_times", |c| both_forces(c, |f| 7.0 * f), &["declares 40.0000 kg", "another machine"]),
     ];
@@ -294,17 +294,22 @@ fn a_dead_command_on_one_side_and_one_speed_only_are_told() {
     }
 }
 
+/// Also one whose mass is in tonnes or in grams: friction shows that it is the mass, and neither the force nor the position.
 #[test]
 fn another_machine_than_the_declared_one_is_refused() {
     let home = TempDir::new().unwrap();
-    let model = home.path().join("light.yaml");
     let declared = std::fs::read_to_string(MODEL).unwrap();
     assert!(declared.contains("mass: 40"));
-    std::fs::write(&model, declared.replace("mass: 40", "mass: 4")).unwrap();
     let (train, holdout) = (csv(home.path(), "train", &train()), csv(home.path(), "holdout", &holdout()));
-    let out = home.path().join("out");
-    let output = identify(model.to_str().unwrap(), &train, &holdout, &out);
-    assert_refused("4 kg", &output, &out, &["train.csv", "4.0000 kg"]);
+    for mass in ["4", "0.04", "40000"] {
+        let (model, out) = (home.path().join(format!("{mass}.yaml")), home.path().join(format!("out_{mass}")));
+        std::fs::write(&model, declared.replace("mass: 40", &format!("mass: {mass}"))).unwrap();
+        let output = identify(model.to_str().unwrap(), &train, &holdout, &out);
+        let words = ["train.csv", "another machine, a payload, or a wrong unit", &format!("declares {mass}")];
+        assert_refused(mass, &output, &out, &words);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!(!told.contains("seems to be in"), "{mass}: {told}");
+    }
 }
 
 /// The same bag under another name, and a bag of an encoder alone.

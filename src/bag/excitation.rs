@@ -14,7 +14,7 @@ use super::mapping::Signal;
 use super::problem::{DataProblem, Severity};
 use super::recording::Recording;
 use super::resample::ClockKind;
-use crate::model::StageModel;
+use crate::model::{Guide, StageModel};
 
 /// Least rows in one piece. Assumed: some fifty parameters' worth of filtered samples.
 const LEAST_ROWS: usize = 500;
@@ -634,8 +634,9 @@ impl<'a> Examiner<'a> {
             let payload = m.effects.iter().filter(|e| e.name == "payload").filter_map(|e| e.values.get("mass"));
             m.mass + payload.sum::<f64>()
         });
-        let coulomb =
-            self.model.and_then(|m| m.resolved_guides().ok()).map(|g| g.iter().map(|g| g.coulomb_force).sum());
+        let guides = self.model.and_then(|model| model.resolved_guides().ok());
+        let of_guides = |value: fn(&Guide) -> f64| Some(guides.as_ref()?.iter().map(value).sum::<f64>());
+        let (coulomb, viscous) = (of_guides(|guide| guide.coulomb_force), of_guides(|guide| guide.viscous_friction));
         let clear = |fit: &RoughFit| fit.mass_deviation < 0.1 * fit.mass.abs();
         let fits: Vec<(Signal, RoughFit)> = [(Signal::ForceCell, cell), (Signal::Force, command)]
             .into_iter()
@@ -675,6 +676,8 @@ impl<'a> Examiner<'a> {
                 let friction: f64 = coulomb?;
                 let fits = (0.2..5.0).contains(&(fit.coulomb.abs() / friction));
                 let (unit, signal) = position_unit(*ratio)?;
+                let in_velocities = if signal == Signal::Time { ratio.sqrt() } else { *ratio };
+                let fits = fits && !is_as_declared(fit.viscous, viscous?, in_velocities);
                 (same && fits && !cut).then_some((unit, signal, *fit))
             });
             if let Some((unit, signal, fit)) = position_unit {
@@ -686,7 +689,9 @@ impl<'a> Examiner<'a> {
                 told = true;
             } else {
                 for (signal, fit, ratio) in &ratios {
-                    if let Some(unit) = force_unit(*ratio).filter(|_| !cut) {
+                    if let Some(unit) = force_unit(*ratio).filter(|_| {
+                        !cut && !coulomb.is_some_and(|coulomb| is_as_declared(fit.coulomb, coulomb, *ratio))
+                    }) {
                         let evidence = format!(
                             "force over acceleration gives {:.4e} kg where {declared:.4} kg is declared",
                             fit.mass.abs()
@@ -855,6 +860,13 @@ fn position_unit(ratio: f64) -> Option<(&'static str, Signal)> {
     ];
     let found = units.into_iter().find(|(_, _, factor, tolerance)| within(ratio, *factor, *tolerance));
     found.map(|(unit, signal, ..)| (unit, signal))
+}
+
+/// Whether friction is nearer to what is declared than to what a wrong unit would make of that, a factor: then the mass is not the declared one, and the unit right.
+fn is_as_declared(measured: f64, declared: f64, by_unit: f64) -> bool {
+    let ratio = measured.abs() / declared;
+    // Where none is declared it says nothing.
+    ratio > 0.0 && ratio.is_finite() && ratio.ln().abs() < (ratio / by_unit).ln().abs()
 }
 
 fn within(value: f64, of: f64, tolerance: f64) -> bool {

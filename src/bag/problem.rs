@@ -193,7 +193,7 @@ pub enum DataProblem {
     /// The data are of another machine than the model.
     #[error(
         "the model declares {declared:.4} kg, force over acceleration shows {measured:.4} +- {deviation:.4} kg: \
-         another machine, a payload or a wrong unit"
+         another machine, a payload, or a wrong unit (the model's mass is in kg)"
     )]
     OtherMachine {
         /// Declared mass, kg.
