@@ -29,12 +29,12 @@ const RIDGE: f64 = 1e-9;
 pub const DAMPINGS: [Option<f64>; 4] = [None, Some(1e-3), Some(1e-2), Some(1e-1)];
 
 /// Part of what a curve leaves of left-out blocks that it may leave with a jump for that to be there. Assumed: a jump is worth as much as a law.
-const WITH_A_JUMP: f64 = 0.9;
+pub const WITH_A_JUMP: f64 = 0.9;
 /// Part of its own squares that a jump must have which neither curve nor anything beside it has: at the ends of a record there is none. Assumed.
 const OF_ITS_OWN: f64 = 1e-3;
 
 /// Least change of friction: nearly all of it gone.
-const NO_FRICTION: f64 = -0.99;
+pub(super) const NO_FRICTION: f64 = -0.99;
 
 /// What a fit may move while a curve is drawn: the guides were bent to what the curve is to stand for.
 pub struct Beside {
@@ -99,30 +99,13 @@ pub fn propose(
     side: CurveSide,
     beside: &Beside,
 ) -> Result<Vec<Drawn>, ModelError> {
-    let along = match coordinate {
-        Coordinate::Position => residual.position,
-        Coordinate::Velocity => residual.velocity,
-        Coordinate::Time => residual.time,
-    };
-    let (from, to) = crate::range(along);
+    let Some(rows) = Rows::new(residual, coordinate, side, beside) else { return Ok(Vec::new()) };
+    let Rows { from, to, .. } = rows;
     let total: f64 = residual.force.iter().map(|force| force * force).sum();
-    if !(to > from && (to - from).is_finite() && total > 0.0) {
-        return Ok(Vec::new());
-    }
-    // Force that a knot of 1 adds: 1 N, or as a change of friction all of its Coulomb or its viscous part, against the motion.
-    let viscous = viscous_friction(residual).unwrap_or(0.0);
-    let gain: Vec<f64> = match side {
-        CurveSide::Carriage | CurveSide::Motor => vec![1.0; along.len()],
-        CurveSide::Friction => {
-            residual.friction.iter().zip(residual.velocity).map(|(friction, v)| viscous * v - friction).collect()
-        }
-        CurveSide::Viscous => residual.velocity.iter().map(|v| -viscous * v).collect(),
-    };
     let dampings = if beside.coordinates.is_empty() { &DAMPINGS[..1] } else { &DAMPINGS[..] };
-    let rows = Rows { along, gain: &gain, force: residual.force, from, to, beside };
     let alone = rows.smooth(dampings, None);
     // What changes at a place or at a speed does so each time that the stage comes there, and a curve has it; what happens at a time happens once.
-    let at = if coordinate == Coordinate::Time { rows.jump(dampings) } else { None };
+    let at = if coordinate == Coordinate::Time { rows.jump(dampings).map(|jump| jump.at) } else { None };
     let with_jump = at.map_or_else(Vec::new, |at| rows.smooth(dampings, Some(at)));
     let descriptor = EffectDescriptor::find("map")?;
     let drawn = dampings.iter().enumerate().filter_map(|(index, &damping)| {
@@ -137,7 +120,7 @@ pub fn propose(
         let (jump, moves) = others.split_at(usize::from(with.is_some()));
         let jump = at.zip(jump.first()).map(|(at, height)| Jump { at, height: *height });
         let mut curve = Curve { coordinate, side, from, to, values: values.to_vec(), jump };
-        if matches!(side, CurveSide::Friction | CurveSide::Viscous) {
+        if side.is_of_friction() {
             keep_some_friction(&mut curve);
         }
         let moves = beside.coordinates.iter().zip(moves);
@@ -154,6 +137,11 @@ pub fn propose(
         Some(values.map(|values| Drawn { part: Part { descriptor, values }, damping, moved }))
     });
     drawn.collect()
+}
+
+/// The jump over the time that takes most of what a curve leaves, with everything moving that stands beside it, and the curve itself among that.
+pub fn jump(residual: &Residual, side: CurveSide, beside: &Beside) -> Option<Jump> {
+    Rows::new(residual, Coordinate::Time, side, beside)?.jump(&DAMPINGS[1..])
 }
 
 /// Raises a change of friction to the least that there is.
@@ -193,7 +181,7 @@ fn level(curve: &mut Curve, moved: &mut [hypothesis::Coordinate]) {
 struct Rows<'a> {
     along: &'a [f64],
     /// Force that a knot of 1 takes away, N.
-    gain: &'a [f64],
+    gain: Vec<f64>,
     /// Missing, N.
     force: &'a [f64],
     from: f64,
@@ -210,7 +198,28 @@ struct Smooth {
     knots: usize,
 }
 
-impl Rows<'_> {
+impl<'a> Rows<'a> {
+    /// `None` where there is nothing to draw through.
+    fn new(residual: &'a Residual, coordinate: Coordinate, side: CurveSide, beside: &'a Beside) -> Option<Rows<'a>> {
+        let along = match coordinate {
+            Coordinate::Position => residual.position,
+            Coordinate::Velocity => residual.velocity,
+            Coordinate::Time => residual.time,
+        };
+        let (from, to) = crate::range(along);
+        let is_there = to > from && (to - from).is_finite() && residual.force.iter().any(|force| *force != 0.0);
+        // Force that a knot of 1 adds: 1 N, or as a change of friction all of its Coulomb or its viscous part, against the motion.
+        let viscous = viscous_friction(residual).unwrap_or(0.0);
+        let gain = match side {
+            CurveSide::Carriage | CurveSide::Motor => vec![1.0; along.len()],
+            CurveSide::Friction => {
+                residual.friction.iter().zip(residual.velocity).map(|(friction, v)| viscous * v - friction).collect()
+            }
+            CurveSide::Viscous => residual.velocity.iter().map(|v| -viscous * v).collect(),
+        };
+        is_there.then_some(Rows { along, gain, force: residual.force, from, to, beside })
+    }
+
     /// Force that values of 1 of a curve take away in a row, N: of the knots around it and, behind it, of the jump.
     fn pieces(&self, row: usize, knots: usize, jump: Option<f64>) -> impl Iterator<Item = (usize, f64)> + Clone {
         let (knot, share) = place(self.along[row], self.from, self.to, knots);
@@ -259,8 +268,8 @@ impl Rows<'_> {
         best
     }
 
-    /// The place between two rows, in the order of time, where a jump takes most of what a curve of few knots leaves.
-    fn jump(&self, dampings: &[Option<f64>]) -> Option<f64> {
+    /// The jump between two rows, in the order of time, that takes most of what a curve of few knots leaves.
+    fn jump(&self, dampings: &[Option<f64>]) -> Option<Jump> {
         let (knots, count) = (KNOTS[0], self.along.len());
         let all = sum(&self.folds(knots, None));
         let best = dampings.iter().filter_map(|damping| {
@@ -269,7 +278,7 @@ impl Rows<'_> {
             let solution = factors.solve(&right);
             // Of a jump before this row: products with what is there, its own squares, and its product with what is left.
             let (mut shared, mut own, mut taken) = (DVector::zeros(solution.len()), 0.0, 0.0);
-            let (mut most, mut at) = (0.0, None);
+            let (mut most, mut jump) = (0.0, None);
             for row in (1..count).rev() {
                 let gain = self.gain[row];
                 let slopes = self.beside.slopes.column(row);
@@ -284,12 +293,13 @@ impl Rows<'_> {
                 taken += gain * left;
                 let alone = own - shared.dot(&factors.solve(&shared));
                 if alone > OF_ITS_OWN * own && taken * taken > most * alone {
-                    (most, at) = (taken * taken / alone, Some(0.5 * (self.along[row - 1] + self.along[row])));
+                    let at = 0.5 * (self.along[row - 1] + self.along[row]);
+                    (most, jump) = (taken * taken / alone, Some(Jump { at, height: taken / alone }));
                 }
             }
-            Some((all.left(&solution) - most, at?))
+            Some((all.left(&solution) - most, jump?))
         });
-        best.min_by(|one, other| one.0.total_cmp(&other.0)).map(|(_, at)| at)
+        best.min_by(|one, other| one.0.total_cmp(&other.0)).map(|(_, jump)| jump)
     }
 }
 

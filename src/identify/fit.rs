@@ -88,6 +88,17 @@ impl Fitted {
         self.missing.motor.iter().chain(&self.missing.carriage).map(|left| left * left).sum()
     }
 
+    /// The same with its curves held.
+    pub(super) fn holding_curves(self) -> Fitted {
+        let is_of_curve = |place: Place| match place {
+            Place::Effect { effect, .. } => self.hypothesis.effects[effect].parameters().curve.is_some(),
+            _ => false,
+        };
+        let both = self.coordinates.into_iter().zip(self.at_bound);
+        let (coordinates, at_bound) = both.filter(|(coordinate, _)| !is_of_curve(coordinate.place)).unzip();
+        Fitted { hypothesis: self.hypothesis.holding_curves(true), missing: self.missing, coordinates, at_bound }
+    }
+
     /// How well the record of the fit knows its coordinates. `sides` as in the fit.
     pub fn estimate(self, measured: &Measured, sides: Sides) -> Result<Estimate, ModelError> {
         let problem = Problem { measured, sides, noise: self.hypothesis.floor(measured).carriage };

@@ -5,8 +5,10 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::model::{EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
+use crate::plant::effects::heights;
 use crate::plant::{Drive, EffectDescriptor, Side, SlippingRipple};
 
+use super::curve::NO_FRICTION;
 use super::declared::Declared;
 use super::driven::{self, Driven};
 use super::measured::{Floor, Measured};
@@ -90,6 +92,19 @@ impl Part {
         self.slipping_ripple().is_some()
     }
 
+    /// The heights of a curve that is the effect of this index; nothing of a law.
+    fn heights(&self, effect: usize) -> Vec<Coordinate> {
+        let Some(curve) = self.parameters().curve else { return Vec::new() };
+        let (scale, bounds) = if curve.side.is_of_friction() { (0.1, (NO_FRICTION, 1e6)) } else { (1.0, (-1e6, 1e6)) };
+        let height = |value: usize| Coordinate {
+            place: Place::Effect { effect, value },
+            value: self.values[value],
+            scale,
+            bounds,
+        };
+        heights(&self.values).map(height).collect()
+    }
+
     /// Side of the force cell, or sensor, where it acts: a map has it among its values.
     pub fn side(&self) -> Side {
         (self.descriptor.build)(&self.values).side().unwrap_or(self.descriptor.side)
@@ -108,6 +123,8 @@ pub struct Hypothesis {
     spread: [[f64; MAX_GUIDES - 1]; SPREAD.len()],
     /// Whether a fit may move the differences between the guides.
     guides_differ: bool,
+    /// Whether a fit may move the heights of curves that the model does not declare.
+    curves_bend: bool,
     pub effects: Vec<Part>,
 }
 
@@ -201,6 +218,7 @@ impl Hypothesis {
             moved: [0.0; Declared::ALL.len()],
             spread: [[0.0; MAX_GUIDES - 1]; SPREAD.len()],
             guides_differ: false,
+            curves_bend: false,
             effects,
         })
     }
@@ -318,6 +336,11 @@ impl Hypothesis {
         Hypothesis { guides_differ: !hold, ..self.clone() }
     }
 
+    /// The same with the curves that the model does not declare held, or not.
+    pub(super) fn holding_curves(&self, hold: bool) -> Hypothesis {
+        Hypothesis { curves_bend: !hold, ..self.clone() }
+    }
+
     /// The guides as moved; static friction never below Coulomb friction.
     pub fn guides(&self) -> Vec<Guide> {
         let damping = self.moved(Declared::BristleDamping).exp();
@@ -418,6 +441,9 @@ impl Hypothesis {
             };
             if !seen {
                 continue;
+            }
+            if self.curves_bend && effect >= self.declared.effects.len() {
+                coordinates.extend(part.heights(effect));
             }
             // The knots of a map stand behind its parameters: they come from their own least squares.
             for (value, parameter) in part.descriptor.parameters.iter().enumerate() {

@@ -93,6 +93,11 @@ pub enum CurveSide {
 }
 
 impl CurveSide {
+    /// Whether it is a change of the guides' friction, as a part of it.
+    pub fn is_of_friction(self) -> bool {
+        matches!(self, CurveSide::Friction | CurveSide::Viscous)
+    }
+
     fn is_carriage(&self) -> bool {
         *self == CurveSide::Carriage
     }

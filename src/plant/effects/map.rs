@@ -56,6 +56,11 @@ pub(super) fn values(curve: &Curve) -> Vec<f64> {
     [coordinate, side, curve.from, curve.to, height, at].into_iter().chain(curve.values.iter().copied()).collect()
 }
 
+/// Places in a vector of values of the heights that make the curve: that of its jump, where there is one, and those of its knots.
+pub(crate) fn heights(values: &[f64]) -> impl Iterator<Item = usize> + use<> {
+    (values[HEIGHT] != 0.0).then_some(HEIGHT).into_iter().chain(HEAD..values.len())
+}
+
 /// The inverse of [`values`].
 pub(super) fn curve(values: &[f64]) -> Curve {
     let coordinate = match values[0] {
