@@ -161,12 +161,19 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let mut warnings = input.warnings.clone();
     let model = selection.after.fitted.hypothesis.model();
     let there = selection.after.fitted.hypothesis.in_record(&input.holdout.measured)?;
-    if there.model() != model {
+    let differs = selection.after.fitted.hypothesis.own_of(&there);
+    if differs.iter().any(|part| part.descriptor.name == "external_vibration") {
         warnings.push(
             "external_vibration counts its phase from the start of a record: the errors on the hold-out are those with the phase that fits the \
              hold-out best, and the model has that of the train record"
                 .to_owned(),
         );
+    }
+    for at in differs.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
+        warnings.push(format!(
+            "the map jumps at another instant of the hold-out, {}: the errors on the hold-out are those with this one, and the model has that of the train record",
+            instant_in_words(at, input.holdout.measured.time.last().copied().unwrap_or(0.0))
+        ));
     }
     if selection.after.fitted.hypothesis.effects.iter().any(|part| part.slips()) {
         warnings.push(
@@ -283,6 +290,15 @@ fn simulate(
 
 /// Ratio up to which the periods of ball passages are those of guides of one type. Assumed.
 const ONE_TYPE: f64 = 1.2;
+
+/// An instant of a record of this length, s, or beside it.
+pub(super) fn instant_in_words(at: f64, length: f64) -> String {
+    match at {
+        _ if at < 0.0 => "before its start".to_owned(),
+        _ if at > length => "behind its end".to_owned(),
+        _ => format!("at {at:.3} s"),
+    }
+}
 
 /// What happens where a curve over the time jumps.
 fn jump_in_words(curve: &Curve) -> Option<String> {
@@ -479,6 +495,8 @@ mod tests {
             Some("at 3.000 s the Coulomb friction falls by 20.0 %")
         );
         assert_eq!(words(CurveSide::Viscous, 0.45).as_deref(), Some("at 3.000 s the viscous friction rises by 50.0 %"));
+        let instants = [-5e-4, 7.25, 19.1].map(|at| instant_in_words(at, 19.0));
+        assert_eq!(instants, ["before its start", "at 7.250 s", "behind its end"]);
         assert_eq!(words(CurveSide::Motor, -2.5).as_deref(), Some("at 3.000 s the force of the motor falls by 2.5 N"));
     }
 }

@@ -8,6 +8,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Outcome;
+use super::identify::instant_in_words;
 use crate::bag::{BagReader, Trace};
 use crate::identify::{ClosedLoopError, Hypothesis, IdentifyError, Measured, Part, Sides, Tolerances, closed_loop};
 use crate::model::StageModel;
@@ -138,7 +139,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     report.force_cell_rms_n = (report.force_cell_rms_n / count).sqrt();
     let mut in_record = model.clone();
     match missing_force(&model, &trace) {
-        Ok((rms, here, phase_is_its_own)) => {
+        Ok((rms, here, own)) => {
             report.missing_force_rms_n = Some(rms);
             if here.effects.iter().any(Part::slips) {
                 report.notes.push(
@@ -146,9 +147,16 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
                         .to_owned(),
                 );
             }
-            if phase_is_its_own {
+            if !own.is_empty() {
                 in_record = here.model();
+            }
+            if own.iter().any(|part| part.descriptor.name == "external_vibration") {
                 report.notes.push("external_vibration has the phase here that fits this record best".to_owned());
+            }
+            for at in own.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
+                let instant =
+                    instant_in_words(at, trace.time.last().unwrap_or(&0.0) - trace.time.first().unwrap_or(&0.0));
+                report.notes.push(format!("the map jumps here where that fits this record best, {instant}"));
             }
         }
         Err(error) => report.notes.push(format!("no missing force: {error}")),
@@ -187,21 +195,22 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Share of what a model misses that the phase which fits this record best has to leave out for the one of the model to be another record's. Assumed.
-const ANOTHER_PHASE: f64 = 0.05;
+/// Share of what a model misses that the phase or the instant which fits this record best has to leave out for the one of the model to be another record's. Assumed.
+const ANOTHER_RECORD: f64 = 0.05;
 
 /// Rms of the force that the model misses along the recorded motion, both sides of the cell together, N, with the phases that a record has for
-/// itself; what stands for the model in this record, and whether that has another phase.
-fn missing_force(model: &StageModel, trace: &Trace) -> Result<(f64, Hypothesis, bool), IdentifyError> {
+/// itself; what stands for the model in this record, and of that the effects which this record has for itself.
+fn missing_force(model: &StageModel, trace: &Trace) -> Result<(f64, Hypothesis, Vec<Part>), IdentifyError> {
     let measured = Measured::new(trace, model, "the recording")?;
     let declared = Hypothesis::new(model, Tolerances::default())?;
     let here = declared.in_record(&measured)?;
     let missing = |hypothesis: &Hypothesis| hypothesis.missing(&measured, Sides::BOTH).map(|missing| missing.rms());
     let (as_declared, in_record) = (missing(&declared)?, missing(&here)?);
-    if in_record < (1.0 - ANOTHER_PHASE) * as_declared {
-        return Ok((in_record, here, true));
+    if in_record < (1.0 - ANOTHER_RECORD) * as_declared {
+        let own = declared.own_of(&here).into_iter().cloned().collect();
+        return Ok((in_record, here, own));
     }
-    Ok((as_declared, declared, false))
+    Ok((as_declared, declared, Vec::new()))
 }
 
 /// Rms of the closed loop's encoder less the recorded one, m.

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::model::{EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
+use crate::model::{CurveSide, EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
 use crate::plant::effects::heights;
 use crate::plant::{Drive, EffectDescriptor, Side, SlippingRipple};
 
@@ -47,6 +47,9 @@ const START_SPREAD: f64 = 0.25;
 
 /// Effects whose phase counts from the start of a record and therefore means nothing in another one: each record has its own.
 const PHASE_OF_RECORD: [&str; 1] = ["external_vibration"];
+
+/// Part of what is left with a jump at an instant that must be left with it at another one, for this to be that of the record. Assumed.
+const ANOTHER_INSTANT: f64 = 0.9;
 
 /// An effect with values in the order of its descriptor's parameters.
 #[derive(Clone, Debug)]
@@ -237,12 +240,20 @@ impl Hypothesis {
         less
     }
 
-    /// The same in another record: phases that count from the start of a record are those that fit this one best. Amplitudes and
-    /// frequencies stay.
+    /// The same in another record: phases that count from the start of a record are those that fit this one best, and an instant at which a curve over the
+    /// time jumps is another one where that is much better. Amplitudes, frequencies and heights stay.
     pub fn in_record(&self, measured: &Measured) -> Result<Hypothesis, ModelError> {
         let mut here = self.clone();
         for effect in 0..self.effects.len() {
             let descriptor = self.effects[effect].descriptor;
+            if let Some(jumping) = here.jumping_elsewhere(effect, measured)? {
+                let left =
+                    |hypothesis: &Hypothesis| Ok::<_, ModelError>(hypothesis.missing(measured, Sides::BOTH)?.squares());
+                let ((motor, carriage), (motor_there, carriage_there)) = (left(&here)?, left(&jumping)?);
+                if motor_there + carriage_there < ANOTHER_INSTANT * (motor + carriage) {
+                    here = jumping;
+                }
+            }
             if !PHASE_OF_RECORD.contains(&descriptor.name) {
                 continue;
             }
@@ -264,6 +275,53 @@ impl Hypothesis {
             }
         }
         Ok(here)
+    }
+
+    /// Effects of this one in a record ([`Hypothesis::in_record`]) that differ from these: what that record has for itself.
+    pub fn own_of<'a>(&self, in_record: &'a Hypothesis) -> Vec<&'a Part> {
+        let both = in_record.effects.iter().zip(&self.effects);
+        both.filter(|(there, here)| there != here).map(|(there, _)| there).collect()
+    }
+
+    /// The same with the jump of a curve over the time at the instant of this record, to a sample, that leaves least; `None` where there is no jump, or there cannot be one at any
+    /// instant. Before it is what a curve without the jump leaves, and behind it what one leaves that has jumped from the start: bristles forget the difference within micrometres.
+    pub(super) fn jumping_elsewhere(
+        &self,
+        effect: usize,
+        measured: &Measured,
+    ) -> Result<Option<Hypothesis>, ModelError> {
+        let part = &self.effects[effect];
+        let Some(curve) = part.parameters().curve.filter(|curve| curve.jump.is_some()) else { return Ok(None) };
+        let Some(at) = part.descriptor.parameters.iter().position(|one| one.name == "jump_at") else { return Ok(None) };
+        let jumping_at = |instant: f64| {
+            let mut jumping = self.clone();
+            jumping.effects[effect].values[at] = instant;
+            jumping
+        };
+        let on_motor = curve.side == CurveSide::Motor && measured.cell.is_some();
+        let left = |instant: f64| -> Result<Vec<f64>, ModelError> {
+            let jumping = jumping_at(instant);
+            let sides = if on_motor { Sides::MOTOR } else { Sides::CARRIAGE };
+            let driven = jumping.driven(measured, sides, &Driven::default())?;
+            let missing = jumping.missing_at_samples(&driven, measured, sides);
+            Ok(if on_motor { missing.motor } else { missing.carriage })
+        };
+        let step = measured.rate.recip();
+        let (first, last) = (measured.time[0] - step, measured.time[measured.len() - 1] + step);
+        // Friction that would be gone altogether is no friction.
+        let (Ok(without), Ok(with)) = (left(last), left(first)) else { return Ok(None) };
+        // Samples that rows stand for: in a hole nothing is known.
+        let spacing = measured.lowpass.factor();
+        let samples = measured.rows.iter().flat_map(|row| (0..spacing).map(move |offset| row + offset - spacing / 2));
+        let (mut more, mut least, mut instant) = (0.0, 0.0, first);
+        for sample in samples {
+            // By which more is left if it jumps behind this sample than if it had jumped from the start.
+            more += without[sample].powi(2) - with[sample].powi(2);
+            if more < least {
+                (least, instant) = (more, measured.time[sample] + 0.5 * step);
+            }
+        }
+        Ok(Some(jumping_at(instant)))
     }
 
     /// Numbers that a record has for itself: of each ripple of balls that slip its knots.

@@ -23,11 +23,11 @@ pub(super) const CURVE_ALONE: f64 = 0.5;
 const LEAST_PERIODS: f64 = 3.0;
 /// Part of what a curve must take out of the hold-out that it must come to on the train record, or its fit is given up. Assumed.
 const SHOWN_ON_TRAIN: f64 = 0.5;
-/// First and last step with which the place of a jump is sought, s. Assumed.
+/// First and last step with which the place of a jump is sought around where it stands, s. Assumed.
 const COARSE_PLACE: f64 = 16e-3;
 const FINE_PLACE: f64 = 2.5e-4;
-/// How far from where it was drawn it is sought, s, with the guides fitted: as far as a stage hardly moves between two strokes. Assumed; it was off by 0.5 s.
-const MISPLACED: f64 = 0.6;
+/// How long a stage hardly moves between two strokes, s. Assumed.
+const HARDLY_MOVES: f64 = 0.6;
 /// How often a curve is drawn anew at most, and how often laws are looked for beside it.
 pub(super) const MOST_CURVES: usize = 4;
 
@@ -146,7 +146,8 @@ impl Search<'_> {
             let alike = drawn.iter().filter(|one| one.damping == *damping);
             let one = alike.max_by(|one, other| one.gain.total_cmp(&other.gain))?;
             let fitted = || -> Result<_, IdentifyError> {
-                let fitted = self.with_jump_in_place(fit(&one.with, self.train, Sides::BOTH, effort)?, 0.0, effort)?;
+                let fitted =
+                    self.with_jump_in_place(fit(&one.with, self.train, Sides::BOTH, effort)?, false, effort)?;
                 let gain = gain(&fitted)?;
                 Ok((fitted, gain, one.over))
             };
@@ -169,9 +170,9 @@ impl Search<'_> {
     fn with_heights_fitted(&self, held: &Hypothesis, effort: Effort) -> Result<Fitted, IdentifyError> {
         let fitted = |start: &Hypothesis| -> Result<Fitted, IdentifyError> {
             let fitted = fit(start, self.train, Sides::BOTH, effort)?;
-            // With the guides bent to another place, and then as they are.
-            let placed = self.with_jump_in_place(fitted, MISPLACED, effort)?;
-            self.with_jump_in_place(placed, 0.0, effort)
+            // With the guides as they were bent to where it stood, and then as they are.
+            let placed = self.with_jump_in_place(fitted, true, effort)?;
+            self.with_jump_in_place(placed, false, effort)
         };
         let mut best = fitted(&held.holding_curves(false))?;
         if let Some(jumping) = self.with_a_jump(&best.hypothesis)? {
@@ -204,32 +205,40 @@ impl Search<'_> {
         Ok(Some(jumping))
     }
 
-    /// The same with the jump of its curve where it leaves least, fitted anew if that is another place: sought over `reach` (s) to either side, and around the best one there.
-    fn with_jump_in_place(&self, fitted: Fitted, reach: f64, effort: Effort) -> Result<Fitted, IdentifyError> {
+    /// The same with the jump of its curve where it leaves least, fitted anew if that is another place: sought around where it stands, or everywhere.
+    fn with_jump_in_place(&self, fitted: Fitted, everywhere: bool, effort: Effort) -> Result<Fitted, IdentifyError> {
         let has_jump = |part: &Part| part.value_of("jump").is_some_and(|height| height != 0.0);
         let Some(curve) = fitted.hypothesis.effects.iter().rposition(has_jump) else { return Ok(fitted) };
         let at = fitted.hypothesis.effects[curve].descriptor.parameters.iter().position(|one| one.name == "jump_at");
         let (Some(at), false) = (at, curve < self.declared_effects()) else { return Ok(fitted) };
-        let place = |hypothesis: &Hypothesis| hypothesis.effects[curve].values[at];
-        // The one of these places, and where it stands, that leaves least. Values that do not go together there are no curve.
-        let best_of = |stands: &Hypothesis, aside: Vec<f64>| -> Hypothesis {
-            let moved = aside.into_par_iter().filter_map(|aside| {
-                let mut moved = stands.clone();
-                moved.effects[curve].values[at] += aside;
-                let (motor, carriage) = moved.missing(self.train, Sides::BOTH).ok()?.squares();
-                Some((motor + carriage, moved))
-            });
-            let best = moved.min_by(|one, other| one.0.total_cmp(&other.0));
-            best.map_or_else(|| stands.clone(), |(_, best)| best)
+        let moved = |stands: &Hypothesis, aside: f64| {
+            let mut moved = stands.clone();
+            moved.effects[curve].values[at] += aside;
+            moved
         };
-        let count = (reach / COARSE_PLACE) as i32;
-        let mut best = best_of(&fitted.hypothesis, (-count..=count).map(|k| f64::from(k) * COARSE_PLACE).collect());
+        // Values that do not go together there are no curve.
+        let best_of = |several: Vec<Hypothesis>| -> Option<Hypothesis> {
+            let left = several.into_par_iter().filter_map(|one| {
+                let (motor, carriage) = one.missing(self.train, Sides::BOTH).ok()?.squares();
+                Some((motor + carriage, one))
+            });
+            left.min_by(|one, other| one.0.total_cmp(&other.0)).map(|(_, best)| best)
+        };
+        let mut best = fitted.hypothesis.clone();
+        if everywhere {
+            let elsewhere = best.jumping_elsewhere(curve, self.train)?;
+            best = best_of([best.clone()].into_iter().chain(elsewhere).collect()).unwrap_or(best);
+            // Where a stage hardly moves bristles forget nothing.
+            let count = (HARDLY_MOVES / COARSE_PLACE) as i32;
+            let around = (-count..=count).map(|place| moved(&best, f64::from(place) * COARSE_PLACE)).collect();
+            best = best_of(around).unwrap_or(best);
+        }
         let mut step = 0.5 * COARSE_PLACE;
         while step >= FINE_PLACE {
-            best = best_of(&best, vec![0.0, -step, step]);
+            best = best_of(vec![best.clone(), moved(&best, -step), moved(&best, step)]).unwrap_or(best);
             step *= 0.5;
         }
-        let stands = place(&best) == place(&fitted.hypothesis);
+        let stands = best.effects[curve].values[at] == fitted.hypothesis.effects[curve].values[at];
         Ok(if stands { fitted } else { fit(&best, self.train, Sides::BOTH, effort)? })
     }
 
@@ -336,6 +345,37 @@ mod tests {
         // The guides are not bent towards it.
         let (left, floor) = (found.errors_after.holdout().sqrt(), found.floor.total());
         assert!(left < 1.5 * floor, "{left} N over {floor} N");
+    }
+
+    /// In one record it comes loose on the way, at the same or another instant, in others before it begins or never.
+    #[test]
+    fn what_comes_loose_does_so_at_an_instant_of_each_record() {
+        let loose_at = |at: f64| {
+            let (coordinate, side) = (Coordinate::Time, CurveSide::Friction);
+            let curve = Curve {
+                coordinate,
+                side,
+                from: 0.0,
+                to: 9.0,
+                values: vec![0.0; 2],
+                jump: Some(Jump { at, height: -0.25 }),
+            };
+            StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() }
+        };
+        let model = loose_at(3.8);
+        let (hypothesis, step) = (Hypothesis::new(&model, Tolerances::default()).unwrap(), 1.0 / 2000.0);
+        for (real, expected) in [(3.8, 3.8..3.8), (2.3, 2.3 - step..2.3 + step), (-1.0, -step..0.0), (99.0, 4.0..99.0)]
+        {
+            // A record begins half a second after the stage.
+            let measured = Measured::new(&recording(&loose_at(real + 0.5), 3, 0.0, 4), &model, "the record").unwrap();
+            let here = hypothesis.in_record(&measured).unwrap();
+            let found = here.effects[0].value_of("jump_at").unwrap();
+            assert!(expected.contains(&found) || found == expected.start, "{real} s: {found} s");
+            let floor = hypothesis.floor(&measured).total();
+            let left = here.missing(&measured, Sides::BOTH).unwrap().rms();
+            // Half a sample of a quarter of the friction is two floors over this record.
+            assert!(left < 3.0 * floor, "{real} s: {left} N over {floor} N");
+        }
     }
 
     /// A bump that is wide against the travel is nearly the sum of a few ripples.
