@@ -21,7 +21,7 @@ use serde_json::Value;
 
 use generator::effects::{
     ActuatorLag, CableChain, ConstantForce, DistributedBristles, EncoderSde, ExternalVibration, ForceCellGain,
-    RailJoint, SaturatingBrake, StictionAging, StructuralMode, ViscousWarmUp,
+    QuadraticDrag, RailJoint, SaturatingBrake, StictionAging, StructuralMode, ViscousWarmUp,
 };
 use generator::guides::Slip;
 use generator::programme::Programme;
@@ -249,6 +249,21 @@ fn a_law_is_found_in_the_form_that_it_has() {
         assert_eq!((part.descriptor.name, value("form")), (name, 1.0), "{part:?}");
         assert!((value(parameter) / truth - 1.0).abs() < close, "{part:?}");
     }
+}
+
+/// Without the drag grease that warms with the work looks as if it warmed with the distance, and beside that form a drag makes the hold-out worse.
+#[test]
+#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+fn a_law_is_found_beside_one_whose_form_is_right_only_with_it() {
+    let warm_up = ViscousWarmUp { fraction: 0.29, work: 67.0 };
+    let found = found_in(51, vec![Box::new(warm_up), Box::new(QuadraticDrag { force: 3.6 })]);
+    let effects = &found.after.fitted.hypothesis.effects;
+    assert_eq!(found.verdict, Verdict::Found, "{effects:?}");
+    let names: Vec<&str> = effects.iter().map(|part| part.descriptor.name).collect();
+    assert_eq!(names, ["viscous_warm_up", "quadratic_drag"], "{effects:?}");
+    assert_eq!(effects[0].value_of("form"), Some(3.0), "{effects:?}");
+    assert!((effects[0].values[0] / 0.29 - 1.0).abs() < 0.02, "{effects:?}");
+    assert!((effects[1].values[0] / 3.6 - 1.0).abs() < 0.05, "{effects:?}");
 }
 
 /// A guide with a third of the viscous friction was once found as a warm-up of -196 %.

@@ -1,5 +1,6 @@
 //! Rounds of candidates: each law proposes itself from the residual and is fitted with everything that was found before.
 
+use std::mem;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
@@ -14,6 +15,7 @@ use crate::plant::{EffectDescriptor, Side};
 use super::columns::Columns;
 use super::forms::starts;
 use super::guides::with_different_guides;
+use super::worth::HALF_OF_THE_REST;
 use super::{Errors, Evidence, MOST_EFFECTS, Outcome, SEVERAL, Search, by_chance, errors};
 
 /// Share of the best gain that a law with fewer parameters must reach to be preferred.
@@ -48,8 +50,9 @@ impl Search<'_> {
         }
         let strongest = tried.iter().find(|(one, _)| one.outcome != Outcome::TooSmall).map(|(one, _)| one.holdout_gain);
         let Some(strongest) = strongest else {
+            let found = self.add_beside_other_forms(&mut tried)?;
             self.evidence.extend(tried.into_iter().map(|(one, _)| one));
-            return Ok(false);
+            return Ok(found);
         };
         let winner = winner(&tried, strongest);
         tried[winner].0.outcome = Outcome::Chosen;
@@ -78,6 +81,37 @@ impl Search<'_> {
         self.runners_up.extend(added.iter().map(|_| others.clone()));
         self.evidence.extend(tried.into_iter().map(|(one, _)| one));
         self.take(with_different_guides(&chosen, self.train, effort)?)?;
+        Ok(true)
+    }
+
+    /// A law that takes half of what is left out of the train record and nothing out of the hold-out may be right beside laws in forms that are not: adds
+    /// the strongest of these where it is worth it once the forms are chosen anew beside it. Whether it was.
+    fn add_beside_other_forms(&mut self, tried: &mut [(Evidence, Hypothesis)]) -> Result<bool, IdentifyError> {
+        let half = HALF_OF_THE_REST * (self.best_errors.train() - self.floor.total().powi(2));
+        let strong = |one: &Evidence| one.train_gain >= self.least_on_train(one).max(half);
+        let strong = tried.iter_mut().filter(|(one, _)| strong(one));
+        let Some((one, with)) = strong.max_by(|a, b| a.0.train_gain.total_cmp(&b.0.train_gain)) else {
+            return Ok(false);
+        };
+        let effort = self.on_the_way(&one.errors);
+        let without = (self.best.clone(), self.best_errors);
+        self.take(with_different_guides(&with.holding_guides(false), self.train, effort)?)?;
+        let changed = self.choose_forms_anew()?;
+        let with = mem::replace(&mut self.best, without.0);
+        let errors = mem::replace(&mut self.best_errors, without.1);
+        let Some(part) = with.hypothesis.effects.last().cloned() else { return Ok(false) };
+        let found = self.evidence_of(one.round, part, one.side, 1, &with.hypothesis, errors)?;
+        let is_worth_it =
+            found.train_gain >= self.least_on_train(&found) && found.holdout_gain >= self.least_on_holdout(&found);
+        if !changed || !is_worth_it {
+            return Ok(false);
+        }
+        *one = Evidence { outcome: Outcome::Chosen, ..found };
+        let others = tried.iter().filter(|(other, _)| other.outcome != Outcome::Chosen);
+        let others = others.map(|(other, _)| (other.name, other.errors.holdout().sqrt())).collect();
+        self.runners_up.push(others);
+        self.laws += 1;
+        (self.best, self.best_errors) = (with, errors);
         Ok(true)
     }
 
