@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector, DVectorView};
 
-use crate::model::{Coordinate, Curve, CurveSide, EffectParameters, Jump, ModelError};
+use crate::model::{Coordinate, Curve, CurveSide, EffectParameters, Jump, ModelError, locate};
 use crate::plant::effects::viscous_friction;
 use crate::plant::{EffectDescriptor, Residual};
 
@@ -222,7 +222,7 @@ impl<'a> Rows<'a> {
 
     /// Force that values of 1 of a curve take away in a row, N: of the knots around it and, behind it, of the jump.
     fn pieces(&self, row: usize, knots: usize, jump: Option<f64>) -> impl Iterator<Item = (usize, f64)> + Clone {
-        let (knot, share) = place(self.along[row], self.from, self.to, knots);
+        let (knot, share) = locate(self.along[row], self.from, self.to, knots);
         let gain = self.gain[row];
         let jump = jump.filter(|at| self.along[row] >= *at).map(|_| (knots, gain));
         [(knot, (1.0 - share) * gain), (knot + 1, share * gain)].into_iter().chain(jump)
@@ -407,12 +407,6 @@ impl Squares {
     }
 }
 
-fn place(value: f64, from: f64, to: f64, knots: usize) -> (usize, f64) {
-    let at = ((value - from) / (to - from)).clamp(0.0, 1.0) * (knots - 1) as f64;
-    let knot = (at as usize).min(knots - 2);
-    (knot, at - knot as f64)
-}
-
 #[cfg(test)]
 mod tests {
     use crate::model::StageModel;
@@ -424,7 +418,7 @@ mod tests {
     const COUNT: usize = 8000;
 
     fn interpolate(values: &[f64], from: f64, to: f64, at: f64) -> f64 {
-        let (knot, share) = place(at, from, to, values.len());
+        let (knot, share) = locate(at, from, to, values.len());
         values[knot] * (1.0 - share) + values[knot + 1] * share
     }
 

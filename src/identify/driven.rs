@@ -192,6 +192,26 @@ impl Driven {
         }
     }
 
+    /// A force of the carriage side at the nodes, N, as the missing force has it at the rows: with nothing at both ends, where there is no second difference.
+    pub fn at_rows(&self, mut at_nodes: Vec<f64>, measured: &Measured) -> Vec<f64> {
+        let last = at_nodes.len() - 1;
+        (at_nodes[0], at_nodes[last]) = (0.0, 0.0);
+        let mut at_rows = measured.filtered(&at_nodes);
+        self.take_out_own(&mut at_rows);
+        at_rows
+    }
+
+    /// The steps of the true motion.
+    pub fn steps<'a>(&'a self, measured: &'a Measured) -> &'a [Step] {
+        self.moved.steps(measured)
+    }
+
+    /// Friction of all guides at the nodes, N; `None` where a law beside them feels it, or the carriage side was not asked for.
+    pub fn friction_at_nodes(&self) -> Option<Vec<f64>> {
+        let friction = self.friction.as_ref().filter(|friction| friction.viscous.felt.is_none())?;
+        Some(friction.at_nodes())
+    }
+
     pub fn added_mass(&self) -> f64 {
         self.added_mass
     }
@@ -278,12 +298,7 @@ fn effects_of(parts: &[Part]) -> Result<Effects, ModelError> {
 
 /// Friction of the guides at the nodes without any law beside them, N.
 pub(super) fn friction(guides: &[Guide], measured: &Measured) -> Result<Vec<f64>, ModelError> {
-    let friction = Friction::new(guides, Vec::new(), Vec::new(), measured, &measured.steps, None)?;
-    let mut at_nodes = vec![0.0; measured.len()];
-    for (part, factor) in friction.parts() {
-        at_nodes.iter_mut().zip(part).for_each(|(sum, force)| *sum += factor * force);
-    }
-    Ok(at_nodes)
+    Ok(Friction::new(guides, Vec::new(), Vec::new(), measured, &measured.steps, None)?.at_nodes())
 }
 
 impl Friction {
@@ -313,6 +328,12 @@ impl Friction {
             _ => Arc::new(Viscous::new(of_viscous, felt, measured, steps)?),
         };
         Ok(Friction { bristles, viscous, coefficient })
+    }
+
+    /// Of both parts together, N.
+    fn at_nodes(&self) -> Vec<f64> {
+        let [(bristles, one), (viscous, coefficient)] = self.parts();
+        bristles.iter().zip(viscous).map(|(bristles, viscous)| one * bristles + coefficient * viscous).collect()
     }
 
     /// At the nodes, with what each is to be multiplied by, N.

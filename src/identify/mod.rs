@@ -12,6 +12,7 @@ mod driven;
 mod fit;
 mod hypothesis;
 pub mod inverse_dynamics;
+mod knot_slopes;
 mod lowpass;
 mod measured;
 pub mod next_experiment;

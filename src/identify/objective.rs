@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::declared::Declared;
 use super::driven::Driven;
 use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, SPREAD, Sides};
+use super::knot_slopes::KnotSlopes;
 use super::measured::Measured;
 use crate::model::ModelError;
 
@@ -32,7 +33,13 @@ fn expectation(coordinate: &Coordinate, noise: f64) -> f64 {
     }
 }
 
-/// Derivatives of the residual by the scaled coordinates, by forward differences (backward at the upper bound).
+/// Step of a difference quotient, backward at the upper bound.
+pub(super) fn step_of(coordinate: &Coordinate) -> f64 {
+    let step = DIFFERENCE * coordinate.scale;
+    if coordinate.value + step > coordinate.bounds.1 { -step } else { step }
+}
+
+/// Derivatives of the residual by the scaled coordinates, by difference quotients.
 pub(super) fn derivatives(
     hypothesis: &Hypothesis,
     coordinates: &[Coordinate],
@@ -43,19 +50,20 @@ pub(super) fn derivatives(
     noise: f64,
 ) -> Result<DMatrix<f64>, ModelError> {
     let of_guides = GuideSlopes::new(hypothesis, coordinates, driven, measured)?;
+    let of_knots = KnotSlopes::new(hypothesis, coordinates, driven, measured)?;
     let columns = coordinates
         .par_iter()
         .enumerate()
         .map(|(index, coordinate)| {
-            if let Some(carriage) = of_guides.as_ref().and_then(|slopes| slopes.along(coordinate)) {
+            let of_knot = of_knots.as_ref().and_then(|slopes| slopes.of(index)).cloned();
+            if let Some(carriage) = of_knot.or_else(|| of_guides.as_ref()?.along(coordinate)) {
                 let mut column = DVector::zeros(residual.len());
                 let declared = residual.len() - coordinates.len();
                 column.rows_mut(declared - carriage.len(), carriage.len()).copy_from(&carriage);
                 column[declared + index] = expectation(coordinate, noise);
                 return Ok(column);
             }
-            let step = DIFFERENCE * coordinate.scale;
-            let step = if coordinate.value + step > coordinate.bounds.1 { -step } else { step };
+            let step = step_of(coordinate);
             let quotient = |step: f64| -> Result<DVector<f64>, ModelError> {
                 let mut moved = hypothesis.clone();
                 moved.set(coordinate.place, coordinate.value + step);
@@ -121,15 +129,7 @@ impl GuideSlopes {
         }
         let at_rows = passes.par_iter().map(|guides| -> Result<Option<Vec<DVector<f64>>>, ModelError> {
             let Some(each) = driven.friction_of_each(guides, measured)? else { return Ok(None) };
-            let at_rows = |mut friction: Vec<f64>| {
-                // As the missing force itself: nothing at both ends.
-                let last = friction.len() - 1;
-                (friction[0], friction[last]) = (0.0, 0.0);
-                let mut filtered = measured.filtered(&friction);
-                driven.take_out_own(&mut filtered);
-                DVector::from_vec(filtered)
-            };
-            Ok(Some(each.map(at_rows).into()))
+            Ok(Some(each.map(|friction| DVector::from_vec(driven.at_rows(friction, measured))).into()))
         });
         let Some(at_rows) = at_rows.collect::<Result<Option<Vec<_>>, ModelError>>()? else { return Ok(None) };
         let slopes = steps.into_iter().zip(&at_rows[1..]).map(|((parameter, step), there)| {

@@ -38,6 +38,11 @@ pub struct Curve {
 }
 
 impl Curve {
+    /// The knot before a coordinate, and the part of the way from there to the next; the first and the last one beyond the ends.
+    pub fn locate(&self, coordinate: f64) -> (usize, f64) {
+        locate(coordinate, self.from, self.to, self.values.len())
+    }
+
     /// Places between which the curve is straight, with the values there: the knots, and both ends of the jump.
     pub fn corners(&self) -> Vec<(f64, f64)> {
         let step = (self.to - self.from) / (self.values.len().max(2) - 1) as f64;
@@ -53,6 +58,13 @@ impl Curve {
         }
         corners
     }
+}
+
+/// As [`Curve::locate`], of so many equidistant knots from the first to the last one.
+pub(crate) fn locate(coordinate: f64, from: f64, to: f64, knots: usize) -> (usize, f64) {
+    let place = ((coordinate - from) / (to - from)).clamp(0.0, 1.0) * (knots - 1) as f64;
+    let knot = (place as usize).min(knots - 2);
+    (knot, place - knot as f64)
 }
 
 /// A place from which on a curve is higher than its knots say: something came loose, or took hold.

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 pub use catalogue::{Catalogue, CatalogueEntry, DistributedBristles, EffectiveStiffness, Provenance, Quantity};
+pub(crate) use effect::locate;
 pub use effect::{Coordinate, Curve, CurveSide, EffectParameters, Jump};
 pub use error::{ModelError, nearest};
 pub use guide::{Guide, GuideSource};

@@ -14,6 +14,9 @@ pub const MAX_ELEMENTS: usize = 4;
 /// A deflection this close to its limit has reached it.
 const ROUNDING: f64 = 1e-9;
 
+/// Halvings that leave nothing of a force beside others of its size.
+const NOTHING_LEFT: f64 = 64.0;
+
 /// Largest sum of bristle damping and viscous friction times step over mass: the explicit carriage step is stable below 1.
 pub const MAX_STEP_DAMPING: f64 = 0.5;
 
@@ -261,8 +264,11 @@ impl GuideBank {
         let FrictionScale { coulomb, stat, .. } = self.scale;
         // In this form factors of 1 leave every bit as it is.
         let stribeck = self.stribeck_force * f64x4::splat(stat) + self.coulomb_force * f64x4::splat(stat - coulomb);
-        let fade = exp2_of_negative(self.stribeck_exponent * velocity_squared);
-        self.coulomb_force * f64x4::splat(coulomb) + stribeck * fade
+        let level = self.coulomb_force * f64x4::splat(coulomb);
+        let exponent = self.stribeck_exponent * velocity_squared;
+        // At most speeds nothing is left of the Stribeck curve, and to see that costs less than the power.
+        let is_over = exponent.simd_lt(f64x4::splat(-NOTHING_LEFT)).all();
+        if is_over { level } else { level + stribeck * exp2_of_negative(exponent) }
     }
 
     fn level(&self, velocity_squared: f64x4) -> f64x4 {
@@ -422,8 +428,8 @@ impl GuideBank {
             let (end, mean) = match slip {
                 Slip::Gradual => {
                     let power = power * f64x4::splat(ratio);
-                    let decay = exp2_of_negative(power);
                     let excess = *bristle - steady;
+                    let decay = exp2_of_negative(power);
                     let end = steady + excess * decay;
                     (end, if EXACT { steady + excess * mean_of_decay(power, decay) } else { (*bristle + end) * half })
                 }

@@ -78,6 +78,15 @@ pub(super) fn curve(values: &[f64]) -> Curve {
     Curve { coordinate, side, from: values[2], to: values[3], values: values[HEAD..].to_vec(), jump }
 }
 
+/// Where a motion is on a coordinate.
+pub(crate) fn along(coordinate: Coordinate, motion: &Motion) -> f64 {
+    match coordinate {
+        Coordinate::Position => motion.position,
+        Coordinate::Velocity => motion.velocity,
+        Coordinate::Time => motion.time,
+    }
+}
+
 fn check(values: &[f64]) -> Result<(), ModelError> {
     let refuse = |key: &str, value: f64, limit: String| Err(ModelError::Value { key: key.to_owned(), value, limit });
     if values.len() <= HEAD {
@@ -147,16 +156,8 @@ impl Map {
         Map { curve, density, integral }
     }
 
-    /// Knot at or before the coordinate, and the part of the way to the next.
-    fn locate(&self, coordinate: f64) -> (usize, f64) {
-        let last = self.curve.values.len() - 1;
-        let place = ((coordinate - self.curve.from) * self.density).clamp(0.0, last as f64);
-        let knot = (place as usize).min(last - 1);
-        (knot, place - knot as f64)
-    }
-
     fn at(&self, coordinate: f64) -> f64 {
-        let (knot, part) = self.locate(coordinate);
+        let (knot, part) = self.curve.locate(coordinate);
         let values = &self.curve.values;
         let jump = self.curve.jump.filter(|jump| coordinate >= jump.at).map_or(0.0, |jump| jump.height);
         values[knot] + part * (values[knot + 1] - values[knot]) + jump
@@ -165,11 +166,7 @@ impl Map {
 
 impl Map {
     fn along(&self, motion: &Motion) -> f64 {
-        self.at(match self.curve.coordinate {
-            Coordinate::Position => motion.position,
-            Coordinate::Velocity => motion.velocity,
-            Coordinate::Time => motion.time,
-        })
+        self.at(along(self.curve.coordinate, motion))
     }
 
     fn is_force_over_position(&self) -> bool {
@@ -217,7 +214,7 @@ impl Effect for Map {
         if !self.is_force_over_position() {
             return 0.0;
         }
-        let (knot, part) = self.locate(position);
+        let (knot, part) = self.curve.locate(position);
         let inside = self.integral[knot] + 0.5 * part * (self.curve.values[knot] + self.at(position)) / self.density;
         let beyond = position - position.clamp(self.curve.from, self.curve.to);
         -(inside + beyond * self.at(position))

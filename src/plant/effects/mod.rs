@@ -47,7 +47,7 @@ effects!(
 );
 
 mod regression;
-pub(crate) use map::heights;
+pub(crate) use map::{along, heights};
 pub(crate) use regression::{golden_maximum, viscous_friction};
 
 /// Where an effect enters, which decides who can see it: the force cell sees the motor side only.
