@@ -262,10 +262,10 @@ impl Point {
     }
 
     /// A place where the error is smaller. `bends` where the step is to follow a valley: the derivatives must be those of this very point.
-    fn better(&self, jacobian: &DMatrix<f64>, damping: &mut f64, bends: bool, problem: Problem) -> Option<Point> {
+    fn better(&self, slopes: &Slopes, damping: &mut f64, bends: bool, problem: Problem) -> Option<Point> {
+        let Slopes { jacobian, normal } = slopes;
         let gradient = jacobian.tr_mul(&self.residual);
         let held = self.held(&gradient);
-        let normal = normal_of(jacobian);
         let least = LEAST_CURVATURE * normal.diagonal().max();
         for attempt in 0..DAMPINGS {
             let mut matrix = normal.clone();
@@ -298,6 +298,28 @@ impl Point {
     }
 }
 
+/// Derivatives of the residual, and J^T J.
+struct Slopes {
+    jacobian: DMatrix<f64>,
+    normal: DMatrix<f64>,
+}
+
+impl Slopes {
+    fn of(jacobian: DMatrix<f64>) -> Slopes {
+        Slopes { normal: normal_of(&jacobian), jacobian }
+    }
+
+    /// As a step has shown the residual to change along its way, with what that was other than expected (Broyden, Mathematics of Computation 19, 1965).
+    fn learn(&mut self, way: &DVector<f64>, surprise: &DVector<f64>) {
+        let part = way.norm_squared().recip();
+        let shared = self.jacobian.tr_mul(surprise);
+        self.normal.ger(part, &shared, way, 1.0);
+        self.normal.ger(part, way, &shared, 1.0);
+        self.normal.ger(part * part * surprise.norm_squared(), way, way, 1.0);
+        self.jacobian.ger(part, surprise, way, 1.0);
+    }
+}
+
 /// A fit on its way.
 struct Descent<'a> {
     problem: Problem<'a>,
@@ -326,12 +348,12 @@ impl<'a> Descent<'a> {
     /// Takes the derivatives and goes as far as they lead.
     fn advance(&mut self) -> Result<(), ModelError> {
         let began = self.point.squares;
-        let mut jacobian = self.point.derivatives(self.problem)?;
+        let mut slopes = Slopes::of(self.point.derivatives(self.problem)?);
         self.taken += 1;
         for age in 0.. {
             let bends = age == 0 && self.taken > IN_A_VALLEY;
             let undamped = self.damping;
-            let Some(next) = self.point.better(&jacobian, &mut self.damping, bends, self.problem) else {
+            let Some(next) = self.point.better(&slopes, &mut self.damping, bends, self.problem) else {
                 // Not even along the derivatives of this very point.
                 self.ended |= age == 0;
                 self.damping = undamped;
@@ -344,14 +366,12 @@ impl<'a> Descent<'a> {
                 break;
             }
             let way = before.way_to(&self.point);
-            let expected = &jacobian * &way;
+            let expected = &slopes.jacobian * &way;
             let promised = before.squares - (&before.residual + &expected).norm_squared();
             if age == OLDEST || fall <= TRUSTED * promised {
                 break;
             }
-            // As the step has shown the residual to change along its way (Broyden, Mathematics of Computation 19, 1965).
-            let surprise = (&self.point.residual - before.residual) - expected;
-            jacobian.ger(way.norm_squared().recip(), &surprise, &way, 1.0);
+            slopes.learn(&way, &((&self.point.residual - before.residual) - expected));
         }
         self.fallen = began - self.point.squares;
         self.ended |= self.taken >= self.effort.derivatives;
@@ -480,6 +500,18 @@ mod tests {
             assert!((began.value - expected).abs() < 1e-3, "{} of {expected}", began.value);
             assert!(began.value < began.bounds.1);
         }
+    }
+
+    #[test]
+    fn what_a_step_teaches_the_slopes_is_in_both_of_them() {
+        let mut slopes = Slopes::of(DMatrix::from_fn(9, 3, |row, column| f64::from((3 * row + 5 * column) as u8 % 7)));
+        let way = DVector::from_column_slice(&[0.5, -1.0, 2.0]);
+        let surprise = DVector::from_fn(9, |row, _| (row as f64).sin());
+        let expected = &slopes.jacobian * &way + &surprise;
+        slopes.learn(&way, &surprise);
+        assert!((&slopes.jacobian * &way - expected).norm() < 1e-12);
+        let normal = slopes.jacobian.transpose() * &slopes.jacobian;
+        assert!((&slopes.normal - &normal).norm() < 1e-12 * normal.norm());
     }
 
     /// Side by side with one that lacks a force of 5 N, which gives up, and with one that has it from another start, which does not.

@@ -43,9 +43,7 @@ impl KnotSlopes {
                 let coordinate = &coordinates[index];
                 moved.set(coordinate.place, coordinate.value + step_of(coordinate));
             }
-            let Some(there) = moved.driven(measured, Sides::CARRIAGE, driven).ok()?.friction_at_nodes() else {
-                return None;
-            };
+            let there = moved.driven(measured, Sides::CARRIAGE, driven).ok()?.friction_at_nodes()?;
             let curve = hypothesis.effects[*effect].parameters().curve?;
             let passed = passed_last(&curve, *first, driven, measured);
             let column = |&(index, knot): &(usize, usize)| {
