@@ -311,6 +311,7 @@ fn jump_in_words(curve: &Curve) -> Option<String> {
         CurveSide::Motor => format!("the force of the motor {goes} by {} N", readable(height.abs())),
         CurveSide::Friction => format!("the Coulomb friction {goes} by {part:.1} %"),
         CurveSide::Viscous => format!("the viscous friction {goes} by {part:.1} %"),
+        CurveSide::Mass => format!("the moving mass {goes} by {} kg", readable(height.abs())),
     };
     Some(format!("at {at:.3} s {by}"))
 }
@@ -497,6 +498,7 @@ mod tests {
         assert_eq!(words(CurveSide::Viscous, 0.45).as_deref(), Some("at 3.000 s the viscous friction rises by 50.0 %"));
         let instants = [-5e-4, 7.25, 19.1].map(|at| instant_in_words(at, 19.0));
         assert_eq!(instants, ["before its start", "at 7.250 s", "behind its end"]);
+        assert_eq!(words(CurveSide::Mass, 1.5).as_deref(), Some("at 3.000 s the moving mass rises by 1.5 kg"));
         assert_eq!(words(CurveSide::Motor, -2.5).as_deref(), Some("at 3.000 s the force of the motor falls by 2.5 N"));
     }
 }

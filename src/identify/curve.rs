@@ -16,6 +16,8 @@ use super::objective::{derivatives, stacked};
 
 /// Knot counts that are tried; the error that cross-validation leaves decides.
 const KNOTS: [usize; 6] = [8, 16, 32, 64, 128, 256];
+/// Knots of the curves beside which a jump is looked for: a line, behind which a step that hardly shows where it is does not hide, and one that bends.
+const BESIDE_A_JUMP: [usize; 2] = [2, KNOTS[0]];
 /// Blocks that the record is cut into, and how many of them in a row are left out in turn: so many that a motion that repeats shows all it does
 /// in what stays.
 const BLOCKS: usize = 40;
@@ -28,7 +30,8 @@ const RIDGE: f64 = 1e-9;
 /// else is held. Assumed.
 pub const DAMPINGS: [Option<f64>; 4] = [None, Some(1e-3), Some(1e-2), Some(1e-1)];
 
-/// Part of what a curve leaves of left-out blocks that it may leave with a jump for that to be there. Assumed: a jump is worth as much as a law.
+/// Part of what a curve leaves of left-out blocks that it may leave with a jump for that to be there, unless it has fewer knots then. Assumed: a jump is worth as
+/// much as a law.
 pub const WITH_A_JUMP: f64 = 0.9;
 /// Part of its own squares that a jump must have which neither curve nor anything beside it has: at the ends of a record there is none. Assumed.
 const OF_ITS_OWN: f64 = 1e-3;
@@ -105,20 +108,28 @@ pub fn propose(
     let dampings = if beside.coordinates.is_empty() { &DAMPINGS[..1] } else { &DAMPINGS[..] };
     let alone = rows.smooth(dampings, None);
     // What changes at a place or at a speed does so each time that the stage comes there, and a curve has it; what happens at a time happens once.
-    let at = if coordinate == Coordinate::Time { rows.jump(dampings).map(|jump| jump.at) } else { None };
-    let with_jump = at.map_or_else(Vec::new, |at| rows.smooth(dampings, Some(at)));
+    let jumps = |knots: usize| rows.jump(dampings, knots).filter(|_| coordinate == Coordinate::Time);
+    let with_jumps: Vec<(f64, Vec<Option<Smooth>>)> = BESIDE_A_JUMP
+        .into_iter()
+        .filter_map(jumps)
+        .map(|jump| (jump.at, rows.smooth(dampings, Some(jump.at))))
+        .collect();
     let descriptor = EffectDescriptor::find("map")?;
     let drawn = dampings.iter().enumerate().filter_map(|(index, &damping)| {
         let without = alone[index].as_ref();
-        let worth = WITH_A_JUMP * without.map_or(total, |smooth| smooth.left);
-        let with = with_jump.get(index).and_then(Option::as_ref).filter(|smooth| smooth.left < worth);
-        let Smooth { solution, knots, left } = with.or(without)?;
+        let is_worth_it = |with: &Smooth| match without {
+            Some(without) if with.knots < without.knots => with.left <= without.left,
+            _ => with.left < WITH_A_JUMP * without.map_or(total, |without| without.left),
+        };
+        let with = with_jumps.iter().filter_map(|(at, smooth)| Some((*at, smooth[index].as_ref()?)));
+        let with = with.filter(|(_, smooth)| is_worth_it(smooth)).min_by(|a, b| a.1.left.total_cmp(&b.1.left));
+        let Smooth { solution, knots, left } = with.map(|(_, smooth)| smooth).or(without)?;
         if *left >= total {
             return None;
         }
         let (values, others) = solution.as_slice().split_at(*knots);
         let (jump, moves) = others.split_at(usize::from(with.is_some()));
-        let jump = at.zip(jump.first()).map(|(at, height)| Jump { at, height: *height });
+        let jump = with.zip(jump.first()).map(|((at, _), height)| Jump { at, height: *height });
         let mut curve = Curve { coordinate, side, from, to, values: values.to_vec(), jump };
         if side.is_of_friction() {
             keep_some_friction(&mut curve);
@@ -132,7 +143,7 @@ pub fn propose(
         if moved.is_empty() {
             moved.clone_from(&beside.coordinates);
         }
-        level(&mut curve, &mut moved);
+        level(&mut curve, &mut moved, &beside.coordinates, residual.mass);
         let values = descriptor.values_of(&EffectParameters::map(curve));
         Some(values.map(|values| Drawn { part: Part { descriptor, values }, damping, moved }))
     });
@@ -141,7 +152,7 @@ pub fn propose(
 
 /// The jump over the time that takes most of what a curve leaves, with everything moving that stands beside it, and the curve itself among that.
 pub fn jump(residual: &Residual, side: CurveSide, beside: &Beside) -> Option<Jump> {
-    Rows::new(residual, Coordinate::Time, side, beside)?.jump(&DAMPINGS[1..])
+    Rows::new(residual, Coordinate::Time, side, beside)?.jump(&DAMPINGS[1..], KNOTS[0])
 }
 
 /// Raises a change of friction to the least that there is.
@@ -154,23 +165,32 @@ fn keep_some_friction(curve: &mut Curve) {
     }
 }
 
-/// A change of friction that is everywhere is none: it goes to the guides, as far as these are not as declared. Together nothing changes.
-fn level(curve: &mut Curve, moved: &mut [hypothesis::Coordinate]) {
+/// A change of friction or mass that is everywhere is none: it goes to the guides or the carriage, as far as these are not as declared. Together nothing
+/// changes. `mass`: as it was when the curve was drawn, beside `coordinates`, kg.
+fn level(curve: &mut Curve, moved: &mut [hypothesis::Coordinate], coordinates: &[hypothesis::Coordinate], mass: f64) {
     let scaled: &[Declared] = match curve.side {
         CurveSide::Carriage | CurveSide::Motor => return,
         CurveSide::Friction => &[Declared::CoulombForce, Declared::StaticForce],
         CurveSide::Viscous => &[Declared::ViscousFriction],
+        CurveSide::Mass => &[Declared::Mass],
     };
     let is_among = |one: &hypothesis::Coordinate, names: &[Declared]| match one.place {
         Place::Declared(declared) => names.contains(&declared),
         _ => false,
     };
-    let Some(bent) = moved.iter().find(|one| is_among(one, &scaled[..1])).map(|one| one.value) else { return };
+    let value_in =
+        |all: &[hypothesis::Coordinate]| all.iter().find(|one| is_among(one, &scaled[..1])).map(|one| one.value);
+    let (Some(drawn), Some(bent)) = (value_in(coordinates), value_in(moved)) else { return };
     let mut up = -bent;
     for one in moved.iter().filter(|one| is_among(one, scaled)) {
         up = up.clamp(one.bounds.0 - one.value, one.bounds.1 - one.value);
     }
     moved.iter_mut().filter(|one| is_among(one, scaled)).for_each(|one| one.value += up);
+    if curve.side == CurveSide::Mass {
+        let (before, after) = (mass * (bent - drawn).exp(), mass * (bent + up - drawn).exp());
+        curve.values.iter_mut().for_each(|value| *value += before - after);
+        return;
+    }
     curve.values.iter_mut().for_each(|value| *value = (1.0 + *value) / up.exp() - 1.0);
     if let Some(jump) = &mut curve.jump {
         jump.height /= up.exp();
@@ -208,7 +228,7 @@ impl<'a> Rows<'a> {
         };
         let (from, to) = crate::range(along);
         let is_there = to > from && (to - from).is_finite() && residual.force.iter().any(|force| *force != 0.0);
-        // Force that a knot of 1 adds: 1 N, or as a change of friction all of its Coulomb or its viscous part, against the motion.
+        // Force that a knot of 1 adds: 1 N, as a change of friction all of its Coulomb or its viscous part, against the motion, or that of 1 kg.
         let viscous = viscous_friction(residual).unwrap_or(0.0);
         let gain = match side {
             CurveSide::Carriage | CurveSide::Motor => vec![1.0; along.len()],
@@ -216,6 +236,7 @@ impl<'a> Rows<'a> {
                 residual.friction.iter().zip(residual.velocity).map(|(friction, v)| viscous * v - friction).collect()
             }
             CurveSide::Viscous => residual.velocity.iter().map(|v| -viscous * v).collect(),
+            CurveSide::Mass => residual.acceleration.iter().map(|acceleration| -acceleration).collect(),
         };
         is_there.then_some(Rows { along, gain, force: residual.force, from, to, beside })
     }
@@ -268,9 +289,9 @@ impl<'a> Rows<'a> {
         best
     }
 
-    /// The jump between two rows, in the order of time, that takes most of what a curve of few knots leaves.
-    fn jump(&self, dampings: &[Option<f64>]) -> Option<Jump> {
-        let (knots, count) = (KNOTS[0], self.along.len());
+    /// The jump between two rows, in the order of time, that takes most of what a curve of so many knots leaves.
+    fn jump(&self, dampings: &[Option<f64>], knots: usize) -> Option<Jump> {
+        let count = self.along.len();
         let all = sum(&self.folds(knots, None));
         let best = dampings.iter().filter_map(|damping| {
             let (normal, right) = all.equations(self.beside, *damping);
@@ -542,7 +563,8 @@ mod tests {
                 values: vec![0.5; 3],
                 jump: Some(Jump { at: 1.0, height: -0.5 }),
             };
-            level(&mut curve, &mut moved);
+            let drawn = moved.clone();
+            level(&mut curve, &mut moved, &drawn, 40.0);
             let (coulomb, stat) = (value_of(&moved, Declared::CoulombForce), value_of(&moved, Declared::StaticForce));
             assert!((coulomb.exp() - 0.8 * expected).abs() < 1e-12 && (stat.exp() - expected).abs() < 1e-12);
             let behind = curve.corners()[4].1;
@@ -550,5 +572,26 @@ mod tests {
                 assert!(((1.0 + change) * expected - friction).abs() < 1e-12, "{change}");
             }
         }
+    }
+
+    /// Bent by 5 %, and by 2 % when the curve was drawn.
+    #[test]
+    fn a_mass_that_is_everywhere_goes_to_the_carriage() {
+        let bent = |part: f64| {
+            let mut all = Hypothesis::new(&StageModel::default(), Tolerances::default())
+                .unwrap()
+                .coordinates(Sides::CARRIAGE, true);
+            all.retain(|one| one.place == Place::Declared(Declared::Mass));
+            all[0].value = part.ln();
+            all
+        };
+        let (coordinate, side) = (Coordinate::Time, CurveSide::Mass);
+        let jump = Some(Jump { at: 1.0, height: -0.5 });
+        let mut curve = Curve { coordinate, side, from: 0.0, to: 2.0, values: vec![0.5; 3], jump };
+        let mut moved = bent(1.05);
+        level(&mut curve, &mut moved, &bent(1.02), 1.02 * 40.0);
+        assert_eq!(moved[0].value, 0.0);
+        assert!(curve.values.iter().all(|value| (40.0 + value - (1.05 * 40.0 + 0.5)).abs() < 1e-12), "{curve:?}");
+        assert_eq!(curve.jump, jump);
     }
 }

@@ -23,6 +23,7 @@ pub(super) struct Driven {
     slipping: Option<Arc<Slipping>>,
     /// kg
     added_mass: f64,
+    moving: Arc<MovingMass>,
 }
 
 /// The motion behind what the encoder reads.
@@ -44,6 +45,28 @@ struct CellTruth {
     sensors: Vec<Part>,
     /// Where the cell reads wrong, N.
     forces: Option<Vec<f64>>,
+}
+
+/// Mass that is not always there.
+#[derive(Debug, Default)]
+struct MovingMass {
+    parts: Vec<Part>,
+    /// At the nodes, kg; empty where there is none.
+    at_nodes: Vec<f64>,
+}
+
+impl MovingMass {
+    fn new(parts: Vec<Part>, measured: &Measured, moved: &Moved) -> Result<MovingMass, ModelError> {
+        if parts.is_empty() {
+            return Ok(MovingMass::default());
+        }
+        let effects = effects_of(&parts)?;
+        let at = |k: usize| {
+            let (position, velocity) = moved.at_sample(measured, k);
+            effects.mass_along(&Motion { time: measured.time[k], position, velocity, ..Motion::default() })
+        };
+        Ok(MovingMass { at_nodes: (0..measured.len()).map(at).collect(), parts })
+    }
 }
 
 impl Moved {
@@ -212,8 +235,9 @@ impl Driven {
         Some(friction.at_nodes())
     }
 
-    pub fn added_mass(&self) -> f64 {
-        self.added_mass
+    /// Mass that moves with the carriage at a node beyond that of the model, kg.
+    pub fn added_mass(&self, node: usize) -> f64 {
+        self.added_mass + self.moving.at_nodes.get(node).copied().unwrap_or(0.0)
     }
 
     /// Friction of each guide's bristles at the nodes with these guides in place of its own, N, without the viscous part; 0 where there is no guide. `None` where a guide's friction hangs on that
@@ -260,6 +284,11 @@ impl Hypothesis {
             false => Arc::new(CellTruth::new(of_cell, measured)?),
         };
         let moves_alike = Arc::ptr_eq(&moved, &before.moved) || moved.steps.is_none() && before.moved.steps.is_none();
+        let of_mass = of(&|part| Ok(effects_of(slice::from_ref(part))?.changes_mass()))?;
+        let moving = match moves_alike && before.moving.parts == of_mass {
+            true => before.moving.clone(),
+            false => Arc::new(MovingMass::new(of_mass, measured, &moved)?),
+        };
         let steps = moved.steps(measured);
         let friction = if sides.carriage {
             let known = before.friction.as_ref().filter(|_| moves_alike);
@@ -287,7 +316,7 @@ impl Hypothesis {
         };
         let known = before.slipping.as_ref().filter(|known| known.ripples == ripples);
         let slipping = known.cloned().or_else(|| Slipping::new(ripples, measured).map(Arc::new));
-        Ok(Driven { moved, cell, friction, forces, slipping, added_mass })
+        Ok(Driven { moved, cell, friction, forces, slipping, added_mass, moving })
     }
 }
 

@@ -552,7 +552,7 @@ impl Hypothesis {
                 .collect();
         }
         if sides.carriage {
-            let mass = self.mass() + driven.added_mass();
+            let mass = self.mass();
             let mut push: Vec<f64> = cell.unwrap_or(&measured.command).to_vec();
             for force in on(Side::Motor) {
                 for (k, push) in push.iter_mut().enumerate() {
@@ -561,7 +561,10 @@ impl Hypothesis {
                 }
             }
             let mut left: Vec<f64> = (0..count)
-                .map(|k| mass * (measured.acceleration[k] - driven.feigned_acceleration(k, measured.rate)))
+                .map(|k| {
+                    (mass + driven.added_mass(k))
+                        * (measured.acceleration[k] - driven.feigned_acceleration(k, measured.rate))
+                })
                 .collect();
             let mut take = |forces: &[f64], sign: f64| {
                 left.iter_mut().zip(forces).for_each(|(left, force)| *left += sign * force);

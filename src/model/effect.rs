@@ -89,7 +89,7 @@ pub enum Coordinate {
     Time,
 }
 
-/// Side of the force cell on which a curve acts.
+/// What a curve is: a force on one side of the force cell, or a change of friction or mass.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CurveSide {
@@ -102,6 +102,8 @@ pub enum CurveSide {
     Friction,
     /// Change of viscous friction, as a part of it.
     Viscous,
+    /// Mass that moves with the carriage beyond its own, kg.
+    Mass,
 }
 
 impl CurveSide {
@@ -114,11 +116,12 @@ impl CurveSide {
         *self == CurveSide::Carriage
     }
 
-    /// Of the knots: a force, or a part of the friction.
+    /// Of the knots: a force, a part of the friction, or a mass.
     pub fn unit(self) -> &'static str {
         match self {
             CurveSide::Carriage | CurveSide::Motor => "N",
             CurveSide::Friction | CurveSide::Viscous => "1",
+            CurveSide::Mass => "kg",
         }
     }
 }

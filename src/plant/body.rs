@@ -17,6 +17,9 @@ const MAX_STEP_PHASE: f64 = 1.0;
 #[derive(Debug)]
 pub struct Body {
     step: f64,
+    /// Of the carriage with what always moves with it, kg.
+    rest_mass: f64,
+    /// As it moves now, kg.
     mass: f64,
     inverse_mass: f64,
     guides: GuideBank,
@@ -24,6 +27,8 @@ pub struct Body {
     effects: Effects,
     /// Whether an effect changes the guides' laws or bristles: a slower step then.
     shapes_friction: bool,
+    /// Whether the mass is not always the same.
+    changes_mass: bool,
     flexure: Option<Flexure>,
     steps: u64,
     position: f64,
@@ -75,21 +80,23 @@ impl Body {
         let guides = model.resolved_guides()?;
         let effects = Effects::new(&model.effects)?;
         let mass = model.mass + effects.added_mass();
-        if mass <= 0.0 {
-            let (key, value) = ("mass (with the effects' part)".to_owned(), mass);
+        let least_mass = mass + effects.least_mass().min(0.0);
+        if least_mass <= 0.0 {
+            let (key, value) = ("mass (with the effects' part)".to_owned(), least_mass);
             let limit = format!(
-                "be greater than 0: effects hang {} kg on springs, mass is {} kg",
-                -effects.added_mass(),
+                "be greater than 0: effects take up to {} kg away, mass is {} kg",
+                model.mass - least_mass,
                 model.mass
             );
             return Err(ModelError::Value { key, value, limit });
         }
-        let limit = largest_step(mass, effects.stiffness(), &guides, model.coupling.as_ref());
+        let limit = largest_step(least_mass, effects.stiffness(), &guides, model.coupling.as_ref());
         if !(step > 0.0 && step <= limit) {
             return Err(ModelError::Step { step, limit });
         }
         Ok(Body {
             step,
+            rest_mass: mass,
             mass,
             inverse_mass: mass.recip(),
             guide_viscous: std::array::from_fn(|lane| guides.get(lane).map_or(0.0, |guide| guide.viscous_friction)),
@@ -97,6 +104,7 @@ impl Body {
                 .bristle_elements()
                 .map_or_else(|| GuideBank::new(&guides), |elements| GuideBank::with_elements(&guides, &elements)),
             shapes_friction: effects.shapes_friction(),
+            changes_mass: effects.changes_mass(),
             effects,
             flexure: model.coupling.as_ref().map(|coupling| Flexure {
                 stiffness: coupling.stiffness,
@@ -119,6 +127,9 @@ impl Body {
     pub fn advance(&mut self, motor_force: f64, steps: u32) {
         self.motor_force = motor_force;
         for _ in 0..steps {
+            if self.changes_mass {
+                self.weigh();
+            }
             if self.flexure.is_none() {
                 self.step_rigid(motor_force)
             } else {
@@ -126,6 +137,14 @@ impl Body {
             }
             self.steps += 1;
         }
+    }
+
+    /// Takes the mass as it is at the start of a step. What joins it moves as the carriage does already.
+    fn weigh(&mut self) {
+        let motion =
+            Motion { time: self.time(), position: self.position, velocity: self.velocity, ..Motion::default() };
+        self.mass = self.rest_mass + self.effects.mass_along(&motion);
+        self.inverse_mass = self.mass.recip();
     }
 
     #[inline]

@@ -140,6 +140,7 @@ fn maps(model: &StageModel) -> anyhow::Result<Vec<Figure>> {
             CurveSide::Motor => ("Force of the motor", "force, N"),
             CurveSide::Friction => ("Change of Coulomb and static friction", "part of the friction"),
             CurveSide::Viscous => ("Change of viscous friction", "part of the friction"),
+            CurveSide::Mass => ("Change of the moving mass", "mass, kg"),
         };
         let mut chart = Chart::new(format!("{what} over {word} that no law of the list explains"), label, ordinate);
         let points = curve.corners().into_iter().map(|(place, value)| (scale * place, value));

@@ -289,6 +289,7 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         let place = match part.parameters().curve.map(|curve| curve.side) {
             Some(CurveSide::Friction) => "change of Coulomb friction".to_owned(),
             Some(CurveSide::Viscous) => "change of viscous friction".to_owned(),
+            Some(CurveSide::Mass) => "change of the moving mass".to_owned(),
             _ => format!("{} side", effect.side),
         };
         page.subsection(&format!("{}{over}, {place}", effect.name.replace('_', " ")));

@@ -246,15 +246,15 @@ impl Search<'_> {
     fn drawn_curves(&self, start: &Hypothesis, start_errors: &Errors) -> Result<Vec<DrawnCurve>, IdentifyError> {
         let columns = Columns::new(start, self.train)?;
         let (nothing, moving) = (Beside::nothing(self.train.rows.len()), Beside::of(start, self.train)?);
-        let sides = [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous];
+        let sides = [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous, CurveSide::Mass];
         let mut sought: Vec<(Coordinate, CurveSide)> = [Coordinate::Position, Coordinate::Velocity, Coordinate::Time]
             .into_iter()
             .flat_map(|over| sides.map(|side| (over, side)))
             .collect();
         sought.retain(|(over, side)| match side {
             CurveSide::Motor => self.has_cell(),
-            // Friction over velocity is what the guides are fitted for.
-            CurveSide::Friction | CurveSide::Viscous => *over != Coordinate::Velocity,
+            // Friction over velocity is what the guides are fitted for, and no mass hangs on it.
+            CurveSide::Friction | CurveSide::Viscous | CurveSide::Mass => *over != Coordinate::Velocity,
             CurveSide::Carriage => true,
         });
         let drawn = sought.into_par_iter().map(|(over, side)| -> Result<Vec<DrawnCurve>, IdentifyError> {
@@ -343,6 +343,26 @@ mod tests {
         assert!((jump.at - 3.8).abs() < 1e-3, "{jump:?}");
         assert!((jump.height / (1.0 + before) + 0.25).abs() < 0.03, "{curve:?}");
         // The guides are not bent towards it.
+        let (left, floor) = (found.errors_after.holdout().sqrt(), found.floor.total());
+        assert!(left < 1.5 * floor, "{left} N over {floor} N");
+    }
+
+    /// 3 kg are set down while the stage accelerates and brakes.
+    #[test]
+    fn what_is_set_down_is_told_with_its_mass() {
+        let jump = Some(Jump { at: 3.8 + 0.5, height: -3.0 });
+        let (coordinate, side) = (Coordinate::Time, CurveSide::Mass);
+        let curve = Curve { coordinate, side, from: 0.0, to: 9.0, values: vec![0.0; 2], jump };
+        let real = StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() };
+        let model = StageModel::default();
+        let record = |seed| Measured::new(&recording(&real, seed, 0.0, 4), &model, "the record").unwrap();
+        let found = search(&model, Tolerances::default(), &record(3), &record(4), &Silent).unwrap();
+        let effects = found.after.fitted.hypothesis.model().effects;
+        assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Time)), "{effects:?}");
+        let [EffectParameters { curve: Some(curve), .. }] = &effects[..] else { panic!("{effects:?}") };
+        let jump = curve.jump.expect("a jump");
+        assert_eq!(curve.side, CurveSide::Mass);
+        assert!((jump.at - 3.8).abs() < 0.01 && (jump.height + 3.0).abs() < 0.1, "{curve:?}");
         let (left, floor) = (found.errors_after.holdout().sqrt(), found.floor.total());
         assert!(left < 1.5 * floor, "{left} N over {floor} N");
     }

@@ -2,7 +2,9 @@
 //!
 //! F(c) along +x on the carriage side (or, where the model says so, on the motor side): linear between equidistant knots, constant
 //! beyond the ends; c position (m), velocity (m/s) or time (s since the start). Where the model says `side: friction`, the curve is instead the part by
-//! which Coulomb and static friction of all guides are higher, and with `side: viscous` that by which their viscous friction is: no less than -1.
+//! which Coulomb and static friction of all guides are higher, and with `side: viscous` that by which their viscous friction is: no less than -1. With
+//! `side: mass` it is the mass that moves with the carriage beyond its own, kg: F = -m(c) a. What is picked up moves as the carriage does already, and what is
+//! put down takes its momentum with it (assumed).
 //! Source: none, which is the point. Piecewise linear, so that each knot is the force there and a fit is linear in the knots.
 //! Over the time it may jump by a height at one place: from there on it is higher than its knots say.
 //! Over position the force has a potential; over velocity and time it has none.
@@ -25,7 +27,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     telltale: "a force that repeats over one coordinate and follows no law of the list",
     parameters: &[
         EffectParameter::required("coordinate", "", "0 position, 1 velocity, 2 time", (0.0, 2.0), 1.0),
-        EffectParameter::optional("side", "", "0 carriage, 1 motor, 2 friction, 3 viscous", (0.0, 3.0), 1.0, 0.0),
+        EffectParameter::optional("side", "", "0 carriage, 1 motor, 2 friction, 3 viscous, 4 mass", (0.0, 4.0), 1.0, 0.0),
         EffectParameter::required("from", "m, m/s or s", "first knot", (-1e6, 1e6), 0.1),
         EffectParameter::required("to", "m, m/s or s", "last knot", (-1e6, 1e6), 0.1),
         EffectParameter::optional("jump", "N or 1", "height of a jump; over the time only", (-1e6, 1e6), 1.0, 0.0),
@@ -51,6 +53,7 @@ pub(super) fn values(curve: &Curve) -> Vec<f64> {
         CurveSide::Motor => 1.0,
         CurveSide::Friction => 2.0,
         CurveSide::Viscous => 3.0,
+        CurveSide::Mass => 4.0,
     };
     let Jump { at, height } = curve.jump.unwrap_or(Jump { at: 0.0, height: 0.0 });
     [coordinate, side, curve.from, curve.to, height, at].into_iter().chain(curve.values.iter().copied()).collect()
@@ -72,7 +75,8 @@ pub(super) fn curve(values: &[f64]) -> Curve {
         code if code < 0.5 => CurveSide::Carriage,
         code if code < 1.5 => CurveSide::Motor,
         code if code < 2.5 => CurveSide::Friction,
-        _ => CurveSide::Viscous,
+        code if code < 3.5 => CurveSide::Viscous,
+        _ => CurveSide::Mass,
     };
     let jump = (values[HEIGHT] != 0.0).then_some(Jump { at: values[AT], height: values[HEIGHT] });
     Curve { coordinate, side, from: values[2], to: values[3], values: values[HEAD..].to_vec(), jump }
@@ -131,7 +135,7 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
 
 fn scaled(side: CurveSide) -> Scaled {
     match side {
-        CurveSide::Carriage | CurveSide::Motor => Scaled::NOTHING,
+        CurveSide::Carriage | CurveSide::Motor | CurveSide::Mass => Scaled::NOTHING,
         CurveSide::Friction => Scaled::BRISTLES,
         CurveSide::Viscous => Scaled::VISCOUS,
     }
@@ -170,19 +174,27 @@ impl Map {
     }
 
     fn is_force_over_position(&self) -> bool {
-        self.curve.coordinate == Coordinate::Position && scaled(self.curve.side) == Scaled::NOTHING
+        self.curve.coordinate == Coordinate::Position && self.is_force()
+    }
+
+    fn is_force(&self) -> bool {
+        matches!(self.curve.side, CurveSide::Carriage | CurveSide::Motor)
+    }
+
+    fn is_mass(&self) -> bool {
+        self.curve.side == CurveSide::Mass
     }
 }
 
 impl Effect for Map {
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
-        if scaled(self.curve.side) == Scaled::NOTHING { self.along(motion) } else { 0.0 }
+        if self.is_force() { self.along(motion) } else { 0.0 }
     }
 
     fn friction(&mut self, motion: &Motion, _step: f64, scale: &mut FrictionScale) {
         let factor = 1.0 + self.along(motion);
         match self.curve.side {
-            CurveSide::Carriage | CurveSide::Motor => {}
+            CurveSide::Carriage | CurveSide::Motor | CurveSide::Mass => {}
             CurveSide::Friction => {
                 scale.coulomb *= factor;
                 scale.stat *= factor;
@@ -198,8 +210,17 @@ impl Effect for Map {
     fn side(&self) -> Option<Side> {
         Some(match self.curve.side {
             CurveSide::Motor => Side::Motor,
-            CurveSide::Carriage | CurveSide::Friction | CurveSide::Viscous => Side::Carriage,
+            CurveSide::Carriage | CurveSide::Friction | CurveSide::Viscous | CurveSide::Mass => Side::Carriage,
         })
+    }
+
+    fn mass_along(&self, motion: &Motion) -> f64 {
+        if self.is_mass() { self.along(motion) } else { 0.0 }
+    }
+
+    fn least_mass(&self) -> Option<f64> {
+        let values = self.curve.corners().into_iter().map(|(_, value)| value);
+        self.is_mass().then(|| values.fold(f64::INFINITY, f64::min))
     }
 
     fn stiffness(&self) -> f64 {
@@ -225,7 +246,8 @@ impl Effect for Map {
 mod tests {
     use super::super::Effects;
     use super::*;
-    use crate::model::EffectParameters;
+    use crate::model::{EffectParameters, StageModel};
+    use crate::plant::Body;
 
     fn tent(coordinate: Coordinate) -> Curve {
         Curve { coordinate, side: CurveSide::Carriage, from: -0.1, to: 0.1, values: vec![1.0, 4.0, -2.0], jump: None }
@@ -278,6 +300,31 @@ mod tests {
         assert!((scale.viscous - 1.45).abs() < 1e-12, "{scale:?}");
         assert_eq!((scale.coulomb, scale.stat, map.force(&motion, 1e-4)), (1.0, 1.0, 0.0));
         assert_eq!(map.stored_energy(0.0, 0.05), 0.0);
+    }
+
+    /// Put down after half a second: from then on the stage moves as one that never had it.
+    #[test]
+    fn a_mass_moves_with_the_carriage_while_it_is_there() {
+        let step = 5e-5;
+        let load = |values: Vec<f64>, jump| {
+            let (coordinate, side) = (Coordinate::Time, CurveSide::Mass);
+            EffectParameters::map(Curve { coordinate, side, from: 0.0, to: 1.0, values, jump })
+        };
+        let body = |mass: f64, effects: Vec<EffectParameters>| {
+            Body::new(&StageModel { mass, effects, ..StageModel::default() }, step)
+        };
+        let mut put_down = body(40.0, vec![load(vec![10.0; 2], Some(Jump { at: 0.5 - 0.5 * step, height: -10.0 }))]).unwrap();
+        let (mut with, mut without) = (body(50.0, Vec::new()).unwrap(), body(40.0, Vec::new()).unwrap());
+        put_down.advance(300.0, 10_000);
+        with.advance(300.0, 10_000);
+        assert_eq!((put_down.position(), put_down.velocity()), (with.position(), with.velocity()));
+        without.set_state(put_down.position(), put_down.velocity(), put_down.guides().bristles());
+        put_down.advance(-200.0, 4_000);
+        without.advance(-200.0, 4_000);
+        let (is, expected) = (put_down.position(), without.position());
+        assert!((is - expected).abs() < 1e-9, "{is} m, {expected} m");
+        let message = body(40.0, vec![load(vec![-30.0; 2], Some(Jump { at: 0.5, height: -11.0 }))]).unwrap_err();
+        assert!(message.to_string().contains("41 kg") && message.to_string().contains("40 kg"), "{message}");
     }
 
     #[test]

@@ -203,6 +203,16 @@ pub trait Effect: Debug + Send + Sync {
         0.0
     }
 
+    /// The same of a mass that is not always there: as the carriage moves now, kg.
+    fn mass_along(&self, _motion: &Motion) -> f64 {
+        0.0
+    }
+
+    /// The least that [`Effect::mass_along`] comes to, kg; `None` where it is nothing everywhere.
+    fn least_mass(&self) -> Option<f64> {
+        None
+    }
+
     /// Largest slope of the force over position, N/m: limits the step of the plant.
     fn stiffness(&self) -> f64 {
         0.0
@@ -401,6 +411,7 @@ pub struct Effects {
     order: Vec<usize>,
     forces: Vec<f64>,
     scales: Scaled,
+    changes_mass: bool,
     reads: bool,
     motor_side: f64,
     carriage_side: f64,
@@ -436,7 +447,7 @@ impl EffectDescriptor {
     }
 
     /// Values of an effect of a model, in the order of `parameters`, checked. Of a `map`: coordinate (0 position, 1 velocity, 2 time), side
-    /// (0 carriage, 1 motor, 2 Coulomb friction, 3 viscous friction), from, to, height and place of its jump (0 where there is none), then the force at the knots.
+    /// (0 carriage, 1 motor, 2 Coulomb friction, 3 viscous friction, 4 mass), from, to, height and place of its jump (0 where there is none), then the force at the knots.
     pub fn values_of(&self, given: &EffectParameters) -> Result<Vec<f64>, ModelError> {
         let values = match &given.curve {
             Some(curve) if self.name == map::DESCRIPTOR.name => map::values(curve),
@@ -513,7 +524,9 @@ impl Effects {
         let reads = list.iter().any(|entry| entry.side == Side::Sensor);
         let mut order: Vec<usize> = (0..list.len()).collect();
         order.sort_by_key(|index| list[*index].drive.map_or((true, None), |drive| (false, Some(drive))));
-        let mut effects = Effects { list, order, forces, scales, reads, motor_side: 0.0, carriage_side: 0.0 };
+        let changes_mass = list.iter().any(|entry| entry.effect.least_mass().is_some());
+        let mut effects =
+            Effects { list, order, forces, scales, changes_mass, reads, motor_side: 0.0, carriage_side: 0.0 };
         effects.reset(0.0);
         Ok(effects)
     }
@@ -535,6 +548,21 @@ impl Effects {
     /// Mass that the effects add to the carriage, kg.
     pub fn added_mass(&self) -> f64 {
         self.list.iter().map(|entry| entry.effect.added_mass()).sum()
+    }
+
+    /// Whether the mass that moves with the carriage is not always the same.
+    pub fn changes_mass(&self) -> bool {
+        self.changes_mass
+    }
+
+    /// What the effects add to the carriage beyond [`Effects::added_mass`] as it moves now, kg.
+    pub fn mass_along(&self, motion: &Motion) -> f64 {
+        self.list.iter().map(|entry| entry.effect.mass_along(motion)).sum()
+    }
+
+    /// The least that this comes to, kg.
+    pub fn least_mass(&self) -> f64 {
+        self.list.iter().filter_map(|entry| entry.effect.least_mass()).sum()
     }
 
     /// Sum of the largest slopes of the forces over position, N/m.
