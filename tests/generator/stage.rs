@@ -149,7 +149,8 @@ impl Stage {
             effect.rate(&now, &drive, own, &mut rate[place..place + own.len()]);
         }
         rate[0] = now.v;
-        rate[1] = force / self.mass;
+        let mass = self.mass + self.effects.iter().map(|effect| effect.added_mass_now(&now)).sum::<f64>();
+        rate[1] = force / mass;
         Moment { position: now.x, velocity: now.v, acceleration: rate[1], motor_force, friction_force }
     }
 
@@ -245,8 +246,8 @@ impl Stage {
             force = after;
         }
         for (index, effect) in self.effects.iter().enumerate().filter(|(_, e)| e.side() == Side::Carriage) {
-            forces[index] +=
-                effect.carriage(&now, self.states_of(index, &self.state)) - effect.added_mass() * moment.acceleration;
+            let added = effect.added_mass() + effect.added_mass_now(&now);
+            forces[index] += effect.carriage(&now, self.states_of(index, &self.state)) - added * moment.acceleration;
         }
         for friction in &self.frictions {
             if let Some(index) = friction.without {

@@ -16,7 +16,9 @@ pub use friction::{
 };
 pub use motor::{ActuatorLag, Cogging, ForceRipple, MotorGain};
 pub use sensor::{EncoderScale, EncoderSde, ForceCellDrift, ForceCellGain};
-pub use unlisted::{Backlash, ForceStep, FrictionStep, PositionVelocity, RailJoint, SaturatingBrake, SealMemory};
+pub use unlisted::{
+    Backlash, ForceStep, FrictionStep, PayloadStep, PositionVelocity, RailJoint, SaturatingBrake, SealMemory,
+};
 
 use super::guides::{Change, Elements};
 use super::noise::Noise;
@@ -122,6 +124,10 @@ pub trait Law: std::fmt::Debug + Send + Sync {
     fn added_mass(&self) -> f64 {
         0.0
     }
+    /// The same of a mass that is not always there: what joins the carriage moves as it does already, kg.
+    fn added_mass_now(&self, _now: &Now<'_>) -> f64 {
+        0.0
+    }
     /// Whether [`Self::friction`] or [`Self::elements`] is overridden.
     fn changes_friction(&self) -> bool {
         false
@@ -155,7 +161,7 @@ impl Clone for Effect {
 pub type Draw = fn(&mut Noise) -> Effect;
 
 /// Every effect with the way to draw one of usual size: first those that the library lists, then the others.
-pub const CATALOGUE: [(&str, Draw); 27] = [
+pub const CATALOGUE: [(&str, Draw); 28] = [
     ("cogging", Cogging::draw),
     ("force_ripple", ForceRipple::draw),
     ("motor_gain", MotorGain::draw),
@@ -179,6 +185,7 @@ pub const CATALOGUE: [(&str, Draw); 27] = [
     ("rail_joint", RailJoint::draw),
     ("force_step", ForceStep::draw),
     ("friction_step", FrictionStep::draw),
+    ("payload_step", PayloadStep::draw),
     ("saturating_brake", SaturatingBrake::draw),
     ("seal_memory", SealMemory::draw),
     ("backlash", Backlash::draw),

@@ -114,6 +114,35 @@ impl Law for FrictionStep {
     }
 }
 
+/// A workpiece that is taken off, or put on, at a time in the record: the mass changes by m from then on.
+#[derive(Debug, Clone)]
+pub struct PayloadStep {
+    /// m, kg.
+    pub mass: f64,
+    /// s from the start of each record.
+    pub time: f64,
+}
+
+impl PayloadStep {
+    /// 0.5 to 3 kg, more or less, after 4 to 12 s.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { mass: noise.sign() * noise.log_between(0.5, 3.0), time: noise.between(4.0, 12.0) })
+    }
+}
+
+impl Law for PayloadStep {
+    unlisted!("payload_step", "time");
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("mass", self.mass), ("time", self.time)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { mass: factor * self.mass, ..self.clone() })
+    }
+    fn added_mass_now(&self, now: &Now<'_>) -> f64 {
+        self.mass * 0.5 * (1.0 + ((now.time - self.time) / 1e-3).tanh())
+    }
+}
+
 /// Eddy-current brake: F = -2 B (v/vc)/(1 + (v/vc)^2), largest at vc (Wouterse 1991, eq. 12).
 #[derive(Debug, Clone)]
 pub struct SaturatingBrake {
