@@ -305,13 +305,14 @@ fn jump_in_words(curve: &Curve) -> Option<String> {
     let Jump { at, height } = curve.jump?;
     let goes = if height > 0.0 { "rises" } else { "falls" };
     let before = curve.corners().into_iter().find(|(place, _)| *place >= at).map_or(0.0, |(_, value)| value);
+    let size = readable((1e3 * height.abs()).round() / 1e3);
     let part = 100.0 * height.abs() / (1.0 + before);
     let by = match curve.side {
-        CurveSide::Carriage => format!("the force on the carriage {goes} by {} N", readable(height.abs())),
-        CurveSide::Motor => format!("the force of the motor {goes} by {} N", readable(height.abs())),
+        CurveSide::Carriage => format!("the force on the carriage {goes} by {size} N"),
+        CurveSide::Motor => format!("the force of the motor {goes} by {size} N"),
         CurveSide::Friction => format!("the Coulomb friction {goes} by {part:.1} %"),
         CurveSide::Viscous => format!("the viscous friction {goes} by {part:.1} %"),
-        CurveSide::Mass => format!("the moving mass {goes} by {} kg", readable(height.abs())),
+        CurveSide::Mass => format!("the moving mass {goes} by {size} kg"),
     };
     Some(format!("at {at:.3} s {by}"))
 }

@@ -269,7 +269,8 @@ impl<'a> Rows<'a> {
     /// For each damping the curve that predicts left-out blocks best.
     fn smooth(&self, dampings: &[Option<f64>], jump: Option<f64>) -> Vec<Option<Smooth>> {
         let mut best: Vec<Option<Smooth>> = dampings.iter().map(|_| None).collect();
-        for knots in KNOTS {
+        let line = jump.map(|_| BESIDE_A_JUMP[0]);
+        for knots in line.into_iter().chain(KNOTS) {
             let folds = self.folds(knots, jump);
             let all = sum(&folds);
             for (damping, best) in dampings.iter().zip(&mut best) {

@@ -22,9 +22,9 @@ const AT: usize = 5;
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "map",
     side: Side::Carriage,
-    law: "F = values[(c - from) / (to - from)], linear between equidistant knots, constant beyond; c position, velocity or time",
+    law: "F, or a change of friction or mass, is values[(c - from) / (to - from)], linear between equidistant knots, constant beyond; c position, velocity or time",
     source: "none: an empirical curve",
-    telltale: "a force that repeats over one coordinate and follows no law of the list",
+    telltale: "a force, a friction or a mass that repeats over one coordinate and follows no law of the list",
     parameters: &[
         EffectParameter::required("coordinate", "", "0 position, 1 velocity, 2 time", (0.0, 2.0), 1.0),
         EffectParameter::optional("side", "", "0 carriage, 1 motor, 2 friction, 3 viscous, 4 mass", (0.0, 4.0), 1.0, 0.0),
