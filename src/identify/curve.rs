@@ -36,7 +36,7 @@ pub const WITH_A_JUMP: f64 = 0.9;
 /// Part of its own squares that a jump must have which neither curve nor anything beside it has: at the ends of a record there is none. Assumed.
 const OF_ITS_OWN: f64 = 1e-3;
 
-/// Least change of friction: nearly all of it gone.
+/// Least change of friction, or of mass as a part of it: nearly all of it gone.
 pub(super) const NO_FRICTION: f64 = -0.99;
 
 /// What a fit may move while a curve is drawn: the guides were bent to what the curve is to stand for.
@@ -131,8 +131,10 @@ pub fn propose(
         let (jump, moves) = others.split_at(usize::from(with.is_some()));
         let jump = with.zip(jump.first()).map(|((at, _), height)| Jump { at, height: *height });
         let mut curve = Curve { coordinate, side, from, to, values: values.to_vec(), jump };
-        if side.is_of_friction() {
-            keep_some_friction(&mut curve);
+        match side {
+            CurveSide::Carriage | CurveSide::Motor => {}
+            CurveSide::Friction | CurveSide::Viscous => keep_above(&mut curve, NO_FRICTION),
+            CurveSide::Mass => keep_above(&mut curve, NO_FRICTION * residual.mass),
         }
         let moves = beside.coordinates.iter().zip(moves);
         let moved = moves.map(|(coordinate, moves)| hypothesis::Coordinate {
@@ -155,13 +157,13 @@ pub fn jump(residual: &Residual, side: CurveSide, beside: &Beside) -> Option<Jum
     Rows::new(residual, Coordinate::Time, side, beside)?.jump(&DAMPINGS[1..], KNOTS[0])
 }
 
-/// Raises a change of friction to the least that there is.
-fn keep_some_friction(curve: &mut Curve) {
-    curve.values.iter_mut().for_each(|value| *value = value.max(NO_FRICTION));
+/// Raises a curve to the least that there may be: where a record tells little, its knots are anywhere.
+fn keep_above(curve: &mut Curve, lowest: f64) {
+    curve.values.iter_mut().for_each(|value| *value = value.max(lowest));
     // What is still lower stands behind the jump.
     let least = curve.corners().into_iter().map(|(_, value)| value).fold(f64::INFINITY, f64::min);
     if let Some(jump) = &mut curve.jump {
-        jump.height += (NO_FRICTION - least).max(0.0);
+        jump.height += (lowest - least).max(0.0);
     }
 }
 
@@ -533,7 +535,7 @@ mod tests {
             values: vec![-1.4, 0.0, 0.2, -0.4, 0.3],
             jump: Some(Jump { at: 2.5, height: -0.8 }),
         };
-        keep_some_friction(&mut curve);
+        keep_above(&mut curve, NO_FRICTION);
         let least = curve.corners().into_iter().map(|(_, value)| value).fold(f64::INFINITY, f64::min);
         assert!((least - NO_FRICTION).abs() < 1e-12, "{curve:?}");
         assert!((curve.jump.unwrap().height + 0.59).abs() < 1e-12, "{curve:?}");

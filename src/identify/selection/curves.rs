@@ -139,8 +139,12 @@ impl Search<'_> {
         let drawn = self.drawn_curves(start, start_errors)?;
         let effort = effort.worth_below(self.train.rows.len() as f64 * (start_errors.train() - SHOWN_ON_TRAIN * least));
         // The best one of each damping: moves are far from linear, so that one that is better at first need not be the better one.
+        // A curve that the train record does not show is drawn through what it says nothing of, and fits the hold-out by chance.
         let gain = |fitted: &Fitted| -> Result<f64, IdentifyError> {
-            Ok(start_errors.holdout() - errors(&fitted.hypothesis, self.train, self.holdout)?.holdout())
+            let left = errors(&fitted.hypothesis, self.train, self.holdout)?;
+            let side = fitted.hypothesis.effects.last().map_or(Side::Carriage, Part::side);
+            let is_shown = start_errors.train() - left.train() > CURVE_GAIN * self.threshold(side);
+            Ok(if is_shown { start_errors.holdout() - left.holdout() } else { f64::NEG_INFINITY })
         };
         let fitted = curve::DAMPINGS.par_iter().filter_map(|damping| {
             let alike = drawn.iter().filter(|one| one.damping == *damping);
