@@ -21,7 +21,7 @@ use super::Outcome;
 use crate::bag::{Mapping, topics};
 use crate::identify::Outcome::TooSmall;
 use crate::identify::{
-    CARRIAGE_GAIN, Change, LinearController, MOST_EFFECTS, NOISE_LIKE, NextExperiment, PositionErrors, RippleElsewhere,
+    CARRIAGE_GAIN, Change, LinearController, MOST_LAWS, NOISE_LIKE, NextExperiment, PositionErrors, RippleElsewhere,
     Selection, Summary, Tolerances, Verdict, Watch, closed_loop, in_digits, next_experiment, parameter_warnings,
     readable, ripple_elsewhere, search, taking_part,
 };
@@ -376,9 +376,8 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
             times_noise(selection)
         ));
     }
-    let added = selection.after.fitted.hypothesis.effects.len() - selection.before.hypothesis.effects.len();
-    if added >= MOST_EFFECTS && left > NOISE_LIKE * selection.floor.total() {
-        remarks.push(format!("no more than {MOST_EFFECTS} laws are added: there may be further ones; declare those that are right in --model, and identify again"));
+    if selection.added_laws() >= MOST_LAWS && left > NOISE_LIKE * selection.floor.total() {
+        remarks.push(format!("no more than {MOST_LAWS} laws are added: there may be further ones; declare those that are right in --model, and identify again"));
     }
     remarks.extend(parameter_warnings(&selection.after, rate));
     remarks

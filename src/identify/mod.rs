@@ -35,7 +35,7 @@ pub use phase::{RippleElsewhere, ripple_elsewhere};
 
 pub use closed_loop::{ClosedLoopError, LinearController};
 pub use selection::{
-    CARRIAGE_GAIN, Errors, Evidence, LEFT_AT_MOST, MOST_EFFECTS, NOISE_LIKE, Outcome, Selection, Silent, Verdict,
+    CARRIAGE_GAIN, Errors, Evidence, LEFT_AT_MOST, MOST_LAWS, NOISE_LIKE, Outcome, Selection, Silent, Verdict,
     Watch, search,
 };
 pub use summary::{

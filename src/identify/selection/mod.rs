@@ -9,6 +9,8 @@ mod rounds;
 mod slips;
 mod worth;
 
+use std::collections::BTreeSet;
+
 use crate::model::{Coordinate, StageModel};
 use crate::plant::Side;
 
@@ -25,10 +27,12 @@ use guides::with_different_guides;
 pub(super) use rounds::RIVAL;
 pub use worth::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
 
-/// Most effects that are added.
-pub const MOST_EFFECTS: usize = 4;
+/// Most laws that are added.
+pub const MOST_LAWS: usize = 4;
 /// Effects of which there may be several: harmonics of a period, lines of a spectrum.
 pub(super) const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
+/// Most effects of such a law.
+const MOST_OF_ONE: usize = 4;
 
 /// Errors of a hypothesis: mean squares of the missing force, N^2.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -111,6 +115,12 @@ pub struct Selection {
 }
 
 impl Selection {
+    /// Laws that were added, those of which there are several counted once.
+    pub fn added_laws(&self) -> usize {
+        let effects = &self.after.fitted.hypothesis.effects;
+        different_laws(&effects[self.before.hypothesis.effects.len()..])
+    }
+
     /// Share of the explainable held-out residual that the added effects take out; 0 where there is nothing to explain.
     pub fn explained_share(&self) -> f64 {
         let floor = self.floor.total().powi(2);
@@ -172,7 +182,13 @@ pub fn search(
     }
     if !search.stopped {
         search.finish()?;
+        let was_full = search.is_full();
         search.prune()?;
+        // What goes makes room for what there was none.
+        if was_full && !search.is_full() && search.add_laws()? {
+            search.finish()?;
+            search.prune()?;
+        }
     }
     search.selection()
 }
@@ -187,9 +203,8 @@ struct Search<'a> {
     errors_before: Errors,
     best: Fitted,
     best_errors: Errors,
-    /// Rounds in which candidates were tried, and laws that were added.
+    /// Rounds in which candidates were tried.
     rounds: usize,
-    laws: usize,
     evidence: Vec<Evidence>,
     coordinate: Option<Coordinate>,
     /// For each effect the other candidates of its round, the best first, with their held-out rms, N.
@@ -219,7 +234,6 @@ impl<'a> Search<'a> {
             before,
             errors_before,
             rounds: 0,
-            laws: 0,
             evidence: Vec::new(),
             coordinate: None,
             inseparable: Vec::new(),
@@ -234,6 +248,16 @@ impl<'a> Search<'a> {
     /// Effects that the model declares: they stand first.
     fn declared_effects(&self) -> usize {
         self.before.hypothesis.effects.len()
+    }
+
+    /// Effects of this name that were added.
+    fn added_of(&self, name: &str) -> usize {
+        self.best.hypothesis.effects[self.declared_effects()..].iter().filter(|part| part.descriptor.name == name).count()
+    }
+
+    /// Whether there are as many laws as may be.
+    fn is_full(&self) -> bool {
+        different_laws(&self.best.hypothesis.effects[self.declared_effects()..]) >= MOST_LAWS
     }
 
     fn take(&mut self, best: Fitted) -> Result<(), IdentifyError> {
@@ -320,6 +344,12 @@ fn errors(hypothesis: &Hypothesis, train: &Measured, holdout: &Measured) -> Resu
     let (train_motor, train_carriage) = hypothesis.missing(train, Sides::BOTH)?.squares();
     let (holdout_motor, holdout_carriage) = hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
     Ok(Errors { train_motor, train_carriage, holdout_motor, holdout_carriage })
+}
+
+/// Laws among effects, those of which there are several counted once; a map is none.
+fn different_laws(effects: &[Part]) -> usize {
+    let names: BTreeSet<&str> = effects.iter().map(|part| part.descriptor.name).collect();
+    names.iter().filter(|name| **name != "map").count()
 }
 
 /// What `free` parameters take out of the mean square of a residual by chance, N^2, twice over: each its share of the values that are

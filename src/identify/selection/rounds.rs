@@ -16,7 +16,7 @@ use super::columns::Columns;
 use super::forms::starts;
 use super::guides::with_different_guides;
 use super::worth::HALF_OF_THE_REST;
-use super::{Errors, Evidence, MOST_EFFECTS, Outcome, SEVERAL, Search, by_chance, errors};
+use super::{Errors, Evidence, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, errors};
 
 /// Share of the best gain that a law with fewer parameters must reach to be preferred.
 pub(super) const SIMPLER: f64 = 0.97;
@@ -26,10 +26,10 @@ pub const RIVAL: f64 = 0.985;
 const OF_ONE_TYPE: f64 = 0.1;
 
 impl Search<'_> {
-    /// Adds laws one by one while any explains enough; whether there was one.
+    /// Adds effects one by one while any explains enough; whether there was one.
     pub(super) fn add_laws(&mut self) -> Result<bool, IdentifyError> {
         let mut added = false;
-        while self.laws < MOST_EFFECTS && self.add_one()? {
+        while self.add_one()? {
             added = true;
         }
         Ok(added)
@@ -77,7 +77,6 @@ impl Search<'_> {
             let row = if *part == tried[winner].0.part { continue } else { tried[winner].0.clone() };
             tried.push((Evidence { part: part.clone(), ..row }, chosen.clone()));
         }
-        self.laws += added.len();
         self.runners_up.extend(added.iter().map(|_| others.clone()));
         self.evidence.extend(tried.into_iter().map(|(one, _)| one));
         self.take(with_different_guides(&chosen, self.train, effort)?)?;
@@ -110,7 +109,6 @@ impl Search<'_> {
         let others = tried.iter().filter(|(other, _)| other.outcome != Outcome::Chosen);
         let others = others.map(|(other, _)| (other.name, other.errors.holdout().sqrt())).collect();
         self.runners_up.push(others);
-        self.laws += 1;
         (self.best, self.best_errors) = (with, errors);
         Ok(true)
     }
@@ -119,12 +117,12 @@ impl Search<'_> {
     fn try_all(&self, round: usize) -> Result<Vec<(Evidence, Hypothesis)>, IdentifyError> {
         let columns = Columns::new(&self.best.hypothesis, self.train)?;
         let there = |name: &str| self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name);
-        let candidates: Vec<&'static EffectDescriptor> = ALL
-            .iter()
-            .copied()
-            .filter(|candidate| candidate.name != "map")
-            .filter(|candidate| SEVERAL.contains(&candidate.name) || !there(candidate.name))
-            .collect();
+        let may_be_added = |name: &str| match SEVERAL.contains(&name) {
+            true => self.added_of(name) < MOST_OF_ONE && (self.added_of(name) > 0 || !self.is_full()),
+            false => !there(name) && !self.is_full(),
+        };
+        let candidates: Vec<&'static EffectDescriptor> =
+            ALL.iter().copied().filter(|law| law.name != "map" && may_be_added(law.name)).collect();
         let done = AtomicUsize::new(0);
         let tried: Vec<Option<(Evidence, Hypothesis)>> = candidates
             .par_iter()
@@ -214,7 +212,7 @@ impl Search<'_> {
         let (descriptor, round, side) = (one.part.descriptor, one.round, one.side);
         let mut groups: Vec<(Evidence, Hypothesis)> = Vec::new();
         let mut last = with.clone();
-        for count in 2..=MOST_EFFECTS - self.laws {
+        for count in 2..=MOST_OF_ONE - self.added_of(descriptor.name) {
             if self.watch.stopped() {
                 break;
             }

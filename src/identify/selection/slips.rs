@@ -9,7 +9,7 @@ use crate::plant::Side;
 use super::guides::with_different_guides;
 use super::rounds::SIMPLER;
 use super::worth::{HALF_OF_THE_REST, LEAST_SHARE};
-use super::{Evidence, MOST_EFFECTS, Outcome, Search, by_chance, errors};
+use super::{Evidence, MOST_OF_ONE, Outcome, Search, by_chance, errors};
 
 /// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one that turns the phase within a few strokes.
 const SLIPS: [f64; 5] = [0.1, 0.25, 0.35, 0.5, 1.0];
@@ -33,7 +33,7 @@ impl Search<'_> {
         let mut left = errors(&with, self.train, self.holdout)?;
         let mut evidence = Vec::new();
         let mut slips = SLIPS.to_vec();
-        while with.effects.len() < self.declared_effects() + MOST_EFFECTS {
+        while with.effects.len() < others + MOST_OF_ONE {
             if self.watch.stopped() {
                 self.stopped = true;
                 return Ok(false);
@@ -90,7 +90,6 @@ impl Search<'_> {
         self.rounds += evidence.len();
         self.evidence.extend(evidence);
         self.runners_up.resize(fitted.hypothesis.effects.len(), Vec::new());
-        self.laws = fitted.hypothesis.effects.len() - self.declared_effects();
         self.take(fitted)?;
         Ok(true)
     }
