@@ -35,8 +35,8 @@ pub use phase::{RippleElsewhere, ripple_elsewhere};
 
 pub use closed_loop::{ClosedLoopError, LinearController};
 pub use selection::{
-    CARRIAGE_GAIN, Errors, Evidence, LEFT_AT_MOST, MOST_LAWS, NOISE_LIKE, Outcome, Selection, Silent, Verdict,
-    Watch, search,
+    CARRIAGE_GAIN, Errors, Evidence, LEFT_AT_MOST, MOST_LAWS, NOISE_LIKE, Outcome, Selection, Silent, Verdict, Watch,
+    search,
 };
 pub use summary::{
     Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, in_digits, parameter_warnings, readable,

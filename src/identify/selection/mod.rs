@@ -1,5 +1,6 @@
 //! Which effects are there? Forward selection with a refit of everything at each step, judged on held-out data, pruned backwards.
 
+mod cell;
 mod columns;
 mod curves;
 mod forms;
@@ -252,7 +253,10 @@ impl<'a> Search<'a> {
 
     /// Effects of this name that were added.
     fn added_of(&self, name: &str) -> usize {
-        self.best.hypothesis.effects[self.declared_effects()..].iter().filter(|part| part.descriptor.name == name).count()
+        self.best.hypothesis.effects[self.declared_effects()..]
+            .iter()
+            .filter(|part| part.descriptor.name == name)
+            .count()
     }
 
     /// Whether there are as many laws as may be.

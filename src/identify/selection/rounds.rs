@@ -43,8 +43,11 @@ impl Search<'_> {
             self.stopped = true;
             return Ok(false);
         }
-        for (one, _) in &mut tried {
-            if one.train_gain < self.least_on_train(one) || one.holdout_gain < self.least_on_holdout(one) {
+        for (one, with) in &mut tried {
+            if one.train_gain < self.least_on_train(one)
+                || one.holdout_gain < self.least_on_holdout(one)
+                || !self.shows_without_cell(one, with)?
+            {
                 one.outcome = Outcome::TooSmall;
             }
         }
@@ -102,7 +105,7 @@ impl Search<'_> {
         let found = self.evidence_of(one.round, part, one.side, 1, &with.hypothesis, errors)?;
         let is_worth_it =
             found.train_gain >= self.least_on_train(&found) && found.holdout_gain >= self.least_on_holdout(&found);
-        if !changed || !is_worth_it {
+        if !changed || !is_worth_it || !self.shows_without_cell(&found, &with.hypothesis)? {
             return Ok(false);
         }
         *one = Evidence { outcome: Outcome::Chosen, ..found };
@@ -177,7 +180,7 @@ impl Search<'_> {
     }
 
     /// Evidence of a candidate that adds the last `count` effects of a hypothesis, all of the same law.
-    fn evidence_of(
+    pub(super) fn evidence_of(
         &self,
         round: usize,
         part: Part,
