@@ -182,14 +182,7 @@ pub fn search(
         }
     }
     if !search.stopped {
-        search.finish()?;
-        let was_full = search.is_full();
-        search.prune()?;
-        // What goes makes room for what there was none.
-        if was_full && !search.is_full() && search.add_laws()? {
-            search.finish()?;
-            search.prune()?;
-        }
+        search.conclude()?;
     }
     search.selection()
 }
@@ -284,6 +277,18 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
+    /// Fits what was found to the end and prunes it. What goes makes room for laws that there was none for.
+    fn conclude(&mut self) -> Result<(), IdentifyError> {
+        self.finish()?;
+        let was_full = self.is_full();
+        self.prune()?;
+        if was_full && !self.is_full() && self.add_laws()? {
+            self.finish()?;
+            self.prune()?;
+        }
+        Ok(())
+    }
+
     /// Sides that a fit with this effect has to look at beside those that were found before: what a sensor reads wrong moves with the fit of
     /// either side, and one side alone would bend it.
     fn sides_of(&self, side: Side) -> Sides {
@@ -363,4 +368,54 @@ fn by_chance(hypothesis: &Hypothesis, free: usize, measured: &Measured) -> Resul
     let (motor, carriage) = missing.squares();
     let per_parameter = motor * correlation_length(&missing.motor) + carriage * correlation_length(&missing.carriage);
     Ok(2.0 * free as f64 * per_parameter / measured.rows.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::closed_loop::tests::recording;
+    use crate::model::EffectParameters;
+    use crate::plant::EffectDescriptor;
+
+    fn part(name: &str, values: &[(&str, f64)]) -> Part {
+        let given = EffectParameters::new(name, values.iter().copied());
+        let descriptor = EffectDescriptor::find(name).unwrap();
+        Part { descriptor, values: descriptor.values_of(&given).unwrap() }
+    }
+
+    #[test]
+    fn ripples_of_one_law_are_one_law_and_a_curve_is_none() {
+        let ripple = |period: f64| part("cogging", &[("amplitude", 1.0), ("period", period)]);
+        let knots = EffectDescriptor::find("map").unwrap();
+        let curve = Part { descriptor: knots, values: vec![0.0, 2.0, 0.0, 0.1, 0.0, 0.0, 1.0, 2.0] };
+        let drag = part("quadratic_drag", &[("coefficient", 1.0)]);
+        assert_eq!(different_laws(&[ripple(0.024), drag.clone(), curve, ripple(0.012)]), 2);
+        assert_eq!(different_laws(&[]), 0);
+    }
+
+    /// Four laws, three of which do nothing, and a cogging that nobody has tried.
+    #[test]
+    fn what_pruning_takes_out_makes_room() {
+        let model = StageModel::default();
+        let hidden =
+            [part("constant_force", &[("amplitude", 2.0)]), part("cogging", &[("amplitude", 1.0), ("period", 0.006)])];
+        let real = StageModel { effects: hidden.iter().map(Part::parameters).collect(), ..model.clone() };
+        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
+        let (train, holdout) = (record(3, 6), record(4, 4));
+        let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
+        let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
+        let with = [
+            part("quadratic_drag", &[("coefficient", 0.1)]),
+            part("cable_chain", &[("stiffness", 1.0)]),
+            part("motor_gain", &[("fraction", 0.001)]),
+        ];
+        let four = with.into_iter().fold(start.with(hidden[0].clone()), |four, part| four.with(part));
+        search.take(fit(&four, &train, Sides::BOTH, Effort::KEPT).unwrap()).unwrap();
+        search.runners_up.resize(4, Vec::new());
+        assert!(search.is_full());
+        search.conclude().unwrap();
+        let mut names: Vec<&str> = search.best.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
+        names.sort_unstable();
+        assert_eq!(names, ["cogging", "constant_force"]);
+    }
 }
