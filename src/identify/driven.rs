@@ -240,22 +240,29 @@ impl Driven {
         self.added_mass + self.moving.at_nodes.get(node).copied().unwrap_or(0.0)
     }
 
-    /// Friction of each guide's bristles at the nodes with these guides in place of its own, N, without the viscous part; 0 where there is no guide. `None` where a guide's friction hangs on that
-    /// of the others.
+    /// Friction of each guide's bristles at the nodes with these guides in place of its own, N; 0 where there is no guide. Behind it the viscous friction of all of them, where that
+    /// feels the bristles, and else nothing. `None` where the carriage side was not asked for.
     pub fn friction_of_each(
         &self,
         guides: &[Guide],
         measured: &Measured,
-    ) -> Result<Option<[Vec<f64>; MAX_GUIDES]>, ModelError> {
+    ) -> Result<Option<([Vec<f64>; MAX_GUIDES], Vec<f64>)>, ModelError> {
         let Some(Friction { bristles, viscous, .. }) = &self.friction else { return Ok(None) };
-        if viscous.felt.is_some() {
-            return Ok(None);
-        }
+        let steps = self.moved.steps(measured);
         let mut at_nodes = [(); MAX_GUIDES].map(|()| vec![0.0; measured.len()]);
-        drive(guides, &bristles.laws, measured, self.moved.steps(measured), |step, each| {
+        let mut over_steps = Vec::with_capacity(if viscous.felt.is_some() { steps.len() } else { 0 });
+        drive(guides, &bristles.laws, measured, steps, |step, each| {
             at_nodes.iter_mut().zip(each).for_each(|(at_nodes, friction)| step.share_out(friction, at_nodes));
+            if viscous.felt.is_some() {
+                over_steps.push(each.iter().sum());
+            }
         })?;
-        Ok(Some(at_nodes))
+        let mut felt = Vec::new();
+        if let Some((_, coefficient)) = viscous.felt {
+            felt = viscous_friction(&viscous.laws, Some((&over_steps, coefficient)), measured, steps)?;
+            felt.iter_mut().for_each(|friction| *friction *= coefficient);
+        }
+        Ok(Some((at_nodes, felt)))
     }
 }
 
@@ -354,7 +361,11 @@ impl Friction {
         };
         let viscous = match known.map(|known| &known.viscous) {
             Some(known) if known.laws == of_viscous && feels_alike(known) => known.clone(),
-            _ => Arc::new(Viscous::new(of_viscous, felt, measured, steps)?),
+            _ => {
+                let over_steps = felt.as_ref().map(|(bristles, coefficient)| (&bristles.over_steps[..], *coefficient));
+                let at_nodes = viscous_friction(&of_viscous, over_steps, measured, steps)?;
+                Arc::new(Viscous { laws: of_viscous, felt, at_nodes })
+            }
         };
         Ok(Friction { bristles, viscous, coefficient })
     }
@@ -383,31 +394,30 @@ impl Bristles {
     }
 }
 
-impl Viscous {
-    fn new(
-        laws: Vec<Part>,
-        felt: Option<(Arc<Bristles>, f64)>,
-        measured: &Measured,
-        steps: &[Step],
-    ) -> Result<Viscous, ModelError> {
-        let mut effects = effects_of(&laws)?;
-        let mut at_nodes = vec![0.0; measured.len()];
-        let mut friction = 0.0;
-        for (index, step) in steps.iter().enumerate() {
-            let factor = if laws.is_empty() {
-                1.0
-            } else {
-                let motion = Motion { velocity: step.sliding, friction, ..step.motion };
-                effects.friction(&motion, step.duration).viscous
-            };
-            let viscous = factor * step.sliding;
-            step.share_out(viscous, &mut at_nodes);
-            if let Some((bristles, coefficient)) = &felt {
-                friction = bristles.over_steps[index] + coefficient * viscous;
-            }
+/// Viscous friction of guides with a sigma2 of 1 N s/m in all at the nodes, N. `felt`: what the bristles give over each step, N, and the sum of sigma2, N s/m.
+fn viscous_friction(
+    laws: &[Part],
+    felt: Option<(&[f64], f64)>,
+    measured: &Measured,
+    steps: &[Step],
+) -> Result<Vec<f64>, ModelError> {
+    let mut effects = effects_of(laws)?;
+    let mut at_nodes = vec![0.0; measured.len()];
+    let mut friction = 0.0;
+    for (index, step) in steps.iter().enumerate() {
+        let factor = if laws.is_empty() {
+            1.0
+        } else {
+            let motion = Motion { velocity: step.sliding, friction, ..step.motion };
+            effects.friction(&motion, step.duration).viscous
+        };
+        let viscous = factor * step.sliding;
+        step.share_out(viscous, &mut at_nodes);
+        if let Some((bristles, coefficient)) = felt {
+            friction = bristles[index] + coefficient * viscous;
         }
-        Ok(Viscous { laws, felt, at_nodes })
     }
+    Ok(at_nodes)
 }
 
 /// Drives the guides' bristles under these laws and tells of each step what those of each guide give, N. They begin with what the motor gives: at rest

@@ -8,7 +8,7 @@ use super::driven::Driven;
 use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, SPREAD, Sides};
 use super::knot_slopes::KnotSlopes;
 use super::measured::Measured;
-use crate::model::ModelError;
+use crate::model::{MAX_GUIDES, ModelError};
 
 /// Step of the difference quotients, in scales of the coordinates.
 const DIFFERENCE: f64 = 1e-4;
@@ -116,14 +116,15 @@ pub(super) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
 ///
 /// Along a measured motion guides know nothing of each other. One pass moves a parameter of all of them, the friction of each tells its own part, and
 /// every difference between guides is a sum of these: five passes in place of sixteen. Left out is that they share the force which they
-/// hold as a record starts, a matter of its first micrometres.
+/// hold as a record starts, a matter of its first micrometres, and when each does
+/// the work that a viscous friction feels.
 struct GuideSlopes {
     /// N per unit at the rows, by parameter and guide.
     slopes: Vec<(Declared, Vec<DVector<f64>>)>,
 }
 
 impl GuideSlopes {
-    /// `None` where guides are not moved apart, or hang on each other.
+    /// `None` where guides are not moved apart.
     fn new(
         hypothesis: &Hypothesis,
         coordinates: &[Coordinate],
@@ -148,12 +149,24 @@ impl GuideSlopes {
             steps.push((parameter, step));
         }
         let at_rows = passes.par_iter().map(|guides| -> Result<Option<Vec<DVector<f64>>>, ModelError> {
-            let Some(each) = driven.friction_of_each(guides, measured)? else { return Ok(None) };
-            Ok(Some(each.map(|friction| DVector::from_vec(driven.at_rows(friction, measured))).into()))
+            let Some((each, felt)) = driven.friction_of_each(guides, measured)? else { return Ok(None) };
+            let at_rows = |friction| DVector::from_vec(driven.at_rows(friction, measured));
+            Ok(Some(each.into_iter().chain((!felt.is_empty()).then_some(felt)).map(at_rows).collect()))
         });
         let Some(at_rows) = at_rows.collect::<Result<Option<Vec<_>>, ModelError>>()? else { return Ok(None) };
+        let velocity = DVector::from_vec(measured.at_rows(&measured.velocity));
         let slopes = steps.into_iter().zip(&at_rows[1..]).map(|((parameter, step), there)| {
-            (parameter, there.iter().zip(&at_rows[0]).map(|(there, here)| (there - here) / step).collect())
+            let slopes = there.iter().zip(&at_rows[0]).map(|(there, here)| (there - here) / step);
+            let mut of_guides: Vec<DVector<f64>> = slopes.collect();
+            // What is felt is felt of each guide by the work that it does.
+            if let Some(felt) = (of_guides.len() > MAX_GUIDES).then(|| of_guides.pop()).flatten() {
+                let works: Vec<f64> = of_guides.iter().map(|slope| slope.dot(&velocity)).collect();
+                let all: f64 = works.iter().sum();
+                for (slope, work) in of_guides.iter_mut().zip(works).filter(|(_, work)| *work != 0.0) {
+                    slope.axpy(work / all, &felt, 1.0);
+                }
+            }
+            (parameter, of_guides)
         });
         let slopes = slopes.collect();
         Ok(Some(GuideSlopes { slopes }))
