@@ -263,18 +263,23 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Fits what was found to the end: on the way there that was not worth it.
-    fn finish(&mut self) -> Result<(), IdentifyError> {
+    /// Fits what was found further than was worth it on the way there.
+    fn go_on_fitting(&mut self, effort: Effort) -> Result<(), IdentifyError> {
         if self.best.hypothesis.effects.len() == self.declared_effects() {
             return Ok(());
         }
-        self.watch.progress("fit of what was found", 0.94);
-        let fitted = fit(&self.best.hypothesis, self.train, Sides::BOTH, Effort::KEPT)?;
+        let fitted = fit(&self.best.hypothesis, self.train, Sides::BOTH, effort)?;
         // A fit begins inside of all bounds, and may end elsewhere.
         if fitted.squares() < self.best.squares() {
             self.take(fitted)?;
         }
         Ok(())
+    }
+
+    /// Fits what was found to the end.
+    fn finish(&mut self) -> Result<(), IdentifyError> {
+        self.watch.progress("fit of what was found", 0.94);
+        self.go_on_fitting(Effort::KEPT)
     }
 
     /// Fits what was found to the end and prunes it. What goes makes room for laws that there was none for.

@@ -37,6 +37,8 @@ impl Search<'_> {
 
     /// One round: the candidate that explains most is added, if any explains enough.
     fn add_one(&mut self) -> Result<bool, IdentifyError> {
+        // As far as the fit of a candidate goes: what that brings would pass for the candidate.
+        self.go_on_fitting(Effort::COMPARED)?;
         let mut tried = self.try_all(self.rounds)?;
         self.rounds += 1;
         if self.watch.stopped() {
