@@ -12,6 +12,15 @@ use super::rounds::SIMPLER;
 use super::worth::{ALL_BUT_NOISE, HALF_OF_THE_REST};
 use super::{Search, errors};
 
+/// How forms of a law are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Forms {
+    /// With the guides held as they are: enough to tell whether the law wins a round.
+    Quick,
+    /// Those that come close to each other with the guides fitted anew: held, these speak for the form that is most like what they were bent to.
+    Thorough,
+}
+
 /// Share of the squares of one fit below which another one is better on the train record.
 const BETTER_START: f64 = 0.99;
 /// Share of the squares without a law to which one start must come, and above which another comes close to it.
@@ -20,14 +29,15 @@ const WORTH_A_LOOK: f64 = 0.7;
 const WORTH_THE_END: f64 = 0.9;
 
 impl Search<'_> {
-    /// The best fit from several starts beside what was found; of about equal ones that which leaves least on the hold-out, and of these the first. Forms of a
-    /// law that come close to each other are compared with the guides fitted anew: held as they are, these speak for the form that is most like what they
-    /// were bent to.
-    pub(super) fn best_start(&self, starts: Vec<Hypothesis>, sides: Sides, effort: Effort) -> Option<Fitted> {
-        let (train, without) = (self.train, self.squares_left(sides));
+    /// Fits from several starts beside what was found, each as far as it may become the best one.
+    pub(super) fn fitted_forms(&self, starts: &[Hypothesis], sides: Sides, effort: Effort) -> Vec<Fitted> {
         // A law whose values do not go together has lost; it does not end the search.
-        let mut fitted: Vec<Fitted> =
-            race(&starts, train, sides, effort, WORTH_A_LOOK.recip()).into_iter().flatten().collect();
+        race(starts, self.train, sides, effort, WORTH_A_LOOK.recip()).into_iter().flatten().collect()
+    }
+
+    /// The best of these fits; of about equal ones that which leaves least on the hold-out, and of these the first.
+    pub(super) fn best_form(&self, mut fitted: Vec<Fitted>, sides: Sides, forms: Forms) -> Option<Fitted> {
+        let (train, without) = (self.train, self.squares_left(sides));
         let least = fitted.iter().map(Fitted::squares).fold(f64::INFINITY, f64::min);
         if least < WORTH_A_LOOK * without {
             fitted.retain(|one| one.squares() * WORTH_A_LOOK < least);
@@ -41,7 +51,7 @@ impl Search<'_> {
         let mut judged: Vec<(f64, Fitted, Hypothesis)> =
             fitted.into_iter().map(|one| (one.squares(), one.clone(), afresh(&one.hypothesis))).collect();
         for effort in [Effort::COMPARED, Effort::KEPT] {
-            if judged.len() < 2 || least > WORTH_A_LOOK * without {
+            if judged.len() < 2 || forms == Forms::Quick || least > WORTH_A_LOOK * without {
                 break;
             }
             let free: Vec<Hypothesis> = judged.iter().map(|(.., free)| free.clone()).collect();
@@ -97,8 +107,9 @@ impl Search<'_> {
                 other.effects[index] = part;
                 other
             };
-            let starts = starts.into_iter().map(other).collect();
-            let Some(found) = self.best_start(starts, Sides::BOTH, Effort::COMPARED) else { continue };
+            let starts: Vec<_> = starts.into_iter().map(other).collect();
+            let fitted = self.fitted_forms(&starts, Sides::BOTH, Effort::COMPARED);
+            let Some(found) = self.best_form(fitted, Sides::BOTH, Forms::Thorough) else { continue };
             let worth = self.best.squares() / BETTER_START;
             let found = with_different_guides(
                 &found.hypothesis,

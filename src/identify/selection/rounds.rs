@@ -6,14 +6,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use crate::identify::IdentifyError;
-use crate::identify::fit::{Effort, fit};
+use crate::identify::fit::{Effort, Fitted, fit};
 use crate::identify::hypothesis::{Hypothesis, Part, Sides};
 use crate::identify::slipping;
 use crate::plant::effects::ALL;
 use crate::plant::{EffectDescriptor, Side};
 
 use super::columns::Columns;
-use super::forms::starts;
+use super::forms::{Forms, starts};
 use super::guides::with_different_guides;
 use super::worth::HALF_OF_THE_REST;
 use super::{Errors, Evidence, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, errors};
@@ -24,6 +24,14 @@ pub(super) const SIMPLER: f64 = 0.97;
 pub const RIVAL: f64 = 0.985;
 /// Part by which the periods of guides of one type differ at most. Assumed.
 const OF_ONE_TYPE: f64 = 0.1;
+
+/// A candidate of a round as it was fitted.
+pub(super) struct Tried {
+    pub one: Evidence,
+    pub with: Hypothesis,
+    /// Fits of all its forms.
+    forms: Vec<Fitted>,
+}
 
 impl Search<'_> {
     /// Adds effects one by one while any explains enough; whether there was one.
@@ -45,26 +53,30 @@ impl Search<'_> {
             self.stopped = true;
             return Ok(false);
         }
-        for (one, with) in &mut tried {
-            if one.train_gain < self.least_on_train(one)
-                || one.holdout_gain < self.least_on_holdout(one)
-                || !self.shows_without_cell(one, with)?
-            {
+        for Tried { one, with, .. } in &mut tried {
+            if !self.is_enough(one) || !self.shows_without_cell(one, with)? {
                 one.outcome = Outcome::TooSmall;
             }
         }
-        let strongest = tried.iter().find(|(one, _)| one.outcome != Outcome::TooSmall).map(|(one, _)| one.holdout_gain);
+        let strongest = tried
+            .iter()
+            .map(|tried| &tried.one)
+            .find(|one| one.outcome != Outcome::TooSmall)
+            .map(|one| one.holdout_gain);
         let Some(strongest) = strongest else {
             let found = self.add_beside_other_forms(&mut tried)?;
-            self.evidence.extend(tried.into_iter().map(|(one, _)| one));
+            self.evidence.extend(tried.into_iter().map(|tried| tried.one));
             return Ok(found);
         };
         let winner = winner(&tried, strongest);
-        tried[winner].0.outcome = Outcome::Chosen;
-        let (gain, free, name) = (tried[winner].0.holdout_gain, tried[winner].0.free, tried[winner].0.name);
-        let effort = self.on_the_way(&tried[winner].0.errors);
+        if let Some((one, with)) = self.in_best_form(&tried[winner])? {
+            tried[winner] = Tried { one, with, forms: Vec::new() };
+        }
+        tried[winner].one.outcome = Outcome::Chosen;
+        let (gain, free, name) = (tried[winner].one.holdout_gain, tried[winner].one.free, tried[winner].one.name);
+        let effort = self.on_the_way(&tried[winner].one.errors);
         let mut others = Vec::new();
-        for (index, (one, _)) in tried.iter_mut().enumerate() {
+        for (index, Tried { one, .. }) in tried.iter_mut().enumerate() {
             if index == winner {
                 continue;
             }
@@ -75,26 +87,25 @@ impl Search<'_> {
                 self.inseparable.push((name, one.name));
             }
         }
-        let chosen = tried[winner].1.holding_guides(false);
+        let chosen = tried[winner].with.holding_guides(false);
         let added = &chosen.effects[self.best.hypothesis.effects.len()..];
-        for part in added {
-            // Ripples that came together are each a row, with what all of them do.
-            let row = if *part == tried[winner].0.part { continue } else { tried[winner].0.clone() };
-            tried.push((Evidence { part: part.clone(), ..row }, chosen.clone()));
-        }
         self.runners_up.extend(added.iter().map(|_| others.clone()));
-        self.evidence.extend(tried.into_iter().map(|(one, _)| one));
+        // Ripples that came together are each a row, with what all of them do.
+        let one = tried[winner].one.clone();
+        let together = added.iter().filter(|part| **part != one.part);
+        let together = together.map(|part| Evidence { part: part.clone(), ..one.clone() });
+        self.evidence.extend(tried.into_iter().map(|tried| tried.one).chain(together));
         self.take(with_different_guides(&chosen, self.train, effort)?)?;
         Ok(true)
     }
 
     /// A law that takes half of what is left out of the train record and nothing out of the hold-out may be right beside laws in forms that are not: adds
     /// the strongest of these where it is worth it once the forms are chosen anew beside it. Whether it was.
-    fn add_beside_other_forms(&mut self, tried: &mut [(Evidence, Hypothesis)]) -> Result<bool, IdentifyError> {
+    fn add_beside_other_forms(&mut self, tried: &mut [Tried]) -> Result<bool, IdentifyError> {
         let half = HALF_OF_THE_REST * (self.best_errors.train() - self.floor.total().powi(2));
         let strong = |one: &Evidence| one.train_gain >= self.least_on_train(one).max(half);
-        let strong = tried.iter_mut().filter(|(one, _)| strong(one));
-        let Some((one, with)) = strong.max_by(|a, b| a.0.train_gain.total_cmp(&b.0.train_gain)) else {
+        let strong = tried.iter_mut().filter(|tried| strong(&tried.one));
+        let Some(Tried { one, with, .. }) = strong.max_by(|a, b| a.one.train_gain.total_cmp(&b.one.train_gain)) else {
             return Ok(false);
         };
         let effort = self.on_the_way(&one.errors);
@@ -105,21 +116,19 @@ impl Search<'_> {
         let errors = mem::replace(&mut self.best_errors, without.1);
         let Some(part) = with.hypothesis.effects.last().cloned() else { return Ok(false) };
         let found = self.evidence_of(one.round, part, one.side, 1, &with.hypothesis, errors)?;
-        let is_worth_it =
-            found.train_gain >= self.least_on_train(&found) && found.holdout_gain >= self.least_on_holdout(&found);
-        if !changed || !is_worth_it || !self.shows_without_cell(&found, &with.hypothesis)? {
+        if !changed || !self.is_enough(&found) || !self.shows_without_cell(&found, &with.hypothesis)? {
             return Ok(false);
         }
         *one = Evidence { outcome: Outcome::Chosen, ..found };
-        let others = tried.iter().filter(|(other, _)| other.outcome != Outcome::Chosen);
-        let others = others.map(|(other, _)| (other.name, other.errors.holdout().sqrt())).collect();
+        let others = tried.iter().map(|tried| &tried.one).filter(|other| other.outcome != Outcome::Chosen);
+        let others = others.map(|other| (other.name, other.errors.holdout().sqrt())).collect();
         self.runners_up.push(others);
         (self.best, self.best_errors) = (with, errors);
         Ok(true)
     }
 
     /// Every candidate beside what was found, refitted, the best on the hold-out first.
-    fn try_all(&self, round: usize) -> Result<Vec<(Evidence, Hypothesis)>, IdentifyError> {
+    fn try_all(&self, round: usize) -> Result<Vec<Tried>, IdentifyError> {
         let columns = Columns::new(&self.best.hypothesis, self.train)?;
         let there = |name: &str| self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name);
         let may_be_added = |name: &str| match SEVERAL.contains(&name) {
@@ -129,7 +138,7 @@ impl Search<'_> {
         let candidates: Vec<&'static EffectDescriptor> =
             ALL.iter().copied().filter(|law| law.name != "map" && may_be_added(law.name)).collect();
         let done = AtomicUsize::new(0);
-        let tried: Vec<Option<(Evidence, Hypothesis)>> = candidates
+        let tried: Vec<Option<Tried>> = candidates
             .par_iter()
             .map(|descriptor| {
                 if self.watch.stopped() {
@@ -141,9 +150,20 @@ impl Search<'_> {
                 self.try_one(round, descriptor, &columns)
             })
             .collect::<Result<_, IdentifyError>>()?;
-        let mut tried: Vec<(Evidence, Hypothesis)> = tried.into_iter().flatten().collect();
-        tried.sort_by(|a, b| b.0.holdout_gain.total_cmp(&a.0.holdout_gain));
+        let mut tried: Vec<Tried> = tried.into_iter().flatten().collect();
+        tried.sort_by(|a, b| b.one.holdout_gain.total_cmp(&a.one.holdout_gain));
         Ok(tried)
+    }
+
+    /// A candidate in the form that is best with the guides fitted anew; `None` where there is no other, or it does not explain enough.
+    fn in_best_form(&self, tried: &Tried) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
+        if tried.forms.len() < 2 {
+            return Ok(None);
+        }
+        let sides = self.sides_beside(&tried.one.part);
+        let Some(best) = self.best_form(tried.forms.clone(), sides, Forms::Thorough) else { return Ok(None) };
+        let found = self.as_fitted(tried.one.round, best)?;
+        Ok(found.filter(|(one, _)| self.is_enough(one)))
     }
 
     /// One candidate on the side where it explains most; `None` where it proposes nothing.
@@ -152,33 +172,40 @@ impl Search<'_> {
         round: usize,
         descriptor: &'static EffectDescriptor,
         columns: &Columns,
-    ) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
+    ) -> Result<Option<Tried>, IdentifyError> {
         // Differences between the guides stay as they are while candidates are tried: the joint refit moves them.
         let held = self.best.hypothesis.holding_guides(true);
-        let late = descriptor.parameters.iter().any(|parameter| parameter.name == "delay");
-        let mut best: Option<(Evidence, Hypothesis)> = None;
-        for on_motor in looks(descriptor.side, late, self.has_cell()) {
+        let mut best: Option<Tried> = None;
+        for on_motor in looks(descriptor.side, is_late(descriptor), self.has_cell()) {
             let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
             let part = Part { descriptor, values };
-            let side = part.side();
-            let sides = if late { Sides::BOTH } else { self.sides_of(side) };
-            let starts = starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
-            let Some(fitted) = self.best_start(starts, sides, Effort::COMPARED.worth_below(self.worth_on_train(sides)))
-            else {
-                continue;
-            };
-            let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
-            let Some(part) = fitted.hypothesis.effects.last().cloned() else { continue };
-            let mut evidence = self.evidence_of(round, part, side, 1, &fitted.hypothesis, found)?;
-            let mut hypothesis = fitted.hypothesis;
+            let sides = self.sides_beside(&part);
+            let starts: Vec<_> = starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
+            let effort = Effort::COMPARED.worth_below(self.worth_on_train(sides));
+            let forms = self.fitted_forms(&starts, sides, effort);
+            let Some(fitted) = self.best_form(forms.clone(), sides, Forms::Quick) else { continue };
+            let Some((mut one, mut with)) = self.as_fitted(round, fitted)? else { continue };
             if descriptor.name == slipping::LAW {
-                (evidence, hypothesis) = self.of_all_guides(evidence, hypothesis)?;
+                (one, with) = self.of_all_guides(one, with)?;
             }
-            if best.as_ref().is_none_or(|(best, _)| evidence.holdout_gain >= best.holdout_gain) {
-                best = Some((evidence, hypothesis));
+            if best.as_ref().is_none_or(|best| one.holdout_gain >= best.one.holdout_gain) {
+                best = Some(Tried { one, with, forms });
             }
         }
         Ok(best)
+    }
+
+    /// Sides that the fit of a candidate looks at.
+    fn sides_beside(&self, part: &Part) -> Sides {
+        if is_late(part.descriptor) { Sides::BOTH } else { self.sides_of(part.side()) }
+    }
+
+    /// A fit whose last effect is a candidate.
+    fn as_fitted(&self, round: usize, fitted: Fitted) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
+        let with = fitted.hypothesis;
+        let Some(part) = with.effects.last().cloned() else { return Ok(None) };
+        let (side, found) = (part.side(), errors(&with, self.train, self.holdout)?);
+        Ok(Some((self.evidence_of(round, part, side, 1, &with, found)?, with)))
     }
 
     /// Evidence of a candidate that adds the last `count` effects of a hypothesis, all of the same law.
@@ -232,9 +259,7 @@ impl Search<'_> {
             }
             let found = errors(&last, self.train, self.holdout)?;
             let evidence = self.evidence_of(round, group[0].clone(), side, count, &last, found)?;
-            if evidence.train_gain >= self.least_on_train(&evidence)
-                && evidence.holdout_gain >= self.least_on_holdout(&evidence)
-            {
+            if self.is_enough(&evidence) {
                 groups.push((evidence, last.clone()));
             }
         }
@@ -242,6 +267,11 @@ impl Search<'_> {
         let fewest = groups.into_iter().find(|(group, _)| group.holdout_gain >= SIMPLER * most);
         Ok(fewest.unwrap_or((one, with)))
     }
+}
+
+/// Whether a law makes the command late.
+fn is_late(descriptor: &EffectDescriptor) -> bool {
+    descriptor.parameters.iter().any(|parameter| parameter.name == "delay")
 }
 
 /// Whether ripples have periods as guides of one type have them.
@@ -252,19 +282,19 @@ fn are_of_one_type(ripples: &[Part]) -> bool {
 }
 
 /// The simplest law among those that explain about as much as the strongest, of several the one that explains most.
-fn winner(tried: &[(Evidence, Hypothesis)], strongest: f64) -> usize {
+fn winner(tried: &[Tried], strongest: f64) -> usize {
     let explains = |index: &usize| {
-        let one = &tried[*index].0;
+        let one = &tried[*index].one;
         one.outcome != Outcome::TooSmall && one.holdout_gain >= SIMPLER * strongest
     };
-    let fewest = (0..tried.len()).filter(explains).map(|index| tried[index].0.free).min();
+    let fewest = (0..tried.len()).filter(explains).map(|index| tried[index].one.free).min();
     let simplest: Vec<usize> =
-        (0..tried.len()).filter(explains).filter(|index| Some(tried[*index].0.free) == fewest).collect();
-    let most = simplest.iter().map(|index| tried[*index].0.holdout_gain).fold(0.0, f64::max);
+        (0..tried.len()).filter(explains).filter(|index| Some(tried[*index].one.free) == fewest).collect();
+    let most = simplest.iter().map(|index| tried[*index].one.holdout_gain).fold(0.0, f64::max);
     // Of equals first what acts, then what only reads wrong: the answer must not hang on the last digit.
-    let equals = simplest.into_iter().filter(|index| tried[*index].0.holdout_gain >= RIVAL * most);
+    let equals = simplest.into_iter().filter(|index| tried[*index].one.holdout_gain >= RIVAL * most);
     let order = |index: &usize| {
-        let one = &tried[*index].0;
+        let one = &tried[*index].one;
         (one.side == Side::Sensor, ALL.iter().position(|listed| listed.name == one.name))
     };
     equals.min_by_key(order).unwrap_or(0)
@@ -294,7 +324,7 @@ pub(super) mod tests {
     use crate::model::StageModel;
 
     /// Candidates of a round with the free parameters and the gains of their laws.
-    pub(in crate::identify::selection) fn tried(candidates: &[(&str, usize, f64)]) -> Vec<(Evidence, Hypothesis)> {
+    pub(in crate::identify::selection) fn tried(candidates: &[(&str, usize, f64)]) -> Vec<Tried> {
         let hypothesis = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
         let one = |&(name, free, holdout_gain): &(&str, usize, f64)| {
             let descriptor = EffectDescriptor::find(name).unwrap();
@@ -311,7 +341,7 @@ pub(super) mod tests {
                 chance: 0.0,
                 outcome: Outcome::Beaten,
             };
-            (evidence, hypothesis.clone())
+            Tried { one: evidence, with: hypothesis.clone(), forms: Vec::new() }
         };
         candidates.iter().map(one).collect()
     }
@@ -332,15 +362,15 @@ pub(super) mod tests {
         ];
         for (candidates, expected) in cases {
             let tried = tried(&candidates);
-            assert_eq!(tried[winner(&tried, candidates[0].2)].0.name, expected, "{candidates:?}");
+            assert_eq!(tried[winner(&tried, candidates[0].2)].one.name, expected, "{candidates:?}");
         }
     }
 
     #[test]
     fn what_explains_too_little_never_wins() {
         let mut tried = tried(&[("cable_chain", 2, 1.0), ("payload", 1, 0.999)]);
-        tried[1].0.outcome = Outcome::TooSmall;
-        assert_eq!(tried[winner(&tried, 1.0)].0.name, "cable_chain");
+        tried[1].one.outcome = Outcome::TooSmall;
+        assert_eq!(tried[winner(&tried, 1.0)].one.name, "cable_chain");
     }
 
     /// Two guides whose ripples beat over 30 mm: one ripple that fits the first 20 mm does not fit the next ones, two do.

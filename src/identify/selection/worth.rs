@@ -76,6 +76,11 @@ impl Search<'_> {
         self.least_of(one, self.best_errors.holdout())
     }
 
+    /// Whether a candidate takes enough out of both records.
+    pub(super) fn is_enough(&self, one: &Evidence) -> bool {
+        one.train_gain >= self.least_on_train(one) && one.holdout_gain >= self.least_on_holdout(one)
+    }
+
     /// Of a fit on the way from `before`: the last one goes to its end.
     pub(super) fn on_the_way(&self, before: &Errors) -> Effort {
         let explainable = before.train() - self.floor.total().powi(2);
@@ -171,7 +176,7 @@ mod tests {
         search.errors_before = on_both(0.0, 100.0);
         let mut is_enough = |before: Errors, after: Errors| {
             search.best_errors = before;
-            let mut one = tried(&[("cable_chain", 2, before.holdout() - after.holdout())]).remove(0).0;
+            let mut one = tried(&[("cable_chain", 2, before.holdout() - after.holdout())]).remove(0).one;
             one.errors = after;
             let enough = one.holdout_gain >= search.least_on_holdout(&one);
             assert_eq!(enough, one.train_gain >= search.least_on_train(&one));
