@@ -105,6 +105,14 @@ struct Bristles {
     at_nodes: Vec<f64>,
 }
 
+/// Friction at the nodes, N.
+pub(super) struct FrictionOfEach {
+    /// Of the bristles of each guide; 0 where there is no guide.
+    pub bristles: [Vec<f64>; MAX_GUIDES],
+    /// Viscous friction of all guides, where that feels the bristles, and else nothing.
+    pub felt: Vec<f64>,
+}
+
 /// Viscous friction of guides with a sigma2 of 1 N s/m in all.
 #[derive(Debug)]
 struct Viscous {
@@ -240,13 +248,12 @@ impl Driven {
         self.added_mass + self.moving.at_nodes.get(node).copied().unwrap_or(0.0)
     }
 
-    /// Friction of each guide's bristles at the nodes with these guides in place of its own, N; 0 where there is no guide. Behind it the viscous friction of all of them, where that
-    /// feels the bristles, and else nothing. `None` where the carriage side was not asked for.
+    /// Friction with these guides in place of its own; `None` where the carriage side was not asked for.
     pub fn friction_of_each(
         &self,
         guides: &[Guide],
         measured: &Measured,
-    ) -> Result<Option<([Vec<f64>; MAX_GUIDES], Vec<f64>)>, ModelError> {
+    ) -> Result<Option<FrictionOfEach>, ModelError> {
         let Some(Friction { bristles, viscous, .. }) = &self.friction else { return Ok(None) };
         let steps = self.moved.steps(measured);
         let mut at_nodes = [(); MAX_GUIDES].map(|()| vec![0.0; measured.len()]);
@@ -262,7 +269,7 @@ impl Driven {
             felt = viscous_friction(&viscous.laws, Some((&over_steps, coefficient)), measured, steps)?;
             felt.iter_mut().for_each(|friction| *friction *= coefficient);
         }
-        Ok(Some((at_nodes, felt)))
+        Ok(Some(FrictionOfEach { bristles: at_nodes, felt }))
     }
 }
 

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::declared::Declared;
-use super::driven::Driven;
+use super::driven::{Driven, FrictionOfEach};
 use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, SPREAD, Sides};
 use super::knot_slopes::KnotSlopes;
 use super::measured::Measured;
@@ -149,9 +149,11 @@ impl GuideSlopes {
             steps.push((parameter, step));
         }
         let at_rows = passes.par_iter().map(|guides| -> Result<Option<Vec<DVector<f64>>>, ModelError> {
-            let Some((each, felt)) = driven.friction_of_each(guides, measured)? else { return Ok(None) };
+            let Some(FrictionOfEach { bristles, felt }) = driven.friction_of_each(guides, measured)? else {
+                return Ok(None);
+            };
             let at_rows = |friction| DVector::from_vec(driven.at_rows(friction, measured));
-            Ok(Some(each.into_iter().chain((!felt.is_empty()).then_some(felt)).map(at_rows).collect()))
+            Ok(Some(bristles.into_iter().chain((!felt.is_empty()).then_some(felt)).map(at_rows).collect()))
         });
         let Some(at_rows) = at_rows.collect::<Result<Option<Vec<_>>, ModelError>>()? else { return Ok(None) };
         let velocity = DVector::from_vec(measured.at_rows(&measured.velocity));
