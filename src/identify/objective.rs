@@ -116,8 +116,7 @@ pub(super) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
 ///
 /// Along a measured motion guides know nothing of each other. One pass moves a parameter of all of them, the friction of each tells its own part, and
 /// every difference between guides is a sum of these: five passes in place of sixteen. Left out is that they share the force which they
-/// hold as a record starts, a matter of its first micrometres, and when each does
-/// the work that a viscous friction feels.
+/// hold as a record starts, a matter of its first micrometres, and when each does the work that a viscous friction feels.
 struct GuideSlopes {
     /// N per unit at the rows, by parameter and guide.
     slopes: Vec<(Declared, Vec<DVector<f64>>)>,

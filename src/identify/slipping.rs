@@ -8,7 +8,7 @@
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Vector2};
 use rayon::prelude::*;
 
 use crate::model::{EffectParameters, ModelError};
@@ -41,8 +41,6 @@ pub(super) struct Slipping {
     pub ripples: Vec<SlippingRipple>,
     /// One for each ripple; `None` for one that the record does not show.
     waves: Vec<Option<Waves>>,
-    /// What a row counts.
-    weights: Vec<f64>,
     factors: Cholesky<f64, Dyn>,
 }
 
@@ -147,22 +145,11 @@ impl Slipping {
             };
             way.shows(*ripple).then(|| (turn(f64::sin), turn(f64::cos)))
         };
-        let waves = ripples.iter().map(wave).collect();
-        let weights = vec![1.0; way.travelled.len()];
-        Slipping::of(ripples, waves, &way, weights)
-    }
-
-    /// `waves`: sine and cosine of each ripple at the rows, where the record shows it.
-    fn of(
-        ripples: Vec<SlippingRipple>,
-        waves: Vec<Option<(Vec<f64>, Vec<f64>)>>,
-        way: &Way,
-        weights: Vec<f64>,
-    ) -> Option<Slipping> {
+        let waves: Vec<_> = ripples.iter().map(wave).collect();
         let mut columns = 0;
         let mut all: Vec<Option<Waves>> = Vec::new();
         for (ripple, waves) in ripples.iter().zip(waves) {
-            let waves = waves.map(|(sine, cosine)| Waves::new(*ripple, sine, cosine, way, columns));
+            let waves = waves.map(|(sine, cosine)| Waves::new(*ripple, sine, cosine, &way, columns));
             columns += waves.as_ref().map_or(0, |waves| 2 * waves.knots);
             all.push(waves);
         }
@@ -171,18 +158,18 @@ impl Slipping {
         }
         // Of a symmetric matrix the lower triangle is enough.
         let mut normal = DMatrix::zeros(columns, columns);
-        for (row, weight) in weights.iter().enumerate() {
+        for row in 0..way.travelled.len() {
             for (index, waves) in all.iter().enumerate() {
                 for (column, entry) in waves.iter().flat_map(|waves| waves.row(row)) {
                     for (before, value) in all[..=index].iter().flatten().flat_map(|waves| waves.row(row)) {
-                        normal[(column, before)] += weight * entry * value;
+                        normal[(column, before)] += entry * value;
                     }
                 }
             }
         }
         let ridge = RIDGE * normal.diagonal().max() + f64::MIN_POSITIVE;
         (0..columns).for_each(|column| normal[(column, column)] += ridge);
-        Some(Slipping { ripples, waves: all, weights, factors: normal.cholesky()? })
+        Some(Slipping { ripples, waves: all, factors: normal.cholesky()? })
     }
 
     /// Numbers that a record has for itself.
@@ -194,8 +181,8 @@ impl Slipping {
     fn knots(&self, force: &[f64]) -> DVector<f64> {
         let mut right = DVector::zeros(self.columns());
         for waves in self.waves.iter().flatten() {
-            for (row, (force, weight)) in force.iter().zip(&self.weights).enumerate() {
-                waves.row(row).iter().for_each(|(column, entry)| right[*column] += weight * entry * force);
+            for (row, force) in force.iter().enumerate() {
+                waves.row(row).iter().for_each(|(column, entry)| right[*column] += entry * force);
             }
         }
         self.factors.solve(&right)
@@ -215,13 +202,13 @@ impl Slipping {
     pub fn amplitudes(&self, force: &[f64]) -> Vec<Option<f64>> {
         let knots = self.knots(force);
         let amplitude = |waves: &Waves| {
-            let squares = waves.places.iter().zip(&self.weights).map(|((knot, part), weight)| {
+            let squares = waves.places.iter().map(|(knot, part)| {
                 let at = waves.first + 2 * knot;
                 let next = if *part > 0.0 { at + 2 } else { at };
                 let along = |offset: usize| (1.0 - part) * knots[at + offset] + part * knots[next + offset];
-                weight * (along(0).powi(2) + along(1).powi(2))
+                along(0).powi(2) + along(1).powi(2)
             });
-            (squares.sum::<f64>() / self.weights.iter().sum::<f64>().max(f64::MIN_POSITIVE)).sqrt()
+            (squares.sum::<f64>() / waves.places.len() as f64).sqrt()
         };
         self.waves.iter().map(|waves| waves.as_ref().map(amplitude)).collect()
     }
@@ -237,15 +224,43 @@ pub(super) fn share_along_the_way(force: &[f64], measured: &Measured, part: &Par
     left_along_the_way(force, &measured.at_rows(&measured.position), &way, ripple).map_or(0.0, |left| 1.0 - left)
 }
 
-/// Share of the squares of a force that a ripple leaves along the way. Not filtered as the force is, which moves no peak.
+/// Share of the squares of a force that a ripple leaves along the way. Not filtered as the force is, which moves no peak. As [`Slipping`] has it for one ripple, whose knots know no others
+/// than their neighbours: eliminated one by one (Golub, Van Loan, "Matrix Computations", ch. 4.5), each takes its part of the squares.
 fn left_along_the_way(force: &[f64], position: &[f64], way: &Way, ripple: SlippingRipple) -> Option<f64> {
-    let waves = position.iter().map(|x| (TAU * x / ripple.period).sin_cos()).unzip();
-    let slipping = Slipping::of(vec![ripple], vec![Some(waves)], way, way.weights.clone())?;
-    let mut left = force.to_vec();
-    slipping.take_from(&mut left);
-    let squares =
-        |force: &[f64]| force.iter().zip(&way.weights).map(|(force, weight)| weight * force * force).sum::<f64>();
-    Some(squares(&left) / squares(force))
+    let (sine, cosine) = position.iter().map(|x| (TAU * x / ripple.period).sin_cos()).unzip();
+    let waves = Waves::new(ripple, sine, cosine, way, 0);
+    // Of each knot: what it has with itself, with the next one, and with the force.
+    let mut own = vec![Matrix2::zeros(); waves.knots];
+    let mut shared = own.clone();
+    let mut right = vec![Vector2::zeros(); waves.knots];
+    let mut squares = 0.0;
+    for (row, (force, weight)) in force.iter().zip(&way.weights).enumerate() {
+        let (knot, part) = waves.places[row];
+        let wave = Vector2::new(waves.sine[row], waves.cosine[row]);
+        let product: Matrix2<f64> = wave * wave.transpose() * *weight;
+        own[knot] += product * (1.0 - part).powi(2);
+        right[knot] += wave * (weight * force * (1.0 - part));
+        if part > 0.0 {
+            shared[knot] += product * ((1.0 - part) * part);
+            own[knot + 1] += product * part.powi(2);
+            right[knot + 1] += wave * (weight * force * part);
+        }
+        squares += weight * force * force;
+    }
+    let most = own.iter().map(|own| own[(0, 0)].max(own[(1, 1)])).reduce(f64::max)?;
+    let ridge = Matrix2::identity() * (RIDGE * most + f64::MIN_POSITIVE);
+    let mut taken = 0.0;
+    for knot in 0..waves.knots {
+        let inverse = (own[knot] + ridge).try_inverse()?;
+        let best = inverse * right[knot];
+        taken += right[knot].dot(&best);
+        if knot + 1 < waves.knots {
+            let shared = shared[knot];
+            right[knot + 1] -= shared.transpose() * best;
+            own[knot + 1] -= shared.transpose() * inverse * shared;
+        }
+    }
+    Some(1.0 - taken / squares)
 }
 
 /// Balls of a ripple of this period, m, whose phase walks so, rad/sqrt(m).
@@ -329,6 +344,30 @@ mod tests {
         let period = found.slipping_ripple().unwrap().period;
         assert!((period / 4e-3 - 1.0).abs() < 3e-3, "{period}");
         assert!(share_along_the_way(&ripple, &measured, &found) > 0.95);
+    }
+
+    /// Against least squares of all knots at once, by orthogonal triangles.
+    #[test]
+    fn knots_eliminated_one_by_one_leave_what_all_at_once_do() {
+        let measured = record();
+        let (ripple, other) = force(&measured, 4e-3, 2.0);
+        let force: Vec<f64> = ripple.iter().zip(&other).map(|(ripple, other)| ripple + other).collect();
+        let (way, position) = (Way::new(&measured), measured.at_rows(&measured.position));
+        for (period, piece) in [(4e-3, 0.1), (3.7e-3, 0.03), (6e-3, 10.0)] {
+            let ripple = SlippingRipple { period, piece };
+            let (sine, cosine) = position.iter().map(|x| (TAU * x / period).sin_cos()).unzip();
+            let waves = Waves::new(ripple, sine, cosine, &way, 0);
+            let mut columns = DMatrix::zeros(force.len(), 2 * waves.knots);
+            let mut right = DVector::zeros(force.len());
+            for (row, weight) in way.weights.iter().map(|weight| weight.sqrt()).enumerate() {
+                right[row] = weight * force[row];
+                waves.row(row).iter().for_each(|(column, entry)| columns[(row, *column)] += weight * entry);
+            }
+            let base = columns.qr().q();
+            let expected = 1.0 - base.tr_mul(&right).norm_squared() / right.norm_squared();
+            let left = left_along_the_way(&force, &position, &way, ripple).unwrap();
+            assert!((left / expected - 1.0).abs() < 1e-5, "{ripple:?}: {left} {expected}");
+        }
     }
 
     /// To and fro over 50 mm in 0.1 s with rests of a second, while a force walks at random: at each rest it could be any phase of any ripple.
