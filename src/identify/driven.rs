@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crate::model::{EffectParameters, Guide, MAX_GUIDES, ModelError};
 use crate::plant::effects::{Effects, Scaled};
-use crate::plant::{Drive, FrictionScale, GuideBank, Motion, Side};
+use crate::plant::{BRISTLE_PARAMETERS, BristleSlopes, Drive, FrictionScale, GuideBank, Motion, Side};
 
 use super::hypothesis::{Hypothesis, Part, Sides};
 use super::measured::{Measured, Step};
@@ -105,12 +105,11 @@ struct Bristles {
     at_nodes: Vec<f64>,
 }
 
-/// Friction at the nodes, N.
-pub(super) struct FrictionOfEach {
-    /// Of the bristles of each guide; 0 where there is no guide.
-    pub bristles: [Vec<f64>; MAX_GUIDES],
-    /// Viscous friction of all guides, where that feels the bristles, and else nothing.
-    pub felt: Vec<f64>,
+/// How friction changes along a direction in the parameters of the guides.
+pub(super) struct FrictionSlope {
+    /// Of the bristles, at the nodes and over each step, N; the latter only where a viscous friction feels them.
+    pub at_nodes: Vec<f64>,
+    pub over_steps: Vec<f64>,
 }
 
 /// Viscous friction of guides with a sigma2 of 1 N s/m in all.
@@ -248,28 +247,47 @@ impl Driven {
         self.added_mass + self.moving.at_nodes.get(node).copied().unwrap_or(0.0)
     }
 
-    /// Friction with these guides in place of its own; `None` where the carriage side was not asked for.
-    pub fn friction_of_each(
+    /// How the friction of the bristles changes along these directions, each by how much the logarithms of the parameters grow, by parameter and guide. `None`
+    /// where the carriage side was not asked for.
+    pub fn friction_slopes(
         &self,
-        guides: &[Guide],
+        directions: &[[[f64; MAX_GUIDES]; BRISTLE_PARAMETERS]],
         measured: &Measured,
-    ) -> Result<Option<FrictionOfEach>, ModelError> {
+    ) -> Result<Option<Vec<FrictionSlope>>, ModelError> {
         let Some(Friction { bristles, viscous, .. }) = &self.friction else { return Ok(None) };
         let steps = self.moved.steps(measured);
-        let mut at_nodes = [(); MAX_GUIDES].map(|()| vec![0.0; measured.len()]);
-        let mut over_steps = Vec::with_capacity(if viscous.felt.is_some() { steps.len() } else { 0 });
-        drive(guides, &bristles.laws, measured, steps, |step, each| {
-            at_nodes.iter_mut().zip(each).for_each(|(at_nodes, friction)| step.share_out(friction, at_nodes));
-            if viscous.felt.is_some() {
-                over_steps.push(each.iter().sum());
+        let held = held_at_start(measured);
+        let mut of_parameters = BristleSlopes::new(slopes_of_holding(&bristles.guides, held));
+        let is_felt = viscous.felt.is_some();
+        let slope = |_: &_| FrictionSlope {
+            at_nodes: vec![0.0; measured.len()],
+            over_steps: Vec::with_capacity(if is_felt { steps.len() } else { 0 }),
+        };
+        let mut slopes: Vec<FrictionSlope> = directions.iter().map(slope).collect();
+        drive(&bristles.guides, &bristles.laws, measured, steps, |bank, step, scale| {
+            bank.drive_with_slopes(step.sliding, step.duration, scale, &mut of_parameters);
+            for (slope, direction) in slopes.iter_mut().zip(directions) {
+                let friction = of_parameters.along(direction, step.duration);
+                step.share_out(friction, &mut slope.at_nodes);
+                if is_felt {
+                    slope.over_steps.push(friction);
+                }
             }
         })?;
-        let mut felt = Vec::new();
-        if let Some((_, coefficient)) = viscous.felt {
-            felt = viscous_friction(&viscous.laws, Some((&over_steps, coefficient)), measured, steps)?;
-            felt.iter_mut().for_each(|friction| *friction *= coefficient);
-        }
-        Ok(Some(FrictionOfEach { bristles: at_nodes, felt }))
+        Ok(Some(slopes))
+    }
+
+    /// How the viscous friction at the nodes changes, N, where it feels that of the bristles over the steps change by `slope`, N; `step`: part of that which
+    /// a difference quotient goes. `None` where it feels nothing.
+    pub fn felt_slope(&self, slope: &[f64], step: f64, measured: &Measured) -> Result<Option<Vec<f64>>, ModelError> {
+        let Some(Friction { bristles, viscous, .. }) = &self.friction else { return Ok(None) };
+        let Some((_, coefficient)) = viscous.felt else { return Ok(None) };
+        let over_steps: Vec<f64> =
+            bristles.over_steps.iter().zip(slope).map(|(friction, slope)| friction + step * slope).collect();
+        let steps = self.moved.steps(measured);
+        let there = viscous_friction(&viscous.laws, Some((&over_steps, coefficient)), measured, steps)?;
+        let quotient = |(there, here): (&f64, &f64)| coefficient * (there - here) / step;
+        Ok(Some(there.iter().zip(&viscous.at_nodes).map(quotient).collect()))
     }
 }
 
@@ -392,8 +410,8 @@ impl Friction {
 impl Bristles {
     fn new(guides: Vec<Guide>, laws: Vec<Part>, measured: &Measured, steps: &[Step]) -> Result<Bristles, ModelError> {
         let (mut over_steps, mut at_nodes) = (Vec::with_capacity(steps.len()), vec![0.0; measured.len()]);
-        drive(&guides, &laws, measured, steps, |step, each| {
-            let friction = each.iter().sum();
+        drive(&guides, &laws, measured, steps, |bank, step, scale| {
+            let friction = bank.drive_each(step.sliding, step.duration, scale).iter().sum();
             step.share_out(friction, &mut at_nodes);
             over_steps.push(friction);
         })?;
@@ -427,25 +445,20 @@ fn viscous_friction(
     Ok(at_nodes)
 }
 
-/// Drives the guides' bristles under these laws and tells of each step what those of each guide give, N. They begin with what the motor gives: at rest
-/// they hold it.
+/// Takes the guides' bristles under these laws from step to step. They begin with what the motor gives: at rest they hold it.
 fn drive(
     guides: &[Guide],
     laws: &[Part],
     measured: &Measured,
     steps: &[Step],
-    mut tell: impl FnMut(&Step, [f64; MAX_GUIDES]),
+    mut advance: impl FnMut(&mut GuideBank, &Step, &FrictionScale),
 ) -> Result<(), ModelError> {
     let mut effects = effects_of(laws)?;
     let mut bank = match effects.bristle_elements() {
         Some(elements) => GuideBank::with_elements(guides, &elements),
         None => GuideBank::new(guides),
     };
-    let count = measured.len();
-    let start = measured.cell.as_deref().unwrap_or(&measured.command);
-    let ahead = (0.01 * measured.rate) as usize + 2;
-    let force = start[1..ahead.min(count - 1)].iter().sum::<f64>() / (ahead.min(count - 1) - 1) as f64;
-    bank.set_bristles(&holding(guides, force), 0.0);
+    bank.set_bristles(&holding(guides, held_at_start(measured)), 0.0);
     let is_scaled = effects.scales() != Scaled::NOTHING;
     for step in steps {
         let scale = if is_scaled {
@@ -453,9 +466,16 @@ fn drive(
         } else {
             FrictionScale::ONE
         };
-        tell(step, bank.drive_each(step.sliding, step.duration, &scale));
+        advance(&mut bank, step, &scale);
     }
     Ok(())
+}
+
+/// Force that the motor gives as a record begins, N.
+fn held_at_start(measured: &Measured) -> f64 {
+    let start = measured.cell.as_deref().unwrap_or(&measured.command);
+    let end = ((0.01 * measured.rate) as usize + 2).min(measured.len() - 1);
+    start[1..end].iter().sum::<f64>() / (end - 1) as f64
 }
 
 /// Deflections of bristles that hold this force at rest, m: each guide its part of what all can hold, and no more than that.
@@ -463,6 +483,18 @@ pub(super) fn holding(guides: &[Guide], force: f64) -> Vec<f64> {
     let most: f64 = guides.iter().map(|guide| guide.static_force).sum();
     let part = (force / most).clamp(-1.0, 1.0);
     guides.iter().map(|guide| part * guide.static_force / guide.stiffness).collect()
+}
+
+/// How these deflections change with the logarithms of the guides' parameters, m, those of all guides at once: what each holds is its part of one force.
+fn slopes_of_holding(guides: &[Guide], force: f64) -> [[f64; MAX_GUIDES]; BRISTLE_PARAMETERS] {
+    let bristles = holding(guides, force);
+    let is_all = force.abs() > guides.iter().map(|guide| guide.static_force).sum();
+    let mut slopes = [[0.0; MAX_GUIDES]; BRISTLE_PARAMETERS];
+    for (lane, bristle) in bristles.into_iter().enumerate() {
+        slopes[BristleSlopes::STIFFNESS][lane] = -bristle;
+        slopes[BristleSlopes::STATIC_FORCE][lane] = if is_all { bristle } else { 0.0 };
+    }
+    slopes
 }
 
 /// Force of effects of one side along the motion.

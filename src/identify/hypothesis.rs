@@ -155,11 +155,13 @@ pub enum Place {
 }
 
 impl Place {
-    /// The parameter of `SPREAD` that it moves, and how much of that in each guide.
-    pub(super) fn of_guides(self) -> Option<(Declared, [f64; MAX_GUIDES])> {
+    /// The parameter of the bristles that it moves, of all guides or between them.
+    pub(super) fn of_bristles(self) -> Option<Declared> {
         match self {
-            Place::Declared(declared) => SPREAD.contains(&declared).then_some((declared, [1.0; MAX_GUIDES])),
-            Place::Spread { parameter, contrast } => Some((SPREAD[parameter], CONTRASTS[contrast])),
+            Place::Declared(declared) => {
+                (SPREAD.contains(&declared) || declared == Declared::BristleDamping).then_some(declared)
+            }
+            Place::Spread { parameter, .. } => Some(SPREAD[parameter]),
             Place::Effect { .. } => None,
         }
     }

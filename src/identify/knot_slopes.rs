@@ -13,54 +13,44 @@ use super::driven::Driven;
 use super::hypothesis::{Coordinate, Hypothesis, Place, Sides};
 use super::measured::Measured;
 use super::objective::step_of;
-use crate::model::{Curve, ModelError};
+use crate::model::Curve;
 use crate::plant::effects::along;
 
 /// Every how many knots one is moved. Assumed: so far apart the knots of all records seen were forgotten.
 const APART: usize = 8;
 
-/// By coordinate, N per scale at the rows of the carriage side.
-pub(super) struct KnotSlopes(BTreeMap<usize, DVector<f64>>);
-
-impl KnotSlopes {
-    /// `None` where values do not go together, or more than the friction hangs on a height.
-    pub fn new(
-        hypothesis: &Hypothesis,
-        coordinates: &[Coordinate],
-        driven: &Driven,
-        measured: &Measured,
-    ) -> Result<Option<KnotSlopes>, ModelError> {
-        let mut together: BTreeMap<(usize, usize), Vec<(usize, usize)>> = BTreeMap::new();
-        for (index, coordinate) in coordinates.iter().enumerate() {
-            if let Some((effect, knot)) = knot_of(hypothesis, coordinate.place) {
-                together.entry((effect, knot % APART)).or_default().push((index, knot));
-            }
+/// By coordinate, N per scale at the rows of the carriage side: of none where values do not go together, or more than the friction hangs on a height.
+pub(super) fn knot_slopes(
+    hypothesis: &Hypothesis,
+    coordinates: &[Coordinate],
+    driven: &Driven,
+    measured: &Measured,
+) -> BTreeMap<usize, DVector<f64>> {
+    let mut together: BTreeMap<(usize, usize), Vec<(usize, usize)>> = BTreeMap::new();
+    for (index, coordinate) in coordinates.iter().enumerate() {
+        if let Some((effect, knot)) = knot_of(hypothesis, coordinate.place) {
+            together.entry((effect, knot % APART)).or_default().push((index, knot));
         }
-        let (false, Some(here)) = (together.is_empty(), driven.friction_at_nodes()) else { return Ok(None) };
-        let columns = together.par_iter().map(|((effect, first), knots)| {
-            let mut moved = hypothesis.clone();
-            for &(index, _) in knots {
-                let coordinate = &coordinates[index];
-                moved.set(coordinate.place, coordinate.value + step_of(coordinate));
-            }
-            let there = moved.driven(measured, Sides::CARRIAGE, driven).ok()?.friction_at_nodes()?;
-            let curve = hypothesis.effects[*effect].parameters().curve?;
-            let passed = passed_last(&curve, *first, driven, measured);
-            let column = |&(index, knot): &(usize, usize)| {
-                let scale = coordinates[index].scale / step_of(&coordinates[index]);
-                let change = |k: usize| if passed[k] == Some(knot) { scale * (there[k] - here[k]) } else { 0.0 };
-                (index, DVector::from_vec(driven.at_rows((0..here.len()).map(change).collect(), measured)))
-            };
-            Some(knots.iter().map(column).collect::<Vec<_>>())
-        });
-        let columns: Option<Vec<_>> = columns.collect();
-        Ok(columns.map(|columns| KnotSlopes(columns.into_iter().flatten().collect())))
     }
-
-    /// Of the coordinate with this index; `None` where it is no such height.
-    pub fn of(&self, index: usize) -> Option<&DVector<f64>> {
-        self.0.get(&index)
-    }
+    let (false, Some(here)) = (together.is_empty(), driven.friction_at_nodes()) else { return BTreeMap::new() };
+    let columns = together.par_iter().map(|((effect, first), knots)| {
+        let mut moved = hypothesis.clone();
+        for &(index, _) in knots {
+            let coordinate = &coordinates[index];
+            moved.set(coordinate.place, coordinate.value + step_of(coordinate));
+        }
+        let there = moved.driven(measured, Sides::CARRIAGE, driven).ok()?.friction_at_nodes()?;
+        let curve = hypothesis.effects[*effect].parameters().curve?;
+        let passed = passed_last(&curve, *first, driven, measured);
+        let column = |&(index, knot): &(usize, usize)| {
+            let scale = coordinates[index].scale / step_of(&coordinates[index]);
+            let change = |k: usize| if passed[k] == Some(knot) { scale * (there[k] - here[k]) } else { 0.0 };
+            (index, DVector::from_vec(driven.at_rows((0..here.len()).map(change).collect(), measured)))
+        };
+        Some(knots.iter().map(column).collect::<Vec<_>>())
+    });
+    let columns: Option<Vec<_>> = columns.collect();
+    columns.into_iter().flatten().flatten().collect()
 }
 
 /// The curve that changes friction and its knot whose height this is.
@@ -103,22 +93,21 @@ mod tests {
             let with = hypothesis(&[("map", &[&head[..], &knots].concat())]).holding_curves(false);
             let coordinates = with.coordinates(Sides::BOTH, true);
             let driven = with.driven(&measured, Sides::BOTH, &Driven::default()).unwrap();
-            let slopes = KnotSlopes::new(&with, &coordinates, &driven, &measured).unwrap().expect("slopes");
+            let slopes = knot_slopes(&with, &coordinates, &driven, &measured);
             let missing_at = |index: usize, step: f64| {
                 let mut moved = with.clone();
                 moved.set(coordinates[index].place, coordinates[index].value + step * coordinates[index].scale);
                 DVector::from_vec(moved.missing(&measured, Sides::BOTH).unwrap().carriage)
             };
-            let told: Vec<usize> = (0..coordinates.len()).filter(|index| slopes.of(*index).is_some()).collect();
-            assert_eq!(told.len(), 64);
+            assert_eq!(slopes.len(), 64);
             let residual = stacked(&with.missing(&measured, Sides::BOTH).unwrap(), &coordinates, 0.05);
             let all = derivatives(&with, &coordinates, &driven, &measured, Sides::BOTH, &residual, 0.05).unwrap();
             let rows = measured.rows.len();
-            for index in told {
+            for (index, slope) in slopes {
                 let expected = (missing_at(index, 1e-4) - missing_at(index, -1e-4)) / 2e-4;
-                let off = (slopes.of(index).unwrap() - &expected).norm() / expected.norm();
+                let off = (&slope - &expected).norm() / expected.norm();
                 assert!(off < 1e-2, "{head:?}, {:?}: {off:e} of {}", coordinates[index].place, expected.norm());
-                assert_eq!(all.column(index).rows(rows, rows), *slopes.of(index).unwrap());
+                assert_eq!(all.column(index).rows(rows, rows), slope);
             }
         }
     }

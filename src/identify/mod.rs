@@ -10,6 +10,7 @@ mod curve;
 mod declared;
 mod driven;
 mod fit;
+mod guide_slopes;
 mod hypothesis;
 pub mod inverse_dynamics;
 mod knot_slopes;

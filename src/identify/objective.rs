@@ -3,12 +3,12 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::declared::Declared;
-use super::driven::{Driven, FrictionOfEach};
-use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, SPREAD, Sides};
-use super::knot_slopes::KnotSlopes;
+use super::driven::Driven;
+use super::guide_slopes::guide_slopes;
+use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
+use super::knot_slopes::knot_slopes;
 use super::measured::Measured;
-use crate::model::{MAX_GUIDES, ModelError};
+use crate::model::ModelError;
 
 /// Step of the difference quotients, in scales of the coordinates.
 const DIFFERENCE: f64 = 1e-4;
@@ -52,37 +52,41 @@ pub(super) fn derivatives(
     residual: &DVector<f64>,
     noise: f64,
 ) -> Result<DMatrix<f64>, ModelError> {
-    let of_guides = GuideSlopes::new(hypothesis, coordinates, driven, measured)?;
-    let of_knots = KnotSlopes::new(hypothesis, coordinates, driven, measured)?;
-    let columns = coordinates
-        .par_iter()
-        .enumerate()
-        .map(|(index, coordinate)| {
-            let of_knot = of_knots.as_ref().and_then(|slopes| slopes.of(index)).cloned();
-            if let Some(carriage) = of_knot.or_else(|| of_guides.as_ref()?.along(coordinate)) {
-                let mut column = DVector::zeros(residual.len());
-                let declared = residual.len() - coordinates.len();
-                column.rows_mut(declared - carriage.len(), carriage.len()).copy_from(&carriage);
-                column[declared + index] = expectation(coordinate, noise);
-                return Ok(column);
-            }
-            let step = step_of(coordinate);
-            let quotient = |step: f64| -> Result<DVector<f64>, ModelError> {
-                let mut moved = hypothesis.clone();
-                moved.set(coordinate.place, coordinate.value + step);
-                let mut there = coordinates.to_vec();
-                there[index].value += step;
-                let missing = moved.missing_of(&moved.driven(measured, sides, driven)?, measured, sides);
-                Ok((stacked(&missing, &there, noise) - residual) * (coordinate.scale / step))
-            };
-            // Some values are possible only together: then the other direction is, or none.
-            Ok(quotient(step).or_else(|_| quotient(-step)).unwrap_or_else(|_| DVector::zeros(residual.len())))
-        })
-        .collect::<Result<Vec<_>, ModelError>>()?;
-    if columns.is_empty() {
-        return Ok(DMatrix::zeros(residual.len(), 0));
+    let mut of_carriage = knot_slopes(hypothesis, coordinates, driven, measured);
+    let (of_guides, others): (Vec<usize>, Vec<usize>) = (0..coordinates.len())
+        .filter(|index| !of_carriage.contains_key(index))
+        .partition(|index| coordinates[*index].place.of_bristles().is_some());
+    let column = |index: usize| -> Result<DVector<f64>, ModelError> {
+        let coordinate = &coordinates[index];
+        let step = step_of(coordinate);
+        let quotient = |step: f64| -> Result<DVector<f64>, ModelError> {
+            let mut moved = hypothesis.clone();
+            moved.set(coordinate.place, coordinate.value + step);
+            let mut there = coordinates.to_vec();
+            there[index].value += step;
+            let missing = moved.missing_of(&moved.driven(measured, sides, driven)?, measured, sides);
+            Ok((stacked(&missing, &there, noise) - residual) * (coordinate.scale / step))
+        };
+        // Some values are possible only together: then the other direction is, or none.
+        Ok(quotient(step).or_else(|_| quotient(-step)).unwrap_or_else(|_| DVector::zeros(residual.len())))
+    };
+    let (of_guides, others) = rayon::join(
+        || guide_slopes(hypothesis, coordinates, &of_guides, driven, measured),
+        || others.par_iter().map(|index| Ok((*index, column(*index)?))).collect::<Result<Vec<_>, ModelError>>(),
+    );
+    let mut derivatives = DMatrix::zeros(residual.len(), coordinates.len());
+    for (index, column) in others? {
+        derivatives.set_column(index, &column);
     }
-    Ok(DMatrix::from_columns(&columns))
+    of_carriage.extend(of_guides?);
+    let declared = residual.len() - coordinates.len();
+    for (index, column) in of_carriage {
+        derivatives.view_mut((declared - column.len(), index), (column.len(), 1)).copy_from(&column);
+    }
+    for (index, coordinate) in coordinates.iter().enumerate() {
+        derivatives[(declared + index, index)] = expectation(coordinate, noise);
+    }
+    Ok(derivatives)
 }
 
 /// J^T J, on all cores. Knots of a curve act on few rows each: blocks of a column that are all zero are passed over.
@@ -110,76 +114,6 @@ pub(super) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
     let mut normal = pieces.into_iter().fold(DMatrix::zeros(count, count), |sum, piece| sum + piece);
     normal.fill_upper_triangle_with_lower_triangle();
     normal
-}
-
-/// How the missing force changes with the parameters of each guide alone.
-///
-/// Along a measured motion guides know nothing of each other. One pass moves a parameter of all of them, the friction of each tells its own part, and
-/// every difference between guides is a sum of these: five passes in place of sixteen. Left out is that they share the force which they
-/// hold as a record starts, a matter of its first micrometres, and when each does the work that a viscous friction feels.
-struct GuideSlopes {
-    /// N per unit at the rows, by parameter and guide.
-    slopes: Vec<(Declared, Vec<DVector<f64>>)>,
-}
-
-impl GuideSlopes {
-    /// `None` where guides are not moved apart.
-    fn new(
-        hypothesis: &Hypothesis,
-        coordinates: &[Coordinate],
-        driven: &Driven,
-        measured: &Measured,
-    ) -> Result<Option<GuideSlopes>, ModelError> {
-        if !coordinates.iter().any(|coordinate| matches!(coordinate.place, Place::Spread { .. })) {
-            return Ok(None);
-        }
-        // The guides as they are, then with one parameter of all of them a step further.
-        let mut passes = vec![hypothesis.guides()];
-        let mut steps = Vec::new();
-        for parameter in SPREAD {
-            let place = Place::Declared(parameter);
-            let Some(coordinate) = coordinates.iter().find(|coordinate| coordinate.place == place) else {
-                return Ok(None);
-            };
-            let step = DIFFERENCE * coordinate.scale;
-            let mut moved = hypothesis.clone();
-            moved.set(place, coordinate.value + step);
-            passes.push(moved.guides());
-            steps.push((parameter, step));
-        }
-        let at_rows = passes.par_iter().map(|guides| -> Result<Option<Vec<DVector<f64>>>, ModelError> {
-            let Some(FrictionOfEach { bristles, felt }) = driven.friction_of_each(guides, measured)? else {
-                return Ok(None);
-            };
-            let at_rows = |friction| DVector::from_vec(driven.at_rows(friction, measured));
-            Ok(Some(bristles.into_iter().chain((!felt.is_empty()).then_some(felt)).map(at_rows).collect()))
-        });
-        let Some(at_rows) = at_rows.collect::<Result<Option<Vec<_>>, ModelError>>()? else { return Ok(None) };
-        let velocity = DVector::from_vec(measured.at_rows(&measured.velocity));
-        let slopes = steps.into_iter().zip(&at_rows[1..]).map(|((parameter, step), there)| {
-            let slopes = there.iter().zip(&at_rows[0]).map(|(there, here)| (there - here) / step);
-            let mut of_guides: Vec<DVector<f64>> = slopes.collect();
-            // What is felt is felt of each guide by the work that it does.
-            if let Some(felt) = (of_guides.len() > MAX_GUIDES).then(|| of_guides.pop()).flatten() {
-                let works: Vec<f64> = of_guides.iter().map(|slope| slope.dot(&velocity)).collect();
-                let all: f64 = works.iter().sum();
-                for (slope, work) in of_guides.iter_mut().zip(works).filter(|(_, work)| *work != 0.0) {
-                    slope.axpy(work / all, &felt, 1.0);
-                }
-            }
-            (parameter, of_guides)
-        });
-        let slopes = slopes.collect();
-        Ok(Some(GuideSlopes { slopes }))
-    }
-
-    /// Along a coordinate, N per scale; `None` where it moves no such parameter.
-    fn along(&self, coordinate: &Coordinate) -> Option<DVector<f64>> {
-        let (parameter, shares) = coordinate.place.of_guides()?;
-        let (_, slopes) = self.slopes.iter().find(|(declared, _)| *declared == parameter)?;
-        let terms = slopes.iter().zip(shares).map(|(slope, share)| slope * (share * coordinate.scale));
-        terms.reduce(|sum, term| sum + term)
-    }
 }
 
 #[cfg(test)]

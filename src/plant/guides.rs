@@ -1,5 +1,7 @@
 //! Up to four LuGre guides, advanced together: one lane each.
 
+mod slopes;
+
 use std::f64::consts::LOG2_E;
 
 use wide::f64x4;
@@ -7,6 +9,9 @@ use wide::f64x4;
 use crate::model::{Guide, MAX_GUIDES};
 
 use super::exp2::exp2_of_negative;
+
+use slopes::{Along, ElementForce, GradualStep, SuddenStep};
+pub use slopes::{BRISTLE_PARAMETERS, BristleSlopes};
 
 /// Most bristle elements of one guide.
 pub const MAX_ELEMENTS: usize = 4;
@@ -261,14 +266,25 @@ impl GuideBank {
 
     /// g at the factors of the last step.
     fn scaled_level(&self, velocity_squared: f64x4) -> f64x4 {
-        let FrictionScale { coulomb, stat, .. } = self.scale;
-        // In this form factors of 1 leave every bit as it is.
-        let stribeck = self.stribeck_force * f64x4::splat(stat) + self.coulomb_force * f64x4::splat(stat - coulomb);
-        let level = self.coulomb_force * f64x4::splat(coulomb);
+        self.level_with(self.stribeck_part(velocity_squared))
+    }
+
+    /// Part of Fs - Fc that is in g.
+    #[inline]
+    fn stribeck_part(&self, velocity_squared: f64x4) -> f64x4 {
         let exponent = self.stribeck_exponent * velocity_squared;
         // At most speeds nothing is left of the Stribeck curve, and to see that costs less than the power.
         let is_over = exponent.simd_lt(f64x4::splat(-NOTHING_LEFT)).all();
-        if is_over { level } else { level + stribeck * exp2_of_negative(exponent) }
+        if is_over { f64x4::ZERO } else { exp2_of_negative(exponent) }
+    }
+
+    /// g with this part of Fs - Fc, at the factors of the last step.
+    #[inline]
+    fn level_with(&self, stribeck_part: f64x4) -> f64x4 {
+        let FrictionScale { coulomb, stat, .. } = self.scale;
+        // In this form factors of 1 leave every bit as it is.
+        let stribeck = self.stribeck_force * f64x4::splat(stat) + self.coulomb_force * f64x4::splat(stat - coulomb);
+        self.coulomb_force * f64x4::splat(coulomb) + stribeck * stribeck_part
     }
 
     fn level(&self, velocity_squared: f64x4) -> f64x4 {
@@ -380,7 +396,7 @@ impl GuideBank {
     /// As [`GuideBank::advance`], with factors on the laws over this step and with several elements where there are some. The viscous part
     /// is left to the caller, who has to apply `scale.viscous` to it.
     pub(super) fn advance_scaled(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
-        let (impulse, level, damping) = self.step_bristles::<false>(velocity, step, scale);
+        let (impulse, level, damping) = self.step_bristles::<false>(velocity, step, scale, &mut ());
         self.prepare_scaled_start(level, damping);
         impulse.reduce_add()
     }
@@ -397,7 +413,7 @@ impl GuideBank {
     /// As [`GuideBank::drive`]: the mean friction of the bristles of each guide, N, without the viscous part; 0 where there is no guide.
     #[inline]
     pub fn drive_each(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> [f64; MAX_GUIDES] {
-        let (impulse, ..) = self.step_bristles::<true>(velocity, step, scale);
+        let (impulse, ..) = self.step_bristles::<true>(velocity, step, scale, &mut ());
         (impulse * f64x4::splat(step.recip())).to_array()
     }
 
@@ -409,48 +425,63 @@ impl GuideBank {
         velocity: f64,
         step: f64,
         scale: &FrictionScale,
+        along: &mut impl Along,
     ) -> (f64x4, f64x4, f64x4) {
         self.scale = *scale;
         let squared = f64x4::splat(velocity * velocity);
-        let level = self.scaled_level(squared);
+        let stribeck_part = self.stribeck_part(squared);
+        let level = self.level_with(stribeck_part);
+        along.level(self, squared, level, stribeck_part);
         let damping = self.damping_at(squared);
         let power = self.relaxation * f64x4::splat(velocity.abs() * step) / level;
         let single_steady = level * self.compliance * f64x4::splat(1f64.copysign(velocity));
         let (stiffness, time) = (self.stiffness, f64x4::splat(step));
         let mut impulse = f64x4::ZERO;
         let path = f64x4::splat(velocity * step);
-        let mut element = |bristle: &mut f64x4, slip: Slip, share: f64, ratio: f64, damped: f64| {
+        let mut element = |index: usize, bristle: &mut f64x4, slip: Slip, share: f64, ratio: f64, damped: f64| {
             if ratio == 0.0 {
                 return;
             }
             let steady = single_steady * f64x4::splat(ratio.recip());
             let half = f64x4::splat(0.5);
-            let (end, mean) = match slip {
+            let before = *bristle;
+            let force = |end: f64x4, exact_mean: f64x4| ElementForce {
+                elastic: f64x4::splat(share) * stiffness * time,
+                damping: f64x4::splat(damped) * damping,
+                mean: if EXACT { exact_mean } else { (before + end) * half },
+                change: end - before,
+            };
+            let force = match slip {
                 Slip::Gradual => {
                     let power = power * f64x4::splat(ratio);
-                    let excess = *bristle - steady;
+                    let excess = before - steady;
                     let decay = exp2_of_negative(power);
-                    let end = steady + excess * decay;
-                    (end, if EXACT { steady + excess * mean_of_decay(power, decay) } else { (*bristle + end) * half })
+                    let mean = if EXACT { mean_of_decay(power, decay) } else { decay };
+                    *bristle = steady + excess * decay;
+                    let force = force(*bristle, steady + excess * mean);
+                    along.gradual(index, &GradualStep { steady, excess, power, decay, mean }, &force);
+                    force
                 }
                 Slip::Sudden => {
                     let limit = steady.abs();
-                    let start = bristle.max(-limit).min(limit);
-                    let end = (start + path).max(-limit).min(limit);
-                    // Part of the step in which it sticks.
+                    let start = before.max(-limit).min(limit);
+                    let unlimited = start + path;
+                    let end = unlimited.max(-limit).min(limit);
                     let stuck = path.simd_eq(f64x4::ZERO).select(f64x4::ZERO, (end - start) / path);
-                    (end, if EXACT { end - (end - start) * half * stuck } else { (*bristle + end) * half })
+                    *bristle = end;
+                    let force = force(end, end - (end - start) * half * stuck);
+                    along.sudden(index, &SuddenStep { before, limit, unlimited, stuck }, &force);
+                    force
                 }
             };
-            impulse +=
-                f64x4::splat(share) * stiffness * mean * time + f64x4::splat(damped) * damping * (end - *bristle);
-            *bristle = end;
+            impulse += force.elastic * force.mean + force.damping * force.change;
         };
         match &mut self.elements {
-            None => element(&mut self.bristle, Slip::Gradual, 1.0, 1.0, 1.0),
+            None => element(0, &mut self.bristle, Slip::Gradual, 1.0, 1.0, 1.0),
             Some(elements) => {
                 for (index, bristle) in elements.bristle.iter_mut().enumerate() {
                     element(
+                        index,
                         bristle,
                         elements.law,
                         elements.share[index],
