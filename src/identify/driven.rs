@@ -4,6 +4,8 @@
 use std::slice;
 use std::sync::Arc;
 
+use rayon::prelude::*;
+
 use crate::model::{EffectParameters, Guide, MAX_GUIDES, ModelError};
 use crate::plant::effects::{Effects, Scaled};
 use crate::plant::{BRISTLE_PARAMETERS, BristleSlopes, Drive, FrictionScale, GuideBank, Motion, Side};
@@ -322,26 +324,27 @@ impl Hypothesis {
             false => Arc::new(MovingMass::new(of_mass, measured, &moved)?),
         };
         let steps = moved.steps(measured);
-        let friction = if sides.carriage {
+        let friction = || -> Result<Option<Friction>, ModelError> {
+            if !sides.carriage {
+                return Ok(None);
+            }
             let known = before.friction.as_ref().filter(|_| moves_alike);
             let of_bristles = of(&|part| Ok(effects_of(slice::from_ref(part))?.shapes_bristles()))?;
             let of_viscous = of(&|part| Ok(effects_of(slice::from_ref(part))?.scales().viscous))?;
-            Some(Friction::new(&self.guides(), of_bristles, of_viscous, measured, steps, known)?)
-        } else {
-            None
+            Friction::new(&self.guides(), of_bristles, of_viscous, measured, steps, known).map(Some)
         };
         let (of_drive, alone): (Vec<Part>, Vec<Part>) =
             of(&|part| Ok(part.side() != Side::Sensor && part.slipping_ripple().is_none()))?
                 .into_iter()
                 .partition(|part| part.drive().is_some());
-        let alone = alone.into_iter().map(|part| vec![part]);
-        let forces = alone
-            .chain((!of_drive.is_empty()).then_some(of_drive))
-            .map(|parts| {
-                let known = before.forces.iter().find(|known| moves_alike && known.parts == parts);
-                known.map_or_else(|| Ok(Arc::new(force(parts, measured, &moved)?)), |known| Ok(known.clone()))
-            })
-            .collect::<Result<_, ModelError>>()?;
+        let mut of_forces: Vec<Vec<Part>> = alone.into_iter().map(|part| vec![part]).collect();
+        of_forces.extend((!of_drive.is_empty()).then_some(of_drive));
+        let forces = of_forces.into_par_iter().map(|parts| {
+            let known = before.forces.iter().find(|known| moves_alike && known.parts == parts);
+            known.map_or_else(|| Ok(Arc::new(force(parts, measured, &moved)?)), |known| Ok(known.clone()))
+        });
+        let (friction, forces) = rayon::join(friction, || forces.collect::<Result<_, ModelError>>());
+        let (friction, forces) = (friction?, forces?);
         let ripples: Vec<_> = match sides.carriage {
             true => self.effects.iter().filter_map(Part::slipping_ripple).collect(),
             false => Vec::new(),
@@ -506,12 +509,12 @@ fn force(parts: Vec<Part>, measured: &Measured, moved: &Moved) -> Result<Force, 
     let mut at_nodes = vec![0.0; measured.len()];
     let mut at_samples = vec![0.0; if read { measured.len() } else { 0 }];
     for (index, step) in steps.iter().enumerate() {
-        let (node, motion) = (step.node, step.motion);
-        step.share_out_over(effects.advance_long(&motion, step.duration), &mut at_nodes);
+        let node = step.node;
+        step.share_out_over(effects.advance_long(&step.motion, step.duration), &mut at_nodes);
         let ends = steps.get(index + 1).is_none_or(|next| next.node != node);
         if read && ends {
             let (position, velocity) = moved.at_sample(measured, node + 1);
-            let end = Motion { time: measured.time[node + 1], position, velocity, ..motion };
+            let end = Motion { time: measured.time[node + 1], position, velocity, ..step.motion };
             let (motor_side, carriage_side) = effects.advance(&end, 0.0);
             at_samples[node + 1] = motor_side + carriage_side;
         }

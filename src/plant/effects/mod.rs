@@ -144,24 +144,7 @@ pub trait Effect: Debug + Send + Sync {
 
     /// As [`Effect::force`], over a step as long as a control cycle, with where in it the force acts.
     fn force_over(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
-        let (pieces, mut over) = (self.pieces(), ForceOverStep::default());
-        if pieces == 1 {
-            return ForceOverStep { mean: self.force(motion, step), moment: 0.0 };
-        }
-        for piece in 0..pieces {
-            let aside = (f64::from(piece) + 0.5) / f64::from(pieces) - 0.5;
-            let time = aside * step;
-            let there = Motion {
-                time: motion.time + time,
-                position: motion.position + time * motion.velocity,
-                velocity: motion.velocity + time * motion.acceleration,
-                ..*motion
-            };
-            let part = self.force(&there, step / f64::from(pieces)) / f64::from(pieces);
-            over.mean += part;
-            over.moment += aside * part;
-        }
-        over
+        ForceOverStep { mean: self.force(motion, step), moment: 0.0 }
     }
 
     /// Its place in the chain from the command to the motor's force, if it has one.
@@ -181,11 +164,6 @@ pub trait Effect: Debug + Send + Sync {
     /// nothing of it.
     fn feels_friction(&self) -> bool {
         false
-    }
-
-    /// Pieces into which [`Effect::force_over`] divides a step, where the force changes much within it though the motion is smooth.
-    fn pieces(&self) -> u32 {
-        1
     }
 
     /// Shares of the elements that stand in parallel in each guide, in place of its one bristle.

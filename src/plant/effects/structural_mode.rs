@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::regression::{beyond_chance, evenly, step_of};
-use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{Effect, EffectDescriptor, EffectParameter, ForceOverStep, Motion, Residual, Side};
 
 /// Largest part, kg.
 const HEAVIEST: f64 = 1000.0;
@@ -89,11 +89,19 @@ impl Swing {
     }
 }
 
-impl Effect for StructuralMode {
-    fn pieces(&self) -> u32 {
-        8
+impl StructuralMode {
+    /// Lets the part swing over a step about a stretch, m, from this rate of its stretch to the one that is returned, m/s.
+    fn swing(&mut self, rate: f64, about: f64, step: f64) -> f64 {
+        if self.swing.step != step {
+            self.swing = Swing::over(step, self.rate, self.damping);
+        }
+        let (swing, aside) = (&self.swing, self.stretch - about);
+        self.stretch = about + swing.stretch * aside + swing.stretch_by_rate * rate;
+        swing.rate_by_stretch * aside + swing.rate * rate
     }
+}
 
+impl Effect for StructuralMode {
     fn force(&mut self, motion: &Motion, step: f64) -> f64 {
         if step <= 0.0 {
             let rate = self.velocity.map_or(0.0, |velocity| velocity - motion.velocity);
@@ -101,14 +109,27 @@ impl Effect for StructuralMode {
         }
         let start = self.velocity.unwrap_or(motion.velocity - 0.5 * step * motion.acceleration);
         let rate = start - motion.velocity;
-        if self.swing.step != step {
-            self.swing = Swing::over(step, self.rate, self.damping);
-        }
-        let (swing, stretch) = (&self.swing, self.stretch);
-        self.stretch = swing.stretch * stretch + swing.stretch_by_rate * rate;
-        let end = swing.rate_by_stretch * stretch + swing.rate * rate + motion.velocity;
+        let rate = self.swing(rate, 0.0, step);
+        let end = rate + motion.velocity;
         self.velocity = Some(end);
         self.mass * (start - end) / step
+    }
+
+    /// Exact for a constant acceleration of the carriage, under which the part swings about where it hangs behind.
+    fn force_over(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
+        let gained = 0.5 * step * motion.acceleration;
+        let start = self.velocity.unwrap_or(motion.velocity - gained);
+        let before = self.stretch;
+        let behind = -motion.acceleration / (self.rate * self.rate);
+        let rate = self.swing(start - (motion.velocity - gained), behind, step);
+        let end = rate + motion.velocity + gained;
+        self.velocity = Some(end);
+        // -M d2u/dt2 integrated by itself, and by parts with the time since the middle.
+        let way = self.stretch - before + motion.velocity * step;
+        ForceOverStep {
+            mean: self.mass * (start - end) / step,
+            moment: self.mass * (way - 0.5 * step * (start + end)) / (step * step),
+        }
     }
 
     fn added_mass(&self) -> f64 {
@@ -287,6 +308,31 @@ mod tests {
         // 0.1 m/s of 40 kg.
         assert!((damped.velocity() / 0.1 - 1.0).abs() < 1e-6, "{} m/s", damped.velocity());
         assert!((damped.energy() / 0.2 - 1.0).abs() < 1e-6, "{} J", damped.energy());
+    }
+
+    /// The closed form of a step against the force in many pieces of it, each at its own velocity.
+    #[test]
+    fn over_a_long_step_it_is_the_force_of_its_pieces() {
+        let built = || (DESCRIPTOR.build)(&[8.0, 70.0, 0.05]);
+        let (mut whole, mut in_pieces) = (built(), built());
+        let (step, pieces) = (5e-4, 1000);
+        let mut velocity = 0.1;
+        for k in 0..200 {
+            let motion = Motion { velocity, acceleration: 30.0 * (0.2 * f64::from(k)).sin(), ..Motion::default() };
+            let found = whole.force_over(&motion, step);
+            let mut expected = ForceOverStep::default();
+            for piece in 0..pieces {
+                let aside = (f64::from(piece) + 0.5) / f64::from(pieces) - 0.5;
+                let there = Motion { velocity: velocity + aside * step * motion.acceleration, ..motion };
+                let force = in_pieces.force(&there, step / f64::from(pieces)) / f64::from(pieces);
+                expected.mean += force;
+                expected.moment += aside * force;
+            }
+            let largest = 8.0 * 30.0;
+            assert!((found.mean - expected.mean).abs() < 1e-5 * largest, "step {k}: {found:?}, expected {expected:?}");
+            assert!((found.moment - expected.moment).abs() < 1e-5 * largest, "step {k}: {found:?}, {expected:?}");
+            velocity += motion.acceleration * step;
+        }
     }
 
     #[test]
