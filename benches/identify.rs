@@ -65,17 +65,21 @@ enum What {
         #[arg(long, value_delimiter = ',')]
         only: Vec<String>,
     },
-    /// Each listed effect over its size: how often is it detected and named?
+    /// Each listed effect over its size: how often is it detected and named? By itself it looks for the size, from 1 floor on by factors of 2, at which
+    /// half of the runs detect the effect, and goes to five times that on other stages.
     Power {
         /// Only these effects, with commas between them.
         #[arg(long, value_delimiter = ',')]
         only: Vec<String>,
-        /// Sizes: held-out force in floors of the sensors' noise.
-        #[arg(long, value_delimiter = ',', default_value = "0.25,0.5,1,2,5,10")]
+        /// These sizes in place of the search: held-out force in floors of the sensors' noise.
+        #[arg(long, value_delimiter = ',')]
         floors: Vec<f64>,
         /// Per effect and size.
         #[arg(long, default_value_t = 3)]
         runs: u64,
+        /// Per effect at five times the size that half of the runs detect.
+        #[arg(long, default_value_t = 4)]
+        large: u64,
     },
     /// Effects that no candidate expresses: is the answer "unknown", with the right coordinate?
     Unlisted {
@@ -169,15 +173,13 @@ fn main() -> Result<()> {
         }
         What::Names { runs, only } => session.each(&CATALOGUE[..LISTED], *runs, only)?,
         What::Unlisted { runs, only } => session.each(&CATALOGUE[LISTED..], *runs, only)?,
-        What::Power { only, floors, runs } => {
+        What::Power { only, floors, runs, large } => {
             for name in chosen(&CATALOGUE[..LISTED], only)? {
-                for seed in session.seeds(*runs) {
-                    let usual = drawn(name, seed)?;
-                    let size = session.floors_of(seed, usual.copy())?;
-                    for &wanted in floors {
-                        session.size = wanted;
-                        session.run(seed, wanted / size, vec![usual.scaled(wanted / size)])?;
-                    }
+                for &size in floors {
+                    session.of_size(name, size, session.seeds(*runs))?;
+                }
+                if floors.is_empty() {
+                    session.threshold(name, *runs, *large)?;
                 }
             }
         }
@@ -233,6 +235,39 @@ impl Session<'_> {
             programme: if self.arguments.varied { Programme::Varied } else { Programme::Recorded },
             ..Setup::new(seed).with_all(hidden)
         }
+    }
+
+    /// Runs of an effect whose held-out force is of this size, floors.
+    fn of_size(&mut self, name: &str, size: f64, seeds: std::ops::Range<u64>) -> Result<()> {
+        self.size = size;
+        for seed in seeds {
+            let usual = drawn(name, seed)?;
+            let factor = size / self.floors_of(seed, usual.copy())?;
+            self.run(seed, factor, vec![usual.scaled(factor)])?;
+        }
+        Ok(())
+    }
+
+    /// Doubles or halves the size until it is between one that fewer than half of the runs detect and one that half of them do, then goes to five times
+    /// the size in between.
+    fn threshold(&mut self, name: &str, runs: u64, large: u64) -> Result<()> {
+        let seeds = self.seeds(runs + large);
+        let (first, others) = (seeds.start..seeds.start + runs, seeds.start + runs..seeds.end);
+        let mut size = 1.0;
+        let mut known = None;
+        while SIZES.contains(&size) {
+            self.of_size(name, size, first.clone())?;
+            let of_name = || self.reports.iter().filter(|report| report.hidden[0].name == name);
+            let at = share(of_name().filter(|report| report.size == size), |report| report.detected);
+            let is_enough = at >= 0.5;
+            if known.is_some_and(|known| known != is_enough) {
+                let half = half(&of_name().collect::<Vec<_>>());
+                return half.map_or(Ok(()), |half| self.of_size(name, 5.0 * half, others));
+            }
+            known = Some(is_enough);
+            size *= if is_enough { 0.5 } else { 2.0 };
+        }
+        Ok(())
     }
 
     /// Held-out force of an effect in floors.
@@ -319,46 +354,70 @@ impl Session<'_> {
                 mean(&|report| report.seconds),
             );
         }
-        if let What::Power { floors, .. } = &self.arguments.what {
-            self.curves(floors);
+        if matches!(self.arguments.what, What::Power { .. }) {
+            self.curves();
         }
         Ok(())
     }
 
     /// Per effect: shares that are detected and named over the size, the size at which half are detected, and the share that is named from
     /// five times that size on. Named is also what the verdict says cannot be told from its rival.
-    fn curves(&self, sizes: &[f64]) {
-        print!("\ndetected / named, %, at floors{:6}", "");
-        sizes.iter().for_each(|size| print!("{size:>10}"));
-        println!("{:>10} {:>18}", "half at", "named from 5 times");
+    fn curves(&self) {
+        println!("\ndetected / named, %, at floors");
         let mut effects: BTreeMap<&str, Vec<&Report>> = BTreeMap::new();
         for report in &self.reports {
             effects.entry(report.hidden[0].name).or_default().push(report);
         }
+        let named = |report: &Report| report.right || report.open;
+        let mut all_large = Vec::new();
         for (name, reports) in effects {
-            let share = |of: &[&Report], what: &dyn Fn(&Report) -> bool| {
-                of.iter().filter(|report| what(report)).count() as f64 / of.len().max(1) as f64
-            };
-            let named = |report: &Report| report.right || report.open;
-            print!("{name:36}");
-            let (mut half, mut last): (Option<f64>, Option<(f64, f64)>) = (None, None);
-            for &size in sizes {
-                let at: Vec<&Report> = reports.iter().copied().filter(|report| report.size == size).collect();
-                let detected = share(&at, &|report| report.detected);
-                print!("{:>10}", format!("{:.0}/{:.0}", 100.0 * detected, 100.0 * share(&at, &named)));
-                if half.is_none() && detected >= 0.5 {
-                    // Between two sizes on a logarithmic scale.
-                    half = Some(last.map_or(size, |(before, share)| {
-                        before * (size / before).powf((0.5 - share) / (detected - share))
-                    }));
-                }
-                last = Some((size, detected));
+            print!("{name:28}");
+            for size in sizes(&reports) {
+                let at = || reports.iter().copied().filter(|report| report.size == size);
+                let (detected, named) = (share(at(), |report| report.detected), share(at(), named));
+                print!("  {size:.3}: {:.0}/{:.0}", 100.0 * detected, 100.0 * named);
             }
-            let half = half.unwrap_or(f64::INFINITY);
+            let half = half(&reports).unwrap_or(f64::INFINITY);
             let large: Vec<&Report> = reports.into_iter().filter(|report| report.size >= 5.0 * half).collect();
-            println!("{half:>10.2} {:>18}", format!("{:.0} % of {}", 100.0 * share(&large, &named), large.len()));
+            let share = share(large.iter().copied(), named);
+            println!("  half at {half:.2}, named from five times that on {:.0} % of {}", 100.0 * share, large.len());
+            all_large.extend(large);
         }
+        let share = share(all_large.iter().copied(), named);
+        println!("named from five times that on, all: {:.0} % of {}", 100.0 * share, all_large.len());
     }
+}
+
+/// Sizes in which an effect is looked for, floors.
+const SIZES: std::ops::RangeInclusive<f64> = 0.01..=300.0;
+
+/// Share of the runs that are so.
+fn share<'a>(runs: impl Iterator<Item = &'a Report>, is_so: impl Fn(&Report) -> bool) -> f64 {
+    let (so, all) = runs.fold((0, 0), |(so, all), run| (so + usize::from(is_so(run)), all + 1));
+    f64::from(so as u32) / f64::from(all.max(1))
+}
+
+/// Sizes of these runs, floors, each once.
+fn sizes(runs: &[&Report]) -> Vec<f64> {
+    let mut sizes: Vec<f64> = runs.iter().map(|run| run.size).collect();
+    sizes.sort_by(f64::total_cmp);
+    sizes.dedup();
+    sizes
+}
+
+/// Size at which half of the runs of an effect detect it, floors: between two sizes on a logarithmic scale.
+fn half(runs: &[&Report]) -> Option<f64> {
+    let mut last: Option<(f64, f64)> = None;
+    for size in sizes(runs) {
+        let detected = share(runs.iter().copied().filter(|run| run.size == size), |run| run.detected);
+        if detected >= 0.5 {
+            return Some(
+                last.map_or(size, |(before, share)| before * (size / before).powf((0.5 - share) / (detected - share))),
+            );
+        }
+        last = Some((size, detected));
+    }
+    None
 }
 
 /// The declared model of the recorded stage runs.
