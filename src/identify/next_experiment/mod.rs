@@ -422,6 +422,7 @@ mod tests {
             errors: Errors::default(),
             train_gain: 1.0,
             holdout_gain: 1.0,
+            train_gain_elsewhere: 1.0,
             chance: 0.0,
             outcome,
         };

@@ -17,7 +17,7 @@ use crate::plant::Side;
 
 use super::IdentifyError;
 use super::fit::{Effort, Estimate, Fitted, fit};
-use super::hypothesis::{Hypothesis, Part, Sides, Tolerances};
+use super::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
 use super::measured::{Floor, Measured};
 use super::sensor_noise;
 use super::uncertainty::correlation_length;
@@ -34,6 +34,9 @@ pub const MOST_LAWS: usize = 4;
 pub(super) const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
 /// Most effects of such a law.
 const MOST_OF_ONE: usize = 4;
+
+/// Parts of a record of which one alone is not to speak for a law.
+const TENTHS: usize = 10;
 
 /// Errors of a hypothesis: mean squares of the missing force, N^2.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -67,6 +70,8 @@ pub struct Evidence {
     /// Fall of the mean square with this candidate, N^2.
     pub train_gain: f64,
     pub holdout_gain: f64,
+    /// That of train without the tenth of the record that shows most of it, N^2.
+    pub train_gain_elsewhere: f64,
     /// Fall of the mean square of train that as many parameters would take out of what is left by chance, N^2.
     pub chance: f64,
     pub outcome: Outcome,
@@ -368,11 +373,22 @@ fn different_laws(effects: &[Part]) -> usize {
 
 /// What `free` parameters take out of the mean square of a residual by chance, N^2, twice over: each its share of the values that are
 /// independent of each other. What drifts or wanders has few of them.
-fn by_chance(hypothesis: &Hypothesis, free: usize, measured: &Measured) -> Result<f64, IdentifyError> {
-    let missing = hypothesis.missing(measured, Sides::BOTH)?;
+fn by_chance(missing: &Missing, free: usize) -> f64 {
     let (motor, carriage) = missing.squares();
     let per_parameter = motor * correlation_length(&missing.motor) + carriage * correlation_length(&missing.carriage);
-    Ok(2.0 * free as f64 * per_parameter / measured.rows.len() as f64)
+    2.0 * free as f64 * per_parameter / missing.carriage.len() as f64
+}
+
+/// Fall of the mean square from one residual of a record to another without the tenth of the record that shows most of it, N^2.
+fn gain_elsewhere(before: &Missing, after: &Missing) -> f64 {
+    let rows = before.carriage.len();
+    let fall = |before: &[f64], after: &[f64], tenth: usize| -> f64 {
+        let tenth = tenth * before.len() / TENTHS..(tenth + 1) * before.len() / TENTHS;
+        before[tenth.clone()].iter().zip(&after[tenth]).map(|(before, after)| before * before - after * after).sum()
+    };
+    let of_tenth = |tenth| fall(&before.motor, &after.motor, tenth) + fall(&before.carriage, &after.carriage, tenth);
+    let falls: Vec<f64> = (0..TENTHS).map(of_tenth).collect();
+    (falls.iter().sum::<f64>() - falls.iter().copied().fold(f64::NEG_INFINITY, f64::max)) / rows as f64
 }
 
 #[cfg(test)]
@@ -396,6 +412,23 @@ mod tests {
         let drag = part("quadratic_drag", &[("coefficient", 1.0)]);
         assert_eq!(different_laws(&[ripple(0.024), drag.clone(), curve, ripple(0.012)]), 2);
         assert_eq!(different_laws(&[]), 0);
+    }
+
+    /// What one tenth of a record shows, and what all of it does: 4 N^2 there, 1 N^2 everywhere.
+    #[test]
+    fn what_shows_in_one_place_shows_nowhere_else() {
+        let rows = 200;
+        let missing = |of_row: &dyn Fn(usize) -> f64| Missing {
+            motor: vec![0.5; rows],
+            carriage: (0..rows).map(of_row).collect(),
+        };
+        let in_one_place = missing(&|row| if (60..80).contains(&row) { 2.0 } else { 0.1 });
+        let everywhere = missing(&|_| 1.0);
+        let gone = missing(&|_| 0.0);
+        assert!((gain_elsewhere(&in_one_place, &gone) - 0.9 * 0.01).abs() < 1e-12);
+        assert!((gain_elsewhere(&everywhere, &gone) - 0.9).abs() < 1e-12);
+        // What makes the rest worse shows less than nothing there.
+        assert!(gain_elsewhere(&in_one_place, &missing(&|_| 0.2)) < 0.0);
     }
 
     /// Four laws, three of which do nothing, and a cogging that nobody has tried.

@@ -16,7 +16,7 @@ use super::columns::Columns;
 use super::forms::{Forms, starts};
 use super::guides::with_different_guides;
 use super::worth::HALF_OF_THE_REST;
-use super::{Errors, Evidence, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, errors};
+use super::{Errors, Evidence, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, errors, gain_elsewhere};
 
 /// Share of the best gain that a law with fewer parameters must reach to be preferred.
 pub(super) const SIMPLER: f64 = 0.97;
@@ -221,6 +221,7 @@ impl Search<'_> {
         let free_of =
             |part: &Part| (0..part.values.len()).filter(|value| (part.descriptor.free)(&part.values, *value)).count();
         let free = hypothesis.effects.iter().rev().take(count).map(free_of).sum();
+        let missing = hypothesis.missing(self.train, Sides::BOTH)?;
         Ok(Evidence {
             round,
             name: part.descriptor.name,
@@ -230,7 +231,8 @@ impl Search<'_> {
             errors,
             train_gain: self.best_errors.train() - errors.train(),
             holdout_gain: self.best_errors.holdout() - errors.holdout(),
-            chance: by_chance(hypothesis, free, self.train)?,
+            train_gain_elsewhere: gain_elsewhere(&self.best.missing, &missing),
+            chance: by_chance(&missing, free),
             outcome: Outcome::Beaten,
         })
     }
@@ -338,6 +340,7 @@ pub(super) mod tests {
                 errors: Errors::default(),
                 train_gain: holdout_gain,
                 holdout_gain,
+                train_gain_elsewhere: holdout_gain,
                 chance: 0.0,
                 outcome: Outcome::Beaten,
             };

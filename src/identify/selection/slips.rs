@@ -9,7 +9,7 @@ use crate::plant::Side;
 use super::guides::with_different_guides;
 use super::rounds::SIMPLER;
 use super::worth::{HALF_OF_THE_REST, LEAST_SHARE};
-use super::{Evidence, MOST_OF_ONE, Outcome, Search, by_chance, errors};
+use super::{Evidence, MOST_OF_ONE, Outcome, Search, by_chance, errors, gain_elsewhere};
 
 /// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one that turns the phase within a few strokes.
 const SLIPS: [f64; 5] = [0.1, 0.25, 0.35, 0.5, 1.0];
@@ -46,6 +46,7 @@ impl Search<'_> {
             let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
             let before = with.own_numbers(self.train);
             let free = 1 + fitted.hypothesis.own_numbers(self.train).saturating_sub(before);
+            let missing = fitted.hypothesis.missing(self.train, Sides::BOTH)?;
             let mut one = Evidence {
                 round: self.rounds + evidence.len(),
                 name: part.descriptor.name,
@@ -55,7 +56,8 @@ impl Search<'_> {
                 errors: found,
                 train_gain: left.train() - found.train(),
                 holdout_gain: left.holdout() - found.holdout(),
-                chance: by_chance(&fitted.hypothesis, free, self.train)?,
+                train_gain_elsewhere: gain_elsewhere(&with.missing(self.train, Sides::BOTH)?, &missing),
+                chance: by_chance(&missing, free),
                 outcome: Outcome::Chosen,
             };
             let least_of =
