@@ -95,6 +95,20 @@ pub enum DataProblem {
         /// Rows that have it.
         rows: usize,
     },
+    /// Samples far from those around them.
+    #[error(
+        "{signal} is {value:.6e} at {seconds:.4} s, far from what is around it, in {samples} of the samples in all: a sensor or a line dropped out there"
+    )]
+    Outliers {
+        /// The signal.
+        signal: Signal,
+        /// How many.
+        samples: usize,
+        /// Value of the first, SI.
+        value: f64,
+        /// When it was, s since the start.
+        seconds: f64,
+    },
     /// The command reaches the motor's limit.
     #[error("the command reaches {largest:.1} N, the declared motor limits the force to {limit:.1} N in {rows} rows")]
     Saturated {

@@ -11,7 +11,8 @@ use serde::Serialize;
 
 use super::error::BagError;
 use super::mapping::{Mapping, Place, Signal, SignalSource};
-use super::resample::{self, Between, ClockKind, Grid, Ordered, SignalQuality, stretches};
+use super::outliers::outliers;
+use super::resample::{self, Between, ClockKind, Grid, Ordered, Placed, SignalQuality, stretches};
 use super::source::{Request, Source, Stream};
 use super::trace::Trace;
 
@@ -29,11 +30,80 @@ pub struct Recording {
     pub rate: f64,
     /// Per row whether the position and every force that the recording has are known.
     pub valid: Vec<bool>,
+    /// Per row whether a position or a force there was filled in for a sample that is missing.
+    pub filled: Vec<bool>,
     /// What the data were like.
     pub quality: DataQuality,
 }
 
 impl Recording {
+    /// Takes the forces of the rows that were filled in as missing, so that nothing is compared there; the position stays as it was filled, since the guides
+    /// are to be driven along it. The share of these rows.
+    pub fn leave_out_filled(&mut self) -> f64 {
+        for (row, _) in self.filled.iter().enumerate().filter(|(_, filled)| **filled) {
+            (self.trace.force_cell[row], self.trace.force[row]) = (f64::NAN, f64::NAN);
+        }
+        self.count_valid();
+        self.share_filled()
+    }
+
+    /// Share of the rows in which a position or a force was filled in.
+    pub fn share_filled(&self) -> f64 {
+        self.filled.iter().filter(|filled| **filled).count() as f64 / self.filled.len().max(1) as f64
+    }
+
+    /// Rows in which a position or a force is none that the stage can have had.
+    pub fn outliers(&self, signal: Signal) -> Vec<usize> {
+        let trace = &self.trace;
+        match signal {
+            Signal::Position => outliers(&trace.position, None),
+            // A single force may be a pulse: nothing tells.
+            Signal::ForceCell => outliers(&trace.force_cell, Some(&trace.force)),
+            Signal::Force => outliers(&trace.force, Some(&trace.force_cell)),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Takes these rows of a signal as missing.
+    pub fn leave_out_rows(&mut self, signal: Signal, rows: &[usize]) {
+        if let Some(column) = self.column_mut(signal) {
+            rows.iter().for_each(|row| column[*row] = f64::NAN);
+            self.count_valid();
+        }
+    }
+
+    /// Only the first rows, as if the recording had ended there.
+    pub fn truncate(&mut self, rows: usize) {
+        for signal in Signal::ALL {
+            if let Some(column) = self.column_mut(signal) {
+                column.truncate(rows);
+            }
+        }
+        self.trace.time.truncate(rows);
+        self.filled.truncate(rows);
+        self.quality.rows = self.trace.len();
+        self.count_valid();
+    }
+
+    fn column_mut(&mut self, signal: Signal) -> Option<&mut Vec<f64>> {
+        let trace = &mut self.trace;
+        Some(match signal {
+            Signal::Time => return None,
+            Signal::Position => &mut trace.position,
+            Signal::ForceCell => &mut trace.force_cell,
+            Signal::Force => &mut trace.force,
+            Signal::ReferencePosition => &mut trace.reference_position,
+            Signal::ReferenceVelocity => &mut trace.reference_velocity,
+            Signal::ReferenceAcceleration => &mut trace.reference_acceleration,
+        })
+    }
+
+    fn count_valid(&mut self) {
+        self.valid = valid_rows(&self.trace, &self.quality.signals);
+        self.quality.valid_rows = self.valid.iter().filter(|&&v| v).count();
+        self.quality.segments = stretches(&self.valid).len();
+    }
+
     /// Stretches of valid rows, in order; filters and simulations run within one of them.
     pub fn segments(&self) -> Vec<Range<usize>> {
         stretches(&self.valid)
@@ -41,24 +111,13 @@ impl Recording {
 
     /// Takes the values of a signal for which `unusable` holds as missing, as if they had not been recorded.
     pub fn leave_out(&mut self, signal: Signal, unusable: impl Fn(f64) -> bool) {
-        let trace = &mut self.trace;
-        let column = match signal {
-            Signal::Time => return,
-            Signal::Position => &mut trace.position,
-            Signal::ForceCell => &mut trace.force_cell,
-            Signal::Force => &mut trace.force,
-            Signal::ReferencePosition => &mut trace.reference_position,
-            Signal::ReferenceVelocity => &mut trace.reference_velocity,
-            Signal::ReferenceAcceleration => &mut trace.reference_acceleration,
-        };
+        let Some(column) = self.column_mut(signal) else { return };
         column.iter_mut().filter(|value| unusable(**value)).for_each(|value| *value = f64::NAN);
         let coverage = column.iter().filter(|value| value.is_finite()).count() as f64 / column.len().max(1) as f64;
         let quality = &mut self.quality;
         quality.signals.iter_mut().filter(|found| found.signal == signal).for_each(|found| found.coverage = coverage);
         quality.signals.retain(|found| found.signal != signal || coverage > 0.0);
-        self.valid = valid_rows(&self.trace, &quality.signals);
-        quality.valid_rows = self.valid.iter().filter(|&&v| v).count();
-        quality.segments = stretches(&self.valid).len();
+        self.count_valid();
     }
 
     /// Whether a signal is recorded, in at least half of the rows.
@@ -101,7 +160,8 @@ impl DataQuality {
 pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recording, BagError> {
     let path = path.as_ref();
     let (source, mapping) = Source::open(path, mapping)?;
-    let mut loading = Loading { source: &source, mapping: &mapping, notes: Vec::new() };
+    let mut loading =
+        Loading { source: &source, mapping: &mapping, notes: Vec::new(), filled: Vec::new(), between: Vec::new() };
     let missing = || BagError::MissingSignal {
         path: path.to_owned(),
         signal: Signal::Position.name(),
@@ -121,9 +181,14 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
     let grid = resample::grid(&stamps, &values[0], mapping.rate.filter(|_| !is_clock(&mapping)), &quality[0].place)?;
     let mut trace = Trace { origin_ns: grid.origin_ns, ..Trace::default() };
     quality[0].jitter_s = Some(grid.jitter_s);
-    trace.position = resample::place(&grid, &stamps, &values[0], Between::Smooth, &mut quality[0]);
+    let Placed { column, filled: positions, .. } =
+        resample::place(&grid, &stamps, &values[0], Between::Smooth, &mut quality[0]);
+    trace.position = column;
     drop((stamps, values));
     loading.others(&grid, &mut trace, &mut quality)?;
+    resample::along_command(&mut trace.force_cell, &loading.between, &trace.force);
+    let mut filled = vec![false; grid.rows];
+    positions.iter().chain(&loading.filled).for_each(|row| filled[*row] = true);
     trace.time = (0..grid.rows).map(|row| row as f64 * grid.step_ns * 1e-9).collect();
     let rows = trace.len();
     let valid = valid_rows(&trace, &quality);
@@ -138,7 +203,7 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
         signals: quality,
         notes: loading.notes,
     };
-    Ok(Recording { trace, rate, valid, quality })
+    Ok(Recording { trace, rate, valid, filled, quality })
 }
 
 /// Per row whether the position and every recorded force are known.
@@ -170,6 +235,9 @@ struct Loading<'a> {
     source: &'a Source,
     mapping: &'a Mapping,
     notes: Vec<String>,
+    /// Rows of the forces that stand in place of missing samples, and those between samples of the cell.
+    filled: Vec<usize>,
+    between: Vec<usize>,
 }
 
 impl Loading<'_> {
@@ -260,7 +328,8 @@ impl Loading<'_> {
         let Ordered { stamps, mut values, quality: found } = resample::order(stream)?;
         for (index, mut found) in found.into_iter().enumerate() {
             let raw = std::mem::take(&mut values[index]);
-            let column = resample::place(grid, &stamps, &raw, Between::of(found.signal), &mut found);
+            let Placed { column, filled, between } =
+                resample::place(grid, &stamps, &raw, Between::of(found.signal), &mut found);
             drop(raw);
             if found.coverage == 0.0 {
                 continue;
@@ -271,6 +340,14 @@ impl Loading<'_> {
             }
             if let Some(at) = earlier {
                 quality.remove(at);
+            }
+            match found.signal {
+                Signal::ForceCell => {
+                    self.filled.extend(filled);
+                    self.between = between;
+                }
+                Signal::Force => self.filled.extend(filled),
+                _ => {}
             }
             match found.signal {
                 Signal::ReferencePosition => trace.reference_position = column,

@@ -28,6 +28,9 @@ const LARGEST_NS: u64 = 1 << 62;
 const ROWS_ALLOWED: u64 = 5_000_000;
 /// Rows per sample beyond which a recording is mostly holes.
 const MOST_ROWS_PER_SAMPLE: u64 = 3;
+/// Part by which a rate that is asked for may differ from that of the samples and be the same: between it and a clock that is off by as much, or stamps that
+/// jitter, nothing is to be interpolated. Assumed: ten times what a quartz is off.
+const SAME_RATE: f64 = 1e-3;
 /// How fast the phase of a sampling clock behind jittering stamps is followed, per sample. Assumed: slow against jitter,
 /// fast against the drift of a quartz (100 ppm).
 const PHASE_GAIN: f64 = 0.01;
@@ -270,7 +273,7 @@ pub(crate) fn grid(stamps: &[i64], position: &[f64], rate: Option<f64>, place: &
         step = round;
     }
     let (jitter, worst) = deviation(step);
-    let asked = rate.map(|rate| 1e9 / rate).filter(|asked| (asked / step - 1.0).abs() > 1e-6);
+    let asked = rate.map(|rate| 1e9 / rate).filter(|asked| (asked / step - 1.0).abs() > SAME_RATE);
     let kind = match asked {
         Some(_) => ClockKind::OtherRate,
         None if worst <= ON_GRID_NS && on_grid(stamps, step) => ClockKind::Regular,
@@ -389,18 +392,30 @@ impl Places<'_> {
     }
 }
 
-/// One signal on the grid; NaN where it is not known.
+/// One signal on the grid.
+#[derive(Default)]
+pub(crate) struct Placed {
+    /// NaN where it is not known.
+    pub column: Vec<f64>,
+    /// Rows in place of samples that are missing.
+    pub filled: Vec<usize>,
+    /// Rows between samples that are further apart than the rows, those that are filled among them.
+    pub between: Vec<usize>,
+}
+
+/// One signal onto the grid.
 pub(crate) fn place(
     grid: &Grid,
     stamps: &[i64],
     values: &[f64],
     between: Between,
     quality: &mut SignalQuality,
-) -> Vec<f64> {
+) -> Placed {
+    let (mut filled, mut apart) = (Vec::new(), Vec::new());
     let mut column = vec![f64::NAN; grid.rows];
     let finite = || stamps.iter().zip(values).filter(|(_, v)| v.is_finite());
     let Some(usual) = usual_interval(stamps) else {
-        return column;
+        return Placed { column, ..Placed::default() };
     };
     quality.interval_s = usual * 1e-9;
     let spacing = (usual * 1e-9 / grid.step).max(f64::MIN_POSITIVE);
@@ -446,6 +461,8 @@ pub(crate) fn place(
             held.piece(a.0, until, a.1, &mut column);
             if let Some(b) = b.filter(|b| !is_gap && b.0 - a.0 > 1.5 * spacing) {
                 quality.filled += (b.0 - a.0 - spacing).round().max(0.0) as u64;
+                let rows = (a.0 + spacing).floor().max(0.0) as usize..(b.0.ceil().max(0.0) as usize).min(grid.rows);
+                filled.extend(rows);
             }
             continue;
         }
@@ -472,9 +489,33 @@ pub(crate) fn place(
             };
             quality.filled += u64::from(is_missing);
         }
+        let rows = first..to as usize;
+        if is_missing {
+            filled.extend(rows.clone());
+        }
+        if b.0 - a.0 > 1.5 {
+            apart.extend(rows.filter(|row| *row as f64 != b.0));
+        }
     }
     quality.coverage = column.iter().filter(|v| v.is_finite()).count() as f64 / grid.rows.max(1) as f64;
-    column
+    Placed { column, filled, between: apart }
+}
+
+/// A force cell between its samples: a straight line beside the command, which it shows one row later. What the motor makes of its command changes slowly, the
+/// command itself with every row.
+pub(crate) fn along_command(cell: &mut [f64], between: &[usize], command: &[f64]) {
+    for run in between.chunk_by(|a, b| *b == a + 1) {
+        let (before, after) = (run[0].wrapping_sub(1), run[run.len() - 1] + 1);
+        let commanded = |row: usize| row.checked_sub(1).and_then(|row| command.get(row)).copied().unwrap_or(f64::NAN);
+        let (start, end) = (commanded(before), commanded(after));
+        for &row in run {
+            let share = (row - run[0] + 1) as f64 / (run.len() + 1) as f64;
+            let beside = commanded(row) - (start + share * (end - start));
+            if beside.is_finite() {
+                cell[row] += beside;
+            }
+        }
+    }
 }
 
 /// Lagrange's cubic through four points; a straight line if two of them are too close to say anything together.

@@ -360,10 +360,11 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
         let curves = added.iter().filter_map(|part| part.parameters().curve);
         remarks.extend(curves.filter_map(|curve| jump_in_words(&curve)).map(|words| format!("the map jumps: {words}")));
     }
-    if selection.verdict == Verdict::Unknown && selection.coordinate.is_none() {
+    if selection.verdict == Verdict::Unknown && selection.coordinate.is_none() && !selection.stopped {
         remarks.push(format!(
             "what is left, {left:.4} N, is {}, and neither a law of the list nor a map takes it out of the hold-out: \
-             an effect whose phase or state differs between the records would look like this",
+             an effect whose phase or state differs between the records would look like this, or one over the force, as a dead zone or a curved \
+             characteristic of motor or cell",
             times_noise(selection)
         ));
     }

@@ -28,6 +28,9 @@ const ROWS_AT_ONCE: usize = 4096;
 /// Largest rms of the found controller's own force less the recorded one, as a share of the recorded rms, with which it counts as found.
 const FAITHFUL: f64 = 0.01;
 
+/// Samples without a position in a row over which the simulated stage goes on: behind more of them it begins anew. Assumed: the setpoint is as unknown there.
+const LONGEST_BRIDGED: usize = 3;
+
 /// Why there is no closed-loop position error.
 #[derive(Debug, thiserror::Error)]
 pub enum ClosedLoopError {
@@ -264,7 +267,21 @@ pub fn position_error(
     let mut running = Running::new(controller);
     let mut held = force;
     let mut error = Vec::with_capacity(count);
+    let mut unknown = 0;
     for row in 0..count {
+        let recorded = trace.position[row];
+        if recorded.is_finite() && unknown > LONGEST_BRIDGED {
+            // Behind a hole the stage is where the recording says, as fast as it says; what its bristles hold nobody knows.
+            let read = sensors.read(trace.time[row], recorded, 0.0).0;
+            let next = trace.position.get(row + 1).copied().filter(|next| next.is_finite()).unwrap_or(recorded);
+            let force = [trace.force_cell[row], trace.force[row]].into_iter().find(|force| force.is_finite());
+            stage.set_state(
+                recorded - (read - recorded),
+                (next - recorded) * rate,
+                &holding(&guides, force.unwrap_or(0.0)),
+            );
+        }
+        unknown = if recorded.is_finite() { 0 } else { unknown + 1 };
         let position = stage.sample().position;
         if !position.is_finite() {
             return Err(ClosedLoopError::Unstable);

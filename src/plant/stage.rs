@@ -179,7 +179,7 @@ impl Stage {
         &self.body
     }
 
-    /// Sets position (m), velocity (m/s) and bristle deflections (m) before the first sample.
+    /// Sets position (m), velocity (m/s) and bristle deflections (m); the state of effects and the time go on.
     pub fn set_state(&mut self, position: f64, velocity: f64, bristles: &[f64]) {
         self.body.set_state(position, velocity, bristles);
     }

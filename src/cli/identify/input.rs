@@ -21,6 +21,11 @@ const TOO_MANY: f64 = 0.1;
 /// Part by which the rates of train and hold-out may differ: clocks do, settings differ by more. Assumed.
 const SAME_RATE: f64 = 0.01;
 
+/// Most samples of a bag that are used: a search over more takes hours, and more than a gigabyte. Ten minutes at 2 kHz are more than a fit needs.
+const MOST_SAMPLES: usize = 1_200_000;
+/// Share of the rows that may be filled in and left out: a filter of 200 Hz spans some 40 of them at 2 kHz, so that hardly a row would be left with more.
+const MOST_FILLED: f64 = 0.06;
+
 /// Train and hold-out, ready for the search.
 pub struct Input {
     pub train: Record,
@@ -100,6 +105,15 @@ impl Input {
         let mut bags = Vec::new();
         for path in paths {
             let mut recording = bag::load(path, mapping)?;
+            if recording.trace.len() > MOST_SAMPLES {
+                warnings.push(format!(
+                    "{}: of {} samples the first {MOST_SAMPLES} are used ({:.0} s): cut the recording to choose others",
+                    path.display(),
+                    recording.trace.len(),
+                    MOST_SAMPLES as f64 / recording.rate
+                ));
+                recording.truncate(MOST_SAMPLES);
+            }
             let mut found = bag::examine(&recording, Some(model));
             let broken: Vec<DataProblem> =
                 found.problems.iter().filter(|problem| is_broken(problem)).cloned().collect();
@@ -120,6 +134,21 @@ impl Input {
                 path.display(),
                 fatal.join("; ")
             );
+            let share = recording.share_filled();
+            if share > MOST_FILLED {
+                warnings.push(format!(
+                    "{}: {:.1} % of the rows are filled in for samples that are missing: what these are off by counts as residual",
+                    path.display(),
+                    100.0 * share
+                ));
+            } else if share > 0.0 {
+                recording.leave_out_filled();
+                warnings.push(format!(
+                    "{}: {:.2} % of the rows are filled in for samples that are missing: forces are not compared there",
+                    path.display(),
+                    100.0 * share
+                ));
+            }
             let broken = broken.iter().map(|problem| format!("{problem}; these values are left out"));
             let found = found.problems.iter().map(ToString::to_string);
             for warning in recording.quality.notes.iter().cloned().chain(broken).chain(found) {
@@ -156,7 +185,13 @@ impl Record {
 
 /// Whether a signal has values that no motion made: those of a cable that is off, or of a range that has ended.
 fn is_broken(problem: &DataProblem) -> bool {
-    matches!(problem, DataProblem::Constant { .. } | DataProblem::Clipped { .. } | DataProblem::Stuck { .. })
+    matches!(
+        problem,
+        DataProblem::Constant { .. }
+            | DataProblem::Clipped { .. }
+            | DataProblem::Stuck { .. }
+            | DataProblem::Outliers { .. }
+    )
 }
 
 fn leave_out(recording: &mut Recording, problem: &DataProblem) {
@@ -165,6 +200,9 @@ fn leave_out(recording: &mut Recording, problem: &DataProblem) {
     | DataProblem::Stuck { signal, value, .. } = problem
     {
         recording.leave_out(*signal, |found| found == *value);
+    } else if let DataProblem::Outliers { signal, .. } = problem {
+        let rows = recording.outliers(*signal);
+        recording.leave_out_rows(*signal, &rows);
     }
 }
 

@@ -460,7 +460,7 @@ fn candidates(page: &mut Page, selection: &Selection) {
     }
     page.text(&format!(
         "Candidates that are not in a round saw nothing of their kind in the residual. The gain is the fall of the mean square of the \
-         missing force with the candidate; it is too little where it is within chance, below the sensors' floor or less than {LEAST_SHARE}. Ripples of several guides \
-         that were chosen together stand with the gain of all of them.",
+         missing force with the candidate; it is too little where it is within chance, below the sensors' floor, less than {LEAST_SHARE} or in one place of the train record alone. \
+         Ripples of several guides that were chosen together stand with the gain of all of them.",
     ));
 }

@@ -423,6 +423,7 @@ mod tests {
             train_gain: 1.0,
             holdout_gain: 1.0,
             train_gain_elsewhere: 1.0,
+            holdout_gain_alone: 1.0,
             chance: 0.0,
             outcome,
         };

@@ -72,6 +72,8 @@ pub struct Evidence {
     pub holdout_gain: f64,
     /// That of train without the tenth of the record that shows most of it, N^2.
     pub train_gain_elsewhere: f64,
+    /// That of the hold-out by itself, with everything else as it is beside it, N^2.
+    pub holdout_gain_alone: f64,
     /// Fall of the mean square of train that as many parameters would take out of what is left by chance, N^2.
     pub chance: f64,
     pub outcome: Outcome,
@@ -325,8 +327,9 @@ impl<'a> Search<'a> {
         let runners_up =
             self.runners_up.iter().map(|others| others.iter().find(|(name, _)| !there(name)).copied()).collect();
         let added = self.best.hypothesis.effects.len() - self.declared_effects();
-        // Nothing is `none`, and little is `found`, while what is left is not noise.
-        let settled = self.is_noise(&self.best_errors) || (added > 0 && self.is_explained(&self.best_errors));
+        // Nothing is `none`, and little is `found`, while what is left is not noise, or while not everything was tried.
+        let settled = self.is_noise(&self.best_errors) && !(self.stopped && added == 0)
+            || (added > 0 && self.is_explained(&self.best_errors));
         let verdict = if self.coordinate.is_some() || !settled {
             Verdict::Unknown
         } else if added == 0 {
@@ -363,6 +366,12 @@ fn errors(hypothesis: &Hypothesis, train: &Measured, holdout: &Measured) -> Resu
     let (train_motor, train_carriage) = hypothesis.missing(train, Sides::BOTH)?.squares();
     let (holdout_motor, holdout_carriage) = hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
     Ok(Errors { train_motor, train_carriage, holdout_motor, holdout_carriage })
+}
+
+/// Mean square of what is missing on a hold-out, N^2.
+fn errors_on(hypothesis: &Hypothesis, holdout: &Measured) -> Result<f64, IdentifyError> {
+    let (motor, carriage) = hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
+    Ok(motor + carriage)
 }
 
 /// Laws among effects, those of which there are several counted once; a map is none.

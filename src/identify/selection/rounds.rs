@@ -16,7 +16,7 @@ use super::columns::Columns;
 use super::forms::{Forms, starts};
 use super::guides::with_different_guides;
 use super::worth::HALF_OF_THE_REST;
-use super::{Errors, Evidence, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, errors, gain_elsewhere};
+use super::{Errors, Evidence, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, errors, errors_on, gain_elsewhere};
 
 /// Share of the best gain that a law with fewer parameters must reach to be preferred.
 pub(super) const SIMPLER: f64 = 0.97;
@@ -222,6 +222,8 @@ impl Search<'_> {
             |part: &Part| (0..part.values.len()).filter(|value| (part.descriptor.free)(&part.values, *value)).count();
         let free = hypothesis.effects.iter().rev().take(count).map(free_of).sum();
         let missing = hypothesis.missing(self.train, Sides::BOTH)?;
+        let last = hypothesis.effects.len();
+        let bare = (last - count..last).rev().fold(hypothesis.clone(), |bare, index| bare.without(index));
         Ok(Evidence {
             round,
             name: part.descriptor.name,
@@ -232,6 +234,7 @@ impl Search<'_> {
             train_gain: self.best_errors.train() - errors.train(),
             holdout_gain: self.best_errors.holdout() - errors.holdout(),
             train_gain_elsewhere: gain_elsewhere(&self.best.missing, &missing),
+            holdout_gain_alone: errors_on(&bare, self.holdout)? - errors.holdout(),
             chance: by_chance(&missing, free),
             outcome: Outcome::Beaten,
         })
@@ -341,6 +344,7 @@ pub(super) mod tests {
                 train_gain: holdout_gain,
                 holdout_gain,
                 train_gain_elsewhere: holdout_gain,
+                holdout_gain_alone: holdout_gain,
                 chance: 0.0,
                 outcome: Outcome::Beaten,
             };

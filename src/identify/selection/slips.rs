@@ -9,7 +9,7 @@ use crate::plant::Side;
 use super::guides::with_different_guides;
 use super::rounds::SIMPLER;
 use super::worth::{HALF_OF_THE_REST, LEAST_SHARE};
-use super::{Evidence, MOST_OF_ONE, Outcome, Search, by_chance, errors, gain_elsewhere};
+use super::{Evidence, MOST_OF_ONE, Outcome, Search, by_chance, errors, errors_on, gain_elsewhere};
 
 /// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one that turns the phase within a few strokes.
 const SLIPS: [f64; 5] = [0.1, 0.25, 0.35, 0.5, 1.0];
@@ -57,6 +57,8 @@ impl Search<'_> {
                 train_gain: left.train() - found.train(),
                 holdout_gain: left.holdout() - found.holdout(),
                 train_gain_elsewhere: gain_elsewhere(&with.missing(self.train, Sides::BOTH)?, &missing),
+                holdout_gain_alone: errors_on(&fitted.hypothesis.without(with.effects.len()), self.holdout)?
+                    - found.holdout(),
                 chance: by_chance(&missing, free),
                 outcome: Outcome::Chosen,
             };

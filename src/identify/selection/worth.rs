@@ -76,12 +76,13 @@ impl Search<'_> {
         self.least_of(one, self.best_errors.holdout())
     }
 
-    /// Whether a candidate takes enough out of both records, and out of more than one place of the train record: a bump that is as narrow as can be, at
-    /// the place where the stage rested once, takes out whatever was missing during that rest.
+    /// Whether a candidate takes enough out of both records, out of more than one place of the train record, and out of the hold-out by itself. A bump that is
+    /// as narrow as can be, at the place where the stage rested once, takes out whatever was missing during that rest, and lets the guides go where they fit
+    /// the hold-out better.
     pub(super) fn is_enough(&self, one: &Evidence) -> bool {
         one.train_gain >= self.least_on_train(one)
             && one.train_gain_elsewhere >= one.chance
-            && one.holdout_gain >= self.least_on_holdout(one)
+            && one.holdout_gain.min(one.holdout_gain_alone) >= self.least_on_holdout(one)
     }
 
     /// Of a fit on the way from `before`: the last one goes to its end.
@@ -148,7 +149,8 @@ mod tests {
     use crate::identify::selection::Silent;
     use crate::model::StageModel;
 
-    /// Of 100 N^2 on both records a law takes a half, by chance it would take 1 N^2: what it does beside the place that shows it most decides.
+    /// Of 100 N^2 on both records a law takes a half, by chance it would take 1 N^2: what it does beside the place that shows it most decides, and
+    /// what it does to the hold-out by itself.
     #[test]
     fn a_law_must_show_in_more_than_one_place() {
         let model = StageModel::default();
@@ -157,10 +159,12 @@ mod tests {
         let declared = Hypothesis::new(&model, Tolerances::default()).unwrap();
         let mut search = Search::new(&declared, &train, &holdout, &Silent).unwrap();
         search.best_errors = Errors { train_carriage: 100.0, holdout_carriage: 100.0, ..Errors::default() };
-        for (elsewhere, expected) in [(20.0, true), (0.5, false), (-10.0, false)] {
+        for (elsewhere, alone, expected) in
+            [(20.0, 60.0, true), (0.5, 60.0, false), (-10.0, 60.0, false), (20.0, 0.0, false)]
+        {
             let mut one = tried(&[("position_dependent_friction", 3, 50.0)]).remove(0).one;
-            (one.chance, one.train_gain_elsewhere) = (1.0, elsewhere);
-            assert_eq!(search.is_enough(&one), expected, "{elsewhere} N^2");
+            (one.chance, one.train_gain_elsewhere, one.holdout_gain_alone) = (1.0, elsewhere, alone);
+            assert_eq!(search.is_enough(&one), expected, "{elsewhere} N^2, by itself {alone} N^2");
         }
     }
 
