@@ -277,6 +277,68 @@ fn a_signal_that_is_broken_in_part_is_told_and_hides_nothing_new() {
 }
 
 /// One sided: what the other record has beside it must not become an effect.
+/// Nothing is hidden, and nothing comes of samples that are lost: of all signals, of the cell alone that comes with every fourth row, or of lines that drop out.
+#[test]
+fn samples_that_are_missing_slow_or_drop_out_make_no_effect() {
+    let home = TempDir::new().unwrap();
+    let out = home.path().join("out");
+    let (train, holdout) = (train(), holdout());
+    // Every 53rd line is lost.
+    let lossy = |name: &str, columns: &Columns| {
+        let path = csv(home.path(), name, columns);
+        let text = std::fs::read_to_string(&path).unwrap();
+        let kept: Vec<&str> =
+            text.lines().enumerate().filter(|(line, _)| *line == 0 || line % 53 != 0).map(|(_, line)| line).collect();
+        std::fs::write(&path, kept.join("\n")).unwrap();
+        path
+    };
+    let output = identify(MODEL, &lossy("lossy_train", &train), &lossy("lossy_holdout", &holdout), &out);
+    assert_eq!(warned("lost lines", &output, &["are filled in for samples that are missing"]), "none");
+
+    let slow = |name: &str, columns: &Columns| {
+        let mut columns = columns.clone();
+        columns
+            .force_cell
+            .iter_mut()
+            .enumerate()
+            .filter(|(row, _)| row % 4 != 0)
+            .for_each(|(_, cell)| *cell = f64::NAN);
+        csv(home.path(), name, &columns)
+    };
+    let output = identify(MODEL, &slow("slow_train", &train), &slow("slow_holdout", &holdout), &out);
+    assert_eq!(warned("a slow cell", &output, &["force_cell"]), "none");
+
+    let torn = |name: &str, columns: &Columns| {
+        let mut columns = columns.clone();
+        (columns.position[5000], columns.position[5001], columns.force_cell[9000]) = (0.3, 0.3, 900.0);
+        csv(home.path(), name, &columns)
+    };
+    let output = identify(MODEL, &torn("torn_train", &train), &torn("torn_holdout", &holdout), &out);
+    let words = ["position is 3.000000e-1 at 2.5000 s", "force_cell is 9.000000e2 at 4.5000 s"];
+    assert_eq!(warned("drop-outs", &output, &words), "none");
+}
+
+/// A motion whose acceleration brings next to no force says nothing of the mass, and so nothing of a sign, a unit or another machine.
+#[test]
+fn a_motion_that_does_not_show_the_mass_accuses_nobody() {
+    let home = TempDir::new().unwrap();
+    // 1 mm at 0.4 Hz: 2.5 mm/s and 6 mm/s^2 at most.
+    let mut creep = Setpoints::default();
+    for k in 0..(8.0 * RATE) as usize {
+        let (sine, cosine) = (std::f64::consts::TAU * 0.4 * k as f64 / RATE).sin_cos();
+        let rate = std::f64::consts::TAU * 0.4;
+        creep.position.push(1e-3 * (1.0 - cosine));
+        creep.velocity.push(1e-3 * rate * sine);
+        creep.acceleration.push(1e-3 * rate * rate * cosine);
+    }
+    let [train, holdout] = [csv(home.path(), "train", &train()), csv(home.path(), "holdout", &along(&creep, 4))];
+    let output = identify(MODEL, &train, &holdout, &home.path().join("out"));
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{told}");
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["verdict"], "none", "{summary:#}");
+}
+
 #[test]
 fn a_dead_command_on_one_side_and_one_speed_only_are_told() {
     let home = TempDir::new().unwrap();

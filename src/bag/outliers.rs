@@ -60,8 +60,8 @@ mod tests {
     #[test]
     fn what_drops_out_is_found_and_a_motion_is_not() {
         let position = |k: i32| match k {
-            0..2000 => 0.0,
-            2000..10_000 => 1e-5 * f64::from((k - 6000).abs() - 4000),
+            0..2500 => 0.0,
+            2500..10_000 => 1e-5 * f64::from((k - 6250).abs() - 3750),
             _ => 0.05 * (f64::from(k - 10_000) * 1e-3).sin(),
         };
         let mut column: Vec<f64> =
