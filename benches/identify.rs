@@ -242,10 +242,33 @@ impl Session<'_> {
         self.size = size;
         for seed in seeds {
             let usual = drawn(name, seed)?;
-            let factor = size / self.floors_of(seed, usual.copy())?;
-            self.run(seed, factor, vec![usual.scaled(factor)])?;
+            match self.factor_of(&usual, size, seed)? {
+                Some(factor) => self.run(seed, factor, vec![usual.scaled(factor)])?,
+                // A sudden slip is none of a smooth bristle, however alike its elements are.
+                None => eprintln!("{name} seed {seed}: cannot be made of {size} floors"),
+            }
         }
         Ok(())
+    }
+
+    /// Factor on the usual size of an effect at which its held-out force is of this size, floors; `None` where there is none. The force of most effects is
+    /// proportional to it, that of some to its square.
+    fn factor_of(&self, usual: &Effect, size: f64, seed: u64) -> Result<Option<f64>> {
+        let mut factor = 1.0;
+        for _ in 0..8 {
+            // One that the controller cannot hold has no size either.
+            let Some(off) = self.floors_of(seed, usual.scaled(factor)).ok().map(|floors| size / floors) else {
+                return Ok(None);
+            };
+            if !off.is_finite() {
+                return Ok(None);
+            }
+            if (off - 1.0).abs() < 0.05 {
+                return Ok(Some(factor));
+            }
+            factor *= off.powf(if factor == 1.0 { 1.0 } else { 0.7 });
+        }
+        Ok(None)
     }
 
     /// Doubles or halves the size until it is between one that fewer than half of the runs detect and one that half of them do, then goes to five times

@@ -147,7 +147,7 @@ type Case = (&'static str, fn(&mut Columns), &'static [&'static str]);
 
 #[test]
 fn wrong_signs_and_units_are_named_with_the_signal() {
-    let cases: [Case; 13] = [
+    let cases: [Case; 14] = [
         ("cell_swapped", |c| each(&mut c.force_cell, |f| -f), &["force_cell has the wrong sign", "scale: -1"]),
         ("command_swapped", |c| each(&mut c.force, |f| -f), &["force has the wrong sign"]),
         // Nothing tells a machine whose position is swapped from one whose forces are.
@@ -174,6 +174,11 @@ fn wrong_signs_and_units_are_named_with_the_signal() {
         ("forces_kn", |c| both_forces(c, |f| 1e-3 * f), &["force_cell seems to be in kN", "force seems to be in kN"]),
         ("cell_kn", |c| each(&mut c.force_cell, |f| 1e-3 * f), &["force_cell seems to be in kN"]),
         ("command_volt", |c| each(&mut c.force, |f| f / 35.0), &["force_cell and force do not fit together", "unit"]),
+        (
+            "exchanged",
+            |c| std::mem::swap(&mut c.force_cell, &mut c.force),
+            &["force_cell and force do not fit together", "they are swapped"],
+        ),
         ("time_ms", |c| each(&mut c.time, |t| 1e3 * t), &["time seems to be in ms"]),
         (
             "half",

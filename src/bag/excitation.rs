@@ -32,6 +32,8 @@ const STUCK: (f64, f64) = (0.25, 0.1);
 const SHORTEST_STRETCH: f64 = 0.05;
 /// Speeds within this ratio are the same. Assumed.
 const SAME_SPEED: f64 = 1.1;
+/// Part of what a cell is off the command before it that it must be off the one behind it for the two to be swapped. Assumed: what a motor adds is as far from either.
+const SWAPPED: f64 = 0.3;
 /// Break-away distances that a stage has to span for its Coulomb friction to be seen. Assumed.
 const SLIDES: f64 = 50.0;
 /// Rows at an extreme, in a row, that make it a limit and no chance.
@@ -780,6 +782,21 @@ impl<'a> Examiner<'a> {
         let trace = &self.recording.trace;
         let examiner = Examiner { problems: Vec::new(), segments: self.segments.clone(), ..*self };
         if !told && examiner.recording.has(Signal::ForceCell) && examiner.recording.has(Signal::Force) {
+            // the cell shows a command one row later
+            let apart = |ahead: usize, behind: usize| {
+                let pairs = trace.force_cell[ahead..].iter().zip(&trace.force[behind..]);
+                pairs.map(|(cell, command)| (cell - command).powi(2)).filter(|square| square.is_finite()).sum::<f64>()
+            };
+            let (behind, ahead) = (apart(1, 0).sqrt(), apart(0, 1).sqrt());
+            if ahead < SWAPPED * behind {
+                let (first, second) = (Signal::ForceCell, Signal::Force);
+                let evidence = format!(
+                    "the cell shows each command a sample before it is given, {:.1} times as well as a sample behind it: they are swapped, or the stamps of the command are late",
+                    behind / ahead
+                );
+                self.problems.push(DataProblem::Disagree { first, second, evidence });
+                return;
+            }
             let slope = examiner.slope(&trace.force_cell, |row| trace.force[row.max(1) - 1]);
             if let Some((slope, _)) = slope.filter(|(_, explained)| *explained > 0.5) {
                 disagree(Signal::ForceCell, Signal::Force, slope);

@@ -38,13 +38,12 @@ pub struct Recording {
 
 impl Recording {
     /// Takes the forces of the rows that were filled in as missing, so that nothing is compared there; the position stays as it was filled, since the guides
-    /// are to be driven along it. The share of these rows.
-    pub fn leave_out_filled(&mut self) -> f64 {
+    /// are to be driven along it.
+    pub fn leave_out_filled(&mut self) {
         for (row, _) in self.filled.iter().enumerate().filter(|(_, filled)| **filled) {
             (self.trace.force_cell[row], self.trace.force[row]) = (f64::NAN, f64::NAN);
         }
         self.count_valid();
-        self.share_filled()
     }
 
     /// Share of the rows in which a position or a force was filled in.

@@ -41,8 +41,8 @@ pub enum ClosedLoopError {
     #[error("only {rows} samples have setpoint, encoder and command in a row, at least {least} are needed")]
     TooFew { rows: usize, least: usize },
     #[error(
-        "no linear controller of order {PAST} gives the recorded command: it misses {:.2} % of it, at most {:.0} % would be fit to simulate with",
-        100.0 * share, 100.0 * FAITHFUL
+        "no linear controller of order {PAST} gives the recorded command: it misses {} of it, at most {:.0} % would be fit to simulate with",
+        missed(*share), 100.0 * FAITHFUL
     )]
     NotLinear { share: f64 },
     #[error("the simulated loop does not stay finite")]
@@ -51,6 +51,11 @@ pub enum ClosedLoopError {
     Rates(#[from] RatesError),
     #[error(transparent)]
     Model(#[from] ModelError),
+}
+
+/// A share in words: of a setpoint that is elsewhere it may be any number.
+fn missed(share: f64) -> String {
+    if share < 10.0 { format!("{:.2} %", 100.0 * share) } else { "many times all".to_owned() }
 }
 
 /// The recorded controller as a linear difference equation.

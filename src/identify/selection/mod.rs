@@ -328,8 +328,10 @@ impl<'a> Search<'a> {
             self.runners_up.iter().map(|others| others.iter().find(|(name, _)| !there(name)).copied()).collect();
         let added = self.best.hypothesis.effects.len() - self.declared_effects();
         // Nothing is `none`, and little is `found`, while what is left is not noise, or while not everything was tried.
-        let settled = self.is_noise(&self.best_errors) && !(self.stopped && added == 0)
-            || (added > 0 && self.is_explained(&self.best_errors));
+        let settled = match added {
+            0 => self.is_noise(&self.best_errors) && !self.stopped,
+            _ => self.is_noise(&self.best_errors) || self.is_explained(&self.best_errors),
+        };
         let verdict = if self.coordinate.is_some() || !settled {
             Verdict::Unknown
         } else if added == 0 {
