@@ -76,9 +76,11 @@ impl Recording {
         for signal in Signal::ALL {
             if let Some(column) = self.column_mut(signal) {
                 column.truncate(rows);
+                column.shrink_to_fit();
             }
         }
         self.trace.time.truncate(rows);
+        self.trace.time.shrink_to_fit();
         self.filled.truncate(rows);
         self.quality.rows = self.trace.len();
         self.count_valid();

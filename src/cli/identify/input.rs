@@ -21,8 +21,8 @@ const TOO_MANY: f64 = 0.1;
 /// Part by which the rates of train and hold-out may differ: clocks do, settings differ by more. Assumed.
 const SAME_RATE: f64 = 0.01;
 
-/// Most samples of a bag that are used: a search over more takes hours, and more than a gigabyte. Ten minutes at 2 kHz are more than a fit needs.
-const MOST_SAMPLES: usize = 1_200_000;
+/// Most samples of a bag that are used: a search over twice as many takes more than a gigabyte. Five minutes at 2 kHz are more than a fit needs.
+const MOST_SAMPLES: usize = 600_000;
 /// Share of the rows that may be filled in and left out: a filter of 200 Hz spans some 40 of them at 2 kHz, so that hardly a row would be left with more.
 const MOST_FILLED: f64 = 0.06;
 
