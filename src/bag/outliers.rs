@@ -4,12 +4,12 @@
 //! of that range of it, and noise within a few times the range where the signal is calm. A sensor that drops out, or a line that loses a bit, does not. What a
 //! force does for a sample or two may be real: it counts as one only where the other force shows nothing of it.
 
-/// Samples around one, itself included, and how many of them may be out.
+/// Samples around one, itself included, and how many of them may be out. Assumed: a line drops out for one or two.
 const AROUND: usize = 7;
 const OUT: usize = 2;
 /// How many ranges away one must be. Assumed: noise reaches two or three of them.
 const TIMES: f64 = 20.0;
-/// Part of the samples around which a signal is as calm as it gets.
+/// Part of the samples around which a signal is as calm as it gets. Assumed: a record rests, or moves evenly, for so long.
 const CALM: f64 = 0.1;
 
 /// Rows of the outliers, in order. `beside` is what shows the same, if it must.

@@ -35,7 +35,7 @@ pub(super) const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage"
 /// Most effects of such a law.
 const MOST_OF_ONE: usize = 4;
 
-/// Parts of a record of which one alone is not to speak for a law.
+/// Parts of a record of which one alone is not to speak for a law. Assumed: a rest, or a move, is within one or two of them.
 const TENTHS: usize = 10;
 
 /// Errors of a hypothesis: mean squares of the missing force, N^2.
