@@ -25,7 +25,8 @@ use friction_stage::model::{Coordinate, Guide, GuideSource, StageModel};
 use serde::Serialize;
 
 use generator::effects::{self, CATALOGUE, LISTED};
-use generator::{Columns, Effect, GeneratedRun, Programme, RecordTruth, Setup};
+use generator::noise::Noise;
+use generator::{Columns, Effect, GeneratedRun, Programme, RecordTruth, SensorNoise, Setup};
 
 #[derive(Parser)]
 #[command(about = "Blind tests of identification")]
@@ -38,6 +39,9 @@ struct Arguments {
     /// Vary speeds, amplitudes, strokes and rests of the motion from run to run.
     #[arg(long, global = true)]
     varied: bool,
+    /// Draw the noise of either sensor from a third of what is declared to ten times it.
+    #[arg(long, global = true)]
+    noises: bool,
     /// One JSON object per run and one for the summary.
     #[arg(long, global = true)]
     json: bool,
@@ -105,6 +109,7 @@ struct Report {
     factor: f64,
     /// Size that was asked for, floors; 0 where none was.
     size: f64,
+    noise: SensorNoise,
     hidden: Vec<Hidden>,
     verdict: &'static str,
     /// Names that were found, without maps.
@@ -231,10 +236,16 @@ impl Session<'_> {
     }
 
     fn setup(&self, seed: u64, hidden: Vec<Effect>) -> Setup {
-        Setup {
-            programme: if self.arguments.varied { Programme::Varied } else { Programme::Recorded },
-            ..Setup::new(seed).with_all(hidden)
+        let mut setup = Setup::new(seed).with_all(hidden);
+        if self.arguments.varied {
+            setup.programme = Programme::Varied;
         }
+        if self.arguments.noises {
+            let mut drawn = Noise::new(seed, 11);
+            setup.noise.encoder *= drawn.log_between(1.0 / 3.0, 10.0);
+            setup.noise.cell *= drawn.log_between(1.0 / 3.0, 10.0);
+        }
+        setup
     }
 
     /// Runs of an effect whose held-out force is of this size, floors.
@@ -486,6 +497,7 @@ fn judge(run: &GeneratedRun, factor: f64, size: f64, watch: &dyn Watch) -> Resul
         seed: run.truth.seed,
         factor,
         size,
+        noise: run.truth.noise,
         verdict: match selection.verdict {
             Verdict::Found => "found",
             Verdict::None => "none",
@@ -692,6 +704,7 @@ impl Report {
                 hidden.name, hidden.force, hidden.floors, hidden.parameters
             ));
         }
+        line(format_args!("    noise of encoder {:.1} nm, of cell {:.3} N", 1e9 * self.noise.encoder, self.noise.cell));
         line(format_args!(
             "    held out motor/carriage {:.4}/{:.4} -> {:.4}/{:.4} N, floor {:.4}/{:.4}",
             self.before[0], self.before[1], self.after[0], self.after[1], self.floor[0], self.floor[1],

@@ -72,7 +72,14 @@ fn one_speed(seconds: f64) -> Setpoints {
 
 /// What encoder, cell and controller show along the setpoints, on a stage within its tolerances and without a hidden effect.
 fn along(setpoints: &Setpoints, seed: u64) -> Columns {
-    let setup = Setup::new(5);
+    along_with_noise(setpoints, seed, 1.0)
+}
+
+/// The same with so many times the declared noise of both sensors.
+fn along_with_noise(setpoints: &Setpoints, seed: u64, times: f64) -> Columns {
+    let mut setup = Setup::new(5);
+    setup.noise.encoder *= times;
+    setup.noise.cell *= times;
     let mut drawn = Noise::new(5, 1);
     let guides = [(); 4].map(|()| Guide::draw(setup.guide_tolerance, &mut drawn));
     setup.record(40.1, guides, setpoints, "train", seed).unwrap().0
@@ -281,7 +288,6 @@ fn a_signal_that_is_broken_in_part_is_told_and_hides_nothing_new() {
     }
 }
 
-/// One sided: what the other record has beside it must not become an effect.
 /// Nothing is hidden, and nothing comes of samples that are lost: of all signals, of the cell alone that comes with every fourth row, or of lines that drop out.
 #[test]
 fn samples_that_are_missing_slow_or_drop_out_make_no_effect() {
@@ -323,6 +329,20 @@ fn samples_that_are_missing_slow_or_drop_out_make_no_effect() {
     assert_eq!(warned("drop-outs", &output, &words), "none");
 }
 
+/// Of sensors that are noisier than declared the noise is no effect: the residual is judged against what the record shows of it, friction that follows a noisy
+/// encoder included.
+#[test]
+fn sensors_that_are_noisier_than_declared_make_no_effect() {
+    let home = TempDir::new().unwrap();
+    for times in [3.0, 8.0] {
+        let train = csv(home.path(), "train", &along_with_noise(&moves(10.0, 3), 3, times));
+        let holdout = csv(home.path(), "holdout", &along_with_noise(&moves(8.0, 4), 4, times));
+        let output = identify(MODEL, &train, &holdout, &home.path().join("out"));
+        let words = ["position has", "force_cell has", "is declared", "everything is judged against the former"];
+        assert_eq!(warned(&format!("{times} times the noise"), &output, &words), "none");
+    }
+}
+
 /// A motion whose acceleration brings next to no force says nothing of the mass, and so nothing of a sign, a unit or another machine.
 #[test]
 fn a_motion_that_does_not_show_the_mass_accuses_nobody() {
@@ -344,6 +364,7 @@ fn a_motion_that_does_not_show_the_mass_accuses_nobody() {
     assert_eq!(summary["verdict"], "none", "{summary:#}");
 }
 
+/// One sided: what the other record has beside it must not become an effect.
 #[test]
 fn a_dead_command_on_one_side_and_one_speed_only_are_told() {
     let home = TempDir::new().unwrap();

@@ -21,9 +21,9 @@ use super::Outcome;
 use crate::bag::{Mapping, topics};
 use crate::identify::Outcome::TooSmall;
 use crate::identify::{
-    CARRIAGE_GAIN, Change, LinearController, MOST_LAWS, NOISE_LIKE, NextExperiment, PositionErrors, RippleElsewhere,
-    Selection, Summary, Tolerances, Verdict, Watch, closed_loop, in_digits, next_experiment, parameter_warnings,
-    readable, ripple_elsewhere, search, taking_part,
+    CARRIAGE_GAIN, Change, LinearController, MORE_THAN_DECLARED, MOST_LAWS, NOISE_LIKE, NextExperiment, PositionErrors,
+    RippleElsewhere, Selection, Summary, Tolerances, Verdict, Watch, closed_loop, in_digits, next_experiment,
+    parameter_warnings, readable, ripple_elsewhere, search, taking_part,
 };
 use crate::model::{Curve, CurveSide, Jump, StageModel};
 use crate::node::stage_settings;
@@ -360,6 +360,12 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
         let curves = added.iter().filter_map(|part| part.parameters().curve);
         remarks.extend(curves.filter_map(|curve| jump_in_words(&curve)).map(|words| format!("the map jumps: {words}")));
     }
+    let (floor, declared_floor) = (selection.floor.total(), selection.declared_floor.total());
+    if floor > MORE_THAN_DECLARED * declared_floor {
+        remarks.push(format!(
+            "the sensors' noise in the hold-out leaves {floor:.4} N where the declared one leaves {declared_floor:.4} N: everything is judged against the former"
+        ));
+    }
     if selection.verdict == Verdict::Unknown && selection.coordinate.is_none() && !selection.stopped {
         remarks.push(format!(
             "what is left, {left:.4} N, is {}, and neither a law of the list nor a map takes it out of the hold-out: \
@@ -388,7 +394,7 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
 fn times_noise(selection: &Selection) -> String {
     match selection.floor.total() {
         floor if floor > 0.0 => {
-            format!("{:.1} times what the declared noise leaves", selection.errors_after.holdout().sqrt() / floor)
+            format!("{:.1} times what the noise of the sensors leaves", selection.errors_after.holdout().sqrt() / floor)
         }
         _ => "more than sensors without any noise leave".to_owned(),
     }

@@ -429,6 +429,26 @@ pub(super) mod tests {
         }
     }
 
+    /// During the hole the recorded stage goes on by some millimetres; the simulated one, which no setpoint leads there, must not be compared with it from
+    /// where it was.
+    #[test]
+    fn behind_a_hole_the_simulated_stage_begins_where_the_recorded_one_is() {
+        let model = StageModel::default().without_noise();
+        let mut trace = recording(&model, 3, 0.0, 3);
+        let controller = controller_of(&trace, &[&trace]).unwrap();
+        let hole = 3400..4200;
+        let way = trace.position[hole.end] - trace.position[hole.start];
+        for column in [&mut trace.position, &mut trace.reference_position, &mut trace.force, &mut trace.force_cell] {
+            column[hole.clone()].fill(f64::NAN);
+        }
+        let error = position_error(&model, &trace, &controller).unwrap();
+        assert!(way.abs() > 5e-3, "{way:e} m in the hole");
+        assert!(error[hole.clone()].iter().all(|error| error.is_nan()));
+        // What the bristles held nobody knows, and the velocity only from two samples.
+        let (before, behind) = (rms(&error[..hole.start]), rms(&error[hole.end..]));
+        assert!(before < 5e-9 && behind < 1e-6, "{before:e} m before, {behind:e} m behind");
+    }
+
     #[test]
     fn a_command_that_no_controller_of_the_error_makes_is_refused() {
         let mut trace = recording(&StageModel::default(), 3, 0.0, 2);

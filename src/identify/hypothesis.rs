@@ -357,9 +357,14 @@ impl Hypothesis {
         &self.declared
     }
 
-    /// What the declared noise of the sensors leaves on a record.
+    /// What the noise of the sensors leaves on a record: the declared one, or what the record shows where that is more.
     pub fn floor(&self, measured: &Measured) -> Floor {
         measured.floor(&self.declared)
+    }
+
+    /// What the declared noise alone leaves.
+    pub fn declared_floor(&self, measured: &Measured) -> Floor {
+        measured.declared_floor(&self.declared)
     }
 
     fn moved(&self, declared: Declared) -> f64 {

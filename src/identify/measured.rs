@@ -98,6 +98,8 @@ pub struct Measured {
     has_command: bool,
     /// Standard deviation of the encoder's noise as the record shows it, m; above 0.
     pub noise: f64,
+    /// Standard deviation of the cell's noise as the record shows it, N; 0 without a cell.
+    pub cell_noise: f64,
     /// Moving mass as declared, kg.
     mass: f64,
     /// In order of time; each interval between samples has one or several.
@@ -151,6 +153,12 @@ impl Measured {
         });
         // An encoder without any noise is no division by 0.
         let noise = noise_of(&position).max(model.encoder.resolution / 12f64.sqrt()).max(f64::MIN_POSITIVE);
+        // Noise of the controller is in the command too, a sample before the cell shows it; what a gain or a lag leaves of it is not the cell's.
+        let cell_noise = raw_cell.as_ref().map_or(0.0, |cell| {
+            let beside_command: Vec<f64> =
+                cell.iter().skip(1).zip(&raw_command).map(|(cell, command)| cell - command).collect();
+            noise_of(cell).min(noise_of(&beside_command))
+        });
         for unknown in unknown_bristles(&trace.position, rate, model)? {
             valid[unknown].fill(false);
         }
@@ -179,6 +187,7 @@ impl Measured {
             raw_command,
             raw_cell,
             noise,
+            cell_noise,
             mass: model.mass,
             steps: Vec::new(),
             rate,
@@ -320,10 +329,19 @@ impl Measured {
 
     /// Standard deviation of the residuals that the declared sensor noise alone gives, N: motor side (0 without cell and command) and
     /// carriage side.
+    pub fn declared_floor(&self, model: &StageModel) -> Floor {
+        self.floor_of(model, encoder_noise(model), model.force_cell.noise)
+    }
+
+    /// The same of the noise that the record shows, where that is more than the declared: what sensors hide no law explains.
     pub fn floor(&self, model: &StageModel) -> Floor {
-        let encoder = model.encoder.noise.hypot(model.encoder.resolution / 12f64.sqrt());
+        self.floor_of(model, encoder_noise(model).max(self.noise), model.force_cell.noise.max(self.cell_noise))
+    }
+
+    /// Of a noise of encoder, m, and cell, N.
+    fn floor_of(&self, model: &StageModel, encoder: f64, cell: f64) -> Floor {
         let inertia = model.mass * self.rate * self.rate * encoder * self.lowpass.noise_gain(&[1.0, -2.0, 1.0]);
-        let read = model.force_cell.noise * self.lowpass.noise_gain(&[0.5, 0.5]);
+        let read = cell * self.lowpass.noise_gain(&[0.5, 0.5]);
         Floor {
             motor: if self.cell.is_some() { read } else { 0.0 },
             carriage: if self.by_cell() { inertia.hypot(read) } else { inertia },
@@ -424,7 +442,12 @@ fn filled(values: &[f64]) -> Vec<f64> {
     filled
 }
 
-/// White noise of a position from its third differences, whose variance is 20 times that of the noise: median-based so that steps do not
+/// Declared noise of the encoder with that of its counts, m.
+fn encoder_noise(model: &StageModel) -> f64 {
+    model.encoder.noise.hypot(model.encoder.resolution / 12f64.sqrt())
+}
+
+/// White noise of a signal from its third differences, whose variance is 20 times that of the noise: median-based so that steps do not
 /// count, and of the slowest part of the record, so that an encoder's error that repeats with the position does not.
 fn noise_of(values: &[f64]) -> f64 {
     let mut windows: Vec<(f64, f64)> =

@@ -39,6 +39,7 @@ pub use selection::{
     CARRIAGE_GAIN, Errors, Evidence, LEFT_AT_MOST, MOST_LAWS, NOISE_LIKE, Outcome, Selection, Silent, Verdict, Watch,
     search,
 };
+pub use sensor_noise::MORE_THAN_DECLARED;
 pub use summary::{
     Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, in_digits, parameter_warnings, readable,
     side_name, taking_part,

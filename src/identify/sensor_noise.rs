@@ -1,4 +1,4 @@
-//! How far the sensors' noise moves the parameters that a fit finds.
+//! What the sensors' noise leaves of force, and how far it moves the parameters that a fit finds.
 //!
 //! Guides and effects are driven along the motion as it was measured: what noise does there is neither white nor does it cancel, a bristle
 //! remembers it and |v| rectifies it. Its effect is measured: the record once more with as much noise again, and what that moves
@@ -11,8 +11,8 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::driven::Driven;
 use super::fit::Estimate;
-use super::hypothesis::Sides;
-use super::measured::Measured;
+use super::hypothesis::{Hypothesis, Sides};
+use super::measured::{Floor, Measured};
 use super::objective::{derivatives, stacked};
 use super::uncertainty::inverse_where_known;
 use crate::model::ModelError;
@@ -22,8 +22,44 @@ const PAIRS: u64 = 8;
 /// Assumed: pairs of which each record has its own derivatives, which are of the measured motion too, and cost most.
 const OWN_DERIVATIVES: u64 = 2;
 
+/// Part by which noise may leave more than declared without a word: a record knows its noise to some per cent. Assumed.
+pub const MORE_THAN_DECLARED: f64 = 1.2;
+
+/// What the sensors' noise leaves on a record: where it is as declared, of inertia and cell alone; where it is more, of the friction too, whose bristles
+/// follow what the encoder feigns. That is what as much noise again changes in the residual.
+pub(super) fn floor(hypothesis: &Hypothesis, measured: &Measured) -> Result<Floor, ModelError> {
+    let floor = hypothesis.floor(measured);
+    if floor.total() <= MORE_THAN_DECLARED * hypothesis.declared_floor(measured).total() {
+        return Ok(floor);
+    }
+    let there = hypothesis.missing(&noisy(hypothesis, measured, 0, 1.0), Sides::BOTH)?;
+    let here = hypothesis.missing(measured, Sides::BOTH)?;
+    let changed = |there: &[f64], here: &[f64]| {
+        let squares: f64 = there.iter().zip(here).map(|(there, here)| (there - here).powi(2)).sum();
+        (squares / here.len().max(1) as f64).sqrt()
+    };
+    Ok(Floor {
+        motor: floor.motor.max(changed(&there.motor, &here.motor)),
+        carriage: floor.carriage.max(changed(&there.carriage, &here.carriage)),
+    })
+}
+
+/// The record with as much noise again, drawn from a seed: of the encoder as the record shows it, of the cell no less than declared.
+fn noisy(hypothesis: &Hypothesis, measured: &Measured, seed: u64, sign: f64) -> Measured {
+    let declared = hypothesis.declared();
+    let mut of_encoder = ChaCha8Rng::seed_from_u64(2 * seed);
+    let mut of_cell = ChaCha8Rng::seed_from_u64(2 * seed + 1);
+    let draw = |random: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(random) };
+    let cell_noise = declared.force_cell.noise.max(measured.cell_noise);
+    measured.with_noise(
+        || sign * measured.noise * draw(&mut of_encoder),
+        || sign * cell_noise * draw(&mut of_cell),
+        declared.mass,
+    )
+}
+
 /// The same fit, with deviations at least as large as the spread that the noise of the sensors gives its coordinates, and with the shifts that it gives
-/// them. Noise of the encoder as the record shows it, of the cell as declared.
+/// them.
 pub(super) fn widened(mut estimate: Estimate, measured: &Measured) -> Result<Estimate, ModelError> {
     let hypothesis = &estimate.fitted.hypothesis;
     // As in the fit.
@@ -52,15 +88,7 @@ pub(super) fn widened(mut estimate: Estimate, measured: &Measured) -> Result<Est
 
     // Where noise takes a fit, with the derivatives of here, and what its own derivatives add to that.
     let moved_by = |seed: u64, sign: f64| -> Result<(DVector<f64>, DVector<f64>), ModelError> {
-        let declared = hypothesis.declared();
-        let mut of_encoder = ChaCha8Rng::seed_from_u64(2 * seed);
-        let mut of_cell = ChaCha8Rng::seed_from_u64(2 * seed + 1);
-        let draw = |random: &mut ChaCha8Rng| -> f64 { StandardNormal.sample(random) };
-        let noisy = measured.with_noise(
-            || sign * measured.noise * draw(&mut of_encoder),
-            || sign * declared.force_cell.noise * draw(&mut of_cell),
-            declared.mass,
-        );
+        let noisy = noisy(hypothesis, measured, seed, sign);
         let driven = hypothesis.driven(&noisy, Sides::BOTH, &Driven::default())?;
         let there = residual(&noisy, &driven);
         let moved = step(&inverse_here, &columns_here, &there);

@@ -213,7 +213,7 @@ impl Summary {
                 train: record(train, before.train(), after.train(), position.train),
                 holdout: record(holdout, before.holdout(), after.holdout(), position.holdout),
             },
-            floor: FloorErrors { force_rms: selection.floor.total() },
+            floor: FloorErrors { force_rms: selection.declared_floor.total() },
             explained_share: selection.explained_share(),
             declared_parameters,
             model: model.to_owned(),

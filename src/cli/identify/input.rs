@@ -267,6 +267,8 @@ fn share_seen(position: &[f64], other: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
 
     #[test]
@@ -276,5 +278,32 @@ mod tests {
         assert_eq!(share_seen(&train[3000..9000], &train), 1.0);
         assert_eq!(share_seen(&fresh, &train), 0.0);
         assert_eq!(share_seen(&train[..10], &train), 0.0);
+    }
+
+    /// 40 kg, 70 N of Coulomb friction, to and fro by 20 mm.
+    #[test]
+    fn of_a_recording_that_is_too_long_the_first_samples_are_used() {
+        let (count, rate, pulse) = (MOST_SAMPLES + 100, 2000.0, TAU * 0.5);
+        let over = |of: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..count).map(|row| of(row as f64 / rate)).collect() };
+        let force = over(&|t| 0.02 * pulse * (-40.0 * pulse * (pulse * t).sin()) + 70.0 * (pulse * t).cos().signum());
+        let none = vec![f64::NAN; count];
+        let trace = Trace {
+            origin_ns: 0,
+            time: over(&|t| t),
+            position: over(&|t| 0.02 * (pulse * t).sin()),
+            force_cell: none.clone(),
+            force,
+            reference_position: none.clone(),
+            reference_velocity: none.clone(),
+            reference_acceleration: none,
+        };
+        let home = tempfile::TempDir::new().unwrap();
+        let path = home.path().join("long.csv");
+        trace.write_csv(&path).unwrap();
+        let mut warnings = Vec::new();
+        let bags = Input::read(&[path], None, &StageModel::default(), &mut warnings).unwrap();
+        assert_eq!(bags[0].trace.len(), MOST_SAMPLES);
+        assert_eq!(bags[0].trace.position, trace.position[..MOST_SAMPLES]);
+        assert!(warnings[0].contains("of 600100 samples the first 600000 are used (300 s)"), "{warnings:?}");
     }
 }

@@ -83,7 +83,7 @@ pub fn page(
         (
             "floor of the residual",
             format!(
-                "motor side {:.4} N, carriage side {:.4} N, from the declared sensor noise",
+                "motor side {:.4} N, carriage side {:.4} N, from the noise of the sensors",
                 selection.floor.motor, selection.floor.carriage
             ),
         ),

@@ -442,6 +442,7 @@ mod tests {
             inseparable,
             unproven: Vec::new(),
             floor: train.floor(declared),
+            declared_floor: train.declared_floor(declared),
             stopped: false,
         }
     }

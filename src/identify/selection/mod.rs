@@ -118,7 +118,10 @@ pub struct Selection {
     pub inseparable: Vec<(&'static str, &'static str)>,
     /// Ripples over the position that go through few periods within the travel, with how many.
     pub unproven: Vec<(&'static str, f64)>,
+    /// Against which everything is judged: of the declared noise, or of what the hold-out shows where that is more.
     pub floor: Floor,
+    /// Of the declared noise.
+    pub declared_floor: Floor,
     pub stopped: bool,
 }
 
@@ -129,9 +132,9 @@ impl Selection {
         different_laws(&effects[self.before.hypothesis.effects.len()..])
     }
 
-    /// Share of the explainable held-out residual that the added effects take out; 0 where there is nothing to explain.
+    /// Share of the held-out residual above the floor of the declared noise that the added effects take out; 0 where there is nothing to explain.
     pub fn explained_share(&self) -> f64 {
-        let floor = self.floor.total().powi(2);
+        let floor = self.declared_floor.total().powi(2);
         let explainable = self.errors_before.holdout() - floor;
         if explainable <= 0.0 {
             return 0.0;
@@ -228,7 +231,7 @@ impl<'a> Search<'a> {
             train,
             holdout,
             watch,
-            floor: declared.floor(holdout),
+            floor: sensor_noise::floor(&before.hypothesis.in_record(holdout)?, holdout)?,
             runners_up: vec![Vec::new(); before.hypothesis.effects.len()],
             best: before.clone(),
             best_errors: errors_before,
@@ -347,6 +350,7 @@ impl<'a> Search<'a> {
             self.watch.progress("what the sensors' noise does to the parameters", 0.97);
             after = sensor_noise::widened(after, self.train)?;
         }
+        let declared_floor = self.before.hypothesis.declared_floor(self.holdout);
         Ok(Selection {
             verdict,
             before: self.before,
@@ -359,6 +363,7 @@ impl<'a> Search<'a> {
             unproven,
             inseparable: self.inseparable,
             floor: self.floor,
+            declared_floor,
             stopped: self.stopped,
         })
     }
