@@ -149,3 +149,83 @@ fn a_wrong_unit_a_wrong_mapping_and_a_wrong_file_are_told() {
     assert!(stderr(&missing).contains("nothing.csv"), "{}", stderr(&missing));
     assert_eq!(friction_stage(&["import", text(&csv)]).status.code(), Some(2));
 }
+
+/// Times that count from a trigger, rows whose clock goes back or stands still, rows without a time.
+#[test]
+fn an_import_keeps_every_row_that_has_a_time_and_tells_what_is_wrong_with_it() {
+    let home = TempDir::new().unwrap();
+    let (csv, mapping) = drive(home.path(), 1.0);
+    let rows = std::fs::read_to_string(&csv).unwrap();
+    let import = |name: &str, of_row: &dyn Fn(usize, &str) -> String| {
+        let changed: Vec<String> = rows.lines().enumerate().map(|(row, line)| of_row(row, line)).collect();
+        std::fs::write(&csv, changed.join("\n")).unwrap();
+        let bag = home.path().join(name);
+        let output =
+            friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag), "--json"]);
+        let report: serde_json::Value =
+            serde_json::from_str(&stdout(&output)).unwrap_or_else(|_| panic!("{}", stderr(&output)));
+        (output.status.code(), report)
+    };
+    let at = |line: &str, time: &dyn Fn(f64) -> String| match line.split_once(',') {
+        Some((t, rest)) => t.parse().map_or_else(|_| line.to_owned(), |t| format!("{},{rest}", time(t))),
+        None => line.to_owned(),
+    };
+    let (code, report) = import("trigger", &|_, line| at(line, &|t| (t - 2.5).to_string()));
+    assert_eq!((code, &report["messages"]["/stage/encoder"]), (Some(0), &8000.into()), "{report}");
+    assert!((report["moved_s"].as_f64().unwrap() - 2.5).abs() < 1e-9, "{report}");
+    let (code, report) =
+        import("back", &|row, line| if row == 4000 { at(line, &|t| (t - 1.0).to_string()) } else { line.into() });
+    assert_eq!((code, &report["not_later"]), (Some(3), &1.into()), "{report}");
+    let (code, report) =
+        import("timeless", &|row, line| if row == 4000 { at(line, &|_| "nan".into()) } else { line.into() });
+    assert_eq!(
+        (code, &report["without_time"], &report["messages"]["/stage/encoder"]),
+        (Some(3), &1.into(), &7999.into()),
+        "{report}"
+    );
+}
+
+#[test]
+fn a_replay_of_data_that_contradict_the_model_says_so() {
+    let home = TempDir::new().unwrap();
+    for (force_scale, expected) in [(1.0, None), (1e-3, Some("force_cell seems to be in kN"))] {
+        let (csv, mapping) = drive(home.path(), force_scale);
+        let bag = home.path().join(force_scale.to_string());
+        friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
+        let replay = friction_stage(&["replay", text(&bag), "--model", "guide_1"]);
+        let told = stdout(&replay);
+        assert_eq!(replay.status.code(), Some(if expected.is_some() { 3 } else { 0 }), "{told}{}", stderr(&replay));
+        assert!(
+            expected.is_none_or(|words| told.contains(words)) && told.contains("warning") == expected.is_some(),
+            "{told}"
+        );
+    }
+    let full = friction_stage(&["replay", text(&home.path().join("1")), "--model", "guide_1", "--csv", "/dev/full"]);
+    assert_eq!(full.status.code(), Some(1));
+    assert!(stderr(&full).contains("cannot write /dev/full"), "{}", stderr(&full));
+}
+
+#[test]
+fn a_file_without_rows_a_standing_clock_and_one_column_for_two_signals_are_told() {
+    let home = TempDir::new().unwrap();
+    let (csv, mapping) = drive(home.path(), 1.0);
+    let rows = std::fs::read_to_string(&csv).unwrap();
+    let check = || friction_stage(&["check", text(&csv), "--mapping", text(&mapping)]);
+    std::fs::write(&csv, "t,x,f\n").unwrap();
+    assert!(stderr(&check()).contains("0 usable samples of position"), "{}", stderr(&check()));
+    let stands: Vec<String> = rows
+        .lines()
+        .map(|line| {
+            line.split_once(',')
+                .map_or(String::new(), |(t, rest)| if t == "t" { line.into() } else { format!("5.0,{rest}") })
+        })
+        .collect();
+    std::fs::write(&csv, stands.join("\n")).unwrap();
+    let told = stderr(&check());
+    assert!(told.contains("1 usable samples of position (a value, at a time of its own), of 8000 in all"), "{told}");
+    std::fs::write(&csv, &rows).unwrap();
+    std::fs::write(&mapping, "signals: {time: {column: t}, position: {column: x, unit: mm}, force_cell: {column: x}}")
+        .unwrap();
+    let told = stdout(&check());
+    assert!(told.contains("takes position and force_cell from the same place"), "{told}");
+}

@@ -196,6 +196,15 @@ fn wrong_arguments_end_with_2_and_missing_files_with_1() {
     let foreign = identify(&nothing, &other, &out, &[]).output().unwrap();
     assert_eq!(foreign.status.code(), Some(1));
     assert!(stderr(&foreign).contains("another command"), "{}", stderr(&foreign));
+    for (file, words) in [("metadata.yaml", "is a recording"), ("report.html", "no summary.json of an identification")]
+    {
+        let taken = home.path().join(file.replace('.', "_"));
+        std::fs::create_dir(&taken).unwrap();
+        std::fs::write(taken.join(file), "").unwrap();
+        let refused = identify(&nothing, &other, &taken, &[]).output().unwrap();
+        assert_eq!(refused.status.code(), Some(1));
+        assert!(stderr(&refused).contains(words), "{}", stderr(&refused));
+    }
 }
 
 /// One that lacks a cable chain, and one that lacks nothing: whether it does is not known before everything was tried.

@@ -180,7 +180,10 @@ pub enum BagError {
         reason: String,
     },
     /// Too few samples for a rate.
-    #[error("{} has {samples} usable samples of {signal}; 2 are needed for a rate", path.display())]
+    #[error(
+        "{} has {samples} usable samples of {signal} (a value, at a time of its own), of {total} in all; 2 are needed for a rate",
+        path.display()
+    )]
     TooFewSamples {
         /// The recording.
         path: PathBuf,
@@ -188,6 +191,8 @@ pub enum BagError {
         signal: &'static str,
         /// Finite samples with different stamps.
         samples: usize,
+        /// Samples that there are.
+        total: usize,
     },
     /// A CSV file with something else than numbers under the right names.
     #[error("{} line {line}: {reason}", path.display())]

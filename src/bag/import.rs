@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::error::BagError;
 use super::mapping::{Mapping, Place, Signal};
 use super::qos::OfferedQos;
-use super::source::CsvTable;
+use super::source::{CsvTable, NO_TIME};
 use super::topics;
 use super::writer::{BagOptions, BagWriter};
 use crate::message::{Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped};
@@ -20,7 +20,7 @@ use crate::message::{Header, JointState, JointTrajectory, JointTrajectoryPoint, 
 const METADATA_NAME: &str = "friction_stage_import";
 
 /// What an import wrote.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ImportReport {
     /// Rows of the CSV file.
     pub rows: u64,
@@ -28,6 +28,10 @@ pub struct ImportReport {
     pub messages: BTreeMap<String, u64>,
     /// Rows without a time, which are left out.
     pub without_time: u64,
+    /// Rows whose time is not behind that of the row before.
+    pub not_later: u64,
+    /// By how much the times were moved for the first one to be 0 where it was before that, s.
+    pub moved_s: f64,
 }
 
 /// Writes the bag `out` from a CSV file; `mapping_text` is kept in it. Row by row, in bounded memory.
@@ -77,7 +81,8 @@ pub fn import(csv: &Path, mapping: &Mapping, mapping_text: &str, out: &Path) -> 
     let cell = topic(&mut bag, topics::FORCE_CELL, has(Signal::ForceCell))?;
     let force = topic(&mut bag, topics::FORCE, has(Signal::Force))?;
     let setpoint = if has_reference { Some(bag.add_topic::<JointTrajectory>(topics::SETPOINT, &qos)?) } else { None };
-    let mut report = ImportReport { rows: 0, messages: BTreeMap::new(), without_time: 0 };
+    let mut report = ImportReport { rows: 0, messages: BTreeMap::new(), without_time: 0, not_later: 0, moved_s: 0.0 };
+    let (mut moved, mut last): (Option<i64>, Option<i64>) = (None, None);
     let mut written = |topic: &str| *report.messages.entry(topic.to_owned()).or_insert(0) += 1;
     while table.next()? {
         let stamp = match (time, period) {
@@ -85,11 +90,20 @@ pub fn import(csv: &Path, mapping: &Mapping, mapping_text: &str, out: &Path) -> 
             (None, period) => (report.rows as f64 * period.unwrap_or(0.0)).round() as i64,
         };
         report.rows += 1;
-        // log times of a bag are not negative
+        if stamp == NO_TIME {
+            report.without_time += 1;
+            continue;
+        }
+        // Log times of a bag are not negative, those that count from a trigger are.
+        let moved = *moved.get_or_insert((-stamp).max(0));
+        report.moved_s = moved as f64 * 1e-9;
+        let stamp = stamp + moved;
         let Ok(log_time) = u64::try_from(stamp) else {
             report.without_time += 1;
             continue;
         };
+        report.not_later += u64::from(last.is_some_and(|last| stamp <= last));
+        last = Some(stamp);
         let mut values = [f64::NAN; 7];
         for (signal, column, source) in &columns {
             if *signal != Signal::Time {

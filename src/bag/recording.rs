@@ -161,8 +161,13 @@ impl DataQuality {
 pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recording, BagError> {
     let path = path.as_ref();
     let (source, mapping) = Source::open(path, mapping)?;
-    let mut loading =
-        Loading { source: &source, mapping: &mapping, notes: Vec::new(), filled: Vec::new(), between: Vec::new() };
+    let mut loading = Loading {
+        source: &source,
+        mapping: &mapping,
+        notes: same_place(&mapping),
+        filled: Vec::new(),
+        between: Vec::new(),
+    };
     let missing = || BagError::MissingSignal {
         path: path.to_owned(),
         signal: Signal::Position.name(),
@@ -171,13 +176,16 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
     };
     let position = loading.candidates(Signal::Position).next().ok_or_else(missing)?;
     let stream = loading.read(&[vec![(Signal::Position, position)]])?.remove(0);
-    if stream.stamps.is_empty() {
-        return Err(missing());
-    }
+    let total = stream.stamps.len();
     let Ordered { stamps, values, mut quality } = resample::order(stream)?;
     let known = values[0].iter().filter(|v| v.is_finite()).count();
     if stamps.len() < 2 || known < 2 {
-        return Err(BagError::TooFewSamples { path: path.to_owned(), signal: Signal::Position.name(), samples: known });
+        return Err(BagError::TooFewSamples {
+            path: path.to_owned(),
+            signal: Signal::Position.name(),
+            samples: known,
+            total,
+        });
     }
     let grid = resample::grid(&stamps, &values[0], mapping.rate.filter(|_| !is_clock(&mapping)), &quality[0].place)?;
     let mut trace = Trace { origin_ns: grid.origin_ns, ..Trace::default() };
@@ -205,6 +213,18 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
         notes: loading.notes,
     };
     Ok(Recording { trace, rate, valid, filled, quality })
+}
+
+/// Signals that a mapping takes from the same place, in words: a slip of the pen, most likely.
+fn same_place(mapping: &Mapping) -> Vec<String> {
+    let first = |signal: &Signal| mapping.signals.get(signal).and_then(|sources| sources.first());
+    let signals: Vec<&Signal> = mapping.signals.keys().collect();
+    let pairs =
+        signals.iter().enumerate().flat_map(|(index, one)| signals[index + 1..].iter().map(move |two| (*one, *two)));
+    pairs
+        .filter(|(one, two)| first(one).zip(first(two)).is_some_and(|(one, two)| one.place == two.place))
+        .map(|(one, two)| format!("the mapping takes {one} and {two} from the same place: is one of them meant?"))
+        .collect()
 }
 
 /// Per row whether the position and every recorded force are known.

@@ -298,9 +298,12 @@ fn read_bag(reader: &BagReader, requests: &[Request], joint: &str) -> Result<Vec
     Ok(streams)
 }
 
-/// Seconds as nanoseconds; NaN is the smallest time there is, which [`super::resample`] takes for no time.
+/// The smallest time there is stands for none.
+pub(super) const NO_TIME: i64 = i64::MIN;
+
+/// Seconds as nanoseconds; NaN is no time.
 fn seconds_to_nanos(seconds: f64) -> i64 {
-    if seconds.is_nan() { i64::MIN } else { (seconds * 1e9).round() as i64 }
+    if seconds.is_nan() { NO_TIME } else { (seconds * 1e9).round() as i64 }
 }
 
 fn read_csv(

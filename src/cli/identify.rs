@@ -140,6 +140,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     bar.set_style(ProgressStyle::with_template("{msg:48} [{bar:30}] {percent:>3} %  {elapsed}")?.progress_chars("=> "));
     bar.enable_steady_tick(Duration::from_millis(200));
     bar.set_message("reading");
+    tell_of_stop(&bar, &stop);
 
     let input = Input::load(&args.train, &args.holdout, mapping.as_ref(), &declared)?;
     let limits = args.next_experiment.as_ref().map(|_| args.limits.limits(&declared, &input)).transpose()?;
@@ -234,10 +235,39 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     Ok(if summary.warnings.is_empty() { Outcome::Done } else { Outcome::Warnings })
 }
 
-/// Refuses a directory that holds the results of another command; those of an earlier identification are replaced.
+/// Says at once that Ctrl-C was seen: the running step may take a while.
+fn tell_of_stop(bar: &ProgressBar, stop: &Arc<AtomicBool>) {
+    let (bar, stop) = (bar.clone(), Arc::clone(stop));
+    std::thread::spawn(move || {
+        while !bar.is_finished() {
+            if stop.load(Ordering::Relaxed) {
+                bar.suspend(|| {
+                    eprintln!("stopping after the running step; Ctrl-C again ends at once, without a report")
+                });
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    });
+}
+
+/// Refuses a directory that is a recording or holds the results of another command; those of an earlier identification are replaced.
 fn may_write(directory: &Path) -> anyhow::Result<()> {
-    let path = directory.join("summary.json");
-    let Ok(text) = std::fs::read_to_string(&path) else { return Ok(()) };
+    anyhow::ensure!(
+        !directory.join("metadata.yaml").exists(),
+        "{} is a recording: choose another --out",
+        directory.display()
+    );
+    let Ok(text) = std::fs::read_to_string(directory.join("summary.json")) else {
+        let foreign = ["report.html", "identified.yaml"].into_iter().find(|name| directory.join(name).exists());
+        anyhow::ensure!(
+            foreign.is_none(),
+            "{} holds a {} and no summary.json of an identification: choose another --out",
+            directory.display(),
+            foreign.unwrap_or_default()
+        );
+        return Ok(());
+    };
     let own = serde_json::from_str::<serde_json::Value>(&text).is_ok_and(|value| value.get("verdict").is_some());
     anyhow::ensure!(own, "{} holds results of another command: choose another --out", directory.display());
     Ok(())

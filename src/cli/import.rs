@@ -14,7 +14,7 @@ use crate::bag::{self, Mapping};
 /// The mapping says which column is which signal, in which unit. Every row becomes one sample with its own time; values are
 /// brought to SI, nothing is resampled. The bag plays with `ros2 bag play` and goes into check, replay and identify.
 ///
-/// Exit code: 0 done, 3 rows without a usable time were left out, 1 failed.
+/// Exit code: 0 done, 3 rows without a usable time were left out or times go back, 1 failed.
 #[derive(Debug, Clone, Args)]
 #[command(
     after_help = "Example:\n  friction-stage import drive.csv --mapping drive.yaml --out drive\n\nA mapping:\n  \
@@ -54,8 +54,26 @@ pub fn run(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         let topics: Vec<String> = report.messages.iter().map(|(topic, n)| format!("{n} on {topic}")).collect();
         writeln!(out, "{}: {} rows, {}", args.out.display(), report.rows, topics.join(", "))?;
         if report.without_time > 0 {
-            writeln!(out, "warning: {} rows without a time, or with one before 0, are left out", report.without_time)?;
+            writeln!(
+                out,
+                "warning: {} rows without a time, or with one before the first, are left out",
+                report.without_time
+            )?;
+        }
+        if report.not_later > 0 {
+            writeln!(
+                out,
+                "warning: {} rows have a time that is not behind that of the row before: was a clock set back, or are the times too coarse?",
+                report.not_later
+            )?;
+        }
+        if report.moved_s > 0.0 {
+            writeln!(
+                out,
+                "the times begin at {} s; a bag knows none before 0, so they are moved to begin there",
+                -report.moved_s
+            )?;
         }
     }
-    Ok(if report.without_time == 0 { Outcome::Done } else { Outcome::Warnings })
+    Ok(if report.without_time + report.not_later == 0 { Outcome::Done } else { Outcome::Warnings })
 }

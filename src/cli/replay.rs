@@ -1,7 +1,7 @@
 //! `friction-stage replay`: the recorded forces on a stage in this process, beside what was recorded.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::Args;
@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::identify::instant_in_words;
-use crate::bag::{BagReader, Trace};
+use crate::bag::{self, BagReader, DataProblem, Severity, Trace};
 use crate::identify::{ClosedLoopError, Hypothesis, IdentifyError, Measured, Part, Sides, Tolerances, closed_loop};
 use crate::model::StageModel;
 use crate::node::stage_settings;
@@ -23,6 +23,8 @@ use crate::plant::{Rates, Stage};
 /// Forces that were recorded with one stage leave another one somewhere else soon, however good its model. Two more figures say how good
 /// it is: the force that the model misses along the recorded motion, and the position error in closed loop, with the recorded
 /// setpoint and the controller that the recording shows.
+///
+/// Exit code: 0 done, 3 done on data that contradict themselves or the model, so that the figures say nothing of it, 1 failed, 2 wrong arguments.
 #[derive(Debug, Clone, Args)]
 #[command(
     after_help = "Examples:\n  friction-stage replay demo/guide_1\n  friction-stage replay demo/guide_1 --model guide_2 --csv out.csv"
@@ -62,6 +64,8 @@ struct ReplayReport {
     closed_loop_position_rms_m: Option<f64>,
     /// What these figures take for granted, and why one of them is not there.
     notes: Vec<String>,
+    /// What is wrong with the data: figures on them say nothing of the model.
+    warnings: Vec<String>,
 }
 
 /// Runs the command; the report goes to `out`.
@@ -106,15 +110,17 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         missing_force_rms_n: None,
         closed_loop_position_rms_m: None,
         notes: Vec::new(),
+        warnings: contradictions(&args.bag, &model),
     };
     let mut table = args
         .csv
         .as_ref()
-        .map(|path| std::fs::File::create(path).with_context(|| format!("cannot write {}", path.display())))
+        .map(|path| std::fs::File::create(path).with_context(|| cannot_write(path)).map(|file| (path, file)))
         .transpose()?
-        .map(std::io::BufWriter::new);
-    if let Some(table) = &mut table {
-        writeln!(table, "time,force,recorded_position,replayed_position,recorded_force_cell,replayed_force_cell")?;
+        .map(|(path, file)| (path, std::io::BufWriter::new(file)));
+    if let Some((path, table)) = &mut table {
+        writeln!(table, "time,force,recorded_position,replayed_position,recorded_force_cell,replayed_force_cell")
+            .with_context(|| cannot_write(path))?;
     }
     let columns = trace.position.iter().zip(&trace.force_cell).zip(&trace.force).zip(&trace.time);
     for (((position, force_cell), force), time) in columns {
@@ -125,14 +131,15 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         report.position_max_m = report.position_max_m.max(difference.abs());
         report.force_cell_rms_n += (sample.force_cell - force_cell).powi(2);
         report.unforced += usize::from(!force.is_finite());
-        if let Some(table) = &mut table {
+        if let Some((path, table)) = &mut table {
             let (replayed, cell) = (sample.position, sample.force_cell);
-            writeln!(table, "{time:.9},{force},{position},{replayed},{force_cell},{cell}")?;
+            writeln!(table, "{time:.9},{force},{position},{replayed},{force_cell},{cell}")
+                .with_context(|| cannot_write(path))?;
         }
         stage.advance(if force.is_finite() { *force } else { 0.0 });
     }
-    if let Some(mut table) = table {
-        table.flush()?;
+    if let Some((path, mut table)) = table {
+        table.flush().with_context(|| cannot_write(path))?;
     }
     let count = report.samples.max(1) as f64;
     report.position_rms_m = (report.position_rms_m / count).sqrt();
@@ -191,8 +198,30 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         for note in &report.notes {
             writeln!(out, "{note}")?;
         }
+        for warning in &report.warnings {
+            writeln!(out, "warning: {warning}")?;
+        }
     }
-    Ok(Outcome::Done)
+    Ok(if report.warnings.is_empty() { Outcome::Done } else { Outcome::Warnings })
+}
+
+fn cannot_write(path: &Path) -> String {
+    format!("cannot write {}", path.display())
+}
+
+/// Where a recording contradicts itself or the model so that no figure of a replay says anything: a wrong sign or unit, another machine, samples that no
+/// machine made.
+fn contradictions(path: &Path, model: &StageModel) -> Vec<String> {
+    let found = match bag::load(path, None) {
+        Ok(recording) => bag::examine(&recording, Some(model)),
+        Err(error) => return vec![error.to_string()],
+    };
+    let spoils = |problem: &&DataProblem| match problem {
+        DataProblem::TooShort { .. } | DataProblem::NoMotion { .. } | DataProblem::NoForce => false,
+        DataProblem::Outliers { .. } | DataProblem::NotFinite { .. } => true,
+        other => other.severity() == Severity::Fatal,
+    };
+    found.problems.iter().filter(spoils).map(ToString::to_string).collect()
 }
 
 /// Share of what a model misses that the phase or the instant which fits this record best has to leave out for the one of the model to be another record's. Assumed.
