@@ -120,7 +120,7 @@ struct Report {
     detected: bool,
     /// Verdict and names (or coordinate) as they should be.
     right: bool,
-    /// All hidden names are among those found and their rivals, and the verdict says that they are not separable.
+    /// The verdict says that what is hidden is not separable from what was found.
     open: bool,
     explained_share: f64,
     /// Held-out force residual of motor and carriage side, N rms.
@@ -507,10 +507,7 @@ fn judge(run: &GeneratedRun, factor: f64, size: f64, watch: &dyn Watch) -> Resul
         coordinate,
         inseparable: selection.inseparable.clone(),
         detected: selection.verdict != Verdict::None,
-        open: selection.verdict == Verdict::NotSeparable
-            && wanted(&hidden)
-                .iter()
-                .all(|name| found.contains(name) || selection.inseparable.iter().any(|(_, rival)| rival == name)),
+        open: is_open(&hidden, &selection, &found),
         right,
         explained_share: selection.explained_share(),
         before: rms(selection.errors_before.holdout_motor, selection.errors_before.holdout_carriage),
@@ -580,6 +577,17 @@ fn right(hidden: &[Hidden], selection: &Selection, found: &[&str], coordinate: O
     // Several harmonics or lines are one effect.
     named.dedup();
     selection.verdict == Verdict::Found && (named == wanted || named == all)
+}
+
+/// Whether the verdict is that what is hidden cannot be told from something else: each hidden name is found or the rival of one that is, and nothing else is.
+fn is_open(hidden: &[Hidden], selection: &Selection, found: &[&str]) -> bool {
+    let wanted = wanted(hidden);
+    let rivals =
+        |one: &str, two: &str| selection.inseparable.iter().any(|(found, rival)| *found == one && *rival == two);
+    let stands_for = |found: &str, name: &str| found == name || rivals(found, name);
+    selection.verdict == Verdict::NotSeparable
+        && wanted.iter().all(|name| found.iter().any(|found| stands_for(found, name)))
+        && found.iter().all(|found| wanted.iter().any(|name| stands_for(found, name)))
 }
 
 /// Force that a hidden effect adds or feigns in the record that is compared, N rms.

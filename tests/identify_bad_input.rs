@@ -343,6 +343,30 @@ fn sensors_that_are_noisier_than_declared_make_no_effect() {
     }
 }
 
+/// Counts of 10 um hide the force behind what they feign of acceleration; those of 0.5 N of the cell are noise, and no limit of its range.
+#[test]
+fn coarse_counts_are_refused_or_count_as_noise() {
+    let home = TempDir::new().unwrap();
+    let out = home.path().join("out");
+    let in_counts = |column: &mut [f64], count: f64| each(column, |value| (value / count).round() * count);
+    let [of_position, of_cell] = [(1e-5, 0.0), (0.0, 0.5)].map(|(position, cell)| {
+        [("train", train()), ("holdout", holdout())].map(|(name, mut columns)| {
+            if position > 0.0 {
+                in_counts(&mut columns.position, position);
+            }
+            if cell > 0.0 {
+                in_counts(&mut columns.force_cell, cell);
+            }
+            csv(home.path(), &format!("{name}_{position}_{cell}"), &columns)
+        })
+    });
+    let output = identify(MODEL, &of_position[0], &of_position[1], &out);
+    assert_refused("counts of 10 um", &output, &out, &["the noise of the sensors hides the force", "finer counts"]);
+    let output = identify(MODEL, &of_cell[0], &of_cell[1], &out);
+    assert_eq!(warned("counts of 0.5 N", &output, &["everything is judged against the former"]), "none");
+    assert!(!String::from_utf8_lossy(&output.stdout).contains("cut off"));
+}
+
 /// A motion whose acceleration brings next to no force says nothing of the mass, and so nothing of a sign, a unit or another machine.
 #[test]
 fn a_motion_that_does_not_show_the_mass_accuses_nobody() {

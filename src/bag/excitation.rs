@@ -574,10 +574,10 @@ impl<'a> Examiner<'a> {
     /// Whether the position stops dead at an extreme: from full speed to the very same value within one row.
     fn clipped_position(&mut self, noise: f64) {
         let x = self.column(Signal::Position);
+        // Who reads coarse counts sees one or two at once at any end of a motion.
+        let least = (20.0 * noise).max(3.0 * self.smallest_step(x)).max(1e-9);
         for (value, rows) in extremes(x) {
-            let arrivals = x
-                .windows(4)
-                .filter(|w| w[1..].iter().all(|v| *v == value) && (w[1] - w[0]).abs() > (20.0 * noise).max(1e-9));
+            let arrivals = x.windows(4).filter(|w| w[1..].iter().all(|v| *v == value) && (w[1] - w[0]).abs() > least);
             if rows >= CLIPPED_RUN && arrivals.count() > 0 {
                 self.problems.push(DataProblem::Clipped { signal: Signal::Position, value, rows });
             }
@@ -871,12 +871,17 @@ fn noise(segments: &[Range<usize>], value: impl Fn(usize) -> f64) -> Option<f64>
     Some(blocks.select_nth_unstable_by(middle, f64::total_cmp).1.sqrt())
 }
 
-/// Lowest and highest value with the rows that have it in runs of at least [`CLIPPED_RUN`] times the usual ones: a signal of a lower rate stays with
-/// each of its values for some rows.
+/// Lowest and highest value with the rows that have it in runs of at least [`CLIPPED_RUN`] times those that half of the rows are in: a signal of a lower rate
+/// stays with each of its values for some rows, one in coarse counts for many.
 fn extremes(column: &[f64]) -> [(f64, usize); 2] {
     let mut lengths: Vec<usize> = column.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
-    let middle = lengths.len() / 2;
-    let usual = if lengths.is_empty() { 1 } else { *lengths.select_nth_unstable(middle).1 };
+    lengths.sort_unstable();
+    let mut rows = 0;
+    let is_half = |length: &&usize| {
+        rows += **length;
+        2 * rows >= column.len()
+    };
+    let usual = lengths.iter().find(is_half).copied().unwrap_or(1);
     let finite = || column.iter().copied().filter(|v| v.is_finite());
     [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)].map(|extreme| {
         let runs = column.chunk_by(|a, b| (*a == extreme) == (*b == extreme));

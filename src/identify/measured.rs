@@ -34,6 +34,8 @@ const HOLE: f64 = 5e-3;
 const STOOD: f64 = 1e-3;
 /// Share of a record, the slowest, that shows the noise of the encoder. Assumed: a recording of a stage has rests or slow moves in it.
 const SLOWEST: f64 = 0.1;
+/// Part by which a multiple of a count may be off: numbers in a file have some digits only. Assumed.
+const WHOLE: f64 = 1e-3;
 /// Fewest samples that are worth an attempt: less does not even fill the filters several times.
 pub const MIN_SAMPLES: usize = 1000;
 
@@ -152,12 +154,13 @@ impl Measured {
             filled(&trace.force_cell)
         });
         // An encoder without any noise is no division by 0.
-        let noise = noise_of(&position).max(model.encoder.resolution / 12f64.sqrt()).max(f64::MIN_POSITIVE);
+        let counts = model.encoder.resolution.max(count_of(&trace.position)) / 12f64.sqrt();
+        let noise = noise_of(&position).max(counts).max(f64::MIN_POSITIVE);
         // Noise of the controller is in the command too, a sample before the cell shows it; what a gain or a lag leaves of it is not the cell's.
         let cell_noise = raw_cell.as_ref().map_or(0.0, |cell| {
             let beside_command: Vec<f64> =
                 cell.iter().skip(1).zip(&raw_command).map(|(cell, command)| cell - command).collect();
-            noise_of(cell).min(noise_of(&beside_command))
+            noise_of(cell).min(noise_of(&beside_command)).max(count_of(&trace.force_cell) / 12f64.sqrt())
         });
         for unknown in unknown_bristles(&trace.position, rate, model)? {
             valid[unknown].fill(false);
@@ -442,6 +445,18 @@ fn filled(values: &[f64]) -> Vec<f64> {
     filled
 }
 
+/// Count in which a signal is read: the least step of which all others are multiples, of which there are several; 0 where there is none.
+fn count_of(values: &[f64]) -> f64 {
+    let steps = || values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 0.0);
+    let least = steps().fold(f64::INFINITY, f64::min);
+    let (mut whole, mut several) = (true, false);
+    for multiple in steps().map(|step| step / least) {
+        whole &= (multiple - multiple.round()).abs() < WHOLE * multiple.max(1.0);
+        several |= multiple > 1.5;
+    }
+    if whole && several { least } else { 0.0 }
+}
+
 /// Declared noise of the encoder with that of its counts, m.
 fn encoder_noise(model: &StageModel) -> f64 {
     model.encoder.noise.hypot(model.encoder.resolution / 12f64.sqrt())
@@ -548,6 +563,20 @@ mod tests {
         for step in &measured.steps {
             assert!(step.sliding.is_finite() && (step.sliding - step.motion.velocity).abs() < 1e-9, "{step:?}");
         }
+    }
+
+    #[test]
+    fn counts_are_seen_where_all_steps_are_whole_ones() {
+        let read = |count: f64| -> Vec<f64> {
+            (0..4000).map(|k| ((0.01 * (1.0 - (TAU * f64::from(k) / 2000.0).cos())) / count).round() * count).collect()
+        };
+        for count in [1e-6, 1e-5, 1e-4] {
+            assert!((count_of(&read(count)) / count - 1.0).abs() < 1e-3, "{count:e}: {:e}", count_of(&read(count)));
+        }
+        // One step again and again may be a motion at one speed; steps of all sizes are no counts.
+        assert_eq!(count_of(&(0..100).map(f64::from).collect::<Vec<_>>()), 0.0);
+        assert!(count_of(&(0..4000).map(|k| (f64::from(k) * 0.01).sin()).collect::<Vec<_>>()) < 1e-4);
+        assert_eq!(count_of(&[f64::NAN; 9]), 0.0);
     }
 
     /// Guides at rest see neither the noise nor, in a moving carriage, anything but the motion.

@@ -66,6 +66,11 @@ pub enum IdentifyError {
          Declare them, or widen the tolerance of the guides"
     )]
     OtherGuides { beyond: String, tolerance: f64, before: f64, left: f64 },
+    #[error(
+        "the noise of the sensors hides the force in {name}: encoder and cell read with {encoder:.1e} m and {cell:.1e} N of noise (counts included), which \
+         leaves {floor:.1} N, the force is {force:.1} N rms; record with finer counts, or a motion with more acceleration"
+    )]
+    Noise { name: &'static str, encoder: f64, cell: f64, floor: f64, force: f64 },
     #[error(transparent)]
     Model(#[from] ModelError),
 }

@@ -35,6 +35,9 @@ pub(super) const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage"
 /// Most effects of such a law.
 const MOST_OF_ONE: usize = 4;
 
+/// Part of a force beyond which the noise of the sensors hides it: a friction that is a part of it would be nothing but noise. Assumed.
+const HIDDEN: f64 = 0.5;
+
 /// Parts of a record of which one alone is not to speak for a law. Assumed: a rest, or a move, is within one or two of them.
 const TENTHS: usize = 10;
 
@@ -88,7 +91,7 @@ pub enum Outcome {
     Beaten,
     /// Explains as much as the chosen one.
     Equal,
-    /// Chosen, and not needed any more once the others were there.
+    /// Chosen, and once the others were there not needed any more, or no more than a simpler law.
     Pruned,
 }
 
@@ -166,7 +169,14 @@ pub fn search(
     watch: &dyn Watch,
 ) -> Result<Selection, IdentifyError> {
     watch.progress("fit of the declared model", 0.0);
-    let mut search = Search::new(&Hypothesis::new(declared, tolerances)?, train, holdout, watch)?;
+    let start = Hypothesis::new(declared, tolerances)?;
+    for (name, record) in [("the train record", train), ("the hold-out record", holdout)] {
+        let (floor, force) = (start.floor(record).total(), record.force_rms());
+        if floor > HIDDEN * force {
+            return Err(IdentifyError::Noise { name, encoder: record.noise, cell: record.cell_noise, floor, force });
+        }
+    }
+    let mut search = Search::new(&start, train, holdout, watch)?;
     search.refuse_other_guides(declared, tolerances)?;
     search.add_laws()?;
     if !search.stopped {
@@ -214,6 +224,8 @@ struct Search<'a> {
     /// For each effect the other candidates of its round, the best first, with their held-out rms, N.
     runners_up: Vec<Vec<(&'static str, f64)>>,
     inseparable: Vec<(&'static str, &'static str)>,
+    /// Number of effects whose forms were chosen anew before a further one was added.
+    forms_chosen: usize,
     stopped: bool,
 }
 
@@ -241,6 +253,7 @@ impl<'a> Search<'a> {
             evidence: Vec::new(),
             coordinate: None,
             inseparable: Vec::new(),
+            forms_chosen: 0,
             stopped: false,
         })
     }
@@ -301,7 +314,7 @@ impl<'a> Search<'a> {
             self.finish()?;
             self.prune()?;
         }
-        Ok(())
+        self.simplify()
     }
 
     /// Sides that a fit with this effect has to look at beside those that were found before: what a sensor reads wrong moves with the fit of
@@ -445,6 +458,37 @@ mod tests {
         assert!((gain_elsewhere(&everywhere, &gone) - 0.9).abs() < 1e-12);
         // What makes the rest worse shows less than nothing there.
         assert!(gain_elsewhere(&in_one_place, &missing(&|_| 0.2)) < 0.0);
+    }
+
+    /// A spring whose centre is far off says no more than a constant force; one whose centre is within the travel says more.
+    #[test]
+    fn a_law_that_says_no_more_than_a_simpler_one_gives_way_to_it() {
+        let model = StageModel::default();
+        for (hidden, expected) in [
+            (part("constant_force", &[("amplitude", 2.0)]), "constant_force"),
+            (part("cable_chain", &[("stiffness", 200.0), ("center", 0.0)]), "cable_chain"),
+        ] {
+            let real = StageModel { effects: vec![hidden.parameters()], ..model.clone() };
+            let record =
+                |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
+            let (train, holdout) = (record(3, 6), record(4, 4));
+            let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
+            let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
+            let spring = match expected {
+                "cable_chain" => hidden,
+                _ => part("cable_chain", &[("stiffness", 0.2), ("center", -10.0)]),
+            };
+            search.take(fit(&start.with(spring), &train, Sides::BOTH, Effort::KEPT).unwrap()).unwrap();
+            let mut rows = rounds::tests::tried(&[("cable_chain", 2, 1.0), ("constant_force", 1, 0.9)]);
+            rows[0].one.outcome = Outcome::Chosen;
+            search.evidence = rows.into_iter().map(|tried| tried.one).collect();
+            search.runners_up.push(vec![("constant_force", 0.1)]);
+            search.simplify().unwrap();
+            let effects = &search.best.hypothesis.effects;
+            assert_eq!(effects.iter().map(|part| part.descriptor.name).collect::<Vec<_>>(), [expected], "{effects:?}");
+            let chosen = search.evidence.iter().find(|one| one.outcome == Outcome::Chosen).unwrap();
+            assert_eq!((chosen.name, search.runners_up.len()), (expected, 1));
+        }
     }
 
     /// Four laws, three of which do nothing, and a cogging that nobody has tried.

@@ -1,10 +1,12 @@
-//! Backwards: what the others have made superfluous goes.
+//! Backwards: what the others have made superfluous goes, and a law that has come to say no more than a simpler one gives way to it.
 
 use crate::identify::IdentifyError;
 use crate::identify::fit::{Effort, Fitted};
 use crate::identify::hypothesis::Part;
 use crate::model::Coordinate;
+use crate::plant::Side;
 
+use super::columns::Columns;
 use super::curves::CURVE_ALONE;
 use super::guides::with_different_guides;
 use super::worth::HALF_OF_THE_REST;
@@ -81,17 +83,66 @@ impl Search<'_> {
         Ok(is_bent.then_some((with, over)))
     }
 
+    /// A law was chosen while effects that came later were still in the residual, and some of its parameters stood for these: a spring with a far centre is
+    /// a constant force. Where a law with fewer parameters that came close to it leaves about as much in its place, that one stays.
+    pub(super) fn simplify(&mut self) -> Result<(), IdentifyError> {
+        for index in self.declared_effects()..self.best.hypothesis.effects.len() {
+            let Some(chosen) = self.row_of(index).map(|row| self.evidence[row].clone()) else { continue };
+            let bare = self.best.hypothesis.without(index);
+            let there = |name: &str| bare.effects.iter().any(|part| part.descriptor.name == name);
+            let is_simpler = |one: &Evidence| {
+                one.round == chosen.round
+                    && one.free < chosen.free
+                    && one.holdout_gain >= HALF_OF_THE_REST * chosen.holdout_gain
+                    && !there(one.name)
+            };
+            let simpler: Vec<Evidence> = self.evidence.iter().filter(|one| is_simpler(one)).cloned().collect();
+            if simpler.is_empty() {
+                continue;
+            }
+            self.watch.progress("simpler laws", 0.96);
+            let columns = Columns::new(&bare, self.train)?;
+            for one in simpler {
+                let descriptor = one.part.descriptor;
+                let on_motor = one.side == Side::Motor && self.has_cell();
+                let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { continue };
+                let mut other = self.best.hypothesis.clone();
+                other.effects[index] = Part { descriptor, values };
+                let effort = Effort::KEPT.worth_below(self.best.squares() + MANY_TIMES * self.noise_squares());
+                // Values that do not go together are no law in place of another.
+                let Ok(fitted) = with_different_guides(&other, self.train, effort) else { continue };
+                let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
+                if found.holdout() - self.best_errors.holdout() < self.least_gain(&found, &self.best_errors) {
+                    let mut others = self.runners_up[index].clone();
+                    others.retain(|(name, _)| *name != one.name);
+                    self.strike(index);
+                    self.runners_up.insert(index, others);
+                    let same = |row: &&mut Evidence| row.round == one.round && row.name == one.name;
+                    self.evidence.iter_mut().filter(same).for_each(|row| row.outcome = Outcome::Chosen);
+                    (self.best, self.best_errors) = (fitted, found);
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Row of the evidence that says when an effect was added. Of several of a name they were added in the order in which they stand.
+    fn row_of(&self, index: usize) -> Option<usize> {
+        let added = &self.best.hypothesis.effects[self.declared_effects()..=index];
+        let name = self.best.hypothesis.effects[index].descriptor.name;
+        let before = added.iter().filter(|part| part.descriptor.name == name).count() - 1;
+        let is_chosen =
+            |row: &usize| self.evidence[*row].name == name && self.evidence[*row].outcome == Outcome::Chosen;
+        (0..self.evidence.len()).filter(is_chosen).nth(before)
+    }
+
     /// Notes in the evidence that an effect goes, before it does.
     pub(super) fn strike(&mut self, index: usize) {
         let name = self.best.hypothesis.effects[index].descriptor.name;
-        // Of several of a name the one that stands there: they were added in this order.
-        let alike = |part: &Part| part.descriptor.name == name;
-        let before = &self.best.hypothesis.effects[self.declared_effects()..];
-        let place = before[..index - self.declared_effects()].iter().filter(|part| alike(part)).count();
-        let mut chosen = self.evidence.iter_mut().filter(|one| one.name == name && one.outcome == Outcome::Chosen);
-        if let Some(one) = chosen.nth(place) {
-            one.outcome = Outcome::Pruned;
-            let round = one.round;
+        if let Some(row) = self.row_of(index) {
+            self.evidence[row].outcome = Outcome::Pruned;
+            let round = self.evidence[row].round;
             let in_round = |one: &Evidence, outcome: Outcome| one.round == round && one.outcome == outcome;
             // Of ripples that came together others may stay.
             if !self.evidence.iter().any(|one| in_round(one, Outcome::Chosen)) {
@@ -99,7 +150,7 @@ impl Search<'_> {
                 equals.for_each(|one| one.outcome = Outcome::Beaten);
             }
         }
-        if before.iter().filter(|part| alike(part)).count() == 1 {
+        if self.added_of(name) == 1 {
             self.inseparable.retain(|(chosen, _)| *chosen != name);
         }
         self.runners_up.remove(index);

@@ -22,6 +22,8 @@ use super::{Errors, Evidence, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, 
 pub(super) const SIMPLER: f64 = 0.97;
 /// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to be separable.
 pub const RIVAL: f64 = 0.985;
+/// Share of what laws have taken out of the hold-out below which the next one may be what they leave in other forms. Assumed.
+const SMALL_REST: f64 = 0.05;
 /// Part by which the periods of guides of one type differ at most. Assumed.
 const OF_ONE_TYPE: f64 = 0.1;
 
@@ -68,6 +70,11 @@ impl Search<'_> {
             self.evidence.extend(tried.into_iter().map(|tried| tried.one));
             return Ok(found);
         };
+        if self.is_small_rest(strongest) && !self.forms_are_chosen() && self.choose_forms_of_all()? {
+            // Beside these the round is another one.
+            self.rounds -= 1;
+            return Ok(true);
+        }
         let winner = winner(&tried, strongest);
         if let Some((one, with)) = self.in_best_form(&tried[winner])? {
             tried[winner] = Tried { one, with, forms: Vec::new() };
@@ -97,6 +104,11 @@ impl Search<'_> {
         self.evidence.extend(tried.into_iter().map(|tried| tried.one).chain(together));
         self.take(with_different_guides(&chosen, self.train, effort)?)?;
         Ok(true)
+    }
+
+    /// Whether what a law would take out is little of what those before it have: it may be what these leave in forms that are not right.
+    fn is_small_rest(&self, gain: f64) -> bool {
+        gain < SMALL_REST * (self.errors_before.holdout() - self.best_errors.holdout())
     }
 
     /// A law that takes half of what is left out of the train record and nothing out of the hold-out may be right beside laws in forms that are not: adds
