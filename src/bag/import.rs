@@ -95,9 +95,9 @@ pub fn import(csv: &Path, mapping: &Mapping, mapping_text: &str, out: &Path) -> 
             continue;
         }
         // Log times of a bag are not negative, those that count from a trigger are.
-        let moved = *moved.get_or_insert((-stamp).max(0));
+        let moved = *moved.get_or_insert(stamp.saturating_neg().max(0));
         report.moved_s = moved as f64 * 1e-9;
-        let stamp = stamp + moved;
+        let stamp = stamp.saturating_add(moved);
         let Ok(log_time) = u64::try_from(stamp) else {
             report.without_time += 1;
             continue;

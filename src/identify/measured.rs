@@ -36,6 +36,8 @@ const STOOD: f64 = 1e-3;
 const SLOWEST: f64 = 0.1;
 /// Part by which a multiple of a count may be off: numbers in a file have some digits only. Assumed.
 const WHOLE: f64 = 1e-3;
+/// Part of the steps before which a signal of coarse counts stood still. Assumed: a motion at one speed goes on for longer than so few samples.
+const STANDS: f64 = 0.1;
 /// Fewest samples that are worth an attempt: less does not even fill the filters several times.
 pub const MIN_SAMPLES: usize = 1000;
 
@@ -445,16 +447,25 @@ fn filled(values: &[f64]) -> Vec<f64> {
     filled
 }
 
-/// Count in which a signal is read: the least step of which all others are multiples, of which there are several; 0 where there is none.
+/// Count in which a signal is read: the least step, of which all others are multiples; 0 where there is none. Steps that are all the same are those of a motion
+/// at one speed, unless the signal stands still again and again between them.
 fn count_of(values: &[f64]) -> f64 {
-    let steps = || values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 0.0);
-    let least = steps().fold(f64::INFINITY, f64::min);
+    let all_steps = || values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
+    let least = all_steps().filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
     let (mut whole, mut several) = (true, false);
-    for multiple in steps().map(|step| step / least) {
-        whole &= (multiple - multiple.round()).abs() < WHOLE * multiple.max(1.0);
-        several |= multiple > 1.5;
+    let (mut moves, mut after_standing, mut stood) = (0usize, 0usize, false);
+    for step in all_steps() {
+        if step > 0.0 {
+            let multiple = step / least;
+            whole &= (multiple - multiple.round()).abs() < WHOLE * multiple.max(1.0);
+            several |= multiple > 1.5;
+            moves += 1;
+            after_standing += usize::from(stood);
+        }
+        stood = step == 0.0;
     }
-    if whole && several { least } else { 0.0 }
+    let stands = after_standing as f64 > STANDS * moves as f64;
+    if whole && (several || stands) { least } else { 0.0 }
 }
 
 /// Declared noise of the encoder with that of its counts, m.
@@ -574,7 +585,9 @@ mod tests {
             assert!((count_of(&read(count)) / count - 1.0).abs() < 1e-3, "{count:e}: {:e}", count_of(&read(count)));
         }
         // One step again and again may be a motion at one speed; steps of all sizes are no counts.
-        assert_eq!(count_of(&(0..100).map(f64::from).collect::<Vec<_>>()), 0.0);
+        // 50 steps there, a rest, 50 back, a rest.
+        let to_and_fro = (0..400).map(|k: i32| f64::from((k % 200).min(150 - k % 200).clamp(0, 50)));
+        assert_eq!(count_of(&to_and_fro.collect::<Vec<_>>()), 0.0);
         assert!(count_of(&(0..4000).map(|k| (f64::from(k) * 0.01).sin()).collect::<Vec<_>>()) < 1e-4);
         assert_eq!(count_of(&[f64::NAN; 9]), 0.0);
     }
