@@ -343,13 +343,13 @@ fn sensors_that_are_noisier_than_declared_make_no_effect() {
     }
 }
 
-/// Counts of 10 um hide the force behind what they feign of acceleration; those of 0.5 N of the cell are noise, and no limit of its range.
+/// Counts of 0.1 mm hide the force behind what they feign of acceleration; those of 0.5 N of the cell are noise, and no limit of its range.
 #[test]
 fn coarse_counts_are_refused_or_count_as_noise() {
     let home = TempDir::new().unwrap();
     let out = home.path().join("out");
     let in_counts = |column: &mut [f64], count: f64| each(column, |value| (value / count).round() * count);
-    let [of_position, of_cell] = [(1e-5, 0.0), (0.0, 0.5)].map(|(position, cell)| {
+    let [of_position, of_cell] = [(1e-4, 0.0), (0.0, 0.5)].map(|(position, cell)| {
         [("train", train()), ("holdout", holdout())].map(|(name, mut columns)| {
             if position > 0.0 {
                 in_counts(&mut columns.position, position);
@@ -361,7 +361,7 @@ fn coarse_counts_are_refused_or_count_as_noise() {
         })
     });
     let output = identify(MODEL, &of_position[0], &of_position[1], &out);
-    assert_refused("counts of 10 um", &output, &out, &["the noise of the sensors hides the force", "finer counts"]);
+    assert_refused("counts of 0.1 mm", &output, &out, &["the noise of the sensors hides the force", "finer counts"]);
     let output = identify(MODEL, &of_cell[0], &of_cell[1], &out);
     assert_eq!(warned("counts of 0.5 N", &output, &["everything is judged against the former"]), "none");
     assert!(!String::from_utf8_lossy(&output.stdout).contains("cut off"));
