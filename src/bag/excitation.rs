@@ -871,19 +871,21 @@ fn noise(segments: &[Range<usize>], value: impl Fn(usize) -> f64) -> Option<f64>
     Some(blocks.select_nth_unstable_by(middle, f64::total_cmp).1.sqrt())
 }
 
-/// Lowest and highest value with the rows that have it in runs of at least [`CLIPPED_RUN`] times those that half of the rows are in: a signal of a lower rate
-/// stays with each of its values for some rows, one in coarse counts for many.
+/// Lowest and highest value with the rows that have it in runs of at least [`CLIPPED_RUN`] times those that half of the other rows are in: a signal of a lower
+/// rate stays with each of its values for some rows, one in coarse counts for many.
 fn extremes(column: &[f64]) -> [(f64, usize); 2] {
-    let mut lengths: Vec<usize> = column.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
+    let finite = || column.iter().copied().filter(|v| v.is_finite());
+    let extremes = [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)];
+    let others = column.chunk_by(|a, b| a == b).filter(|run| !extremes.contains(&run[0]));
+    let mut lengths: Vec<usize> = others.map(<[f64]>::len).collect();
     lengths.sort_unstable();
-    let mut rows = 0;
+    let (all, mut rows) = (lengths.iter().sum::<usize>(), 0);
     let is_half = |length: &&usize| {
         rows += **length;
-        2 * rows >= column.len()
+        2 * rows >= all
     };
     let usual = lengths.iter().find(is_half).copied().unwrap_or(1);
-    let finite = || column.iter().copied().filter(|v| v.is_finite());
-    [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)].map(|extreme| {
+    extremes.map(|extreme| {
         let runs = column.chunk_by(|a, b| (*a == extreme) == (*b == extreme));
         let at = runs.filter(|run| run[0] == extreme && run.len() >= CLIPPED_RUN * usual);
         (extreme, at.map(<[f64]>::len).sum())
