@@ -86,7 +86,7 @@ fn guides_of_a_catalogue_beside_the_model_file_are_run_and_recorded() {
 }
 
 #[test]
-#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
 fn the_papers_statements_hold_but_for_the_four_that_the_readme_names() {
     let directory = tempfile::tempdir().unwrap();
     let output = friction_stage(&["experiment", "paper", "--no-bags", "--json", "--out", "paper"], directory.path());

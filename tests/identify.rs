@@ -173,7 +173,7 @@ fn a_joint_beside_a_tilt_is_not_passed_over() {
 
 /// A force over the velocity bends the guides before anybody draws it as a curve: drawn alone it left 0.57 N.
 #[test]
-#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
 fn a_brake_that_saturates_gets_a_curve_that_leaves_little_more_than_noise() {
     let found = found_in(17, vec![Box::new(SaturatingBrake { force: 8.0, speed: 0.1 })]);
     assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Velocity)));
@@ -184,7 +184,7 @@ fn a_brake_that_saturates_gets_a_curve_that_leaves_little_more_than_noise() {
 
 /// What no law has hides a law that is there: beside the curve it is found, and the curve is drawn anew beside it.
 #[test]
-#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
 fn a_law_that_a_joint_hides_is_found_beside_the_curve() {
     let joint = RailJoint { force: 5.0, center: -0.03, width: 4e-3 };
     let warm_up = ViscousWarmUp { fraction: 0.3, work: 100.0 };
@@ -199,7 +199,7 @@ fn a_law_that_a_joint_hides_is_found_beside_the_curve() {
 /// A gain of the cell shows on both sides: a law that is fitted beside it on the carriage alone would bend it. A small one shows on the motor side
 /// only, where a gain of the motor is the same.
 #[test]
-#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
 fn a_gain_of_the_cell_is_found_beside_a_mode_and_left_open_where_it_is_small() {
     let found = |gain: f64, others: Vec<Effect>| {
         let mut hidden: Vec<Effect> = vec![Box::new(ForceCellGain { fraction: gain })];
@@ -227,7 +227,7 @@ fn a_gain_of_the_cell_is_found_beside_a_mode_and_left_open_where_it_is_small() {
 
 /// The literature has several forms of a law: that of the recording is found, and with it the values.
 #[test]
-#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
 fn a_law_is_found_in_the_form_that_it_has() {
     let aging = StictionAging { rise: 0.25, time_constant: 0.3, length: 45e-6 };
     let bristles = DistributedBristles { spread: 2.5, elements: 4, slip: Slip::Sudden };
@@ -253,7 +253,7 @@ fn a_law_is_found_in_the_form_that_it_has() {
 
 /// Without the drag grease that warms with the work looks as if it warmed with the distance, and beside that form a drag makes the hold-out worse.
 #[test]
-#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
 fn a_law_is_found_beside_one_whose_form_is_right_only_with_it() {
     let warm_up = ViscousWarmUp { fraction: 0.29, work: 67.0 };
     let found = found_in(51, vec![Box::new(warm_up), Box::new(QuadraticDrag { force: 3.6 })]);
@@ -310,7 +310,7 @@ fn a_force_that_no_law_has_gets_unknown_its_coordinate_and_a_model_that_loads() 
 }
 
 #[test]
-#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
 fn cogging_with_its_harmonic_is_found_on_the_motor_side() {
     let Some((summary, _out)) = summary_of("a") else { return };
     assert_eq!((names(&summary), summary["verdict"].as_str()), (vec!["cogging", "cogging"], Some("found")));
@@ -321,7 +321,7 @@ fn cogging_with_its_harmonic_is_found_on_the_motor_side() {
 }
 
 #[test]
-#[ignore = "minutes in the dev profile: tests/run runs it with --release"]
+#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
 fn effects_on_the_carriage_are_found_alone_and_together() {
     assert_found("c", "found", &["cable_chain"], 0.99);
     assert_found("d", "found", &["distributed_bristles"], 0.99);

@@ -349,22 +349,20 @@ fn coarse_counts_are_refused_or_count_as_noise() {
     let home = TempDir::new().unwrap();
     let out = home.path().join("out");
     let in_counts = |column: &mut [f64], count: f64| each(column, |value| (value / count).round() * count);
-    let [of_position, of_cell] = [(1e-4, 0.0), (0.0, 0.5)].map(|(position, cell)| {
-        [("train", train()), ("holdout", holdout())].map(|(name, mut columns)| {
-            if position > 0.0 {
-                in_counts(&mut columns.position, position);
-            }
-            if cell > 0.0 {
-                in_counts(&mut columns.force_cell, cell);
-            }
-            csv(home.path(), &format!("{name}_{position}_{cell}"), &columns)
-        })
-    });
-    let output = identify(MODEL, &of_position[0], &of_position[1], &out);
-    assert_refused("counts of 0.1 mm", &output, &out, &["the noise of the sensors hides the force", "finer counts"]);
-    let output = identify(MODEL, &of_cell[0], &of_cell[1], &out);
+    let (mut train, mut holdout) = (train(), holdout());
+    [&mut train, &mut holdout].into_iter().for_each(|columns| in_counts(&mut columns.force_cell, 0.5));
+    let files =
+        |train: &Columns, holdout: &Columns| (csv(home.path(), "train", train), csv(home.path(), "holdout", holdout));
+    let (of_train, of_holdout) = files(&train, &holdout);
+    let output = identify(MODEL, &of_train, &of_holdout, &out);
     assert_eq!(warned("counts of 0.5 N", &output, &["everything is judged against the former"]), "none");
     assert!(!String::from_utf8_lossy(&output.stdout).contains("cut off"));
+
+    [&mut train, &mut holdout].into_iter().for_each(|columns| in_counts(&mut columns.position, 1e-4));
+    let (of_train, of_holdout) = files(&train, &holdout);
+    let out = home.path().join("hidden");
+    let output = identify(MODEL, &of_train, &of_holdout, &out);
+    assert_refused("counts of 0.1 mm", &output, &out, &["the noise of the sensors hides the force", "finer counts"]);
 }
 
 /// A motion whose acceleration brings next to no force says nothing of the mass, and so nothing of a sign, a unit or another machine.

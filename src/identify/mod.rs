@@ -70,7 +70,7 @@ pub enum IdentifyError {
         "the noise of the sensors hides the force in {name}: encoder and cell read with {encoder:.1e} m and {cell:.1e} N of noise (counts included), which \
          leaves {floor:.1} N, the force is {force:.1} N rms; record with finer counts, or a motion with more acceleration"
     )]
-    Noise { name: &'static str, encoder: f64, cell: f64, floor: f64, force: f64 },
+    HiddenByNoise { name: &'static str, encoder: f64, cell: f64, floor: f64, force: f64 },
     #[error(transparent)]
     Model(#[from] ModelError),
 }

@@ -84,15 +84,11 @@ impl Search<'_> {
         best.map(|(_, one)| one)
     }
 
-    /// Whether the forms of as many effects as there are now have been chosen anew.
-    pub(super) fn forms_are_chosen(&self) -> bool {
-        self.forms_chosen == self.best.hypothesis.effects.len()
-    }
-
     /// Chooses forms anew before a further law is added, once for so many effects. Whether that changed one.
-    pub(super) fn choose_forms_of_all(&mut self) -> Result<bool, IdentifyError> {
-        self.forms_chosen = self.best.hypothesis.effects.len();
-        self.choose_forms_anew()
+    pub(super) fn choose_forms_once(&mut self) -> Result<bool, IdentifyError> {
+        let effects = self.best.hypothesis.effects.len();
+        let first = std::mem::replace(&mut self.forms_chosen, effects) != effects;
+        Ok(first && self.choose_forms_anew()?)
     }
 
     /// The form of a law was chosen while effects that came later were still in the residual: where more than noise is left, it is proposed anew

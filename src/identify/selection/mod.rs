@@ -173,7 +173,13 @@ pub fn search(
     for (name, record) in [("the train record", train), ("the hold-out record", holdout)] {
         let (floor, force) = (start.floor(record).total(), record.force_rms());
         if floor > HIDDEN * force {
-            return Err(IdentifyError::Noise { name, encoder: record.noise, cell: record.cell_noise, floor, force });
+            return Err(IdentifyError::HiddenByNoise {
+                name,
+                encoder: record.noise,
+                cell: record.cell_noise,
+                floor,
+                force,
+            });
         }
     }
     let mut search = Search::new(&start, train, holdout, watch)?;

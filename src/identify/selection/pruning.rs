@@ -28,12 +28,11 @@ impl Search<'_> {
                 let (laws, left) = self.without(curve, Effort::KEPT)?;
                 alone = Some((curve, laws, left));
             }
-            let superfluous = Effort::KEPT.worth_below(self.best.squares() + MANY_TIMES * self.noise_squares());
             let (fewer, found) = match &alone {
                 Some((curve, laws, left)) if *curve == index => (laws.clone(), *left),
-                _ => self.without(index, superfluous)?,
+                _ => self.without(index, self.in_place_of_best())?,
             };
-            if found.holdout() - self.best_errors.holdout() < self.least_gain(&found, &self.best_errors) {
+            if self.leaves_about_as_much(&found) {
                 self.strike(index);
                 (self.best, self.best_errors) = (fewer, found);
                 alone = None;
@@ -51,6 +50,16 @@ impl Search<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Of a fit that says the same with less: one that leaves far more on the train record is given up.
+    fn in_place_of_best(&self) -> Effort {
+        Effort::KEPT.worth_below(self.best.squares() + MANY_TIMES * self.noise_squares())
+    }
+
+    /// Whether what was found is not worth more than this.
+    fn leaves_about_as_much(&self, found: &Errors) -> bool {
+        found.holdout() - self.best_errors.holdout() < self.least_gain(found, &self.best_errors)
     }
 
     /// What was found, fitted without one of its effects.
@@ -108,11 +117,10 @@ impl Search<'_> {
                 let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { continue };
                 let mut other = self.best.hypothesis.clone();
                 other.effects[index] = Part { descriptor, values };
-                let effort = Effort::KEPT.worth_below(self.best.squares() + MANY_TIMES * self.noise_squares());
                 // Values that do not go together are no law in place of another.
-                let Ok(fitted) = with_different_guides(&other, self.train, effort) else { continue };
+                let Ok(fitted) = with_different_guides(&other, self.train, self.in_place_of_best()) else { continue };
                 let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
-                if found.holdout() - self.best_errors.holdout() < self.least_gain(&found, &self.best_errors) {
+                if self.leaves_about_as_much(&found) {
                     let mut others = self.runners_up[index].clone();
                     others.retain(|(name, _)| *name != one.name);
                     self.strike(index);

@@ -70,7 +70,7 @@ impl Search<'_> {
             self.evidence.extend(tried.into_iter().map(|tried| tried.one));
             return Ok(found);
         };
-        if self.is_small_rest(strongest) && !self.forms_are_chosen() && self.choose_forms_of_all()? {
+        if self.is_small_rest(strongest) && self.choose_forms_once()? {
             // Beside these the round is another one.
             self.rounds -= 1;
             return Ok(true);
