@@ -505,7 +505,7 @@ fn judge(run: &GeneratedRun, factor: f64, size: f64, watch: &dyn Watch) -> Resul
             Verdict::NotSeparable => "not_separable",
         },
         coordinate,
-        inseparable: selection.inseparable.clone(),
+        inseparable: selection.inseparable.iter().map(|pair| (pair.effect, pair.rival)).collect(),
         detected: selection.verdict != Verdict::None,
         open: is_open(&hidden, &selection, &found),
         right,
@@ -583,7 +583,7 @@ fn right(hidden: &[Hidden], selection: &Selection, found: &[&str], coordinate: O
 fn is_open(hidden: &[Hidden], selection: &Selection, found: &[&str]) -> bool {
     let wanted = wanted(hidden);
     let rivals =
-        |one: &str, two: &str| selection.inseparable.iter().any(|(found, rival)| *found == one && *rival == two);
+        |one: &str, two: &str| selection.inseparable.iter().any(|pair| (pair.effect, pair.rival) == (one, two));
     let stands_for = |found: &str, name: &str| found == name || rivals(found, name);
     selection.verdict == Verdict::NotSeparable
         && wanted.iter().all(|name| found.iter().any(|found| stands_for(found, name)))

@@ -21,9 +21,9 @@ use super::Outcome;
 use crate::bag::{Mapping, topics};
 use crate::identify::Outcome::TooSmall;
 use crate::identify::{
-    CARRIAGE_GAIN, Change, LinearController, MORE_THAN_DECLARED, MOST_LAWS, NOISE_LIKE, NextExperiment, PositionErrors,
-    RippleElsewhere, Selection, Summary, Tolerances, Verdict, Watch, closed_loop, in_digits, next_experiment,
-    parameter_warnings, readable, ripple_elsewhere, search, taking_part,
+    CARRIAGE_GAIN, Change, Inseparable, LinearController, MORE_THAN_DECLARED, MOST_LAWS, NOISE_LIKE, NextExperiment,
+    PositionErrors, RippleElsewhere, Selection, Summary, Tolerances, Verdict, Watch, closed_loop, in_digits,
+    next_experiment, parameter_warnings, readable, ripple_elsewhere, search, taking_part,
 };
 use crate::model::{Curve, CurveSide, Jump, StageModel};
 use crate::node::stage_settings;
@@ -357,10 +357,10 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
                 .to_owned(),
         );
     }
-    for (effect, rival) in &selection.inseparable {
+    for Inseparable { effect, rival, correlation } in &selection.inseparable {
         let telltale = |name: &str| crate::plant::EffectDescriptor::find(name).map_or("", |found| found.telltale);
         remarks.push(format!(
-            "{effect} and {rival} explain these data equally: all values, the mass among them, hold if it is {effect}; --next-experiment writes a motion that would separate them where there is one. What gives {effect} away: {}; {rival}: {}",
+            "{effect} and {rival} explain these data equally, what they take out is correlated by {correlation:.4}: all values, the mass among them, hold if it is {effect}; --next-experiment writes a motion that would separate them where there is one. What gives {effect} away: {}; {rival}: {}",
             telltale(effect),
             telltale(rival)
         ));

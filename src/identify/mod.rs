@@ -36,8 +36,8 @@ pub use phase::{RippleElsewhere, ripple_elsewhere};
 
 pub use closed_loop::{ClosedLoopError, LinearController};
 pub use selection::{
-    CARRIAGE_GAIN, Errors, Evidence, LEFT_AT_MOST, MOST_LAWS, NOISE_LIKE, Outcome, Selection, Silent, Verdict, Watch,
-    search,
+    CARRIAGE_GAIN, Errors, Evidence, Inseparable, LEFT_AT_MOST, MOST_LAWS, NOISE_LIKE, Outcome, Selection, Silent,
+    Verdict, Watch, search,
 };
 pub use sensor_noise::MORE_THAN_DECLARED;
 pub use summary::{

@@ -4,8 +4,8 @@ use super::figures::{Figure, Group};
 use super::input::Input;
 use super::metres;
 use crate::identify::{
-    Declared, Evidence, Hypothesis, LEFT_AT_MOST, NextExperiment, Outcome, Selection, Summary, Tolerances, Verdict,
-    in_digits, readable, side_name, taking_part,
+    Declared, Evidence, Hypothesis, Inseparable, LEFT_AT_MOST, NextExperiment, Outcome, Selection, Summary, Tolerances,
+    Verdict, in_digits, readable, side_name, taking_part,
 };
 use crate::model::{CurveSide, ModelError, StageModel};
 use crate::plant::EffectDescriptor;
@@ -319,8 +319,8 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
             ));
         }
     }
-    for (effect, rival) in &selection.inseparable {
-        page.note(Mark::Warning, &format!("{effect} and {rival} explain these data equally: all values, the mass among them, hold if it is {effect}."));
+    for Inseparable { effect, rival, correlation } in &selection.inseparable {
+        page.note(Mark::Warning, &format!("{effect} and {rival} explain these data equally, what they take out is correlated by {correlation:.4}: all values, the mass among them, hold if it is {effect}."));
     }
 }
 

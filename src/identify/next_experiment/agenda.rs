@@ -94,7 +94,7 @@ impl<'a> Agenda<'a> {
             let told = questions.rival(*effect, rival, &present, &present);
             let name = selection.after.fitted.hypothesis.effects[*effect].descriptor.name;
             told < questions.needed(*effect, &present, &present, selection.floor.carriage)
-                || selection.inseparable.contains(&(name, *rival))
+                || selection.inseparable.iter().any(|pair| (pair.effect, pair.rival) == (name, *rival))
         });
         let asked = questions
             .of(|subject| matches!(subject, Subject::Rival { effect, rival } if rivals.contains(&(effect, rival))))

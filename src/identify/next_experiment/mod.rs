@@ -283,7 +283,7 @@ pub fn trajectory_yaml(points: &[Point], joint: &str, comments: &[String]) -> St
 mod tests {
     use super::super::fit::{Effort, fit};
     use super::super::hypothesis::{Hypothesis, Part, Sides};
-    use super::super::selection::Outcome;
+    use super::super::selection::{Inseparable, Outcome};
     use super::agenda::MOST_UNTESTED;
     use super::motion::REST;
     use super::questions::Subject;
@@ -429,7 +429,9 @@ mod tests {
         };
         let evidence = effects.iter().map(|part| one(part, Outcome::Chosen));
         let evidence = evidence.chain(rivals.iter().map(|part| one(part, Outcome::Equal))).collect();
-        let inseparable = rivals.iter().map(|rival| (effects[0].descriptor.name, rival.descriptor.name)).collect();
+        let effect = effects[0].descriptor.name;
+        let pair = |rival: &Part| Inseparable { effect, rival: rival.descriptor.name, correlation: 1.0 };
+        let inseparable = rivals.iter().map(pair).collect();
         Selection {
             verdict,
             before,

@@ -95,6 +95,17 @@ pub enum Outcome {
     Pruned,
 }
 
+/// Two laws that explain the data equally.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inseparable {
+    /// Effect that was added.
+    pub effect: &'static str,
+    /// Law that would do as well.
+    pub rival: &'static str,
+    /// Correlation of what the one takes out of the train residual with what the other does.
+    pub correlation: f64,
+}
+
 /// How the search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
@@ -117,8 +128,8 @@ pub struct Selection {
     pub coordinate: Option<Coordinate>,
     /// For each effect of `after`: the best other candidate of its round with its held-out rms, N.
     pub runners_up: Vec<Option<(&'static str, f64)>>,
-    /// Pairs that the data do not tell apart: effect of `after`, rival.
-    pub inseparable: Vec<(&'static str, &'static str)>,
+    /// Pairs that the data do not tell apart.
+    pub inseparable: Vec<Inseparable>,
     /// Ripples over the position that go through few periods within the travel, with how many.
     pub unproven: Vec<(&'static str, f64)>,
     /// Against which everything is judged: of the declared noise, or of what the hold-out shows where that is more.
@@ -229,7 +240,7 @@ struct Search<'a> {
     coordinate: Option<Coordinate>,
     /// For each effect the other candidates of its round, the best first, with their held-out rms, N.
     runners_up: Vec<Vec<(&'static str, f64)>>,
-    inseparable: Vec<(&'static str, &'static str)>,
+    inseparable: Vec<Inseparable>,
     /// Number of effects whose forms were chosen anew before a further one was added.
     forms_chosen: usize,
     stopped: bool,
@@ -341,7 +352,7 @@ impl<'a> Search<'a> {
         self.best.hypothesis = self.best.hypothesis.with_own_amplitudes(self.declared_effects(), self.train)?;
         let there = |name: &str| self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name);
         // Two laws that are both there are no rivals: each has taken out what the other one could not.
-        self.inseparable.retain(|(_, rival)| !there(rival));
+        self.inseparable.retain(|pair| !there(pair.rival));
         if !there("map") {
             self.coordinate = None;
         }
@@ -414,6 +425,19 @@ fn by_chance(missing: &Missing, free: usize) -> f64 {
     2.0 * free as f64 * per_parameter / missing.carriage.len() as f64
 }
 
+/// Correlation of what two fits take out of a residual of both sides; 0 where one takes out nothing.
+fn correlation_of_taken(before: &Missing, one: &Missing, other: &Missing) -> f64 {
+    let taken = |after: &Missing| -> Vec<f64> {
+        let of_side =
+            |before: &[f64], after: &[f64]| -> Vec<f64> { before.iter().zip(after).map(|(b, a)| b - a).collect() };
+        [of_side(&before.motor, &after.motor), of_side(&before.carriage, &after.carriage)].concat()
+    };
+    let (one, other) = (taken(one), taken(other));
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let size = (product(&one, &one) * product(&other, &other)).sqrt();
+    if size > 0.0 { product(&one, &other) / size } else { 0.0 }
+}
+
 /// Fall of the mean square from one residual of a record to another without the tenth of the record that shows most of it, N^2.
 fn gain_elsewhere(before: &Missing, after: &Missing) -> f64 {
     let rows = before.carriage.len();
@@ -464,6 +488,23 @@ mod tests {
         assert!((gain_elsewhere(&everywhere, &gone) - 0.9).abs() < 1e-12);
         // What makes the rest worse shows less than nothing there.
         assert!(gain_elsewhere(&in_one_place, &missing(&|_| 0.2)) < 0.0);
+    }
+
+    /// Of what is missing on both sides: the same, the opposite, half of it elsewhere, and nothing.
+    #[test]
+    fn laws_that_take_out_the_same_are_correlated() {
+        let missing = |motor: [f64; 2], carriage: [f64; 2]| Missing { motor: motor.into(), carriage: carriage.into() };
+        let before = missing([3.0, 3.0], [3.0, 3.0]);
+        let one = missing([2.0, 3.0], [1.0, 3.0]);
+        for (other, expected) in [
+            (missing([1.0, 3.0], [-1.0, 3.0]), 1.0),
+            (missing([4.0, 3.0], [5.0, 3.0]), -1.0),
+            // (1, 0, 2, 0) and (0, 0, 2, 1) were taken.
+            (missing([3.0, 3.0], [1.0, 2.0]), 0.8),
+            (before.clone(), 0.0),
+        ] {
+            assert!((correlation_of_taken(&before, &one, &other) - expected).abs() < 1e-12, "{other:?}");
+        }
     }
 
     /// A spring whose centre is far off says no more than a constant force; one whose centre is within the travel says more.

@@ -159,7 +159,7 @@ impl Search<'_> {
             }
         }
         if self.added_of(name) == 1 {
-            self.inseparable.retain(|(chosen, _)| *chosen != name);
+            self.inseparable.retain(|pair| pair.effect != name);
         }
         self.runners_up.remove(index);
     }

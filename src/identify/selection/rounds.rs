@@ -16,7 +16,10 @@ use super::columns::Columns;
 use super::forms::{Forms, starts};
 use super::guides::with_different_guides;
 use super::worth::HALF_OF_THE_REST;
-use super::{Errors, Evidence, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, errors, errors_on, gain_elsewhere};
+use super::{
+    Errors, Evidence, Inseparable, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, correlation_of_taken, errors,
+    errors_on, gain_elsewhere,
+};
 
 /// Share of the best gain that a law with fewer parameters must reach to be preferred.
 pub(super) const SIMPLER: f64 = 0.97;
@@ -83,7 +86,9 @@ impl Search<'_> {
         let (gain, free, name) = (tried[winner].one.holdout_gain, tried[winner].one.free, tried[winner].one.name);
         let effort = self.on_the_way(&tried[winner].one.errors);
         let mut others = Vec::new();
-        for (index, Tried { one, .. }) in tried.iter_mut().enumerate() {
+        let missing_with = |with: &Hypothesis| with.missing(self.train, Sides::BOTH);
+        let with_winner = missing_with(&tried[winner].with)?;
+        for (index, Tried { one, with, .. }) in tried.iter_mut().enumerate() {
             if index == winner {
                 continue;
             }
@@ -91,7 +96,8 @@ impl Search<'_> {
             let closeness = (one.holdout_gain / gain).min(gain / one.holdout_gain);
             if one.outcome == Outcome::Beaten && closeness >= RIVAL && one.free <= free {
                 one.outcome = Outcome::Equal;
-                self.inseparable.push((name, one.name));
+                let correlation = correlation_of_taken(&self.best.missing, &with_winner, &missing_with(with)?);
+                self.inseparable.push(Inseparable { effect: name, rival: one.name, correlation });
             }
         }
         let chosen = tried[winner].with.holding_guides(false);
