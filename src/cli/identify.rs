@@ -407,11 +407,16 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     if matches!(selection.verdict, Verdict::Found | Verdict::NotSeparable)
         && left > NOISE_LIKE * selection.floor.total()
     {
-        remarks.push(format!(
-            "what is left, {left:.4} N, is {}: the laws that were found hold roughly, and their values no better \
-             than they do",
-            times_noise(selection)
-        ));
+        remarks.push(match selection.wander_of_zero {
+            Some(wander) => format!(
+                "the zero of the force cell wanders by {wander:.4} N rms in the hold-out beyond the law that was found for it, and nothing else is left: the train record cannot tell how, take the zero before each record"
+            ),
+            None => format!(
+                "what is left, {left:.4} N, is {}: the laws that were found hold roughly, and their values no better \
+                 than they do",
+                times_noise(selection)
+            ),
+        });
     }
     if selection.added_laws() >= MOST_LAWS && left > NOISE_LIKE * selection.floor.total() {
         remarks.push(format!("no more than {MOST_LAWS} laws are added: there may be further ones; declare those that are right in --model, and identify again"));

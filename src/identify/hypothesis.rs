@@ -69,6 +69,11 @@ impl Part {
         self.descriptor.parameters_of(&self.values)
     }
 
+    /// Parameters that a fit moves.
+    pub(super) fn free(&self) -> usize {
+        (0..self.values.len()).filter(|value| (self.descriptor.free)(&self.values, *value)).count()
+    }
+
     /// Its parameter of this name.
     pub fn value_of(&self, name: &str) -> Option<f64> {
         let place = self.descriptor.parameters.iter().position(|parameter| parameter.name == name)?;

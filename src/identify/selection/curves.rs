@@ -144,6 +144,7 @@ impl Search<'_> {
             let left = errors(&fitted.hypothesis, self.train, self.holdout)?;
             let side = fitted.hypothesis.effects.last().map_or(Side::Carriage, Part::side);
             let is_shown = start_errors.train() - left.train() > CURVE_GAIN * self.threshold(side);
+            let is_shown = is_shown && self.shows_without_cell((start, start_errors), (&fitted.hypothesis, &left))?;
             Ok(if is_shown { start_errors.holdout() - left.holdout() } else { f64::NEG_INFINITY })
         };
         let fitted = curve::DAMPINGS.par_iter().filter_map(|damping| {

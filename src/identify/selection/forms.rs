@@ -1,7 +1,7 @@
 //! Forms of a law and the values that its fit starts from: which of them is the right one?
 
 use crate::identify::IdentifyError;
-use crate::identify::fit::{Effort, Fitted, race};
+use crate::identify::fit::{Effort, Fitted, fit, race};
 use crate::identify::hypothesis::{Hypothesis, Part, Sides};
 use crate::identify::measured::{Floor, Measured};
 use crate::plant::Side;
@@ -10,7 +10,7 @@ use super::columns::Columns;
 use super::guides::with_different_guides;
 use super::rounds::SIMPLER;
 use super::worth::{ALL_BUT_NOISE, HALF_OF_THE_REST};
-use super::{Search, errors};
+use super::{Errors, Search, errors};
 
 /// How forms of a law are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,47 +99,111 @@ impl Search<'_> {
             if self.is_all_but_noise(&self.best_errors) {
                 break;
             }
-            let part = &self.best.hypothesis.effects[index];
-            let (descriptor, on_motor) = (part.descriptor, part.side() == Side::Motor && self.has_cell());
-            self.watch.progress(&format!("forms of {}", descriptor.name), 0.85);
-            let columns = Columns::new(&self.best.hypothesis.without(index), self.train)?;
-            let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { continue };
-            let starts = starts(&Part { descriptor, values }, self.train);
-            if starts.len() < 2 {
+            let forms = self.forms_of(index)?;
+            if forms.len() < 2 {
                 continue;
             }
-            let held = self.best.hypothesis.holding_guides(true);
-            let other = |part: Part| {
-                let mut other = held.clone();
-                other.effects[index] = part;
-                other
-            };
-            let starts: Vec<_> = starts.into_iter().map(other).collect();
-            let fitted = self.fitted_forms(&starts, Sides::BOTH, Effort::COMPARED);
-            let Some(found) = self.best_form(fitted, Sides::BOTH, Forms::Thorough) else { continue };
-            let worth = self.best.squares() / BETTER_START;
-            let found = with_different_guides(
-                &found.hypothesis,
-                self.train,
-                self.on_the_way(&self.best_errors).worth_below(worth),
-            )?;
-            let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;
-            // On the train record clearly better, or as good and clearly better on the hold-out.
-            let half = HALF_OF_THE_REST * self.beyond_noise(&self.best_errors);
-            let least = if self.beyond_noise(&found_errors) < half { BETTER_START.recip() } else { BETTER_START };
-            if found.squares() < least * self.best.squares() && found_errors.holdout() < self.best_errors.holdout() {
-                (self.best, self.best_errors) = (found, found_errors);
-                changed = true;
-            }
+            self.watch.progress(&format!("forms of {}", self.best.hypothesis.effects[index].descriptor.name), 0.85);
+            changed |= self.take_better_form(&forms)? || self.take_simpler_form(index, &forms)?;
         }
         Ok(changed)
+    }
+
+    /// What was found with a law in each of its forms, as it proposes itself beside the others; the guides are held.
+    fn forms_of(&self, index: usize) -> Result<Vec<Hypothesis>, IdentifyError> {
+        let part = &self.best.hypothesis.effects[index];
+        let (descriptor, on_motor) = (part.descriptor, part.side() == Side::Motor && self.has_cell());
+        let columns = Columns::new(&self.best.hypothesis.without(index), self.train)?;
+        let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { return Ok(Vec::new()) };
+        let held = self.best.hypothesis.holding_guides(true);
+        let in_place = |part: Part| {
+            let mut other = held.clone();
+            other.effects[index] = part;
+            other
+        };
+        Ok(starts(&Part { descriptor, values }, self.train).into_iter().map(in_place).collect())
+    }
+
+    /// Takes the best of these forms where it is clearly better than what was found on the train record, or as good and clearly better on the hold-out.
+    fn take_better_form(&mut self, forms: &[Hypothesis]) -> Result<bool, IdentifyError> {
+        let fitted = self.fitted_forms(forms, Sides::BOTH, Effort::COMPARED);
+        let Some(found) = self.best_form(fitted, Sides::BOTH, Forms::Thorough) else { return Ok(false) };
+        let worth = self.best.squares() / BETTER_START;
+        let effort = self.on_the_way(&self.best_errors).worth_below(worth);
+        let found = with_different_guides(&found.hypothesis, self.train, effort)?;
+        let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;
+        let half = HALF_OF_THE_REST * self.beyond_noise(&self.best_errors);
+        let least = if self.beyond_noise(&found_errors) < half { BETTER_START.recip() } else { BETTER_START };
+        let is_better =
+            found.squares() < least * self.best.squares() && found_errors.holdout() < self.best_errors.holdout();
+        if is_better {
+            (self.best, self.best_errors) = (found, found_errors);
+        }
+        Ok(is_better)
+    }
+
+    /// A term of a law that the train record asks for and the hold-out is worse with goes: a warm-up that follows where the zero of a cell wandered.
+    fn take_simpler_form(&mut self, index: usize, forms: &[Hypothesis]) -> Result<bool, IdentifyError> {
+        let free = self.best.hypothesis.effects[index].free();
+        for form in forms.iter().filter(|form| form.effects[index].free() < free) {
+            let held = fit(form, self.train, Sides::BOTH, Effort::COMPARED)?;
+            if !self.does_harm_beside(&errors(&held.hypothesis, self.train, self.holdout)?) {
+                continue;
+            }
+            let found = with_different_guides(&held.hypothesis, self.train, self.on_the_way(&self.best_errors))?;
+            let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;
+            if self.does_harm_beside(&found_errors) {
+                (self.best, self.best_errors) = (found, found_errors);
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Whether what was found leaves more on the hold-out than this, by what is worth an effect.
+    fn does_harm_beside(&self, other: &Errors) -> bool {
+        self.best_errors.holdout() - other.holdout() > self.least_gain(&self.best_errors, other)
     }
 }
 
 /// What a fit starts from, the simplest form of the law first.
 pub(super) fn starts(part: &Part, measured: &Measured) -> Vec<Part> {
     let descriptor = part.descriptor;
-    let mut starts = (descriptor.starts)(&part.values, measured.rate.recip());
-    starts.sort_by_key(|values| (0..values.len()).filter(|index| (descriptor.free)(values, *index)).count());
-    starts.into_iter().map(|values| Part { descriptor, values }).collect()
+    let starts = (descriptor.starts)(&part.values, measured.rate.recip());
+    let mut starts: Vec<Part> = starts.into_iter().map(|values| Part { descriptor, values }).collect();
+    starts.sort_by_key(Part::free);
+    starts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::part;
+    use super::*;
+    use crate::identify::closed_loop::tests::recording;
+    use crate::identify::hypothesis::Tolerances;
+    use crate::identify::selection::Silent;
+    use crate::model::StageModel;
+
+    /// A cell that drifts by 0.2 N/s, and by 0.8 N with a time constant of 1 s: in the train record alone, or in both.
+    #[test]
+    fn a_term_that_the_hold_out_is_worse_with_goes() {
+        let model = StageModel::default();
+        let record = |seed, moves, warm_up: f64| {
+            let mut trace = recording(&model, seed, 0.0, moves);
+            for (time, reading) in trace.time.iter().zip(&mut trace.force_cell) {
+                *reading += 0.2 * time - warm_up * (-time).exp_m1();
+            }
+            Measured::new(&trace, &model, "the record").unwrap()
+        };
+        let drift = part("force_cell_drift", &[("rate", 0.2), ("amplitude", 0.8), ("time_constant", 1.0)]);
+        for (in_holdout, stays) in [(0.0, false), (0.8, true)] {
+            let (train, holdout) = (record(3, 6, 0.8), record(4, 4, in_holdout));
+            let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
+            let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
+            search.take(fit(&start.with(drift.clone()), &train, Sides::BOTH, Effort::KEPT).unwrap()).unwrap();
+            search.choose_forms_anew().unwrap();
+            let found = search.best.hypothesis.effects[0].value_of("amplitude").unwrap();
+            assert_eq!(found != 0.0, stays, "{in_holdout} N on the hold-out: {found} N");
+        }
+    }
 }

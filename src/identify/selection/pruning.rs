@@ -1,12 +1,9 @@
-//! Backwards: what the others have made superfluous goes, and a law that has come to say no more than a simpler one gives way to it.
+//! Backwards: what the others have made superfluous goes.
 
 use crate::identify::IdentifyError;
 use crate::identify::fit::{Effort, Fitted};
-use crate::identify::hypothesis::Part;
 use crate::model::Coordinate;
-use crate::plant::Side;
 
-use super::columns::Columns;
 use super::curves::CURVE_ALONE;
 use super::guides::with_different_guides;
 use super::worth::HALF_OF_THE_REST;
@@ -53,12 +50,12 @@ impl Search<'_> {
     }
 
     /// Of a fit that says the same with less: one that leaves far more on the train record is given up.
-    fn in_place_of_best(&self) -> Effort {
+    pub(super) fn in_place_of_best(&self) -> Effort {
         Effort::KEPT.worth_below(self.best.squares() + MANY_TIMES * self.noise_squares())
     }
 
     /// Whether what was found is not worth more than this.
-    fn leaves_about_as_much(&self, found: &Errors) -> bool {
+    pub(super) fn leaves_about_as_much(&self, found: &Errors) -> bool {
         found.holdout() - self.best_errors.holdout() < self.least_gain(found, &self.best_errors)
     }
 
@@ -92,51 +89,8 @@ impl Search<'_> {
         Ok(is_bent.then_some((with, over)))
     }
 
-    /// A law was chosen while effects that came later were still in the residual, and some of its parameters stood for these: a spring with a far centre is
-    /// a constant force. Where a law with fewer parameters that came close to it leaves about as much in its place, that one stays.
-    pub(super) fn simplify(&mut self) -> Result<(), IdentifyError> {
-        for index in self.declared_effects()..self.best.hypothesis.effects.len() {
-            let Some(chosen) = self.row_of(index).map(|row| self.evidence[row].clone()) else { continue };
-            let bare = self.best.hypothesis.without(index);
-            let there = |name: &str| bare.effects.iter().any(|part| part.descriptor.name == name);
-            let is_simpler = |one: &Evidence| {
-                one.round == chosen.round
-                    && one.free < chosen.free
-                    && one.holdout_gain >= HALF_OF_THE_REST * chosen.holdout_gain
-                    && !there(one.name)
-            };
-            let simpler: Vec<Evidence> = self.evidence.iter().filter(|one| is_simpler(one)).cloned().collect();
-            if simpler.is_empty() {
-                continue;
-            }
-            self.watch.progress("simpler laws", 0.96);
-            let columns = Columns::new(&bare, self.train)?;
-            for one in simpler {
-                let descriptor = one.part.descriptor;
-                let on_motor = one.side == Side::Motor && self.has_cell();
-                let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else { continue };
-                let mut other = self.best.hypothesis.clone();
-                other.effects[index] = Part { descriptor, values };
-                // Values that do not go together are no law in place of another.
-                let Ok(fitted) = with_different_guides(&other, self.train, self.in_place_of_best()) else { continue };
-                let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
-                if self.leaves_about_as_much(&found) {
-                    let mut others = self.runners_up[index].clone();
-                    others.retain(|(name, _)| *name != one.name);
-                    self.strike(index);
-                    self.runners_up.insert(index, others);
-                    let same = |row: &&mut Evidence| row.round == one.round && row.name == one.name;
-                    self.evidence.iter_mut().filter(same).for_each(|row| row.outcome = Outcome::Chosen);
-                    (self.best, self.best_errors) = (fitted, found);
-                    break;
-                }
-            }
-        }
-        Ok(())
-    }
-
     /// Row of the evidence that says when an effect was added. Of several of a name they were added in the order in which they stand.
-    fn row_of(&self, index: usize) -> Option<usize> {
+    pub(super) fn row_of(&self, index: usize) -> Option<usize> {
         let added = &self.best.hypothesis.effects[self.declared_effects()..=index];
         let name = self.best.hypothesis.effects[index].descriptor.name;
         let before = added.iter().filter(|part| part.descriptor.name == name).count() - 1;

@@ -59,7 +59,9 @@ impl Search<'_> {
             return Ok(false);
         }
         for Tried { one, with, .. } in &mut tried {
-            if !self.is_enough(one) || !self.shows_without_cell(one, with)? {
+            if !self.is_enough(one)
+                || !self.shows_without_cell((&self.best.hypothesis, &self.best_errors), (with, &one.errors))?
+            {
                 one.outcome = Outcome::TooSmall;
             }
         }
@@ -134,7 +136,8 @@ impl Search<'_> {
         let errors = mem::replace(&mut self.best_errors, without.1);
         let Some(part) = with.hypothesis.effects.last().cloned() else { return Ok(false) };
         let found = self.evidence_of(one.round, part, one.side, 1, &with.hypothesis, errors)?;
-        if !changed || !self.is_enough(&found) || !self.shows_without_cell(&found, &with.hypothesis)? {
+        let best = (&self.best.hypothesis, &self.best_errors);
+        if !changed || !self.is_enough(&found) || !self.shows_without_cell(best, (&with.hypothesis, &errors))? {
             return Ok(false);
         }
         *one = Evidence { outcome: Outcome::Chosen, ..found };
@@ -236,9 +239,7 @@ impl Search<'_> {
         hypothesis: &Hypothesis,
         errors: Errors,
     ) -> Result<Evidence, IdentifyError> {
-        let free_of =
-            |part: &Part| (0..part.values.len()).filter(|value| (part.descriptor.free)(&part.values, *value)).count();
-        let free = hypothesis.effects.iter().rev().take(count).map(free_of).sum();
+        let free = hypothesis.effects.iter().rev().take(count).map(Part::free).sum();
         let missing = hypothesis.missing(self.train, Sides::BOTH)?;
         let last = hypothesis.effects.len();
         let bare = (last - count..last).rev().fold(hypothesis.clone(), |bare, index| bare.without(index));

@@ -29,7 +29,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         Box::new(ForceCellDrift { rate: values[0], offset: values[1], amplitude: values[2], time_constant: values[3] })
     },
     propose,
-    starts: super::as_proposed,
+    starts: line_and_warm_up,
 };
 
 #[derive(Debug)]
@@ -66,6 +66,13 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     line.is_something().then(|| vec![line.coefficients[1], line.coefficients[0], 0.0, 10.0])
 }
 
+/// The line alone, and with the warm-up where one was proposed.
+fn line_and_warm_up(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
+    let mut line = values.to_vec();
+    line[2] = 0.0;
+    if values[2] == 0.0 { vec![line] } else { vec![line, values.to_vec()] }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::regression::record::{assert_silent_on_noise, proposal};
@@ -88,5 +95,12 @@ mod tests {
         let found = proposal(&DESCRIPTOR, &[0.0, 0.2, 1.0, 1.5]);
         assert!((found[2] / 1.0 - 1.0).abs() < 0.2 && (found[3] / 1.5 - 1.0).abs() < 0.2, "{found:?}");
         assert_silent_on_noise(&DESCRIPTOR);
+    }
+
+    #[test]
+    fn a_fit_starts_from_the_line_and_from_the_warm_up_that_was_proposed() {
+        let forms = |values: &[f64]| (DESCRIPTOR.starts)(values, 5e-4);
+        assert_eq!(forms(&[0.1, 0.2, 0.3, 4.0]), [[0.1, 0.2, 0.0, 4.0], [0.1, 0.2, 0.3, 4.0]]);
+        assert_eq!(forms(&[0.1, 0.2, 0.0, 10.0]), [[0.1, 0.2, 0.0, 10.0]]);
     }
 }
