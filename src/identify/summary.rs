@@ -54,6 +54,17 @@ pub struct FoundEffect {
     pub parameters: BTreeMap<String, FoundParameter>,
     /// The best of the other candidates that were tried beside it.
     pub runner_up: Option<RunnerUp>,
+    /// Laws that explain the data as well: the verdict is `not_separable`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rivals: Vec<Rival>,
+}
+
+/// A law that explains the data as well as one that was found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Rival {
+    pub name: String,
+    /// Of what the two take out of the train residual, -1 to 1.
+    pub correlation: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -192,6 +203,12 @@ impl Summary {
                     .copied()
                     .flatten()
                     .map(|(name, rms)| RunnerUp { name: name.to_owned(), holdout_force_rms: rms }),
+                rivals: selection
+                    .inseparable
+                    .iter()
+                    .filter(|pair| pair.effect == part.descriptor.name)
+                    .map(|pair| Rival { name: pair.rival.to_owned(), correlation: pair.correlation })
+                    .collect(),
             })
             .collect();
         let (before, after) = (selection.errors_before, selection.errors_after);

@@ -143,21 +143,34 @@ fn gradient_of_walk(slopes: DMatrixView<f64>, variance: f64) -> DMatrix<f64> {
     sum
 }
 
+/// Correlation below which values count as independent, and lag that is looked at most. Assumed.
+const INDEPENDENT: f64 = 0.05;
+const LONGEST_LAG: usize = 2000;
+
 /// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation up to its first zero.
 pub fn correlation_length(values: &[f64]) -> f64 {
-    let power: f64 = values.iter().map(|value| value * value).sum();
-    if power <= 0.0 {
+    correlation_length_along(values, &[])
+}
+
+/// The same for what is asked of it along another signal: the products of both autocorrelations count (Bartlett, J. R. Stat. Soc. Suppl. 8, 1946). What drifts
+/// says little of a line, and much of a force that changes from row to row. Without another signal, or where that is nothing: along a constant.
+pub fn correlation_length_along(values: &[f64], along: &[f64]) -> f64 {
+    let power = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
+    let product =
+        |values: &[f64], lag: usize| values.iter().zip(&values[lag..]).map(|(one, later)| one * later).sum::<f64>();
+    let (own, other) = (power(values), power(along));
+    if own <= 0.0 {
         return 1.0;
     }
     let mut length = 1.0;
-    for lag in 1..values.len().min(2000) {
-        let product: f64 = values.iter().zip(&values[lag..]).map(|(a, b)| a * b).sum::<f64>() / power;
-        if product <= 0.05 {
+    for lag in 1..values.len().min(LONGEST_LAG) {
+        let correlation = product(values, lag) / own;
+        if correlation <= INDEPENDENT {
             break;
         }
-        length += 2.0 * product;
+        length += 2.0 * correlation * if other > 0.0 { product(along, lag) / other } else { 1.0 };
     }
-    length
+    length.max(1.0)
 }
 
 #[cfg(test)]
@@ -186,6 +199,30 @@ mod tests {
         assert_eq!(known, [true, true]);
         let unit = &normal * &inverse;
         assert!((unit - DMatrix::identity(2, 2)).amax() < 1e-6, "{inverse}");
+    }
+
+    /// Of a first-order autoregression of 0.9 along a wave: 1 + 2 sum 0.9^k cos(w k) = (1 - 0.81) / (1 - 1.8 cos w + 0.81); along a constant 19.
+    #[test]
+    fn what_is_slow_says_little_of_a_constant_and_much_of_a_wave() {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut last = 0.0;
+        let mut next = || {
+            let step: f64 = StandardNormal.sample(&mut random);
+            last = 0.9 * last + step;
+            last
+        };
+        let values: Vec<f64> = (0..100_000).map(|_| next()).collect();
+        let wave =
+            |frequency: f64| -> Vec<f64> { (0..values.len()).map(|row| (frequency * row as f64).sin()).collect() };
+        for frequency in [0.02f64, 0.05, 0.1] {
+            let expected = (1.0 - 0.81) / (1.0 - 1.8 * frequency.cos() + 0.81);
+            let length = correlation_length_along(&values, &wave(frequency));
+            // The sum ends at a correlation of 0.05.
+            assert!((length / expected - 1.0).abs() < 0.1, "{frequency}: {length}, {expected}");
+        }
+        assert_eq!(correlation_length_along(&values, &wave(1.0)), 1.0);
+        let (alone, along) = (correlation_length(&values), correlation_length_along(&values, &vec![1.0; values.len()]));
+        assert!((alone / 19.0 - 1.0).abs() < 0.1 && (along / alone - 1.0).abs() < 0.01, "{alone}, {along}");
     }
 
     /// White noise of 1 N, and on top a walk of this size from row to row.

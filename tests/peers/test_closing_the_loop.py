@@ -177,6 +177,9 @@ def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(ros, stage, con
     limits = ["--stroke", *STROKE, "--max-speed", SPEED, "--max-force", FORCE, "--max-duration", 6]
     doubt = identify([first], first_held_out, tmp_path / "doubt", "--next-experiment", file, *limits)
     assert doubt["verdict"] == "not_separable", doubt
+    [effect] = doubt["effects"]
+    assert [effect["name"], *(one["name"] for one in effect["rivals"])] in (["motor_gain", "force_cell_gain"], ["force_cell_gain", "motor_gain"])
+    assert 0.9 < effect["rivals"][0]["correlation"] <= 1.0
     [rival] = doubt["next_experiment"]["rivals"]
     assert {rival["effect"], rival["rival"]} == {"motor_gain", "force_cell_gain"}
     assert rival["before"] < rival["needed"] < rival["after"] and rival["separates"]

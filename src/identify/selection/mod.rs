@@ -21,7 +21,7 @@ use super::fit::{Effort, Estimate, Fitted, fit};
 use super::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
 use super::measured::{Floor, Measured};
 use super::sensor_noise;
-use super::uncertainty::correlation_length;
+use super::uncertainty::correlation_length_along;
 
 use curves::MOST_CURVES;
 use guides::with_different_guides;
@@ -422,20 +422,25 @@ fn different_laws(effects: &[Part]) -> usize {
     names.iter().filter(|name| **name != "map").count()
 }
 
-/// What `free` parameters take out of the mean square of a residual by chance, N^2, twice over: each its share of the values that are
-/// independent of each other. What drifts or wanders has few of them.
-fn by_chance(missing: &Missing, free: usize) -> f64 {
-    let (motor, carriage) = missing.squares();
-    let per_parameter = motor * correlation_length(&missing.motor) + carriage * correlation_length(&missing.carriage);
-    2.0 * free as f64 * per_parameter / missing.carriage.len() as f64
+/// What a law of `free` parameters that leads from one residual to another takes out of the mean square by chance, N^2, twice over: for each the share of the
+/// values that are independent of each other for what is as fast as what the law takes. Of what drifts or wanders a slow law finds few of them.
+fn by_chance(before: &Missing, after: &Missing, free: usize) -> f64 {
+    let of_side = |before: &[f64], after: &[f64]| {
+        let squares: f64 = after.iter().map(|left| left * left).sum();
+        squares * correlation_length_along(after, &difference(before, after))
+    };
+    let per_parameter = of_side(&before.motor, &after.motor) + of_side(&before.carriage, &after.carriage);
+    2.0 * free as f64 * per_parameter / (after.carriage.len() as f64).powi(2)
+}
+
+fn difference(before: &[f64], after: &[f64]) -> Vec<f64> {
+    before.iter().zip(after).map(|(before, after)| before - after).collect()
 }
 
 /// Correlation of what two fits take out of a residual of both sides; 0 where one takes out nothing.
 fn correlation_of_taken(before: &Missing, one: &Missing, other: &Missing) -> f64 {
     let taken = |after: &Missing| -> Vec<f64> {
-        let of_side =
-            |before: &[f64], after: &[f64]| -> Vec<f64> { before.iter().zip(after).map(|(b, a)| b - a).collect() };
-        [of_side(&before.motor, &after.motor), of_side(&before.carriage, &after.carriage)].concat()
+        [difference(&before.motor, &after.motor), difference(&before.carriage, &after.carriage)].concat()
     };
     let (one, other) = (taken(one), taken(other));
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();

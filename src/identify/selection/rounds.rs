@@ -254,7 +254,7 @@ impl Search<'_> {
             holdout_gain: self.best_errors.holdout() - errors.holdout(),
             train_gain_elsewhere: gain_elsewhere(&self.best.missing, &missing),
             holdout_gain_alone: errors_on(&bare, self.holdout)? - errors.holdout(),
-            chance: by_chance(&missing, free),
+            chance: by_chance(&self.best.missing, &missing, free),
             outcome: Outcome::Beaten,
         })
     }

@@ -47,6 +47,7 @@ impl Search<'_> {
             let before = with.own_numbers(self.train);
             let free = 1 + fitted.hypothesis.own_numbers(self.train).saturating_sub(before);
             let missing = fitted.hypothesis.missing(self.train, Sides::BOTH)?;
+            let missing_before = with.missing(self.train, Sides::BOTH)?;
             let mut one = Evidence {
                 round: self.rounds + evidence.len(),
                 name: part.descriptor.name,
@@ -56,10 +57,10 @@ impl Search<'_> {
                 errors: found,
                 train_gain: left.train() - found.train(),
                 holdout_gain: left.holdout() - found.holdout(),
-                train_gain_elsewhere: gain_elsewhere(&with.missing(self.train, Sides::BOTH)?, &missing),
+                train_gain_elsewhere: gain_elsewhere(&missing_before, &missing),
                 holdout_gain_alone: errors_on(&fitted.hypothesis.without(with.effects.len()), self.holdout)?
                     - found.holdout(),
-                chance: by_chance(&missing, free),
+                chance: by_chance(&missing_before, &missing, free),
                 outcome: Outcome::Chosen,
             };
             let least_of =
