@@ -146,7 +146,8 @@ impl Search<'_> {
     fn take_simpler_form(&mut self, index: usize, forms: &[Hypothesis]) -> Result<bool, IdentifyError> {
         let free = self.best.hypothesis.effects[index].free();
         for form in forms.iter().filter(|form| form.effects[index].free() < free) {
-            let held = fit(form, self.train, Sides::BOTH, Effort::COMPARED)?;
+            // Values that do not go together are no form.
+            let Ok(held) = fit(form, self.train, Sides::BOTH, Effort::COMPARED) else { continue };
             if !self.does_harm_beside(&errors(&held.hypothesis, self.train, self.holdout)?) {
                 continue;
             }
