@@ -13,15 +13,16 @@ use super::{Errors, Evidence, Inseparable, Outcome, Search, correlation_of_taken
 
 impl Search<'_> {
     /// A law was chosen while effects that came later were still in the residual, and its values, or those of the others, stood for these: a spring with a far
-    /// centre is a constant force, a gain of the cell beside one of the motor is an encoder of another scale. Those that came close to it in its round are put
-    /// in its place: where one with fewer parameters leaves about as much, that one stays; one with as many that does is a rival.
+    /// centre is a constant force, a gain of the cell beside one of the motor is an encoder of another scale. Those that came close to it in its round, and those that are
+    /// rivals of another law that was found, are put in its place: where one with fewer parameters leaves about as much, that one stays; one with as many that does is a rival.
     pub(super) fn weigh_alternatives(&mut self) -> Result<(), IdentifyError> {
         for index in self.declared_effects()..self.best.hypothesis.effects.len() {
             let Some(row) = self.row_of(index) else { continue };
             let chosen = self.evidence[row].clone();
             let bare = self.best.hypothesis.without(index);
-            let rows: Vec<usize> =
-                (0..self.evidence.len()).filter(|row| comes_close(&self.evidence[*row], &chosen, &bare)).collect();
+            let rows: Vec<usize> = (0..self.evidence.len())
+                .filter(|row| self.may_stand_for(&chosen, &self.evidence[*row], &bare))
+                .collect();
             if rows.is_empty() {
                 continue;
             }
@@ -43,6 +44,18 @@ impl Search<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Whether a law that was beaten in the round of a chosen one is worth a fit in its place: no more parameters, not there beside it, and half of its gain or a
+    /// rival of another law. What is one force with one of the laws can be one with any of them.
+    fn may_stand_for(&self, chosen: &Evidence, one: &Evidence, bare: &Hypothesis) -> bool {
+        let was_beaten = one.round == chosen.round && matches!(one.outcome, Outcome::Beaten | Outcome::TooSmall);
+        let comes_close = one.holdout_gain >= HALF_OF_THE_REST * chosen.holdout_gain;
+        let is_rival = self.inseparable.iter().any(|pair| pair.rival == one.name && pair.effect != chosen.name);
+        was_beaten
+            && one.free <= chosen.free
+            && (comes_close || is_rival)
+            && !bare.effects.iter().any(|part| part.descriptor.name == one.name)
     }
 
     /// What was found with another law in the place of one of its effects.
@@ -82,15 +95,6 @@ impl Search<'_> {
         self.evidence[row].outcome = Outcome::Chosen;
         (self.best, self.best_errors) = (fitted, found);
     }
-}
-
-/// Whether a law that was beaten by a chosen one came close to it, with no more parameters, and is not there beside it.
-fn comes_close(one: &Evidence, chosen: &Evidence, bare: &Hypothesis) -> bool {
-    one.round == chosen.round
-        && matches!(one.outcome, Outcome::Beaten | Outcome::TooSmall)
-        && one.free <= chosen.free
-        && one.holdout_gain >= HALF_OF_THE_REST * chosen.holdout_gain
-        && !bare.effects.iter().any(|part| part.descriptor.name == one.name)
 }
 
 #[cfg(test)]
@@ -143,9 +147,14 @@ mod tests {
         let gain = part("motor_gain", &[("fraction", 0.019)]);
         let scale = part("encoder_scale", &[("fraction", -0.035)]);
         let of_cell = part("force_cell_gain", &[("fraction", 0.019)]);
-        for (hidden, found, expected) in [
-            (vec![gain.clone(), scale], vec![of_cell.clone(), gain], vec!["encoder_scale"]),
-            (vec![of_cell.clone()], vec![of_cell], Vec::new()),
+        let known = Inseparable { effect: "motor_gain", rival: "encoder_scale", correlation: 1.0 };
+        let both = (vec![gain.clone(), scale], vec![of_cell.clone(), gain]);
+        for ((hidden, found), of_scale, known, expected) in [
+            (both.clone(), 0.6, None, true),
+            (both.clone(), 0.1, None, false),
+            // What is a rival of the one may be one of the other.
+            (both, 0.1, Some(known), true),
+            ((vec![of_cell.clone()], vec![of_cell]), 0.6, None, false),
         ] {
             let real = StageModel { effects: hidden.iter().map(Part::parameters).collect(), ..model.clone() };
             let record =
@@ -155,13 +164,13 @@ mod tests {
             let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
             let laws = found.iter().fold(start.clone(), |laws, part| laws.with(part.clone()));
             search.take(fit(&laws, &train, Sides::BOTH, Effort::KEPT).unwrap()).unwrap();
-            let mut rows = tried(&[("force_cell_gain", 1, 1.0), ("encoder_scale", 1, 0.6), ("motor_gain", 1, 0.5)]);
+            let mut rows = tried(&[("force_cell_gain", 1, 1.0), ("encoder_scale", 1, of_scale)]);
             rows[0].one.outcome = Outcome::Chosen;
             search.evidence = rows.into_iter().map(|tried| tried.one).collect();
+            search.inseparable.extend(known);
             search.weigh_alternatives().unwrap();
-            let rivals: Vec<_> = search.inseparable.iter().map(|pair| (pair.effect, pair.rival)).collect();
-            let expected: Vec<_> = expected.into_iter().map(|rival| ("force_cell_gain", rival)).collect();
-            assert_eq!(rivals, expected, "{:?}", search.inseparable);
+            let is_rival = |pair: &Inseparable| (pair.effect, pair.rival) == ("force_cell_gain", "encoder_scale");
+            assert_eq!(search.inseparable.iter().any(is_rival), expected, "{:?}", search.inseparable);
             assert!(search.inseparable.iter().all(|pair| pair.correlation > 0.9), "{:?}", search.inseparable);
         }
     }
