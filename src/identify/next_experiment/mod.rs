@@ -429,9 +429,14 @@ mod tests {
         };
         let evidence = effects.iter().map(|part| one(part, Outcome::Chosen));
         let evidence = evidence.chain(rivals.iter().map(|part| one(part, Outcome::Equal))).collect();
-        let effect = effects[0].descriptor.name;
-        let pair = |rival: &Part| Inseparable { effect, rival: rival.descriptor.name, correlation: 1.0 };
-        let inseparable = rivals.iter().map(pair).collect();
+        // The rivals are those of the first effect, if there is one.
+        let pairs = effects.iter().take(1).flat_map(|effect| rivals.iter().map(move |rival| (effect, rival)));
+        let inseparable = pairs
+            .map(|(effect, rival)| {
+                let (effect, rival) = (effect.descriptor.name, rival.descriptor.name);
+                Inseparable { effect, rival, correlation: 1.0 }
+            })
+            .collect();
         Selection {
             verdict,
             before,
