@@ -11,7 +11,7 @@ use crate::plant::{Drive, EffectDescriptor, Side, SlippingRipple};
 use super::curve::NO_FRICTION;
 use super::declared::Declared;
 use super::driven::{self, Driven};
-use super::measured::{Floor, Measured};
+use super::measured::{Floor, Measured, mean_square};
 use super::slipping::Slipping;
 
 /// How far the real machine may be from the declared one, as shares of the declared values.
@@ -196,10 +196,7 @@ pub struct Missing {
 impl Missing {
     /// Mean squares, N^2.
     pub fn squares(&self) -> (f64, f64) {
-        let mean = |values: &[f64]| {
-            if values.is_empty() { 0.0 } else { values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64 }
-        };
-        (mean(&self.motor), mean(&self.carriage))
+        (mean_square(self.motor.iter().copied()), mean_square(self.carriage.iter().copied()))
     }
 
     /// Root of the sum of both mean squares, N.

@@ -324,7 +324,7 @@ impl Measured {
     /// Rms of the force on the carriage as measured (the command where there is no cell), filtered as the residuals are, N.
     pub fn force_rms(&self) -> f64 {
         let force = self.filtered(self.cell.as_deref().unwrap_or(&self.command));
-        (force.iter().map(|force| force * force).sum::<f64>() / force.len().max(1) as f64).sqrt()
+        mean_square(force.into_iter()).sqrt()
     }
 
     /// A signal at the rows as it is.
@@ -542,6 +542,12 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
             smooth + share * (position[k] - smooth)
         })
         .collect()
+}
+
+/// Mean of the squares; 0 of nothing.
+pub(super) fn mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len().max(1);
+    values.map(|value| value * value).sum::<f64>() / count as f64
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::driven::Driven;
 use super::fit::Estimate;
 use super::hypothesis::{Hypothesis, Sides};
-use super::measured::{Floor, Measured};
+use super::measured::{Floor, Measured, mean_square};
 use super::objective::{derivatives, stacked};
 use super::uncertainty::inverse_where_known;
 use crate::model::ModelError;
@@ -34,10 +34,8 @@ pub(super) fn floor(hypothesis: &Hypothesis, measured: &Measured) -> Result<Floo
     }
     let there = hypothesis.missing(&noisy(hypothesis, measured, 0, 1.0), Sides::BOTH)?;
     let here = hypothesis.missing(measured, Sides::BOTH)?;
-    let changed = |there: &[f64], here: &[f64]| {
-        let squares: f64 = there.iter().zip(here).map(|(there, here)| (there - here).powi(2)).sum();
-        (squares / here.len().max(1) as f64).sqrt()
-    };
+    let changed =
+        |there: &[f64], here: &[f64]| mean_square(there.iter().zip(here).map(|(there, here)| there - here)).sqrt();
     Ok(Floor {
         motor: floor.motor.max(changed(&there.motor, &here.motor)),
         carriage: floor.carriage.max(changed(&there.carriage, &here.carriage)),

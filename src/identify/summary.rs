@@ -131,12 +131,14 @@ impl Verdict {
     }
 }
 
-/// A number as a person reads it: six decimals, or powers of ten where these would hide it.
+/// A number as a person reads it: six digits, or powers of ten where these would hide it.
 pub fn readable(value: f64) -> String {
     if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
         return format!("{value:.4e}");
     }
-    format!("{value:.6}").trim_end_matches('0').trim_end_matches('.').to_owned()
+    let decimals = (5.0 - value.abs().max(0.1).log10().floor()) as usize;
+    let digits = format!("{value:.decimals$}");
+    if decimals == 0 { digits } else { digits.trim_end_matches('0').trim_end_matches('.').to_owned() }
 }
 
 /// A number in the digits that its interval deserves.
@@ -440,7 +442,7 @@ pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
         } else if is_share(coordinate.place) && TWO_SIDED_95 * deviation > upper {
             warnings.push(format!(
                 "{name} is hardly identifiable from these data: {} {unit}, known to {:.1} % at the best, its tolerance is {:.1} %",
-                readable(value),
+                in_digits(value, Some([1.0, -1.0].map(|side| value * (1.0 - side * TWO_SIDED_95 * deviation)))),
                 100.0 * TWO_SIDED_95 * deviation,
                 100.0 * coordinate.scale
             ));
@@ -535,6 +537,7 @@ mod tests {
     #[test]
     fn numbers_keep_the_digits_that_say_something() {
         assert_eq!(["0.024", "2.0000e-7", "0", "1.0000e6"], [0.024, 2e-7, 0.0, 1e6].map(readable));
+        assert_eq!(["410370", "450000", "39.9996", "-0.003"], [410370.135, 450000.0, 39.99961, -0.003].map(readable));
         assert_eq!(in_digits(5.99987, Some([5.9985, 6.0012])), "5.9999");
         assert_eq!(in_digits(0.023998, Some([0.023996, 0.024])), "0.0239980");
         assert_eq!(in_digits(2.0004e-7, Some([1.99e-7, 2.01e-7])), "2.000e-7");

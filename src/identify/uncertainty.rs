@@ -147,30 +147,32 @@ fn gradient_of_walk(slopes: DMatrixView<f64>, variance: f64) -> DMatrix<f64> {
 const INDEPENDENT: f64 = 0.05;
 const LONGEST_LAG: usize = 2000;
 
-/// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation up to its first zero.
+/// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation while it is more than [`INDEPENDENT`].
 pub fn correlation_length(values: &[f64]) -> f64 {
-    correlation_length_along(values, &[])
+    length_weighted(values, |_| 1.0)
 }
 
 /// The same for what is asked of it along another signal: the products of both autocorrelations count (Bartlett, J. R. Stat. Soc. Suppl. 8, 1946). What drifts
-/// says little of a line, and much of a force that changes from row to row. Without another signal, or where that is nothing: along a constant.
+/// says little of a line, and much of a force that changes from row to row. Along nothing: along a constant.
 pub fn correlation_length_along(values: &[f64], along: &[f64]) -> f64 {
-    let power = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
-    let product =
-        |values: &[f64], lag: usize| values.iter().zip(&values[lag..]).map(|(one, later)| one * later).sum::<f64>();
-    let (own, other) = (power(values), power(along));
-    if own <= 0.0 {
+    let power = product_at(along, 0);
+    length_weighted(values, |lag| if power > 0.0 { product_at(along, lag) / power } else { 1.0 })
+}
+
+/// 1 + 2 sum of the autocorrelation of a signal times a weight of the lag.
+fn length_weighted(values: &[f64], weight: impl Fn(usize) -> f64) -> f64 {
+    let power = product_at(values, 0);
+    if power <= 0.0 {
         return 1.0;
     }
-    let mut length = 1.0;
-    for lag in 1..values.len().min(LONGEST_LAG) {
-        let correlation = product(values, lag) / own;
-        if correlation <= INDEPENDENT {
-            break;
-        }
-        length += 2.0 * correlation * if other > 0.0 { product(along, lag) / other } else { 1.0 };
-    }
-    length.max(1.0)
+    let correlations = (1..values.len().min(LONGEST_LAG)).map(|lag| (lag, product_at(values, lag) / power));
+    let correlated = correlations.take_while(|(_, correlation)| *correlation > INDEPENDENT);
+    correlated.fold(1.0, |length, (lag, correlation)| length + 2.0 * correlation * weight(lag)).max(1.0)
+}
+
+/// Sum of the products of a signal with itself a lag later.
+fn product_at(values: &[f64], lag: usize) -> f64 {
+    values.iter().zip(&values[lag..]).map(|(one, later)| one * later).sum()
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use crate::identify::IdentifyError;
 use crate::identify::hypothesis::{Hypothesis, Part, Sides};
-use crate::identify::measured::Measured;
+use crate::identify::measured::{Measured, mean_square};
 use crate::plant::Side;
 
 use super::worth::{HALF_OF_THE_REST, NOISE_LIKE};
@@ -51,7 +51,7 @@ impl Search<'_> {
         let here = self.best.hypothesis.in_record(self.holdout)?;
         let elsewhere = without_cell(&here, self.holdout)?.sqrt() > NOISE_LIKE * self.floor.total();
         let missing = here.missing(self.holdout, Sides::MOTOR)?.motor;
-        let beyond = missing.iter().map(|one| one * one).sum::<f64>() / missing.len() as f64 - self.floor.motor.powi(2);
+        let beyond = mean_square(missing.iter().copied()) - self.floor.motor.powi(2);
         let means = square_of_means(&self.holdout.at_rows(&self.holdout.time), &missing, SLOW);
         let is_all = little && !elsewhere && beyond > 0.0 && means >= SHOWN_BY_MEANS * beyond;
         Ok(is_all.then(|| beyond.sqrt()))
@@ -73,8 +73,7 @@ fn is_of_cell(part: &Part) -> bool {
 /// Mean square of the force that is missing from the command to the motion, N^2.
 fn without_cell(hypothesis: &Hypothesis, measured: &Measured) -> Result<f64, IdentifyError> {
     let missing = hypothesis.missing(measured, Sides::BOTH)?;
-    let both = missing.motor.iter().zip(&missing.carriage);
-    Ok(both.map(|(motor, carriage)| (motor + carriage).powi(2)).sum::<f64>() / missing.carriage.len() as f64)
+    Ok(mean_square(missing.motor.iter().zip(&missing.carriage).map(|(motor, carriage)| motor + carriage)))
 }
 
 #[cfg(test)]

@@ -84,34 +84,43 @@ impl Search<'_> {
         if let Some((one, with)) = self.in_best_form(&tried[winner])? {
             tried[winner] = Tried { one, with, forms: Vec::new() };
         }
-        tried[winner].one.outcome = Outcome::Chosen;
-        let (gain, free, name) = (tried[winner].one.holdout_gain, tried[winner].one.free, tried[winner].one.name);
-        let effort = self.on_the_way(&tried[winner].one.errors);
-        let mut others = Vec::new();
+        let winner = tried.remove(winner);
+        self.name_rivals(&winner, &mut tried)?;
+        self.adopt(winner, tried)?;
+        Ok(true)
+    }
+
+    /// Those that the data do not tell from the winner of a round: as much of a gain with no more parameters.
+    fn name_rivals(&mut self, winner: &Tried, others: &mut [Tried]) -> Result<(), IdentifyError> {
+        let gain = winner.one.holdout_gain;
         let missing_with = |with: &Hypothesis| with.missing(self.train, Sides::BOTH);
-        let with_winner = missing_with(&tried[winner].with)?;
-        for (index, Tried { one, with, .. }) in tried.iter_mut().enumerate() {
-            if index == winner {
-                continue;
-            }
-            others.push((one.name, one.errors.holdout().sqrt()));
+        for Tried { one, with, .. } in others {
             let closeness = (one.holdout_gain / gain).min(gain / one.holdout_gain);
-            if one.outcome == Outcome::Beaten && closeness >= RIVAL && one.free <= free {
+            if one.outcome == Outcome::Beaten && closeness >= RIVAL && one.free <= winner.one.free {
                 one.outcome = Outcome::Equal;
-                let correlation = correlation_of_taken(&self.best.missing, &with_winner, &missing_with(with)?);
-                self.inseparable.push(Inseparable { effect: name, rival: one.name, correlation });
+                let correlation =
+                    correlation_of_taken(&self.best.missing, &missing_with(&winner.with)?, &missing_with(with)?);
+                self.inseparable.push(Inseparable { effect: winner.one.name, rival: one.name, correlation });
             }
         }
-        let chosen = tried[winner].with.holding_guides(false);
+        Ok(())
+    }
+
+    /// The winner of a round is there from now on, and the round stands in the evidence.
+    fn adopt(&mut self, winner: Tried, others: Vec<Tried>) -> Result<(), IdentifyError> {
+        let one = Evidence { outcome: Outcome::Chosen, ..winner.one };
+        let chosen = winner.with.holding_guides(false);
         let added = &chosen.effects[self.best.hypothesis.effects.len()..];
-        self.runners_up.extend(added.iter().map(|_| others.clone()));
+        let left_by_others: Vec<(&'static str, f64)> =
+            others.iter().map(|other| (other.one.name, other.one.errors.holdout().sqrt())).collect();
+        self.runners_up.extend(added.iter().map(|_| left_by_others.clone()));
         // Ripples that came together are each a row, with what all of them do.
-        let one = tried[winner].one.clone();
         let together = added.iter().filter(|part| **part != one.part);
-        let together = together.map(|part| Evidence { part: part.clone(), ..one.clone() });
-        self.evidence.extend(tried.into_iter().map(|tried| tried.one).chain(together));
-        self.take(with_different_guides(&chosen, self.train, effort)?)?;
-        Ok(true)
+        let together: Vec<Evidence> = together.map(|part| Evidence { part: part.clone(), ..one.clone() }).collect();
+        let effort = self.on_the_way(&one.errors);
+        self.evidence.push(one);
+        self.evidence.extend(others.into_iter().map(|other| other.one).chain(together));
+        self.take(with_different_guides(&chosen, self.train, effort)?)
     }
 
     /// Whether what a law would take out is little of what those before it have: it may be what these leave in forms that are not right.
