@@ -30,7 +30,8 @@ pub struct Arguments {
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings.\n\
-    The nodes are the programs stage_node and controller_node; they take --ros-args as every ROS 2 node does.";
+    The nodes are the programs stage_node and controller_node; they take --ros-args as every ROS 2 node does. Their\n\
+    --help lists the parameters.";
 
 #[derive(Debug, Subcommand)]
 enum Command {

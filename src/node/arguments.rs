@@ -105,6 +105,8 @@ const PARAM: &str = "-p [NODE:]NAME:=VALUE, as in -p control_rate:=1000.0";
 const PARAMS_FILE: &str = "--params-file FILE.yaml";
 const LOG_LEVEL: &str = "--log-level [LOGGER:=]debug|info|warn|error|fatal";
 const ENCLAVE: &str = "-e /ENCLAVE";
+/// How each ROS argument that takes a value is written.
+pub(super) const ROS_ARGUMENTS: [&str; 5] = [PARAM, PARAMS_FILE, REMAP, LOG_LEVEL, ENCLAVE];
 const VALUELESS: [&str; 6] = [
     "--enable-rosout-logs",
     "--disable-rosout-logs",

@@ -17,6 +17,7 @@ use tokio::sync::oneshot;
 
 use super::clock;
 use super::controller_settings as settings;
+use super::help;
 use super::inlet::{Inlet, Waiter};
 use super::outlet::{Outlet, Published};
 use super::parameters::ParameterSet;
@@ -28,6 +29,9 @@ use crate::control::{Controller, ControllerSettings, Follower, Terms};
 use crate::message::{
     ControllerState, DiagnosticArray, DiagnosticStatus, Header, JointState, JointTrajectory, KeyValue, WrenchStamped,
 };
+
+const ABOUT: &str =
+    "The controller of the stage on ROS 2: takes what the encoder reads and setpoints, commands the force.";
 
 /// Interval of `/diagnostics`.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_millis(200);
@@ -84,6 +88,9 @@ impl Status {
 
 /// Runs the controller node with the given command line (without the program's name) until a signal ends it.
 pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
+    if help::given(&command_line, "controller_node", ABOUT, &settings::specs()) {
+        return Ok(());
+    }
     let startup = Startup::parse("controller", command_line)?;
     startup.start_logging();
     let mut parameters = ParameterSet::declare(settings::specs(), &startup.overrides())?;

@@ -12,6 +12,7 @@ pub mod controller_settings;
 pub mod cpu;
 pub mod driver;
 pub mod graph_watch;
+mod help;
 pub mod inlet;
 pub mod lateness;
 pub mod outlet;

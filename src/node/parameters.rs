@@ -76,6 +76,27 @@ impl ParameterSpec {
         Self { read_only: true, ..self }
     }
 
+    /// What it takes: type, range or choices, default, and whether it can change while the node runs.
+    pub fn values(&self) -> String {
+        let unit = unit(self.unit);
+        let mut told = type_name(&self.default).to_owned();
+        if let Some((min, max)) = self.range {
+            let limit = |value: f64| match self.default {
+                ParameterValue::Integer(_) => format!("{value}"),
+                _ => format!("{value:?}"),
+            };
+            told += &format!(", {} to {}{unit}", limit(min), limit(max));
+        }
+        if !self.choices.is_empty() {
+            told += &format!(", {}", self.choices.join(" or "));
+        }
+        told += &match show(&self.default) {
+            nothing if nothing.is_empty() => ", default none".to_owned(),
+            default => format!(", default {default}{unit}"),
+        };
+        if self.read_only { told + ", at start only" } else { told }
+    }
+
     /// Refuses a value of another type, out of range, not a number, or not among the choices.
     fn check(&self, value: &ParameterValue) -> Result<(), ParameterError> {
         let name = self.name;

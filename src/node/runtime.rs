@@ -45,7 +45,7 @@ impl Startup {
         let (arguments, others) = RosArguments::parse(command_line.iter().cloned())?;
         if let Some(other) = others.first() {
             anyhow::bail!(
-                "unexpected argument `{other}`; parameters go behind --ros-args, as in --ros-args -p name:=value"
+                "unexpected argument `{other}`; parameters go behind --ros-args, as in --ros-args -p name:=value; --help lists them"
             );
         }
         let name = arguments.node_name(default_name);

@@ -8,6 +8,7 @@ use anyhow::Context as _;
 use tokio::sync::oneshot;
 
 use super::clock;
+use super::help;
 use super::outlet::Outlet;
 use super::parameters::ParameterSet;
 use super::participant::Participant;
@@ -22,6 +23,9 @@ use super::wire::StageNames;
 use crate::bag::Provenance;
 use crate::message::{DiagnosticArray, Header, KeyValue};
 use crate::plant::Stage;
+
+const ABOUT: &str =
+    "The stage on ROS 2: takes force commands and setpoints, publishes what encoder and force cell read.";
 
 /// Interval of `/diagnostics`.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_millis(200);
@@ -89,6 +93,9 @@ pub struct StageLoop {
 
 /// Runs the stage node with the given command line (without the program's name) until a signal ends it.
 pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
+    if help::given(&command_line, "stage_node", ABOUT, &stage_settings::specs()) {
+        return Ok(());
+    }
     let startup = Startup::parse("stage", command_line)?;
     startup.start_logging();
     let parameters = ParameterSet::declare(stage_settings::specs(), &startup.overrides())?;
