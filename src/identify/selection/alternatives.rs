@@ -7,8 +7,7 @@ use crate::plant::Side;
 
 use super::columns::Columns;
 use super::guides::with_different_guides;
-use super::rounds::RIVAL;
-use super::worth::HALF_OF_THE_REST;
+use super::worth::{HALF_OF_THE_REST, RIVAL};
 use super::{Errors, Evidence, Inseparable, Outcome, Search, correlation_of_taken, errors};
 
 impl Search<'_> {

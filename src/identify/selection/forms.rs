@@ -8,8 +8,7 @@ use crate::plant::Side;
 
 use super::columns::Columns;
 use super::guides::with_different_guides;
-use super::rounds::SIMPLER;
-use super::worth::{ALL_BUT_NOISE, HALF_OF_THE_REST};
+use super::worth::{ALL_BUT_NOISE, HALF_OF_THE_REST, SIMPLER};
 use super::{Errors, Search, errors};
 
 /// How forms of a law are compared.

@@ -26,7 +26,7 @@ use super::uncertainty::correlation_length_along;
 use curves::MOST_CURVES;
 use guides::with_different_guides;
 
-pub(super) use rounds::RIVAL;
+pub(super) use worth::RIVAL;
 pub use worth::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
 
 /// Most laws that are added.

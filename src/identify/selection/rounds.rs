@@ -15,16 +15,12 @@ use crate::plant::{EffectDescriptor, Side};
 use super::columns::Columns;
 use super::forms::{Forms, starts};
 use super::guides::with_different_guides;
-use super::worth::HALF_OF_THE_REST;
+use super::worth::{HALF_OF_THE_REST, RIVAL, SIMPLER};
 use super::{
     Errors, Evidence, Inseparable, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, correlation_of_taken, errors,
     errors_on, gain_elsewhere,
 };
 
-/// Share of the best gain that a law with fewer parameters must reach to be preferred.
-pub(super) const SIMPLER: f64 = 0.97;
-/// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to be separable.
-pub const RIVAL: f64 = 0.985;
 /// Share of what laws have taken out of the hold-out below which the next one may be what they leave in other forms. Assumed.
 const SMALL_REST: f64 = 0.05;
 /// Part by which the periods of guides of one type differ at most. Assumed.

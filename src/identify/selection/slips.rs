@@ -7,8 +7,7 @@ use crate::identify::slipping;
 use crate::plant::Side;
 
 use super::guides::with_different_guides;
-use super::rounds::SIMPLER;
-use super::worth::{HALF_OF_THE_REST, LEAST_SHARE};
+use super::worth::{HALF_OF_THE_REST, LEAST_SHARE, SIMPLER};
 use super::{Evidence, MOST_OF_ONE, Outcome, Search, by_chance, errors, errors_on, gain_elsewhere};
 
 /// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one that turns the phase within a few strokes.

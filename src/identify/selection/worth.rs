@@ -18,6 +18,10 @@ const LEAST_SHARE_OF_LITTLE: f64 = 0.25;
 /// Share of what laws leave, where that is no noise, that a map must take out for the same, and share of what a map leaves that a law beside
 /// it must: the rest of a curve of few knots has a shape that many a law bends towards.
 pub(super) const HALF_OF_THE_REST: f64 = 0.5;
+/// Share of the best gain that a law with fewer parameters must reach to be preferred.
+pub(super) const SIMPLER: f64 = 0.97;
+/// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to be separable.
+pub const RIVAL: f64 = 0.985;
 /// Share of the explainable residual, and floors of noise, that laws which are the answer may leave, where it is more than noise: right ones left 0.02
 /// and 6 floors at most, false ones 0.03 and 38, or 0.09 and 103.
 pub const LEFT_AT_MOST: f64 = 0.05;
