@@ -181,7 +181,7 @@ fn main() -> Result<()> {
         What::Power { only, floors, runs, large } => {
             for name in chosen(&CATALOGUE[..LISTED], only)? {
                 for &size in floors {
-                    session.of_size(name, size, session.seeds(*runs))?;
+                    session.of_size(name, size, session.arguments.first, *runs)?;
                 }
                 if floors.is_empty() {
                     session.threshold(name, *runs, *large)?;
@@ -248,18 +248,25 @@ impl Session<'_> {
         setup
     }
 
-    /// Runs of an effect whose held-out force is of this size, floors.
-    fn of_size(&mut self, name: &str, size: f64, seeds: std::ops::Range<u64>) -> Result<()> {
+    /// Runs of the first stages from a seed on of which an effect can be made of this size, floors; the seed behind the last of them. A sudden slip is
+    /// none of a smooth bristle, however alike its elements are.
+    fn of_size(&mut self, name: &str, size: f64, first: u64, runs: u64) -> Result<u64> {
         self.size = size;
-        for seed in seeds {
+        let mut left = runs;
+        for seed in first..first + TRIED_FOR_ONE * runs {
+            if left == 0 {
+                return Ok(seed);
+            }
             let usual = drawn(name, seed)?;
             match self.factor_of(&usual, size, seed)? {
-                Some(factor) => self.run(seed, factor, vec![usual.scaled(factor)])?,
-                // A sudden slip is none of a smooth bristle, however alike its elements are.
+                Some(factor) => {
+                    self.run(seed, factor, vec![usual.scaled(factor)])?;
+                    left -= 1;
+                }
                 None => eprintln!("{name} seed {seed}: cannot be made of {size} floors"),
             }
         }
-        Ok(())
+        Ok(first + TRIED_FOR_ONE * runs)
     }
 
     /// Factor on the usual size of an effect at which its held-out force is of this size, floors; `None` where there is none. The force of most effects is
@@ -285,18 +292,18 @@ impl Session<'_> {
     /// Doubles or halves the size until it is between one that fewer than half of the runs detect and one that half of them do, then goes to five times
     /// the size in between.
     fn threshold(&mut self, name: &str, runs: u64, large: u64) -> Result<()> {
-        let seeds = self.seeds(runs + large);
-        let (first, others) = (seeds.start..seeds.start + runs, seeds.start + runs..seeds.end);
+        let first = self.arguments.first;
+        let mut others = first + runs;
         let mut size = 1.0;
         let mut known = None;
         while SIZES.contains(&size) {
-            self.of_size(name, size, first.clone())?;
+            others = others.max(self.of_size(name, size, first, runs)?);
             let of_name = || self.reports.iter().filter(|report| report.hidden[0].name == name);
             let at = share(of_name().filter(|report| report.size == size), |report| report.detected);
             let is_enough = at >= 0.5;
             if known.is_some_and(|known| known != is_enough) {
                 let half = half(&of_name().collect::<Vec<_>>());
-                return half.map_or(Ok(()), |half| self.of_size(name, 5.0 * half, others));
+                return half.map_or(Ok(()), |half| self.of_size(name, 5.0 * half, others, large).map(|_| ()));
             }
             known = Some(is_enough);
             size *= if is_enough { 0.5 } else { 2.0 };
@@ -424,6 +431,8 @@ impl Session<'_> {
 
 /// Sizes in which an effect is looked for, floors.
 const SIZES: std::ops::RangeInclusive<f64> = 0.01..=300.0;
+/// Stages that are tried at most for each on which an effect can be made of a size.
+const TRIED_FOR_ONE: u64 = 4;
 
 /// Share of the runs that are so.
 fn share<'a>(runs: impl Iterator<Item = &'a Report>, is_so: impl Fn(&Report) -> bool) -> f64 {
