@@ -147,7 +147,7 @@ fn gradient_of_walk(slopes: DMatrixView<f64>, variance: f64) -> DMatrix<f64> {
 const INDEPENDENT: f64 = 0.05;
 const LONGEST_LAG: usize = 2000;
 
-/// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation while it is more than [`INDEPENDENT`].
+/// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation while it is more than that of noise.
 pub fn correlation_length(values: &[f64]) -> f64 {
     length_weighted(values, |_| 1.0)
 }
