@@ -206,4 +206,27 @@ mod tests {
             assert_eq!(found != 0.0, stays, "{in_holdout} N on the hold-out: {found} N");
         }
     }
+
+    /// A lag of 0.15 ticks behind a delay of 0.99: fits that begin at either alone, or at parts of their sum, end a tick beside it or without a delay.
+    #[test]
+    fn a_lag_behind_a_delay_that_ends_before_a_tick_is_found() {
+        let model = StageModel::default();
+        let step = Measured::new(&recording(&model, 3, 0.0, 1), &model, "the record").unwrap().rate.recip();
+        let lag = part("actuator_lag", &[("time_constant", 0.15 * step), ("delay", 0.99 * step)]);
+        let real = StageModel { effects: vec![lag.parameters()], ..model.clone() };
+        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
+        let (train, holdout) = (record(3, 6), record(4, 4));
+        let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
+        let search = Search::new(&start, &train, &holdout, &Silent).unwrap();
+        let columns = Columns::new(&start, &train).unwrap();
+        let values = (lag.descriptor.propose)(&columns.residual(true)).unwrap();
+        let proposed = starts(&Part { descriptor: lag.descriptor, values }, &train);
+        let forms: Vec<Hypothesis> = proposed.into_iter().map(|part| start.with(part)).collect();
+        let fitted = search.fitted_forms(&forms, Sides::BOTH, Effort::KEPT);
+        let found = search.best_form(fitted, Sides::BOTH, Forms::Quick).unwrap();
+        let left = found.missing.rms() / found.hypothesis.floor(&train).total();
+        assert!(left < ALL_BUT_NOISE, "{left} floors, {:?}", found.hypothesis.effects);
+        let delay = found.hypothesis.effects[0].value_of("delay").unwrap();
+        assert!((delay / (0.99 * step) - 1.0).abs() < 0.02, "{} ticks", delay / step);
+    }
 }

@@ -165,12 +165,18 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
 }
 
 /// A lag may be of first order, a delay or both, which a proposal hardly tells apart. A force cell that is sampled at the ticks shows a delay in whole
-/// ticks: a fit cannot step from one to the next.
+/// ticks, and behind one that ends shortly before a tick little of a lag: a fit cannot step from one tick to the next.
 fn lag_or_delay(values: &[f64], step: f64) -> Vec<Vec<f64>> {
     let length: f64 = values.iter().sum();
     let ticks = (length / step).round();
-    let delays = [length, (ticks - 0.5) * step, (ticks + 0.5) * step].into_iter().filter(|delay| *delay > 0.0);
-    delays.map(|delay| vec![0.0, delay]).chain([1.0, 0.25, 0.5, 0.75].map(|lag| vec![lag * length, (1.0 - lag) * length])).collect()
+    let late = |delay: f64| vec![0.0, delay];
+    let shared = |lag: f64| vec![lag * length, (1.0 - lag) * length];
+    let before_a_tick = |tick: f64| vec![0.15 * step, (tick - 0.1) * step];
+    [late(length), late((ticks - 0.5) * step), late((ticks + 0.5) * step), shared(1.0), shared(0.25), shared(0.5), shared(0.75)]
+        .into_iter()
+        .chain([before_a_tick(ticks), before_a_tick(ticks + 1.0)])
+        .filter(|start| start.iter().all(|value| *value >= 0.0) && start.iter().any(|value| *value > 0.0))
+        .collect()
 }
 
 #[cfg(test)]
