@@ -19,6 +19,7 @@ const WALKS: f64 = 4.0;
 
 /// Standard deviations and correlations of the coordinates. Those on a bound are held, but what is declared: how far that may be from what it says is known on
 /// its bound, too, and what the data do not tell from it is known no better. A delay of the motor of which the time shift of the sensors took 25 us had an interval of 0.1 us.
+/// Differences between the guides stay held: no answer names them.
 ///
 /// The covariance is H^-1 S H^-1 with the normal matrix H of the Jacobian and S the covariance of the gradient: the larger, coordinate
 /// by coordinate, of two estimates. One takes the residual of each side as noise of its own size and correlation length, and what wanders

@@ -14,6 +14,9 @@ const LONGEST: f64 = 0.05;
 const KEPT: usize = 1024;
 /// Shortest lag of a proposal, s: a tenth of a sample at 20 kHz.
 const SHORTEST: f64 = 5e-6;
+/// A short lag that a fit starts from, and how long before a tick the delay ends that it is behind, samples. Assumed: a cell sees half of what such a lag holds back.
+const SHORT_LAG: f64 = 0.15;
+const BEFORE_A_TICK: f64 = 0.1;
 /// Times closer than this are the same, s.
 const INSTANT: f64 = 1e-9;
 
@@ -171,7 +174,7 @@ fn lag_or_delay(values: &[f64], step: f64) -> Vec<Vec<f64>> {
     let ticks = (length / step).round();
     let late = |delay: f64| vec![0.0, delay];
     let shared = |lag: f64| vec![lag * length, (1.0 - lag) * length];
-    let before_a_tick = |tick: f64| vec![0.15 * step, (tick - 0.1) * step];
+    let before_a_tick = |tick: f64| vec![SHORT_LAG * step, (tick - BEFORE_A_TICK) * step];
     [late(length), late((ticks - 0.5) * step), late((ticks + 0.5) * step), shared(1.0), shared(0.25), shared(0.5), shared(0.75)]
         .into_iter()
         .chain([before_a_tick(ticks), before_a_tick(ticks + 1.0)])
