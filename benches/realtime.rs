@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-use friction_stage::bag::BagReader;
+use friction_stage_data::bag::BagReader;
 use friction_stage::node::clock::{Ticks, monotonic, prepare_tick_thread};
 use friction_stage::node::driver::Driver;
 use friction_stage::node::lateness::LatenessHistogram;

@@ -6,14 +6,11 @@
 //! Effects are given by name, each drawn from the seed at its usual size times the factor; a number hides that many effects
 //! that the seed picks. Without either nothing is hidden. `--list` prints the names.
 
-#[path = "../tests/generator/mod.rs"]
-mod generator;
-
 use std::path::Path;
 
 use anyhow::{Context as _, bail};
-use generator::Setup;
-use generator::effects::{CATALOGUE, LISTED, by_name, composition};
+use blind_tests::Setup;
+use blind_tests::effects::{CATALOGUE, LISTED, by_name, composition};
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

@@ -2,8 +2,8 @@
 //!
 //! `cargo run --example write_bag -- DIRECTORY [SAMPLES]`
 
-use friction_stage::bag::{BagOptions, BagWriter, OfferedQos, Provenance};
-use friction_stage::message::{
+use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, Provenance};
+use friction_stage_data::message::{
     Clock, ControllerState, DiagnosticArray, DiagnosticStatus, Float64MultiArray, Header, JointState, JointTrajectory,
     JointTrajectoryPoint, KeyValue, StageState, WrenchStamped,
 };

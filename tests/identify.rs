@@ -5,27 +5,26 @@
 //! pass. What the recordings hide was inferred from their residuals, down to the noise of the sensors; amplitude and period below are
 //! what the force cell itself shows.
 
-mod generator;
 mod recordings;
 
 use std::f64::consts::PI;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use friction_stage::identify::{
+use friction_stage_identify::{
     Effort, Hypothesis, Measured, NOISE_LIKE, Part, Selection, Sides, Silent, Tolerances, Verdict, fit, search,
 };
-use friction_stage::model::{Coordinate, Guide, GuideSource, StageModel};
-use friction_stage::plant::EffectDescriptor;
+use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
+use friction_stage_core::plant::EffectDescriptor;
 use serde_json::Value;
 
-use generator::effects::{
+use blind_tests::effects::{
     ActuatorLag, CableChain, ConstantForce, DistributedBristles, EncoderSde, ExternalVibration, ForceCellGain,
     QuadraticDrag, RailJoint, SaturatingBrake, StictionAging, StructuralMode, ViscousWarmUp,
 };
-use generator::guides::Slip;
-use generator::programme::Programme;
-use generator::{Effect, GeneratedRun, Setup};
+use blind_tests::guides::Slip;
+use blind_tests::programme::Programme;
+use blind_tests::{Effect, GeneratedRun, Setup};
 
 fn declared_model() -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("launch_config/stage_measured_runs.yaml")
@@ -305,7 +304,7 @@ fn a_force_that_no_law_has_gets_unknown_its_coordinate_and_a_model_that_loads() 
     let errors = &summary["errors"]["holdout"]["force_rms"];
     let (before, after) = (errors["before"].as_f64().expect("before"), errors["after"].as_f64().expect("after"));
     assert!(after < 0.2 * before, "{before} -> {after}");
-    let model = friction_stage::model::StageModel::load(&out.path().join("identified.yaml")).expect("the model loads");
+    let model = friction_stage_core::model::StageModel::load(&out.path().join("identified.yaml")).expect("the model loads");
     assert_eq!(model.effects.len(), 1);
     let page = std::fs::read_to_string(out.path().join("report.html")).expect("a report");
     assert!(page.contains("<svg") && !page.contains("src=\"http") && !page.contains("href=\"http"));

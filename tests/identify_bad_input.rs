@@ -4,17 +4,14 @@
 //!
 //! Each comes from `tests/generator`, which shares no equation with the library.
 
-#[path = "generator/mod.rs"]
-mod generator;
-
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use friction_stage::bag::{BagOptions, BagWriter, OfferedQos, topics};
-use friction_stage::message::{Header, JointState};
-use generator::noise::Noise;
-use generator::programme::Setpoints;
-use generator::{Columns, Guide, Setup};
+use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, topics};
+use friction_stage_data::message::{Header, JointState};
+use blind_tests::noise::Noise;
+use blind_tests::programme::Setpoints;
+use blind_tests::{Columns, Guide, Setup};
 use tempfile::TempDir;
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/launch_config/stage_measured_runs.yaml");

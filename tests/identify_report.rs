@@ -9,8 +9,8 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use friction_stage::identify::Summary;
-use friction_stage::model::StageModel;
+use friction_stage_identify::Summary;
+use friction_stage_core::model::StageModel;
 use serde_json::Value;
 use tempfile::TempDir;
 

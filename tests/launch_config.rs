@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use friction_stage::model::StageModel;
+use friction_stage_core::model::StageModel;
 use friction_stage::node::arguments::RosArguments;
 use friction_stage::node::parameters::{ParameterSet, ParameterSpec};
 use friction_stage::node::{controller_settings, stage_settings};
-use friction_stage::plant::{Rates, Stage};
+use friction_stage_core::plant::{Rates, Stage};
 
 fn files(ending: &str) -> Vec<PathBuf> {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch_config");

@@ -2,16 +2,14 @@
 //!
 //! Needs Debian's `chromium`, or the browser that `CHROMIUM` names; without one the tests say so and pass.
 
-mod generator;
-
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
 
-use generator::Setup;
-use generator::effects::by_name;
+use blind_tests::Setup;
+use blind_tests::effects::by_name;
 
 /// The browser, if there is one.
 fn chromium() -> Option<PathBuf> {

@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Outcome;
-use crate::bag::{self, BagReader, CheckReport, DataQuality, Excitation, Mapping};
+use friction_stage_data::bag::{self, BagReader, CheckReport, DataQuality, Excitation, Mapping};
 use crate::node::stage_settings;
 
 /// Show what a recording holds, whether anything is wrong with it, and what can be identified from it.

@@ -10,15 +10,15 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::Outcome;
-use crate::bag::{BagReader, topics};
-use crate::lab::{Conditioning, Move, MoveKind, MoveResult, PaperMotion, settling};
-use crate::message::ControllerState;
+use friction_stage_data::bag::{BagReader, topics};
+use friction_stage_lab::{Conditioning, Move, MoveKind, MoveResult, PaperMotion, settling};
+use friction_stage_data::message::ControllerState;
 use crate::node::LOCKSTEP_EPOCH;
 use crate::node::cpu;
 use crate::node::driver::{Driver, LockstepRun};
 use crate::node::participant::{Network, Reach};
 use crate::node::recorder::dated_directory;
-use crate::report::figure::{Curve, Panel, svg};
+use friction_stage_report::figure::{Curve, Panel, svg};
 
 /// Run the stage of the paper on its three guides, over ROS 2.
 ///
@@ -99,7 +99,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         args.rest
     );
     for guide in &args.guides {
-        crate::model::StageModel::on_guides(guide).check()?;
+        friction_stage_core::model::StageModel::on_guides(guide).check()?;
     }
     let directory = args.out.clone().unwrap_or_else(|| dated_directory(Path::new(""), "demo"));
     anyhow::ensure!(

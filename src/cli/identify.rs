@@ -18,14 +18,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 use self::figures::LoopErrors;
 use self::input::{Input, Record};
 use super::Outcome;
-use crate::bag::{Mapping, topics};
-use crate::identify::Outcome::TooSmall;
-use crate::identify::{
+use friction_stage_data::bag::{Mapping, topics};
+use friction_stage_identify::Outcome::TooSmall;
+use friction_stage_identify::{
     CARRIAGE_GAIN, Change, Inseparable, LinearController, MORE_THAN_DECLARED, MOST_LAWS, NOISE_LIKE, NextExperiment,
     PositionErrors, RippleElsewhere, Selection, Summary, Tolerances, Verdict, Watch, closed_loop, in_digits,
     next_experiment, parameter_warnings, readable, ripple_elsewhere, search, taking_part,
 };
-use crate::model::{Curve, CurveSide, Jump, StageModel};
+use friction_stage_core::model::{Curve, CurveSide, Jump, StageModel};
 use crate::node::stage_settings;
 
 /// Find what a declared model lacks: refit it to a recording, trace the residual to an effect, add it, and show the error before
@@ -284,11 +284,11 @@ fn simulate(
     on_holdout: &StageModel,
     warnings: &mut Vec<String>,
 ) -> Option<LoopErrors> {
-    let run = || -> Result<LoopErrors, crate::identify::ClosedLoopError> {
+    let run = || -> Result<LoopErrors, friction_stage_identify::ClosedLoopError> {
         let all: Vec<_> = input.train.traces().chain(input.holdout.traces()).collect();
         // Slow moves do not show all of a controller: another train record may.
         let mut found = input.train.traces().map(|trace| closed_loop::controller_of(trace, &all));
-        let first = found.next().unwrap_or(Err(crate::identify::ClosedLoopError::NoSetpoint));
+        let first = found.next().unwrap_or(Err(friction_stage_identify::ClosedLoopError::NoSetpoint));
         let controller = first.or_else(|error| found.find_map(Result::ok).ok_or(error))?;
         let (before, after) = (selection.before.hypothesis.model(), selection.after.fitted.hypothesis.model());
         let errors = |record: &Record, after: &StageModel, controller: &LinearController| {
@@ -299,7 +299,7 @@ fn simulate(
                     .collect::<Result<Vec<_>, _>>()
                     .map(|errors| errors.concat())
             };
-            Ok::<_, crate::identify::ClosedLoopError>(figures::LoopError {
+            Ok::<_, friction_stage_identify::ClosedLoopError>(figures::LoopError {
                 before: each(&before)?,
                 after: each(after)?,
             })
@@ -358,7 +358,7 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
         );
     }
     for Inseparable { effect, rival, correlation } in &selection.inseparable {
-        let telltale = |name: &str| crate::plant::EffectDescriptor::find(name).map_or("", |found| found.telltale);
+        let telltale = |name: &str| friction_stage_core::plant::EffectDescriptor::find(name).map_or("", |found| found.telltale);
         remarks.push(format!(
             "{effect} and {rival} explain these data equally, what they take out is correlated by {correlation:.4}: all values, the mass among them, hold if it is {effect}; --next-experiment writes a motion that would separate them where there is one. What gives {effect} away: {}; {rival}: {}",
             telltale(effect),
@@ -368,7 +368,7 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     let added = &selection.after.fitted.hypothesis.effects[selection.before.hypothesis.effects.len()..];
     let passages: Vec<f64> =
         added.iter().filter(|part| part.descriptor.name == "ball_passage").map(|part| part.values[1]).collect();
-    let (shortest, longest) = crate::range(&passages);
+    let (shortest, longest) = friction_stage_core::numerics::range(&passages);
     if passages.len() > 1 && longest < ONE_TYPE * shortest {
         remarks.push(format!(
             "{} ball_passage of nearly one period stand for guides that differ in theirs: together they are the ripple, and the values of one are not those of a guide",
@@ -523,7 +523,7 @@ fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Re
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Coordinate;
+    use friction_stage_core::model::Coordinate;
 
     #[test]
     fn a_jump_is_told_in_newtons_or_as_a_part_of_the_friction_before_it() {

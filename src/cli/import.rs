@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::Outcome;
-use crate::bag::{self, Mapping};
+use friction_stage_data::bag::{self, Mapping};
 
 /// Make a bag of our own layout from a CSV file.
 ///

@@ -9,7 +9,7 @@ use clap::Args;
 use super::Outcome;
 use super::selection_output::finish;
 use super::variant_rows::{Sheet, VariantRows};
-use crate::lab::Shard;
+use friction_stage_lab::Shard;
 
 /// Put the shards of a selection together: the same files, bit for bit, as one run without --shard.
 #[derive(Debug, Clone, Args)]

@@ -10,14 +10,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
 
 use super::{Outcome, WrongArguments};
-use crate::bag::topics;
-use crate::control::Point;
-use crate::message::{self, JointTrajectory, JointTrajectoryPoint};
+use friction_stage_data::bag::topics;
+use friction_stage_core::control::Point;
+use friction_stage_data::message::{self, JointTrajectory, JointTrajectoryPoint};
 use crate::node::driver::{Driver, LockstepRun};
 use crate::node::participant::{Network, Reach};
 use crate::node::wire::{Setpoint, setpoint};
 use crate::node::{cpu, stage_settings};
-use crate::plant::Rates;
+use friction_stage_core::plant::Rates;
 
 /// Play a motion on a stage over ROS 2 and record it.
 ///
@@ -213,7 +213,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::next_experiment::trajectory_yaml;
+    use friction_stage_identify::next_experiment::trajectory_yaml;
 
     #[test]
     fn what_identify_writes_is_a_motion_that_can_be_played() {

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Outcome;
-use crate::bag;
+use friction_stage_data::bag;
 
 /// Make a recording that was cut off, lost its index or is damaged whole again.
 ///

@@ -7,8 +7,8 @@ use anyhow::Context as _;
 
 use super::Outcome;
 use super::variant_rows::VariantRows;
-use crate::lab::{Plan, Selection, Tally};
-use crate::report::figure::{Curve, Panel, svg};
+use friction_stage_lab::{Plan, Selection, Tally};
+use friction_stage_report::figure::{Curve, Panel, svg};
 
 /// Ranks all rows of a directory, writes what belongs to them and tells the result on `out`.
 pub fn finish(directory: &Path, rows: &VariantRows, json: bool, out: &mut dyn Write) -> anyhow::Result<Outcome> {

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use ros2_client::ParameterValue;
 
 use super::params_file;
-use crate::model::nearest;
+use friction_stage_core::model::nearest;
 
 /// What the ROS part of a command line says.
 #[derive(Debug, Clone, Default)]

@@ -3,7 +3,7 @@
 //! In come commands as the topics bring them; out goes a force for the stage or a [`Refusal`] that says what was wrong,
 //! with the numbers. A refused command changes nothing.
 
-use crate::message::{Float64MultiArray, JointState, WrenchStamped};
+use friction_stage_data::message::{Float64MultiArray, JointState, WrenchStamped};
 
 /// Topics that carry force commands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -201,7 +201,7 @@ impl Arbiter {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::Header;
+    use friction_stage_data::message::Header;
 
     fn joint_state(names: &[&str], efforts: &[f64]) -> JointState {
         JointState {

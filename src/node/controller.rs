@@ -25,8 +25,8 @@ use super::participant::Participant;
 use super::qos::{COMMANDS, DIAGNOSTICS, FORCES, SAMPLES};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::wire::{Setpoint, controller_state, setpoint};
-use crate::control::{Controller, ControllerSettings, Follower, Terms};
-use crate::message::{
+use friction_stage_core::control::{Controller, ControllerSettings, Follower, Terms};
+use friction_stage_data::message::{
     ControllerState, DiagnosticArray, DiagnosticStatus, Header, JointState, JointTrajectory, KeyValue, WrenchStamped,
 };
 

@@ -2,7 +2,7 @@
 
 use super::parameters::{ParameterSpec, ParameterValues};
 use super::runtime::Startup;
-use crate::control::{AntiWindup, ControllerSettings, Gains};
+use friction_stage_core::control::{AntiWindup, ControllerSettings, Gains};
 use ros2_client::ParameterValue;
 
 /// Parameters that follow from the bandwidth while `tuning` is `bandwidth`.

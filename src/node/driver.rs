@@ -15,8 +15,8 @@ use super::outlet::Outlet;
 use super::participant::{Network, Participant};
 use super::qos::{COMMANDS, DIAGNOSTICS};
 use super::wire::joint_trajectory;
-use crate::control::Point;
-use crate::message::{DiagnosticArray, JointTrajectory};
+use friction_stage_core::control::Point;
+use friction_stage_data::message::{DiagnosticArray, JointTrajectory};
 
 /// Longest wait for a process to be found, to take the motion, or to end.
 const PATIENCE: Duration = Duration::from_secs(20);

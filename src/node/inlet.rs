@@ -33,7 +33,7 @@ use super::{
     participant::{Participant, ParticipantError},
     qos::{DEFAULT_WINDOW, Qos},
 };
-use crate::message::RosMessage;
+use friction_stage_data::message::RosMessage;
 
 /// A subscription to `M`.
 pub struct Inlet<M: RosMessage> {

@@ -28,7 +28,7 @@ use super::{
     participant::{Participant, ParticipantError},
     qos::{Durability, Qos},
 };
-use crate::message::RosMessage;
+use friction_stage_data::message::RosMessage;
 
 /// How long an old writer answers requests for samples that a healthy subscriber misses: twenty of
 /// its heartbeats of 100 ms (rustdds, `HEARTBEAT_PERIOD_FAST`).

@@ -17,7 +17,7 @@ use ros2_client::{MessageTypeName, Name, Node, ParameterValue, Publisher, QosPro
 use super::arguments::Override;
 use super::participant::Participant;
 use super::service::{self, Service, ServiceError};
-use crate::model::nearest;
+use friction_stage_core::model::nearest;
 
 /// Whether the node takes its time from `/clock`; every node has this parameter.
 pub const USE_SIM_TIME: &str = "use_sim_time";

@@ -20,8 +20,8 @@ use super::participant::{Network, Participant};
 use super::qos::{CLOCK, COMMANDS, DIAGNOSTICS, Qos, SAMPLES};
 use super::runtime::lock;
 use super::wire::{StageNames, Tick};
-use crate::bag::{BagError, BagOptions, BagWriter, OfferedQos, Provenance, TopicId};
-use crate::message::{
+use friction_stage_data::bag::{BagError, BagOptions, BagWriter, OfferedQos, Provenance, TopicId};
+use friction_stage_data::message::{
     Clock, ControllerState, DiagnosticArray, Float64MultiArray, JointState, JointTrajectory, RosMessage, StageState,
     WrenchStamped,
 };

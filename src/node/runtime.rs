@@ -18,7 +18,7 @@ use super::cpu;
 use super::parameters::{ParameterServer, ParameterSet, ParameterSpec};
 use super::participant::{Network, Participant};
 use super::service::{self, Service};
-use crate::message::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
+use friction_stage_data::message::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
 
 /// What the rest of the process tells a node's loop.
 #[derive(Debug)]

@@ -13,7 +13,7 @@ use super::participant::{Participant, ParticipantError};
 use super::qos::COMMANDS;
 use super::recorder::{Heard, RecorderHandle};
 use super::runtime::{Control, Startup};
-use crate::message::{Float64MultiArray, JointState, JointTrajectory, WrenchStamped};
+use friction_stage_data::message::{Float64MultiArray, JointState, JointTrajectory, WrenchStamped};
 
 /// Something that reached the stage.
 #[derive(Debug)]

@@ -8,7 +8,7 @@ use super::qos::{CLOCK, Qos, SAMPLES};
 use super::runtime::Startup;
 use super::stage_settings::{Mode, StageSettings};
 use super::wire::{StageNames, Tick};
-use crate::message::{Clock, JointState, KeyValue, RosMessage, StageState, WrenchStamped};
+use friction_stage_data::message::{Clock, JointState, KeyValue, RosMessage, StageState, WrenchStamped};
 
 /// Longest wait in lockstep for a writer that replaces one with a dead subscriber.
 const SETTLE: Duration = Duration::from_secs(1);

@@ -20,8 +20,8 @@ use super::stage_outlets::StageOutlets;
 use super::stage_settings::{Drive, StageSettings};
 use super::stage_status::StageStatus;
 use super::wire::{Setpoint, Tick, setpoint};
-use crate::control::{Controller, ControllerSettings, Follower};
-use crate::plant::Stage;
+use friction_stage_core::control::{Controller, ControllerSettings, Follower};
+use friction_stage_core::plant::Stage;
 
 /// Samples that may wait for the publishing thread: 0.8 s at 10 kHz.
 const SAMPLES: usize = 8192;
@@ -101,7 +101,7 @@ fn servo(settings: &StageSettings) -> anyhow::Result<(Controller, Box<Follower>)
     let mass = settings.model.mass + settings.model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
     let rate = settings.rates.control();
     let paper = ControllerSettings::paper(mass, rate, settings.model.motor.force_limit);
-    let gains = crate::control::Gains::from_bandwidth(settings.servo_bandwidth, mass);
+    let gains = friction_stage_core::control::Gains::from_bandwidth(settings.servo_bandwidth, mass);
     let controller = Controller::new(ControllerSettings { gains, ..paper })?;
     Ok((controller, Box::new(Follower::new(settings.setpoint_jump_limit))))
 }
@@ -284,7 +284,7 @@ impl CommandThread {
     }
 
     /// A setpoint in `drive: servo`; in `drive: force` it is for the controller.
-    fn follow(&mut self, message: &crate::message::JointTrajectory) {
+    fn follow(&mut self, message: &friction_stage_data::message::JointTrajectory) {
         let Some(follower) = &mut self.follower else { return };
         let now = self.status.stamp.load(Ordering::Relaxed);
         let result =

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use super::parameters::{ParameterSpec, ParameterValues};
 use super::runtime::Startup;
-use crate::model::{Catalogue, ModelError, StageModel};
-use crate::plant::{Rates, RatesError};
+use friction_stage_core::model::{Catalogue, ModelError, StageModel};
+use friction_stage_core::plant::{Rates, RatesError};
 
 /// How the time of the stage runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

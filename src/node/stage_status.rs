@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 
 use super::lateness::LatenessHistogram;
 use super::runtime::lock;
-use crate::message::{DiagnosticStatus, KeyValue};
+use friction_stage_data::message::{DiagnosticStatus, KeyValue};
 
 /// Counters of one stage node since its start. Written without locks on the tick.
 #[derive(Debug, Default)]

@@ -5,9 +5,9 @@ use std::path::Path;
 use anyhow::Context as _;
 
 use super::summary::Summary;
-use crate::lab::{SETTLING_BANDS, Specimen, length};
-use crate::report::chart::{Chart, Style};
-use crate::report::page::{Align, Cell, Mark, Page, Table, Tile};
+use friction_stage_lab::{SETTLING_BANDS, Specimen, length};
+use friction_stage_report::chart::{Chart, Style};
+use friction_stage_report::page::{Align, Cell, Mark, Page, Table, Tile};
 
 use Align::{Left, Right};
 
@@ -75,7 +75,7 @@ impl<'a> Report<'a> {
         let holding = statements.iter().filter(|statement| statement.holds).count();
         let mark = if holding == statements.len() { Mark::Good } else { Mark::Warning };
         let fit = self.summary.stiffness_of_guide_1;
-        let worst = |of: fn(&crate::lab::StiffnessError) -> f64| {
+        let worst = |of: fn(&friction_stage_lab::StiffnessError) -> f64| {
             fit.map_or(f64::NAN, |fit| fit.errors.iter().map(|row| of(row).abs()).fold(0.0, f64::max))
         };
         let best = fit.map_or(f64::NAN, |_| 100.0 * worst(|row| row.best_single));

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use serde::Serialize;
 
-use crate::lab::{
+use friction_stage_lab::{
     DahlCurves, DistributedFit, FastMove, FineStep, FrequencyResponse, HuntingResult, RigBias, Statement,
     StiffnessError, StribeckCurve, length,
 };

@@ -3,13 +3,13 @@
 use super::figures::{Figure, Group};
 use super::input::Input;
 use super::metres;
-use crate::identify::{
+use friction_stage_identify::{
     Declared, Evidence, Hypothesis, Inseparable, LEFT_AT_MOST, NextExperiment, Outcome, Selection, Summary, Tolerances,
     Verdict, in_digits, readable, side_name, taking_part,
 };
-use crate::model::{CurveSide, ModelError, StageModel};
-use crate::plant::EffectDescriptor;
-use crate::report::page::{Align, Cell, Mark, Page, Table, Tile};
+use friction_stage_core::model::{CurveSide, ModelError, StageModel};
+use friction_stage_core::plant::EffectDescriptor;
+use friction_stage_report::page::{Align, Cell, Mark, Page, Table, Tile};
 
 /// What a candidate must explain on each record, in words.
 const LEAST_SHARE: &str =
@@ -145,7 +145,7 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
     page.note(mark, &sentence);
     let (force, position) = (summary.errors.holdout.force_rms, summary.errors.holdout.position_rms);
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
-    let better = |change: crate::identify::Change| match (change.before, change.after) {
+    let better = |change: friction_stage_identify::Change| match (change.before, change.after) {
         (Some(before), Some(after)) if after < before => Mark::Good,
         (Some(before), Some(after)) if after > before => Mark::Bad,
         _ => Mark::Neutral,

@@ -1,0 +1,327 @@
+//! The guides that are known by name, each number with where it comes from.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::ModelError;
+use super::{EffectParameters, Guide};
+
+/// Guides by name. The built-in catalogue holds the three guides of the paper; a user's own stand beside them.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Catalogue {
+    entries: BTreeMap<String, CatalogueEntry>,
+}
+
+/// One guide type: how it is built, its LuGre parameters and what was measured on it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CatalogueEntry {
+    pub description: String,
+    pub seals: bool,
+    pub lubricant: String,
+    pub cage: bool,
+    pub stiffness: Quantity,
+    pub bristle_damping: Quantity,
+    pub viscous_friction: Quantity,
+    pub coulomb_force: Quantity,
+    pub static_force: Quantity,
+    pub stribeck_velocity: Quantity,
+    /// What the paper states of the loops; one bristle cannot meet all of it.
+    #[serde(default)]
+    pub effective_stiffness: Vec<EffectiveStiffness>,
+    /// Several bristles in parallel in place of the one, where more was measured than one can meet.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distributed_bristles: Option<DistributedBristles>,
+}
+
+/// What the effect `distributed_bristles` and its guide need in place of a single bristle.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DistributedBristles {
+    /// Bristle stiffness sigma0 of all elements together.
+    pub stiffness: Quantity,
+    /// Bristle damping sigma1 of all elements together.
+    pub bristle_damping: Quantity,
+    pub stiffness_share_1: Quantity,
+    pub strength_share_1: Quantity,
+    pub stiffness_share_2: Quantity,
+    pub strength_share_2: Quantity,
+}
+
+/// A number with its unit and where it comes from.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Quantity {
+    pub value: f64,
+    pub unit: String,
+    pub provenance: Provenance,
+    /// Section of the paper, the derivation, the recordings, or what the assumption rests on.
+    pub source: String,
+    /// Ends of the 95 % confidence interval, in the same unit, where the number was fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ci95: Option<[f64; 2]>,
+}
+
+/// How far a number can be trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Provenance {
+    /// The paper's text gives the number.
+    Stated,
+    /// Follows from stated numbers; the source shows how.
+    Derived,
+    /// Chosen; the source says from what.
+    Assumed,
+    /// Fitted to recordings; the source names them.
+    Measured,
+}
+
+/// A measured effective stiffness: total force over total position difference of a slow loop.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EffectiveStiffness {
+    /// m
+    pub amplitude: f64,
+    /// N/m
+    pub stiffness: f64,
+    pub provenance: Provenance,
+    pub source: String,
+}
+
+impl Catalogue {
+    /// The guides of the paper: `guide_1`, `guide_2`, `guide_3`.
+    pub fn builtin() -> Catalogue {
+        static BUILTIN: std::sync::LazyLock<Catalogue> = std::sync::LazyLock::new(|| {
+            serde_saphyr::from_str(include_str!("catalogue.yaml")).expect("the built-in catalogue is checked by a test")
+        });
+        BUILTIN.clone()
+    }
+
+    /// Reads a user's entries, in the form of the built-in ones; `origin` names the text in errors.
+    ///
+    /// Refused are a text without entries, units other than SI and guides that cannot be.
+    pub fn from_yaml(text: &str, origin: &str) -> Result<Catalogue, ModelError> {
+        // A text of comments only is no map, yet it is what an empty database looks like.
+        if text.lines().all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"..." | b"{}")) {
+            return Err(ModelError::EmptyCatalogue { origin: origin.to_owned() });
+        }
+        let catalogue: Catalogue = serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
+        for (name, entry) in &catalogue.entries {
+            let key = format!("{origin}: {name}");
+            let bristles = entry.distributed_bristles.as_ref().map(DistributedBristles::quantities);
+            for (quantity, name, unit) in entry.quantities().into_iter().chain(bristles.into_iter().flatten()) {
+                if quantity.unit != unit {
+                    let key = format!("{key}.{name}");
+                    return Err(ModelError::Unit { key, found: quantity.unit.clone(), expected: unit });
+                }
+            }
+            entry.guide().check(&key)?;
+        }
+        Ok(catalogue)
+    }
+
+    /// Reads a file of a user's entries.
+    pub fn load(path: &Path) -> Result<Catalogue, ModelError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ModelError::ReadCatalogue { path: path.display().to_string(), source })?;
+        Catalogue::from_yaml(&text, &path.display().to_string())
+    }
+
+    /// The entries as YAML that [`Catalogue::from_yaml`] reads back.
+    pub fn to_yaml(&self) -> Result<String, ModelError> {
+        serde_saphyr::to_string(self).map_err(|error| ModelError::Write { message: error.to_string() })
+    }
+
+    /// Puts the entries of `other` beside these; a name that is taken is refused. `origin` names where `other` comes from.
+    pub fn add(&mut self, other: Catalogue, origin: &str) -> Result<(), ModelError> {
+        for (name, entry) in other.entries {
+            self.insert(name, entry, origin)?;
+        }
+        Ok(())
+    }
+
+    /// Puts one entry beside the others; a name that is taken is refused.
+    pub fn insert(&mut self, name: String, entry: CatalogueEntry, origin: &str) -> Result<(), ModelError> {
+        if self.entries.contains_key(&name) {
+            return Err(ModelError::DuplicateGuide { origin: origin.to_owned(), name });
+        }
+        self.entries.insert(name, entry);
+        Ok(())
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// Names and entries, in the order of the names.
+    pub fn entries(&self) -> impl Iterator<Item = (&str, &CatalogueEntry)> {
+        self.entries.iter().map(|(name, entry)| (name.as_str(), entry))
+    }
+
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.entries.keys().map(String::as_str)
+    }
+
+    pub fn entry(&self, name: &str) -> Option<&CatalogueEntry> {
+        self.entries.get(name)
+    }
+
+    /// A guide with its parallel bristles: its parameters and the effect that belongs to them. `None` where the catalogue has
+    /// no such guide or none for it.
+    pub fn distributed_bristles(&self, name: &str) -> Option<(Guide, EffectParameters)> {
+        let of = self.entry(name)?.distributed_bristles.as_ref()?;
+        let guide =
+            Guide { stiffness: of.stiffness.value, bristle_damping: of.bristle_damping.value, ..self.guide(name)? };
+        let values = [
+            ("stiffness_share_1", &of.stiffness_share_1),
+            ("strength_share_1", &of.strength_share_1),
+            ("stiffness_share_2", &of.stiffness_share_2),
+            ("strength_share_2", &of.strength_share_2),
+        ];
+        let values = values.map(|(key, quantity)| (key.to_owned(), quantity.value));
+        let effect = EffectParameters { name: "distributed_bristles".to_owned(), values: values.into(), curve: None };
+        Some((guide, effect))
+    }
+
+    /// LuGre parameters of a guide by name.
+    pub fn guide(&self, name: &str) -> Option<Guide> {
+        self.entry(name).map(CatalogueEntry::guide)
+    }
+}
+
+impl DistributedBristles {
+    /// The quantities with their names and the units in which they must stand; `1` is a share.
+    fn quantities(&self) -> [(&Quantity, &'static str, &'static str); 6] {
+        [
+            (&self.stiffness, "distributed_bristles.stiffness", "N/m"),
+            (&self.bristle_damping, "distributed_bristles.bristle_damping", "N s/m"),
+            (&self.stiffness_share_1, "distributed_bristles.stiffness_share_1", "1"),
+            (&self.strength_share_1, "distributed_bristles.strength_share_1", "1"),
+            (&self.stiffness_share_2, "distributed_bristles.stiffness_share_2", "1"),
+            (&self.strength_share_2, "distributed_bristles.strength_share_2", "1"),
+        ]
+    }
+}
+
+impl CatalogueEntry {
+    /// The LuGre parameters, without where they come from.
+    pub fn guide(&self) -> Guide {
+        Guide {
+            stiffness: self.stiffness.value,
+            bristle_damping: self.bristle_damping.value,
+            viscous_friction: self.viscous_friction.value,
+            coulomb_force: self.coulomb_force.value,
+            static_force: self.static_force.value,
+            stribeck_velocity: self.stribeck_velocity.value,
+            damping_velocity: None,
+        }
+    }
+
+    /// The quantities with their names and the units in which they must stand.
+    fn quantities(&self) -> [(&Quantity, &'static str, &'static str); 6] {
+        [
+            (&self.stiffness, "stiffness", "N/m"),
+            (&self.bristle_damping, "bristle_damping", "N s/m"),
+            (&self.viscous_friction, "viscous_friction", "N s/m"),
+            (&self.coulomb_force, "coulomb_force", "N"),
+            (&self.static_force, "static_force", "N"),
+            (&self.stribeck_velocity, "stribeck_velocity", "m/s"),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_entry_is_a_possible_guide() {
+        let catalogue = Catalogue::builtin();
+        assert_eq!(catalogue.names().collect::<Vec<_>>(), ["guide_1", "guide_2", "guide_3"]);
+        for name in catalogue.names() {
+            catalogue.guide(name).unwrap().check(name).unwrap();
+        }
+    }
+
+    /// Sum of b Fs tanh(a sigma0 A / (b Fs)) / A over the three elements: the closed form of the effect's slow loop.
+    #[test]
+    fn distributed_bristles_of_guide_1_meet_its_three_stiffnesses() {
+        let catalogue = Catalogue::builtin();
+        let (guide, effect) = catalogue.distributed_bristles("guide_1").unwrap();
+        let [a1, b1, a2, b2] = ["stiffness_share_1", "strength_share_1", "stiffness_share_2", "strength_share_2"]
+            .map(|key| effect.values[key]);
+        let elements = [(a1, b1), (a2, b2), (1.0 - a1 - a2, 1.0 - b1 - b2)];
+        let stated = &catalogue.entry("guide_1").unwrap().effective_stiffness;
+        assert_eq!(stated.len(), 3);
+        for of in stated {
+            let force: f64 = elements
+                .iter()
+                .map(|(a, b)| {
+                    let strength = b * guide.static_force;
+                    strength * (a * guide.stiffness * of.amplitude / strength).tanh()
+                })
+                .sum();
+            assert!((force / of.amplitude / of.stiffness - 1.0).abs() < 2e-3, "{of:?}: {force}");
+        }
+        assert!(catalogue.distributed_bristles("guide_2").is_none());
+    }
+
+    /// The statements of the paper's sections 2 and 3 that a single bristle can meet.
+    #[test]
+    fn catalogue_meets_the_statements_of_the_paper() {
+        let catalogue = Catalogue::builtin();
+        let [one, two, three] = ["guide_1", "guide_2", "guide_3"].map(|name| catalogue.guide(name).unwrap());
+        let close = |found: f64, stated: f64| (found / stated - 1.0).abs() < 0.01;
+        assert!(close(one.effective_stiffness(1e-6), 4.5e5), "{}", one.effective_stiffness(1e-6));
+        assert!(close(two.effective_stiffness(1e-6), 2.6e5), "{}", two.effective_stiffness(1e-6));
+        assert!(
+            close(three.effective_stiffness(1e-6), one.effective_stiffness(1e-6)),
+            "lubricant hardly matters at 1 um"
+        );
+        assert!((one.static_force - two.static_force - 12.0).abs() < 0.5, "12 N lower break-away without seals");
+        // A guide has broken away where the bristle force of a sliding-free loop would exceed its static friction.
+        let broken_away = |guide: &Guide| guide.stiffness * 40e-6 > 1.5 * guide.static_force;
+        assert!(broken_away(&two) && !broken_away(&one) && !broken_away(&three));
+        assert_eq!(one.viscous_friction, two.viscous_friction, "roughly similar slopes");
+        assert!(three.viscous_friction < one.viscous_friction && three.static_force > one.static_force);
+        let falls = |guide: &Guide| guide.steady_force(2.0 * guide.stribeck_velocity) < guide.steady_force(1e-6);
+        assert!(falls(&one) && falls(&three) && !falls(&two), "1 and 3 have a falling F(v), 2 has not");
+    }
+
+    const OWN: &str = include_str!("../../../../launch_config/own_guide_catalogue.yaml");
+
+    #[test]
+    fn a_users_own_guides_stand_beside_the_papers_and_survive_yaml() {
+        let mut catalogue = Catalogue::builtin();
+        catalogue.add(Catalogue::from_yaml(OWN, "own.yaml").unwrap(), "own.yaml").unwrap();
+        assert_eq!(catalogue.names().count(), 4);
+        let again = Catalogue::from_yaml(&catalogue.to_yaml().unwrap(), "again").unwrap();
+        for name in catalogue.names() {
+            assert_eq!(again.guide(name), catalogue.guide(name), "{name}");
+        }
+        let message =
+            catalogue.add(Catalogue::from_yaml(OWN, "own.yaml").unwrap(), "own.yaml").unwrap_err().to_string();
+        assert!(message.contains("own.yaml") && message.contains("a name of its own"), "{message}");
+    }
+
+    #[test]
+    fn a_bad_catalogue_is_refused_with_what_would_be_right() {
+        let bad = |text: &str| Catalogue::from_yaml(text, "own.yaml").unwrap_err().to_string();
+        for empty in ["", "# nothing yet\n", "{}"] {
+            assert!(bad(empty).contains("own.yaml holds no guide"), "{}", bad(empty));
+        }
+        let message = bad(&OWN.replace("unit: N/m,", "unit: N/um,"));
+        assert!(message.contains("stiffness") && message.contains("N/um") && message.contains("`N/m`"), "{message}");
+        let builtin = include_str!("catalogue.yaml");
+        let message =
+            bad(&builtin.replace("stiffness: {value: 7.511e5, unit: N/m", "stiffness: {value: 0.7511, unit: N/um"));
+        assert!(message.contains("guide_1.distributed_bristles.stiffness") && message.contains("N/um"), "{message}");
+        let message = bad(&OWN.replace("static_force: {value: ", "static_force: {value: -"));
+        assert!(message.contains("static_force") && message.contains("greater than 0"), "{message}");
+        let message = bad(&OWN.replace("stiffness:", "stifness:"));
+        assert!(message.contains("did you mean `stiffness`"), "{message}");
+    }
+}

@@ -1,0 +1,342 @@
+//! What a stage is: [`StageModel`] says everything about it and is what every other room reads.
+//!
+//! In comes YAML, out goes a checked description: mass, guides (by catalogue name or inline), effects, motor, force cell,
+//! encoder and, for the measuring rig, the flexure coupling. Nothing moves here and nothing reads a clock.
+
+mod catalogue;
+mod effect;
+mod error;
+mod guide;
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+pub use catalogue::{Catalogue, CatalogueEntry, DistributedBristles, EffectiveStiffness, Provenance, Quantity};
+pub use effect::locate;
+pub use effect::{Coordinate, Curve, CurveSide, EffectParameters, Jump};
+pub use error::{ModelError, nearest};
+pub use guide::{Guide, GuideSource};
+
+/// Most guides that one stage may have: the plant integrates this many lanes at once.
+pub const MAX_GUIDES: usize = 4;
+
+/// A positioning stage: what the plant integrates, the node runs and identification reads and writes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StageModel {
+    /// Name for people; it does not change what the stage does.
+    #[serde(default = "default_name")]
+    pub name: String,
+    /// Moving mass of the carriage, kg (paper, section 4: 40 kg).
+    #[serde(default = "default_mass")]
+    pub mass: f64,
+    /// One to four guides, each by catalogue name or with its own parameters.
+    #[serde(default = "default_guides")]
+    pub guides: Vec<GuideSource>,
+    /// File with guides of one's own that `guides` may name beside the built-in ones, relative to the model file.
+    ///
+    /// Reading a model puts their parameters in the place of their names, and nothing here: a model in memory, in a bag or written
+    /// by identification needs no other file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub catalogue: Option<PathBuf>,
+    /// Effects beyond the LuGre guides, in the order in which they are reported.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<EffectParameters>,
+    #[serde(default)]
+    pub motor: Motor,
+    #[serde(default)]
+    pub force_cell: ForceCell,
+    #[serde(default)]
+    pub encoder: Encoder,
+    /// Present on the measuring rig: motor and carriage are two bodies with a flexure between them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coupling: Option<Coupling>,
+}
+
+/// The motor: an ideal force source with a limit, force positive along +x.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Motor {
+    /// Largest force in either direction, N. Assumed: the 50 mm move in 100 ms of 40 kg needs 1155 N at its peak.
+    pub force_limit: f64,
+}
+
+/// The force cell between motor and carriage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ForceCell {
+    /// Standard deviation of the reading, N (paper, section 1.2: 0.05 N repeatability; white and Gaussian is assumed).
+    pub noise: f64,
+}
+
+/// The linear encoder of the carriage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Encoder {
+    /// Size of one count, m (paper, section 1.2: 1 nm); 0 reads without quantisation.
+    pub resolution: f64,
+    /// Standard deviation before quantisation, m. Assumed: one count.
+    pub noise: f64,
+}
+
+/// The flexure between motor and carriage of the measuring rig.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Coupling {
+    /// Stiffness in driving direction, N/m (paper, section 1.2: about two orders of magnitude above the guide's Dahl stiffness).
+    pub stiffness: f64,
+    /// Damping, N s/m. Assumed.
+    pub damping: f64,
+    /// Moving mass on the motor side, kg. Assumed.
+    pub motor_mass: f64,
+}
+
+fn default_name() -> String {
+    "stage".to_owned()
+}
+
+fn default_mass() -> f64 {
+    40.0
+}
+
+fn default_guides() -> Vec<GuideSource> {
+    vec![GuideSource::Catalogue("guide_1".to_owned()); MAX_GUIDES]
+}
+
+impl Default for Motor {
+    fn default() -> Self {
+        Motor { force_limit: 2000.0 }
+    }
+}
+
+impl Default for ForceCell {
+    fn default() -> Self {
+        ForceCell { noise: 0.05 }
+    }
+}
+
+impl Default for Encoder {
+    fn default() -> Self {
+        Encoder { resolution: 1e-9, noise: 1e-9 }
+    }
+}
+
+impl Default for StageModel {
+    /// The stage of the paper: 40 kg on four guides of type 1.
+    fn default() -> Self {
+        StageModel {
+            name: default_name(),
+            mass: default_mass(),
+            guides: default_guides(),
+            catalogue: None,
+            effects: Vec::new(),
+            motor: Motor::default(),
+            force_cell: ForceCell::default(),
+            encoder: Encoder::default(),
+            coupling: None,
+        }
+    }
+}
+
+impl StageModel {
+    /// The stage of the paper (40 kg, four guides) on one guide type of the catalogue, such as `guide_2`.
+    pub fn on_guides(guide: &str) -> StageModel {
+        StageModel {
+            name: format!("stage on {guide}"),
+            guides: vec![GuideSource::Catalogue(guide.to_owned()); MAX_GUIDES],
+            ..StageModel::default()
+        }
+    }
+
+    /// The measuring rig of the paper's section 1.2: one guide, a flexure 100 times as stiff as the guide.
+    ///
+    /// Masses and flexure damping are assumed: a size-25 carriage with its adapter weighs about 1 kg, the motor's slider 5 kg.
+    pub fn measuring_rig(guide: &str) -> Result<StageModel, ModelError> {
+        let source = GuideSource::Catalogue(guide.to_owned());
+        let stiffness = 100.0 * source.resolve("guides[0]", &Catalogue::builtin())?.stiffness;
+        Ok(StageModel {
+            name: format!("measuring rig with {guide}"),
+            mass: 1.0,
+            guides: vec![source],
+            coupling: Some(Coupling { stiffness, damping: 300.0, motor_mass: 5.0 }),
+            ..StageModel::default()
+        })
+    }
+
+    /// Reads and checks a model; `origin` names the text in errors (a path, a parameter). Its catalogue is relative to the working directory.
+    pub fn from_yaml(text: &str, origin: &str) -> Result<StageModel, ModelError> {
+        StageModel::read(text, origin, Path::new(""))
+    }
+
+    /// Reads and checks a model file.
+    pub fn load(path: &Path) -> Result<StageModel, ModelError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| ModelError::Read { path: path.display().to_string(), source })?;
+        StageModel::read(&text, &path.display().to_string(), path.parent().unwrap_or(Path::new("")))
+    }
+
+    fn read(text: &str, origin: &str, directory: &Path) -> Result<StageModel, ModelError> {
+        // Every key has a default, but a file that was cut off to nothing is no wish for all of them.
+        if text.lines().all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"...")) {
+            return Err(ModelError::Empty { origin: origin.to_owned() });
+        }
+        let mut model: StageModel = serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
+        if let Some(path) = model.catalogue.take() {
+            model.guides_from(&directory.join(path))?;
+        }
+        model.check()?;
+        Ok(model)
+    }
+
+    /// Puts the parameters of a catalogue file in the place of its names.
+    fn guides_from(&mut self, path: &Path) -> Result<(), ModelError> {
+        let own = Catalogue::load(path)?;
+        let mut all = Catalogue::builtin();
+        all.add(own.clone(), &path.display().to_string())?;
+        for (index, source) in self.guides.iter_mut().enumerate() {
+            let guide = source.resolve(&format!("guides[{index}]"), &all)?;
+            if matches!(source, GuideSource::Catalogue(name) if own.entry(name).is_some()) {
+                *source = GuideSource::Inline(guide);
+            }
+        }
+        Ok(())
+    }
+
+    /// The model as YAML that [`StageModel::from_yaml`] reads back to the same model.
+    pub fn to_yaml(&self) -> Result<String, ModelError> {
+        serde_saphyr::to_string(self).map_err(|error| ModelError::Write { message: error.to_string() })
+    }
+
+    /// The model without sensor noise and without quantisation, for comparisons with an oracle.
+    pub fn without_noise(mut self) -> StageModel {
+        self.force_cell.noise = 0.0;
+        self.encoder = Encoder { resolution: 0.0, noise: 0.0 };
+        self
+    }
+
+    /// The guides' parameters, catalogue names resolved.
+    pub fn resolved_guides(&self) -> Result<Vec<Guide>, ModelError> {
+        let catalogue = Catalogue::builtin();
+        self.guides
+            .iter()
+            .enumerate()
+            .map(|(index, source)| source.resolve(&format!("guides[{index}]"), &catalogue))
+            .collect()
+    }
+
+    /// Refuses impossible values, with key, value and limit. Effects are checked by the plant, which knows their bounds.
+    pub fn check(&self) -> Result<(), ModelError> {
+        error::positive("mass", self.mass)?;
+        if self.guides.is_empty() || self.guides.len() > MAX_GUIDES {
+            return Err(ModelError::GuideCount { found: self.guides.len() });
+        }
+        for (index, guide) in self.resolved_guides()?.iter().enumerate() {
+            guide.check(&format!("guides[{index}]"))?;
+        }
+        error::positive("motor.force_limit", self.motor.force_limit)?;
+        error::not_negative("force_cell.noise", self.force_cell.noise)?;
+        error::not_negative("encoder.resolution", self.encoder.resolution)?;
+        error::not_negative("encoder.noise", self.encoder.noise)?;
+        if let Some(coupling) = &self.coupling {
+            error::positive("coupling.stiffness", coupling.stiffness)?;
+            error::not_negative("coupling.damping", coupling.damping)?;
+            error::positive("coupling.motor_mass", coupling.motor_mass)?;
+        }
+        Ok(())
+    }
+
+    /// What is allowed but deserves a word: guides that are not passive, each kind once.
+    pub fn warnings(&self) -> Result<Vec<String>, ModelError> {
+        let guides = self.resolved_guides()?;
+        let first_of_its_kind = |(index, guide): &(usize, &Guide)| !guides[..*index].contains(guide);
+        Ok(guides
+            .iter()
+            .enumerate()
+            .filter(first_of_its_kind)
+            .filter_map(|(index, guide)| guide.passivity_warning(&format!("guides[{index}]")))
+            .collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn default_model_is_the_stage_of_the_paper() {
+        let model = StageModel::default();
+        assert_eq!(model.mass, 40.0);
+        assert_eq!(model.resolved_guides().unwrap().len(), 4);
+        model.check().unwrap();
+    }
+
+    #[test]
+    fn model_survives_a_round_trip_through_yaml() {
+        let mut model = StageModel::measuring_rig("guide_2").unwrap();
+        model.guides = vec![GuideSource::Inline(model.resolved_guides().unwrap()[0].clone())];
+        model.effects.push(EffectParameters::new("cogging", [("amplitude", 6.0), ("period", 0.1 + 0.2)]));
+        let text = model.to_yaml().unwrap();
+        assert_eq!(StageModel::from_yaml(&text, "round trip").unwrap(), model, "{text}");
+    }
+
+    #[test]
+    fn a_model_file_names_guides_of_a_catalogue_beside_it_and_needs_it_no_more_once_read() {
+        let directory = tempfile::tempdir().unwrap();
+        let own = include_str!("../../../../launch_config/own_guide_catalogue.yaml");
+        std::fs::create_dir(directory.path().join("guides")).unwrap();
+        std::fs::write(directory.path().join("guides/own.yaml"), own).unwrap();
+        let path = directory.path().join("stage.yaml");
+        let load = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            StageModel::load(&path)
+        };
+        let model = load("catalogue: guides/own.yaml\nguides: [my_guide, guide_2, my_guide]\n").unwrap();
+        let mine = Catalogue::from_yaml(own, "own.yaml").unwrap().guide("my_guide").unwrap();
+        let two = Catalogue::builtin().guide("guide_2").unwrap();
+        assert_eq!(model.resolved_guides().unwrap(), [mine.clone(), two, mine]);
+        // Written out, as into a bag, it is read where the catalogue is not.
+        assert_eq!(StageModel::from_yaml(&model.to_yaml().unwrap(), "bag").unwrap(), model);
+
+        let message = |text: &str| load(text).unwrap_err().to_string();
+        let unknown = message("catalogue: guides/own.yaml\nguides: [my_gide]\n");
+        assert!(unknown.contains("did you mean `my_guide`") && unknown.contains("guide_1"), "{unknown}");
+        let nowhere = message("catalogue: own.yaml\n");
+        assert!(nowhere.contains("catalogue") && nowhere.contains("own.yaml"), "{nowhere}");
+        std::fs::write(directory.path().join("taken.yaml"), own.replace("my_guide", "guide_1")).unwrap();
+        let taken = message("catalogue: taken.yaml\n");
+        assert!(taken.contains("taken.yaml") && taken.contains("`guide_1`"), "{taken}");
+    }
+
+    /// Each bad text with the words that its message must hold.
+    #[test]
+    fn bad_models_are_refused_with_key_value_limit_and_the_nearest_key() {
+        let cases: &[(&str, &[&str])] = &[
+            ("mas: 40", &["mas", "did you mean `mass`", "line 1"]),
+            ("mass: -4", &["mass", "-4", "greater than 0"]),
+            ("mass: .nan", &["mass", "NaN", "finite"]),
+            ("mass: forty", &["line 1", "floating point"]),
+            ("guides: [guide_7]", &["guides[0]", "guide_7", "did you mean `guide_"]),
+            ("guides: []", &["1 to 4 guides", "0"]),
+            ("guides: [guide_1, guide_1, guide_1, guide_1, guide_1]", &["1 to 4 guides", "5"]),
+            ("guides: [{stifness: 1e5}]", &["stifness", "did you mean `stiffness`"]),
+            (
+                "guides: [{stiffness: 1e5, bristle_damping: 1, viscous_friction: 1, coulomb_force: 5, static_force: 4, stribeck_velocity: 1e-3}]",
+                &["guides[0].static_force", "4", "coulomb_force", "5"],
+            ),
+            ("encoder: {resolution: -1e-9}", &["encoder.resolution", "not be negative"]),
+            ("motor: {force_limit: 0}", &["motor.force_limit", "greater than 0"]),
+            ("effects: [{cogging: {amplitude: 1}, cable_chain: {}}]", &["one list entry holds one effect"]),
+            ("", &["test.yaml", "is empty", "`{}`"]),
+            ("# only this\n---\n", &["is empty"]),
+            ("guides: [guide_1", &["line 1"]),
+            ("mass: 40\nmotor:\n  force_limit", &["line"]),
+        ];
+        for (text, expected) in cases {
+            let message = StageModel::from_yaml(text, "test.yaml").unwrap_err().to_string();
+            for words in *expected {
+                assert!(message.contains(words), "{text:?} gave {message:?}, without {words:?}");
+            }
+        }
+    }
+}

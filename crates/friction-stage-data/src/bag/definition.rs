@@ -1,0 +1,607 @@
+//! Single fields of messages whose type is known only from the definition that the bag carries.
+//!
+//! What comes in is the text of a `ros2msg` schema, a path such as `points[only].positions[joint]` and messages as CDR
+//! bytes; what goes out is a number per message. Fields before the wanted one are skipped, those behind it not looked at;
+//! no memory is taken for what a message claims to hold. Source of the layout: OMG DDS-XTypes 1.3, 7.4.1 (plain CDR,
+//! version 1) and the message definitions of ROS 2.
+//!
+//! Not read: schemas in `ros2idl`, and fields that stand behind a `wstring`, whose characters are of two or four bytes
+//! depending on the middleware that wrote them.
+
+use std::collections::HashMap;
+
+use friction_stage_core::model::nearest;
+
+/// A message type with everything that it contains.
+#[derive(Debug, Clone)]
+pub(crate) struct Definition {
+    /// The type itself comes first.
+    messages: Vec<MessageType>,
+}
+
+#[derive(Debug, Clone)]
+struct MessageType {
+    name: String,
+    fields: Vec<Field>,
+}
+
+#[derive(Debug, Clone)]
+struct Field {
+    name: String,
+    kind: Kind,
+    many: Many,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Bool,
+    U8,
+    I8,
+    U16,
+    I16,
+    U32,
+    I32,
+    U64,
+    I64,
+    F32,
+    F64,
+    Text,
+    WideText,
+    Message(usize),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Many {
+    One,
+    Fixed(usize),
+    Sequence,
+}
+
+impl Kind {
+    fn of(name: &str) -> Option<Self> {
+        Some(match name {
+            "bool" => Self::Bool,
+            "byte" | "char" | "uint8" => Self::U8,
+            "int8" => Self::I8,
+            "uint16" => Self::U16,
+            "int16" => Self::I16,
+            "uint32" => Self::U32,
+            "int32" => Self::I32,
+            "uint64" => Self::U64,
+            "int64" => Self::I64,
+            "float32" => Self::F32,
+            "float64" => Self::F64,
+            _ if name == "string" || name.starts_with("string<=") => Self::Text,
+            _ if name == "wstring" || name.starts_with("wstring<=") => Self::WideText,
+            _ => return None,
+        })
+    }
+
+    /// Bytes of a number, which is also its alignment.
+    fn size(self) -> Option<usize> {
+        match self {
+            Self::Bool | Self::U8 | Self::I8 => Some(1),
+            Self::U16 | Self::I16 => Some(2),
+            Self::U32 | Self::I32 | Self::F32 => Some(4),
+            Self::U64 | Self::I64 | Self::F64 => Some(8),
+            Self::Text | Self::WideText | Self::Message(_) => None,
+        }
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Visit {
+    Not,
+    Inside,
+    Done,
+}
+
+/// Where in a message a value stands.
+#[derive(Debug, Clone)]
+pub(crate) struct FieldPath {
+    steps: Vec<Step>,
+    /// Path to the names among which a `[joint]` is looked up.
+    names: Option<usize>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Step {
+    Field(usize),
+    /// Element with this index.
+    Element(usize),
+    /// Element with the index of the joint among the names of the message.
+    Joint,
+    /// The element of an array of one; a message with another number of elements has no value.
+    Only,
+}
+
+/// A value as it stands in the message.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Value {
+    /// A number; integers beyond 2^53 are rounded.
+    Number(f64),
+    /// A whole number.
+    Whole(i64),
+    /// A time or duration, ns.
+    Nanoseconds(i64),
+}
+
+impl Value {
+    pub fn as_f64(self) -> f64 {
+        match self {
+            Self::Number(value) => value,
+            Self::Whole(value) => value as f64,
+            Self::Nanoseconds(value) => value as f64 * 1e-9,
+        }
+    }
+}
+
+impl Definition {
+    /// Reads the text that a bag stores with encoding `ros2msg`. The error says what is wrong with it.
+    pub fn parse(type_name: &str, text: &str) -> Result<Self, String> {
+        let mut sections = vec![(short_name(type_name), Vec::new())];
+        let mut between = false;
+        for line in text.lines() {
+            let line = line.split('#').next().unwrap_or("").trim();
+            if line.len() >= 3 && line.bytes().all(|b| b == b'=') {
+                between = true;
+            } else if let Some(name) = line.strip_prefix("MSG: ").filter(|_| between) {
+                sections.push((short_name(name.trim()), Vec::new()));
+                between = false;
+            } else if !line.is_empty()
+                && let Some((_, lines)) = sections.last_mut()
+            {
+                lines.push(line);
+            }
+        }
+        let index: HashMap<&str, usize> =
+            sections.iter().enumerate().rev().map(|(i, (name, _))| (name.as_str(), i)).collect();
+        let mut messages = Vec::new();
+        for (name, lines) in &sections {
+            let package = name.split('/').next().unwrap_or("");
+            let mut fields = Vec::new();
+            for line in lines {
+                let mut words = line.split_whitespace();
+                let (Some(kind), Some(field)) = (words.next(), words.next()) else {
+                    return Err(format!("{name}: `{line}` is no field: it needs a type and a name"));
+                };
+                // a constant takes no place in the message; a default value neither
+                if field.contains('=') || words.next().is_some_and(|word| word.starts_with('=')) {
+                    continue;
+                }
+                let (kind, many) = match kind.split_once('[') {
+                    None => (kind, Many::One),
+                    Some((kind, "]")) => (kind, Many::Sequence),
+                    Some((kind, bound)) if bound.starts_with("<=") && bound.ends_with(']') => (kind, Many::Sequence),
+                    Some((base, length)) => match length.strip_suffix(']').and_then(|n| n.parse().ok()) {
+                        Some(length) => (base, Many::Fixed(length)),
+                        None => return Err(format!("{name}: `{kind}` is no array type")),
+                    },
+                };
+                let kind = match Kind::of(kind) {
+                    Some(kind) => kind,
+                    None => {
+                        let full = if kind.contains('/') { short_name(kind) } else { format!("{package}/{kind}") };
+                        // `Header` alone is an old way to write std_msgs/Header
+                        let found = index.get(full.as_str()).or_else(|| index.get(format!("std_msgs/{kind}").as_str()));
+                        match found {
+                            Some(&message) => Kind::Message(message),
+                            None => return Err(format!("{name}: type `{kind}` of `{field}` is not defined")),
+                        }
+                    }
+                };
+                fields.push(Field { name: field.to_owned(), kind, many });
+            }
+            messages.push(MessageType { name: name.clone(), fields });
+        }
+        let definition = Self { messages };
+        definition.check_finite(0, &mut vec![Visit::Not; definition.messages.len()])?;
+        Ok(definition)
+    }
+
+    /// ROS 2 has no recursive types, a broken file may claim one.
+    fn check_finite(&self, message: usize, visits: &mut [Visit]) -> Result<(), String> {
+        match visits[message] {
+            Visit::Done => return Ok(()),
+            Visit::Inside => return Err(format!("{} contains itself", self.messages[message].name)),
+            Visit::Not => visits[message] = Visit::Inside,
+        }
+        for field in &self.messages[message].fields {
+            if let Kind::Message(inner) = field.kind {
+                self.check_finite(inner, visits)?;
+            }
+        }
+        visits[message] = Visit::Done;
+        Ok(())
+    }
+
+    /// Finds a path such as `wrench.force.x`, `data[2]`, `position[joint]` or `points[only].positions[joint]`. The error
+    /// says what is there instead.
+    pub fn path(&self, text: &str) -> Result<FieldPath, String> {
+        let mut steps = Vec::new();
+        let mut kind = Kind::Message(0);
+        let mut many = Many::One;
+        for part in text.split('.') {
+            let (name, brackets) = match part.find('[') {
+                Some(at) => part.split_at(at),
+                None => (part, ""),
+            };
+            let Kind::Message(message) = kind else {
+                return Err(format!("`{name}` cannot stand behind a number"));
+            };
+            if many != Many::One {
+                return Err(format!("`{name}` stands behind an array: say which element, as in `[0]`"));
+            }
+            let message = &self.messages[message];
+            let Some(index) = message.fields.iter().position(|f| f.name == name) else {
+                let fields = || message.fields.iter().map(|f| f.name.as_str());
+                return Err(format!(
+                    "{} has no field `{name}`, its fields are {}{}",
+                    message.name,
+                    fields().collect::<Vec<_>>().join(", "),
+                    nearest(name, fields())
+                ));
+            };
+            steps.push(Step::Field(index));
+            kind = message.fields[index].kind;
+            many = message.fields[index].many;
+            let mut rest = brackets;
+            while !rest.is_empty() {
+                let Some((element, behind)) = rest.strip_prefix('[').and_then(|r| r.split_once(']')) else {
+                    return Err(format!("`{part}`: an element is written as in `{name}[0]`"));
+                };
+                if many == Many::One {
+                    return Err(format!("`{name}` is no array, it has no `[{element}]`"));
+                }
+                steps.push(match element {
+                    "joint" => Step::Joint,
+                    "only" => Step::Only,
+                    number => Step::Element(number.parse().map_err(|_| {
+                        format!("`[{number}]` is no element: give its number from 0, `joint` or `only`")
+                    })?),
+                });
+                many = Many::One;
+                rest = behind;
+            }
+        }
+        if many != Many::One {
+            return Err(format!("`{text}` is an array: say which element, as in `{text}[0]` or `{text}[joint]`"));
+        }
+        match kind {
+            Kind::Text | Kind::WideText => return Err(format!("`{text}` is text, not a number")),
+            Kind::Message(message) if !self.is_time(message) => {
+                return Err(format!(
+                    "`{text}` is a {}, not a number: its fields are {}",
+                    self.messages[message].name,
+                    self.messages[message].fields.iter().map(|f| f.name.as_str()).collect::<Vec<_>>().join(", ")
+                ));
+            }
+            _ => {}
+        }
+        let names = if steps.contains(&Step::Joint) {
+            let names = self.messages[0].fields.iter().position(|f| {
+                f.kind == Kind::Text
+                    && f.many != Many::One
+                    && ["name", "names", "joint_names"].contains(&f.name.as_str())
+            });
+            if names.is_none() {
+                return Err(format!(
+                    "{} has no list `name`, `names` or `joint_names` that `[joint]` could be found in: give the number",
+                    self.messages[0].name
+                ));
+            }
+            names
+        } else {
+            None
+        };
+        Ok(FieldPath { steps, names })
+    }
+
+    fn is_time(&self, message: usize) -> bool {
+        let fields: Vec<(&str, Kind, Many)> =
+            self.messages[message].fields.iter().map(|f| (f.name.as_str(), f.kind, f.many)).collect();
+        fields == [("sec", Kind::I32, Many::One), ("nanosec", Kind::U32, Many::One)]
+    }
+
+    /// The value at `path` in a message (CDR with encapsulation); none if the message lacks it: an empty or shorter
+    /// array, or a joint that is not in it. The error says where the message ends too early.
+    pub fn value(&self, path: &FieldPath, joint: &str, message: &[u8]) -> Result<Option<Value>, String> {
+        let joint_index = match path.names {
+            None => None,
+            Some(names) => match self.index_of(names, joint, message)? {
+                None => return Ok(None),
+                index => index,
+            },
+        };
+        let mut cursor = Cursor::new(message)?;
+        let (mut inside, mut at) = (0, 0);
+        loop {
+            let Some(Step::Field(wanted)) = path.steps.get(at).copied() else {
+                // a path ends on a message only if that is a time
+                let seconds = cursor.number(Kind::I32)?.as_f64() as i64;
+                let nanoseconds = cursor.number(Kind::U32)?.as_f64() as i64;
+                return Ok(Some(Value::Nanoseconds(seconds * 1_000_000_000 + nanoseconds)));
+            };
+            at += 1;
+            for field in &self.messages[inside].fields[..wanted] {
+                self.skip(&mut cursor, field)?;
+            }
+            let field = &self.messages[inside].fields[wanted];
+            if field.many != Many::One {
+                let count = match field.many {
+                    Many::Fixed(count) => count,
+                    _ => cursor.count()?,
+                };
+                let index = match path.steps.get(at).copied() {
+                    Some(Step::Element(index)) => Some(index),
+                    Some(Step::Joint) => joint_index,
+                    Some(Step::Only) => (count == 1).then_some(0),
+                    _ => None,
+                };
+                at += 1;
+                let Some(index) = index.filter(|&index| index < count) else {
+                    return Ok(None);
+                };
+                self.skip_elements(&mut cursor, field.kind, index)?;
+            }
+            match field.kind {
+                Kind::Message(message) => inside = message,
+                kind => return cursor.number(kind).map(Some),
+            }
+        }
+    }
+
+    /// Index of the joint in the list of names that is field `names`: by name, or the only one.
+    fn index_of(&self, names: usize, joint: &str, message: &[u8]) -> Result<Option<usize>, String> {
+        let mut cursor = Cursor::new(message)?;
+        for field in &self.messages[0].fields[..names] {
+            self.skip(&mut cursor, field)?;
+        }
+        let count = match self.messages[0].fields[names].many {
+            Many::Fixed(count) => count,
+            _ => cursor.count()?,
+        };
+        for index in 0..count {
+            if cursor.text()? == joint.as_bytes() {
+                return Ok(Some(index));
+            }
+        }
+        Ok((count == 1).then_some(0))
+    }
+
+    fn skip(&self, cursor: &mut Cursor<'_>, field: &Field) -> Result<(), String> {
+        let count = match field.many {
+            Many::One => 1,
+            Many::Fixed(count) => count,
+            Many::Sequence => cursor.count()?,
+        };
+        self.skip_elements(cursor, field.kind, count)
+    }
+
+    fn skip_elements(&self, cursor: &mut Cursor<'_>, kind: Kind, count: usize) -> Result<(), String> {
+        if count == 0 {
+            return Ok(());
+        }
+        match kind {
+            Kind::Text => (0..count).try_for_each(|_| cursor.text().map(drop)),
+            Kind::WideText => Err("it stands behind a wstring, whose length in bytes is not known".into()),
+            Kind::Message(message) => (0..count).try_for_each(|_| {
+                let fields = &self.messages[message].fields;
+                if fields.is_empty() {
+                    // ROS 2 gives a message without fields one byte
+                    cursor.take(1, 1).map(drop)
+                } else {
+                    fields.iter().try_for_each(|field| self.skip(cursor, field))
+                }
+            }),
+            number => {
+                let size = number.size().unwrap_or(1);
+                cursor.take(size, size.saturating_mul(count)).map(drop)
+            }
+        }
+    }
+}
+
+/// `package/msg/Name` and `package/Name` as `package/Name`.
+fn short_name(name: &str) -> String {
+    match name.split_once("/msg/") {
+        Some((package, name)) => format!("{package}/{name}"),
+        None => name.to_owned(),
+    }
+}
+
+/// Reads forward in the body of a CDR message.
+struct Cursor<'a> {
+    body: &'a [u8],
+    at: usize,
+    big_endian: bool,
+}
+
+impl<'a> Cursor<'a> {
+    fn new(message: &'a [u8]) -> Result<Self, String> {
+        match message {
+            [0, representation @ (0 | 1), _, _, body @ ..] => {
+                Ok(Self { body, at: 0, big_endian: *representation == 0 })
+            }
+            [high, low, _, _, ..] => Err(format!(
+                "it is in CDR representation {:#06x}, supported are 0x0000 and 0x0001",
+                u16::from_be_bytes([*high, *low])
+            )),
+            short => Err(format!("it has {} bytes, a CDR message begins with 4 bytes of encapsulation", short.len())),
+        }
+    }
+
+    fn take(&mut self, alignment: usize, length: usize) -> Result<&'a [u8], String> {
+        let from = self.at.next_multiple_of(alignment);
+        let bytes = from.checked_add(length).and_then(|to| self.body.get(from..to));
+        let bytes = bytes.ok_or_else(|| {
+            format!("it ends after {} bytes, {length} more were expected at byte {from}", self.body.len())
+        })?;
+        self.at = from + length;
+        Ok(bytes)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], String> {
+        let mut bytes = [0; N];
+        bytes.copy_from_slice(self.take(N, N)?);
+        if self.big_endian {
+            bytes.reverse();
+        }
+        Ok(bytes)
+    }
+
+    /// Length of a sequence; not more than there are bytes left, since every element takes one at least.
+    fn count(&mut self) -> Result<usize, String> {
+        let count = u32::from_le_bytes(self.array()?) as usize;
+        let left = self.body.len() - self.at;
+        if count > left {
+            return Err(format!("it claims {count} elements in {left} bytes"));
+        }
+        Ok(count)
+    }
+
+    /// Bytes of a string, without its terminating zero.
+    fn text(&mut self) -> Result<&'a [u8], String> {
+        let length = self.count()?;
+        let bytes = self.take(1, length)?;
+        Ok(bytes.strip_suffix(&[0]).unwrap_or(bytes))
+    }
+
+    fn number(&mut self, kind: Kind) -> Result<Value, String> {
+        Ok(match kind {
+            Kind::Bool | Kind::U8 => Value::Whole(i64::from(u8::from_le_bytes(self.array()?))),
+            Kind::I8 => Value::Whole(i64::from(i8::from_le_bytes(self.array()?))),
+            Kind::U16 => Value::Whole(i64::from(u16::from_le_bytes(self.array()?))),
+            Kind::I16 => Value::Whole(i64::from(i16::from_le_bytes(self.array()?))),
+            Kind::U32 => Value::Whole(i64::from(u32::from_le_bytes(self.array()?))),
+            Kind::I32 => Value::Whole(i64::from(i32::from_le_bytes(self.array()?))),
+            Kind::I64 => Value::Whole(i64::from_le_bytes(self.array()?)),
+            Kind::U64 => {
+                let value = u64::from_le_bytes(self.array()?);
+                i64::try_from(value).map_or(Value::Number(value as f64), Value::Whole)
+            }
+            Kind::F32 => Value::Number(f64::from(f32::from_le_bytes(self.array()?))),
+            Kind::F64 => Value::Number(f64::from_le_bytes(self.array()?)),
+            Kind::Text | Kind::WideText | Kind::Message(_) => return Err("it is no number".into()),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::message::{
+        Float64MultiArray, Header, JointState, JointTrajectory, JointTrajectoryPoint, RosMessage, WrenchStamped, to_cdr,
+    };
+    use proptest::prelude::*;
+
+    fn definition<M: RosMessage>() -> Definition {
+        Definition::parse(&M::type_name(), &M::definition()).unwrap()
+    }
+
+    fn read<M: RosMessage>(message: &M, path: &str) -> Option<Value> {
+        let definition = definition::<M>();
+        let path = definition.path(path).unwrap();
+        definition.value(&path, "stage", &to_cdr(message).unwrap()).unwrap()
+    }
+
+    fn joints() -> JointState {
+        JointState {
+            header: Header::new(-1_700_000_000, "base"),
+            name: vec!["axis_1".into(), "stage".into(), "gripper".into()],
+            position: vec![1.0, 2.5, 3.0],
+            velocity: vec![],
+            effort: vec![7.0, 8.0, 9.0],
+        }
+    }
+
+    #[test]
+    fn fields_are_found_by_name_number_and_joint() {
+        assert_eq!(read(&joints(), "position[joint]"), Some(Value::Number(2.5)));
+        assert_eq!(read(&joints(), "effort[joint]"), Some(Value::Number(8.0)));
+        assert_eq!(read(&joints(), "effort[0]"), Some(Value::Number(7.0)));
+        assert_eq!(read(&joints(), "velocity[joint]"), None);
+        assert_eq!(read(&joints(), "position[3]"), None);
+        assert_eq!(read(&joints(), "header.stamp"), Some(Value::Nanoseconds(-1_700_000_000)));
+        assert_eq!(read(&joints(), "header.stamp.sec"), Some(Value::Whole(-2)));
+        let one = JointState { name: vec!["x".into()], position: vec![4.0], ..joints() };
+        assert_eq!(read(&one, "position[joint]"), Some(Value::Number(4.0)));
+        let another = JointState { name: vec!["x".into(), "y".into()], ..joints() };
+        assert_eq!(read(&another, "position[joint]"), None);
+        let wrench = WrenchStamped::along_x(Header::new(5, "stage"), -3.5);
+        assert_eq!(read(&wrench, "wrench.force.x"), Some(Value::Number(-3.5)));
+    }
+
+    #[test]
+    fn only_takes_a_list_of_one() {
+        let point = JointTrajectoryPoint { positions: vec![0.5], accelerations: vec![-2.0], ..Default::default() };
+        let mut trajectory =
+            JointTrajectory { joint_names: vec!["stage".into()], points: vec![point.clone()], ..Default::default() };
+        assert_eq!(read(&trajectory, "points[only].positions[joint]"), Some(Value::Number(0.5)));
+        assert_eq!(read(&trajectory, "points[only].accelerations[0]"), Some(Value::Number(-2.0)));
+        assert_eq!(read(&trajectory, "points[only].velocities[0]"), None);
+        trajectory.points.push(point);
+        assert_eq!(read(&trajectory, "points[only].positions[joint]"), None);
+        assert_eq!(read(&trajectory, "points[1].positions[joint]"), Some(Value::Number(0.5)));
+    }
+
+    #[test]
+    fn wrong_paths_are_told_with_what_is_there() {
+        let error = |path: &str| definition::<JointState>().path(path).unwrap_err();
+        assert!(error("positon[0]").contains("did you mean `position`"));
+        assert!(error("position").contains("position[joint]"));
+        assert!(error("header").contains("std_msgs/Header") && error("header").contains("stamp, frame_id"));
+        assert!(error("header.frame_id").contains("text"));
+        assert!(error("header[0].stamp").contains("no array"));
+        assert!(error("position[x]").contains("`[x]`"));
+        assert!(error("position[0].x").contains("behind a number"));
+        let array = definition::<Float64MultiArray>();
+        assert!(array.path("data[joint]").unwrap_err().contains("joint_names"));
+        assert!(array.path("data[0]").is_ok());
+    }
+
+    #[test]
+    fn definitions_of_others_are_read() {
+        let text = "# Comment\nint32 KIND_A=1\nstring lower_case = \"a # b\"\nuint8 flags 3\nbool[3] switches\n\
+                    string<=10[<=2] words\nInner[] inner\nfloat32 value 1.5 # default\nempty/Empty nothing\nuint16 after\n\
+                    ===\nMSG: other/Inner\nuint8 a\nint64 b\n===\nMSG: empty/Empty\n";
+        let definition = Definition::parse("other/msg/Outer", text).unwrap();
+        let mut bytes = vec![0, 1, 0, 0, 9, 1, 0, 1];
+        bytes.extend([1, 0, 0, 0, 3, 0, 0, 0, b'h', b'i', 0, 0xff]); // words, to 16
+        bytes.extend([2, 0, 0, 0, 7, 0xff, 0xff, 0xff]); // count 2, then a at 20, pad to 24
+        bytes.extend((-5i64).to_le_bytes()); // to 32
+        bytes.extend([8, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff]); // a at 32, pad to 40
+        bytes.extend(6i64.to_le_bytes()); // to 48
+        bytes.extend(2.5f32.to_le_bytes()); // to 52
+        bytes.extend([0, 0xff]); // empty message, pad to 54
+        bytes.extend(513u16.to_le_bytes());
+        let value = |path: &str| definition.value(&definition.path(path).unwrap(), "", &bytes).unwrap();
+        assert_eq!(value("flags"), Some(Value::Whole(9)));
+        assert_eq!(value("switches[2]"), Some(Value::Whole(1)));
+        assert_eq!(value("inner[1].b"), Some(Value::Whole(6)));
+        assert_eq!(value("inner[2].b"), None);
+        assert_eq!(value("value"), Some(Value::Number(2.5)));
+        assert_eq!(value("after"), Some(Value::Whole(513)));
+    }
+
+    #[test]
+    fn unreadable_definitions_are_told() {
+        let error = |text: &str| Definition::parse("a/msg/B", text).unwrap_err();
+        assert!(error("Unknown x").contains("`Unknown`"));
+        assert!(error("float64").contains("type and a name"));
+        assert!(error("float64[x] y").contains("array type"));
+        assert!(error("B b").contains("contains itself"));
+    }
+
+    proptest! {
+        #[test]
+        fn garbage_never_panics(body in proptest::collection::vec(any::<u8>(), 0..200), text in "[a-z0-9 =<\\[\\]\\n/#]{0,80}") {
+            let definition = definition::<JointTrajectory>();
+            let path = definition.path("points[only].positions[joint]").unwrap();
+            let mut bytes = vec![0, 1, 0, 0];
+            bytes.extend(body);
+            let _ = definition.value(&path, "stage", &bytes);
+            let _ = Definition::parse("a/msg/B", &text);
+        }
+    }
+}

@@ -1,0 +1,473 @@
+//! Which topic and field, or which column, is which signal of the stage, and in which unit.
+//!
+//! A mapping is a small YAML file. For a bag:
+//!
+//! ```yaml
+//! joint: x_axis                  # which joint `[joint]` means; without it "stage"
+//! stamp: header.stamp            # or log_time, publish_time, any field; without it the header's where it is filled
+//! signals:
+//!   position: {topic: /joint_states, field: "position[joint]", unit: mm}
+//!   force: {topic: /drive/current, field: "data[0]", scale: 12.4}    # N per A
+//!   force_cell: {topic: /loadcell, field: wrench.force.z, scale: -1}
+//! ```
+//!
+//! and for a CSV file:
+//!
+//! ```yaml
+//! csv: {delimiter: ";"}          # without it a comma and a line of names on top
+//! signals:
+//!   time: {column: t_ms, unit: ms}
+//!   position: {column: x, unit: mm, offset: -0.1}
+//!   force: {column: 4}           # the fourth
+//! ```
+//!
+//! A value in SI is `scale * (value * unit) + offset`, the offset in SI units. Signals that a recording lacks are left out.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::Path;
+
+use serde::Deserialize;
+
+use super::error::BagError;
+use super::topics;
+use friction_stage_core::model::nearest;
+
+/// A signal of the stage; SI units, positive along +x.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Signal {
+    /// Time of the sample, s. Only in a CSV file: the messages of a bag have stamps.
+    Time,
+    /// Reference position, m.
+    ReferencePosition,
+    /// Reference velocity, m/s.
+    ReferenceVelocity,
+    /// Reference acceleration, m/s².
+    ReferenceAcceleration,
+    /// Position that the encoder shows, m.
+    Position,
+    /// Force cell, N.
+    ForceCell,
+    /// Force command, N.
+    Force,
+}
+
+impl Signal {
+    /// All of them, in the order of the columns of a [`Trace`](super::Trace).
+    pub const ALL: [Signal; 7] = [
+        Signal::Time,
+        Signal::ReferencePosition,
+        Signal::ReferenceVelocity,
+        Signal::ReferenceAcceleration,
+        Signal::Position,
+        Signal::ForceCell,
+        Signal::Force,
+    ];
+
+    /// Name in mapping files, the same as the column of a trace.
+    pub fn name(self) -> &'static str {
+        super::trace::COLUMNS[self as usize]
+    }
+
+    /// Units that a mapping may give, with their size in SI.
+    fn units(self) -> &'static [(&'static str, f64)] {
+        match self {
+            Self::Time => &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)],
+            Self::ReferencePosition | Self::Position => {
+                &[("m", 1.0), ("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9), ("in", 0.0254)]
+            }
+            Self::ReferenceVelocity => &[("m/s", 1.0), ("mm/s", 1e-3), ("um/s", 1e-6)],
+            Self::ReferenceAcceleration => &[("m/s^2", 1.0), ("mm/s^2", 1e-3), ("um/s^2", 1e-6), ("g", 9.80665)],
+            Self::ForceCell | Self::Force => &[("N", 1.0), ("mN", 1e-3), ("kN", 1e3), ("lbf", 4.448_221_615_260_5)],
+        }
+    }
+}
+
+impl fmt::Display for Signal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Which time of a message counts.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum Stamp {
+    /// That of the header, if the messages have one and it is filled; else that of the recorder.
+    Auto,
+    /// When it was recorded.
+    LogTime,
+    /// When it was sent.
+    PublishTime,
+    /// A field: a time, or a number of seconds.
+    Field(String),
+}
+
+/// Where the values of a signal stand.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Place {
+    /// A field of the messages of a topic.
+    Topic {
+        /// Name of the topic.
+        topic: String,
+        /// Path of the field, see [`Mapping`].
+        field: String,
+        /// Which time of the message counts.
+        stamp: Stamp,
+    },
+    /// A column of a CSV file.
+    Column(Column),
+}
+
+/// A column of a CSV file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Column {
+    /// By its number, from 1.
+    Number(usize),
+    /// By its name in the first line.
+    Name(String),
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Topic { topic, field, .. } => write!(f, "{topic} {field}"),
+            Self::Column(Column::Number(number)) => write!(f, "column {number}"),
+            Self::Column(Column::Name(name)) => write!(f, "column {name}"),
+        }
+    }
+}
+
+/// Where a signal comes from and how it becomes SI.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SignalSource {
+    /// Where its values stand.
+    pub place: Place,
+    /// Size of its unit in SI.
+    pub unit: f64,
+    /// Factor.
+    pub scale: f64,
+    /// What is added, in SI units.
+    pub offset: f64,
+}
+
+impl SignalSource {
+    fn plain(place: Place) -> Self {
+        Self { place, unit: 1.0, scale: 1.0, offset: 0.0 }
+    }
+
+    /// A value in SI; exactly itself if there is no unit, scale or offset.
+    pub fn to_si(&self, value: f64) -> f64 {
+        if (self.unit, self.scale, self.offset) == (1.0, 1.0, 0.0) {
+            return value;
+        }
+        self.scale * (value * self.unit) + self.offset
+    }
+}
+
+/// How a CSV file is written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CsvLayout {
+    /// Between columns.
+    pub delimiter: u8,
+    /// Whether the first line names the columns.
+    pub header: bool,
+    /// Lines that begin with this are left out.
+    pub comment: Option<u8>,
+    /// Whether numbers have a comma for the decimal point.
+    pub decimal_comma: bool,
+}
+
+impl Default for CsvLayout {
+    fn default() -> Self {
+        Self { delimiter: b',', header: true, comment: None, decimal_comma: false }
+    }
+}
+
+/// Which topic and field, or column, is which signal.
+///
+/// A field is a path through the message: `wrench.force.x`, `data[2]`; `position[joint]` is the element of the joint that
+/// the message names so in `name` or `joint_names` (or its only one); `points[only]` is the element of a list of one, and a
+/// message with several of them has no value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mapping {
+    /// Name of the joint that `[joint]` stands for.
+    pub joint: String,
+    /// Rate of the rows, Hz; without it that of the position.
+    pub rate: Option<f64>,
+    /// How a CSV file is written.
+    pub csv: CsvLayout,
+    /// For each signal the places to look: the first that has it counts.
+    pub signals: BTreeMap<Signal, Vec<SignalSource>>,
+    /// Whether somebody asked for exactly these places, so that a missing one is an error.
+    pub(crate) asked_for: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MappingFile {
+    joint: Option<String>,
+    stamp: Option<String>,
+    rate: Option<f64>,
+    csv: Option<CsvFile>,
+    signals: BTreeMap<String, SignalFile>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CsvFile {
+    delimiter: Option<String>,
+    header: Option<bool>,
+    comment: Option<String>,
+    decimal_comma: Option<bool>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SignalFile {
+    topic: Option<String>,
+    field: Option<String>,
+    /// As text: YAML would take a column `y` for a truth value.
+    column: Option<String>,
+    stamp: Option<String>,
+    unit: Option<String>,
+    scale: Option<f64>,
+    offset: Option<f64>,
+}
+
+impl Mapping {
+    /// Reads a mapping file.
+    pub fn load(path: &Path) -> Result<Self, BagError> {
+        let text = std::fs::read_to_string(path).map_err(|e| BagError::reading(path, e))?;
+        Self::from_yaml(&text, &path.display().to_string())
+    }
+
+    /// Reads a mapping; `origin` names the text in errors.
+    pub fn from_yaml(text: &str, origin: &str) -> Result<Self, BagError> {
+        let wrong = |key: &str, reason: String| BagError::Mapping { origin: origin.into(), key: key.into(), reason };
+        let file: MappingFile = serde_saphyr::from_str(text).map_err(|error| {
+            let hint = match error.without_snippet() {
+                serde_saphyr::Error::SerdeUnknownField { field, expected, .. } => {
+                    nearest(field, expected.iter().copied())
+                }
+                _ => String::new(),
+            };
+            wrong("the file", format!("{}{hint}", error.without_snippet()))
+        })?;
+        let mut mapping = Self {
+            joint: file.joint.unwrap_or_else(|| topics::JOINT.into()),
+            rate: file.rate,
+            asked_for: true,
+            ..Self::empty()
+        };
+        if let Some(rate) = mapping.rate
+            && !(rate.is_finite() && rate > 0.0)
+        {
+            return Err(wrong("rate", format!("it is {rate} Hz, must be greater than 0")));
+        }
+        if let Some(csv) = file.csv {
+            let byte = |key: &str, text: &str| match text.as_bytes() {
+                [byte] => Ok(*byte),
+                _ => Err(wrong(key, format!("it is {text:?}, must be one ASCII character"))),
+            };
+            if let Some(text) = &csv.delimiter {
+                mapping.csv.delimiter = byte("csv.delimiter", text)?;
+            }
+            mapping.csv.comment = csv.comment.as_deref().map(|text| byte("csv.comment", text)).transpose()?;
+            mapping.csv.header = csv.header.unwrap_or(true);
+            mapping.csv.decimal_comma = csv.decimal_comma.unwrap_or(false);
+            if mapping.csv.decimal_comma && mapping.csv.delimiter == b',' {
+                return Err(wrong(
+                    "csv.decimal_comma",
+                    "the comma also separates columns: give another `delimiter`".into(),
+                ));
+            }
+        }
+        let stamp = file.stamp.as_deref().map_or(Stamp::Auto, stamp);
+        for (name, entry) in file.signals {
+            let key = format!("signals.{name}");
+            let signal = Signal::ALL.into_iter().find(|s| s.name() == name).ok_or_else(|| {
+                let names = || Signal::ALL.iter().map(|s| s.name());
+                wrong(
+                    &key,
+                    format!("signals are {}{}", names().collect::<Vec<_>>().join(", "), nearest(&name, names())),
+                )
+            })?;
+            let place = match (entry.topic, entry.field, entry.column) {
+                (Some(topic), Some(field), None) if signal != Signal::Time => {
+                    Place::Topic { topic, field, stamp: entry.stamp.as_deref().map_or(stamp.clone(), self::stamp) }
+                }
+                (None, None, Some(column)) => match column.parse::<usize>() {
+                    Ok(0) => return Err(wrong(&key, "columns are counted from 1".into())),
+                    Ok(number) => Place::Column(Column::Number(number)),
+                    Err(_) if mapping.csv.header => Place::Column(Column::Name(column)),
+                    Err(_) => {
+                        let reason = format!("column {column:?}: without a line of names give its number, from 1");
+                        return Err(wrong(&key, reason));
+                    }
+                },
+                (Some(_), _, None) if signal == Signal::Time => {
+                    return Err(wrong(&key, "the messages of a bag have stamps: say which with `stamp`".into()));
+                }
+                _ => {
+                    return Err(wrong(
+                        &key,
+                        "it needs `topic` and `field` (in a bag) or `column` (a name, or a number from 1)".into(),
+                    ));
+                }
+            };
+            let unit = match entry.unit {
+                None => 1.0,
+                Some(unit) => {
+                    let known = signal.units();
+                    let plain = unit.replace(['µ', 'μ'], "u").replace('²', "^2");
+                    known.iter().find(|(name, _)| *name == plain).map(|(_, size)| *size).ok_or_else(|| {
+                        let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
+                        wrong(
+                            &key,
+                            format!("unit `{unit}`: for {name} it is one of {}; others with `scale`", names.join(", ")),
+                        )
+                    })?
+                }
+            };
+            let (scale, offset) = (entry.scale.unwrap_or(1.0), entry.offset.unwrap_or(0.0));
+            if !scale.is_finite() || scale == 0.0 || !offset.is_finite() {
+                return Err(wrong(&key, format!("scale {scale} and offset {offset}: both finite, scale not 0")));
+            }
+            mapping.signals.insert(signal, vec![SignalSource { place, unit, scale, offset }]);
+        }
+        if !mapping.signals.contains_key(&Signal::Position) {
+            return Err(wrong(
+                "signals.position",
+                "it is missing: without a position there is nothing to look at".into(),
+            ));
+        }
+        let columns = mapping.signals.values().flatten().filter(|s| matches!(s.place, Place::Column(_))).count();
+        if columns != 0 && columns != mapping.signals.len() {
+            return Err(wrong(
+                "signals",
+                "some are topics and some columns: a recording is either a bag or a CSV file".into(),
+            ));
+        }
+        Ok(mapping)
+    }
+
+    fn empty() -> Self {
+        Self {
+            joint: topics::JOINT.into(),
+            rate: None,
+            csv: CsvLayout::default(),
+            signals: BTreeMap::new(),
+            asked_for: false,
+        }
+    }
+
+    /// Whether it is for CSV files.
+    pub fn is_for_csv(&self) -> bool {
+        self.signals.values().flatten().any(|s| matches!(s.place, Place::Column(_)))
+    }
+
+    /// The topics of our own bags. The command is looked for where any of our inputs takes it; the reference of a row is the
+    /// setpoint, or what the controller says it made of one.
+    pub fn own_bag() -> Self {
+        let from = |topic: &str, field: &str| {
+            SignalSource::plain(Place::Topic { topic: topic.into(), field: field.into(), stamp: Stamp::Auto })
+        };
+        let reference = |point: &str, state: &str| {
+            vec![from(topics::SETPOINT, &format!("points[only].{point}[joint]")), from(topics::CONTROLLER_STATE, state)]
+        };
+        let signals = [
+            (Signal::Position, vec![from(topics::ENCODER, "position[joint]")]),
+            (
+                Signal::ForceCell,
+                vec![from(topics::FORCE_CELL, "wrench.force.x"), from(topics::ENCODER, "effort[joint]")],
+            ),
+            (
+                Signal::Force,
+                vec![
+                    from(topics::FORCE, "wrench.force.x"),
+                    from("/stage/joint_commands", "effort[joint]"),
+                    from("/stage/commands", "data[0]"),
+                    from(topics::CONTROLLER_STATE, "output"),
+                ],
+            ),
+            (Signal::ReferencePosition, reference("positions", "reference_position")),
+            (Signal::ReferenceVelocity, reference("velocities", "reference_velocity")),
+            (Signal::ReferenceAcceleration, reference("accelerations", "reference_acceleration")),
+        ];
+        Self { signals: signals.into(), ..Self::empty() }
+    }
+
+    /// CSV files with the columns of a [`Trace`](super::Trace) by their names.
+    pub fn own_csv() -> Self {
+        let signals =
+            Signal::ALL.map(|s| (s, vec![SignalSource::plain(Place::Column(Column::Name(s.name().to_owned())))]));
+        Self { signals: signals.into(), ..Self::empty() }
+    }
+}
+
+fn stamp(text: &str) -> Stamp {
+    match text {
+        "auto" => Stamp::Auto,
+        "log_time" => Stamp::LogTime,
+        "publish_time" => Stamp::PublishTime,
+        field => Stamp::Field(field.to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mapping_says_place_unit_scale_and_offset() {
+        let mapping = Mapping::from_yaml(
+            "joint: x\nstamp: log_time\nsignals:\n  position: {topic: /j, field: 'position[joint]', unit: mm, scale: -1, offset: 0.5}\n\
+             \x20 force: {topic: /f, field: data, stamp: header.stamp}\n",
+            "m.yaml",
+        )
+        .unwrap();
+        assert_eq!(mapping.joint, "x");
+        let position = &mapping.signals[&Signal::Position][0];
+        assert_eq!(position.to_si(200.0), 0.5 - 0.2);
+        let stamp_of = |source: &SignalSource| match &source.place {
+            Place::Topic { stamp, .. } => stamp.clone(),
+            Place::Column(_) => panic!("a topic was mapped"),
+        };
+        assert_eq!(stamp_of(position), Stamp::LogTime);
+        assert_eq!(stamp_of(&mapping.signals[&Signal::Force][0]), Stamp::Field("header.stamp".into()));
+        assert!(!mapping.is_for_csv());
+        // y and n are truth values of old YAML, and good names of columns
+        let columns = Mapping::from_yaml("signals: {position: {column: y}, force: {column: 3}}", "m.yaml").unwrap();
+        assert_eq!(columns.signals[&Signal::Position][0].place, Place::Column(Column::Name("y".into())));
+        assert_eq!(columns.signals[&Signal::Force][0].place, Place::Column(Column::Number(3)));
+        assert!(Mapping::own_csv().is_for_csv());
+    }
+
+    #[test]
+    fn wrong_mappings_are_told_with_the_key_and_what_would_be_right() {
+        let cases: &[(&str, &[&str])] = &[
+            ("signals: {}", &["signals.position", "missing"]),
+            ("signals: {positon: {column: x}}", &["signals.positon", "did you mean `position`"]),
+            ("signals: {position: {colum: x}}", &["did you mean `column`"]),
+            ("signals: {position: {column: 0}}", &["from 1"]),
+            ("signals: {position: {topic: /j}}", &["`topic` and `field`"]),
+            ("signals: {position: {column: x, unit: kN}}", &["unit `kN`", "m, mm"]),
+            ("signals: {position: {column: x, scale: 0}}", &["scale 0"]),
+            ("signals: {position: {column: x}, force: {topic: /f, field: x}}", &["either a bag or a CSV"]),
+            ("signals: {position: {topic: /j, field: x}, time: {topic: /j, field: t}}", &["signals.time", "`stamp`"]),
+            ("csv: {delimiter: ab}\nsignals: {position: {column: x}}", &["csv.delimiter", "\"ab\""]),
+            ("csv: {header: false}\nsignals: {position: {column: x}}", &["number"]),
+            ("csv: {decimal_comma: true}\nsignals: {position: {column: x}}", &["delimiter"]),
+            ("rate: -1\nsignals: {position: {column: x}}", &["rate", "-1"]),
+            ("signals: [", &["m.yaml"]),
+            ("", &["m.yaml"]),
+        ];
+        for (text, expected) in cases {
+            let message = Mapping::from_yaml(text, "m.yaml").unwrap_err().to_string();
+            for words in *expected {
+                assert!(message.contains(words), "{text:?} gave {message:?}, without {words:?}");
+            }
+        }
+    }
+}

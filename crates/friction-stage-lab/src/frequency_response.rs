@@ -1,0 +1,205 @@
+//! Response of the stage to a sinusoidal force at several amplitudes: stiffness of the guides below the Dahl resonance, mass above.
+//!
+//! Stepped sine without a controller: the guides hold the stage while the force stays below break-away. Force cell and encoder
+//! are projected on the sine, which gives the dynamic stiffness D = F/X; with friction it depends on the amplitude.
+
+use std::f64::consts::PI;
+
+use nalgebra::{Complex, Matrix3, Vector3};
+use serde::Serialize;
+
+use friction_stage_core::plant::Stage;
+
+use super::specimen::{LabError, Recording, Row, Settings, Specimen, within_motor};
+
+/// Force amplitudes as shares of the static friction of all guides.
+const LEVELS: [f64; 4] = [0.01, 0.1, 0.3, 0.6];
+/// First and last frequency, Hz, and their number, spaced evenly in the logarithm.
+const FREQUENCIES: (f64, f64, usize) = (5.0, 250.0, 28);
+/// Periods over which the sine grows and fades, so that it leaves no velocity behind.
+const RAMP: f64 = 3.0;
+/// Time to reach the steady state, s and periods, whichever is longer.
+const SETTLE: (f64, f64) = (0.15, 4.0);
+/// Time that is projected, s and periods, whichever is longer.
+const MEASURE: (f64, f64) = (0.25, 5.0);
+
+/// The responses of one stage.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FrequencyResponse {
+    pub name: String,
+    pub levels: Vec<ResponseLevel>,
+    /// kg, from the dynamic stiffness at the highest frequencies and the largest force, where noise matters least.
+    pub mass: f64,
+}
+
+/// The response at one force amplitude.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ResponseLevel {
+    /// N
+    pub force: f64,
+    pub points: Vec<ResponsePoint>,
+    /// Where the dynamic stiffness has no real part; `None` where the stage has no spring left.
+    pub resonance: Option<Resonance>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ResponsePoint {
+    /// Hz
+    pub frequency: f64,
+    /// Amplitude of the position, m.
+    pub amplitude: f64,
+    /// Real and imaginary part of F/X, N/m.
+    pub stiffness: (f64, f64),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Resonance {
+    /// Hz
+    pub frequency: f64,
+    /// Amplitude of the position there, m.
+    pub amplitude: f64,
+    /// Damping ratio Im D / (2 m w^2).
+    pub damping: f64,
+}
+
+impl FrequencyResponse {
+    /// Number of calls of `tick` in [`frequency_response`].
+    pub const TICKS: usize = LEVELS.len();
+}
+
+/// Sweeps the stage; `tick` is called after each force amplitude.
+pub fn frequency_response(
+    specimen: &Specimen,
+    settings: &Settings,
+    tick: &dyn Fn(),
+) -> Result<(FrequencyResponse, Recording), LabError> {
+    let model = &specimen.stage;
+    let break_away: f64 = model.resolved_guides()?.iter().map(|guide| guide.static_force).sum();
+    let mut stage = Stage::new(model, settings.rates, settings.seed)?;
+    let mut rows = Vec::new();
+    let mut levels = Vec::new();
+    for share in LEVELS {
+        let force = share * break_away;
+        let points: Vec<ResponsePoint> =
+            frequencies().map(|frequency| point(&mut stage, &mut rows, force, frequency)).collect();
+        levels.push(ResponseLevel { force, points, resonance: None });
+        tick();
+    }
+    within_motor("frequency-response", specimen, model, &rows)?;
+    let mass = line_mass(&levels[LEVELS.len() - 1].points);
+    for level in &mut levels {
+        level.resonance = resonance(&level.points, mass);
+    }
+    let name = "frequency_response".to_owned();
+    let recording = Recording { name, model: model.clone(), settings: *settings, rows };
+    Ok((FrequencyResponse { name: specimen.name.clone(), levels, mass }, recording))
+}
+
+fn frequencies() -> impl Iterator<Item = f64> {
+    let (first, last, count) = FREQUENCIES;
+    (0..count).map(move |k| first * (last / first).powf(k as f64 / (count - 1) as f64))
+}
+
+/// One frequency: ramp, steady state, projection, ramp.
+fn point(stage: &mut Stage, rows: &mut Vec<Row>, force: f64, frequency: f64) -> ResponsePoint {
+    let rate = stage.rates().control();
+    let ramp = RAMP / frequency;
+    let settle = ramp + SETTLE.0.max(SETTLE.1 / frequency);
+    let periods = (MEASURE.0.max(MEASURE.1 / frequency) * frequency).ceil();
+    let end = settle + periods / frequency;
+    let (mut position, mut cell) = (Projection::default(), Projection::default());
+    for k in 0..((end + ramp) * rate).ceil() as usize {
+        let time = k as f64 / rate;
+        let envelope = (time / ramp).min((end + ramp - time) / ramp).clamp(0.0, 1.0);
+        let command = envelope * force * (2.0 * PI * frequency * time).sin();
+        let sample = stage.sample();
+        if time >= settle && time < end {
+            position.add(2.0 * PI * frequency * time, sample.position);
+            cell.add(2.0 * PI * frequency * time, sample.force_cell);
+        }
+        rows.push(Row { sample, terms: None, force: command });
+        stage.advance(command);
+    }
+    // The cell reads, at a sample, the force held over the interval that ends there: half a sample late, and its
+    // fundamental is smaller by the hold.
+    let lag = PI * frequency / rate;
+    let hold = lag.sin() / lag;
+    let driving = cell.phasor() * Complex::from_polar(hold, lag);
+    let stiffness = driving / position.phasor();
+    ResponsePoint { frequency, amplitude: position.phasor().norm(), stiffness: (stiffness.re, stiffness.im) }
+}
+
+/// Least squares of a constant, a sine and a cosine.
+#[derive(Default)]
+struct Projection {
+    normal: Matrix3<f64>,
+    right: Vector3<f64>,
+}
+
+impl Projection {
+    fn add(&mut self, phase: f64, value: f64) {
+        let row = Vector3::new(1.0, phase.sin(), phase.cos());
+        self.normal += row * row.transpose();
+        self.right += row * value;
+    }
+
+    /// a + i b of a sin + b cos; zero without enough samples.
+    fn phasor(&self) -> Complex<f64> {
+        self.normal.cholesky().map_or(Complex::new(0.0, 0.0), |factor| {
+            let solution = factor.solve(&self.right);
+            Complex::new(solution[1], solution[2])
+        })
+    }
+}
+
+/// Mass from Re D = k - m w^2 over the upper third of the frequencies.
+fn line_mass(points: &[ResponsePoint]) -> f64 {
+    let upper = &points[2 * points.len() / 3..];
+    let count = upper.len() as f64;
+    let square = |point: &ResponsePoint| (2.0 * PI * point.frequency).powi(2);
+    let (x, y) = upper.iter().fold((0.0, 0.0), |(x, y), p| (x + square(p) / count, y + p.stiffness.0 / count));
+    let (cross, squares) = upper
+        .iter()
+        .fold((0.0, 0.0), |(c, s), p| (c + (square(p) - x) * (p.stiffness.0 - y), s + (square(p) - x).powi(2)));
+    -cross / squares
+}
+
+/// Where Re D changes its sign, linear in the square of the frequency between two points.
+fn resonance(points: &[ResponsePoint], mass: f64) -> Option<Resonance> {
+    let pair = points.windows(2).find(|pair| pair[0].stiffness.0 > 0.0 && pair[1].stiffness.0 <= 0.0)?;
+    let (a, b) = (&pair[0], &pair[1]);
+    let share = a.stiffness.0 / (a.stiffness.0 - b.stiffness.0);
+    let between = |of: fn(&ResponsePoint) -> f64| of(a) + share * (of(b) - of(a));
+    let frequency = between(|point| point.frequency * point.frequency).sqrt();
+    let w = 2.0 * PI * frequency;
+    Some(Resonance {
+        frequency,
+        amplitude: between(|point| point.amplitude),
+        damping: between(|point| point.stiffness.1) / (2.0 * mass * w * w),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Far below break-away a guide is a spring sigma0 with a damper sigma1 + sigma2: a linear oscillator.
+    #[test]
+    fn small_amplitudes_show_the_linear_oscillator() {
+        for name in ["guide_1", "guide_2"] {
+            let specimen = Specimen::of_guide(name).unwrap();
+            let guide = specimen.guide().unwrap();
+            let (response, _) = frequency_response(&specimen, &Settings::default(), &|| ()).unwrap();
+            assert!((response.mass / 40.0 - 1.0).abs() < 0.005, "{name}: {} kg", response.mass);
+            let smallest = &response.levels[0];
+            let found = smallest.resonance.unwrap();
+            let k = 4.0 * guide.stiffness;
+            let damping = 4.0 * (guide.bristle_damping + guide.viscous_friction) / (2.0 * (k * 40.0).sqrt());
+            assert!((found.frequency / ((k / 40.0).sqrt() / (2.0 * PI)) - 1.0).abs() < 0.015, "{name} {found:?}");
+            assert!((found.damping / damping - 1.0).abs() < 0.05, "{name} {found:?}: {damping}");
+            let low = &smallest.points[0];
+            let dynamic = k - 40.0 * (2.0 * PI * low.frequency).powi(2);
+            assert!((low.stiffness.0 / dynamic - 1.0).abs() < 0.02, "{name} {low:?}: {dynamic}");
+        }
+    }
+}

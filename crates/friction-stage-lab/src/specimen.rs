@@ -1,0 +1,260 @@
+//! What an experiment runs on: a guide type on the measuring rig and on the 40 kg stage.
+
+use serde::Serialize;
+
+use friction_stage_core::control::{
+    Controller, ControllerError, ControllerSettings, Gains, Point, Terms, Trajectory, TrajectoryError,
+};
+use friction_stage_core::model::{Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
+use friction_stage_core::plant::{Rates, Sample, Stage};
+
+use friction_stage_core::ClosedLoop;
+
+/// Bandwidth of the rig's position servo, Hz. Assumed: the paper says closed loop and no more; as the node's `drive: servo`.
+pub const SERVO_BANDWIDTH: f64 = 60.0;
+
+/// One guide type, ready for the rig and for the stage.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Specimen {
+    /// Name in figures and tables.
+    pub name: String,
+    /// One guide behind a flexure coupling (paper, section 1.2).
+    pub rig: StageModel,
+    /// 40 kg on four of the guides (paper, section 4).
+    pub stage: StageModel,
+    /// What was left out to come from one to the other.
+    pub warnings: Vec<String>,
+}
+
+/// Seed of the sensor noise and rates of an experiment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    pub seed: u64,
+    pub rates: Rates,
+}
+
+/// An experiment that cannot be run or whose signals cannot be reduced.
+#[derive(Debug, thiserror::Error)]
+pub enum LabError {
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    #[error(transparent)]
+    Controller(#[from] ControllerError),
+    #[error(transparent)]
+    Trajectory(#[from] TrajectoryError),
+    #[error(
+        "{experiment} on {specimen} needs more force than the motor has ({limit} N) in {samples} samples: \
+         raise motor.force_limit or use a lighter stage"
+    )]
+    MotorLimit { experiment: &'static str, specimen: String, limit: f64, samples: u64 },
+    #[error("{experiment} on {specimen}: {what}")]
+    Signal { experiment: &'static str, specimen: String, what: String },
+}
+
+/// One sample with the force that answers it; `terms` where a controller made that force.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    pub sample: Sample,
+    pub terms: Option<Terms>,
+    /// N, held until the next sample.
+    pub force: f64,
+}
+
+/// A run from its first sample on: enough to write a bag that repeats it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    pub name: String,
+    pub model: StageModel,
+    pub settings: Settings,
+    pub rows: Vec<Row>,
+}
+
+/// A value with its standard error.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Measured {
+    pub value: f64,
+    pub standard_error: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Settings {
+        Settings { seed: 1, rates: Rates::DEFAULT }
+    }
+}
+
+impl Specimen {
+    /// A guide of the catalogue.
+    pub fn of_guide(name: &str) -> Result<Specimen, ModelError> {
+        Ok(Specimen {
+            name: name.replace('_', " "),
+            rig: StageModel::measuring_rig(name)?,
+            stage: StageModel::on_guides(name),
+            warnings: Vec::new(),
+        })
+    }
+
+    /// The guides of a model: a stage as it is with its first guide on the rig, or a rig as it is with four of its guide
+    /// under the stage of the paper. Sensors and motor are the model's own.
+    ///
+    /// Of the effects only those that belong to a guide go from one to the other; the rest is named in the warnings.
+    pub fn of_model(model: &StageModel) -> Result<Specimen, ModelError> {
+        model.check()?;
+        let guides = model.resolved_guides()?;
+        let first = model.guides[0].clone();
+        let of_the_guide = |name: &str| name == "distributed_bristles";
+        let effects: Vec<_> = model.effects.iter().filter(|effect| of_the_guide(&effect.name)).cloned().collect();
+        let mut warnings = Vec::new();
+        if effects.len() < model.effects.len() {
+            let left: Vec<&str> =
+                model.effects.iter().map(|e| e.name.as_str()).filter(|name| !of_the_guide(name)).collect();
+            let other = if model.coupling.is_some() { "stage" } else { "rig" };
+            warnings.push(format!("{}: on the {other} without {}", model.name, left.join(", ")));
+        }
+        if guides.iter().any(|guide| guide != &guides[0]) {
+            warnings.push(format!("{}: its guides differ; on the rig is guides[0]", model.name));
+        }
+        let same = StageModel { effects, ..model.clone() };
+        let (rig, stage) = if model.coupling.is_some() {
+            let stage = StageModel {
+                name: format!("stage on the guide of {}", model.name),
+                mass: StageModel::default().mass,
+                guides: vec![first; MAX_GUIDES],
+                coupling: None,
+                ..same
+            };
+            (model.clone(), stage)
+        } else {
+            let mut rig = StageModel::measuring_rig("guide_1")?;
+            if let Some(coupling) = &mut rig.coupling {
+                coupling.stiffness = 100.0 * guides[0].stiffness;
+            }
+            rig = StageModel {
+                name: format!("measuring rig with guides[0] of {}", model.name),
+                guides: vec![first],
+                mass: rig.mass,
+                coupling: rig.coupling,
+                ..same
+            };
+            (rig, model.clone())
+        };
+        Ok(Specimen { name: model.name.clone(), rig, stage, warnings })
+    }
+
+    /// The guide type, parameters resolved.
+    pub fn guide(&self) -> Result<Guide, ModelError> {
+        self.rig.guides[0].resolve("guides[0]", &friction_stage_core::model::Catalogue::builtin())
+    }
+
+    /// Longest break-away distance of the rig's bristles, m: Fs/sigma0 of one bristle; of several in parallel that of the one
+    /// with the most strength for its stiffness.
+    pub fn break_away_distance(&self) -> Result<f64, ModelError> {
+        let guide = self.guide()?;
+        let single = guide.static_force / guide.stiffness;
+        let Some(effect) = self.rig.effects.iter().find(|effect| effect.name == "distributed_bristles") else {
+            return Ok(single);
+        };
+        let share = |key: &str, default| effect.values.get(key).copied().unwrap_or(default);
+        let (a1, b1) = (share("stiffness_share_1", 1.0), share("strength_share_1", 1.0));
+        let (a2, b2) = (share("stiffness_share_2", 0.0), share("strength_share_2", 0.0));
+        let elements = [(a1, b1), (a2, b2), (1.0 - a1 - a2, 1.0 - b1 - b2)];
+        let longest = elements.iter().filter(|(a, b)| *a > 1e-9 && *b > 1e-9).map(|(a, b)| b / a).fold(0.0, f64::max);
+        Ok(single * if longest > 0.0 { longest } else { 1.0 })
+    }
+
+    /// Whether the rig's guide is a single LuGre bristle, for which closed forms hold.
+    pub fn is_plain(&self) -> bool {
+        self.rig.effects.is_empty()
+    }
+
+    /// The same with other parameters of the guide.
+    pub fn with_guide(mut self, guide: Guide) -> Specimen {
+        self.rig.guides.fill(GuideSource::Inline(guide.clone()));
+        self.stage.guides.fill(GuideSource::Inline(guide));
+        self
+    }
+
+    /// The rig under its position servo, following `points` from its first sample on.
+    ///
+    /// The servo is a PID on the encoder with lowpass and ideal mass feedforward, tuned for everything that the motor moves; the carriage's encoder is the one at the guide, as the paper places it.
+    pub fn on_rig(&self, settings: &Settings, gains: Gains, points: Vec<Point>) -> Result<ClosedLoop, LabError> {
+        let mass = self.servo_mass();
+        let paper = ControllerSettings::paper(mass, settings.rates.control(), self.rig.motor.force_limit);
+        closed_loop(&self.rig, settings, ControllerSettings { gains, ..paper }, points)
+    }
+
+    /// Gains of the rig's servo for a bandwidth in Hz.
+    pub fn servo(&self, bandwidth: f64) -> Gains {
+        Gains::from_bandwidth(bandwidth, self.servo_mass())
+    }
+
+    fn servo_mass(&self) -> f64 {
+        self.rig.mass + self.rig.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass)
+    }
+
+    /// The stage under the paper's controller (section 4), with `viscous` N s/m of viscous feedforward.
+    pub fn on_stage(&self, settings: &Settings, viscous: f64, points: Vec<Point>) -> Result<ClosedLoop, LabError> {
+        let paper = ControllerSettings::paper(self.stage.mass, settings.rates.control(), self.stage.motor.force_limit);
+        closed_loop(&self.stage, settings, ControllerSettings { viscous_feedforward: viscous, ..paper }, points)
+    }
+}
+
+/// A stage of `model` under a controller that follows `points` from its first sample on.
+pub fn closed_loop(
+    model: &StageModel,
+    settings: &Settings,
+    controller: ControllerSettings,
+    points: Vec<Point>,
+) -> Result<ClosedLoop, LabError> {
+    let stage = Stage::new(model, settings.rates, settings.seed)?;
+    Ok(ClosedLoop::new(stage, Controller::new(controller)?, Trajectory::new(0, points)?))
+}
+
+impl Row {
+    pub fn of(cycle: &friction_stage_core::Cycle) -> Row {
+        Row { sample: cycle.sample, terms: Some(cycle.terms), force: cycle.terms.output }
+    }
+}
+
+/// Refuses a run in which the motor was at its limit: its curves would show the motor.
+pub(super) fn within_motor(
+    experiment: &'static str,
+    specimen: &Specimen,
+    model: &StageModel,
+    rows: &[Row],
+) -> Result<(), LabError> {
+    let limit = model.motor.force_limit;
+    let samples = rows.iter().filter(|row| row.force.abs() >= limit).count() as u64;
+    if samples == 0 {
+        return Ok(());
+    }
+    Err(LabError::MotorLimit { experiment, specimen: specimen.name.clone(), limit, samples })
+}
+
+/// Mean with its standard error, for independent samples.
+pub(super) fn mean(values: impl Iterator<Item = f64>) -> Measured {
+    let (mut count, mut mean, mut squares) = (0.0, 0.0, 0.0);
+    for value in values {
+        count += 1.0;
+        let difference = value - mean;
+        mean += difference / count;
+        squares += difference * (value - mean);
+    }
+    let standard_error = if count > 1.0 { (squares / (count - 1.0) / count).sqrt() } else { f64::NAN };
+    Measured { value: if count > 0.0 { mean } else { f64::NAN }, standard_error }
+}
+
+/// A point of a trajectory at rest, `time` in s.
+pub(super) fn rest(time: f64, position: f64) -> Point {
+    moving(time, position, 0.0)
+}
+
+/// A point of a trajectory that passes with a constant velocity, `time` in s.
+pub(super) fn moving(time: f64, position: f64, velocity: f64) -> Point {
+    Point {
+        time: (time * 1e9).round() as i64,
+        position,
+        velocity: Some(velocity),
+        acceleration: Some(0.0),
+        effort: 0.0,
+    }
+}
