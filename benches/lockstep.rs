@@ -24,16 +24,16 @@ use std::{
     time::{Duration, Instant},
 };
 
-use friction_stage::{
-    control::Point,
-    message::{Clock, ControllerState, Header, JointState, RosMessage, StageState, Time, WrenchStamped},
-    node::{
-        driver::{Driver, LockstepRun},
-        inlet::{Inlet, Waiter},
-        outlet::{Outlet, Published},
-        participant::{Network, Participant, Reach},
-        qos::{CLOCK, COMMANDS, Qos, SAMPLES},
-    },
+use friction_stage::node::{
+    driver::{Driver, LockstepRun},
+    inlet::{Inlet, Waiter},
+    outlet::{Outlet, Published},
+    participant::{Network, Participant, Reach},
+    qos::{CLOCK, COMMANDS, Qos, SAMPLES},
+};
+use friction_stage_core::control::Point;
+use friction_stage_data::message::{
+    Clock, ControllerState, Header, JointState, RosMessage, StageState, Time, WrenchStamped,
 };
 use futures::executor::block_on;
 use ros2_client::{NodeOptions, Publisher, Subscription};

@@ -10,11 +10,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-use friction_stage_data::bag::BagReader;
 use friction_stage::node::clock::{Ticks, monotonic, prepare_tick_thread};
 use friction_stage::node::driver::Driver;
 use friction_stage::node::lateness::LatenessHistogram;
 use friction_stage::node::participant::{Network, Reach};
+use friction_stage_data::bag::BagReader;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();

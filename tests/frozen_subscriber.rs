@@ -11,14 +11,12 @@ use std::{
     time::{Duration, Instant},
 };
 
-use friction_stage::{
-    message::Float64MultiArray,
-    node::{
-        outlet::{Outlet, Published},
-        participant::{Network, Participant, Reach},
-        qos::Qos,
-    },
+use friction_stage::node::{
+    outlet::{Outlet, Published},
+    participant::{Network, Participant, Reach},
+    qos::Qos,
 };
+use friction_stage_data::message::Float64MultiArray;
 use futures::{StreamExt, executor::block_on};
 use ros2_client::{NodeOptions, Subscription};
 

@@ -2,15 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-use friction_stage::{
-    message::WrenchStamped,
-    node::{
-        inlet::Inlet,
-        outlet::Outlet,
-        participant::{Network, Participant, Reach},
-        qos::Qos,
-    },
+use friction_stage::node::{
+    inlet::Inlet,
+    outlet::Outlet,
+    participant::{Network, Participant, Reach},
+    qos::Qos,
 };
+use friction_stage_data::message::WrenchStamped;
 use ros2_client::NodeOptions;
 
 const PATIENCE: Duration = Duration::from_secs(20);

@@ -5,17 +5,15 @@
 //! pass. What the recordings hide was inferred from their residuals, down to the noise of the sensors; amplitude and period below are
 //! what the force cell itself shows.
 
-mod recordings;
-
 use std::f64::consts::PI;
 use std::path::Path;
 use std::process::{Command, Output};
 
+use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
+use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
     Effort, Hypothesis, Measured, NOISE_LIKE, Part, Selection, Sides, Silent, Tolerances, Verdict, fit, search,
 };
-use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
-use friction_stage_core::plant::EffectDescriptor;
 use serde_json::Value;
 
 use blind_tests::effects::{
@@ -58,7 +56,7 @@ fn identify(arguments: &[&str]) -> Output {
 
 /// Summary of a run of the recordings with default settings, and the directory that it was written to.
 fn summary_of(run: &str) -> Option<(Value, tempfile::TempDir)> {
-    let place = recordings::with("a/train")?;
+    let place = blind_tests::recordings::with("a/train")?;
     let out = tempfile::tempdir().expect("a directory for the results");
     let path = |record: &str| place.join(run).join(record).display().to_string();
     let output = identify(&[
@@ -304,7 +302,8 @@ fn a_force_that_no_law_has_gets_unknown_its_coordinate_and_a_model_that_loads() 
     let errors = &summary["errors"]["holdout"]["force_rms"];
     let (before, after) = (errors["before"].as_f64().expect("before"), errors["after"].as_f64().expect("after"));
     assert!(after < 0.2 * before, "{before} -> {after}");
-    let model = friction_stage_core::model::StageModel::load(&out.path().join("identified.yaml")).expect("the model loads");
+    let model =
+        friction_stage_core::model::StageModel::load(&out.path().join("identified.yaml")).expect("the model loads");
     assert_eq!(model.effects.len(), 1);
     let page = std::fs::read_to_string(out.path().join("report.html")).expect("a report");
     assert!(page.contains("<svg") && !page.contains("src=\"http") && !page.contains("href=\"http"));

@@ -7,11 +7,11 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, topics};
-use friction_stage_data::message::{Header, JointState};
 use blind_tests::noise::Noise;
 use blind_tests::programme::Setpoints;
 use blind_tests::{Columns, Guide, Setup};
+use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, topics};
+use friction_stage_data::message::{Header, JointState};
 use tempfile::TempDir;
 
 const MODEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/launch_config/stage_measured_runs.yaml");

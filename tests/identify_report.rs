@@ -3,14 +3,12 @@
 //! The recordings are too large for the repository: they are read from the directory in FRICTION_STAGE_RECORDINGS, or from
 //! `../shared/measured`; where there are none the tests say so and check nothing.
 
-mod recordings;
-
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-use friction_stage_identify::Summary;
 use friction_stage_core::model::StageModel;
+use friction_stage_identify::Summary;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -33,7 +31,7 @@ fn stderr(output: &Output) -> String {
 
 /// Identifies a stage run with default settings and gives its summary; checks what holds for every run.
 fn summary_of(run: &str) -> Option<(Summary, TempDir)> {
-    let home = recordings::with("a/train")?.join(run);
+    let home = blind_tests::recordings::with("a/train")?.join(run);
     let out = TempDir::new().unwrap();
     let output = identify(&home.join("train"), &home.join("check"), out.path(), &["--json"]).output().unwrap();
     assert!(matches!(output.status.code(), Some(0 | 3)), "{}", stderr(&output));
@@ -210,7 +208,7 @@ fn wrong_arguments_end_with_2_and_missing_files_with_1() {
 /// One that lacks a cable chain, and one that lacks nothing: whether it does is not known before everything was tried.
 #[test]
 fn ctrl_c_leaves_a_partial_report_that_says_so() {
-    let Some(home) = recordings::with("a/train") else { return };
+    let Some(home) = blind_tests::recordings::with("a/train") else { return };
     for run in ["c", "b"] {
         let (out, run) = (TempDir::new().unwrap(), home.join(run));
         let mut child = identify(&run.join("train"), &run.join("check"), out.path(), &["--json"])

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use friction_stage_core::model::StageModel;
 use friction_stage::node::arguments::RosArguments;
 use friction_stage::node::parameters::{ParameterSet, ParameterSpec};
 use friction_stage::node::{controller_settings, stage_settings};
+use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
 
 fn files(ending: &str) -> Vec<PathBuf> {

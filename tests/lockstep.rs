@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-use friction_stage_data::bag::{BagReader, topics};
-use friction_stage_core::control::{Controller, ControllerSettings, Trajectory};
-use friction_stage_core::{ClosedLoop, Cycle};
-use friction_stage_lab::PaperMotion;
-use friction_stage_data::message::{ControllerState, JointState, WrenchStamped};
-use friction_stage_core::model::StageModel;
 use friction_stage::node::LOCKSTEP_EPOCH;
 use friction_stage::node::driver::{Driver, LockstepRun};
 use friction_stage::node::participant::{Network, Reach};
+use friction_stage_core::control::{Controller, ControllerSettings, Trajectory};
+use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
+use friction_stage_core::{ClosedLoop, Cycle};
+use friction_stage_data::bag::{BagReader, topics};
+use friction_stage_data::message::{ControllerState, JointState, WrenchStamped};
+use friction_stage_lab::PaperMotion;
 
 /// Domain of this test file alone.
 const DOMAIN: u16 = 71;

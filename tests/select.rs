@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, Provenance, topics};
-use friction_stage_lab::RigRecord;
-use friction_stage_data::message::{Header, JointState, WrenchStamped};
 use friction_stage_core::model::{Catalogue, StageModel};
+use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, Provenance, topics};
+use friction_stage_data::message::{Header, JointState, WrenchStamped};
+use friction_stage_lab::RigRecord;
 
 fn program(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_friction-stage"));

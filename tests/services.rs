@@ -6,12 +6,10 @@
 
 use std::time::Duration;
 
-use friction_stage::{
-    message::{SetBoolRequest, SetBoolResponse},
-    node::{
-        participant::{Network, Participant, Reach},
-        service::{self, READER_COMES_WITHIN, Service},
-    },
+use friction_stage::node::{
+    participant::{Network, Participant, Reach},
+    service::{self, READER_COMES_WITHIN, Service},
+    std_srvs::{SetBoolRequest, SetBoolResponse},
 };
 use futures::StreamExt;
 use ros2_client::NodeOptions;

@@ -7,8 +7,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Outcome;
-use friction_stage_data::bag::{self, BagReader, CheckReport, DataQuality, Excitation, Mapping};
 use crate::node::stage_settings;
+use friction_stage_data::bag::{self, BagReader, CheckReport, DataQuality, Excitation, Mapping};
 
 /// Show what a recording holds, whether anything is wrong with it, and what can be identified from it.
 ///

@@ -10,14 +10,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::Outcome;
-use friction_stage_data::bag::{BagReader, topics};
-use friction_stage_lab::{Conditioning, Move, MoveKind, MoveResult, PaperMotion, settling};
-use friction_stage_data::message::ControllerState;
 use crate::node::LOCKSTEP_EPOCH;
 use crate::node::cpu;
 use crate::node::driver::{Driver, LockstepRun};
 use crate::node::participant::{Network, Reach};
 use crate::node::recorder::dated_directory;
+use friction_stage_data::bag::{BagReader, topics};
+use friction_stage_data::message::ControllerState;
+use friction_stage_lab::{Conditioning, Move, MoveKind, MoveResult, PaperMotion, settling};
 use friction_stage_report::figure::{Curve, Panel, svg};
 
 /// Run the stage of the paper on its three guides, over ROS 2.

@@ -17,10 +17,10 @@ use self::bags::write_bag;
 use self::sections::Report;
 use self::summary::{Results, Summary};
 use super::{Outcome, WrongArguments};
-use friction_stage_lab::{self, LabError, PaperResults, Recording, Settings, Specimen};
-use friction_stage_core::model::{Catalogue, StageModel};
 use crate::node::recorder::dated_directory;
+use friction_stage_core::model::{Catalogue, StageModel};
 use friction_stage_core::plant::Rates;
+use friction_stage_lab::{self as lab, LabError, PaperResults, Recording, Settings, Specimen};
 
 /// Run an experiment of the paper on the measuring rig or on the 40 kg stage, in this process.
 ///

@@ -8,9 +8,9 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Outcome;
+use friction_stage_core::model::{Catalogue, CatalogueEntry, Provenance, Quantity};
 use friction_stage_data::bag::{BagReader, Trace, topics};
 use friction_stage_lab::{Fitted, GuideFit, RigRecord, fit_guide};
-use friction_stage_core::model::{Catalogue, CatalogueEntry, Provenance, Quantity};
 
 /// Fit a guide to recordings of the measuring rig and write it as an entry of a catalogue.
 ///

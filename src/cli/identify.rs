@@ -18,6 +18,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use self::figures::LoopErrors;
 use self::input::{Input, Record};
 use super::Outcome;
+use crate::node::stage_settings;
+use friction_stage_core::model::{Curve, CurveSide, Jump, StageModel};
 use friction_stage_data::bag::{Mapping, topics};
 use friction_stage_identify::Outcome::TooSmall;
 use friction_stage_identify::{
@@ -25,8 +27,6 @@ use friction_stage_identify::{
     PositionErrors, RippleElsewhere, Selection, Summary, Tolerances, Verdict, Watch, closed_loop, in_digits,
     next_experiment, parameter_warnings, readable, ripple_elsewhere, search, taking_part,
 };
-use friction_stage_core::model::{Curve, CurveSide, Jump, StageModel};
-use crate::node::stage_settings;
 
 /// Find what a declared model lacks: refit it to a recording, trace the residual to an effect, add it, and show the error before
 /// and after on held-out data.
@@ -358,7 +358,8 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
         );
     }
     for Inseparable { effect, rival, correlation } in &selection.inseparable {
-        let telltale = |name: &str| friction_stage_core::plant::EffectDescriptor::find(name).map_or("", |found| found.telltale);
+        let telltale =
+            |name: &str| friction_stage_core::plant::EffectDescriptor::find(name).map_or("", |found| found.telltale);
         remarks.push(format!(
             "{effect} and {rival} explain these data equally, what they take out is correlated by {correlation:.4}: all values, the mass among them, hold if it is {effect}; --next-experiment writes a motion that would separate them where there is one. What gives {effect} away: {}; {rival}: {}",
             telltale(effect),

@@ -10,14 +10,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
 
 use super::{Outcome, WrongArguments};
-use friction_stage_data::bag::topics;
-use friction_stage_core::control::Point;
-use friction_stage_data::message::{self, JointTrajectory, JointTrajectoryPoint};
 use crate::node::driver::{Driver, LockstepRun};
 use crate::node::participant::{Network, Reach};
 use crate::node::wire::{Setpoint, setpoint};
 use crate::node::{cpu, stage_settings};
+use friction_stage_core::control::Point;
 use friction_stage_core::plant::Rates;
+use friction_stage_data::bag::topics;
+use friction_stage_data::message::{self, JointTrajectory, JointTrajectoryPoint};
 
 /// Play a motion on a stage over ROS 2 and record it.
 ///

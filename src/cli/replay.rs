@@ -9,11 +9,13 @@ use serde::Serialize;
 
 use super::Outcome;
 use super::identify::instant_in_words;
-use friction_stage_data::bag::{self, BagReader, DataProblem, Severity, Trace};
-use friction_stage_identify::{ClosedLoopError, Hypothesis, IdentifyError, Measured, Part, Sides, Tolerances, closed_loop};
-use friction_stage_core::model::StageModel;
 use crate::node::stage_settings;
+use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
+use friction_stage_data::bag::{self, BagReader, DataProblem, Severity, Trace};
+use friction_stage_identify::{
+    ClosedLoopError, Hypothesis, IdentifyError, Measured, Part, Sides, Tolerances, closed_loop,
+};
 
 /// Play the recorded forces of a bag on a stage and compare its encoder with the recorded one.
 ///

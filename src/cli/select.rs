@@ -12,8 +12,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::Outcome;
 use super::selection_output::finish;
 use super::variant_rows::{Sheet, VariantRows};
-use friction_stage_lab::{Application, Experiment, Plan, Shard};
 use friction_stage_core::model::{Catalogue, nearest};
+use friction_stage_lab::{Application, Experiment, Plan, Shard};
 
 /// Choose a guide for an application: rank every guide of the catalogue by what it reaches over its tolerances.
 ///

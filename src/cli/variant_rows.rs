@@ -17,8 +17,8 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
 use serde::{Deserialize, Serialize};
 
-use friction_stage_lab::{Plan, Shard, VariantResult, variant_seed};
 use friction_stage_core::model::Guide;
+use friction_stage_lab::{Plan, Shard, VariantResult, variant_seed};
 
 /// What a directory of rows was computed from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -5,7 +5,8 @@
 //!
 //! ```no_run
 //! # use std::task::Poll;
-//! # use friction_stage::{message::{JointState, WrenchStamped}, node::{inlet::{Inlet, Waiter}, participant::ParticipantError}};
+//! # use friction_stage::node::{inlet::{Inlet, Waiter}, participant::ParticipantError};
+//! # use friction_stage_data::message::{JointState, WrenchStamped};
 //! # fn f(force: Inlet<WrenchStamped>, joint: Inlet<JointState>) {
 //! enum Command { Force(WrenchStamped), Joint(JointState) }
 //! let waiter = Waiter::new();

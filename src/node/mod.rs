@@ -30,6 +30,7 @@ mod stage_outlets;
 mod stage_realtime;
 pub mod stage_settings;
 pub mod stage_status;
+pub mod std_srvs;
 pub mod wire;
 
 pub use stage_lockstep::EPOCH as LOCKSTEP_EPOCH;

@@ -18,7 +18,7 @@ use super::cpu;
 use super::parameters::{ParameterServer, ParameterSet, ParameterSpec};
 use super::participant::{Network, Participant};
 use super::service::{self, Service};
-use friction_stage_data::message::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
+use super::std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
 
 /// What the rest of the process tells a node's loop.
 #[derive(Debug)]
@@ -110,11 +110,6 @@ impl Startup {
         Ok(Participant::join(network, &self.namespace, &self.name, options)?)
     }
 }
-
-impl ros2_client::Message for TriggerRequest {}
-impl ros2_client::Message for TriggerResponse {}
-impl ros2_client::Message for SetBoolRequest {}
-impl ros2_client::Message for SetBoolResponse {}
 
 struct Trigger;
 

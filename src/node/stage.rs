@@ -20,9 +20,9 @@ use super::stage_outlets::StageOutlets;
 use super::stage_settings::{self, Mode, StageSettings};
 use super::stage_status::StageStatus;
 use super::wire::StageNames;
+use friction_stage_core::plant::Stage;
 use friction_stage_data::bag::Provenance;
 use friction_stage_data::message::{DiagnosticArray, Header, KeyValue};
-use friction_stage_core::plant::Stage;
 
 const ABOUT: &str =
     "The stage on ROS 2: takes force commands and setpoints, publishes what encoder and force cell read.";

@@ -3,8 +3,10 @@
 //! Stamps on the wire are the stage's own time plus the epoch of the run, ns.
 
 use friction_stage_core::control::{Point, Reference, Terms, Trajectory, TrajectoryError};
-use friction_stage_data::message::{Clock, ControllerState, Header, JointState, JointTrajectory, StageState, Time, WrenchStamped};
 use friction_stage_core::plant;
+use friction_stage_data::message::{
+    Clock, ControllerState, Header, JointState, JointTrajectory, StageState, Time, WrenchStamped,
+};
 
 /// One sample of the stage as it goes out: `Copy`, so that it passes through a ring without allocation.
 #[derive(Clone, Copy, Debug)]

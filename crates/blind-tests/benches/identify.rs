@@ -13,12 +13,12 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Parser, Subcommand};
+use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_identify::{
     Declared, Estimate, Evidence, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection, Tolerances, Verdict,
     Watch, search,
 };
-use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
 use serde::Serialize;
 
 use blind_tests::effects::{self, CATALOGUE, LISTED};

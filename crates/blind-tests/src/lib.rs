@@ -15,6 +15,7 @@ pub mod effects;
 pub mod guides;
 pub mod noise;
 pub mod programme;
+pub mod recordings;
 pub mod stage;
 
 use std::collections::BTreeMap;

@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use criterion::{Criterion, Throughput};
-use friction_stage_core::control::{Controller, ControllerSettings, Point, Trajectory};
 use friction_stage_core::ClosedLoop;
+use friction_stage_core::control::{Controller, ControllerSettings, Point, Trajectory};
 use friction_stage_core::model::{Guide, GuideSource, MAX_GUIDES, StageModel};
 use friction_stage_core::plant::{Body, Rates, Stage};
 use libloading::Library;

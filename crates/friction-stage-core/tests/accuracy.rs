@@ -4,8 +4,8 @@
 
 use std::path::PathBuf;
 
-use friction_stage_core::control::{AntiWindup, Controller, ControllerSettings, Gains, Point, Trajectory};
 use friction_stage_core::ClosedLoop;
+use friction_stage_core::control::{AntiWindup, Controller, ControllerSettings, Gains, Point, Trajectory};
 use friction_stage_core::model::{Guide, GuideSource, StageModel};
 use friction_stage_core::plant::{Body, Rates, Stage};
 use serde::Deserialize;

@@ -12,10 +12,10 @@ use nalgebra::{DMatrix, DVector};
 use super::IdentifyError;
 use super::driven::holding;
 use super::measured::forgetting_length;
-use friction_stage_data::bag::Trace;
 use friction_stage_core::model::{ModelError, StageModel};
 use friction_stage_core::plant::effects::Effects;
 use friction_stage_core::plant::{Rates, RatesError, Stage};
+use friction_stage_data::bag::Trace;
 
 /// Past forces: a PID (integrator, derivative filter) behind a second-order lowpass has three.
 const PAST: usize = 3;

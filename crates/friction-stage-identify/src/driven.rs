@@ -563,9 +563,9 @@ pub(super) mod tests {
         let read = |x: f64| x + 2e-7 * (TAU * x / 4e-6).sin();
         assert!((undo(read(1.3e-6), read) - 1.3e-6).abs() < 1e-13);
     }
-    use friction_stage_data::bag::Trace;
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
+    use friction_stage_data::bag::Trace;
 
     /// Two seconds at 2 kHz over 0.1 m, as an encoder reads them, with a force that is of no importance.
     pub(in super::super) fn record() -> Measured {

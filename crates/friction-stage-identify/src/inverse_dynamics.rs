@@ -15,8 +15,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::driven::Driven;
 use super::{Hypothesis, IdentifyError, MIN_SAMPLES, Measured, Sides};
-use friction_stage_data::bag::Trace;
 use friction_stage_core::model::StageModel;
+use friction_stage_data::bag::Trace;
 
 /// Ripple of the filter before decimation, dB, its order, and its corner as a share of the new Nyquist frequency (`decimate`).
 const DECIMATION: (f64, usize, f64) = (0.05, 8, 0.8);

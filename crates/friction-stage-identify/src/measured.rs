@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 
-use friction_stage_data::bag::Trace;
 use friction_stage_core::model::{Guide, StageModel};
 use friction_stage_core::plant::Motion;
 use friction_stage_core::plant::effects::ForceOverStep;
+use friction_stage_data::bag::Trace;
 
 use super::IdentifyError;
 use super::lowpass::Lowpass;

@@ -125,8 +125,8 @@ mod tests {
     use super::super::closed_loop::tests::recording;
     use super::super::{Coordinate, Declared, Effort, Hypothesis, Place, Tolerances, fit};
     use super::*;
-    use friction_stage_core::numerics::TWO_SIDED_95;
     use friction_stage_core::model::StageModel;
+    use friction_stage_core::numerics::TWO_SIDED_95;
 
     /// Bristles follow what a noisy encoder feigns: static friction comes out too large, in each record a little, and together by more than their
     /// intervals allow.

@@ -11,8 +11,8 @@ use super::hypothesis::{Coordinate, Part, Place};
 use super::measured::Measured;
 use super::next_experiment::NextExperiment;
 use super::selection::{Selection, Verdict};
-use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::model::Curve;
+use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::plant::{EffectDescriptor, Side};
 
 /// Version of the schema.

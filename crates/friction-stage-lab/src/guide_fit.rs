@@ -8,8 +8,8 @@
 
 use super::least_squares::{FitError, Minimum, minimise};
 use super::specimen::Recording;
-use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::model::Guide;
+use friction_stage_core::numerics::TWO_SIDED_95;
 
 /// What the measuring rig records, one row per sample, SI units.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 
 use super::application::Application;
 use super::variant::{Experiment, VariantError, VariantResult};
-use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::model::{Catalogue, CatalogueEntry, Guide};
+use friction_stage_core::numerics::TWO_SIDED_95;
 
 /// A guide that stands for selection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

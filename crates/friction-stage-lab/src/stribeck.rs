@@ -200,8 +200,10 @@ mod tests {
     #[test]
     fn parallel_bristles_have_the_same_steady_friction() {
         let (guide, effect) = friction_stage_core::model::Catalogue::builtin().distributed_bristles("guide_1").unwrap();
-        let stage =
-            friction_stage_core::model::StageModel { effects: vec![effect], ..friction_stage_core::model::StageModel::on_guides("guide_1") };
+        let stage = friction_stage_core::model::StageModel {
+            effects: vec![effect],
+            ..friction_stage_core::model::StageModel::on_guides("guide_1")
+        };
         let specimen = Specimen::of_model(&stage).unwrap().with_guide(guide.clone());
         let (curve, _) = stribeck(&specimen, &Settings::default(), &[0.5e-3, 0.1, 0.5], &|| ()).unwrap();
         for point in &curve.points {

@@ -5,9 +5,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::application::{Application, LEAD};
-use friction_stage_core::ClosedLoop;
 use super::paper::{Move, MoveKind, PaperMotion};
-use friction_stage_core::control::{Controller, ControllerError, ControllerSettings, Gains, Trajectory, TrajectoryError};
+use friction_stage_core::ClosedLoop;
+use friction_stage_core::control::{
+    Controller, ControllerError, ControllerSettings, Gains, Trajectory, TrajectoryError,
+};
 use friction_stage_core::model::{Guide, ModelError};
 use friction_stage_core::plant::{Rates, RatesError, Stage};
 

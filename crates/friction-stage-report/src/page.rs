@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 /// A page that grows from top to bottom.
 ///
 /// ```
-/// use friction_stage::report::page::{Align, Cell, Mark, Page, Table};
+/// use friction_stage_report::page::{Align, Cell, Mark, Page, Table};
 ///
 /// let mut page = Page::new("Guides", "three configurations of one guide");
 /// page.section("Friction");

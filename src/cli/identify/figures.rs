@@ -1,8 +1,8 @@
 //! The figures of an identification: what the models miss before and after, over everything that a cause could depend on.
 
 use super::input::{Input, Record};
-use friction_stage_identify::{Change, Measured, Missing, Selection, Sides, closed_loop, spectrum};
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, StageModel};
+use friction_stage_identify::{Change, Measured, Missing, Selection, Sides, closed_loop, spectrum};
 use friction_stage_report::chart::{Chart, Style};
 
 /// A drawn figure; `name` is its file without the ending.

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 
-use friction_stage_data::bag::{self, DataProblem, Mapping, Recording, Severity, Signal, Trace};
 use crate::cli::WrongArguments;
-use friction_stage_identify::{IdentifyError, Measured, closed_loop};
 use friction_stage_core::model::StageModel;
+use friction_stage_data::bag::{self, DataProblem, Mapping, Recording, Severity, Signal, Trace};
+use friction_stage_identify::{IdentifyError, Measured, closed_loop};
 
 /// Samples in a row that must agree for two records to be the same there. Assumed: of positions in motion, counted to a nanometre
 /// with a nanometre of noise, so many do not agree by accident.

@@ -4,9 +4,9 @@ use clap::Args;
 
 use super::input::Input;
 use crate::cli::WrongArguments;
-use friction_stage_identify::{Limits, NextExperiment};
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::EffectDescriptor;
+use friction_stage_identify::{Limits, NextExperiment};
 
 /// Name of the motion in the directory of the results.
 pub const FILE: &str = "next_experiment.yaml";

@@ -3,12 +3,12 @@
 use super::figures::{Figure, Group};
 use super::input::Input;
 use super::metres;
+use friction_stage_core::model::{CurveSide, ModelError, StageModel};
+use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
     Declared, Evidence, Hypothesis, Inseparable, LEFT_AT_MOST, NextExperiment, Outcome, Selection, Summary, Tolerances,
     Verdict, in_digits, readable, side_name, taking_part,
 };
-use friction_stage_core::model::{CurveSide, ModelError, StageModel};
-use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_report::page::{Align, Cell, Mark, Page, Table, Tile};
 
 /// What a candidate must explain on each record, in words.

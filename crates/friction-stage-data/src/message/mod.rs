@@ -11,7 +11,6 @@ pub mod geometry_msgs;
 pub mod rosgraph_msgs;
 pub mod sensor_msgs;
 pub mod std_msgs;
-pub mod std_srvs;
 pub mod trajectory_msgs;
 
 pub use builtin_interfaces::{Duration, Time};
@@ -22,7 +21,6 @@ pub use geometry_msgs::{Vector3, Wrench, WrenchStamped};
 pub use rosgraph_msgs::Clock;
 pub use sensor_msgs::JointState;
 pub use std_msgs::{Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout};
-pub use std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
 pub use trajectory_msgs::{JointTrajectory, JointTrajectoryPoint};
 
 use serde::{Serialize, de::DeserializeOwned};

@@ -6,10 +6,10 @@ use super::layout::Layout;
 use super::motion::{REST, Segment};
 use super::questions::{Questions, Subject, Sums};
 use super::{NextExperimentError, Separation, Sharpened, Shown};
-use friction_stage_core::numerics::TWO_SIDED_95;
 use crate::hypothesis::Place;
 use crate::measured::Measured;
 use crate::selection::Selection;
+use friction_stage_core::numerics::TWO_SIDED_95;
 
 /// Part of the first piece's evidence per second below which a further piece is not worth its time.
 const WORTH: f64 = 0.02;

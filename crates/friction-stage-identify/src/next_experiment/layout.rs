@@ -5,11 +5,11 @@ use super::super::measured::Measured;
 use super::super::selection::{Selection, Verdict};
 use super::motion::{Path, QUINTIC, RAMP_PEAK, REST, SHORTEST_RAMP, Segment};
 use super::{Limits, NextExperimentError};
-use friction_stage_data::bag::Trace;
 use friction_stage_core::control::{Controller, ControllerSettings, Follower, Gains, Trajectory};
 use friction_stage_core::model::{Coordinate as Over, StageModel};
 use friction_stage_core::plant::effects::Effects;
 use friction_stage_core::plant::{Rates, Stage};
+use friction_stage_data::bag::Trace;
 
 /// Part of the force beyond friction that a piece is laid out for: the rest is for the controller and the effects.
 pub(super) const FORCE_SHARE: f64 = 0.8;

@@ -17,10 +17,10 @@ use serde::{Deserialize, Serialize};
 use super::IdentifyError;
 use super::measured::{Measured, forgetting_length};
 use super::selection::{Selection, Verdict};
+use agenda::Agenda;
 use friction_stage_core::control::{ControllerError, Point, TrajectoryError};
 use friction_stage_core::model::{ModelError, StageModel};
 use friction_stage_core::plant::RatesError;
-use agenda::Agenda;
 use layout::Layout;
 use motion::{Path, Segment};
 use questions::Questions;
@@ -288,10 +288,10 @@ mod tests {
     use super::motion::REST;
     use super::questions::Subject;
     use super::*;
-    use friction_stage_data::bag::Trace;
-    use friction_stage_core::control::{Controller, ControllerSettings, Follower, Trajectory};
     use crate::{Errors, Evidence, Selection, Tolerances};
+    use friction_stage_core::control::{Controller, ControllerSettings, Follower, Trajectory};
     use friction_stage_core::plant::{EffectDescriptor, Rates, Side, Stage};
+    use friction_stage_data::bag::Trace;
 
     fn limits() -> Limits {
         Limits { stroke: (-0.05, 0.05), speed: 1.0, force: 1500.0, duration: 20.0 }

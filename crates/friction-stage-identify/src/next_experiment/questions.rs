@@ -11,8 +11,8 @@ use super::super::objective::{derivatives, stacked};
 use super::super::selection::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, SEVERAL, Selection};
 use super::super::uncertainty::correlation_length;
 use super::NextExperimentError;
-use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::model::ModelError;
+use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::plant::EffectDescriptor;
 
 /// Weight of what is declared in the squares of a motion: what counts is what the motion itself would show.

@@ -175,11 +175,19 @@ fn lag_or_delay(values: &[f64], step: f64) -> Vec<Vec<f64>> {
     let late = |delay: f64| vec![0.0, delay];
     let shared = |lag: f64| vec![lag * length, (1.0 - lag) * length];
     let before_a_tick = |tick: f64| vec![SHORT_LAG * step, (tick - BEFORE_A_TICK) * step];
-    [late(length), late((ticks - 0.5) * step), late((ticks + 0.5) * step), shared(1.0), shared(0.25), shared(0.5), shared(0.75)]
-        .into_iter()
-        .chain([before_a_tick(ticks), before_a_tick(ticks + 1.0)])
-        .filter(|start| start.iter().all(|value| *value >= 0.0) && start.iter().any(|value| *value > 0.0))
-        .collect()
+    [
+        late(length),
+        late((ticks - 0.5) * step),
+        late((ticks + 0.5) * step),
+        shared(1.0),
+        shared(0.25),
+        shared(0.5),
+        shared(0.75),
+    ]
+    .into_iter()
+    .chain([before_a_tick(ticks), before_a_tick(ticks + 1.0)])
+    .filter(|start| start.iter().all(|value| *value >= 0.0) && start.iter().any(|value| *value > 0.0))
+    .collect()
 }
 
 #[cfg(test)]
@@ -244,7 +252,8 @@ mod tests {
                     mean += force / 5000.0;
                     moment += force * (aside - 0.5) / 5000.0;
                 }
-                let motion = Motion { time: (f64::from(k) + 0.5) * cycle, motor_force: command(k.into()), ..Motion::default() };
+                let motion =
+                    Motion { time: (f64::from(k) + 0.5) * cycle, motor_force: command(k.into()), ..Motion::default() };
                 let over = lag.force_over(&motion, cycle);
                 let (found, expected) = ([over.mean + motion.motor_force, over.moment], [mean, moment]);
                 for (found, expected) in found.iter().zip(expected) {

@@ -16,7 +16,13 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     source: "Janot, Gautier, Brunot 2019 (EMPS): friction per direction",
     telltale: "residual of the same sign in both directions, gone at rest, not seen by the force cell",
     parameters: &[
-        EffectParameter::required("fraction", "1", "part by which Fc and Fs rise at v > 0 and fall at v < 0", LIMITS, 0.05),
+        EffectParameter::required(
+            "fraction",
+            "1",
+            "part by which Fc and Fs rise at v > 0 and fall at v < 0",
+            LIMITS,
+            0.05,
+        ),
         EffectParameter::optional("viscous_fraction", "1", "the same for sigma2", LIMITS, 0.05, 0.0),
     ],
     check: super::any,

@@ -40,9 +40,30 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::required("amplitude", "N", "peak force with all guides in phase", (0.0, 100.0), 0.5),
         EffectParameter::required("period", "m", "mean distance after which the force repeats", PERIODS, 1e-3),
         EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
-        EffectParameter::optional("wander", "rad/sqrt(m)", "random walk of the phase over position", (0.0, 100.0), 1.0, 0.0),
-        EffectParameter::optional("spread", "1", "part by which the guides' periods differ at most", (0.0, 0.5), 0.01, 0.0),
-        EffectParameter::optional("slip", "rad/sqrt(m)", "random walk of the phase over the distance", (0.0, 10.0), 0.1, 0.0),
+        EffectParameter::optional(
+            "wander",
+            "rad/sqrt(m)",
+            "random walk of the phase over position",
+            (0.0, 100.0),
+            1.0,
+            0.0,
+        ),
+        EffectParameter::optional(
+            "spread",
+            "1",
+            "part by which the guides' periods differ at most",
+            (0.0, 0.5),
+            0.01,
+            0.0,
+        ),
+        EffectParameter::optional(
+            "slip",
+            "rad/sqrt(m)",
+            "random walk of the phase over the distance",
+            (0.0, 10.0),
+            0.1,
+            0.0,
+        ),
     ],
     check: super::any,
     // The walk of a real stage is another one: its size cannot be fitted by a fixed walk. Of balls that slip each record has its own force.
@@ -262,7 +283,8 @@ mod tests {
             // Away from the points of the walk, 2 mm apart.
             for position in [-0.0311, 0.0007, 0.0213] {
                 let h = 1e-7;
-                let slope = (passage.stored_energy(0.0, position + h) - passage.stored_energy(0.0, position - h)) / (2.0 * h);
+                let slope =
+                    (passage.stored_energy(0.0, position + h) - passage.stored_energy(0.0, position - h)) / (2.0 * h);
                 let force = at(&mut passage, position);
                 assert!((force + slope).abs() < 1e-5, "{position} m: {force} {slope}");
             }
@@ -275,7 +297,10 @@ mod tests {
         let squares = (0..GUIDES).flat_map(|guide| {
             let walk = &passage.guides[guide].walk;
             // Pieces of 0.1 m: 40 points.
-            walk.chunks(40).filter(|piece| piece.len() == 40).map(|piece| (piece[39] - piece[0]).powi(2)).collect::<Vec<_>>()
+            walk.chunks(40)
+                .filter(|piece| piece.len() == 40)
+                .map(|piece| (piece[39] - piece[0]).powi(2))
+                .collect::<Vec<_>>()
         });
         let squares: Vec<f64> = squares.collect();
         let deviation = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
@@ -301,7 +326,10 @@ mod tests {
             phases.push(passage.slip.as_ref().unwrap().phases.map(|(last, _)| last));
         }
         // Over 1 m: 50 times.
-        let squares = phases.windows(51).step_by(50).flat_map(|piece| (0..GUIDES).map(|guide| (piece[50][guide] - piece[0][guide]).powi(2)));
+        let squares = phases
+            .windows(51)
+            .step_by(50)
+            .flat_map(|piece| (0..GUIDES).map(|guide| (piece[50][guide] - piece[0][guide]).powi(2)));
         let squares: Vec<f64> = squares.collect();
         let deviation = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
         // 1600 pieces: standard error 2 %.

@@ -31,7 +31,14 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::optional("center", "m", "position at which the cables do not pull", (-10.0, 10.0), 0.05, 0.0),
         EffectParameter::optional("amplitude", "N", "force of the hysteresis", (0.0, 1000.0), 1.0, 0.0),
         EffectParameter::optional("width", "m", "path over which the hysteresis turns", (1e-6, 1.0), 1e-3, WIDTH),
-        EffectParameter::optional("form", "1", "hysteresis of Dahl (0), of Bouc and Wen (1), of a spring and a slider (2)", (0.0, 2.0), 1.0, 0.0),
+        EffectParameter::optional(
+            "form",
+            "1",
+            "hysteresis of Dahl (0), of Bouc and Wen (1), of a spring and a slider (2)",
+            (0.0, 2.0),
+            1.0,
+            0.0,
+        ),
     ],
     check: super::any,
     free: |values, index| index < WIDTH_AT || (index == WIDTH_AT && values[2] > 0.0),
@@ -180,7 +187,8 @@ mod tests {
                 for path in [0.0, 0.2, 0.9, 3.0] {
                     let steps = 100_000;
                     let small = path / f64::from(steps);
-                    let expected = (0..steps).fold(start, |u, _| (u + small * rate(u + 0.5 * small * rate(u))).min(1.0));
+                    let expected =
+                        (0..steps).fold(start, |u, _| (u + small * rate(u + 0.5 * small * rate(u))).min(1.0));
                     let at_once = form.after(start, path);
                     let in_two = form.after(form.after(start, 0.4 * path), 0.6 * path);
                     assert!((at_once - expected).abs() < 1e-4, "{form:?} {start} {path}: {at_once} {expected}");

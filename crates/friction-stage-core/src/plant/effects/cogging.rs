@@ -69,7 +69,8 @@ mod tests {
         let mut cogging = Cogging { amplitude: 6.0, wave_number: TAU / 0.024, phase: 0.4 };
         for position in [-0.03, 0.0, 0.007, 0.021] {
             let h = 1e-6;
-            let slope = (cogging.stored_energy(0.0, position + h) - cogging.stored_energy(0.0, position - h)) / (2.0 * h);
+            let slope =
+                (cogging.stored_energy(0.0, position + h) - cogging.stored_energy(0.0, position - h)) / (2.0 * h);
             let motion = Motion { position, ..Motion::default() };
             assert!((cogging.force(&motion, 1e-5) + slope).abs() < 1e-6);
         }

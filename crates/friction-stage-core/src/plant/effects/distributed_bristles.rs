@@ -17,7 +17,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::regression::{beyond_chance, break_away, sliding_loop, slow_loop};
-use super::{BristleElements, BristleShare, Effect, EffectDescriptor, EffectParameter, MAX_ELEMENTS, Residual, Side, Slip};
+use super::{
+    BristleElements, BristleShare, Effect, EffectDescriptor, EffectParameter, MAX_ELEMENTS, Residual, Side, Slip,
+};
 use crate::model::ModelError;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
@@ -34,7 +36,14 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::optional("stiffness_share_3", "1", "part of the stiffness in element 3", (0.0, 1.0), 0.1, 0.0),
         EffectParameter::optional("strength_share_3", "1", "part of g in element 3", (0.0, 1.0), 0.1, 0.0),
         EffectParameter::optional("stiffness", "1", "stiffness of all elements over sigma0", (0.2, 5.0), 0.5, 1.0),
-        EffectParameter::optional("form", "1", "elements that slip gradually (0) or suddenly (1)", (0.0, 1.0), 1.0, 0.0),
+        EffectParameter::optional(
+            "form",
+            "1",
+            "elements that slip gradually (0) or suddenly (1)",
+            (0.0, 1.0),
+            1.0,
+            0.0,
+        ),
     ],
     check,
     free: |_, index| index != FORM,
@@ -51,10 +60,16 @@ const FORM: usize = 7;
 const ROUNDING: f64 = 1e-9;
 
 fn check(values: &[f64]) -> Result<(), ModelError> {
-    for (kind, sum) in [("stiffness", values[0] + values[2] + values[4]), ("strength", values[1] + values[3] + values[5])] {
+    for (kind, sum) in
+        [("stiffness", values[0] + values[2] + values[4]), ("strength", values[1] + values[3] + values[5])]
+    {
         if sum > 1.0 + ROUNDING {
             let key = format!("effects.distributed_bristles: {kind}_share_1 + {kind}_share_2 + {kind}_share_3");
-            return Err(ModelError::Value { key, value: sum, limit: "not be above 1: the fourth element has the rest".to_owned() });
+            return Err(ModelError::Value {
+                key,
+                value: sum,
+                limit: "not be above 1: the fourth element has the rest".to_owned(),
+            });
         }
     }
     Ok(())
@@ -219,7 +234,9 @@ mod tests {
     fn effective_stiffness_is_the_sum_of_the_elements() {
         let guide = guide();
         let amplitudes = [1e-7, 1e-6, 10e-6, 40e-6];
-        for (slip, amplitude) in [Slip::Gradual, Slip::Sudden].into_iter().flat_map(|slip| amplitudes.map(|a| (slip, a))) {
+        for (slip, amplitude) in
+            [Slip::Gradual, Slip::Sudden].into_iter().flat_map(|slip| amplitudes.map(|a| (slip, a)))
+        {
             let elements = BristleElements { slip, ..elements(&SHARES) };
             let mut bank = GuideBank::with_elements(std::slice::from_ref(&guide), &elements);
             let ways: Vec<f64> = (0..60).map(|way| if way % 2 == 0 { amplitude } else { -amplitude }).collect();
@@ -258,7 +275,8 @@ mod tests {
         let share = |stiffness, strength| BristleShare { stiffness, damping: stiffness, strength };
         let shares = [share(0.98, 0.05), share(0.0195, 0.45), share(0.0005, 0.5), BristleShare::default()];
         let apart = BristleElements { shares, slip: Slip::Gradual };
-        let (single, distributed) = (missed(GuideBank::new(&[guide()])), missed(GuideBank::with_elements(&[guide()], &apart)));
+        let (single, distributed) =
+            (missed(GuideBank::new(&[guide()])), missed(GuideBank::with_elements(&[guide()], &apart)));
         assert!(single > 0.1, "one bristle forgets: {single}");
         assert!(distributed < 0.1 * single, "{distributed} against {single} of one bristle");
         let sudden = missed(GuideBank::with_elements(&[guide()], &BristleElements { slip: Slip::Sudden, ..apart }));
@@ -314,9 +332,13 @@ mod tests {
 
     #[test]
     fn shares_beyond_one_are_refused_with_their_sum() {
-        let effect = EffectParameters::new("distributed_bristles", [("stiffness_share_1", 0.7), ("stiffness_share_2", 0.5)]);
+        let effect =
+            EffectParameters::new("distributed_bristles", [("stiffness_share_1", 0.7), ("stiffness_share_2", 0.5)]);
         let message = Effects::new(&[effect]).unwrap_err().to_string();
-        assert!(message.contains("stiffness_share_1") && message.contains("1.2") && message.contains("above 1"), "{message}");
+        assert!(
+            message.contains("stiffness_share_1") && message.contains("1.2") && message.contains("above 1"),
+            "{message}"
+        );
     }
 
     /// Loops from 2 to 300 um within each other: the shares found give the effective stiffness at every amplitude.
@@ -333,7 +355,11 @@ mod tests {
         let stiffness = |values: &[f64], amplitude: f64| -> f64 {
             let element = |share: &BristleShare| {
                 let strength = share.strength * guide.static_force;
-                if strength > 0.0 { strength * (share.stiffness * guide.stiffness * amplitude / strength).tanh() / amplitude } else { 0.0 }
+                if strength > 0.0 {
+                    strength * (share.stiffness * guide.stiffness * amplitude / strength).tanh() / amplitude
+                } else {
+                    0.0
+                }
             };
             shares(values).iter().map(element).sum()
         };

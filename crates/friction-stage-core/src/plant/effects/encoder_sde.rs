@@ -71,8 +71,7 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         return None;
     }
     // The sum over k of force_k D2 exp(i q x_k), with D2 the second difference, is that of D2 force_k exp(i q x_k).
-    let bends: Vec<f64> =
-        samples.force.windows(3).map(|three| three[2] - 2.0 * three[1] + three[0]).collect();
+    let bends: Vec<f64> = samples.force.windows(3).map(|three| three[2] - 2.0 * three[1] + three[0]).collect();
     let along = &samples.position[1..count - 1];
     let lowest = along.iter().copied().fold(f64::INFINITY, f64::min);
     let highest = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);

@@ -13,7 +13,13 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "reading = F (1 + fraction)",
     source: "linear calibration error (assumed)",
     telltale: "cell less command proportional to the command, and mass and friction seem larger by the same part",
-    parameters: &[EffectParameter::required("fraction", "1", "reading beyond the force, as a part of it", (-0.9, 0.9), 0.01)],
+    parameters: &[EffectParameter::required(
+        "fraction",
+        "1",
+        "reading beyond the force, as a part of it",
+        (-0.9, 0.9),
+        0.01,
+    )],
     check: super::any,
     free: super::all_free,
     build: |values| Box::new(ForceCellGain { fraction: values[0] }),
@@ -49,8 +55,10 @@ mod tests {
     #[test]
     fn the_cell_reads_more_and_the_stage_moves_as_before() {
         let plain = StageModel::default().without_noise();
-        let model =
-            StageModel { effects: vec![EffectParameters::new("force_cell_gain", [("fraction", 0.02)])], ..plain.clone() };
+        let model = StageModel {
+            effects: vec![EffectParameters::new("force_cell_gain", [("fraction", 0.02)])],
+            ..plain.clone()
+        };
         let [plain, gained] = [plain, model].map(|model| {
             let mut stage = Stage::new(&model, Rates::DEFAULT, 0).unwrap();
             stage.advance(300.0);

@@ -27,7 +27,14 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     telltale: "a force, a friction or a mass that repeats over one coordinate and follows no law of the list",
     parameters: &[
         EffectParameter::required("coordinate", "", "0 position, 1 velocity, 2 time", (0.0, 2.0), 1.0),
-        EffectParameter::optional("side", "", "0 carriage, 1 motor, 2 friction, 3 viscous, 4 mass", (0.0, 4.0), 1.0, 0.0),
+        EffectParameter::optional(
+            "side",
+            "",
+            "0 carriage, 1 motor, 2 friction, 3 viscous, 4 mass",
+            (0.0, 4.0),
+            1.0,
+            0.0,
+        ),
         EffectParameter::required("from", "m, m/s or s", "first knot", (-1e6, 1e6), 0.1),
         EffectParameter::required("to", "m, m/s or s", "last knot", (-1e6, 1e6), 0.1),
         EffectParameter::optional("jump", "N or 1", "height of a jump; over the time only", (-1e6, 1e6), 1.0, 0.0),
@@ -267,7 +274,9 @@ mod tests {
     #[test]
     fn force_is_linear_between_the_knots_and_constant_beyond() {
         let mut map = Map::new(tent(Coordinate::Velocity));
-        for (velocity, force) in [(-0.5, 1.0), (-0.1, 1.0), (-0.05, 2.5), (0.0, 4.0), (0.05, 1.0), (0.1, -2.0), (3.0, -2.0)] {
+        for (velocity, force) in
+            [(-0.5, 1.0), (-0.1, 1.0), (-0.05, 2.5), (0.0, 4.0), (0.05, 1.0), (0.1, -2.0), (3.0, -2.0)]
+        {
             let found = map.force(&Motion { velocity, position: 7.0, time: 9.0, ..Motion::default() }, 1e-4);
             assert!((found - force).abs() < 1e-12, "{velocity} m/s: {found} N, expected {force} N");
         }
@@ -275,14 +284,23 @@ mod tests {
 
     #[test]
     fn on_the_side_of_friction_it_scales_coulomb_and_static_friction_and_pushes_nothing() {
-        let given = Curve { side: CurveSide::Friction, from: 0.0, to: 2.0, values: vec![0.0, 0.4, -0.2], ..tent(Coordinate::Time) };
+        let given = Curve {
+            side: CurveSide::Friction,
+            from: 0.0,
+            to: 2.0,
+            values: vec![0.0, 0.4, -0.2],
+            ..tent(Coordinate::Time)
+        };
         assert_eq!(curve(&values(&given)), given);
         let mut map = Map::new(given.clone());
         for (time, expected) in [(0.0, 1.0), (0.5, 1.2), (1.0, 1.4), (2.0, 0.8), (5.0, 0.8)] {
             let motion = Motion { time, velocity: 0.1, ..Motion::default() };
             let mut scale = FrictionScale::ONE;
             map.friction(&motion, 1e-4, &mut scale);
-            assert!((scale.coulomb - expected).abs() < 1e-12 && (scale.stat - expected).abs() < 1e-12, "{time} s: {scale:?}");
+            assert!(
+                (scale.coulomb - expected).abs() < 1e-12 && (scale.stat - expected).abs() < 1e-12,
+                "{time} s: {scale:?}"
+            );
             assert_eq!((scale.viscous, map.force(&motion, 1e-4)), (1.0, 0.0));
         }
         let message = Effects::new(&[EffectParameters::map(Curve { values: vec![0.0, -1.5], ..given })]).unwrap_err();
@@ -291,7 +309,13 @@ mod tests {
 
     #[test]
     fn on_the_side_of_viscous_friction_it_scales_that_alone() {
-        let given = Curve { side: CurveSide::Viscous, from: -0.1, to: 0.1, values: vec![0.0, 0.6], ..tent(Coordinate::Position) };
+        let given = Curve {
+            side: CurveSide::Viscous,
+            from: -0.1,
+            to: 0.1,
+            values: vec![0.0, 0.6],
+            ..tent(Coordinate::Position)
+        };
         assert_eq!(curve(&values(&given)), given);
         let mut map = Map::new(given);
         let motion = Motion { position: 0.05, velocity: 0.1, ..Motion::default() };
@@ -313,7 +337,8 @@ mod tests {
         let body = |mass: f64, effects: Vec<EffectParameters>| {
             Body::new(&StageModel { mass, effects, ..StageModel::default() }, step)
         };
-        let mut put_down = body(40.0, vec![load(vec![10.0; 2], Some(Jump { at: 0.5 - 0.5 * step, height: -10.0 }))]).unwrap();
+        let mut put_down =
+            body(40.0, vec![load(vec![10.0; 2], Some(Jump { at: 0.5 - 0.5 * step, height: -10.0 }))]).unwrap();
         let (mut with, mut without) = (body(50.0, Vec::new()).unwrap(), body(40.0, Vec::new()).unwrap());
         put_down.advance(300.0, 10_000);
         with.advance(300.0, 10_000);

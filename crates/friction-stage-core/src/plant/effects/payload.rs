@@ -48,7 +48,8 @@ mod tests {
 
     #[test]
     fn a_stage_with_payload_moves_as_a_heavier_stage() {
-        let loaded = StageModel { effects: vec![EffectParameters::new("payload", [("mass", 5.0)])], ..StageModel::default() };
+        let loaded =
+            StageModel { effects: vec![EffectParameters::new("payload", [("mass", 5.0)])], ..StageModel::default() };
         let heavier = StageModel { mass: 45.0, ..StageModel::default() };
         let [loaded, heavier] = [loaded, heavier].map(|model| {
             let mut body = Body::new(&model, 25e-6).unwrap();
@@ -61,7 +62,8 @@ mod tests {
 
     #[test]
     fn a_carriage_without_mass_is_refused() {
-        let model = StageModel { effects: vec![EffectParameters::new("payload", [("mass", -40.0)])], ..StageModel::default() };
+        let model =
+            StageModel { effects: vec![EffectParameters::new("payload", [("mass", -40.0)])], ..StageModel::default() };
         let message = Body::new(&model, 25e-6).unwrap_err().to_string();
         assert!(message.contains("40 kg") && message.contains("greater than 0"), "{message}");
     }

@@ -30,7 +30,14 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::required("fraction", "1", "part by which Fc and Fs rise at the peak", (-LIMIT, LIMIT), 0.05),
         EffectParameter::optional("center", "m", "middle of the bump", (-10.0, 10.0), 0.02, 0.0),
         EffectParameter::optional("width", "m", "half width of the bump at 1/e", WIDTHS, 0.02, WIDTH),
-        EffectParameter::optional("period", "m", "distance after which a wave repeats; 0 makes it a bump", (0.0, 10.0), 1e-3, 0.0),
+        EffectParameter::optional(
+            "period",
+            "m",
+            "distance after which a wave repeats; 0 makes it a bump",
+            (0.0, 10.0),
+            1e-3,
+            0.0,
+        ),
         EffectParameter::optional("phase", "rad", "phase of the wave at position 0", (-TAU, TAU), 1.0, 0.0),
     ],
     check: super::any,
@@ -133,9 +140,11 @@ fn strongest_bump(residual: &Residual, gain: impl Fn(usize) -> f64) -> Option<(f
     }
     let place = |bin: usize| lowest + (bin as f64 + 0.5) / BINS as f64 * range;
     let root: Vec<f64> = sums.iter().map(|sum: &(f64, f64)| sum.0.sqrt()).collect();
-    let means: Vec<f64> = sums.iter().zip(&root).map(|(sum, root)| if *root > 0.0 { sum.1 / root } else { 0.0 }).collect();
+    let means: Vec<f64> =
+        sums.iter().zip(&root).map(|(sum, root)| if *root > 0.0 { sum.1 / root } else { 0.0 }).collect();
     let base = least_squares(&means, |bin| [root[bin]])?;
-    let fit = |center: f64, width: f64| least_squares(&means, |bin| [root[bin], root[bin] * bump(place(bin), center, width)]);
+    let fit =
+        |center: f64, width: f64| least_squares(&means, |bin| [root[bin], root[bin] * bump(place(bin), center, width)]);
     let explained = |center: f64, width: f64| fit(center, width).map_or(0.0, |fit| fit.explained - base.explained);
     let widths = (WIDTHS.0.max(4.0 * range / BINS as f64), WIDTHS.1.min(range));
     let best_width = |center: f64| largest_over_decades(widths.0, widths.1, |width| explained(center, width));
@@ -166,7 +175,11 @@ mod tests {
 
     fn scale_at(values: &[f64], position: f64) -> FrictionScale {
         let mut scale = FrictionScale::ONE;
-        (DESCRIPTOR.build)(values).friction(&Motion { position, velocity: -0.1, ..Motion::default() }, 1e-4, &mut scale);
+        (DESCRIPTOR.build)(values).friction(
+            &Motion { position, velocity: -0.1, ..Motion::default() },
+            1e-4,
+            &mut scale,
+        );
         scale
     }
 

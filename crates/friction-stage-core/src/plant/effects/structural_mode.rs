@@ -27,7 +27,13 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     source: "two masses on a spring",
     telltale: "rings at one frequency after every change of acceleration, at any speed, dies out at rest",
     parameters: &[
-        EffectParameter::required("mass", "kg", "part of the moving mass that hangs on the spring", (0.0, HEAVIEST), 1.0),
+        EffectParameter::required(
+            "mass",
+            "kg",
+            "part of the moving mass that hangs on the spring",
+            (0.0, HEAVIEST),
+            1.0,
+        ),
         EffectParameter::required("frequency", "Hz", "its frequency on a fixed carriage", FREQUENCIES, 10.0),
         EffectParameter::optional("damping", "1", "damping ratio", DAMPINGS, 0.01, 0.02),
     ],
@@ -270,7 +276,8 @@ mod tests {
             damping_velocity: None,
         };
         let mode = EffectParameters::new("structural_mode", [("mass", 8.0), ("frequency", 50.0), ("damping", damping)]);
-        let model = StageModel { guides: vec![GuideSource::Inline(slippery)], effects: vec![mode], ..StageModel::default() };
+        let model =
+            StageModel { guides: vec![GuideSource::Inline(slippery)], effects: vec![mode], ..StageModel::default() };
         Body::new(&model, 25e-6).unwrap()
     }
 

@@ -24,14 +24,24 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::required("fraction", "1", "part of sigma2 that goes in the end", (-5.0, 0.95), 0.1),
         EffectParameter::optional("width", "m", "distance over which it goes", (1e-3, 1e4), 1.0, 1.0),
         EffectParameter::optional("time_constant", "s", "time in which it recovers", (0.1, NEVER), 10.0, NEVER),
-        EffectParameter::optional("form", "1", "with the distance in proportion (0) or ever slower (1), with time (2), with work (3), as a structure breaks (4)", (0.0, 4.0), 1.0, 0.0),
+        EffectParameter::optional(
+            "form",
+            "1",
+            "with the distance in proportion (0) or ever slower (1), with time (2), with work (3), as a structure breaks (4)",
+            (0.0, 4.0),
+            1.0,
+            0.0,
+        ),
         EffectParameter::optional("warm_up_time", "s", "time over which it goes, form 2", (1e-2, 1e6), 10.0, 10.0),
         EffectParameter::optional("work", "J", "work over which it goes, form 3", (1e-3, 1e9), 10.0, 100.0),
     ],
     check: super::any,
     // One form alone, and no recovery where there is none.
     free: |values, index| match (Form::of(values), index) {
-        (_, 0) | (Form::Proportion | Form::Distance | Form::Structure, 1) | (Form::Time, WARM_UP_TIME) | (Form::Work, WORK) => true,
+        (_, 0)
+        | (Form::Proportion | Form::Distance | Form::Structure, 1)
+        | (Form::Time, WARM_UP_TIME)
+        | (Form::Work, WORK) => true,
         (Form::Time, _) => false,
         (_, TIME_CONSTANT) => values[TIME_CONSTANT] < NEVER,
         _ => false,
@@ -167,7 +177,8 @@ fn warm_up_forms(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     };
     let codes = [Form::Proportion, Form::Distance, Form::Work].map(|form| f64::from(form as u8));
     // A form without recovery has forgotten what was proposed for one with it.
-    let recovery = if values[TIME_CONSTANT] < NEVER { values[TIME_CONSTANT] } else { DESCRIPTOR.parameters[TIME_CONSTANT].scale };
+    let recovery =
+        if values[TIME_CONSTANT] < NEVER { values[TIME_CONSTANT] } else { DESCRIPTOR.parameters[TIME_CONSTANT].scale };
     let recovering = codes.into_iter().chain([f64::from(Form::Structure as u8)]).map(|code| form(code, recovery));
     let lasting = codes.map(|code| form(code, NEVER));
     lasting.into_iter().chain([form(f64::from(Form::Time as u8), NEVER)]).chain(recovering).collect()
@@ -190,7 +201,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         let mut gone_through = if matches!(form, Form::Time) { first } else { 0.0 };
         let path: Vec<f64> = (0..residual.time.len())
             .map(|k| {
-                let motion = Motion { velocity: residual.velocity[k], friction: residual.friction[k], ..Motion::default() };
+                let motion =
+                    Motion { velocity: residual.velocity[k], friction: residual.friction[k], ..Motion::default() };
                 gone_through = law.after(gone_through, &motion, step);
                 gone_through
             })
@@ -300,7 +312,8 @@ mod tests {
         let at_rest = left(&[0.4, 1.0, 1e6, 2.0, 0.5, 100.0], Motion::default());
         assert!((at_rest - expected).abs() < 1e-4, "{at_rest}");
         // 60 N at 0.2 m/s for 2 s are 24 J.
-        let worked = left(&[0.4, 1.0, 1e6, 3.0, 0.5, 6.0], Motion { velocity: -0.2, friction: -60.0, ..Motion::default() });
+        let worked =
+            left(&[0.4, 1.0, 1e6, 3.0, 0.5, 6.0], Motion { velocity: -0.2, friction: -60.0, ..Motion::default() });
         assert!((worked - expected).abs() < 1e-4, "{worked}");
         let at_rest = left(&[0.4, 1.0, 1e6, 3.0, 0.5, 6.0], Motion::default());
         assert_eq!(at_rest, 1.0);

@@ -1,5 +1,6 @@
 //! `std_srvs`: the services that the nodes offer.
 
+use ros2_client::Message;
 use serde::{Deserialize, Serialize};
 
 /// Request of `std_srvs/srv/SetBool`.
@@ -33,3 +34,8 @@ pub struct TriggerResponse {
     /// What was done, or why not.
     pub message: String,
 }
+
+impl Message for TriggerRequest {}
+impl Message for TriggerResponse {}
+impl Message for SetBoolRequest {}
+impl Message for SetBoolResponse {}

@@ -1,15 +1,13 @@
 //! Data in: recordings of every kind onto one grid, and what is said about data that cannot be used.
 
-mod recordings;
-
 use std::path::Path;
 
+use friction_stage_core::model::StageModel;
 use friction_stage_data::bag::{
     self, BagError, BagOptions, BagWriter, ClockKind, DataProblem, Mapping, OfferedQos, Recording, Severity, Signal,
     Trace, examine,
 };
 use friction_stage_data::message::{Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped};
-use friction_stage_core::model::StageModel;
 use tempfile::TempDir;
 
 const RATE: f64 = 2000.0;
@@ -519,7 +517,7 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
 
 #[test]
 fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
-    let Some(home) = recordings::with("a/train") else { return };
+    let Some(home) = blind_tests::recordings::with("a/train") else { return };
     for run in ["a", "b", "c", "d", "e", "f"] {
         for part in ["train", "check"] {
             let path = home.join(run).join(part);
@@ -540,7 +538,7 @@ fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
 
 #[test]
 fn emps_is_read_through_a_mapping() {
-    let Some(home) = recordings::with("emps") else { return };
+    let Some(home) = blind_tests::recordings::with("emps") else { return };
     let mapping = Mapping::from_yaml(
         "signals:\n  time: {column: t_s}\n  position: {column: qm_m}\n  reference_position: {column: qg_m}\n  \
          force: {column: vir_V, scale: 35.1507}\n",

@@ -3,19 +3,18 @@
 //! The records state no licence and are not part of the project: they are read from `emps/` in the directory of
 //! FRICTION_STAGE_RECORDINGS, or in `../shared/measured`; where there are none the tests say so and check nothing.
 
-mod recordings;
-
+use friction_stage_core::model::{Coordinate, StageModel};
 use friction_stage_data::bag::{self, Mapping, Trace};
 use friction_stage_identify::inverse_dynamics::{EMPS, FrictionLaw, Regression};
 use friction_stage_identify::{
     Hypothesis, Measured, Outcome, Sides, Silent, Tolerances, Verdict, ripple_elsewhere, search,
 };
-use friction_stage_core::model::{Coordinate, StageModel};
 
 /// Train and check record, or `None` with a message.
 fn records() -> Option<[Trace; 2]> {
-    let home = recordings::with("emps")?.join("emps");
-    let mapping = Mapping::from_yaml(include_str!("../../../launch_config/emps_mapping.yaml"), "emps_mapping.yaml").unwrap();
+    let home = blind_tests::recordings::with("emps")?.join("emps");
+    let mapping =
+        Mapping::from_yaml(include_str!("../../../launch_config/emps_mapping.yaml"), "emps_mapping.yaml").unwrap();
     Some(["train.csv", "check.csv"].map(|name| bag::load(home.join(name), Some(&mapping)).unwrap().trace))
 }
 

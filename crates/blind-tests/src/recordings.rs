@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// nothing.
 pub fn with(part: &str) -> Option<PathBuf> {
     let home = std::env::var_os("FRICTION_STAGE_RECORDINGS")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/measured"), PathBuf::from);
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/measured"), PathBuf::from);
     if home.join(part).exists() {
         return Some(home);
     }
