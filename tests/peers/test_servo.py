@@ -5,7 +5,7 @@ import statistics
 import pytest
 from ros import nanoseconds, trajectory
 
-# Guide 2 at constant velocity (src/model/catalogue.yaml): Coulomb friction and viscous friction.
+# Guide 2 at constant velocity (crates/friction-stage-core/src/model/catalogue.yaml): Coulomb friction and viscous friction.
 COULOMB, VISCOUS = 4.8, 18.0
 
 

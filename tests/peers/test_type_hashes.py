@@ -1,4 +1,4 @@
-"""The type hashes written in src/message/ are those that rosidl computes."""
+"""The type hashes written in crates/friction-stage-data/src/message/ are those that rosidl computes."""
 
 import json
 import pathlib

@@ -4,7 +4,7 @@ Runs in a virtual environment that holds the wheels of rosidl and of the standar
 
     python tests/peers/type_hashes.py        # {"friction_stage/msg/StageState": "RIHS01_...", ...}
 
-The constants in src/message/friction_stage.rs must equal what this prints.
+The constants in crates/friction-stage-data/src/message/friction_stage.rs must equal what this prints.
 """
 
 import json

@@ -97,7 +97,7 @@ pub enum Slip {
     /// As LuGre does: gradually, dz/dt = v - |v| z/limit.
     Gradual,
     /// As a Maxwell-slip (Jenkin) element: dz/dt = v until |z| reaches the limit, then z stays there (Iwan 1966). It comes to the limit, and
-    /// follows one that moves, within [`SETTLING`].
+    /// follows one that moves, within `SETTLING`.
     Sudden,
 }
 

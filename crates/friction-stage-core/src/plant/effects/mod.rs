@@ -1,4 +1,4 @@
-//! Effects beyond the LuGre guides: one file each, one line in the list below.
+//! Effects beyond the LuGre guides: one file each, named in the two lists below.
 //!
 //! A file holds everything about its effect: law with symbols, units and source; parameters with bounds; the side it acts
 //! on; its force and its energy; how to guess its parameters from a residual. The model
@@ -14,39 +14,54 @@ use super::guides::{BristleElements, BristleShare, FrictionScale, MAX_ELEMENTS, 
 /// Most effects that one stage may have: their forces pass through fixed-size buffers.
 pub const MAX_EFFECTS: usize = 16;
 
-macro_rules! effects {
-    ($($module:ident),+ $(,)?) => {
-        $(mod $module;)+
-        /// Every effect, in alphabetical order.
-        pub const ALL: &[&EffectDescriptor] = &[$(&$module::DESCRIPTOR),+];
-    };
-}
-
-effects!(
-    actuator_lag,
-    asymmetric_friction,
-    ball_passage,
-    cable_chain,
-    cogging,
-    constant_force,
-    distributed_bristles,
-    encoder_scale,
-    encoder_sde,
-    external_vibration,
-    force_cell_drift,
-    force_cell_gain,
-    force_ripple,
-    map,
-    motor_gain,
-    payload,
-    position_dependent_friction,
-    quadratic_drag,
-    stiction_aging,
-    structural_mode,
-    viscous_warm_up,
-);
-
+mod actuator_lag;
+mod asymmetric_friction;
+mod ball_passage;
+mod cable_chain;
+mod cogging;
+mod constant_force;
+mod distributed_bristles;
+mod encoder_scale;
+mod encoder_sde;
+mod external_vibration;
+mod force_cell_drift;
+mod force_cell_gain;
+mod force_ripple;
+mod map;
+mod motor_gain;
+mod payload;
+mod position_dependent_friction;
+mod quadratic_drag;
 mod regression;
+mod stiction_aging;
+mod structural_mode;
+mod viscous_warm_up;
+
+/// Every effect, in alphabetical order.
+pub const ALL: &[&EffectDescriptor] = &[
+    &actuator_lag::DESCRIPTOR,
+    &asymmetric_friction::DESCRIPTOR,
+    &ball_passage::DESCRIPTOR,
+    &cable_chain::DESCRIPTOR,
+    &cogging::DESCRIPTOR,
+    &constant_force::DESCRIPTOR,
+    &distributed_bristles::DESCRIPTOR,
+    &encoder_scale::DESCRIPTOR,
+    &encoder_sde::DESCRIPTOR,
+    &external_vibration::DESCRIPTOR,
+    &force_cell_drift::DESCRIPTOR,
+    &force_cell_gain::DESCRIPTOR,
+    &force_ripple::DESCRIPTOR,
+    &map::DESCRIPTOR,
+    &motor_gain::DESCRIPTOR,
+    &payload::DESCRIPTOR,
+    &position_dependent_friction::DESCRIPTOR,
+    &quadratic_drag::DESCRIPTOR,
+    &stiction_aging::DESCRIPTOR,
+    &structural_mode::DESCRIPTOR,
+    &viscous_warm_up::DESCRIPTOR,
+];
+
 pub use map::{along, heights};
 pub use regression::{golden_maximum, viscous_friction};
 
