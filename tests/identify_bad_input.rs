@@ -2,7 +2,7 @@
 //! signal, with a wrong sign or unit, cut off, of another machine. A clear sentence, the right exit code, and never an effect that
 //! only the broken signal made: nothing is hidden in these recordings.
 //!
-//! Each comes from `tests/generator`, which shares no equation with the library.
+//! Each comes from `crates/blind-tests`, which shares no equation with the library.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

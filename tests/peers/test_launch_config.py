@@ -218,8 +218,8 @@ def test_package_xml_agrees_with_the_crate_and_the_messages():
     assert package.findtext("export/build_type") == "ament_cargo"
     # cargo-ament-build installs under the crate's name, `ros2 run` looks under the package's.
     assert package.findtext("name") == CARGO["package"]["name"]
-    assert package.findtext("version") == CARGO["package"]["version"]
-    assert package.findtext("license") == CARGO["package"]["license"]
+    assert package.findtext("version") == CARGO["workspace"]["package"]["version"]
+    assert package.findtext("license") == CARGO["workspace"]["package"]["license"]
     assert (ROOT / package.find("license").get("file")).is_file()
     used = {kind.__module__.partition(".")[0] for kind in TOPICS.values()} - {package.findtext("name")}
     assert used <= {dependency.text for dependency in package.findall("exec_depend")}

@@ -7,7 +7,7 @@ import sys
 
 from type_hashes import type_hashes
 
-SOURCES = pathlib.Path(__file__).resolve().parents[2] / "src" / "message"
+SOURCES = pathlib.Path(__file__).resolve().parents[2] / "crates/friction-stage-data/src/message"
 
 
 def constants():

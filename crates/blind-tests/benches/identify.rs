@@ -1,9 +1,9 @@
 //! How well identification does on recordings whose hidden effects it is not told: false alarms, right names, detection over
 //! size, effects that are in nobody's list, and several at once.
 //!
-//! `cargo bench --bench identify -- none --runs 200`, `names --runs 3`, `power --only cogging --floors 0.5,1,2`,
+//! `cargo bench -p blind-tests --bench identify -- none --runs 200`, `names --runs 3`, `power --only cogging --floors 0.5,1,2`,
 //! `unlisted`, `mixed --runs 20`; `--json` writes one JSON object per run instead of text. The recordings come from
-//! `tests/generator`, which shares no equation, integrator, controller or noise source with the library; the declared model is the
+//! this crate, which shares no equation, integrator, controller or noise source with the library; the declared model is the
 //! nominal one of the recorded stage runs. One line per run on stdout, as soon as it is known, then a summary; progress on stderr.
 
 use std::collections::BTreeMap;

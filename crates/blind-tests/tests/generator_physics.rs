@@ -514,7 +514,7 @@ fn generator_shares_nothing_with_what_is_identified() {
     assert!(files >= 12, "{files} files");
 }
 
-/// `cargo test --release --test generator_physics usual_sizes -- --ignored --nocapture`: no draw loses the loop; prints the sizes.
+/// `cargo test --release -p blind-tests --test generator_physics usual_sizes -- --ignored --nocapture`: no draw loses the loop; prints the sizes.
 #[test]
 #[ignore = "330 runs, about 400 s of one core; tests/run generates each effect once and two compositions"]
 fn usual_sizes() {

@@ -1,6 +1,6 @@
 //! Speed of the plant: one internal step beside the same scheme in C, and whole closed-loop control cycles.
 //!
-//! `cargo bench --bench plant`. The C side, `benches/lugre.c`, is compiled here with `$CC` (else `cc`) `-O3 -march=native`.
+//! `cargo bench -p friction-stage-core --bench plant`. The C side, `benches/lugre.c`, is compiled here with `$CC` (else `cc`) `-O3 -march=native`.
 //! Both integrate the forces of a recorded 50 mm move with rests before and after, from reset, and must agree to
 //! 1e-12 m in every sample before anything is timed. Criterion's figures are wall time; those of the
 //! summary are processor time of alternating passes, so that what else runs on the machine hardly shows in the ratio.

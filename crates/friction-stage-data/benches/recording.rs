@@ -1,6 +1,6 @@
 //! How fast a recording is written: six topics as the stage sends them, as fast as possible and at 10 kHz.
 //!
-//! `cargo bench --bench recording` prints messages per second, the time of one write (median, 99 %, longest: a chunk is
+//! `cargo bench -p friction-stage-data --bench recording` prints messages per second, the time of one write (median, 99 %, longest: a chunk is
 //! compressed then) and bytes per message; for 10 kHz also how much of one core it takes.
 
 use std::path::Path;
