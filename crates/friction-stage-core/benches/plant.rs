@@ -5,6 +5,9 @@
 //! 1e-12 m in every sample before anything is timed. Criterion's figures are wall time; those of the
 //! summary are processor time of alternating passes, so that what else runs on the machine hardly shows in the ratio.
 
+// A bench reads the clock and the environment; the crate does not.
+#![allow(clippy::disallowed_methods)]
+
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::process::Command;
