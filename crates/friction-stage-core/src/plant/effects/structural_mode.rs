@@ -30,7 +30,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::required(
             "mass",
             "kg",
-            "part of the moving mass that hangs on the spring",
+            "part of the moving mass carried by the spring",
             (0.0, HEAVIEST),
             1.0,
         ),
