@@ -27,13 +27,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     source: "two masses on a spring",
     telltale: "rings at one frequency after every change of acceleration, at any speed, dies out at rest",
     parameters: &[
-        EffectParameter::required(
-            "mass",
-            "kg",
-            "part of the moving mass carried by the spring",
-            (0.0, HEAVIEST),
-            1.0,
-        ),
+        EffectParameter::required("mass", "kg", "part of the moving mass carried by the spring", (0.0, HEAVIEST), 1.0),
         EffectParameter::required("frequency", "Hz", "its frequency on a fixed carriage", FREQUENCIES, 10.0),
         EffectParameter::optional("damping", "1", "damping ratio", DAMPINGS, 0.01, 0.02),
     ],
