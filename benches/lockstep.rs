@@ -117,8 +117,14 @@ const FULL: Layout = Layout {
     records: Records::No,
     spinner: false,
 };
-const SAMPLE_ONLY: Layout =
-    Layout { name: "sample only", clock: false, cell: false, state: false, controller_state: false, ..FULL };
+const SAMPLE_ONLY: Layout = Layout {
+    name: "sample only",
+    clock: false,
+    cell: false,
+    state: false,
+    controller_state: false,
+    ..FULL
+};
 
 /// The two nodes as users start them.
 struct Real {
@@ -133,8 +139,20 @@ struct Real {
 
 const REALS: &[Real] = &[
     Real { name: "real nodes", bare: "full", wanted: 0.8, cores: Cores::Free, recorded: false },
-    Real { name: "real nodes, recorded", bare: "real nodes", wanted: 0.95, cores: Cores::Free, recorded: true },
-    Real { name: "real nodes, one core", bare: "full, one core", wanted: 0.8, cores: Cores::One, recorded: false },
+    Real {
+        name: "real nodes, recorded",
+        bare: "real nodes",
+        wanted: 0.95,
+        cores: Cores::Free,
+        recorded: true,
+    },
+    Real {
+        name: "real nodes, one core",
+        bare: "full, one core",
+        wanted: 0.8,
+        cores: Cores::One,
+        recorded: false,
+    },
     Real {
         name: "real nodes, one core, recorded",
         bare: "real nodes, one core",
@@ -152,7 +170,12 @@ const LAYOUTS: &[Layout] = &[
     Layout { name: "full, mio", wait: Wait::Mio, ..FULL },
     Layout { name: "full, yield", wait: Wait::Yield, ..FULL },
     Layout { name: "full, one core", cores: Cores::One, ..FULL },
-    Layout { name: "full, one core, rest after answer", cores: Cores::One, order: Order::RestAfterAnswer, ..FULL },
+    Layout {
+        name: "full, one core, rest after answer",
+        cores: Cores::One,
+        order: Order::RestAfterAnswer,
+        ..FULL
+    },
     Layout { name: "full, one core, mio", cores: Cores::One, wait: Wait::Mio, ..FULL },
     Layout { name: "full, one core, yield", cores: Cores::One, wait: Wait::Yield, ..FULL },
     Layout { name: "full, one core each", cores: Cores::OneEach, ..FULL },
@@ -161,7 +184,11 @@ const LAYOUTS: &[Layout] = &[
     Layout { name: "full, listens to 4", listens: 4, ..FULL },
     Layout { name: "full, recorded, woken", records: Records::Woken, ..FULL },
     Layout { name: "full, recorded, drained", records: Records::Drained, ..FULL },
-    Layout { name: "full, recorded, drained, best effort", records: Records::DrainedBestEffort, ..FULL },
+    Layout {
+        name: "full, recorded, drained, best effort",
+        records: Records::DrainedBestEffort,
+        ..FULL
+    },
     Layout {
         name: "full, one core, recorded, drained, best effort",
         records: Records::DrainedBestEffort,
@@ -187,8 +214,18 @@ const LAYOUTS: &[Layout] = &[
     Layout { name: "one core, sample + clock", cores: Cores::One, clock: true, ..SAMPLE_ONLY },
     Layout { name: "one core, sample + cell", cores: Cores::One, cell: true, ..SAMPLE_ONLY },
     Layout { name: "one core, sample + state", cores: Cores::One, state: true, ..SAMPLE_ONLY },
-    Layout { name: "one core, sample + controller state", cores: Cores::One, controller_state: true, ..SAMPLE_ONLY },
-    Layout { name: "one core, sample only, listens to 4", cores: Cores::One, listens: 4, ..SAMPLE_ONLY },
+    Layout {
+        name: "one core, sample + controller state",
+        cores: Cores::One,
+        controller_state: true,
+        ..SAMPLE_ONLY
+    },
+    Layout {
+        name: "one core, sample only, listens to 4",
+        cores: Cores::One,
+        listens: 4,
+        ..SAMPLE_ONLY
+    },
 ];
 
 const CYCLES_BEFORE_MEASURING: u64 = 2000;
@@ -199,7 +236,9 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
     match words[..] {
-        ["stage", layout, domain, seconds] => stage(&find(layout), network(domain), seconds.parse().expect("seconds")),
+        ["stage", layout, domain, seconds] => {
+            stage(&find(layout), network(domain), seconds.parse().expect("seconds"))
+        }
         ["controller", layout, domain] => controller(&find(layout), network(domain)),
         _ => return drive(&words),
     }
@@ -293,7 +332,10 @@ fn drive(words: &[&str]) -> ExitCode {
         }
         eprintln!("round {} of {rounds} done", round + 1);
     }
-    println!("{:<52} {:>9} {:>6} {:>8} {:>8} {:>8}", "layout", "cycles/s", "ratio", "p50 us", "p99 us", "cpu us");
+    println!(
+        "{:<52} {:>9} {:>6} {:>8} {:>8} {:>8}",
+        "layout", "cycles/s", "ratio", "p50 us", "p99 us", "cpu us"
+    );
     let reference = median(results.first().map_or(&[][..], |first| first), |f| f.cycles_per_second);
     for (contender, results) in contenders.iter().zip(&results) {
         let cycles = median(results, |f| f.cycles_per_second);
@@ -312,10 +354,17 @@ fn drive(words: &[&str]) -> ExitCode {
     for real in REALS {
         let (Some(it), Some(bare)) = (find(real.name), find(real.bare)) else { continue };
         let pairs = results[it].iter().zip(&results[bare]);
-        let mut shares: Vec<f64> = pairs.map(|(it, bare)| it.cycles_per_second / bare.cycles_per_second).collect();
+        let mut shares: Vec<f64> =
+            pairs.map(|(it, bare)| it.cycles_per_second / bare.cycles_per_second).collect();
         shares.sort_unstable_by(f64::total_cmp);
         let share = shares.get(shares.len() / 2).copied().unwrap_or(f64::NAN);
-        println!("{}: {:.0} % of {} (wanted: {:.0} %)", real.name, 100.0 * share, real.bare, 100.0 * real.wanted);
+        println!(
+            "{}: {:.0} % of {} (wanted: {:.0} %)",
+            real.name,
+            100.0 * share,
+            real.bare,
+            100.0 * real.wanted
+        );
     }
     ExitCode::SUCCESS
 }
@@ -370,7 +419,8 @@ fn run_bare(layout: &Layout, domain: u16, seconds: f64) -> Result<Figures, Strin
 fn run_real(real: &Real, domain: u16, seconds: f64) -> anyhow::Result<Figures> {
     const FASTEST: f64 = 12_000.0;
     let directory = tempfile::tempdir()?;
-    let parameters = |list: &[String]| list.iter().flat_map(|given| ["-p".to_owned(), given.clone()]).collect();
+    let parameters =
+        |list: &[String]| list.iter().flat_map(|given| ["-p".to_owned(), given.clone()]).collect();
     let mut given = Vec::new();
     if real.cores == Cores::One {
         given.push("cpu:=0".to_owned());
@@ -390,7 +440,12 @@ fn run_real(real: &Real, domain: u16, seconds: f64) -> anyhow::Result<Figures> {
     let program = Path::new(env!("CARGO_BIN_EXE_friction-stage"));
     let network = Network { domain, reach: Reach::Localhost };
     let result = Driver::new(program, network)?.run(&run, &mut |_| {})?;
-    Ok(Figures { cycles_per_second: result.rate, median_us: f64::NAN, p99_us: f64::NAN, cpu_us: f64::NAN })
+    Ok(Figures {
+        cycles_per_second: result.rate,
+        median_us: f64::NAN,
+        p99_us: f64::NAN,
+        cpu_us: f64::NAN,
+    })
 }
 
 /// Processor time that a process has used, s; NaN when /proc does not say.
@@ -423,14 +478,18 @@ impl<M: RosMessage> Out<M> {
             Self::Outlet(Box::new(Outlet::new(participant, name, qos).expect("an outlet")))
         } else {
             let topic = participant.topic(name, M::PACKAGE, M::NAME, qos).expect("a topic");
-            Self::Bare(Box::new(participant.node().create_publisher(&topic, None).expect("a publisher")))
+            Self::Bare(Box::new(
+                participant.node().create_publisher(&topic, None).expect("a publisher"),
+            ))
         }
     }
 
     fn publish(&mut self, message: impl FnOnce() -> M) {
         match self {
             Self::Off => {}
-            Self::Bare(publisher) => assert!(publisher.publish(message()).is_ok(), "the window is full"),
+            Self::Bare(publisher) => {
+                assert!(publisher.publish(message()).is_ok(), "the window is full")
+            }
             Self::Outlet(outlet) => assert_eq!(outlet.publish(message()), Published::Sent),
         }
     }
@@ -446,14 +505,22 @@ struct In<M: RosMessage> {
 }
 
 impl<M: RosMessage> In<M> {
-    fn new(layout: &Layout, participant: &Participant, name: &str, qos: &Qos, listens: usize) -> Self {
+    fn new(
+        layout: &Layout,
+        participant: &Participant,
+        name: &str,
+        qos: &Qos,
+        listens: usize,
+    ) -> Self {
         let poll = mio1::Poll::new().expect("a poll");
         let subscriptions = (0..listens)
             .map(|i| {
                 let name = if i == 0 { name.to_owned() } else { format!("{name}_idle_{i}") };
                 let topic = participant.topic(&name, M::PACKAGE, M::NAME, qos).expect("a topic");
-                let mut subscription =
-                    participant.node().create_subscription::<M>(&topic, None).expect("a subscription");
+                let mut subscription = participant
+                    .node()
+                    .create_subscription::<M>(&topic, None)
+                    .expect("a subscription");
                 if layout.wait == Wait::Mio {
                     poll.registry()
                         .register(&mut subscription, mio1::Token(i), mio1::Interest::READABLE)
@@ -462,7 +529,13 @@ impl<M: RosMessage> In<M> {
                 subscription
             })
             .collect();
-        Self { subscriptions, wait: layout.wait, waiter: Waiter::new(), poll, events: mio1::Events::with_capacity(8) }
+        Self {
+            subscriptions,
+            wait: layout.wait,
+            waiter: Waiter::new(),
+            poll,
+            events: mio1::Events::with_capacity(8),
+        }
     }
 
     /// The next message of any subscription, `None` at the deadline.
@@ -487,7 +560,8 @@ impl<M: RosMessage> In<M> {
                         return Some(message);
                     }
                 }
-                let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
+                let left =
+                    deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
                 if left.is_some_and(|left| left.is_zero()) {
                     return None;
                 }
@@ -512,7 +586,8 @@ fn join(name: &str, layout: &Layout, network: Network, core: Option<usize>) -> P
     if let Some(core) = core {
         pin_to(core);
     }
-    let participant = Participant::join(network, "/", name, NodeOptions::new()).expect("a participant");
+    let participant =
+        Participant::join(network, "/", name, NodeOptions::new()).expect("a participant");
     if layout.spinner {
         let spinner = participant.node().spinner().expect("a spinner");
         thread::spawn(move || block_on(spinner.spin()));
@@ -536,9 +611,12 @@ fn stage(layout: &Layout, network: Network, seconds: f64) {
     let participant = join("stage", layout, network, core);
     let mut sample = Out::<JointState>::new(true, layout, &participant, "/stage/encoder", &SAMPLES);
     let mut clock = Out::<Clock>::new(layout.clock, layout, &participant, "/clock", &CLOCK);
-    let mut cell = Out::<WrenchStamped>::new(layout.cell, layout, &participant, "/stage/force_cell", &SAMPLES);
-    let mut state = Out::<StageState>::new(layout.state, layout, &participant, "/stage/state", &SAMPLES);
-    let mut force = In::<WrenchStamped>::new(layout, &participant, "/stage/force", &COMMANDS, layout.listens);
+    let mut cell =
+        Out::<WrenchStamped>::new(layout.cell, layout, &participant, "/stage/force_cell", &SAMPLES);
+    let mut state =
+        Out::<StageState>::new(layout.state, layout, &participant, "/stage/state", &SAMPLES);
+    let mut force =
+        In::<WrenchStamped>::new(layout, &participant, "/stage/force", &COMMANDS, layout.listens);
     record(layout, &participant);
 
     let mut cycle = |k: u64, patience: Duration| -> bool {
@@ -554,7 +632,8 @@ fn stage(layout: &Layout, network: Network, seconds: f64) {
                 effort: vec![12.0],
             });
         };
-        let send_clock = |clock: &mut Out<Clock>| clock.publish(|| Clock { clock: Time::from_nanos(stamp) });
+        let send_clock =
+            |clock: &mut Out<Clock>| clock.publish(|| Clock { clock: Time::from_nanos(stamp) });
         let mut send_rest = || {
             cell.publish(|| WrenchStamped::along_x(header(), 12.0));
             state.publish(|| StageState {
@@ -637,7 +716,8 @@ fn record(layout: &Layout, participant: &Participant) {
         Records::DrainedBestEffort => Qos::best_effort(10_000),
     };
     let woken = layout.records == Records::Woken;
-    let states = Inlet::<ControllerState>::new(participant, "/controller/state", &qos).expect("an inlet");
+    let states =
+        Inlet::<ControllerState>::new(participant, "/controller/state", &qos).expect("an inlet");
     thread::spawn(move || {
         let waiter = Waiter::new();
         let mut next = 0;
@@ -667,9 +747,15 @@ fn controller(layout: &Layout, network: Network) {
         Cores::OneEach => Some(1),
     };
     let participant = join("controller", layout, network, core);
-    let mut force = Out::<WrenchStamped>::new(true, layout, &participant, "/stage/force", &COMMANDS);
-    let mut state =
-        Out::<ControllerState>::new(layout.controller_state, layout, &participant, "/controller/state", &SAMPLES);
+    let mut force =
+        Out::<WrenchStamped>::new(true, layout, &participant, "/stage/force", &COMMANDS);
+    let mut state = Out::<ControllerState>::new(
+        layout.controller_state,
+        layout,
+        &participant,
+        "/controller/state",
+        &SAMPLES,
+    );
     let mut samples = In::<JointState>::new(layout, &participant, "/stage/encoder", &SAMPLES, 1);
     let mut k = 0;
     while let Some(sample) = samples.next(None) {

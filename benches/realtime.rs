@@ -1,10 +1,11 @@
-//! Real time: how late the ticks of the stage are, beside a thread that only sleeps, and whether a recording keeps up.
+//! Real time: how late the ticks of the stage are, beside a thread that only sleeps, and whether a
+//! recording keeps up.
 //!
 //! `cargo bench --bench realtime -- [--seconds S]`
 //!
-//! The stage is the real node, publishing all its topics, first alone and then with a recording. The sleeping thread has the
-//! same deadlines and the same scheduling and does nothing. Lateness is what this machine's scheduler makes of it; compare the
-//! rows, not the numbers of two machines.
+//! The stage is the real node, publishing all its topics, first alone and then with a recording.
+//! The sleeping thread has the same deadlines and the same scheduling and does nothing. Lateness is
+//! what this machine's scheduler makes of it; compare the rows, not the numbers of two machines.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,14 +18,18 @@ use friction_stage::node::participant::{Network, Reach};
 use friction_stage_data::bag::BagReader;
 
 fn main() -> anyhow::Result<()> {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
+    let arguments: Vec<String> =
+        std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
     let seconds: f64 = match &arguments[..] {
         [] => 10.0,
         [flag, value] if flag == "--seconds" => value.parse()?,
         _ => anyhow::bail!("unknown arguments {arguments:?}: known is --seconds S"),
     };
     let duration = Duration::from_secs_f64(seconds);
-    println!("{:<34} {:>9} {:>9} {:>10} {:>9} {:>12}", "lateness, us", "p50", "p99", "max", "overruns", "unpublished");
+    println!(
+        "{:<34} {:>9} {:>9} {:>10} {:>9} {:>12}",
+        "lateness, us", "p50", "p99", "max", "overruns", "unpublished"
+    );
     for rate in [1000.0, 4000.0] {
         sleeping(rate, duration);
         stage(rate, duration, false)?;
@@ -57,7 +62,8 @@ fn sleeping(rate: f64, duration: Duration) {
     }
 }
 
-/// The real stage; recorded together with a controller at the same rate, whose two topics are in the bag as well.
+/// The real stage; recorded together with a controller at the same rate, whose two topics are in
+/// the bag as well.
 fn stage(rate: f64, duration: Duration, recorded: bool) -> anyhow::Result<()> {
     let directory = tempfile::tempdir()?;
     let bag = directory.path().join("bag");
@@ -70,7 +76,8 @@ fn stage(rate: f64, duration: Duration, recorded: bool) -> anyhow::Result<()> {
         given.push(format!("record:={}", bag.display()));
     }
     let controller = arguments(&[format!("rate:={rate:.1}"), "bandwidth:=30.0".to_owned()]);
-    let network = Network { domain: 1 + (std::process::id() % 100) as u16, reach: Reach::Localhost };
+    let network =
+        Network { domain: 1 + (std::process::id() % 100) as u16, reach: Reach::Localhost };
     let driver = Driver::new(Path::new(env!("CARGO_BIN_EXE_friction-stage")), network)?;
     let keys = [
         "lateness_p50_us",
@@ -81,10 +88,19 @@ fn stage(rate: f64, duration: Duration, recorded: bool) -> anyhow::Result<()> {
         "recording_dropped_samples",
     ];
     let log_stem = directory.path().join("run");
-    let [p50, p99, max, overruns, unpublished, dropped] =
-        driver.observe(&arguments(&given), recorded.then_some(&controller[..]), &log_stem, duration, keys)?;
+    let [p50, p99, max, overruns, unpublished, dropped] = driver.observe(
+        &arguments(&given),
+        recorded.then_some(&controller[..]),
+        &log_stem,
+        duration,
+        keys,
+    )?;
     let name = if recorded { "controlled, recorded" } else { "alone" };
-    row(&format!("{rate} Hz, the stage, {name}"), [p50, p99, max, overruns], &unpublished.to_string());
+    row(
+        &format!("{rate} Hz, the stage, {name}"),
+        [p50, p99, max, overruns],
+        &unpublished.to_string(),
+    );
     if recorded {
         report_bag(&bag, rate, dropped)?;
     }
@@ -100,11 +116,13 @@ fn report_bag(bag: &Path, rate: f64, dropped: f64) -> anyhow::Result<()> {
         let message = message?;
         *counts.entry(message.topic.name.clone()).or_default() += 1;
         if message.topic.name.ends_with("/encoder") {
-            gaps += u64::from(last.is_some_and(|last| (message.log_time - last) as f64 > 1.5e9 / rate));
+            gaps +=
+                u64::from(last.is_some_and(|last| (message.log_time - last) as f64 > 1.5e9 / rate));
             last = Some(message.log_time);
         }
     }
-    let counts: Vec<String> = counts.iter().map(|(topic, count)| format!("{topic} {count}")).collect();
+    let counts: Vec<String> =
+        counts.iter().map(|(topic, count)| format!("{topic} {count}")).collect();
     println!("    in the bag: {}", counts.join(", "));
     println!("    {gaps} gaps in the encoder, {dropped} samples dropped by the recorder");
     Ok(())

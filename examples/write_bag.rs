@@ -4,8 +4,8 @@
 
 use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, Provenance};
 use friction_stage_data::message::{
-    Clock, ControllerState, DiagnosticArray, DiagnosticStatus, Float64MultiArray, Header, JointState, JointTrajectory,
-    JointTrajectoryPoint, KeyValue, StageState, WrenchStamped,
+    Clock, ControllerState, DiagnosticArray, DiagnosticStatus, Float64MultiArray, Header,
+    JointState, JointTrajectory, JointTrajectoryPoint, KeyValue, StageState, WrenchStamped,
 };
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -49,14 +49,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             },
         )?;
         bag.write(cell, time, &WrenchStamped::along_x(header.clone(), force))?;
-        bag.write(commands, time, &Float64MultiArray { data: vec![force], ..Float64MultiArray::default() })?;
+        bag.write(
+            commands,
+            time,
+            &Float64MultiArray { data: vec![force], ..Float64MultiArray::default() },
+        )?;
         bag.write(
             setpoint,
             time,
             &JointTrajectory {
                 header: header.clone(),
                 joint_names: vec!["stage".into()],
-                points: vec![JointTrajectoryPoint { positions: vec![position], ..JointTrajectoryPoint::default() }],
+                points: vec![JointTrajectoryPoint {
+                    positions: vec![position],
+                    ..JointTrajectoryPoint::default()
+                }],
             },
         )?;
         bag.write(

@@ -1,4 +1,5 @@
-//! Recordings: what is written comes back, what is cut off is found, nothing that is broken makes the program panic.
+//! Recordings: what is written comes back, what is cut off is found, nothing that is broken makes
+//! the program panic.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
@@ -7,11 +8,12 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use friction_stage_data::bag::{
-    BagError, BagOptions, BagReader, BagWriter, Compression, OfferedQos, Provenance, Trace, check, recover,
+    BagError, BagOptions, BagReader, BagWriter, Compression, OfferedQos, Provenance, Trace, check,
+    recover,
 };
 use friction_stage_data::message::{
-    Clock, ControllerState, Float64MultiArray, Header, JointState, JointTrajectory, JointTrajectoryPoint, RosMessage,
-    WrenchStamped, to_cdr,
+    Clock, ControllerState, Float64MultiArray, Header, JointState, JointTrajectory,
+    JointTrajectoryPoint, RosMessage, WrenchStamped, to_cdr,
 };
 use proptest::prelude::*;
 use tempfile::TempDir;
@@ -140,7 +142,8 @@ fn messages_come_in_the_order_of_time_even_if_written_otherwise() {
         bag.write(b, 801 + 2 * (k ^ 7), &Clock::default()).unwrap();
     }
     bag.finish().unwrap();
-    let times: Vec<u64> = BagReader::open(&directory).unwrap().messages().map(|m| m.unwrap().log_time).collect();
+    let times: Vec<u64> =
+        BagReader::open(&directory).unwrap().messages().map(|m| m.unwrap().log_time).collect();
     assert_eq!(times.len(), 4000);
     assert!(times.is_sorted());
 }
@@ -157,7 +160,8 @@ fn a_topic_added_later_is_recorded_and_a_second_type_is_refused() {
     let later = bag.add_topic::<Float64MultiArray>("/later", &OfferedQos::best_effort(1)).unwrap();
     bag.write(later, 500, &Float64MultiArray::default()).unwrap();
     assert_eq!(bag.add_topic::<Clock>("/clock", &OfferedQos::default()).unwrap(), clock);
-    let error = bag.add_topic::<JointState>("/clock", &OfferedQos::default()).unwrap_err().to_string();
+    let error =
+        bag.add_topic::<JointState>("/clock", &OfferedQos::default()).unwrap_err().to_string();
     assert!(error.contains("rosgraph_msgs/msg/Clock") && error.contains("JointState"), "{error}");
     bag.finish().unwrap();
     let reader = BagReader::open(&directory).unwrap();
@@ -212,12 +216,18 @@ fn what_is_no_recording_is_said_so() {
     std::fs::write(&text, "hello, this is not an MCAP file").unwrap();
     let error = BagReader::open(&text).unwrap_err();
     assert_eq!(error.offset(), Some(0));
-    assert!(error.to_string().contains("text.mcap") && error.to_string().contains("not an MCAP file"));
+    assert!(
+        error.to_string().contains("text.mcap") && error.to_string().contains("not an MCAP file")
+    );
     let sqlite = home.path().join("sqlite");
     write_bag(&sqlite, &options(), 1);
     let metadata = sqlite.join("metadata.yaml");
     let yaml = std::fs::read_to_string(&metadata).unwrap();
-    std::fs::write(&metadata, yaml.replace("storage_identifier: mcap", "storage_identifier: sqlite3")).unwrap();
+    std::fs::write(
+        &metadata,
+        yaml.replace("storage_identifier: mcap", "storage_identifier: sqlite3"),
+    )
+    .unwrap();
     assert!(open(&sqlite).contains("sqlite3"));
 }
 
@@ -250,7 +260,8 @@ fn a_file_cut_anywhere_reads_up_to_the_cut_and_recovers() {
     let directory = home.path().join("run");
     write_bag(&directory, &small_chunks(), 100);
     let whole = std::fs::read(mcap_file(&directory)).unwrap();
-    let original: Vec<Vec<u8>> = BagReader::open(&directory).unwrap().messages().map(|m| m.unwrap().to_vec()).collect();
+    let original: Vec<Vec<u8>> =
+        BagReader::open(&directory).unwrap().messages().map(|m| m.unwrap().to_vec()).collect();
     assert_eq!(original.len(), 400);
     let mut recovered_before = 0;
     for length in (8..whole.len()).step_by(whole.len() / 150) {
@@ -301,14 +312,18 @@ fn recovery_keeps_everything_beside_the_messages() {
     std::fs::write(&file, &bytes[..bytes.len() / 2]).unwrap();
     let report = recover(&directory, Some(&home.path().join("whole"))).unwrap();
     assert!(report.bytes_dropped > 0);
-    let (old, new) = (BagReader::open(&directory).unwrap(), BagReader::open(home.path().join("whole")).unwrap());
+    let (old, new) =
+        (BagReader::open(&directory).unwrap(), BagReader::open(home.path().join("whole")).unwrap());
     assert_eq!(new.provenance(), old.provenance());
     assert!(new.provenance().unwrap().model_yaml.contains("40.0"));
     assert_eq!(new.topics(), old.topics());
     for (a, b) in old.messages().filter_map(Result::ok).zip(new.messages()) {
         let b = b.unwrap();
         assert_eq!(*a, *b);
-        assert_eq!((a.log_time, a.publish_time, a.sequence), (b.log_time, b.publish_time, b.sequence));
+        assert_eq!(
+            (a.log_time, a.publish_time, a.sequence),
+            (b.log_time, b.publish_time, b.sequence)
+        );
     }
     let text = report.to_string();
     assert!(text.contains("/stage/encoder") && text.contains("bytes dropped"), "{text}");
@@ -403,8 +418,11 @@ fn bare_file() -> &'static [u8] {
             .create(&mut bytes)
             .unwrap();
         let definition = JointState::definition();
-        let schema = writer.add_schema("sensor_msgs/msg/JointState", "ros2msg", definition.as_bytes()).unwrap();
-        let channel = writer.add_channel(schema, "/stage/encoder", "cdr", &BTreeMap::new()).unwrap();
+        let schema = writer
+            .add_schema("sensor_msgs/msg/JointState", "ros2msg", definition.as_bytes())
+            .unwrap();
+        let channel =
+            writer.add_channel(schema, "/stage/encoder", "cdr", &BTreeMap::new()).unwrap();
         for k in 0..50 {
             let header = mcap::records::MessageHeader {
                 channel_id: channel,
@@ -445,7 +463,10 @@ proptest! {
     }
 
     #[test]
-    fn garbage_never_panics(body in proptest::collection::vec(any::<u8>(), 0..400), signed in any::<bool>()) {
+    fn garbage_never_panics(
+        body in proptest::collection::vec(any::<u8>(), 0..400),
+        signed in any::<bool>(),
+    ) {
         let home = TempDir::new().unwrap();
         let file = home.path().join("bag.mcap");
         let mut bytes = if signed { mcap::MAGIC.to_vec() } else { Vec::new() };
@@ -502,10 +523,12 @@ fn a_killed_recorder_loses_less_than_a_second() {
     }
     let home = TempDir::new().unwrap();
     let directory = home.path().join("run");
-    let mut recorder = child("a_killed_recorder_loses_less_than_a_second", &directory).spawn().unwrap();
+    let mut recorder =
+        child("a_killed_recorder_loses_less_than_a_second", &directory).spawn().unwrap();
     let lines = BufReader::new(recorder.stdout.take().unwrap()).lines();
     // past two flushes, at a moment that has nothing to do with them
-    let mut written = lines.map_while(Result::ok).filter_map(|l| l.split_once("written ")?.1.parse::<u64>().ok());
+    let mut written =
+        lines.map_while(Result::ok).filter_map(|l| l.split_once("written ")?.1.parse::<u64>().ok());
     let first = written.next().expect("the recorder writes");
     let last = written.find(|t| t - first > 1_200_000_000).expect("it goes on");
     recorder.kill().unwrap();
@@ -538,8 +561,9 @@ fn a_full_disk_is_an_error_and_what_was_written_recovers() {
         )
         .unwrap();
         let id = bag.add_topic::<JointState>("/stage/encoder", &OfferedQos::reliable(10)).unwrap();
-        let error =
-            (0..100_000).find_map(|k| bag.write(id, k, &encoder(k as i64, 0.0)).err()).expect("the limit is reached");
+        let error = (0..100_000)
+            .find_map(|k| bag.write(id, k, &encoder(k as i64, 0.0)).err())
+            .expect("the limit is reached");
         println!("first: {error}");
         let full = matches!(error, BagError::Full { .. });
         let second = bag.write(id, 0, &encoder(0, 0.0)).unwrap_err();
@@ -550,7 +574,9 @@ fn a_full_disk_is_an_error_and_what_was_written_recovers() {
     }
     let home = TempDir::new().unwrap();
     let directory = home.path().join("run");
-    let output = child("a_full_disk_is_an_error_and_what_was_written_recovers", &directory).output().unwrap();
+    let output = child("a_full_disk_is_an_error_and_what_was_written_recovers", &directory)
+        .output()
+        .unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(42), "{text}");
     assert!(text.contains("no space left for") && text.contains("run_0.mcap"), "{text}");
@@ -600,7 +626,9 @@ fn check_tells_rates_gaps_and_bad_values() {
     assert!((coverage.stroke - 2e-3).abs() < 1e-6);
     assert_eq!(coverage.reversals, 6);
     let text = report.to_string();
-    for part in ["/stage/encoder", "1000.0", "stamps go back", "not finite", "do not decode", "reversals"] {
+    for part in
+        ["/stage/encoder", "1000.0", "stamps go back", "not finite", "do not decode", "reversals"]
+    {
         assert!(text.contains(part), "{part} is missing in\n{text}");
     }
     let json = serde_json::to_value(&report).unwrap();
@@ -677,7 +705,8 @@ fn the_commands_report_and_say_how_it_ended() {
     write_bag(&directory, &small_chunks(), 100);
     let run_check = |json| {
         let mut out = Vec::new();
-        let args = check_command::CheckArgs { bag: directory.clone(), model: None, mapping: None, json };
+        let args =
+            check_command::CheckArgs { bag: directory.clone(), model: None, mapping: None, json };
         let outcome = check_command::run(&args, &mut out).unwrap();
         (outcome, String::from_utf8(out).unwrap())
     };

@@ -1,13 +1,16 @@
-//! Data in: recordings of every kind onto one grid, and what is said about data that cannot be used.
+//! Data in: recordings of every kind onto one grid, and what is said about data that cannot be
+//! used.
 
 use std::path::Path;
 
 use friction_stage_core::model::StageModel;
 use friction_stage_data::bag::{
-    self, BagError, BagOptions, BagWriter, ClockKind, DataProblem, Mapping, OfferedQos, Recording, Severity, Signal,
-    Trace, examine,
+    self, BagError, BagOptions, BagWriter, ClockKind, DataProblem, Mapping, OfferedQos, Recording,
+    Severity, Signal, Trace, examine,
 };
-use friction_stage_data::message::{Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped};
+use friction_stage_data::message::{
+    Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped,
+};
 use tempfile::TempDir;
 
 const RATE: f64 = 2000.0;
@@ -23,7 +26,8 @@ struct Noise(u64);
 
 impl Noise {
     fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }
 
@@ -57,17 +61,27 @@ fn run(rows: usize) -> Trace {
         reference_position: time.iter().map(|&t| motion(t).0).collect(),
         reference_velocity: time.iter().map(|&t| motion(t).1).collect(),
         reference_acceleration: time.iter().map(|&t| motion(t).2).collect(),
-        position: time.iter().map(|&t| ((motion(t).0 + ENCODER_NOISE * noise.normal()) * 1e9).round() * 1e-9).collect(),
-        force_cell: time.iter().map(|&t| command(t - 1.0 / RATE) + CELL_NOISE * noise.normal()).collect(),
+        position: time
+            .iter()
+            .map(|&t| ((motion(t).0 + ENCODER_NOISE * noise.normal()) * 1e9).round() * 1e-9)
+            .collect(),
+        force_cell: time
+            .iter()
+            .map(|&t| command(t - 1.0 / RATE) + CELL_NOISE * noise.normal())
+            .collect(),
         force: time.iter().map(|&t| command(t)).collect(),
         time,
     }
 }
 
 fn declared() -> StageModel {
-    let guide = "{stiffness: 4.5e5, bristle_damping: 900, viscous_friction: 18, coulomb_force: 13.5, static_force: 16.8, \
-                 stribeck_velocity: 5.0e-3}";
-    StageModel::from_yaml(&format!("mass: 40\nguides: [{guide}, {guide}, {guide}, {guide}]"), "test").unwrap()
+    let guide = "{stiffness: 4.5e5, bristle_damping: 900, viscous_friction: 18, coulomb_force: \
+                 13.5, static_force: 16.8, stribeck_velocity: 5.0e-3}";
+    StageModel::from_yaml(
+        &format!("mass: 40\nguides: [{guide}, {guide}, {guide}, {guide}]"),
+        "test",
+    )
+    .unwrap()
 }
 
 fn load_csv(trace: &Trace) -> Recording {
@@ -98,8 +112,12 @@ fn write_bag(directory: &Path, encoder: &[(i64, f64)], force: &[(i64, f64)]) {
         bag.write(encoder_id, 1_000_000_000 + index as u64 * PERIOD_NS as u64, &state).unwrap();
     }
     for &(stamp, value) in force {
-        bag.write(force_id, 1_000_000_000 + stamp as u64, &WrenchStamped::along_x(Header::new(stamp, "stage"), value))
-            .unwrap();
+        bag.write(
+            force_id,
+            1_000_000_000 + stamp as u64,
+            &WrenchStamped::along_x(Header::new(stamp, "stage"), value),
+        )
+        .unwrap();
     }
     bag.finish().unwrap();
 }
@@ -118,7 +136,13 @@ fn a_uniform_recording_is_taken_bit_for_bit() {
     for (column, expected) in recording.trace.columns().iter().zip(trace.columns()).skip(1) {
         assert_eq!(*column, expected);
     }
-    let worst = recording.trace.time.iter().zip(&trace.time).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let worst = recording
+        .trace
+        .time
+        .iter()
+        .zip(&trace.time)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max);
     assert!(worst < 1e-12, "{worst}");
 }
 
@@ -128,7 +152,8 @@ fn jitter_of_the_stamps_only_does_not_touch_the_values() {
     let directory = home.path().join("run");
     let (trace, mut noise) = (run(6000), Noise(7));
     let stamps: Vec<i64> = (0..6000).map(|k| at(k) + (40_000.0 * noise.normal()) as i64).collect();
-    let encoder: Vec<(i64, f64)> = stamps.iter().copied().zip(trace.position.iter().copied()).collect();
+    let encoder: Vec<(i64, f64)> =
+        stamps.iter().copied().zip(trace.position.iter().copied()).collect();
     let force: Vec<(i64, f64)> = stamps.iter().copied().zip(trace.force.iter().copied()).collect();
     write_bag(&directory, &encoder, &force);
     let recording = bag::load(&directory, None).unwrap();
@@ -146,7 +171,8 @@ fn jitter_of_the_sampling_itself_is_taken_out_by_the_stamps() {
     let directory = home.path().join("run");
     let mut noise = Noise(7);
     let stamps: Vec<i64> = (0..6000).map(|k| at(k) + (40_000.0 * noise.normal()) as i64).collect();
-    let sample = |stamp: i64| motion(stamp as f64 * 1e-9).0 + ENCODER_NOISE * Noise(stamp as u64).normal();
+    let sample =
+        |stamp: i64| motion(stamp as f64 * 1e-9).0 + ENCODER_NOISE * Noise(stamp as u64).normal();
     let encoder: Vec<(i64, f64)> = stamps.iter().map(|&s| (s, sample(s))).collect();
     let force: Vec<(i64, f64)> = stamps.iter().map(|&s| (s, force(s as f64 * 1e-9))).collect();
     write_bag(&directory, &encoder, &force);
@@ -157,7 +183,8 @@ fn jitter_of_the_sampling_itself_is_taken_out_by_the_stamps() {
         .map(|k| recording.trace.position[k] - motion(origin + recording.trace.time[k]).0)
         .collect();
     let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
-    // without the stamps 40 us at 0.08 m/s are 3 um; with them hardly more than the noise of one sample is left
+    // without the stamps 40 us at 0.08 m/s are 3 um; with them hardly more than the noise of one
+    // sample is left
     assert!(rms < 1.5 * ENCODER_NOISE, "{rms}");
 }
 
@@ -186,8 +213,18 @@ fn missing_repeated_and_late_samples_are_counted_and_long_gaps_stay_open() {
         assert!(if filled { error < 1e-8 } else { error == 0.0 }, "row {k}: {error}");
     }
     let found = examine(&recording, None).problems;
-    assert!(found.iter().any(|p| matches!(p, DataProblem::Conflicting { signal: Signal::Position, samples: 1 })));
-    assert!(found.iter().any(|p| matches!(p, DataProblem::NotFinite { signal: Signal::Position, samples: 1, .. })));
+    assert!(
+        found.iter().any(|p| matches!(
+            p,
+            DataProblem::Conflicting { signal: Signal::Position, samples: 1 }
+        ))
+    );
+    assert!(
+        found.iter().any(|p| matches!(
+            p,
+            DataProblem::NotFinite { signal: Signal::Position, samples: 1, .. }
+        ))
+    );
 }
 
 #[test]
@@ -214,16 +251,29 @@ fn a_slower_command_is_held_and_a_delayed_one_is_averaged() {
 fn a_clock_that_was_set_back_is_refused_and_empty_headers_are_replaced() {
     let home = TempDir::new().unwrap();
     let trace = run(2000);
-    let twice: Vec<(i64, f64)> = (0..4000).map(|k| (at(k % 2000) * 10, trace.position[k % 2000])).collect();
+    let twice: Vec<(i64, f64)> =
+        (0..4000).map(|k| (at(k % 2000) * 10, trace.position[k % 2000])).collect();
     write_bag(&home.path().join("twice"), &twice, &[]);
     let error = bag::load(home.path().join("twice"), None).unwrap_err();
-    assert!(matches!(error, BagError::Clock { .. }) && error.to_string().contains("go back by 9.995 s"), "{error}");
+    assert!(
+        matches!(error, BagError::Clock { .. }) && error.to_string().contains("go back by 9.995 s"),
+        "{error}"
+    );
     let unfilled: Vec<(i64, f64)> = trace.position.iter().map(|&x| (0, x)).collect();
     write_bag(&home.path().join("unfilled"), &unfilled, &[]);
     let recording = bag::load(home.path().join("unfilled"), None).unwrap();
     assert_eq!(recording.trace.position, trace.position);
-    assert!(recording.quality.notes[0].contains("time of recording"), "{:?}", recording.quality.notes);
-    let far = [(0, 0.0), (PERIOD_NS, 0.0), (2 * PERIOD_NS, 0.0), (i64::from(i32::MAX) * 1_000_000_000, 0.0)];
+    assert!(
+        recording.quality.notes[0].contains("time of recording"),
+        "{:?}",
+        recording.quality.notes
+    );
+    let far = [
+        (0, 0.0),
+        (PERIOD_NS, 0.0),
+        (2 * PERIOD_NS, 0.0),
+        (i64::from(i32::MAX) * 1_000_000_000, 0.0),
+    ];
     write_bag(&home.path().join("far"), &far, &[]);
     let error = bag::load(home.path().join("far"), None).unwrap_err().to_string();
     assert!(error.contains("most of it is holes"), "{error}");
@@ -236,11 +286,13 @@ fn a_mapping_brings_columns_of_any_name_and_unit_to_si() {
     let mut text = String::from("t;x mm;u\n");
     for k in 0..trace.len() {
         text +=
-            &format!("{};{};{}\n", 0.5 * k as f64, trace.position[k] * 1e3, trace.force[k] / 35.0).replace('.', ",");
+            &format!("{};{};{}\n", 0.5 * k as f64, trace.position[k] * 1e3, trace.force[k] / 35.0)
+                .replace('.', ",");
     }
     std::fs::write(&csv, text).unwrap();
-    let yaml = "csv: {delimiter: ';', decimal_comma: true}\nsignals:\n  time: {column: t, unit: ms}\n  \
-                position: {column: x mm, unit: mm, offset: 0.5}\n  force: {column: 3, scale: 35}\n";
+    let yaml = "csv: {delimiter: ';', decimal_comma: true}\nsignals:\n  time: {column: t, unit: \
+                ms}\n  position: {column: x mm, unit: mm, offset: 0.5}\n  force: {column: 3, \
+                scale: 35}\n";
     let mapping = Mapping::from_yaml(yaml, "m.yaml").unwrap();
     let recording = bag::load(&csv, Some(&mapping)).unwrap();
     assert_eq!(recording.rate, RATE);
@@ -257,14 +309,22 @@ fn a_mapping_brings_columns_of_any_name_and_unit_to_si() {
     assert_eq!(imported.trace.position, recording.trace.position);
     assert_eq!(imported.trace.force, recording.trace.force);
     // what does not fit is told
-    let error =
-        |yaml: &str| bag::load(&csv, Some(&Mapping::from_yaml(yaml, "m.yaml").unwrap())).unwrap_err().to_string();
+    let error = |yaml: &str| {
+        bag::load(&csv, Some(&Mapping::from_yaml(yaml, "m.yaml").unwrap())).unwrap_err().to_string()
+    };
     let header = "csv: {delimiter: ';', decimal_comma: true}\nsignals:\n  time: {column: t}\n";
     assert!(error(&format!("{header}  position: {{column: xmm}}")).contains("did you mean `x mm`"));
-    assert!(error(&format!("{header}  position: {{column: 4}}")).contains("no column 4, there are 3"));
+    assert!(
+        error(&format!("{header}  position: {{column: 4}}")).contains("no column 4, there are 3")
+    );
     assert!(error("rate: 10\nsignals: {position: {column: t}}").contains("no column \"t\""));
-    assert!(error("csv: {delimiter: ';', decimal_comma: true}\nsignals: {position: {column: t}}").contains("rate"));
-    assert!(error("signals: {position: {topic: /j, field: x}}").contains("the mapping names topics"));
+    assert!(
+        error("csv: {delimiter: ';', decimal_comma: true}\nsignals: {position: {column: t}}")
+            .contains("rate")
+    );
+    assert!(
+        error("signals: {position: {topic: /j, field: x}}").contains("the mapping names topics")
+    );
 }
 
 #[test]
@@ -285,13 +345,20 @@ fn a_mapping_finds_fields_in_a_bag_and_names_what_is_there_instead() {
             ..Default::default()
         };
         bag.write(joints, at(k) as u64, &state).unwrap();
-        let point = JointTrajectoryPoint { positions: vec![trace.reference_position[k]], ..Default::default() };
-        let setpoint = JointTrajectory { header, joint_names: vec!["x_axis".into()], points: vec![point] };
+        let point = JointTrajectoryPoint {
+            positions: vec![trace.reference_position[k]],
+            ..Default::default()
+        };
+        let setpoint =
+            JointTrajectory { header, joint_names: vec!["x_axis".into()], points: vec![point] };
         bag.write(reference, at(k) as u64, &setpoint).unwrap();
     }
     bag.finish().unwrap();
     let load = |signals: &str| {
-        bag::load(&directory, Some(&Mapping::from_yaml(&format!("joint: x_axis\nsignals:\n{signals}"), "m").unwrap()))
+        bag::load(
+            &directory,
+            Some(&Mapping::from_yaml(&format!("joint: x_axis\nsignals:\n{signals}"), "m").unwrap()),
+        )
     };
     let position = "  position: {topic: /joint_states, field: 'position[joint]', unit: mm}\n";
     let recording = load(&format!(
@@ -301,14 +368,25 @@ fn a_mapping_finds_fields_in_a_bag_and_names_what_is_there_instead() {
     .unwrap();
     assert_eq!(recording.trace.force, trace.force);
     assert_eq!(recording.trace.reference_position, trace.reference_position);
-    let worst = recording.trace.position.iter().zip(&trace.position).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    let worst = recording
+        .trace
+        .position
+        .iter()
+        .zip(&trace.position)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max);
     assert!(worst < 1e-16);
     let error = |signals: &str| load(signals).unwrap_err().to_string();
     assert!(error("  position: {topic: /joints, field: 'position[0]'}").contains("no such topic"));
-    assert!(error("  position: {topic: /joint_states, field: 'positon[0]'}").contains("did you mean `position`"));
+    assert!(
+        error("  position: {topic: /joint_states, field: 'positon[0]'}")
+            .contains("did you mean `position`")
+    );
     let error = bag::load(&directory, None).unwrap_err().to_string();
     assert!(
-        error.contains("/stage/encoder") && error.contains("/joint_states") && error.contains("mapping"),
+        error.contains("/stage/encoder")
+            && error.contains("/joint_states")
+            && error.contains("mapping"),
         "{error}"
     );
 }
@@ -334,7 +412,12 @@ type Spoiled = (&'static str, fn(&mut Trace), fn(&DataProblem) -> bool, Severity
 #[test]
 fn bad_data_are_told_by_what_is_wrong_with_them() {
     let cases: &[Spoiled] = &[
-        ("ten samples", |t| *t = run(10), |p| matches!(p, DataProblem::TooShort { rows: 10, .. }), Severity::Fatal),
+        (
+            "ten samples",
+            |t| *t = run(10),
+            |p| matches!(p, DataProblem::TooShort { rows: 10, .. }),
+            Severity::Fatal,
+        ),
         (
             "no force",
             |t| [&mut t.force, &mut t.force_cell].into_iter().flatten().for_each(|f| *f = f64::NAN),
@@ -343,12 +426,27 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
         ),
         (
             "no motion",
-            |t| t.position.iter_mut().enumerate().for_each(|(k, x)| *x = 0.1 + (k % 3) as f64 * 1e-9),
+            |t| {
+                t.position
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(k, x)| *x = 0.1 + (k % 3) as f64 * 1e-9)
+            },
             |p| matches!(p, DataProblem::NoMotion { .. }),
             Severity::Fatal,
         ),
-        ("no cell", |t| t.force_cell.fill(f64::NAN), |p| matches!(p, DataProblem::NoForceCell), Severity::Warning),
-        ("no command", |t| t.force.fill(f64::NAN), |p| matches!(p, DataProblem::NoCommand), Severity::Warning),
+        (
+            "no cell",
+            |t| t.force_cell.fill(f64::NAN),
+            |p| matches!(p, DataProblem::NoForceCell),
+            Severity::Warning,
+        ),
+        (
+            "no command",
+            |t| t.force.fill(f64::NAN),
+            |p| matches!(p, DataProblem::NoCommand),
+            Severity::Warning,
+        ),
         (
             "no setpoint",
             |t| t.reference_position.fill(f64::NAN),
@@ -421,19 +519,28 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
         (
             "a cell in kN",
             |t| t.force_cell.iter_mut().for_each(|f| *f *= 1e-3),
-            |p| matches!(p, DataProblem::WrongUnit { signal: Signal::ForceCell, unit, .. } if unit == "kN"),
+            |p| match p {
+                DataProblem::WrongUnit { signal: Signal::ForceCell, unit, .. } => unit == "kN",
+                _ => false,
+            },
             Severity::Fatal,
         ),
         (
             "a command in mN",
             |t| t.force.iter_mut().for_each(|f| *f *= 1e3),
-            |p| matches!(p, DataProblem::WrongUnit { signal: Signal::Force, unit, .. } if unit == "mN"),
+            |p| match p {
+                DataProblem::WrongUnit { signal: Signal::Force, unit, .. } => unit == "mN",
+                _ => false,
+            },
             Severity::Fatal,
         ),
         (
             "a position in mm",
             |t| t.position.iter_mut().for_each(|x| *x *= 1e3),
-            |p| matches!(p, DataProblem::WrongUnit { signal: Signal::Position, unit, .. } if unit == "mm"),
+            |p| match p {
+                DataProblem::WrongUnit { signal: Signal::Position, unit, .. } => unit == "mm",
+                _ => false,
+            },
             Severity::Fatal,
         ),
         (
@@ -455,7 +562,10 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
                     *f += 80.0 * motion(k as f64 / RATE).2;
                 }
             },
-            |p| matches!(p, DataProblem::OtherMachine { measured, .. } if (measured - 120.0).abs() < 2.0),
+            |p| match p {
+                DataProblem::OtherMachine { measured, .. } => (measured - 120.0).abs() < 2.0,
+                _ => false,
+            },
             Severity::Fatal,
         ),
         (
@@ -467,7 +577,10 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
                     t.force[k] += more;
                 }
             },
-            |p| matches!(p, DataProblem::OtherFriction { measured, .. } if (measured - 204.0).abs() < 10.0),
+            |p| match p {
+                DataProblem::OtherFriction { measured, .. } => (measured - 204.0).abs() < 10.0,
+                _ => false,
+            },
             Severity::Warning,
         ),
         (
@@ -492,7 +605,12 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
         ),
         (
             "one direction only",
-            |t| t.position.iter_mut().enumerate().for_each(|(k, x)| *x = 1e-4 * (k as f64 / RATE).powi(2)),
+            |t| {
+                t.position
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(k, x)| *x = 1e-4 * (k as f64 / RATE).powi(2))
+            },
             |p| matches!(p, DataProblem::OneDirection),
             Severity::Warning,
         ),
@@ -508,7 +626,8 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
         // a swapped or wrong signal is not blamed on another one
         if *severity == Severity::Fatal {
             let blamed = |p: &&DataProblem| {
-                matches!(p, DataProblem::SwappedSign { .. } | DataProblem::WrongUnit { .. }) && !expected(p)
+                matches!(p, DataProblem::SwappedSign { .. } | DataProblem::WrongUnit { .. })
+                    && !expected(p)
             };
             assert_eq!(found.iter().find(blamed), None, "{name}");
         }
@@ -524,13 +643,19 @@ fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
             let recording = bag::load(&path, None).unwrap();
             let plain = Trace::from_bag(&path).unwrap();
             for (column, expected) in recording.trace.columns().iter().zip(plain.columns()) {
-                assert!(column.iter().zip(expected).all(|(a, b)| a.to_bits() == b.to_bits()), "{run} {part}");
+                assert!(
+                    column.iter().zip(expected).all(|(a, b)| a.to_bits() == b.to_bits()),
+                    "{run} {part}"
+                );
             }
             let found = examine(&recording, Some(&declared()));
             assert_eq!(found.problems, [], "{run} {part}");
             let noise = [found.encoder_noise.unwrap(), found.force_cell_noise.unwrap()];
             for noise in noise {
-                assert!((noise.present / noise.declared.unwrap() - 1.0).abs() < 0.05, "{run} {part}: {noise:?}");
+                assert!(
+                    (noise.present / noise.declared.unwrap() - 1.0).abs() < 0.05,
+                    "{run} {part}: {noise:?}"
+                );
             }
         }
     }
@@ -540,19 +665,24 @@ fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
 fn emps_is_read_through_a_mapping() {
     let Some(home) = blind_tests::recordings::with("emps") else { return };
     let mapping = Mapping::from_yaml(
-        "signals:\n  time: {column: t_s}\n  position: {column: qm_m}\n  reference_position: {column: qg_m}\n  \
-         force: {column: vir_V, scale: 35.1507}\n",
+        "signals:\n  time: {column: t_s}\n  position: {column: qm_m}\n  reference_position: \
+         {column: qg_m}\n  force: {column: vir_V, scale: 35.1507}\n",
         "emps.yaml",
     )
     .unwrap();
     for part in ["train", "check"] {
-        let recording = bag::load(home.join("emps").join(format!("{part}.csv")), Some(&mapping)).unwrap();
+        let recording =
+            bag::load(home.join("emps").join(format!("{part}.csv")), Some(&mapping)).unwrap();
         assert_eq!((recording.trace.len(), recording.rate), (24_841, 1000.0));
         assert!(recording.valid.iter().all(|valid| *valid));
         let found = examine(&recording, None);
         assert_eq!(found.problems, [DataProblem::NoForceCell]);
-        // Janot, Gautier, Brunot 2019: 95.1 kg, 20.4 N, 203.5 N s/m; the check record has unknown pulses added
+        // Janot, Gautier, Brunot 2019: 95.1 kg, 20.4 N, 203.5 N s/m; the check record has unknown
+        // pulses added
         let fit = found.command_fit.unwrap();
-        assert!((fit.mass - 95.1).abs() < 1.5 && (fit.coulomb - 20.4).abs() < 0.5, "{part}: {fit:?}");
+        assert!(
+            (fit.mass - 95.1).abs() < 1.5 && (fit.coulomb - 20.4).abs() < 0.5,
+            "{part}: {fit:?}"
+        );
     }
 }

@@ -17,7 +17,8 @@ fn stderr(output: &Output) -> String {
     String::from_utf8(output.stderr.clone()).unwrap()
 }
 
-/// A drive of 40 kg with 50 N of Coulomb friction as CSV in mm and kN times `force_scale`, and its mapping.
+/// A drive of 40 kg with 50 N of Coulomb friction as CSV in mm and kN times `force_scale`, and its
+/// mapping.
 fn drive(home: &Path, force_scale: f64) -> (PathBuf, PathBuf) {
     let (csv, mapping) = (home.join("drive.csv"), home.join("drive.yaml"));
     let mut text = String::from("t,x,f\n");
@@ -26,11 +27,12 @@ fn drive(home: &Path, force_scale: f64) -> (PathBuf, PathBuf) {
         let w = std::f64::consts::TAU * 2.0;
         let (s, c) = (w * t).sin_cos();
         let (x, a) = (0.02 * s, -0.02 * w * w * s);
-        text += &format!("{t},{},{}\n", x * 1e3, force_scale * (40.0 * a + 50.0 * c.signum()) * 1e-3);
+        text +=
+            &format!("{t},{},{}\n", x * 1e3, force_scale * (40.0 * a + 50.0 * c.signum()) * 1e-3);
     }
     std::fs::write(&csv, text).unwrap();
-    let yaml =
-        "signals:\n  time: {column: t}\n  position: {column: x, unit: mm}\n  force_cell: {column: f, unit: kN}\n";
+    let yaml = "signals:\n  time: {column: t}\n  position: {column: x, unit: mm}\n  force_cell: \
+                {column: f, unit: kN}\n";
     std::fs::write(&mapping, yaml).unwrap();
     (csv, mapping)
 }
@@ -43,7 +45,8 @@ fn text(path: &Path) -> &str {
 fn noise_is_judged_by_the_model_in_the_bag_unless_another_is_named() {
     let home = TempDir::new().unwrap();
     let out = home.path().join("step");
-    let experiment = ["experiment", "fine-step", "--guides", "guide_2", "--rest", "0.3", "--out", text(&out)];
+    let experiment =
+        ["experiment", "fine-step", "--guides", "guide_2", "--rest", "0.3", "--out", text(&out)];
     let made = friction_stage(&experiment);
     assert!(out.join("bags/guide_2_fine_step").is_dir(), "{}", stderr(&made));
     let bag = out.join("bags/guide_2_fine_step");
@@ -69,7 +72,8 @@ fn a_replay_takes_the_phases_that_a_record_has_for_itself_and_says_so() {
             _ => format!("{line}\n"),
         }
     };
-    let with_vibration: String = std::fs::read_to_string(&csv).unwrap().lines().map(shaken).collect();
+    let with_vibration: String =
+        std::fs::read_to_string(&csv).unwrap().lines().map(shaken).collect();
     std::fs::write(&csv, with_vibration).unwrap();
     let bag = home.path().join("drive");
     friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
@@ -77,14 +81,15 @@ fn a_replay_takes_the_phases_that_a_record_has_for_itself_and_says_so() {
         let model = home.path().join("model.yaml");
         std::fs::write(&model, format!("effects: [{effects}]\n")).unwrap();
         let replay = friction_stage(&["replay", "--json", "--model", text(&model), text(&bag)]);
-        let report: serde_json::Value =
-            serde_json::from_slice(&replay.stdout).unwrap_or_else(|_| panic!("{}", stderr(&replay)));
+        let report: serde_json::Value = serde_json::from_slice(&replay.stdout)
+            .unwrap_or_else(|_| panic!("{}", stderr(&replay)));
         (report["missing_force_rms_n"].as_f64().unwrap(), report["notes"].to_string())
     };
     let (misses, notes) = replayed("");
     assert!(!notes.contains("phase"), "{notes}");
-    let vibration =
-        |phase: f64| replayed(&format!("external_vibration: {{amplitude: 30, frequency: 31, phase: {phase}}}"));
+    let vibration = |phase: f64| {
+        replayed(&format!("external_vibration: {{amplitude: 30, frequency: 31, phase: {phase}}}"))
+    };
     let ((right, silent), (wrong, notes)) = (vibration(0.7), vibration(2.9));
     assert!(right < 0.8 * misses && (right / wrong - 1.0).abs() < 0.02, "{misses} {right} {wrong}");
     assert!(notes.contains("external_vibration has the phase here"), "{notes}");
@@ -99,12 +104,15 @@ fn a_csv_file_is_imported_checked_and_told_in_sentences_and_json() {
     let home = TempDir::new().unwrap();
     let (csv, mapping) = drive(home.path(), 1.0);
     let bag = home.path().join("drive");
-    let imported = friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
+    let imported =
+        friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
     assert_eq!(imported.status.code(), Some(0), "{}", stderr(&imported));
     assert!(
-        stdout(&imported).contains("8000 on /stage/encoder") && stdout(&imported).contains("8000 on /stage/force_cell")
+        stdout(&imported).contains("8000 on /stage/encoder")
+            && stdout(&imported).contains("8000 on /stage/force_cell")
     );
-    let again = friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
+    let again =
+        friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
     assert_eq!(again.status.code(), Some(1));
     assert!(stderr(&again).contains("never overwrites"));
     // without a question about identification a sound bag is a sound bag
@@ -123,9 +131,16 @@ fn a_csv_file_is_imported_checked_and_told_in_sentences_and_json() {
     assert!(!report["identification"]["judgements"].to_string().contains("assumed"), "{report}");
     let direct = friction_stage(&["check", text(&csv), "--mapping", text(&mapping)]);
     let told = stdout(&direct);
-    assert!(told.contains("Stribeck velocity of 1.0e-3 m/s (assumed: no model declares one)"), "{told}");
+    assert!(
+        told.contains("Stribeck velocity of 1.0e-3 m/s (assumed: no model declares one)"),
+        "{told}"
+    );
     assert_eq!(direct.status.code(), Some(3), "{told}");
-    assert!(told.contains("mass: can be identified") && told.contains("closed loop: cannot be identified"), "{told}");
+    assert!(
+        told.contains("mass: can be identified")
+            && told.contains("closed loop: cannot be identified"),
+        "{told}"
+    );
 }
 
 #[test]
@@ -150,34 +165,47 @@ fn a_wrong_unit_a_wrong_mapping_and_a_wrong_file_are_told() {
     assert_eq!(friction_stage(&["import", text(&csv)]).status.code(), Some(2));
 }
 
-/// Times that count from a trigger, rows whose clock goes back or stands still, rows without a time.
+/// Times that count from a trigger, rows whose clock goes back or stands still, rows without a
+/// time.
 #[test]
 fn an_import_keeps_every_row_that_has_a_time_and_tells_what_is_wrong_with_it() {
     let home = TempDir::new().unwrap();
     let (csv, mapping) = drive(home.path(), 1.0);
     let rows = std::fs::read_to_string(&csv).unwrap();
     let import = |name: &str, of_row: &dyn Fn(usize, &str) -> String| {
-        let changed: Vec<String> = rows.lines().enumerate().map(|(row, line)| of_row(row, line)).collect();
+        let changed: Vec<String> =
+            rows.lines().enumerate().map(|(row, line)| of_row(row, line)).collect();
         std::fs::write(&csv, changed.join("\n")).unwrap();
         let bag = home.path().join(name);
-        let output =
-            friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag), "--json"]);
-        let report: serde_json::Value =
-            serde_json::from_str(&stdout(&output)).unwrap_or_else(|_| panic!("{}", stderr(&output)));
+        let output = friction_stage(&[
+            "import",
+            text(&csv),
+            "--mapping",
+            text(&mapping),
+            "--out",
+            text(&bag),
+            "--json",
+        ]);
+        let report: serde_json::Value = serde_json::from_str(&stdout(&output))
+            .unwrap_or_else(|_| panic!("{}", stderr(&output)));
         (output.status.code(), report)
     };
     let at = |line: &str, time: &dyn Fn(f64) -> String| match line.split_once(',') {
-        Some((t, rest)) => t.parse().map_or_else(|_| line.to_owned(), |t| format!("{},{rest}", time(t))),
+        Some((t, rest)) => {
+            t.parse().map_or_else(|_| line.to_owned(), |t| format!("{},{rest}", time(t)))
+        }
         None => line.to_owned(),
     };
     let (code, report) = import("trigger", &|_, line| at(line, &|t| (t - 2.5).to_string()));
     assert_eq!((code, &report["messages"]["/stage/encoder"]), (Some(0), &8000.into()), "{report}");
     assert!((report["moved_s"].as_f64().unwrap() - 2.5).abs() < 1e-9, "{report}");
-    let (code, report) =
-        import("back", &|row, line| if row == 4000 { at(line, &|t| (t - 1.0).to_string()) } else { line.into() });
+    let (code, report) = import("back", &|row, line| {
+        if row == 4000 { at(line, &|t| (t - 1.0).to_string()) } else { line.into() }
+    });
     assert_eq!((code, &report["not_later"]), (Some(3), &1.into()), "{report}");
-    let (code, report) =
-        import("timeless", &|row, line| if row == 4000 { at(line, &|_| "nan".into()) } else { line.into() });
+    let (code, report) = import("timeless", &|row, line| {
+        if row == 4000 { at(line, &|_| "nan".into()) } else { line.into() }
+    });
     assert_eq!(
         (code, &report["without_time"], &report["messages"]["/stage/encoder"]),
         (Some(3), &1.into(), &7999.into()),
@@ -194,13 +222,26 @@ fn a_replay_of_data_that_contradict_the_model_says_so() {
         friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
         let replay = friction_stage(&["replay", text(&bag), "--model", "guide_1"]);
         let told = stdout(&replay);
-        assert_eq!(replay.status.code(), Some(if expected.is_some() { 3 } else { 0 }), "{told}{}", stderr(&replay));
+        assert_eq!(
+            replay.status.code(),
+            Some(if expected.is_some() { 3 } else { 0 }),
+            "{told}{}",
+            stderr(&replay)
+        );
         assert!(
-            expected.is_none_or(|words| told.contains(words)) && told.contains("warning") == expected.is_some(),
+            expected.is_none_or(|words| told.contains(words))
+                && told.contains("warning") == expected.is_some(),
             "{told}"
         );
     }
-    let full = friction_stage(&["replay", text(&home.path().join("1")), "--model", "guide_1", "--csv", "/dev/full"]);
+    let full = friction_stage(&[
+        "replay",
+        text(&home.path().join("1")),
+        "--model",
+        "guide_1",
+        "--csv",
+        "/dev/full",
+    ]);
     assert_eq!(full.status.code(), Some(1));
     assert!(stderr(&full).contains("cannot write /dev/full"), "{}", stderr(&full));
 }
@@ -216,16 +257,25 @@ fn a_file_without_rows_a_standing_clock_and_one_column_for_two_signals_are_told(
     let stands: Vec<String> = rows
         .lines()
         .map(|line| {
-            line.split_once(',')
-                .map_or(String::new(), |(t, rest)| if t == "t" { line.into() } else { format!("5.0,{rest}") })
+            line.split_once(',').map_or(String::new(), |(t, rest)| {
+                if t == "t" { line.into() } else { format!("5.0,{rest}") }
+            })
         })
         .collect();
     std::fs::write(&csv, stands.join("\n")).unwrap();
     let told = stderr(&check());
-    assert!(told.contains("1 usable samples of position (a value, at a time of its own), of 8000 in all"), "{told}");
+    assert!(
+        told.contains(
+            "1 usable samples of position (a value, at a time of its own), of 8000 in all"
+        ),
+        "{told}"
+    );
     std::fs::write(&csv, &rows).unwrap();
-    std::fs::write(&mapping, "signals: {time: {column: t}, position: {column: x, unit: mm}, force_cell: {column: x}}")
-        .unwrap();
+    std::fs::write(
+        &mapping,
+        "signals: {time: {column: t}, position: {column: x, unit: mm}, force_cell: {column: x}}",
+    )
+    .unwrap();
     let told = stdout(&check());
     assert!(told.contains("takes position and force_cell from the same place"), "{told}");
 }

@@ -1,10 +1,15 @@
-//! `friction-stage experiment` at the boundary of the process: exit codes, files, and bags that repeat.
+//! `friction-stage experiment` at the boundary of the process: exit codes, files, and bags that
+//! repeat.
 
 use std::path::Path;
 use std::process::{Command, Output};
 
 fn friction_stage(arguments: &[&str], directory: &Path) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_friction-stage")).args(arguments).current_dir(directory).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_friction-stage"))
+        .args(arguments)
+        .current_dir(directory)
+        .output()
+        .unwrap()
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -14,7 +19,17 @@ fn text(bytes: &[u8]) -> String {
 #[test]
 fn an_experiment_leaves_summary_report_figures_and_bags_that_repeat_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();
-    let arguments = ["experiment", "fine-step", "--guides", "guide_2", "--rest", "0.2", "--out", "out", "--json"];
+    let arguments = [
+        "experiment",
+        "fine-step",
+        "--guides",
+        "guide_2",
+        "--rest",
+        "0.2",
+        "--out",
+        "out",
+        "--json",
+    ];
     let output = friction_stage(&arguments, directory.path());
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let out = directory.path().join("out");
@@ -43,7 +58,10 @@ fn wrong_arguments_are_told_and_end_with_2() {
     for (arguments, words) in [
         (["experiment", "stribek", "--rest", "1"], "stribeck"),
         (["experiment", "dahl", "--guides", "guide_4"], "did you mean `guide_"),
-        (["experiment", "dahl", "--guides", "guide_2+distributed_bristles"], "no distributed bristles"),
+        (
+            ["experiment", "dahl", "--guides", "guide_2+distributed_bristles"],
+            "no distributed bristles",
+        ),
         (["experiment", "fast-move", "--rest", "0"], "between 0.01 and 3600 s"),
         (["experiment", "dahl", "--amplitudes", "1e-3,0"], "between 1e-9 and 0.05 m"),
         (["experiment", "stribeck", "--amplitudes", "1e-3"], "for the loops of dahl"),
@@ -57,14 +75,18 @@ fn wrong_arguments_are_told_and_end_with_2() {
 #[test]
 fn a_motor_that_the_motion_exceeds_is_named() {
     let directory = tempfile::tempdir().unwrap();
-    std::fs::write(directory.path().join("weak.yaml"), "name: weak\nmotor: {force_limit: 500}\n").unwrap();
+    std::fs::write(directory.path().join("weak.yaml"), "name: weak\nmotor: {force_limit: 500}\n")
+        .unwrap();
     let output = friction_stage(
         &["experiment", "fast-move", "--model", "weak.yaml", "--rest", "0.1", "--out", "o"],
         directory.path(),
     );
     assert_eq!(output.status.code(), Some(1));
     let message = text(&output.stderr);
-    assert!(message.contains("500 N") && message.contains("weak") && message.contains("force_limit"), "{message}");
+    assert!(
+        message.contains("500 N") && message.contains("weak") && message.contains("force_limit"),
+        "{message}"
+    );
 }
 
 #[test]
@@ -73,9 +95,11 @@ fn guides_of_a_catalogue_beside_the_model_file_are_run_and_recorded() {
     let own = include_str!("../launch_config/own_guide_catalogue.yaml");
     std::fs::create_dir(directory.path().join("models")).unwrap();
     std::fs::write(directory.path().join("models/own.yaml"), own).unwrap();
-    let model = "name: mine\ncatalogue: own.yaml\nguides: [my_guide, my_guide, my_guide, my_guide]\n";
+    let model =
+        "name: mine\ncatalogue: own.yaml\nguides: [my_guide, my_guide, my_guide, my_guide]\n";
     std::fs::write(directory.path().join("models/stage.yaml"), model).unwrap();
-    let arguments = ["experiment", "fine-step", "--model", "models/stage.yaml", "--rest", "0.2", "--out", "o"];
+    let arguments =
+        ["experiment", "fine-step", "--model", "models/stage.yaml", "--rest", "0.2", "--out", "o"];
     let output = friction_stage(&arguments, directory.path());
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     // The bag repeats without the catalogue.
@@ -86,15 +110,24 @@ fn guides_of_a_catalogue_beside_the_model_file_are_run_and_recorded() {
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes in the dev profile; runs with --release, as in tests/run"
+)]
 fn the_papers_statements_hold_but_for_the_four_that_the_readme_names() {
     let directory = tempfile::tempdir().unwrap();
-    let output = friction_stage(&["experiment", "paper", "--no-bags", "--json", "--out", "paper"], directory.path());
+    let output = friction_stage(
+        &["experiment", "paper", "--no-bags", "--json", "--out", "paper"],
+        directory.path(),
+    );
     assert_eq!(output.status.code(), Some(3), "{}", text(&output.stderr));
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     let statements = summary["statements"].as_array().unwrap();
-    let words = |statement: &serde_json::Value, key: &str| statement[key].as_str().unwrap_or_default().to_owned();
-    let fail: Vec<&serde_json::Value> = statements.iter().filter(|statement| statement["holds"] != true).collect();
+    let words = |statement: &serde_json::Value, key: &str| {
+        statement[key].as_str().unwrap_or_default().to_owned()
+    };
+    let fail: Vec<&serde_json::Value> =
+        statements.iter().filter(|statement| statement["holds"] != true).collect();
     let expected = [
         ("guide 1 at 10 nm: 7.5e5 N/m", "one bristle has"),
         ("guide 1 at 40 um: 2.3e5 N/m", "one bristle has"),
@@ -104,7 +137,8 @@ fn the_papers_statements_hold_but_for_the_four_that_the_readme_names() {
     assert_eq!((statements.len(), fail.len()), (28, expected.len()), "{fail:#?}");
     for (statement, (paper, reason)) in fail.iter().zip(expected) {
         assert!(
-            words(statement, "paper").contains(paper) && words(statement, "reason").contains(reason),
+            words(statement, "paper").contains(paper)
+                && words(statement, "reason").contains(reason),
             "{statement:#}"
         );
     }
@@ -112,7 +146,9 @@ fn the_papers_statements_hold_but_for_the_four_that_the_readme_names() {
     let errors = summary["stiffness_of_guide_1"]["errors"].as_array().unwrap();
     let table = [(-39.8, -43.6, -0.5), (-0.2, -6.0, -0.2), (44.0, 39.6, -0.4)];
     for (row, (catalogue, best_single, distributed)) in errors.iter().zip(table) {
-        for (key, expected) in [("catalogue", catalogue), ("best_single", best_single), ("distributed", distributed)] {
+        for (key, expected) in
+            [("catalogue", catalogue), ("best_single", best_single), ("distributed", distributed)]
+        {
             let found = 100.0 * row[key].as_f64().unwrap();
             assert!((found - expected).abs() < 0.1, "{key} {found} {expected}");
         }

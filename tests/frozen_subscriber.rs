@@ -37,8 +37,11 @@ fn subscriber_process() {
         return;
     };
     let domain = domain.parse().expect("a domain");
-    let participant = Participant::join(network(domain), "/", &name, NodeOptions::new()).expect("a participant");
-    let topic = participant.topic(TOPIC, "std_msgs", "Float64MultiArray", &Qos::reliable(10_000)).expect("a topic");
+    let participant =
+        Participant::join(network(domain), "/", &name, NodeOptions::new()).expect("a participant");
+    let topic = participant
+        .topic(TOPIC, "std_msgs", "Float64MultiArray", &Qos::reliable(10_000))
+        .expect("a topic");
     let subscription: Subscription<Float64MultiArray> =
         participant.node().create_subscription(&topic, None).expect("a subscription");
     let mut stream = Box::pin(subscription.async_stream());
@@ -123,15 +126,22 @@ fn healthy_subscribers_lose_nothing_when_others_freeze_or_die() {
     let healthy = [Subscriber::start(domain, "healthy_a"), Subscriber::start(domain, "healthy_b")];
     let frozen = Subscriber::start(domain, "frozen");
     let killed = Subscriber::start(domain, "killed");
-    let participant = Participant::join(network(domain), "/", "publisher", NodeOptions::new()).unwrap();
-    let mut outlet = Outlet::<Float64MultiArray>::new(&participant, TOPIC, &Qos::reliable(10).window(WINDOW)).unwrap();
+    let participant =
+        Participant::join(network(domain), "/", "publisher", NodeOptions::new()).unwrap();
+    let mut outlet =
+        Outlet::<Float64MultiArray>::new(&participant, TOPIC, &Qos::reliable(10).window(WINDOW))
+            .unwrap();
 
     // Every subscriber has to see number 0 before counting starts: repeat it until all say so.
     let all = [&healthy[0], &healthy[1], &frozen, &killed];
     let mut seen = [false; 4];
     let deadline = Instant::now() + Duration::from_secs(30);
     // A message before the match would be lost, and rightly so (volatile).
-    assert_eq!(outlet.wait_for_subscribers(4, Duration::from_secs(30)), 4, "subscribers were not found");
+    assert_eq!(
+        outlet.wait_for_subscribers(4, Duration::from_secs(30)),
+        4,
+        "subscribers were not found"
+    );
     assert_eq!(outlet.publish(number(0.0)), Published::Sent);
     while seen != [true; 4] {
         assert!(Instant::now() < deadline, "not everybody got the first: {seen:?}");
@@ -160,7 +170,10 @@ fn healthy_subscribers_lose_nothing_when_others_freeze_or_die() {
     let counts = outlet.counts();
     assert_eq!((counts.sent, counts.refused), (MESSAGES, 0), "{counts:?}");
     // About (5000 - 1000) / 512 windows were filled by the two that do not acknowledge.
-    assert!((4..=8).contains(&counts.recreated), "the window of {WINDOW} was filled about 7 times: {counts:?}");
+    assert!(
+        (4..=8).contains(&counts.recreated),
+        "the window of {WINDOW} was filled about 7 times: {counts:?}"
+    );
 
     durations.sort_unstable();
     let longest = durations[durations.len() - 1];
@@ -168,7 +181,10 @@ fn healthy_subscribers_lose_nothing_when_others_freeze_or_die() {
     // The limit is 1 ms; the longest also contains what other programs take from the cores.
     assert!(p99 < Duration::from_millis(1), "p99 {p99:?}");
     assert!(longest < Duration::from_millis(50), "longest {longest:?}");
-    assert!(elapsed < period * u32::try_from(MESSAGES).expect("small") * 3 / 2, "publishing took {elapsed:?}");
+    assert!(
+        elapsed < period * u32::try_from(MESSAGES).expect("small") * 3 / 2,
+        "publishing took {elapsed:?}"
+    );
 
     for (i, subscriber) in healthy.iter().enumerate() {
         let deadline = Instant::now() + Duration::from_secs(10);
@@ -180,7 +196,11 @@ fn healthy_subscribers_lose_nothing_when_others_freeze_or_die() {
             }
             thread::sleep(Duration::from_millis(5));
         };
-        assert_eq!(report, format!("END received {MESSAGES} next {MESSAGES} out_of_order 0"), "healthy {i}");
+        assert_eq!(
+            report,
+            format!("END received {MESSAGES} next {MESSAGES} out_of_order 0"),
+            "healthy {i}"
+        );
     }
     println!("{counts:?}, publish p99 {p99:?}, longest {longest:?}");
 }
@@ -188,7 +208,8 @@ fn healthy_subscribers_lose_nothing_when_others_freeze_or_die() {
 #[test]
 fn an_outlet_refuses_a_latched_profile() {
     let domain = 101;
-    let participant = Participant::join(network(domain), "/", "latched", NodeOptions::new()).unwrap();
+    let participant =
+        Participant::join(network(domain), "/", "latched", NodeOptions::new()).unwrap();
     let Err(error) = Outlet::<Float64MultiArray>::new(&participant, TOPIC, &Qos::latched(1)) else {
         panic!("a latched outlet was made");
     };

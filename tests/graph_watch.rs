@@ -33,7 +33,10 @@ fn a_subscriber_that_leaves_is_gone_at_once_and_not_after_its_lease() {
     drop(there);
     let left = Instant::now();
     while outlet.subscribers() > 0 {
-        assert!(left.elapsed() < Duration::from_secs(5), "the lease is 50 s, a farewell takes milliseconds");
+        assert!(
+            left.elapsed() < Duration::from_secs(5),
+            "the lease is 50 s, a farewell takes milliseconds"
+        );
         std::thread::sleep(Duration::from_millis(2));
     }
 }

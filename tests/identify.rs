@@ -1,9 +1,10 @@
-//! `friction-stage identify` on recordings of a stage whose hidden effects nobody declared, at the process boundary: verdict, effects,
-//! errors before and after, and what bad input gets.
+//! `friction-stage identify` on recordings of a stage whose hidden effects nobody declared, at the
+//! process boundary: verdict, effects, errors before and after, and what bad input gets.
 //!
-//! The recordings stand in `FRICTION_STAGE_RECORDINGS`, else in `../shared/measured`; where they are absent the tests that need them say so and
-//! pass. What the recordings hide was inferred from their residuals, down to the noise of the sensors; amplitude and period below are
-//! what the force cell itself shows.
+//! The recordings stand in `FRICTION_STAGE_RECORDINGS`, else in `../shared/measured`; where they
+//! are absent the tests that need them say so and pass. What the recordings hide was inferred from
+//! their residuals, down to the noise of the sensors; amplitude and period below are what the force
+//! cell itself shows.
 
 use std::f64::consts::PI;
 use std::path::Path;
@@ -12,13 +13,15 @@ use std::process::{Command, Output};
 use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
-    Effort, Hypothesis, Measured, NOISE_LIKE, Part, Selection, Sides, Silent, Tolerances, Verdict, fit, search,
+    Effort, Hypothesis, Measured, NOISE_LIKE, Part, Selection, Sides, Silent, Tolerances, Verdict,
+    fit, search,
 };
 use serde_json::Value;
 
 use blind_tests::effects::{
-    ActuatorLag, CableChain, ConstantForce, DistributedBristles, EncoderSde, ExternalVibration, ForceCellGain,
-    QuadraticDrag, RailJoint, SaturatingBrake, StictionAging, StructuralMode, ViscousWarmUp,
+    ActuatorLag, CableChain, ConstantForce, DistributedBristles, EncoderSde, ExternalVibration,
+    ForceCellGain, QuadraticDrag, RailJoint, SaturatingBrake, StictionAging, StructuralMode,
+    ViscousWarmUp,
 };
 use blind_tests::guides::Slip;
 use blind_tests::programme::Programme;
@@ -35,7 +38,8 @@ fn declared() -> StageModel {
 /// Train and check record of an emulated run.
 fn measured(run: &GeneratedRun) -> [Measured; 2] {
     let declared = declared();
-    [&run.train, &run.check].map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"))
+    [&run.train, &run.check]
+        .map(|columns| Measured::new(&columns.to_trace(), &declared, "a record").expect("data"))
 }
 
 /// What the search finds in an emulated run with effects that nobody declared.
@@ -54,7 +58,8 @@ fn identify(arguments: &[&str]) -> Output {
         .expect("the program starts")
 }
 
-/// Summary of a run of the recordings with default settings, and the directory that it was written to.
+/// Summary of a run of the recordings with default settings, and the directory that it was written
+/// to.
 fn summary_of(run: &str) -> Option<(Value, tempfile::TempDir)> {
     let place = blind_tests::recordings::with("a/train")?;
     let out = tempfile::tempdir().expect("a directory for the results");
@@ -78,7 +83,12 @@ fn summary_of(run: &str) -> Option<(Value, tempfile::TempDir)> {
 }
 
 fn names(summary: &Value) -> Vec<&str> {
-    summary["effects"].as_array().into_iter().flatten().filter_map(|effect| effect["name"].as_str()).collect()
+    summary["effects"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .filter_map(|effect| effect["name"].as_str())
+        .collect()
 }
 
 fn assert_found(run: &str, verdict: &str, expected: &[&str], least_share: f64) {
@@ -94,8 +104,9 @@ fn a_recording_with_nothing_hidden_gets_none() {
     assert_found("b", "none", &[], 0.0);
 }
 
-/// A carriage at rest is shaken by what the controller makes of the encoder's noise, and its bristles relax: 5 % in 8 s. Friction along
-/// the encoder's own motion missed 0.9 N of it, and along the command of a motor that is late 0.11 N.
+/// A carriage at rest is shaken by what the controller makes of the encoder's noise, and its
+/// bristles relax: 5 % in 8 s. Friction along the encoder's own motion missed 0.9 N of it, and
+/// along the command of a motor that is late 0.11 N.
 #[test]
 fn a_rest_of_many_seconds_leaves_no_more_than_the_noise_of_the_sensors() {
     let lag = ActuatorLag { time_constant: 0.5e-3, delay: 0.0 };
@@ -103,7 +114,9 @@ fn a_rest_of_many_seconds_leaves_no_more_than_the_noise_of_the_sensors() {
     let start = Hypothesis::new(&declared, Tolerances::default()).expect("a hypothesis");
     let descriptor = EffectDescriptor::find("actuator_lag").expect("a law");
     let late = start.with(Part { descriptor, values: vec![lag.time_constant, lag.delay] });
-    for (hidden, start, floors) in [(vec![], start, 1.5), (vec![Box::new(lag) as Effect], late, NOISE_LIKE)] {
+    for (hidden, start, floors) in
+        [(vec![], start, 1.5), (vec![Box::new(lag) as Effect], late, NOISE_LIKE)]
+    {
         let setup = Setup { programme: Programme::Resting, guide_tolerance: 0.0, ..Setup::new(11) };
         let run = setup.with_all(hidden).generate().expect("a run");
         let [train, check] = measured(&run);
@@ -111,16 +124,26 @@ fn a_rest_of_many_seconds_leaves_no_more_than_the_noise_of_the_sensors() {
         let missing = fitted.hypothesis.missing(&check, Sides::BOTH).expect("a residual").rms();
         let floor = check.floor(&declared).total();
         let effects = start.effects.len();
-        assert!(missing < floors * floor, "{effects} effects: {missing} N rms, the noise leaves {floor} N");
+        assert!(
+            missing < floors * floor,
+            "{effects} effects: {missing} N rms, the noise leaves {floor} N"
+        );
     }
 }
 
-/// What is too quick for a step of a control cycle: each law with the values that were hidden leaves the sensors' noise, and a fit that
-/// starts beside them comes back to them. 1 % of the mode's mass is a tenth of the noise.
+/// What is too quick for a step of a control cycle: each law with the values that were hidden
+/// leaves the sensors' noise, and a fit that starts beside them comes back to them. 1 % of the
+/// mode's mass is a tenth of the noise.
 #[test]
 fn laws_that_change_within_a_cycle_leave_no_more_than_the_noise_of_the_sensors() {
     let hidden: [(Effect, &str, &[f64], usize, f64); 3] = [
-        (Box::new(ExternalVibration::new(4.0, 90.0)), "external_vibration", &[4.0, 90.0, 0.0], 0, 1e-3),
+        (
+            Box::new(ExternalVibration::new(4.0, 90.0)),
+            "external_vibration",
+            &[4.0, 90.0, 0.0],
+            0,
+            1e-3,
+        ),
         (
             Box::new(StructuralMode { mass: 2.0, frequency: 120.0, damping: 0.02 }),
             "structural_mode",
@@ -138,7 +161,9 @@ fn laws_that_change_within_a_cycle_leave_no_more_than_the_noise_of_the_sensors()
     ];
     let declared = declared();
     for (effect, name, values, index, close) in hidden {
-        let run = Setup { guide_tolerance: 0.0, ..Setup::new(13).with_all(vec![effect]) }.generate().expect("a run");
+        let run = Setup { guide_tolerance: 0.0, ..Setup::new(13).with_all(vec![effect]) }
+            .generate()
+            .expect("a run");
         let train = Measured::new(&run.train.to_trace(), &declared, "a record").expect("data");
         let descriptor = EffectDescriptor::find(name).expect("a law");
         let start = Hypothesis::new(&declared, Tolerances::default()).expect("a hypothesis");
@@ -153,7 +178,11 @@ fn laws_that_change_within_a_cycle_leave_no_more_than_the_noise_of_the_sensors()
         let (left, floor) = (fitted.missing.rms(), train.floor(&declared).total());
         assert!(left < 1.2 * floor, "{name}: {left} N rms, the noise leaves {floor} N");
         let found = fitted.hypothesis.effects[0].values[index];
-        assert!((found / values[index] - 1.0).abs() < close, "{name}: {found}, hidden was {}", values[index]);
+        assert!(
+            (found / values[index] - 1.0).abs() < close,
+            "{name}: {found}, hidden was {}",
+            values[index]
+        );
     }
 }
 
@@ -165,12 +194,20 @@ fn a_joint_beside_a_tilt_is_not_passed_over() {
     let found = found_in(14, vec![Box::new(tilt), Box::new(joint)]);
     assert_eq!(found.verdict, Verdict::Unknown, "{:?} of {:?}", found.errors_after, found.floor);
     assert_eq!(found.coordinate, Some(Coordinate::Position));
-    assert!(found.errors_after.holdout().sqrt() < 2.0 * found.floor.total(), "{:?}", found.errors_after);
+    assert!(
+        found.errors_after.holdout().sqrt() < 2.0 * found.floor.total(),
+        "{:?}",
+        found.errors_after
+    );
 }
 
-/// A force over the velocity bends the guides before anybody draws it as a curve: drawn alone it left 0.57 N.
+/// A force over the velocity bends the guides before anybody draws it as a curve: drawn alone it
+/// left 0.57 N.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes in the dev profile; runs with --release, as in tests/run"
+)]
 fn a_brake_that_saturates_gets_a_curve_that_leaves_little_more_than_noise() {
     let found = found_in(17, vec![Box::new(SaturatingBrake { force: 8.0, speed: 0.1 })]);
     assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Velocity)));
@@ -179,24 +216,32 @@ fn a_brake_that_saturates_gets_a_curve_that_leaves_little_more_than_noise() {
     assert!(left < 2.0 * found.floor.total(), "{:?} of {:?}", found.errors_after, found.floor);
 }
 
-/// What no law has hides a law that is there: beside the curve it is found, and the curve is drawn anew beside it.
+/// What no law has hides a law that is there: beside the curve it is found, and the curve is drawn
+/// anew beside it.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes in the dev profile; runs with --release, as in tests/run"
+)]
 fn a_law_that_a_joint_hides_is_found_beside_the_curve() {
     let joint = RailJoint { force: 5.0, center: -0.03, width: 4e-3 };
     let warm_up = ViscousWarmUp { fraction: 0.3, work: 100.0 };
     let found = found_in(16, vec![Box::new(warm_up), Box::new(joint)]);
     assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Position)));
-    let mut names: Vec<&str> = found.after.fitted.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
+    let mut names: Vec<&str> =
+        found.after.fitted.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
     names.sort_unstable();
     assert_eq!(names, ["map", "viscous_warm_up"], "share {}", found.explained_share());
     assert!(found.explained_share() > 0.99, "{}", found.explained_share());
 }
 
-/// A gain of the cell shows on both sides: a law that is fitted beside it on the carriage alone would bend it. A small one shows on the motor side
-/// only, where a gain of the motor is the same.
+/// A gain of the cell shows on both sides: a law that is fitted beside it on the carriage alone
+/// would bend it. A small one shows on the motor side only, where a gain of the motor is the same.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes in the dev profile; runs with --release, as in tests/run"
+)]
 fn a_gain_of_the_cell_is_found_beside_a_mode_and_left_open_where_it_is_small() {
     let found = |gain: f64, others: Vec<Effect>| {
         let mut hidden: Vec<Effect> = vec![Box::new(ForceCellGain { fraction: gain })];
@@ -221,12 +266,20 @@ fn a_gain_of_the_cell_is_found_beside_a_mode_and_left_open_where_it_is_small() {
     rivals.sort_unstable();
     assert_eq!(rivals, ["force_cell_gain", "motor_gain"]);
     // One force with two names: what either takes out of motor and carriage is nearly the same.
-    assert!(small.inseparable.iter().all(|pair| pair.correlation > 0.95), "{:?}", small.inseparable);
+    assert!(
+        small.inseparable.iter().all(|pair| pair.correlation > 0.95),
+        "{:?}",
+        small.inseparable
+    );
 }
 
-/// The literature has several forms of a law: that of the recording is found, and with it the values.
+/// The literature has several forms of a law: that of the recording is found, and with it the
+/// values.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes in the dev profile; runs with --release, as in tests/run"
+)]
 fn a_law_is_found_in_the_form_that_it_has() {
     let aging = StictionAging { rise: 0.25, time_constant: 0.3, length: 45e-6 };
     let bristles = DistributedBristles { spread: 2.5, elements: 4, slip: Slip::Sudden };
@@ -240,19 +293,33 @@ fn a_law_is_found_in_the_form_that_it_has() {
     ];
     for (effect, name, parameter, truth, close) in hidden {
         let found = found_in(51, vec![effect]);
-        assert_eq!(found.verdict, Verdict::Found, "{name}: {:?}", found.after.fitted.hypothesis.effects);
+        assert_eq!(
+            found.verdict,
+            Verdict::Found,
+            "{name}: {:?}",
+            found.after.fitted.hypothesis.effects
+        );
         let part = &found.after.fitted.hypothesis.effects[0];
         let value = |name: &str| {
-            part.values[part.descriptor.parameters.iter().position(|one| one.name == name).expect("a parameter")]
+            part.values[part
+                .descriptor
+                .parameters
+                .iter()
+                .position(|one| one.name == name)
+                .expect("a parameter")]
         };
         assert_eq!((part.descriptor.name, value("form")), (name, 1.0), "{part:?}");
         assert!((value(parameter) / truth - 1.0).abs() < close, "{part:?}");
     }
 }
 
-/// Without the drag grease that warms with the work looks as if it warmed with the distance, and beside that form a drag makes the hold-out worse.
+/// Without the drag grease that warms with the work looks as if it warmed with the distance, and
+/// beside that form a drag makes the hold-out worse.
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes in the dev profile; runs with --release, as in tests/run"
+)]
 fn a_law_is_found_beside_one_whose_form_is_right_only_with_it() {
     let warm_up = ViscousWarmUp { fraction: 0.29, work: 67.0 };
     let found = found_in(51, vec![Box::new(warm_up), Box::new(QuadraticDrag { force: 3.6 })]);
@@ -271,12 +338,16 @@ fn guides_of_another_friction_are_refused_with_what_it_is() {
     let run = Setup::new(52).generate().expect("a run");
     let mut declared = declared();
     let [train, check] = measured(&run);
-    let other = Guide { viscous_friction: 5.0, ..declared.resolved_guides().expect("guides")[0].clone() };
+    let other =
+        Guide { viscous_friction: 5.0, ..declared.resolved_guides().expect("guides")[0].clone() };
     declared.guides = vec![GuideSource::Inline(other); 4];
-    let told =
-        search(&declared, Tolerances::default(), &train, &check, &Silent).expect_err("another guide").to_string();
+    let told = search(&declared, Tolerances::default(), &train, &check, &Silent)
+        .expect_err("another guide")
+        .to_string();
     assert!(
-        told.contains("other guides") && told.contains("viscous_friction is 1") && told.contains("declared 5"),
+        told.contains("other guides")
+            && told.contains("viscous_friction is 1")
+            && told.contains("declared 5"),
         "{told}"
     );
 }
@@ -289,7 +360,8 @@ fn a_recording_with_a_cell_and_no_command_gets_none_where_nothing_is_hidden() {
         columns.force.fill(f64::NAN);
     }
     let [train, check] = measured(&run);
-    let found = search(&declared(), Tolerances::default(), &train, &check, &Silent).expect("a search");
+    let found =
+        search(&declared(), Tolerances::default(), &train, &check, &Silent).expect("a search");
     assert_eq!(found.verdict, Verdict::None, "{:?} of {:?}", found.errors_after, found.floor);
 }
 
@@ -300,28 +372,42 @@ fn a_force_that_no_law_has_gets_unknown_its_coordinate_and_a_model_that_loads() 
     assert_eq!(names(&summary), ["map"]);
     assert_eq!(summary["effects"][0]["coordinate"], "position");
     let errors = &summary["errors"]["holdout"]["force_rms"];
-    let (before, after) = (errors["before"].as_f64().expect("before"), errors["after"].as_f64().expect("after"));
+    let (before, after) =
+        (errors["before"].as_f64().expect("before"), errors["after"].as_f64().expect("after"));
     assert!(after < 0.2 * before, "{before} -> {after}");
-    let model =
-        friction_stage_core::model::StageModel::load(&out.path().join("identified.yaml")).expect("the model loads");
+    let model = friction_stage_core::model::StageModel::load(&out.path().join("identified.yaml"))
+        .expect("the model loads");
     assert_eq!(model.effects.len(), 1);
     let page = std::fs::read_to_string(out.path().join("report.html")).expect("a report");
     assert!(page.contains("<svg") && !page.contains("src=\"http") && !page.contains("href=\"http"));
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes in the dev profile; runs with --release, as in tests/run"
+)]
 fn cogging_with_its_harmonic_is_found_on_the_motor_side() {
     let Some((summary, _out)) = summary_of("a") else { return };
-    assert_eq!((names(&summary), summary["verdict"].as_str()), (vec!["cogging", "cogging"], Some("found")));
-    let amplitude = summary["effects"][0]["parameters"]["amplitude"]["value"].as_f64().expect("an amplitude");
+    assert_eq!(
+        (names(&summary), summary["verdict"].as_str()),
+        (vec!["cogging", "cogging"], Some("found"))
+    );
+    let amplitude =
+        summary["effects"][0]["parameters"]["amplitude"]["value"].as_f64().expect("an amplitude");
     let period = summary["effects"][0]["parameters"]["period"]["value"].as_f64().expect("a period");
-    assert!((amplitude - 6.0).abs() < 0.01 && (period - 0.024).abs() < 1e-6, "{amplitude} N, {period} m");
+    assert!(
+        (amplitude - 6.0).abs() < 0.01 && (period - 0.024).abs() < 1e-6,
+        "{amplitude} N, {period} m"
+    );
     assert_found("a", "found", &["cogging", "cogging"], 0.99);
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes in the dev profile; runs with --release, as in tests/run")]
+#[cfg_attr(
+    debug_assertions,
+    ignore = "minutes in the dev profile; runs with --release, as in tests/run"
+)]
 fn effects_on_the_carriage_are_found_alone_and_together() {
     assert_found("c", "found", &["cable_chain"], 0.99);
     assert_found("d", "found", &["distributed_bristles"], 0.99);
@@ -334,16 +420,21 @@ fn bad_input_is_told_with_its_reason_and_the_right_exit_code() {
     let out = directory.path().join("out").display().to_string();
     let table = |name: &str, rows: &mut dyn Iterator<Item = String>| {
         let path = directory.path().join(name);
-        let text: String = std::iter::once("time,position,force\n".to_owned()).chain(rows).collect();
+        let text: String =
+            std::iter::once("time,position,force\n".to_owned()).chain(rows).collect();
         std::fs::write(&path, text).expect("a file");
         path.display().to_string()
     };
-    let short =
-        table("short.csv", &mut (0..10).map(|k| format!("{},{},1\n", f64::from(k) * 5e-4, f64::from(k) * 1e-4)));
-    let still = table("still.csv", &mut (0..4000).map(|k| format!("{},0,1\n", f64::from(k) * 5e-4)));
+    let short = table(
+        "short.csv",
+        &mut (0..10).map(|k| format!("{},{},1\n", f64::from(k) * 5e-4, f64::from(k) * 1e-4)),
+    );
+    let still =
+        table("still.csv", &mut (0..4000).map(|k| format!("{},0,1\n", f64::from(k) * 5e-4)));
     let forceless = table(
         "forceless.csv",
-        &mut (0..4000).map(|k| format!("{},{},\n", f64::from(k) * 5e-4, 0.01 * (f64::from(k) * 0.01).sin())),
+        &mut (0..4000)
+            .map(|k| format!("{},{},\n", f64::from(k) * 5e-4, 0.01 * (f64::from(k) * 0.01).sin())),
     );
     for (train, holdout, code, words) in [
         (&short, &still, 1, "rows"),

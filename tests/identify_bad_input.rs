@@ -1,6 +1,7 @@
-//! `friction-stage identify` on recordings that cannot tell what is asked, at the process boundary: bags and CSV files without a
-//! signal, with a wrong sign or unit, cut off, of another machine. A clear sentence, the right exit code, and never an effect that
-//! only the broken signal made: nothing is hidden in these recordings.
+//! `friction-stage identify` on recordings that cannot tell what is asked, at the process boundary:
+//! bags and CSV files without a signal, with a wrong sign or unit, cut off, of another machine. A
+//! clear sentence, the right exit code, and never an effect that only the broken signal made:
+//! nothing is hidden in these recordings.
 //!
 //! Each comes from `crates/blind-tests`, which shares no equation with the library.
 
@@ -31,7 +32,8 @@ fn moves(seconds: f64, seed: u64) -> Setpoints {
             let u = k as f64 / count as f64;
             rows.position.push(at + distance * u.powi(3) * (10.0 - 15.0 * u + 6.0 * u * u));
             rows.velocity.push(distance / duration * 30.0 * (u * (1.0 - u)).powi(2));
-            rows.acceleration.push(distance / duration.powi(2) * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u));
+            rows.acceleration
+                .push(distance / duration.powi(2) * 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u));
         }
         at += distance;
         for _ in 0..(0.1 * RATE) as usize {
@@ -50,8 +52,11 @@ fn one_speed(seconds: f64) -> Setpoints {
     let (mut position, mut last) = (0.0, 0.0);
     for k in 0..(seconds * RATE) as usize {
         let time = k as f64 / RATE;
-        let (sign, since) =
-            if time % period < 0.5 * period { (1.0, time % period) } else { (-1.0, time % period - 0.5 * period) };
+        let (sign, since) = if time % period < 0.5 * period {
+            (1.0, time % period)
+        } else {
+            (-1.0, time % period - 0.5 * period)
+        };
         let turn = (std::f64::consts::PI * since / ramp).cos();
         let velocity = match since < ramp {
             true if time < ramp => speed * 0.5 * (1.0 - turn),
@@ -67,7 +72,8 @@ fn one_speed(seconds: f64) -> Setpoints {
     rows
 }
 
-/// What encoder, cell and controller show along the setpoints, on a stage within its tolerances and without a hidden effect.
+/// What encoder, cell and controller show along the setpoints, on a stage within its tolerances and
+/// without a hidden effect.
 fn along(setpoints: &Setpoints, seed: u64) -> Columns {
     along_with_noise(setpoints, seed, 1.0)
 }
@@ -111,7 +117,12 @@ fn identify(model: &str, train: &Path, holdout: &Path, out: &Path) -> Output {
 /// Refused with every one of the words, without a verdict.
 fn assert_refused(name: &str, output: &Output, out: &Path, words: &[&str]) {
     let told = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{name}: {told}{}", String::from_utf8_lossy(&output.stdout));
+    assert_eq!(
+        output.status.code(),
+        Some(1),
+        "{name}: {told}{}",
+        String::from_utf8_lossy(&output.stdout)
+    );
     for word in words {
         assert!(told.contains(word), "{name}: {word:?} is not in {told}");
     }
@@ -152,10 +163,18 @@ type Case = (&'static str, fn(&mut Columns), &'static [&'static str]);
 #[test]
 fn wrong_signs_and_units_are_named_with_the_signal() {
     let cases: [Case; 14] = [
-        ("cell_swapped", |c| each(&mut c.force_cell, |f| -f), &["force_cell has the wrong sign", "scale: -1"]),
+        (
+            "cell_swapped",
+            |c| each(&mut c.force_cell, |f| -f),
+            &["force_cell has the wrong sign", "scale: -1"],
+        ),
         ("command_swapped", |c| each(&mut c.force, |f| -f), &["force has the wrong sign"]),
         // Nothing tells a machine whose position is swapped from one whose forces are.
-        ("forces_swapped", |c| both_forces(c, |f| -f), &["position has the wrong sign", "unless it is every force"]),
+        (
+            "forces_swapped",
+            |c| both_forces(c, |f| -f),
+            &["position has the wrong sign", "unless it is every force"],
+        ),
         (
             "position_swapped",
             |c| each(&mut c.position, |x| -x),
@@ -174,10 +193,22 @@ fn wrong_signs_and_units_are_named_with_the_signal() {
             },
             &["position seems to be in mm"],
         ),
-        ("setpoint_mm", |c| setpoint(c, |x| 1e3 * x), &["position and reference_position do not fit together"]),
-        ("forces_kn", |c| both_forces(c, |f| 1e-3 * f), &["force_cell seems to be in kN", "force seems to be in kN"]),
+        (
+            "setpoint_mm",
+            |c| setpoint(c, |x| 1e3 * x),
+            &["position and reference_position do not fit together"],
+        ),
+        (
+            "forces_kn",
+            |c| both_forces(c, |f| 1e-3 * f),
+            &["force_cell seems to be in kN", "force seems to be in kN"],
+        ),
         ("cell_kn", |c| each(&mut c.force_cell, |f| 1e-3 * f), &["force_cell seems to be in kN"]),
-        ("command_volt", |c| each(&mut c.force, |f| f / 35.0), &["force_cell and force do not fit together", "unit"]),
+        (
+            "command_volt",
+            |c| each(&mut c.force, |f| f / 35.0),
+            &["force_cell and force do not fit together", "unit"],
+        ),
         (
             "exchanged",
             |c| std::mem::swap(&mut c.force_cell, &mut c.force),
@@ -189,7 +220,11 @@ fn wrong_signs_and_units_are_named_with_the_signal() {
             |c| both_forces(c, |f| 0.5 * f),
             &["declares 40.0000 kg", "another machine, a payload, or a wrong unit"],
         ),
-        ("nine_times", |c| both_forces(c, |f| 7.0 * f), &["declares 40.0000 kg", "another machine"]),
+        (
+            "nine_times",
+            |c| both_forces(c, |f| 7.0 * f),
+            &["declares 40.0000 kg", "another machine"],
+        ),
     ];
     refused_on_either_side(&cases);
 }
@@ -200,9 +235,17 @@ fn what_lacks_motion_force_or_length_is_refused() {
         ("no_force", |c| both_forces(c, |_| f64::NAN), &["there is no force", "/stage/force_cell"]),
         ("no_position", |c| each(&mut c.position, |_| f64::NAN), &["0 usable samples of position"]),
         ("still", |c| each(&mut c.position, |_| 0.01), &["nothing moves", "record a motion"]),
-        ("dead_forces", |c| both_forces(c, |_| 0.0), &["there is no force", "is constant (0)", "not connected"]),
+        (
+            "dead_forces",
+            |c| both_forces(c, |_| 0.0),
+            &["there is no force", "is constant (0)", "not connected"],
+        ),
         // Cut off below what friction alone needs: nothing is left that could be fitted.
-        ("forces_cut_off", |c| both_forces(c, |f| f.clamp(-20.0, 20.0)), &["stays at its extreme 20"]),
+        (
+            "forces_cut_off",
+            |c| both_forces(c, |f| f.clamp(-20.0, 20.0)),
+            &["stays at its extreme 20"],
+        ),
         (
             "ten_samples",
             |c| {
@@ -234,9 +277,12 @@ fn refused_on_either_side(cases: &[Case]) {
             change(&mut changed);
             changed
         });
-        let bad = [csv(home.path(), &format!("{name}_train"), &bad[0]), csv(home.path(), name, &bad[1])];
+        let bad =
+            [csv(home.path(), &format!("{name}_train"), &bad[0]), csv(home.path(), name, &bad[1])];
         let out = home.path().join(format!("out_{name}"));
-        for (train, holdout, file) in [(&bad[0], &good[1], "_train.csv"), (&good[0], &bad[1], ".csv")] {
+        for (train, holdout, file) in
+            [(&bad[0], &good[1], "_train.csv"), (&good[0], &bad[1], ".csv")]
+        {
             let output = identify(MODEL, train, holdout, &out);
             let file = format!("{name}{file}");
             assert_refused(name, &output, &out, &[words, &[file.as_str()][..]].concat());
@@ -252,7 +298,11 @@ fn a_signal_that_is_broken_in_part_is_told_and_hides_nothing_new() {
             |c| each(&mut c.force_cell, |_| 3.0),
             &["force_cell is constant (3)", "left out", "there is no force cell"],
         ),
-        ("cell_stuck", |c| c.force_cell[9000..].fill(12.5), &["force_cell stays at 12.5 for", "left out"]),
+        (
+            "cell_stuck",
+            |c| c.force_cell[9000..].fill(12.5),
+            &["force_cell stays at 12.5 for", "left out"],
+        ),
         (
             "position_stuck",
             |c| {
@@ -261,10 +311,26 @@ fn a_signal_that_is_broken_in_part_is_told_and_hides_nothing_new() {
             },
             &["position stays at", "left out"],
         ),
-        ("cell_cut_off", |c| each(&mut c.force_cell, |f| f.clamp(-300.0, 300.0)), &["its extreme 300", "left out"]),
-        ("position_cut_off", |c| each(&mut c.position, |x| x.clamp(-0.035, 0.035)), &["its extreme 0.035", "left out"]),
-        ("setpoint_constant", |c| setpoint(c, |_| 0.0), &["reference_position is constant", "there is no setpoint"]),
-        ("nan", |c| c.force_cell[4000..7000].fill(f64::NAN), &["3000 of", "force_cell are NaN", "taken as missing"]),
+        (
+            "cell_cut_off",
+            |c| each(&mut c.force_cell, |f| f.clamp(-300.0, 300.0)),
+            &["its extreme 300", "left out"],
+        ),
+        (
+            "position_cut_off",
+            |c| each(&mut c.position, |x| x.clamp(-0.035, 0.035)),
+            &["its extreme 0.035", "left out"],
+        ),
+        (
+            "setpoint_constant",
+            |c| setpoint(c, |_| 0.0),
+            &["reference_position is constant", "there is no setpoint"],
+        ),
+        (
+            "nan",
+            |c| c.force_cell[4000..7000].fill(f64::NAN),
+            &["3000 of", "force_cell are NaN", "taken as missing"],
+        ),
         (
             "infinite",
             |c| c.position.iter_mut().step_by(997).for_each(|x| *x = f64::INFINITY),
@@ -279,13 +345,16 @@ fn a_signal_that_is_broken_in_part_is_told_and_hides_nothing_new() {
             change(&mut changed);
             changed
         });
-        let (train, holdout) = (csv(home.path(), "train", &train), csv(home.path(), "holdout", &holdout));
-        let verdict = warned(name, &identify(MODEL, &train, &holdout, &home.path().join(name)), words);
+        let (train, holdout) =
+            (csv(home.path(), "train", &train), csv(home.path(), "holdout", &holdout));
+        let verdict =
+            warned(name, &identify(MODEL, &train, &holdout, &home.path().join(name)), words);
         assert_eq!(verdict, "none", "{name}");
     }
 }
 
-/// Nothing is hidden, and nothing comes of samples that are lost: of all signals, of the cell alone that comes with every fourth row, or of lines that drop out.
+/// Nothing is hidden, and nothing comes of samples that are lost: of all signals, of the cell alone
+/// that comes with every fourth row, or of lines that drop out.
 #[test]
 fn samples_that_are_missing_slow_or_drop_out_make_no_effect() {
     let home = TempDir::new().unwrap();
@@ -295,13 +364,21 @@ fn samples_that_are_missing_slow_or_drop_out_make_no_effect() {
     let lossy = |name: &str, columns: &Columns| {
         let path = csv(home.path(), name, columns);
         let text = std::fs::read_to_string(&path).unwrap();
-        let kept: Vec<&str> =
-            text.lines().enumerate().filter(|(line, _)| *line == 0 || line % 53 != 0).map(|(_, line)| line).collect();
+        let kept: Vec<&str> = text
+            .lines()
+            .enumerate()
+            .filter(|(line, _)| *line == 0 || line % 53 != 0)
+            .map(|(_, line)| line)
+            .collect();
         std::fs::write(&path, kept.join("\n")).unwrap();
         path
     };
-    let output = identify(MODEL, &lossy("lossy_train", &train), &lossy("lossy_holdout", &holdout), &out);
-    assert_eq!(warned("lost lines", &output, &["are filled in for samples that are missing"]), "none");
+    let output =
+        identify(MODEL, &lossy("lossy_train", &train), &lossy("lossy_holdout", &holdout), &out);
+    assert_eq!(
+        warned("lost lines", &output, &["are filled in for samples that are missing"]),
+        "none"
+    );
 
     let slow = |name: &str, columns: &Columns| {
         let mut columns = columns.clone();
@@ -313,21 +390,24 @@ fn samples_that_are_missing_slow_or_drop_out_make_no_effect() {
             .for_each(|(_, cell)| *cell = f64::NAN);
         csv(home.path(), name, &columns)
     };
-    let output = identify(MODEL, &slow("slow_train", &train), &slow("slow_holdout", &holdout), &out);
+    let output =
+        identify(MODEL, &slow("slow_train", &train), &slow("slow_holdout", &holdout), &out);
     assert_eq!(warned("a slow cell", &output, &["force_cell"]), "none");
 
     let torn = |name: &str, columns: &Columns| {
         let mut columns = columns.clone();
-        (columns.position[5000], columns.position[5001], columns.force_cell[9000]) = (0.3, 0.3, 900.0);
+        (columns.position[5000], columns.position[5001], columns.force_cell[9000]) =
+            (0.3, 0.3, 900.0);
         csv(home.path(), name, &columns)
     };
-    let output = identify(MODEL, &torn("torn_train", &train), &torn("torn_holdout", &holdout), &out);
+    let output =
+        identify(MODEL, &torn("torn_train", &train), &torn("torn_holdout", &holdout), &out);
     let words = ["position is 3.000000e-1 at 2.5000 s", "force_cell is 9.000000e2 at 4.5000 s"];
     assert_eq!(warned("drop-outs", &output, &words), "none");
 }
 
-/// Of sensors that are noisier than declared the noise is no effect: the residual is judged against what the record shows of it, friction that follows a noisy
-/// encoder included.
+/// Of sensors that are noisier than declared the noise is no effect: the residual is judged against
+/// what the record shows of it, friction that follows a noisy encoder included.
 #[test]
 fn sensors_that_are_noisier_than_declared_make_no_effect() {
     let home = TempDir::new().unwrap();
@@ -335,34 +415,55 @@ fn sensors_that_are_noisier_than_declared_make_no_effect() {
         let train = csv(home.path(), "train", &along_with_noise(&moves(10.0, 3), 3, times));
         let holdout = csv(home.path(), "holdout", &along_with_noise(&moves(8.0, 4), 4, times));
         let output = identify(MODEL, &train, &holdout, &home.path().join("out"));
-        let words = ["position has", "force_cell has", "is declared", "everything is judged against the former"];
+        let words = [
+            "position has",
+            "force_cell has",
+            "is declared",
+            "everything is judged against the former",
+        ];
         assert_eq!(warned(&format!("{times} times the noise"), &output, &words), "none");
     }
 }
 
-/// Counts of 0.1 mm hide the force behind what they feign of acceleration; those of 0.5 N of the cell are noise, and no limit of its range.
+/// Counts of 0.1 mm hide the force behind what they feign of acceleration; those of 0.5 N of the
+/// cell are noise, and no limit of its range.
 #[test]
 fn coarse_counts_are_refused_or_count_as_noise() {
     let home = TempDir::new().unwrap();
     let out = home.path().join("out");
-    let in_counts = |column: &mut [f64], count: f64| each(column, |value| (value / count).round() * count);
+    let in_counts =
+        |column: &mut [f64], count: f64| each(column, |value| (value / count).round() * count);
     let (mut train, mut holdout) = (train(), holdout());
-    [&mut train, &mut holdout].into_iter().for_each(|columns| in_counts(&mut columns.force_cell, 0.5));
-    let files =
-        |train: &Columns, holdout: &Columns| (csv(home.path(), "train", train), csv(home.path(), "holdout", holdout));
+    [&mut train, &mut holdout]
+        .into_iter()
+        .for_each(|columns| in_counts(&mut columns.force_cell, 0.5));
+    let files = |train: &Columns, holdout: &Columns| {
+        (csv(home.path(), "train", train), csv(home.path(), "holdout", holdout))
+    };
     let (of_train, of_holdout) = files(&train, &holdout);
     let output = identify(MODEL, &of_train, &of_holdout, &out);
-    assert_eq!(warned("counts of 0.5 N", &output, &["everything is judged against the former"]), "none");
+    assert_eq!(
+        warned("counts of 0.5 N", &output, &["everything is judged against the former"]),
+        "none"
+    );
     assert!(!String::from_utf8_lossy(&output.stdout).contains("cut off"));
 
-    [&mut train, &mut holdout].into_iter().for_each(|columns| in_counts(&mut columns.position, 1e-4));
+    [&mut train, &mut holdout]
+        .into_iter()
+        .for_each(|columns| in_counts(&mut columns.position, 1e-4));
     let (of_train, of_holdout) = files(&train, &holdout);
     let out = home.path().join("hidden");
     let output = identify(MODEL, &of_train, &of_holdout, &out);
-    assert_refused("counts of 0.1 mm", &output, &out, &["the noise of the sensors hides the force", "finer counts"]);
+    assert_refused(
+        "counts of 0.1 mm",
+        &output,
+        &out,
+        &["the noise of the sensors hides the force", "finer counts"],
+    );
 }
 
-/// A motion whose acceleration brings next to no force says nothing of the mass, and so nothing of a sign, a unit or another machine.
+/// A motion whose acceleration brings next to no force says nothing of the mass, and so nothing of
+/// a sign, a unit or another machine.
 #[test]
 fn a_motion_that_does_not_show_the_mass_accuses_nobody() {
     let home = TempDir::new().unwrap();
@@ -375,7 +476,8 @@ fn a_motion_that_does_not_show_the_mass_accuses_nobody() {
         creep.velocity.push(1e-3 * rate * sine);
         creep.acceleration.push(1e-3 * rate * rate * cosine);
     }
-    let [train, holdout] = [csv(home.path(), "train", &train()), csv(home.path(), "holdout", &along(&creep, 4))];
+    let [train, holdout] =
+        [csv(home.path(), "train", &train()), csv(home.path(), "holdout", &along(&creep, 4))];
     let output = identify(MODEL, &train, &holdout, &home.path().join("out"));
     let told = String::from_utf8_lossy(&output.stderr);
     assert!(matches!(output.status.code(), Some(0 | 3)), "{told}");
@@ -397,22 +499,33 @@ fn a_dead_command_on_one_side_and_one_speed_only_are_told() {
     let other = csv(home.path(), "one_speed_too", &along(&one_speed(8.0), 4));
     for holdout in [&good, &other] {
         let output = identify(MODEL, &slow, holdout, &home.path().join("one_speed"));
-        warned("one speed", &output, &["one_speed.csv: the carriage moves at one speed only", "at least two speeds"]);
+        warned(
+            "one speed",
+            &output,
+            &["one_speed.csv: the carriage moves at one speed only", "at least two speeds"],
+        );
     }
 }
 
-/// Also one whose mass is in tonnes or in grams: friction shows that it is the mass, and neither the force nor the position.
+/// Also one whose mass is in tonnes or in grams: friction shows that it is the mass, and neither
+/// the force nor the position.
 #[test]
 fn another_machine_than_the_declared_one_is_refused() {
     let home = TempDir::new().unwrap();
     let declared = std::fs::read_to_string(MODEL).unwrap();
     assert!(declared.contains("mass: 40"));
-    let (train, holdout) = (csv(home.path(), "train", &train()), csv(home.path(), "holdout", &holdout()));
+    let (train, holdout) =
+        (csv(home.path(), "train", &train()), csv(home.path(), "holdout", &holdout()));
     for mass in ["4", "0.04", "40000"] {
-        let (model, out) = (home.path().join(format!("{mass}.yaml")), home.path().join(format!("out_{mass}")));
+        let (model, out) =
+            (home.path().join(format!("{mass}.yaml")), home.path().join(format!("out_{mass}")));
         std::fs::write(&model, declared.replace("mass: 40", &format!("mass: {mass}"))).unwrap();
         let output = identify(model.to_str().unwrap(), &train, &holdout, &out);
-        let words = ["train.csv", "another machine, a payload, or a wrong unit", &format!("declares {mass}")];
+        let words = [
+            "train.csv",
+            "another machine, a payload, or a wrong unit",
+            &format!("declares {mass}"),
+        ];
         assert_refused(mass, &output, &out, &words);
         let told = String::from_utf8_lossy(&output.stderr);
         assert!(!told.contains("seems to be in"), "{mass}: {told}");
@@ -430,7 +543,12 @@ fn bags_that_say_nothing_new_or_no_force_are_refused() {
     }
     let out = at("out");
     let output = identify(MODEL, &at("train"), &at("copy"), &out);
-    assert_refused("copy", &output, &out, &["copy", "sample by sample", "hold out another recording"]);
+    assert_refused(
+        "copy",
+        &output,
+        &out,
+        &["copy", "sample by sample", "hold out another recording"],
+    );
     let same = identify(MODEL, &at("train"), &at("train"), &out);
     assert_eq!(same.status.code(), Some(2), "{}", String::from_utf8_lossy(&same.stderr));
 

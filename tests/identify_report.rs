@@ -1,7 +1,9 @@
-//! What `friction-stage identify` writes, how it ends on data that cannot be identified on, and what Ctrl-C leaves.
+//! What `friction-stage identify` writes, how it ends on data that cannot be identified on, and
+//! what Ctrl-C leaves.
 //!
-//! The recordings are too large for the repository: they are read from the directory in FRICTION_STAGE_RECORDINGS, or from
-//! `../shared/measured`; where there are none the tests say so and check nothing.
+//! The recordings are too large for the repository: they are read from the directory in
+//! FRICTION_STAGE_RECORDINGS, or from `../shared/measured`; where there are none the tests say so
+//! and check nothing.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -20,7 +22,15 @@ fn text(path: &Path) -> &str {
 
 fn identify(train: &Path, holdout: &Path, out: &Path, more: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_friction-stage"));
-    command.args(["identify", "--model", MODEL, "--train", text(train), "--holdout", text(holdout)]);
+    command.args([
+        "identify",
+        "--model",
+        MODEL,
+        "--train",
+        text(train),
+        "--holdout",
+        text(holdout),
+    ]);
     command.args(["--out", text(out)]).args(more);
     command
 }
@@ -29,11 +39,14 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Identifies a stage run with default settings and gives its summary; checks what holds for every run.
+/// Identifies a stage run with default settings and gives its summary; checks what holds for every
+/// run.
 fn summary_of(run: &str) -> Option<(Summary, TempDir)> {
     let home = blind_tests::recordings::with("a/train")?.join(run);
     let out = TempDir::new().unwrap();
-    let output = identify(&home.join("train"), &home.join("check"), out.path(), &["--json"]).output().unwrap();
+    let output = identify(&home.join("train"), &home.join("check"), out.path(), &["--json"])
+        .output()
+        .unwrap();
     assert!(matches!(output.status.code(), Some(0 | 3)), "{}", stderr(&output));
     let written = std::fs::read_to_string(out.path().join("summary.json")).unwrap();
     assert_eq!(String::from_utf8(output.stdout).unwrap(), written);
@@ -56,13 +69,18 @@ fn a_spring_along_the_way_is_found_and_everything_is_written() {
     assert_eq!((effect.name.as_str(), effect.side.as_str()), ("cable_chain", "carriage"));
     let stiffness = &effect.parameters["stiffness"];
     let [low, high] = stiffness.ci95.unwrap();
-    assert!(low < stiffness.value && stiffness.value < high && high - low < 0.1 * stiffness.value, "{stiffness:?}");
+    assert!(
+        low < stiffness.value && stiffness.value < high && high - low < 0.1 * stiffness.value,
+        "{stiffness:?}"
+    );
     assert!(summary.explained_share > 0.9);
     let position = summary.errors.holdout.position_rms;
     assert!(position.after.unwrap() < 0.3 * position.before.unwrap(), "{position:?}");
 
     // The file as other programs read it.
-    let json: Value = serde_json::from_str(&std::fs::read_to_string(out.path().join("summary.json")).unwrap()).unwrap();
+    let json: Value =
+        serde_json::from_str(&std::fs::read_to_string(out.path().join("summary.json")).unwrap())
+            .unwrap();
     for key in [
         "/schema_version",
         "/verdict",
@@ -111,7 +129,8 @@ fn a_spring_along_the_way_is_found_and_everything_is_written() {
     assert!(out.path().join("figures/residual_over_position.svg").is_file());
 }
 
-/// A record of a stage as CSV with the columns of a trace: a mass of 40 kg with friction under a force, in place of any.
+/// A record of a stage as CSV with the columns of a trace: a mass of 40 kg with friction under a
+/// force, in place of any.
 fn csv(path: &Path, rows: usize, change: impl Fn(usize, &mut [f64; 4])) {
     let mut text = String::from("time,position,force_cell,force\n");
     for k in 0..rows {
@@ -159,7 +178,8 @@ fn bad_data_end_with_a_sentence_and_never_with_a_verdict() {
 #[test]
 fn a_hold_out_that_is_the_train_record_is_refused() {
     let home = TempDir::new().unwrap();
-    let (one, copy, part) = (home.path().join("one.csv"), home.path().join("copy.csv"), home.path().join("part.csv"));
+    let (one, copy, part) =
+        (home.path().join("one.csv"), home.path().join("copy.csv"), home.path().join("part.csv"));
     csv(&one, 12_000, |_, _| ());
     std::fs::copy(&one, &copy).unwrap();
     csv(&part, 9000, |_, _| ());
@@ -180,10 +200,19 @@ fn wrong_arguments_end_with_2_and_missing_files_with_1() {
     let home = TempDir::new().unwrap();
     let out = home.path().join("out");
     let nothing = home.path().join("nothing");
-    for more in [["--guide-tolerance", "16"].as_slice(), &["--mass-tolerance", "-1"], &["--no-such-option"]] {
-        assert_eq!(identify(&nothing, &nothing, &out, more).output().unwrap().status.code(), Some(2), "{more:?}");
+    for more in
+        [["--guide-tolerance", "16"].as_slice(), &["--mass-tolerance", "-1"], &["--no-such-option"]]
+    {
+        assert_eq!(
+            identify(&nothing, &nothing, &out, more).output().unwrap().status.code(),
+            Some(2),
+            "{more:?}"
+        );
     }
-    let bare = Command::new(env!("CARGO_BIN_EXE_friction-stage")).args(["identify", "--train", "a"]).output().unwrap();
+    let bare = Command::new(env!("CARGO_BIN_EXE_friction-stage"))
+        .args(["identify", "--train", "a"])
+        .output()
+        .unwrap();
     assert_eq!(bare.status.code(), Some(2));
     let other = home.path().join("other");
     let absent = identify(&nothing, &other, &out, &[]).output().unwrap();
@@ -194,8 +223,10 @@ fn wrong_arguments_end_with_2_and_missing_files_with_1() {
     let foreign = identify(&nothing, &other, &out, &[]).output().unwrap();
     assert_eq!(foreign.status.code(), Some(1));
     assert!(stderr(&foreign).contains("another command"), "{}", stderr(&foreign));
-    for (file, words) in [("metadata.yaml", "is a recording"), ("report.html", "no summary.json of an identification")]
-    {
+    for (file, words) in [
+        ("metadata.yaml", "is a recording"),
+        ("report.html", "no summary.json of an identification"),
+    ] {
         let taken = home.path().join(file.replace('.', "_"));
         std::fs::create_dir(&taken).unwrap();
         std::fs::write(taken.join(file), "").unwrap();
@@ -205,7 +236,8 @@ fn wrong_arguments_end_with_2_and_missing_files_with_1() {
     }
 }
 
-/// One that lacks a cable chain, and one that lacks nothing: whether it does is not known before everything was tried.
+/// One that lacks a cable chain, and one that lacks nothing: whether it does is not known before
+/// everything was tried.
 #[test]
 fn ctrl_c_leaves_a_partial_report_that_says_so() {
     let Some(home) = blind_tests::recordings::with("a/train") else { return };
@@ -217,7 +249,10 @@ fn ctrl_c_leaves_a_partial_report_that_says_so() {
             .spawn()
             .unwrap();
         let mut progress = BufReader::new(child.stderr.take().unwrap()).lines();
-        assert!(progress.any(|line| line.unwrap().starts_with("round 1")), "ended without a first round");
+        assert!(
+            progress.any(|line| line.unwrap().starts_with("round 1")),
+            "ended without a first round"
+        );
         // SAFETY: the process is a child of ours that has not been waited for.
         let sent = unsafe { libc::kill(child.id() as i32, libc::SIGINT) };
         assert_eq!(sent, 0);
@@ -225,7 +260,11 @@ fn ctrl_c_leaves_a_partial_report_that_says_so() {
         assert_eq!(output.status.code(), Some(3));
         let summary: Summary = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!((summary.verdict.as_str(), summary.effects.len()), ("unknown", 0));
-        assert!(summary.warnings.iter().any(|warning| warning.contains("stopped")), "{:?}", summary.warnings);
+        assert!(
+            summary.warnings.iter().any(|warning| warning.contains("stopped")),
+            "{:?}",
+            summary.warnings
+        );
         let page = std::fs::read_to_string(out.path().join("report.html")).unwrap();
         assert!(page.contains("Partial report"));
     }

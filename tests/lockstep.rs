@@ -1,4 +1,5 @@
-//! Lockstep over ROS 2 is the run in one process, bit for bit: two real processes, loopback, a real bag.
+//! Lockstep over ROS 2 is the run in one process, bit for bit: two real processes, loopback, a real
+//! bag.
 
 use std::path::Path;
 
@@ -19,9 +20,16 @@ const DOMAIN: u16 = 71;
 fn record(directory: &Path, motion: &PaperMotion) {
     let network = Network { domain: DOMAIN, reach: Reach::Localhost };
     let program = Path::new(env!("CARGO_BIN_EXE_friction-stage"));
-    let given = ["model:=guide_3".to_owned(), "seed:=42".to_owned(), format!("record:={}", directory.display())];
+    let given = [
+        "model:=guide_3".to_owned(),
+        "seed:=42".to_owned(),
+        format!("record:={}", directory.display()),
+    ];
     let run = LockstepRun {
-        stage_arguments: given.into_iter().flat_map(|parameter| ["-p".to_owned(), parameter]).collect(),
+        stage_arguments: given
+            .into_iter()
+            .flat_map(|parameter| ["-p".to_owned(), parameter])
+            .collect(),
         controller_arguments: Vec::new(),
         points: motion.points.clone(),
         log_stem: directory.to_owned(),
@@ -32,7 +40,8 @@ fn record(directory: &Path, motion: &PaperMotion) {
 fn in_process(motion: &PaperMotion, count: usize) -> Vec<Cycle> {
     let stage = Stage::new(&StageModel::on_guides("guide_3"), Rates::DEFAULT, 42).unwrap();
     let controller = Controller::new(ControllerSettings::paper(40.0, 4000.0, 2000.0)).unwrap();
-    let mut closed_loop = ClosedLoop::new(stage, controller, Trajectory::new(0, motion.points.clone()).unwrap());
+    let mut closed_loop =
+        ClosedLoop::new(stage, controller, Trajectory::new(0, motion.points.clone()).unwrap());
     (0..count).map(|_| closed_loop.cycle().unwrap()).collect()
 }
 
@@ -59,29 +68,49 @@ fn trace_over_ros_is_the_trace_in_one_process_bit_for_bit() {
             topics::ENCODER => {
                 let found: JointState = message.decode().unwrap();
                 let Some(cycle) = at(found.header.stamp.to_nanos()) else { continue };
-                assert_eq!(found.position[0].to_bits(), cycle.sample.position.to_bits(), "sample {samples}");
-                assert_eq!(found.velocity[0].to_bits(), cycle.sample.velocity.to_bits(), "sample {samples}");
-                assert_eq!(found.effort[0].to_bits(), cycle.sample.force_cell.to_bits(), "sample {samples}");
+                assert_eq!(
+                    found.position[0].to_bits(),
+                    cycle.sample.position.to_bits(),
+                    "sample {samples}"
+                );
+                assert_eq!(
+                    found.velocity[0].to_bits(),
+                    cycle.sample.velocity.to_bits(),
+                    "sample {samples}"
+                );
+                assert_eq!(
+                    found.effort[0].to_bits(),
+                    cycle.sample.force_cell.to_bits(),
+                    "sample {samples}"
+                );
                 samples += 1;
             }
             topics::FORCE => {
                 let found: WrenchStamped = message.decode().unwrap();
                 let Some(cycle) = at(found.header.stamp.to_nanos()) else { continue };
-                assert_eq!(found.wrench.force.x.to_bits(), cycle.terms.output.to_bits(), "force {forces}");
+                assert_eq!(
+                    found.wrench.force.x.to_bits(),
+                    cycle.terms.output.to_bits(),
+                    "force {forces}"
+                );
                 forces += 1;
             }
             topics::CONTROLLER_STATE => {
                 let found: ControllerState = message.decode().unwrap();
                 let Some(cycle) = at(found.header.stamp.to_nanos()) else { continue };
                 assert_eq!(found.error.to_bits(), cycle.terms.error.to_bits(), "state {states}");
-                assert_eq!(found.integral.to_bits(), cycle.terms.integral.to_bits(), "state {states}");
+                assert_eq!(
+                    found.integral.to_bits(),
+                    cycle.terms.integral.to_bits(),
+                    "state {states}"
+                );
                 states += 1;
             }
             _ => {}
         }
     }
-    // Every sample and every answer of the run is in the bag; the controller's own report may start a few samples late,
-    // because the recorder has to find it.
+    // Every sample and every answer of the run is in the bag; the controller's own report may start
+    // a few samples late, because the recorder has to find it.
     assert_eq!((samples, forces), (cycles, cycles));
     assert!(states > cycles * 9 / 10, "{states} of {cycles} states");
 

@@ -1,6 +1,8 @@
-//! The report pages in a real browser: they render whole, ask the network for nothing and leave no error in the console.
+//! The report pages in a real browser: they render whole, ask the network for nothing and leave no
+//! error in the console.
 //!
-//! Needs Debian's `chromium`, or the browser that `CHROMIUM` names; without one the tests say so and pass.
+//! Needs Debian's `chromium`, or the browser that `CHROMIUM` names; without one the tests say so
+//! and pass.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -21,7 +23,9 @@ fn chromium() -> Option<PathBuf> {
             .find_map(|place| names.iter().map(|name| place.join(name)).find(|file| file.is_file()))
     });
     if found.is_none() {
-        println!("SKIPPED: no chromium (Debian: apt install chromium), or name a browser in CHROMIUM");
+        println!(
+            "SKIPPED: no chromium (Debian: apt install chromium), or name a browser in CHROMIUM"
+        );
     }
     found
 }
@@ -39,9 +43,19 @@ fn render(browser: &Path, page: &Path) -> Rendered {
     let profile = tempfile::tempdir().expect("a directory for the profile");
     let requests = profile.path().join("requests.json");
     let output = Command::new(browser)
-        .args(["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking"])
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--no-first-run",
+            "--disable-background-networking",
+        ])
         .args(["--disable-component-update", "--disable-sync", "--disable-dev-shm-usage"])
-        .args(["--host-resolver-rules=MAP * ~NOTFOUND", "--enable-logging=stderr", "--virtual-time-budget=2000"])
+        .args([
+            "--host-resolver-rules=MAP * ~NOTFOUND",
+            "--enable-logging=stderr",
+            "--virtual-time-budget=2000",
+        ])
         .arg(format!("--user-data-dir={}", profile.path().display()))
         .arg(format!("--log-net-log={}", requests.display()))
         .arg("--dump-dom")
@@ -51,11 +65,14 @@ fn render(browser: &Path, page: &Path) -> Rendered {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let log = String::from_utf8_lossy(&output.stderr);
     let requests: Value =
-        serde_json::from_slice(&std::fs::read(requests).expect("a log of the network")).expect("the log is JSON");
+        serde_json::from_slice(&std::fs::read(requests).expect("a log of the network"))
+            .expect("the log is JSON");
     let events = requests["events"].as_array().expect("events");
     let urls = events.iter().filter_map(|event| event["params"]["url"].as_str());
     Rendered {
-        hosts: urls.filter_map(|url| Some(url.split_once("//")?.1.split('/').next()?.to_owned())).collect(),
+        hosts: urls
+            .filter_map(|url| Some(url.split_once("//")?.1.split('/').next()?.to_owned()))
+            .collect(),
         document: String::from_utf8(output.stdout).expect("a document in UTF-8"),
         console: log.lines().filter(|line| line.contains("CONSOLE")).map(str::to_owned).collect(),
     }
@@ -87,11 +104,14 @@ fn assert_whole(browser: &Path, page: &Path, figures: usize, said: &[&str]) {
 fn a_page_that_fetches_or_fails_is_noticed() {
     let Some(browser) = chromium() else { return };
     let directory = tempfile::tempdir().expect("a directory");
-    for bad in
-        ["<img src='http://example.com/figure.png'>", "<script>console.error('wrong')</script>", "<script>f(</script>"]
-    {
+    for bad in [
+        "<img src='http://example.com/figure.png'>",
+        "<script>console.error('wrong')</script>",
+        "<script>f(</script>",
+    ] {
         let page = directory.path().join("page.html");
-        std::fs::write(&page, format!("<!doctype html><html><body>{bad}</body></html>")).expect("a page");
+        std::fs::write(&page, format!("<!doctype html><html><body>{bad}</body></html>"))
+            .expect("a page");
         let rendered = render(&browser, &page);
         let noticed = !rendered.console.is_empty() || rendered.hosts.contains("example.com");
         assert!(noticed, "{bad}: {:?}\n{}", rendered.hosts, rendered.document);

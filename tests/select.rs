@@ -35,26 +35,43 @@ fn written(directory: &Path, name: &str, text: &str) -> String {
 fn short_application(directory: &Path) -> String {
     let text = std::fs::read_to_string(config("application_fine_step_clean.yaml")).unwrap();
     let text = text
-        .replace("settle: 0.3", "settle: 0.1\n  conditioning: {distance: 1.0e-3, duration: 0.02, rest: 0.0}")
+        .replace(
+            "settle: 0.3",
+            "settle: 0.1\n  conditioning: {distance: 1.0e-3, duration: 0.02, rest: 0.0}",
+        )
         .replace("peak_error: 6.0e-6", "peak_error: 1.0");
     written(directory, "short.yaml", &text)
 }
 
 fn bytes(directory: &Path) -> Vec<(String, Vec<u8>)> {
     ["plan.yaml", "variants.csv", "variants.parquet", "summary.json", "trade_off.svg"]
-        .map(|name| (name.to_owned(), std::fs::read(directory.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))))
+        .map(|name| {
+            (
+                name.to_owned(),
+                std::fs::read(directory.join(name)).unwrap_or_else(|e| panic!("{name}: {e}")),
+            )
+        })
         .into()
 }
 
 #[test]
 fn the_papers_choice_comes_out_with_its_warning() {
     let directory = tempfile::tempdir().unwrap();
-    for (application, choice) in
-        [("application_fine_step_clean.yaml", "guide_2"), ("application_fine_step_sealed.yaml", "guide_1")]
-    {
+    for (application, choice) in [
+        ("application_fine_step_clean.yaml", "guide_2"),
+        ("application_fine_step_sealed.yaml", "guide_1"),
+    ] {
         let out = directory.path().join(choice).display().to_string();
-        let (code, stdout, stderr) =
-            run(&["select", "--application", &config(application), "--variants", "30", "--out", &out, "--json"]);
+        let (code, stdout, stderr) = run(&[
+            "select",
+            "--application",
+            &config(application),
+            "--variants",
+            "30",
+            "--out",
+            &out,
+            "--json",
+        ]);
         assert_eq!(code, 3, "{stderr}");
         let summary: serde_json::Value = serde_json::from_str(&stdout).unwrap();
         assert_eq!(summary["choice"], choice);
@@ -69,7 +86,8 @@ fn shards_merged_in_any_order_are_one_run_bit_for_bit() {
     let at = |name: &str| directory.path().join(name);
     let select = |name: &str, more: &[&str]| {
         let out = at(name).display().to_string();
-        let mut arguments = vec!["select", "--application", &application, "--variants", "100", "--out", &out];
+        let mut arguments =
+            vec!["select", "--application", &application, "--variants", "100", "--out", &out];
         arguments.extend(more);
         run(&arguments)
     };
@@ -97,7 +115,10 @@ fn shards_merged_in_any_order_are_one_run_bit_for_bit() {
     let (code, _, stderr) = select("other_seed", &["--seed", "2", "--shard", "3/3"]);
     assert_eq!(code, 0, "{stderr}");
     let (code, _, stderr) = merge(&[&one, &two, &at("other_seed")], "mixed");
-    assert!(code == 1 && stderr.contains("seed: 1") && stderr.contains("seed: 2"), "{code} {stderr}");
+    assert!(
+        code == 1 && stderr.contains("seed: 1") && stderr.contains("seed: 2"),
+        "{code} {stderr}"
+    );
 }
 
 #[test]
@@ -107,7 +128,8 @@ fn a_run_that_was_cut_off_goes_on_where_it_was() {
     let out = |name: &str| directory.path().join(name).display().to_string();
     let select = |name: &str, more: &[&str]| {
         let out = out(name);
-        let mut arguments = vec!["select", "--application", &application, "--variants", "60", "--out", &out];
+        let mut arguments =
+            vec!["select", "--application", &application, "--variants", "60", "--out", &out];
         arguments.extend(more);
         run(&arguments)
     };
@@ -127,7 +149,10 @@ fn a_run_that_was_cut_off_goes_on_where_it_was() {
     let (code, _, stderr) = select("cut", &[]);
     assert!(code == 1 && stderr.contains("--resume"), "{code} {stderr}");
     let (code, _, stderr) = select("cut", &["--resume", "--seed", "7"]);
-    assert!(code == 1 && stderr.contains("seed: 1") && stderr.contains("seed: 7"), "{code} {stderr}");
+    assert!(
+        code == 1 && stderr.contains("seed: 1") && stderr.contains("seed: 7"),
+        "{code} {stderr}"
+    );
     let (code, _, stderr) = select("cut", &["--resume"]);
     assert_eq!(code, 3, "{stderr}");
     assert_eq!(bytes(&directory.path().join("cut")), bytes(&directory.path().join("whole")));
@@ -137,12 +162,21 @@ fn a_run_that_was_cut_off_goes_on_where_it_was() {
 fn ctrl_c_keeps_what_is_done() {
     let directory = tempfile::tempdir().unwrap();
     let out = directory.path().join("out");
-    let (application, place) = (config("application_fine_step_clean.yaml"), out.display().to_string());
-    let child = program(&["select", "--application", &application, "--variants", "1000000", "--out", &place])
-        .stderr(std::process::Stdio::piped())
-        .stdout(std::process::Stdio::null())
-        .spawn()
-        .unwrap();
+    let (application, place) =
+        (config("application_fine_step_clean.yaml"), out.display().to_string());
+    let child = program(&[
+        "select",
+        "--application",
+        &application,
+        "--variants",
+        "1000000",
+        "--out",
+        &place,
+    ])
+    .stderr(std::process::Stdio::piped())
+    .stdout(std::process::Stdio::null())
+    .spawn()
+    .unwrap();
     let rows = out.join("variants.csv");
     let deadline = std::time::Instant::now() + std::time::Duration::from_secs(60);
     while std::fs::metadata(&rows).map_or(0, |found| found.len()) == 0 {
@@ -156,7 +190,10 @@ fn ctrl_c_keeps_what_is_done() {
     assert_eq!(status.code(), Some(1), "{stderr}");
     let text = std::fs::read_to_string(&rows).unwrap();
     let done = text.lines().count() - 1;
-    assert!(done > 0 && text.ends_with('\n') && stderr.contains(&format!("after {done} of 1000000")), "{stderr}");
+    assert!(
+        done > 0 && text.ends_with('\n') && stderr.contains(&format!("after {done} of 1000000")),
+        "{stderr}"
+    );
 }
 
 #[test]
@@ -209,8 +246,16 @@ fn bad_input_is_said_with_the_right_code() {
         (&["--application", &fast], 1, &["force_limit", "2000 N", "at least"]),
         (&["--application", &clean, "--catalogue", &empty], 1, &["holds no guide", "empty.yaml"]),
         (&["--application", &clean, "--catalogue", &torn], 1, &["torn.yaml", "line 1"]),
-        (&["--application", &clean, "--catalogue", &taken], 1, &["`guide_1` is in the catalogue already"]),
-        (&["--application", &clean, "--guides", "guide_4"], 1, &["unknown guide `guide_4`", "did you mean"]),
+        (
+            &["--application", &clean, "--catalogue", &taken],
+            1,
+            &["`guide_1` is in the catalogue already"],
+        ),
+        (
+            &["--application", &clean, "--guides", "guide_4"],
+            1,
+            &["unknown guide `guide_4`", "did you mean"],
+        ),
         (&["--application", "nowhere.yaml"], 1, &["cannot read nowhere.yaml"]),
         (&["--application", &clean, "--shard", "4/3"], 2, &["4/3", "i/n"]),
         (&["--application", &clean, "--variants", "0"], 2, &["--variants"]),
@@ -243,7 +288,9 @@ fn output_that_nobody_reads_is_no_error() {
     let (whole, merged) = (at("whole"), at("merged"));
     let select = ["select", "--application", &application, "--variants", "20", "--out", &whole];
     let merge = ["merge", &whole, "--out", &merged, "--json"];
-    for (arguments, code) in [(select.as_slice(), 3), (&merge, 3), (&["merge", "nowhere", "--out", "no"], 1)] {
+    for (arguments, code) in
+        [(select.as_slice(), 3), (&merge, 3), (&["merge", "nowhere", "--out", "no"], 1)]
+    {
         let mut child = program(arguments)
             .stdout(std::process::Stdio::piped())
             .stderr(std::process::Stdio::piped())
@@ -263,8 +310,11 @@ fn output_that_nobody_reads_is_no_error() {
 
 fn write_bag(directory: &Path, record: &RigRecord, model_yaml: &str, with_cell: bool) -> String {
     let provenance = Provenance { model_yaml: model_yaml.to_owned(), ..Provenance::default() };
-    let mut bag =
-        BagWriter::create(directory, &BagOptions { provenance: Some(provenance), ..BagOptions::default() }).unwrap();
+    let mut bag = BagWriter::create(
+        directory,
+        &BagOptions { provenance: Some(provenance), ..BagOptions::default() },
+    )
+    .unwrap();
     let qos = OfferedQos::reliable(100);
     let encoder = bag.add_topic::<JointState>(topics::ENCODER, &qos).unwrap();
     let cell = with_cell.then(|| bag.add_topic::<WrenchStamped>(topics::FORCE_CELL, &qos).unwrap());
@@ -286,13 +336,15 @@ fn write_bag(directory: &Path, record: &RigRecord, model_yaml: &str, with_cell: 
     directory.display().to_string()
 }
 
-/// Runs of the rig by the commands that the README names; the bags of the Stribeck runs and of the loops.
+/// Runs of the rig by the commands that the README names; the bags of the Stribeck runs and of the
+/// loops.
 fn measured(directory: &Path, guide: &str) -> (String, String) {
     let out = |name: &str| directory.join(format!("{guide}_{name}")).display().to_string();
     let (runs, loops) = (out("runs"), out("loops"));
     let (code, _, stderr) = run(&["experiment", "stribeck", "--guides", guide, "--out", &runs]);
     assert_eq!(code, 0, "{stderr}");
-    let (code, _, stderr) = run(&["experiment", "dahl", "--guides", guide, "--amplitudes", "420e-6", "--out", &loops]);
+    let (code, _, stderr) =
+        run(&["experiment", "dahl", "--guides", guide, "--amplitudes", "420e-6", "--out", &loops]);
     assert_eq!(code, 0, "{stderr}");
     (format!("{runs}/bags/{guide}_stribeck"), format!("{loops}/bags/{guide}_dahl"))
 }
@@ -305,7 +357,8 @@ fn a_guide_goes_from_the_rig_through_bags_into_the_catalogue_and_is_chosen_from_
     let dahl = format!("{loops}_quick");
     let out = at("fitted.yaml").display().to_string();
     let fit = |stribeck: &str, more: &[&str]| {
-        let mut arguments = vec!["fit-guide", "--stribeck", stribeck, "--dahl", &dahl, "--out", &out];
+        let mut arguments =
+            vec!["fit-guide", "--stribeck", stribeck, "--dahl", &dahl, "--out", &out];
         arguments.extend(more);
         run(&arguments)
     };
@@ -313,14 +366,20 @@ fn a_guide_goes_from_the_rig_through_bags_into_the_catalogue_and_is_chosen_from_
     let yaml = StageModel::measuring_rig("guide_1").unwrap().to_yaml().unwrap();
     let blind = write_bag(&at("blind"), &record, &yaml, false);
     let (code, _, stderr) = fit(&blind, &[]);
-    assert!(code == 1 && stderr.contains("/stage/force_cell") && stderr.contains("it has /stage/encoder"), "{stderr}");
+    assert!(
+        code == 1
+            && stderr.contains("/stage/force_cell")
+            && stderr.contains("it has /stage/encoder"),
+        "{stderr}"
+    );
     let massless = write_bag(&at("massless"), &record, "", true);
     let (code, _, stderr) = fit(&massless, &[]);
     assert!(code == 1 && stderr.contains("--mass"), "{code} {stderr}");
     let (code, _, stderr) = fit(&dahl, &[]);
     assert!(code == 1 && stderr.contains("runs at constant velocity"), "{code} {stderr}");
 
-    let (code, stdout, stderr) = fit(&stribeck, &["--name", "fitted", "--seals", "--cage", "--lubricant", "standard"]);
+    let (code, stdout, stderr) =
+        fit(&stribeck, &["--name", "fitted", "--seals", "--cage", "--lubricant", "standard"]);
     assert_eq!(code, 0, "{stdout}{stderr}");
     let fitted = Catalogue::load(Path::new(&out)).unwrap();
     assert_near(&fitted, "fitted", "guide_1", 6);
@@ -343,11 +402,13 @@ fn a_guide_goes_from_the_rig_through_bags_into_the_catalogue_and_is_chosen_from_
         &place,
         "--json",
     ]);
-    let summary: serde_json::Value = serde_json::from_str(&stdout).unwrap_or_else(|error| panic!("{error}: {stderr}"));
+    let summary: serde_json::Value =
+        serde_json::from_str(&stdout).unwrap_or_else(|error| panic!("{error}: {stderr}"));
     assert_eq!(summary["choice"], "fitted");
 }
 
-/// Parameters of a fitted guide within 3 % of those of the catalogue, and `least` of them inside of their intervals.
+/// Parameters of a fitted guide within 3 % of those of the catalogue, and `least` of them inside of
+/// their intervals.
 fn assert_near(fitted: &Catalogue, name: &str, truth: &str, least: usize) {
     let builtin = Catalogue::builtin();
     let (found, truth) = (fitted.entry(name).unwrap(), builtin.entry(truth).unwrap());
@@ -362,7 +423,8 @@ fn assert_near(fitted: &Catalogue, name: &str, truth: &str, least: usize) {
     let mut inside = 0;
     for (found, truth) in pairs {
         assert!((found.value / truth.value - 1.0).abs() < 0.03, "{found:?}, {truth:?}");
-        inside += usize::from(found.ci95.is_some_and(|[low, high]| (low..=high).contains(&truth.value)));
+        inside +=
+            usize::from(found.ci95.is_some_and(|[low, high]| (low..=high).contains(&truth.value)));
     }
     assert!(inside >= least, "{inside} of 6: {found:?}");
 }
@@ -374,14 +436,22 @@ fn loops_too_slow_for_the_damping_are_told() {
     let (stribeck, loops) = measured(directory.path(), "guide_2");
     let fit = |dahl: &str, name: &str| {
         let out = directory.path().join(name);
-        let (code, stdout, stderr) =
-            run(&["fit-guide", "--stribeck", &stribeck, "--dahl", dahl, "--out", out.to_str().unwrap()]);
+        let (code, stdout, stderr) = run(&[
+            "fit-guide",
+            "--stribeck",
+            &stribeck,
+            "--dahl",
+            dahl,
+            "--out",
+            out.to_str().unwrap(),
+        ]);
         assert!(stdout.contains("bristle_damping"), "{stderr}");
         (code, stdout, Catalogue::load(&out).unwrap())
     };
     let (code, stdout, quick) = fit(&format!("{loops}_quick"), "quick.yaml");
     assert_eq!(code, 0, "{stdout}");
-    // Guide 2 has no Stribeck effect: its velocity has no interval, and of the other five one may miss.
+    // Guide 2 has no Stribeck effect: its velocity has no interval, and of the other five one may
+    // miss.
     assert_near(&quick, "quick", "guide_2", 4);
     let (code, stdout, _) = fit(&format!("{loops}_420um"), "slow.yaml");
     assert!(code == 3 && stdout.contains("make the loops quicker"), "{code} {stdout}");

@@ -1,8 +1,8 @@
-//! A service answers a client whose reader of answers is found after its request, and one that never opens a reader
-//! holds nobody up.
+//! A service answers a client whose reader of answers is found after its request, and one that
+//! never opens a reader holds nobody up.
 //!
-//! The client is made of DDS endpoints, so that it can ask first and open its reader later; what Fast DDS does when the
-//! packet that announces the reader is lost.
+//! The client is made of DDS endpoints, so that it can ask first and open its reader later; what
+//! Fast DDS does when the packet that announces the reader is lost.
 
 use std::time::Duration;
 
@@ -14,7 +14,8 @@ use friction_stage::node::{
 use futures::StreamExt;
 use ros2_client::NodeOptions;
 use rustdds::{
-    GUID, QosPolicies, QosPolicyBuilder, RTPSEntity, SequenceNumber, Subscriber, TopicKind, WriteOptionsBuilder,
+    GUID, QosPolicies, QosPolicyBuilder, RTPSEntity, SequenceNumber, Subscriber, TopicKind,
+    WriteOptionsBuilder,
     no_key::{DataReader, DataWriter},
     policy,
     rpc::SampleIdentity,
@@ -40,8 +41,9 @@ fn join(test: u16, name: &str) -> Participant {
 
 /// Serves [`SERVICE`] on the runtime of the test: it says back what it was asked for.
 fn serve(test: u16) {
-    let handler =
-        |request: SetBoolRequest| std::future::ready(SetBoolResponse { success: request.data, message: String::new() });
+    let handler = |request: SetBoolRequest| {
+        std::future::ready(SetBoolResponse { success: request.data, message: String::new() })
+    };
     tokio::spawn(service::serve::<SetBool, _, _>(&join(test, "server"), SERVICE, handler).unwrap());
 }
 
@@ -57,8 +59,14 @@ impl Client {
         let participant = join(test, "client");
         let dds = participant.domain_participant();
         let kind = "std_srvs::srv::dds_::SetBool_Request_".to_owned();
-        let topic = dds.create_topic(format!("rq{SERVICE}Request"), kind, &reliable(), TopicKind::NoKey).unwrap();
-        let requests = dds.create_publisher(&reliable()).unwrap().create_datawriter_no_key_cdr(&topic, None).unwrap();
+        let topic = dds
+            .create_topic(format!("rq{SERVICE}Request"), kind, &reliable(), TopicKind::NoKey)
+            .unwrap();
+        let requests = dds
+            .create_publisher(&reliable())
+            .unwrap()
+            .create_datawriter_no_key_cdr(&topic, None)
+            .unwrap();
         let subscriber = dds.create_subscriber(&reliable()).unwrap();
         Self { participant, requests, subscriber }
     }
@@ -80,8 +88,12 @@ impl Client {
 
     /// Asks, and names `reader` as the one for the answer.
     async fn ask(&self, data: bool, reader: GUID) {
-        assert!(self.participant.watch().wait_for_matches(self.requests.guid(), 1, PATIENCE) >= 1, "no service");
-        let identity = SampleIdentity { writer_guid: reader, sequence_number: SequenceNumber::new(1) };
+        assert!(
+            self.participant.watch().wait_for_matches(self.requests.guid(), 1, PATIENCE) >= 1,
+            "no service"
+        );
+        let identity =
+            SampleIdentity { writer_guid: reader, sequence_number: SequenceNumber::new(1) };
         let options = WriteOptionsBuilder::new().related_sample_identity(identity).build();
         self.requests.async_write_with_options(SetBoolRequest { data }, options).await.unwrap();
     }

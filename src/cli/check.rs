@@ -1,4 +1,5 @@
-//! `friction-stage check`: what a recording holds, what is wrong with it, and what can be identified from it.
+//! `friction-stage check`: what a recording holds, what is wrong with it, and what can be
+//! identified from it.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -10,25 +11,32 @@ use super::Outcome;
 use crate::node::stage_settings;
 use friction_stage_data::bag::{self, BagReader, CheckReport, DataQuality, Excitation, Mapping};
 
-/// Show what a recording holds, whether anything is wrong with it, and what can be identified from it.
+/// Show what a recording holds, whether anything is wrong with it, and what can be identified from
+/// it.
 ///
-/// Lists per topic how many messages there are, their rate, jitter and gaps, stamps that repeat or go back, values that are
-/// not finite and messages that do not decode; says whether the recording is complete and what made it; and, if there is
-/// an encoder, which stroke and velocities the motion covers and how often it turns round. Then it says what the data can
-/// identify and what not: speeds, amplitudes, rests, the noise that is in them, and signals that are clipped, constant, of
-/// the wrong sign or in the wrong unit. Takes rosbag2 directories and MCAP files, also those of other programs, and CSV files;
-/// a mapping says which topic and field, or which column, is which signal.
+/// Lists per topic how many messages there are, their rate, jitter and gaps, stamps that repeat or
+/// go back, values that are not finite and messages that do not decode; says whether the recording
+/// is complete and what made it; and, if there is an encoder, which stroke and velocities the
+/// motion covers and how often it turns round. Then it says what the data can identify and what
+/// not: speeds, amplitudes, rests, the noise that is in them, and signals that are clipped,
+/// constant, of the wrong sign or in the wrong unit. Takes rosbag2 directories and MCAP files, also
+/// those of other programs, and CSV files; a mapping says which topic and field, or which column,
+/// is which signal.
 ///
-/// Exit code: 0 nothing wrong, 3 with warnings, 1 nothing of it can be read. What stands in the way of identification counts as
-/// a warning if --model or --mapping asks for it.
+/// Exit code: 0 nothing wrong, 3 with warnings, 1 nothing of it can be read. What stands in the way
+/// of identification counts as a warning if --model or --mapping asks for it.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = "Examples:\n  friction-stage check run_1\n  friction-stage check run_1 --model guide_1\n  \
-                  friction-stage check drive.csv --mapping drive.yaml --json | jq .identification.problems")]
+#[command(
+    after_help = "Examples:\n  friction-stage check run_1\n  friction-stage check run_1 --model \
+                  guide_1\n  friction-stage check drive.csv --mapping drive.yaml --json | jq \
+                  .identification.problems"
+)]
 pub struct CheckArgs {
     /// rosbag2 directory, MCAP file or CSV file
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
-    /// Model file or catalogue guide that declares mass, friction and noise [default: the model in the bag]
+    /// Model file or catalogue guide that declares mass, friction and noise
+    /// [default: the model in the bag]
     #[arg(long, value_name = "MODEL")]
     pub model: Option<String>,
     /// YAML file that says which topic and field, or column, is which signal
@@ -72,7 +80,12 @@ pub fn run(args: &CheckArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         Err(error) => return Err(error.into()),
     };
     let identification = data.as_ref().map(|recording| bag::examine(recording, model.as_ref()));
-    let report = FullReport { messages, data: data.map(|recording| recording.quality), identification, no_data };
+    let report = FullReport {
+        messages,
+        data: data.map(|recording| recording.quality),
+        identification,
+        no_data,
+    };
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {

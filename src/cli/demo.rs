@@ -22,12 +22,14 @@ use friction_stage_report::figure::{Curve, Panel, svg};
 
 /// Run the stage of the paper on its three guides, over ROS 2.
 ///
-/// Starts the stage node and the controller node as two processes in lockstep on loopback, for each guide: 50 mm return move
-/// and rest, 50 mm forward and return in 100 ms each, then steps of 10 um in 3 ms. Records a bag of each run and draws
-/// the position error over time, as the paper's Figures 6 and 7.
+/// Starts the stage node and the controller node as two processes in lockstep on loopback, for each
+/// guide: 50 mm return move and rest, 50 mm forward and return in 100 ms each, then steps of 10 um
+/// in 3 ms. Records a bag of each run and draws the position error over time, as the paper's
+/// Figures 6 and 7.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "Watch it from another terminal: ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 topic echo /controller/state"
+    after_help = "Watch it from another terminal: ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 \
+                  topic echo /controller/state"
 )]
 pub struct DemoArgs {
     /// Guides to run, by catalogue name
@@ -36,7 +38,8 @@ pub struct DemoArgs {
     /// Directory for bags and figures [default: demo_ and the date]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Rest after a return move, before the fast move and before the steps, simulated seconds; the paper: a minute
+    /// Rest after a return move, before the fast move and before the steps, simulated seconds; the
+    /// paper: a minute
     #[arg(long, default_value_t = Conditioning::DEMO_REST, value_name = "SECONDS")]
     pub rest: f64,
     /// Steps of 10 um
@@ -84,7 +87,8 @@ struct GuideResult {
 struct MoveRow {
     name: &'static str,
     peak_error_um: f64,
-    /// Within 10 um, 1 um and 0.1 um of the reference after its arrival; null where it stayed outside.
+    /// Within 10 um, 1 um and 0.1 um of the reference after its arrival; null where it stayed
+    /// outside.
     settling_ms: [Option<f64>; 3],
 }
 
@@ -107,14 +111,18 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         "{} holds a demo already: choose another --out",
         directory.display()
     );
-    std::fs::create_dir_all(&directory).with_context(|| format!("cannot create {}", directory.display()))?;
+    std::fs::create_dir_all(&directory)
+        .with_context(|| format!("cannot create {}", directory.display()))?;
     // Loopback only, whatever the environment says: a demo must not show up on the network.
     let network = Network { reach: Reach::Localhost, ..Network::from_environment()? };
 
     let motion = PaperMotion::new(args.rest, args.fine_steps);
     let seconds = motion.duration() as f64 * 1e-9;
     let bar = ProgressBar::new((1000.0 * seconds * args.guides.len() as f64) as u64);
-    bar.set_style(ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?.progress_chars("=> "));
+    bar.set_style(
+        ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?
+            .progress_chars("=> "),
+    );
     bar.enable_steady_tick(Duration::from_millis(200));
     let program = std::env::current_exe()?;
     // Both nodes on the last processor, the recorder on the others.
@@ -194,7 +202,9 @@ fn shown(motion: &PaperMotion) -> impl Iterator<Item = (&'static str, &Move)> {
         ("10 um step", MoveKind::FineStep),
     ]
     .into_iter()
-    .filter_map(|(name, kind)| motion.moves.iter().find(|the_move| the_move.kind == kind).map(|found| (name, found)))
+    .filter_map(|(name, kind)| {
+        motion.moves.iter().find(|the_move| the_move.kind == kind).map(|found| (name, found))
+    })
 }
 
 fn rows(motion: &PaperMotion, errors: &Errors) -> Vec<MoveRow> {
@@ -207,10 +217,20 @@ fn rows(motion: &PaperMotion, errors: &Errors) -> Vec<MoveRow> {
         .collect()
 }
 
-/// Error over time after the start of the move, with the reference dashed, for the fast move and for the first fine step.
-fn write_figure(path: &Path, title: &str, motion: &PaperMotion, runs: &[(String, Errors)]) -> anyhow::Result<()> {
+/// Error over time after the start of the move, with the reference dashed, for the fast move and
+/// for the first fine step.
+fn write_figure(
+    path: &Path,
+    title: &str,
+    motion: &PaperMotion,
+    runs: &[(String, Errors)],
+) -> anyhow::Result<()> {
     let panels: Vec<Panel> = [
-        (MoveKind::FastForward, "Fast move: 50 mm in 100 ms (dashed: reference, scaled)", 300_000_000),
+        (
+            MoveKind::FastForward,
+            "Fast move: 50 mm in 100 ms (dashed: reference, scaled)",
+            300_000_000,
+        ),
         (MoveKind::FineStep, "Fine step: 10 um in 3 ms (dashed: reference, scaled)", 200_000_000),
     ]
     .into_iter()
@@ -236,7 +256,10 @@ fn write_figure(path: &Path, title: &str, motion: &PaperMotion, runs: &[(String,
             x_label: "time after the start of the move, ms".to_owned(),
             y_label: "position error, um".to_owned(),
             curves: runs.iter().map(curve).collect(),
-            reference: Some(Curve { name: "reference, scaled".to_owned(), points: reference.collect() }),
+            reference: Some(Curve {
+                name: "reference, scaled".to_owned(),
+                points: reference.collect(),
+            }),
         })
     })
     .collect();
@@ -245,14 +268,22 @@ fn write_figure(path: &Path, title: &str, motion: &PaperMotion, runs: &[(String,
 }
 
 fn print(out: &mut dyn Write, results: &[GuideResult], overview: &Path) -> std::io::Result<()> {
-    writeln!(out, "                          peak error    time to settle within, ms     lockstep")?;
-    writeln!(out, "guide    move                     um     10 um      1 um    0.1 um    cycles/s")?;
+    writeln!(
+        out,
+        "                          peak error    time to settle within, ms     lockstep"
+    )?;
+    writeln!(
+        out,
+        "guide    move                     um     10 um      1 um    0.1 um    cycles/s"
+    )?;
     for result in results {
         for (index, row) in result.moves.iter().enumerate() {
             let guide = if index == 0 { result.guide.as_str() } else { "" };
-            let rate = if index == 0 { format!("{:.0}", result.cycles_per_second) } else { String::new() };
-            let [ten, one, tenth] =
-                row.settling_ms.map(|time| time.map_or("never".to_owned(), |ms| format!("{ms:.1}")));
+            let rate =
+                if index == 0 { format!("{:.0}", result.cycles_per_second) } else { String::new() };
+            let [ten, one, tenth] = row
+                .settling_ms
+                .map(|time| time.map_or("never".to_owned(), |ms| format!("{ms:.1}")));
             writeln!(
                 out,
                 "{guide:8} {:16} {:10.2} {ten:>9} {one:>9} {tenth:>9} {rate:>11}",
@@ -262,7 +293,13 @@ fn print(out: &mut dyn Write, results: &[GuideResult], overview: &Path) -> std::
     }
     writeln!(out)?;
     for result in results {
-        writeln!(out, "{}: bag {}, figure {}", result.guide, result.bag.display(), result.figure.display())?;
+        writeln!(
+            out,
+            "{}: bag {}, figure {}",
+            result.guide,
+            result.bag.display(),
+            result.figure.display()
+        )?;
     }
     writeln!(out, "all guides: figure {}", overview.display())
 }

@@ -24,19 +24,25 @@ use friction_stage_lab::{self as lab, LabError, PaperResults, Recording, Setting
 
 /// Run an experiment of the paper on the measuring rig or on the 40 kg stage, in this process.
 ///
-/// Reduces what encoder and force cell read, noise included, to curves, and writes bags, figures (SVG), summary.json and one
-/// self-contained report.html. `paper` runs all of them and checks every statement of the paper.
+/// Reduces what encoder and force cell read, noise included, to curves, and writes bags, figures
+/// (SVG), summary.json and one self-contained report.html. `paper` runs all of them and checks
+/// every statement of the paper.
 ///
-/// Exit code: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings, for instance a statement that does not hold.
+/// Exit code: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings, for instance a statement
+/// that does not hold.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "Examples:\n  friction-stage experiment stribeck\n  friction-stage experiment dahl --guides guide_1,guide_1+distributed_bristles --out dahl\n  friction-stage experiment fast-move --model my_stage.yaml\n  friction-stage experiment paper --out paper && xdg-open paper/report.html"
+    after_help = "Examples:\n  friction-stage experiment stribeck\n  friction-stage experiment \
+                  dahl --guides guide_1,guide_1+distributed_bristles --out dahl\n  friction-stage \
+                  experiment fast-move --model my_stage.yaml\n  friction-stage experiment paper \
+                  --out paper && xdg-open paper/report.html"
 )]
 pub struct ExperimentArgs {
     /// What to run
     #[arg(value_enum, value_name = "NAME")]
     pub experiment: Experiment,
-    /// Guides by catalogue name; +distributed_bristles takes the catalogue's parallel bristles [default: the paper's three]
+    /// Guides by catalogue name; +distributed_bristles takes the catalogue's parallel bristles
+    /// [default: the paper's three]
     #[arg(long, value_delimiter = ',', value_name = "GUIDES", value_parser = guide_name)]
     pub guides: Vec<String>,
     /// Model files: a stage, or a rig with a coupling; beside the guides
@@ -51,8 +57,14 @@ pub struct ExperimentArgs {
     /// Seed of the sensor noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Rest between the conditioning move and the fast move or fine step, simulated seconds; the paper: a minute
-    #[arg(long, default_value_t = lab::Conditioning::PAPER_REST, value_name = "SECONDS", value_parser = rest_seconds)]
+    /// Rest between the conditioning move and the fast move or fine step, simulated seconds; the
+    /// paper: a minute
+    #[arg(
+        long,
+        default_value_t = lab::Conditioning::PAPER_REST,
+        value_name = "SECONDS",
+        value_parser = rest_seconds,
+    )]
     pub rest: f64,
     /// Write no bags
     #[arg(long)]
@@ -92,12 +104,20 @@ fn guide_name(text: &str) -> Result<String, String> {
 
 fn rest_seconds(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
-    if (0.01..=3600.0).contains(&value) { Ok(value) } else { Err(format!("{value} must be between 0.01 and 3600 s")) }
+    if (0.01..=3600.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!("{value} must be between 0.01 and 3600 s"))
+    }
 }
 
 fn amplitude(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
-    if (1e-9..=0.05).contains(&value) { Ok(value) } else { Err(format!("{value} must be between 1e-9 and 0.05 m")) }
+    if (1e-9..=0.05).contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!("{value} must be between 1e-9 and 0.05 m"))
+    }
 }
 
 fn specimen(name: &str) -> anyhow::Result<Specimen> {
@@ -105,7 +125,8 @@ fn specimen(name: &str) -> anyhow::Result<Specimen> {
     Specimen::of_guide(guide)?;
     let bristles = Catalogue::builtin().distributed_bristles(guide).with_context(|| {
         format!(
-            "{guide} has no distributed bristles in the catalogue: the paper gives several stiffnesses for guide_1 only"
+            "{guide} has no distributed bristles in the catalogue: the paper gives several \
+             stiffnesses for guide_1 only"
         )
     })?;
     let stage = StageModel { effects: vec![bristles.1], ..StageModel::on_guides(guide) };
@@ -143,21 +164,31 @@ impl Experiment {
 pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let name = args.experiment.name();
     if !args.amplitudes.is_empty() && args.experiment != Experiment::Dahl {
-        return Err(WrongArguments(format!("--amplitudes is for the loops of dahl, not for {name}")).into());
+        return Err(WrongArguments(format!(
+            "--amplitudes is for the loops of dahl, not for {name}"
+        ))
+        .into());
     }
     let amplitudes = amplitudes(args);
     let specimens = specimens(args)?;
-    let directory = args.out.clone().unwrap_or_else(|| dated_directory(Path::new(""), &format!("experiment_{name}")));
+    let directory = args
+        .out
+        .clone()
+        .unwrap_or_else(|| dated_directory(Path::new(""), &format!("experiment_{name}")));
     anyhow::ensure!(
         !directory.join("summary.json").exists(),
         "{} holds an experiment already: choose another --out",
         directory.display()
     );
-    std::fs::create_dir_all(&directory).with_context(|| format!("cannot create {}", directory.display()))?;
+    std::fs::create_dir_all(&directory)
+        .with_context(|| format!("cannot create {}", directory.display()))?;
     let settings = Settings { seed: args.seed, rates: Rates::DEFAULT };
 
     let bar = ProgressBar::new((specimens.len() * args.experiment.ticks(amplitudes.len())) as u64);
-    bar.set_style(ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?.progress_chars("=> "));
+    bar.set_style(
+        ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?
+            .progress_chars("=> "),
+    );
     bar.enable_steady_tick(Duration::from_millis(200));
     bar.set_message(name.clone());
     let keep = |of: &Specimen, recordings: &[Recording]| -> anyhow::Result<()> {
@@ -165,7 +196,8 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
             return Ok(());
         }
         recordings.iter().try_for_each(|recording| {
-            let directory = directory.join("bags").join(format!("{}_{}", file_name(&of.name), recording.name));
+            let directory =
+                directory.join("bags").join(format!("{}_{}", file_name(&of.name), recording.name));
             write_bag(&directory, recording, &name)
         })
     };
@@ -178,14 +210,17 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
 
     let mut warnings: Vec<String> = specimens.iter().flat_map(|of| of.warnings.clone()).collect();
     for of in &specimens {
-        warnings.extend(of.stage.warnings()?.into_iter().map(|warning| format!("{}: {warning}", of.name)));
+        warnings.extend(
+            of.stage.warnings()?.into_iter().map(|warning| format!("{}: {warning}", of.name)),
+        );
     }
     let mut statements = Vec::new();
     if args.experiment == Experiment::Paper {
         match paper_results(&results) {
             Some(found) => statements = lab::statements(&found),
             None => warnings.push(
-                "the paper's statements need guide_1, guide_2, guide_3 and guide_1+distributed_bristles: no table"
+                "the paper's statements need guide_1, guide_2, guide_3 and \
+                 guide_1+distributed_bristles: no table"
                     .to_owned(),
             ),
         }
@@ -213,7 +248,8 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         summary.print(out)?;
         writeln!(out, "\nreport {}", directory.join("report.html").display())?;
     }
-    // A guide that is not passive is a property of the catalogue's own guides: told, but not what this run is about.
+    // A guide that is not passive is a property of the catalogue's own guides: told, but not what
+    // this run is about.
     let failed = statements.iter().any(|statement| !statement.holds);
     let told = specimens.iter().any(|of| !of.warnings.is_empty());
     Ok(if failed || told || (statements.is_empty() && args.experiment == Experiment::Paper) {
@@ -242,7 +278,8 @@ fn specimens(args: &ExperimentArgs) -> anyhow::Result<Vec<Specimen>> {
             names.push(format!("guide_1{BRISTLES}"));
         }
     }
-    let mut found: Vec<Specimen> = names.iter().map(|name| specimen(name)).collect::<anyhow::Result<_>>()?;
+    let mut found: Vec<Specimen> =
+        names.iter().map(|name| specimen(name)).collect::<anyhow::Result<_>>()?;
     for path in &args.model {
         found.push(Specimen::of_model(&StageModel::load(path)?)?);
     }
@@ -258,7 +295,9 @@ fn specimens(args: &ExperimentArgs) -> anyhow::Result<Vec<Specimen>> {
 
 /// A name as part of a path.
 fn file_name(name: &str) -> String {
-    name.chars().map(|c| if c.is_ascii_alphanumeric() || "-.".contains(c) { c } else { '_' }).collect()
+    name.chars()
+        .map(|c| if c.is_ascii_alphanumeric() || "-.".contains(c) { c } else { '_' })
+        .collect()
 }
 
 fn measure(
@@ -303,7 +342,8 @@ fn measure(
         }
     }
     if asked(Experiment::Hunting) {
-        let (found, recordings) = lab::hunting(of, settings, &lab::BANDWIDTHS, &lab::INTEGRALS, tick)?;
+        let (found, recordings) =
+            lab::hunting(of, settings, &lab::BANDWIDTHS, &lab::INTEGRALS, tick)?;
         keep(&recordings)?;
         results.hunting.push(summary::Hunting { name: of.name.clone(), results: found });
     }
@@ -319,7 +359,8 @@ fn measure(
                 return Err(LabError::Signal {
                     experiment: "rig",
                     specimen: of.name.clone(),
-                    what: "has effects beside the LuGre guide, so no closed form to compare with".to_owned(),
+                    what: "has effects beside the LuGre guide, so no closed form to compare with"
+                        .to_owned(),
                 }
                 .into());
             }
@@ -334,7 +375,9 @@ fn paper_results(results: &Results) -> Option<PaperResults<'_>> {
     fn three<'a, T>(all: impl Fn(&str) -> Option<&'a T>) -> Option<[&'a T; 3]> {
         Some([all("guide 1")?, all("guide 2")?, all("guide 3")?])
     }
-    let fast = |fed: bool| three(move |name| results.fast_move.iter().filter(|f| f.name == name).nth(usize::from(fed)));
+    let fast = |fed: bool| {
+        three(move |name| results.fast_move.iter().filter(|f| f.name == name).nth(usize::from(fed)))
+    };
     Some(PaperResults {
         stribeck: three(|name| results.stribeck.iter().find(|found| found.name == name))?,
         dahl: three(|name| results.dahl.iter().find(|found| found.name == name))?,
@@ -350,9 +393,14 @@ fn paper_results(results: &Results) -> Option<PaperResults<'_>> {
 }
 
 /// Guide 1's three stated stiffnesses against one bristle and three, where both were measured.
-fn paper_fit(results: &Results, specimens: &[Specimen]) -> anyhow::Result<Option<summary::StiffnessFit>> {
+fn paper_fit(
+    results: &Results,
+    specimens: &[Specimen],
+) -> anyhow::Result<Option<summary::StiffnessFit>> {
     let find = |name: &str| results.dahl.iter().find(|found| found.name == name);
-    let (Some(single), Some(distributed)) = (find("guide 1"), find("guide 1 distributed")) else { return Ok(None) };
+    let (Some(single), Some(distributed)) = (find("guide 1"), find("guide 1 distributed")) else {
+        return Ok(None);
+    };
     let Some(of) = specimens.iter().find(|of| of.name == "guide 1") else { return Ok(None) };
     let static_force = of.guide()?.static_force;
     let best_single = lab::best_single(&lab::STATED_STIFFNESS, static_force);

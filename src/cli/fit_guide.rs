@@ -14,13 +14,14 @@ use friction_stage_lab::{Fitted, GuideFit, RigRecord, fit_guide};
 
 /// Fit a guide to recordings of the measuring rig and write it as an entry of a catalogue.
 ///
-/// The Stribeck recording holds runs at constant velocity in both directions, the Dahl recording slow loops of which the
-/// largest breaks away. First the static curve is fitted, then the bristle, then both together; every parameter
-/// comes with its 95 % interval. Needed of the bags are the encoder and the force cell; it does not matter how the rig was driven.
+/// The Stribeck recording holds runs at constant velocity in both directions, the Dahl recording
+/// slow loops of which the largest breaks away. First the static curve is fitted, then the bristle,
+/// then both together; every parameter comes with its 95 % interval. Needed of the bags are the
+/// encoder and the force cell; it does not matter how the rig was driven.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = "Examples:\n  \
-    friction-stage fit-guide --stribeck stribeck_bag --dahl dahl_bag --name my_guide --out my_guide.yaml\n  \
-    friction-stage select --application A.yaml --catalogue my_guide.yaml --out choice")]
+#[command(after_help = "Examples:\n  friction-stage fit-guide --stribeck stribeck_bag --dahl \
+                        dahl_bag --name my_guide --out my_guide.yaml\n  friction-stage select \
+                        --application A.yaml --catalogue my_guide.yaml --out choice")]
 pub struct FitGuideArgs {
     /// rosbag2 directory or MCAP file with runs at constant velocity
     #[arg(long, value_name = "BAG")]
@@ -34,7 +35,8 @@ pub struct FitGuideArgs {
     /// Name of the entry [default: that of the file]
     #[arg(long)]
     pub name: Option<String>,
-    /// What moves behind the force cell: carriage with adapter, kg [default: what the bag's model says]
+    /// What moves behind the force cell: carriage with adapter, kg
+    /// [default: what the bag's model says]
     #[arg(long, value_name = "KG")]
     pub mass: Option<f64>,
     /// What the guide is, for people
@@ -77,22 +79,36 @@ struct Parameter {
 
 /// Runs the command; the result goes to `out`.
 pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(!args.out.exists(), "{} is there already: choose another --out", args.out.display());
+    anyhow::ensure!(
+        !args.out.exists(),
+        "{} is there already: choose another --out",
+        args.out.display()
+    );
     let name = match &args.name {
         Some(name) => name.clone(),
-        None => args.out.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
+        None => {
+            args.out.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+        }
     };
     anyhow::ensure!(!name.is_empty(), "--name is empty: the entry needs one");
     let (stribeck, said) = read(&args.stribeck)?;
     let (dahl, _) = read(&args.dahl)?;
     let mass = args.mass.or(said).with_context(|| {
-        format!("{} does not say what mass moves behind the force cell: give it by --mass", args.stribeck.display())
+        format!(
+            "{} does not say what mass moves behind the force cell: give it by --mass",
+            args.stribeck.display()
+        )
     })?;
-    anyhow::ensure!(mass.is_finite() && mass > 0.0, "--mass is {mass} kg, must be finite and greater than 0");
-    let fit = fit_guide(&stribeck, &dahl, mass)
-        .with_context(|| format!("no guide from {} and {}", args.stribeck.display(), args.dahl.display()))?;
+    anyhow::ensure!(
+        mass.is_finite() && mass > 0.0,
+        "--mass is {mass} kg, must be finite and greater than 0"
+    );
+    let fit = fit_guide(&stribeck, &dahl, mass).with_context(|| {
+        format!("no guide from {} and {}", args.stribeck.display(), args.dahl.display())
+    })?;
     let catalogue = entry(args, &name, &fit)?;
-    std::fs::write(&args.out, &catalogue).with_context(|| format!("cannot write {}", args.out.display()))?;
+    std::fs::write(&args.out, &catalogue)
+        .with_context(|| format!("cannot write {}", args.out.display()))?;
     let report = Report {
         schema_version: 1,
         name,
@@ -166,7 +182,8 @@ fn entry(args: &FitGuideArgs, name: &str, fit: &GuideFit) -> anyhow::Result<Stri
             value: fit.guide().stribeck_velocity,
             unit: unit("stribeck_velocity").to_owned(),
             provenance: Provenance::Assumed,
-            source: "without effect while Fs = Fc: the friction level does not fall with velocity".to_owned(),
+            source: "without effect while Fs = Fc: the friction level does not fall with velocity"
+                .to_owned(),
             ci95: None,
         },
     };
@@ -190,7 +207,11 @@ fn entry(args: &FitGuideArgs, name: &str, fit: &GuideFit) -> anyhow::Result<Stri
 }
 
 fn print(out: &mut dyn Write, report: &Report) -> std::io::Result<()> {
-    writeln!(out, "{}: from {} runs at constant velocity and {} rows of loops", report.name, report.runs, report.rows)?;
+    writeln!(
+        out,
+        "{}: from {} runs at constant velocity and {} rows of loops",
+        report.name, report.runs, report.rows
+    )?;
     writeln!(out)?;
     writeln!(out, "parameter               value  unit   95 % interval")?;
     for Parameter { name, value, unit, ci95: [low, high] } in &report.parameters {

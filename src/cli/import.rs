@@ -11,16 +11,16 @@ use friction_stage_data::bag::{self, Mapping};
 
 /// Make a bag of our own layout from a CSV file.
 ///
-/// The mapping says which column is which signal, in which unit. Every row becomes one sample with its own time; values are
-/// brought to SI, nothing is resampled. The bag plays with `ros2 bag play` and goes into check, replay and identify.
+/// The mapping says which column is which signal, in which unit. Every row becomes one sample with
+/// its own time; values are brought to SI, nothing is resampled. The bag plays with `ros2 bag play`
+/// and goes into check, replay and identify.
 ///
 /// Exit code: 0 done, 3 rows without a usable time were left out or times go back, 1 failed.
 #[derive(Debug, Clone, Args)]
-#[command(
-    after_help = "Example:\n  friction-stage import drive.csv --mapping drive.yaml --out drive\n\nA mapping:\n  \
-                  csv: {delimiter: \";\"}\n  signals:\n    time: {column: t_ms, unit: ms}\n    \
-                  position: {column: x, unit: mm}\n    force: {column: u, scale: 35.15}   # N per V"
-)]
+#[command(after_help = "Example:\n  friction-stage import drive.csv --mapping drive.yaml --out \
+                  drive\n\nA mapping:\n  csv: {delimiter: \";\"}\n  signals:\n    time: {column: \
+                  t_ms, unit: ms}\n    position: {column: x, unit: mm}\n    force: {column: u, \
+                  scale: 35.15}   # N per V")]
 pub struct ImportArgs {
     /// CSV file
     #[arg(value_name = "CSV")]
@@ -38,8 +38,8 @@ pub struct ImportArgs {
 
 /// Runs the command; the report goes to `out`.
 pub fn run(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
-    let text =
-        std::fs::read_to_string(&args.mapping).with_context(|| format!("cannot read {}", args.mapping.display()))?;
+    let text = std::fs::read_to_string(&args.mapping)
+        .with_context(|| format!("cannot read {}", args.mapping.display()))?;
     let mapping = Mapping::from_yaml(&text, &args.mapping.display().to_string())?;
     let report = bag::import(&args.csv, &mapping, &text, &args.out)?;
     anyhow::ensure!(
@@ -51,7 +51,8 @@ pub fn run(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
-        let topics: Vec<String> = report.messages.iter().map(|(topic, n)| format!("{n} on {topic}")).collect();
+        let topics: Vec<String> =
+            report.messages.iter().map(|(topic, n)| format!("{n} on {topic}")).collect();
         writeln!(out, "{}: {} rows, {}", args.out.display(), report.rows, topics.join(", "))?;
         if report.without_time > 0 {
             writeln!(
@@ -63,14 +64,16 @@ pub fn run(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         if report.not_later > 0 {
             writeln!(
                 out,
-                "warning: {} rows have a time that is not behind that of the row before: was a clock set back, or are the times too coarse?",
+                "warning: {} rows have a time that is not behind that of the row before: was a \
+                 clock set back, or are the times too coarse?",
                 report.not_later
             )?;
         }
         if report.moved_s > 0.0 {
             writeln!(
                 out,
-                "the times begin at {} s; a bag knows none before 0, so they are moved to begin there",
+                "the times begin at {} s; a bag knows none before 0, so they are moved to begin \
+                 there",
                 -report.moved_s
             )?;
         }

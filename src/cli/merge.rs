@@ -56,7 +56,12 @@ pub fn run(args: &MergeArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             sheet.shard
         );
         if let Some(other) = places.insert(sheet.shard.index, directory) {
-            anyhow::bail!("{} and {} are both shard {}", other.display(), directory.display(), sheet.shard);
+            anyhow::bail!(
+                "{} and {} are both shard {}",
+                other.display(),
+                directory.display(),
+                sheet.shard
+            );
         }
     }
     let missing = first.shard.count - places.len() as u64;
@@ -73,8 +78,10 @@ pub fn run(args: &MergeArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             told.join(", ")
         );
     }
-    let parts: Vec<VariantRows> =
-        places.into_values().map(|directory| VariantRows::whole(directory)).collect::<Result<_, _>>()?;
+    let parts: Vec<VariantRows> = places
+        .into_values()
+        .map(|directory| VariantRows::whole(directory))
+        .collect::<Result<_, _>>()?;
     let (rows, _) = VariantRows::open(&args.out, whole(&first), false)?;
     for part in &parts {
         rows.append_rows_of(part)?;

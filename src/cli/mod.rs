@@ -19,7 +19,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// A positioning stage on friction-loaded guides as software: on ROS 2, recorded, and compared with recordings.
+/// A positioning stage on friction-loaded guides as software: on ROS 2, recorded, and compared with
+/// recordings.
 ///
 /// Without a command it runs the demo.
 #[derive(Debug, Parser)]
@@ -30,7 +31,8 @@ pub struct Arguments {
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings.\n\
-    The nodes are the programs stage_node and controller_node; they take --ros-args as every ROS 2 node does. Their\n\
+    The nodes are the programs stage_node and controller_node; they take --ros-args as every ROS 2 \
+                          node does. Their\n\
     --help lists the parameters.";
 
 #[derive(Debug, Subcommand)]
@@ -85,14 +87,18 @@ impl Arguments {
             Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
             Command::Recover(arguments) => recover::run(&arguments, out),
-            Command::StageNode(node) => crate::node::stage::run(node.arguments).map(|()| Outcome::Done),
-            Command::ControllerNode(node) => crate::node::controller::run(node.arguments).map(|()| Outcome::Done),
+            Command::StageNode(node) => {
+                crate::node::stage::run(node.arguments).map(|()| Outcome::Done)
+            }
+            Command::ControllerNode(node) => {
+                crate::node::controller::run(node.arguments).map(|()| Outcome::Done)
+            }
         }
     }
 }
 
-/// What a command prints, until whoever reads it goes away, as `head` does behind a pipe: what comes then is dropped, and the command
-/// goes on to its end, with its files and its exit code.
+/// What a command prints, until whoever reads it goes away, as `head` does behind a pipe: what
+/// comes then is dropped, and the command goes on to its end, with its files and its exit code.
 #[derive(Debug)]
 pub struct Printed<W> {
     reader: Option<W>,
@@ -103,7 +109,11 @@ impl<W: Write> Printed<W> {
         Printed { reader: Some(reader) }
     }
 
-    fn tell<T>(&mut self, unread: T, action: impl FnOnce(&mut W) -> std::io::Result<T>) -> std::io::Result<T> {
+    fn tell<T>(
+        &mut self,
+        unread: T,
+        action: impl FnOnce(&mut W) -> std::io::Result<T>,
+    ) -> std::io::Result<T> {
         let Some(reader) = &mut self.reader else { return Ok(unread) };
         match action(reader) {
             Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => {
@@ -125,12 +135,14 @@ impl<W: Write> Write for Printed<W> {
     }
 }
 
-/// Arguments that are well-formed and yet wrong, found out after parsing: exit 2, as for those that clap refuses.
+/// Arguments that are well-formed and yet wrong, found out after parsing: exit 2, as for those that
+/// clap refuses.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct WrongArguments(pub String);
 
-/// Exit code of a program that ended with `result`; a failure is told on stderr. Wrong arguments have ended it with 2 before.
+/// Exit code of a program that ended with `result`; a failure is told on stderr. Wrong arguments
+/// have ended it with 2 before.
 pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
@@ -143,12 +155,15 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
     }
 }
 
-/// An error with its causes, outermost first. Many an error of the library names its cause in its own text: not again then.
+/// An error with its causes, outermost first. Many an error of the library names its cause in its
+/// own text: not again then.
 fn in_one_line(error: &anyhow::Error) -> String {
-    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| match told.contains(&cause) {
-        true => told,
-        false if told.is_empty() => cause,
-        false => format!("{told}: {cause}"),
+    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| {
+        match told.contains(&cause) {
+            true => told,
+            false if told.is_empty() => cause,
+            false => format!("{told}: {cause}"),
+        }
     })
 }
 
@@ -163,8 +178,8 @@ mod tests {
         struct Read {
             source: std::io::Error,
         }
-        let error =
-            anyhow::Error::new(Read { source: std::io::Error::other("no such file") }).context("parameter model");
+        let error = anyhow::Error::new(Read { source: std::io::Error::other("no such file") })
+            .context("parameter model");
         assert_eq!(in_one_line(&error), "parameter model: cannot read a.yaml: no such file");
     }
 }

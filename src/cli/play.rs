@@ -21,12 +21,14 @@ use friction_stage_data::message::{self, JointTrajectory, JointTrajectoryPoint};
 
 /// Play a motion on a stage over ROS 2 and record it.
 ///
-/// The motion is a trajectory_msgs/JointTrajectory in YAML, such as `identify --next-experiment` writes: the file that
-/// `ros2 topic pub /stage/setpoint trajectory_msgs/msg/JointTrajectory` takes for a stage that runs already. Here the stage node and the
-/// controller node are started as two processes in lockstep on loopback, the stage at position 0 on the model that is given.
+/// The motion is a trajectory_msgs/JointTrajectory in YAML, such as `identify --next-experiment`
+/// writes: the file that `ros2 topic pub /stage/setpoint trajectory_msgs/msg/JointTrajectory` takes
+/// for a stage that runs already. Here the stage node and the controller node are started as two
+/// processes in lockstep on loopback, the stage at position 0 on the model that is given.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = "Examples:\n  friction-stage play next_experiment.yaml --model stage.yaml --record second\n  \
-                  friction-stage play next_experiment.yaml --model stage.yaml --record third --stretch 1.25 --seed 2")]
+#[command(after_help = "Examples:\n  friction-stage play next_experiment.yaml --model stage.yaml \
+                  --record second\n  friction-stage play next_experiment.yaml --model stage.yaml \
+                  --record third --stretch 1.25 --seed 2")]
 pub struct PlayArgs {
     /// The motion
     #[arg(value_name = "MOTION")]
@@ -63,7 +65,8 @@ fn stretch(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A `trajectory_msgs/JointTrajectory` in YAML; what a file leaves out is empty or 0, as `ros2 topic pub` has it.
+/// A `trajectory_msgs/JointTrajectory` in YAML; what a file leaves out is empty or 0, as
+/// `ros2 topic pub` has it.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -108,12 +111,14 @@ struct PlayReport {
 
 /// The points of a motion file, checked as the nodes check them.
 fn load(path: &Path) -> anyhow::Result<Vec<Point>> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     points(&text).with_context(|| format!("{} is no motion", path.display()))
 }
 
 fn points(text: &str) -> anyhow::Result<Vec<Point>> {
-    let file: File = serde_saphyr::from_str(text).map_err(|error| anyhow::anyhow!("{}", error.without_snippet()))?;
+    let file: File = serde_saphyr::from_str(text)
+        .map_err(|error| anyhow::anyhow!("{}", error.without_snippet()))?;
     let points = file
         .points
         .into_iter()
@@ -128,10 +133,13 @@ fn points(text: &str) -> anyhow::Result<Vec<Point>> {
             },
         })
         .collect();
-    let message = JointTrajectory { joint_names: file.joint_names, points, ..JointTrajectory::default() };
+    let message =
+        JointTrajectory { joint_names: file.joint_names, points, ..JointTrajectory::default() };
     match setpoint(&message, topics::JOINT, 0)? {
         Setpoint::Motion(motion) => Ok(motion.points().to_vec()),
-        Setpoint::Now(_) => anyhow::bail!("one point without a time_from_start is a setpoint and no motion"),
+        Setpoint::Now(_) => {
+            anyhow::bail!("one point without a time_from_start is a setpoint and no motion")
+        }
     }
 }
 
@@ -154,14 +162,22 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     // Told here, not from the log of a node.
     stage_settings::model(&args.model)?;
     if args.record.exists() {
-        return Err(WrongArguments(format!("{} exists already: choose another --record", args.record.display())).into());
+        return Err(WrongArguments(format!(
+            "{} exists already: choose another --record",
+            args.record.display()
+        ))
+        .into());
     }
     if let Some(parent) = args.record.parent() {
-        std::fs::create_dir_all(parent).with_context(|| format!("cannot create {}", parent.display()))?;
+        std::fs::create_dir_all(parent)
+            .with_context(|| format!("cannot create {}", parent.display()))?;
     }
     let seconds = points.last().map_or(0.0, |point| point.time as f64 * 1e-9);
     let bar = ProgressBar::new((1000.0 * seconds) as u64);
-    bar.set_style(ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?.progress_chars("=> "));
+    bar.set_style(
+        ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?
+            .progress_chars("=> "),
+    );
     bar.enable_steady_tick(Duration::from_millis(200));
     bar.set_message("starting");
     let network = Network { reach: Reach::Localhost, ..Network::from_environment()? };
@@ -217,8 +233,13 @@ mod tests {
 
     #[test]
     fn what_identify_writes_is_a_motion_that_can_be_played() {
-        let point =
-            |time, position| Point { time, position, velocity: Some(-0.25), acceleration: Some(1.5), effort: 0.0 };
+        let point = |time, position| Point {
+            time,
+            position,
+            velocity: Some(-0.25),
+            acceleration: Some(1.5),
+            effort: 0.0,
+        };
         let given = [point(1_500_000_000, -1e-6), point(2_000_000_001, 0.02)];
         let text = trajectory_yaml(&given, topics::JOINT, &["a comment".to_owned()]);
         assert_eq!(points(&text).unwrap(), given);
@@ -240,10 +261,14 @@ mod tests {
             ("joint_names: [stage]\npoints: [{position: [0.1]}]", "position"),
             ("joint_names: [stage]\npoints: [{positions: [0.1]}]", "setpoint and no motion"),
             (
-                "joint_names: [stage]\npoints: [{positions: [0.1, 0.2], time_from_start: {sec: 1}}]",
+                "joint_names: [stage]\npoints: [{positions: [0.1, 0.2], time_from_start: {sec: \
+                 1}}]",
                 "2 positions for 1 joints",
             ),
-            ("joint_names: [stage]\npoints: [{positions: [.nan], time_from_start: {sec: 1}}]", "finite"),
+            (
+                "joint_names: [stage]\npoints: [{positions: [.nan], time_from_start: {sec: 1}}]",
+                "finite",
+            ),
         ] {
             let told = format!("{:#}", points(text).unwrap_err());
             assert!(told.contains(words), "{words:?} is not in {told:?}");

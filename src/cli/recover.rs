@@ -10,20 +10,23 @@ use friction_stage_data::bag;
 
 /// Make a recording that was cut off, lost its index or is damaged whole again.
 ///
-/// Copies every message that can be read into a new recording, with its times, together with model, seed, version and
-/// arguments. The original is only read, never changed. Says how many messages of each topic were kept, which bytes
-/// could not be used, and how much time is missing, as far as that can be known.
+/// Copies every message that can be read into a new recording, with its times, together with model,
+/// seed, version and arguments. The original is only read, never changed. Says how many messages of
+/// each topic were kept, which bytes could not be used, and how much time is missing, as far as
+/// that can be known.
 ///
 /// Exit code: 0 the recording is whole already, 3 a new one was made, 1 nothing of it can be read.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "Examples:\n  friction-stage recover run_1            makes run_1_recovered\n  friction-stage recover run_1 --out run_1_whole"
+    after_help = "Examples:\n  friction-stage recover run_1            makes run_1_recovered\n  \
+                  friction-stage recover run_1 --out run_1_whole"
 )]
 pub struct RecoverArgs {
     /// rosbag2 directory or MCAP file
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
-    /// Directory to make; it must not exist; without this, the name of the bag with `_recovered` after it
+    /// Directory to make; it must not exist; without this, the name of the bag with `_recovered`
+    /// after it
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print JSON instead of text
@@ -39,5 +42,9 @@ pub fn run(args: &RecoverArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     } else {
         writeln!(out, "{report}")?;
     }
-    Ok(if report.damage.is_empty() && report.output.is_none() { Outcome::Done } else { Outcome::Warnings })
+    Ok(if report.damage.is_empty() && report.output.is_none() {
+        Outcome::Done
+    } else {
+        Outcome::Warnings
+    })
 }

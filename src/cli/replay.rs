@@ -1,4 +1,5 @@
-//! `friction-stage replay`: the recorded forces on a stage in this process, beside what was recorded.
+//! `friction-stage replay`: the recorded forces on a stage in this process, beside what was
+//! recorded.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -19,18 +20,20 @@ use friction_stage_identify::{
 
 /// Play the recorded forces of a bag on a stage and compare its encoder with the recorded one.
 ///
-/// Without options the stage is the one that the bag was recorded from: model, seed and rates stand in the bag, and a
-/// lockstep recording is reproduced bit for bit. With --model another model gets the same forces.
+/// Without options the stage is the one that the bag was recorded from: model, seed and rates stand
+/// in the bag, and a lockstep recording is reproduced bit for bit. With --model another model gets
+/// the same forces.
 ///
-/// Forces that were recorded with one stage leave another one somewhere else soon, however good its model. Two more figures say how good
-/// it is: the force that the model misses along the recorded motion, and the position error in closed loop, with the recorded
-/// setpoint and the controller that the recording shows.
+/// Forces that were recorded with one stage leave another one somewhere else soon, however good its
+/// model. Two more figures say how good it is: the force that the model misses along the recorded
+/// motion, and the position error in closed loop, with the recorded setpoint and the controller
+/// that the recording shows.
 ///
-/// Exit code: 0 done, 3 done on data that contradict themselves or the model, so that the figures say nothing of it, 1 failed, 2 wrong arguments.
+/// Exit code: 0 done, 3 done on data that contradict themselves or the model, so that the figures
+/// say nothing of it, 1 failed, 2 wrong arguments.
 #[derive(Debug, Clone, Args)]
-#[command(
-    after_help = "Examples:\n  friction-stage replay demo/guide_1\n  friction-stage replay demo/guide_1 --model guide_2 --csv out.csv"
-)]
+#[command(after_help = "Examples:\n  friction-stage replay demo/guide_1\n  friction-stage replay \
+                  demo/guide_1 --model guide_2 --csv out.csv")]
 pub struct ReplayArgs {
     /// rosbag2 directory or MCAP file
     #[arg(value_name = "BAG")]
@@ -60,7 +63,8 @@ struct ReplayReport {
     position_rms_m: f64,
     position_max_m: f64,
     force_cell_rms_n: f64,
-    /// Force that the model misses along the recorded motion; null where the recording does not show it.
+    /// Force that the model misses along the recorded motion; null where the recording does not
+    /// show it.
     missing_force_rms_n: Option<f64>,
     /// Encoder of the closed loop less the recorded one; null where the loop cannot be simulated.
     closed_loop_position_rms_m: Option<f64>,
@@ -76,27 +80,38 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let provenance = reader.provenance().cloned();
     let model = match &args.model {
         Some(name) => stage_settings::model(name)?,
-        None => {
-            reader.model()?.with_context(|| format!("{} holds no model: give one with --model", args.bag.display()))?
-        }
+        None => reader.model()?.with_context(|| {
+            format!("{} holds no model: give one with --model", args.bag.display())
+        })?,
     };
     let seed = match (args.seed, &provenance) {
         (Some(seed), _) => seed,
-        (None, Some(provenance)) => provenance.seed.parse().context("the seed in the bag is no number")?,
+        (None, Some(provenance)) => {
+            provenance.seed.parse().context("the seed in the bag is no number")?
+        }
         (None, None) => 1,
     };
     let trace = Trace::from_reader(&reader)?;
     let rates = match &provenance {
         Some(provenance) => {
             let rate = |key: &str| -> anyhow::Result<f64> {
-                let text = provenance.extra.get(key).with_context(|| format!("the bag does not say its {key}"))?;
-                text.parse().with_context(|| format!("{key} in the bag is `{text}`, must be a number"))
+                let text = provenance
+                    .extra
+                    .get(key)
+                    .with_context(|| format!("the bag does not say its {key}"))?;
+                text.parse()
+                    .with_context(|| format!("{key} in the bag is `{text}`, must be a number"))
             };
             Rates::new(rate("control_rate")?, rate("physics_rate")?)?
         }
         None => {
-            let step = trace.time.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-            anyhow::ensure!(step.is_finite() && step > 0.0, "{} holds less than two samples", args.bag.display());
+            let step =
+                trace.time.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+            anyhow::ensure!(
+                step.is_finite() && step > 0.0,
+                "{} holds less than two samples",
+                args.bag.display()
+            );
             let control = step.recip().round();
             Rates::new(control, control * (Rates::DEFAULT.physics() / control).ceil())?
         }
@@ -117,12 +132,17 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mut table = args
         .csv
         .as_ref()
-        .map(|path| std::fs::File::create(path).with_context(|| cannot_write(path)).map(|file| (path, file)))
+        .map(|path| {
+            std::fs::File::create(path).with_context(|| cannot_write(path)).map(|file| (path, file))
+        })
         .transpose()?
         .map(|(path, file)| (path, std::io::BufWriter::new(file)));
     if let Some((path, table)) = &mut table {
-        writeln!(table, "time,force,recorded_position,replayed_position,recorded_force_cell,replayed_force_cell")
-            .with_context(|| cannot_write(path))?;
+        writeln!(
+            table,
+            "time,force,recorded_position,replayed_position,recorded_force_cell,replayed_force_cell"
+        )
+        .with_context(|| cannot_write(path))?;
     }
     let columns = trace.position.iter().zip(&trace.force_cell).zip(&trace.force).zip(&trace.time);
     for (((position, force_cell), force), time) in columns {
@@ -152,7 +172,8 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             report.missing_force_rms_n = Some(rms);
             if here.effects.iter().any(Part::slips) {
                 report.notes.push(
-                    "balls that slip have the amplitude and phase here that fit this record best, and no part in the closed loop"
+                    "balls that slip have the amplitude and phase here that fit this record best, \
+                     and no part in the closed loop"
                         .to_owned(),
                 );
             }
@@ -160,12 +181,18 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
                 in_record = here.model();
             }
             if own.iter().any(|part| part.descriptor.name == "external_vibration") {
-                report.notes.push("external_vibration has the phase here that fits this record best".to_owned());
+                report.notes.push(
+                    "external_vibration has the phase here that fits this record best".to_owned(),
+                );
             }
             for at in own.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
-                let instant =
-                    instant_in_words(at, trace.time.last().unwrap_or(&0.0) - trace.time.first().unwrap_or(&0.0));
-                report.notes.push(format!("the map jumps here where that fits this record best, {instant}"));
+                let instant = instant_in_words(
+                    at,
+                    trace.time.last().unwrap_or(&0.0) - trace.time.first().unwrap_or(&0.0),
+                );
+                report.notes.push(format!(
+                    "the map jumps here where that fits this record best, {instant}"
+                ));
             }
         }
         Err(error) => report.notes.push(format!("no missing force: {error}")),
@@ -179,7 +206,8 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     } else {
         writeln!(
             out,
-            "{} samples, {} without a force; encoder: {} bit for bit, rms {:.3} nm, largest {:.3} nm; force cell: rms {:.4} N",
+            "{} samples, {} without a force; encoder: {} bit for bit, rms {:.3} nm, largest {:.3} \
+             nm; force cell: rms {:.4} N",
             report.samples,
             report.unforced,
             report.identical,
@@ -211,8 +239,8 @@ fn cannot_write(path: &Path) -> String {
     format!("cannot write {}", path.display())
 }
 
-/// Where a recording contradicts itself or the model so that no figure of a replay says anything: a wrong sign or unit, another machine, samples that no
-/// machine made.
+/// Where a recording contradicts itself or the model so that no figure of a replay says anything: a
+/// wrong sign or unit, another machine, samples that no machine made.
 fn contradictions(path: &Path, model: &StageModel) -> Vec<String> {
     let found = match bag::load(path, None) {
         Ok(recording) => bag::examine(&recording, Some(model)),
@@ -226,16 +254,23 @@ fn contradictions(path: &Path, model: &StageModel) -> Vec<String> {
     found.problems.iter().filter(spoils).map(ToString::to_string).collect()
 }
 
-/// Share of what a model misses that the phase or the instant which fits this record best has to leave out for the one of the model to be another record's. Assumed.
+/// Share of what a model misses that the phase or the instant which fits this record best has to
+/// leave out for the one of the model to be another record's. Assumed.
 const ANOTHER_RECORD: f64 = 0.05;
 
-/// Rms of the force that the model misses along the recorded motion, both sides of the cell together, N, with the phases that a record has for
-/// itself; what stands for the model in this record, and of that the effects which this record has for itself.
-fn missing_force(model: &StageModel, trace: &Trace) -> Result<(f64, Hypothesis, Vec<Part>), IdentifyError> {
+/// Rms of the force that the model misses along the recorded motion, both sides of the cell
+/// together, N, with the phases that a record has for itself; what stands for the model in this
+/// record, and of that the effects which this record has for itself.
+fn missing_force(
+    model: &StageModel,
+    trace: &Trace,
+) -> Result<(f64, Hypothesis, Vec<Part>), IdentifyError> {
     let measured = Measured::new(trace, model, "the recording")?;
     let declared = Hypothesis::new(model, Tolerances::default())?;
     let here = declared.in_record(&measured)?;
-    let missing = |hypothesis: &Hypothesis| hypothesis.missing(&measured, Sides::BOTH).map(|missing| missing.rms());
+    let missing = |hypothesis: &Hypothesis| {
+        hypothesis.missing(&measured, Sides::BOTH).map(|missing| missing.rms())
+    };
     let (as_declared, in_record) = (missing(&declared)?, missing(&here)?);
     if in_record < (1.0 - ANOTHER_RECORD) * as_declared {
         let own = declared.own_of(&here).into_iter().cloned().collect();

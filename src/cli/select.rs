@@ -15,15 +15,18 @@ use super::variant_rows::{Sheet, VariantRows};
 use friction_stage_core::model::{Catalogue, nearest};
 use friction_stage_lab::{Application, Experiment, Plan, Shard};
 
-/// Choose a guide for an application: rank every guide of the catalogue by what it reaches over its tolerances.
+/// Choose a guide for an application: rank every guide of the catalogue by what it reaches over its
+/// tolerances.
 ///
-/// Each variant is the stage of the application on guides drawn from their tolerances, moved once as the application says.
-/// Ctrl-C keeps what is done. Writes variants.csv, variants.parquet, summary.json and trade_off.svg.
+/// Each variant is the stage of the application on guides drawn from their tolerances, moved once
+/// as the application says. Ctrl-C keeps what is done. Writes variants.csv, variants.parquet,
+/// summary.json and trade_off.svg.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = "Examples:\n  \
-    friction-stage select --application launch_config/application_fine_step_clean.yaml --out choice\n  \
-    friction-stage select --application A.yaml --catalogue own.yaml --variants 100000 --shard 2/8 --out part_2\n  \
-    friction-stage merge part_* --out whole")]
+#[command(after_help = "Examples:\n  friction-stage select --application \
+                        launch_config/application_fine_step_clean.yaml --out choice\n  \
+                        friction-stage select --application A.yaml --catalogue own.yaml --variants \
+                        100000 --shard 2/8 --out part_2\n  friction-stage merge part_* --out \
+                        whole")]
 pub struct SelectArgs {
     /// What the stage is to do and to reach (YAML)
     #[arg(long, value_name = "FILE")]
@@ -38,7 +41,12 @@ pub struct SelectArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Variants over all guides, dealt to them in turn
-    #[arg(long, value_name = "N", default_value_t = 3000, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 3000,
+        value_parser = clap::value_parser!(u64).range(1..),
+    )]
     pub variants: u64,
     /// Seed of tolerances and noise; a variant depends on seed, guide and its number only
     #[arg(long, default_value_t = 1)]
@@ -60,7 +68,8 @@ const CHUNK: u64 = 128;
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let origin = args.application.display().to_string();
-    let text = std::fs::read_to_string(&args.application).with_context(|| format!("cannot read {origin}"))?;
+    let text = std::fs::read_to_string(&args.application)
+        .with_context(|| format!("cannot read {origin}"))?;
     let application = Application::from_yaml(&text, &origin)?;
     let database = database(args)?;
     let experiment = Experiment::new(&application)?;
@@ -77,8 +86,10 @@ pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let count = jobs.end - jobs.start;
     let bar = ProgressBar::new(count).with_position(done);
     bar.set_style(
-        ProgressStyle::with_template("{pos}/{len} variants [{bar:40}] {per_sec}  {elapsed}, {eta} left")?
-            .progress_chars("=> "),
+        ProgressStyle::with_template(
+            "{pos}/{len} variants [{bar:40}] {per_sec}  {elapsed}, {eta} left",
+        )?
+        .progress_chars("=> "),
     );
     let mut next = jobs.start + done;
     while next < jobs.end {
@@ -98,7 +109,13 @@ pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     }
     bar.finish_and_clear();
     if args.shard != Shard::WHOLE {
-        writeln!(out, "shard {} of {}: {count} variants in {}", args.shard, plan.variants, rows.path().display())?;
+        writeln!(
+            out,
+            "shard {} of {}: {count} variants in {}",
+            args.shard,
+            plan.variants,
+            rows.path().display()
+        )?;
         return Ok(Outcome::Done);
     }
     finish(&args.out, &rows, args.json, out)
@@ -117,7 +134,10 @@ fn database(args: &SelectArgs) -> anyhow::Result<Catalogue> {
     for name in &args.guides {
         let Some(entry) = all.entry(name) else {
             let known = all.names().collect::<Vec<_>>().join(", ");
-            anyhow::bail!("--guides: unknown guide `{name}`{}; known are {known}", nearest(name, all.names()));
+            anyhow::bail!(
+                "--guides: unknown guide `{name}`{}; known are {known}",
+                nearest(name, all.names())
+            );
         };
         chosen.insert(name.clone(), entry.clone(), "--guides")?;
     }

@@ -1,4 +1,5 @@
-//! What a finished selection leaves: summary.json, the trade-off figure, the rows as Parquet, and the table on stdout.
+//! What a finished selection leaves: summary.json, the trade-off figure, the rows as Parquet, and
+//! the table on stdout.
 
 use std::io::Write;
 use std::path::Path;
@@ -11,7 +12,12 @@ use friction_stage_lab::{Plan, Selection, Tally};
 use friction_stage_report::figure::{Curve, Panel, svg};
 
 /// Ranks all rows of a directory, writes what belongs to them and tells the result on `out`.
-pub fn finish(directory: &Path, rows: &VariantRows, json: bool, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+pub fn finish(
+    directory: &Path,
+    rows: &VariantRows,
+    json: bool,
+    out: &mut dyn Write,
+) -> anyhow::Result<Outcome> {
     let plan = &rows.sheet().plan;
     let mut tallies = vec![Tally::default(); plan.candidates.len()];
     rows.read(&mut |index, result| {
@@ -44,20 +50,30 @@ pub fn finish(directory: &Path, rows: &VariantRows, json: bool, out: &mut dyn Wr
     Ok(if selection.warnings.is_empty() { Outcome::Done } else { Outcome::Warnings })
 }
 
-fn print(out: &mut dyn Write, plan: &Plan, selection: &Selection, directory: &Path) -> std::io::Result<()> {
+fn print(
+    out: &mut dyn Write,
+    plan: &Plan,
+    selection: &Selection,
+    directory: &Path,
+) -> std::io::Result<()> {
     let band = plan.application.requirement.settling_band * 1e6;
     writeln!(out, "{}: {} variants", selection.application, selection.variants)?;
     writeln!(out)?;
-    writeln!(out, "                     meets the   peak error, um (5, 50, 95 %)   settled to {band} um after, ms")?;
+    writeln!(
+        out,
+        "                     meets the   peak error, um (5, 50, 95 %)   settled to {band} um \
+         after, ms"
+    )?;
     writeln!(out, "     guide         requirement")?;
     for row in &selection.ranking {
         let mark = if selection.choice.as_ref() == Some(&row.guide) { '*' } else { ' ' };
         let (peak, settling) = (row.peak_error, row.settling_time);
         let [a, b, c] = [peak.q05, peak.q50, peak.q95].map(|error| format!("{:.2}", error * 1e6));
-        let [d, e, f] = [settling.q05, settling.q50, settling.q95].map(|time| match time.is_finite() {
-            true => format!("{:.1}", time * 1e3),
-            false => "never".to_owned(),
-        });
+        let [d, e, f] =
+            [settling.q05, settling.q50, settling.q95].map(|time| match time.is_finite() {
+                true => format!("{:.1}", time * 1e3),
+                false => "never".to_owned(),
+            });
         let chance = format!("{:.1} %", 100.0 * row.chance);
         writeln!(
             out,
@@ -76,30 +92,46 @@ fn print(out: &mut dyn Write, plan: &Plan, selection: &Selection, directory: &Pa
         writeln!(out, "warning: {warning}")?;
     }
     writeln!(out)?;
-    writeln!(out, "{}: summary.json, trade_off.svg, variants.csv, variants.parquet", directory.display())
+    writeln!(
+        out,
+        "{}: summary.json, trade_off.svg, variants.csv, variants.parquet",
+        directory.display()
+    )
 }
 
-/// Peak error against settling time: of each guide a cross from the 5 % to the 95 % quantiles through the medians, the
-/// requirement as the corner that it must stay in; then the distributions of both.
+/// Peak error against settling time: of each guide a cross from the 5 % to the 95 % quantiles
+/// through the medians, the requirement as the corner that it must stay in; then the distributions
+/// of both.
 fn figure(plan: &Plan, tallies: &[Tally]) -> anyhow::Result<String> {
     let application = &plan.application;
     let requirement = &application.requirement;
     // What never settles is drawn at the end of what was watched.
-    let (um, ms) = (|error: f64| error * 1e6, |time: f64| time.min(application.motion.settle) * 1e3);
+    let (um, ms) =
+        (|error: f64| error * 1e6, |time: f64| time.min(application.motion.settle) * 1e3);
     let named = |index: usize| plan.candidates[index].name.replace('_', " ");
     let cross = |(index, tally): (usize, &Tally)| {
         let (peak, settling) = (tally.peak_error(), tally.settling_time());
-        let ([x0, x1, x2], [y0, y1, y2]) =
-            ([peak.q05, peak.q50, peak.q95].map(um), [settling.q05, settling.q50, settling.q95].map(ms));
+        let ([x0, x1, x2], [y0, y1, y2]) = (
+            [peak.q05, peak.q50, peak.q95].map(um),
+            [settling.q05, settling.q50, settling.q95].map(ms),
+        );
         Curve { name: named(index), points: vec![(x0, y1), (x2, y1), (x1, y1), (x1, y0), (x1, y2)] }
     };
     let (x, y) = (um(requirement.peak_error), ms(requirement.settling_time));
-    let required = |points: Vec<(f64, f64)>| std::iter::once(Curve { name: "required at most".to_owned(), points });
+    let required = |points: Vec<(f64, f64)>| {
+        std::iter::once(Curve { name: "required at most".to_owned(), points })
+    };
     let distribution = |value: &dyn Fn(&Tally, f64) -> f64| -> Vec<Curve> {
         let points = |tally: &Tally| {
-            (1..=200).map(|k| (value(tally, f64::from(k) / 200.0), f64::from(k) / 2.0)).collect::<Vec<_>>()
+            (1..=200)
+                .map(|k| (value(tally, f64::from(k) / 200.0), f64::from(k) / 2.0))
+                .collect::<Vec<_>>()
         };
-        tallies.iter().enumerate().map(|(index, tally)| Curve { name: named(index), points: points(tally) }).collect()
+        tallies
+            .iter()
+            .enumerate()
+            .map(|(index, tally)| Curve { name: named(index), points: points(tally) })
+            .collect()
     };
     let settled = format!("settled to {} um after the arrival, ms", um(requirement.settling_band));
     let panel = |title: &str, x_label: &str, y_label: &str, curves: Vec<Curve>| Panel {
@@ -109,12 +141,22 @@ fn figure(plan: &Plan, tallies: &[Tally]) -> anyhow::Result<String> {
         curves,
         reference: None,
     };
-    let crosses = tallies.iter().enumerate().map(cross).chain(required(vec![(0.0, y), (x, y), (x, 0.0)])).collect();
+    let crosses = tallies
+        .iter()
+        .enumerate()
+        .map(cross)
+        .chain(required(vec![(0.0, y), (x, y), (x, 0.0)]))
+        .collect();
     let peaks = distribution(&|tally, share| um(tally.peak_error_at(share)));
     let times = distribution(&|tally, share| ms(tally.settling_time_at(share)));
     let share = "share of the variants, %";
     let panels = [
-        panel("Medians with 5 % and 95 % quantiles; lower left is better", "peak error, um", &settled, crosses),
+        panel(
+            "Medians with 5 % and 95 % quantiles; lower left is better",
+            "peak error, um",
+            &settled,
+            crosses,
+        ),
         panel(
             "Peak error",
             "peak error below, um",

@@ -1,7 +1,9 @@
-//! The rows of a selection on disk: one per variant, appended as they come, read back to go on, to merge and to rank.
+//! The rows of a selection on disk: one per variant, appended as they come, read back to go on, to
+//! merge and to rank.
 //!
-//! A directory holds `plan.yaml` (everything that the rows follow from) and `variants.csv` (rows in the order of the jobs). A run
-//! that was cut off leaves whole rows and at most one torn one at the end.
+//! A directory holds `plan.yaml` (everything that the rows follow from) and `variants.csv` (rows in
+//! the order of the jobs). A run that was cut off leaves whole rows and at most one torn one at the
+//! end.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Read as _, Seek as _, SeekFrom, Write};
@@ -87,12 +89,14 @@ impl Sheet {
     /// The sheet of a directory.
     pub fn read(directory: &Path) -> anyhow::Result<Sheet> {
         let path = directory.join(PLAN);
-        let text = std::fs::read_to_string(&path)
-            .with_context(|| format!("{} holds no selection: cannot read {}", directory.display(), path.display()))?;
+        let text = std::fs::read_to_string(&path).with_context(|| {
+            format!("{} holds no selection: cannot read {}", directory.display(), path.display())
+        })?;
         let sheet: Sheet = serde_saphyr::from_str(&text)
             .map_err(|error| anyhow::anyhow!("{}: {}", path.display(), error.without_snippet()))?;
         anyhow::ensure!(
-            (1..=sheet.shard.count).contains(&sheet.shard.index) && !sheet.plan.candidates.is_empty(),
+            (1..=sheet.shard.count).contains(&sheet.shard.index)
+                && !sheet.plan.candidates.is_empty(),
             "{}: shard {} of {} guides cannot be",
             path.display(),
             sheet.shard,
@@ -123,25 +127,32 @@ impl Sheet {
 }
 
 impl VariantRows {
-    /// Starts rows in a directory; with `resume`, goes on with those that are there. Returns how many are.
-    pub fn open(directory: &Path, sheet: Sheet, resume: bool) -> anyhow::Result<(VariantRows, u64)> {
+    /// Starts rows in a directory; with `resume`, goes on with those that are there. Returns how
+    /// many are.
+    pub fn open(
+        directory: &Path,
+        sheet: Sheet,
+        resume: bool,
+    ) -> anyhow::Result<(VariantRows, u64)> {
         let there = directory.join(PLAN).exists();
         anyhow::ensure!(
             resume || !there && !directory.join(ROWS).exists(),
             "{} holds a selection already: go on with it by --resume, or choose another --out",
             directory.display()
         );
-        std::fs::create_dir_all(directory).with_context(|| format!("cannot create {}", directory.display()))?;
+        std::fs::create_dir_all(directory)
+            .with_context(|| format!("cannot create {}", directory.display()))?;
         let rows = VariantRows { directory: directory.to_owned(), sheet };
         if !there {
             let path = directory.join(PLAN);
-            std::fs::write(&path, rows.sheet.text()?).with_context(|| format!("cannot write {}", path.display()))?;
+            std::fs::write(&path, rows.sheet.text()?)
+                .with_context(|| format!("cannot write {}", path.display()))?;
             return Ok((rows, 0));
         }
         if let Some((before, now)) = Sheet::read(directory)?.difference(&rows.sheet)? {
             anyhow::bail!(
-                "{} was begun with other arguments, `{before}` where it is now `{now}`: resume with the same, or choose \
-                 another --out",
+                "{} was begun with other arguments, `{before}` where it is now `{now}`: resume \
+                 with the same, or choose another --out",
                 directory.display()
             );
         }
@@ -211,14 +222,16 @@ impl VariantRows {
             return Ok(());
         }
         let context = || format!("cannot mend {}", path.display());
-        let mut file = OpenOptions::new().read(true).write(true).open(&path).with_context(context)?;
+        let mut file =
+            OpenOptions::new().read(true).write(true).open(&path).with_context(context)?;
         let size = file.metadata().with_context(context)?.len();
         // Longer than any row: a name of a guide may be long, numbers are not.
         let from = size.saturating_sub(65_536);
         file.seek(SeekFrom::Start(from)).with_context(context)?;
         let mut tail = Vec::new();
         file.read_to_end(&mut tail).with_context(context)?;
-        let whole = tail.iter().rposition(|byte| *byte == b'\n').map_or(from, |at| from + at as u64 + 1);
+        let whole =
+            tail.iter().rposition(|byte| *byte == b'\n').map_or(from, |at| from + at as u64 + 1);
         file.set_len(whole).with_context(context)
     }
 
@@ -226,7 +239,8 @@ impl VariantRows {
     pub fn append(&self, first_job: u64, results: &[VariantResult]) -> anyhow::Result<()> {
         let path = self.path();
         let context = || format!("cannot write {}", path.display());
-        let file = OpenOptions::new().create(true).append(true).open(&path).with_context(context)?;
+        let file =
+            OpenOptions::new().create(true).append(true).open(&path).with_context(context)?;
         let headers = file.metadata().with_context(context)?.len() == 0;
         let mut writer = csv::WriterBuilder::new().has_headers(headers).from_writer(file);
         let plan = &self.sheet.plan;
@@ -258,7 +272,8 @@ impl VariantRows {
         let (from, to) = (other.path(), self.path());
         let context = || format!("cannot copy {} to {}", from.display(), to.display());
         let mut source = BufReader::new(File::open(&from).with_context(context)?);
-        let mut target = OpenOptions::new().create(true).append(true).open(&to).with_context(context)?;
+        let mut target =
+            OpenOptions::new().create(true).append(true).open(&to).with_context(context)?;
         let mut header = Vec::new();
         source.read_until(b'\n', &mut header).with_context(context)?;
         if target.metadata().with_context(context)?.len() == 0 {
@@ -268,14 +283,19 @@ impl VariantRows {
         Ok(())
     }
 
-    /// Reads the rows one after the other, with the index of their guide; rows that the plan does not have are an error.
-    pub fn read(&self, each: &mut dyn FnMut(usize, VariantResult) -> anyhow::Result<()>) -> anyhow::Result<()> {
+    /// Reads the rows one after the other, with the index of their guide; rows that the plan does
+    /// not have are an error.
+    pub fn read(
+        &self,
+        each: &mut dyn FnMut(usize, VariantResult) -> anyhow::Result<()>,
+    ) -> anyhow::Result<()> {
         let path = self.path();
         if !path.exists() {
             return Ok(());
         }
         let mut jobs = self.sheet.jobs();
-        let mut reader = csv::Reader::from_path(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        let mut reader = csv::Reader::from_path(&path)
+            .with_context(|| format!("cannot read {}", path.display()))?;
         for (line, row) in (2u64..).zip(reader.deserialize::<Row>()) {
             let row = row.with_context(|| format!("{} line {line}", path.display()))?;
             let Some(job) = jobs.next() else {
@@ -285,7 +305,8 @@ impl VariantRows {
             let name = &self.sheet.plan.candidates[index].name;
             anyhow::ensure!(
                 row.guide == *name && row.variant == variant,
-                "{} line {line}: is variant {} of {}, the plan has variant {variant} of {name} there",
+                "{} line {line}: is variant {} of {}, the plan has variant {variant} of {name} \
+                 there",
                 path.display(),
                 row.variant,
                 row.guide
@@ -311,7 +332,8 @@ impl VariantRows {
         Ok(())
     }
 
-    /// Writes the rows once more as Parquet, in groups, uncompressed columns of plain types that every reader takes.
+    /// Writes the rows once more as Parquet, in groups, uncompressed columns of plain types that
+    /// every reader takes.
     pub fn write_parquet(&self, path: &Path) -> anyhow::Result<()> {
         let context = || format!("cannot write {}", path.display());
         let schema = Arc::new(parse_message_type(SCHEMA).with_context(context)?);
@@ -320,7 +342,8 @@ impl VariantRows {
             .set_created_by(format!("friction-stage {}", env!("CARGO_PKG_VERSION")))
             .build();
         let file = File::create(path).with_context(context)?;
-        let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties)).with_context(context)?;
+        let mut writer =
+            SerializedFileWriter::new(file, schema, Arc::new(properties)).with_context(context)?;
         let mut group: Vec<(usize, VariantResult)> = Vec::new();
         self.read(&mut |index, result| {
             group.push((index, result));
@@ -357,24 +380,34 @@ impl VariantRows {
         while let Some(mut target) = group.next_column()? {
             match column {
                 0 => {
-                    let names: Vec<ByteArray> = rows.iter().map(|(index, _)| ByteArray::from(name(*index))).collect();
+                    let names: Vec<ByteArray> =
+                        rows.iter().map(|(index, _)| ByteArray::from(name(*index))).collect();
                     target.typed::<ByteArrayType>().write_batch(&names, None, None)?;
                 }
                 1 => {
-                    target.typed::<Int64Type>().write_batch(&words(&|_, variant| variant), None, None)?;
+                    target.typed::<Int64Type>().write_batch(
+                        &words(&|_, variant| variant),
+                        None,
+                        None,
+                    )?;
                 }
                 2 => {
-                    let seeds = words(&|index, variant| variant_seed(plan.seed, name(index), variant));
+                    let seeds =
+                        words(&|index, variant| variant_seed(plan.seed, name(index), variant));
                     target.typed::<Int64Type>().write_batch(&seeds, None, None)?;
                 }
                 4 => {
-                    let settled: Vec<f64> = rows.iter().filter_map(|(_, result)| result.settling_time).collect();
-                    let defined: Vec<i16> =
-                        rows.iter().map(|(_, result)| i16::from(result.settling_time.is_some())).collect();
+                    let settled: Vec<f64> =
+                        rows.iter().filter_map(|(_, result)| result.settling_time).collect();
+                    let defined: Vec<i16> = rows
+                        .iter()
+                        .map(|(_, result)| i16::from(result.settling_time.is_some()))
+                        .collect();
                     target.typed::<DoubleType>().write_batch(&settled, Some(&defined), None)?;
                 }
                 5 => {
-                    let saturated: Vec<bool> = rows.iter().map(|(_, result)| result.saturated).collect();
+                    let saturated: Vec<bool> =
+                        rows.iter().map(|(_, result)| result.saturated).collect();
                     target.typed::<BoolType>().write_batch(&saturated, None, None)?;
                 }
                 _ => {

@@ -1,12 +1,14 @@
 //! ROS 2 command line arguments: `--ros-args -r -p --params-file`.
 //!
-//! The command line of a process comes in, what it says about names, parameters and logging goes out, together with
-//! the arguments that are not ROS's. The rules are rcl's (`rcl/arguments.h`): ROS arguments stand between
-//! `--ros-args` and `--` (or the end), as often as wanted. Of several remappings of a name the first wins; of several
-//! values of a parameter, or levels of a logger, the last one wins, wherever it stands.
+//! The command line of a process comes in, what it says about names, parameters and logging goes
+//! out, together with the arguments that are not ROS's. The rules are rcl's (`rcl/arguments.h`):
+//! ROS arguments stand between `--ros-args` and `--` (or the end), as often as wanted. Of several
+//! remappings of a name the first wins; of several values of a parameter, or levels of a logger,
+//! the last one wins, wherever it stands.
 //!
-//! In one point rcl differs: there a value under a node's own section of a file wins over a later `-p name:=value`,
-//! because equal sections are merged at the place of the first. Here the order on the command line alone decides.
+//! In one point rcl differs: there a value under a node's own section of a file wins over a later
+//! `-p name:=value`, because equal sections are merged at the place of the first. Here the order on
+//! the command line alone decides.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -100,7 +102,8 @@ pub enum ArgumentError {
     ParamsFile { path: PathBuf, line: u64, problem: String },
 }
 
-const REMAP: &str = "-r [NODE:]FROM:=TO, as in -r /stage/force:=/rig/force, -r __node:=rig or -r __ns:=/lab";
+const REMAP: &str =
+    "-r [NODE:]FROM:=TO, as in -r /stage/force:=/rig/force, -r __node:=rig or -r __ns:=/lab";
 const PARAM: &str = "-p [NODE:]NAME:=VALUE, as in -p control_rate:=1000.0";
 const PARAMS_FILE: &str = "--params-file FILE.yaml";
 const LOG_LEVEL: &str = "--log-level [LOGGER:=]debug|info|warn|error|fatal";
@@ -115,12 +118,24 @@ const VALUELESS: [&str; 6] = [
     "--enable-external-lib-logs",
     "--disable-external-lib-logs",
 ];
-const WITH_VALUE: [&str; 9] =
-    ["-r", "--remap", "-p", "--param", "--params-file", "--log-level", "--log-config-file", "-e", "--enclave"];
+const WITH_VALUE: [&str; 9] = [
+    "-r",
+    "--remap",
+    "-p",
+    "--param",
+    "--params-file",
+    "--log-level",
+    "--log-config-file",
+    "-e",
+    "--enclave",
+];
 
 impl RosArguments {
-    /// Splits a command line into what ROS says and the others, in their order. Parameter files are read.
-    pub fn parse(arguments: impl Iterator<Item = String>) -> Result<(RosArguments, Vec<String>), ArgumentError> {
+    /// Splits a command line into what ROS says and the others, in their order. Parameter files are
+    /// read.
+    pub fn parse(
+        arguments: impl Iterator<Item = String>,
+    ) -> Result<(RosArguments, Vec<String>), ArgumentError> {
         Self::parse_with(arguments, |path| std::fs::read_to_string(path))
     }
 
@@ -149,13 +164,16 @@ impl RosArguments {
         rest: &mut impl Iterator<Item = String>,
         read: impl Fn(&Path) -> std::io::Result<String>,
     ) -> Result<(), ArgumentError> {
-        let mut value = |usage| rest.next().ok_or_else(|| ArgumentError::MissingValue { flag: flag.to_owned(), usage });
+        let mut value = |usage| {
+            rest.next().ok_or_else(|| ArgumentError::MissingValue { flag: flag.to_owned(), usage })
+        };
         match flag {
             "-r" | "--remap" => self.remaps.push(remap(flag, &value(REMAP)?)?),
             "-p" | "--param" => self.assignments.push(assignment(flag, &value(PARAM)?)?),
             "--params-file" => {
                 let path = PathBuf::from(value(PARAMS_FILE)?);
-                let text = read(&path).map_err(|source| ArgumentError::Unreadable { path: path.clone(), source })?;
+                let text = read(&path)
+                    .map_err(|source| ArgumentError::Unreadable { path: path.clone(), source })?;
                 self.assignments.extend(params_file::parse(&path, &text)?);
             }
             "--log-level" => self.log_levels.push(log_level(&value(LOG_LEVEL)?)?),
@@ -163,7 +181,8 @@ impl RosArguments {
                 let file = value("--log-config-file FILE")?;
                 return Err(ArgumentError::Value {
                     argument: format!("--log-config-file {file}"),
-                    problem: "log configuration files are not supported; use --log-level".to_owned(),
+                    problem: "log configuration files are not supported; use --log-level"
+                        .to_owned(),
                 });
             }
             "-e" | "--enclave" => self.enclave = Some(value(ENCLAVE)?),
@@ -193,12 +212,14 @@ impl RosArguments {
         self.first(default, |kind| *kind == RemapKind::NodeName).unwrap_or(default).to_owned()
     }
 
-    /// Namespace of the node with this (already remapped) base name: `-r __ns:=/NAMESPACE`, otherwise the given one.
+    /// Namespace of the node with this (already remapped) base name: `-r __ns:=/NAMESPACE`,
+    /// otherwise the given one.
     pub fn namespace(&self, node: &str, default: &str) -> String {
         self.first(node, |kind| *kind == RemapKind::Namespace).unwrap_or(default).to_owned()
     }
 
-    /// Absolute name of a topic: `name` (absolute, relative or private `~/`) expanded for the node, then remapped.
+    /// Absolute name of a topic: `name` (absolute, relative or private `~/`) expanded for the node,
+    /// then remapped.
     pub fn resolve(&self, node: &str, namespace: &str, name: &str) -> String {
         self.remapped(node, namespace, name, |kind| match kind {
             RemapKind::Topic(from) | RemapKind::TopicOrService(from) => Some(from),
@@ -214,7 +235,8 @@ impl RosArguments {
         })
     }
 
-    /// What the command line and its files say about the parameters of the node with this fully qualified name.
+    /// What the command line and its files say about the parameters of the node with this fully
+    /// qualified name.
     pub fn parameters_for(&self, fully_qualified_node_name: &str) -> BTreeMap<String, Override> {
         self.assignments
             .iter()
@@ -229,7 +251,11 @@ impl RosArguments {
     /// Level asked for the logger, or for all of them when it has none of its own.
     pub fn log_level(&self, logger: &str) -> Option<LogLevel> {
         let last = |wanted: Option<&str>| {
-            self.log_levels.iter().rev().find(|(name, _)| name.as_deref() == wanted).map(|(_, level)| *level)
+            self.log_levels
+                .iter()
+                .rev()
+                .find(|(name, _)| name.as_deref() == wanted)
+                .map(|(_, level)| *level)
         };
         last(Some(logger)).or_else(|| last(None))
     }
@@ -264,7 +290,9 @@ impl RosArguments {
         from: impl Fn(&RemapKind) -> Option<&String>,
     ) -> String {
         let full = expand(node, namespace, name);
-        match self.first(node, |kind| from(kind).is_some_and(|from| expand(node, namespace, from) == full)) {
+        match self.first(node, |kind| {
+            from(kind).is_some_and(|from| expand(node, namespace, from) == full)
+        }) {
             Some(to) => expand(node, namespace, to),
             None => full,
         }
@@ -285,16 +313,23 @@ fn expand(node: &str, namespace: &str, name: &str) -> String {
 }
 
 fn remap(flag: &str, text: &str) -> Result<Remap, ArgumentError> {
-    let malformed =
-        |problem: String| ArgumentError::Malformed { argument: format!("{flag} {text}"), problem, usage: REMAP };
-    let (left, to) = text.split_once(":=").ok_or_else(|| malformed("there is no `:=` in it".to_owned()))?;
+    let malformed = |problem: String| ArgumentError::Malformed {
+        argument: format!("{flag} {text}"),
+        problem,
+        usage: REMAP,
+    };
+    let (left, to) =
+        text.split_once(":=").ok_or_else(|| malformed("there is no `:=` in it".to_owned()))?;
     // [NODE:][rostopic://|rosservice://]FROM
     let (head, scheme, from) = match left.split_once("://") {
         Some((head, from)) => {
-            let (node, scheme) = head.rsplit_once(':').map_or((None, head), |(node, scheme)| (Some(node), scheme));
+            let (node, scheme) =
+                head.rsplit_once(':').map_or((None, head), |(node, scheme)| (Some(node), scheme));
             (node, Some(scheme), from)
         }
-        None => left.split_once(':').map_or((None, None, left), |(node, from)| (Some(node), None, from)),
+        None => {
+            left.split_once(':').map_or((None, None, left), |(node, from)| (Some(node), None, from))
+        }
     };
     if let Some(node) = head {
         token(node).map_err(|problem| malformed(format!("node name `{node}` {problem}")))?;
@@ -305,7 +340,11 @@ fn remap(flag: &str, text: &str) -> Result<Remap, ArgumentError> {
             RemapKind::NodeName
         }
         (None, "__ns") => {
-            let problem = if to.starts_with('/') { namespace_problem(to) } else { Some("must start with /".into()) };
+            let problem = if to.starts_with('/') {
+                namespace_problem(to)
+            } else {
+                Some("must start with /".into())
+            };
             if let Some(problem) = problem {
                 return Err(malformed(format!("namespace `{to}` {problem}")));
             }
@@ -313,7 +352,8 @@ fn remap(flag: &str, text: &str) -> Result<Remap, ArgumentError> {
         }
         _ => {
             for name in [from, to] {
-                topic_name(name).map_err(|problem| malformed(format!("name `{name}` {problem}")))?;
+                topic_name(name)
+                    .map_err(|problem| malformed(format!("name `{name}` {problem}")))?;
             }
             match scheme {
                 None => RemapKind::TopicOrService(from.to_owned()),
@@ -332,10 +372,16 @@ fn remap(flag: &str, text: &str) -> Result<Remap, ArgumentError> {
 
 fn assignment(flag: &str, text: &str) -> Result<Assignment, ArgumentError> {
     let origin = format!("{flag} {text}");
-    let malformed = |problem: String| ArgumentError::Malformed { argument: origin.clone(), problem, usage: PARAM };
-    let (left, value) = text.split_once(":=").ok_or_else(|| malformed("there is no `:=` in it".to_owned()))?;
+    let malformed = |problem: String| ArgumentError::Malformed {
+        argument: origin.clone(),
+        problem,
+        usage: PARAM,
+    };
+    let (left, value) =
+        text.split_once(":=").ok_or_else(|| malformed("there is no `:=` in it".to_owned()))?;
     let (node, name) = left.rsplit_once(':').unwrap_or(("/**", left));
-    let node = NodePattern::new(node).map_err(|problem| malformed(format!("node name `{node}` {problem}")))?;
+    let node = NodePattern::new(node)
+        .map_err(|problem| malformed(format!("node name `{node}` {problem}")))?;
     if name.is_empty() {
         return Err(malformed("the parameter has no name".to_owned()));
     }
@@ -347,7 +393,8 @@ fn assignment(flag: &str, text: &str) -> Result<Assignment, ArgumentError> {
 }
 
 fn log_level(text: &str) -> Result<(Option<String>, LogLevel), ArgumentError> {
-    let (logger, level) = text.split_once(":=").map_or((None, text), |(logger, level)| (Some(logger), level));
+    let (logger, level) =
+        text.split_once(":=").map_or((None, text), |(logger, level)| (Some(logger), level));
     let level = match level.to_ascii_lowercase().as_str() {
         "debug" => LogLevel::Debug,
         "info" => LogLevel::Info,
@@ -366,14 +413,17 @@ fn log_level(text: &str) -> Result<(Option<String>, LogLevel), ArgumentError> {
     Ok((logger.map(str::to_owned), level))
 }
 
-/// Which nodes a section of a parameter file is for: names between slashes, `*` for one of them, `**` for any number.
+/// Which nodes a section of a parameter file is for: names between slashes, `*` for one of them,
+/// `**` for any number.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct NodePattern(Vec<String>);
 
 impl NodePattern {
-    /// `pattern` is taken from the root, with or without its first slash. On error says what is wrong with it.
+    /// `pattern` is taken from the root, with or without its first slash. On error says what is
+    /// wrong with it.
     pub(super) fn new(pattern: &str) -> Result<Self, String> {
-        let tokens: Vec<String> = pattern.strip_prefix('/').unwrap_or(pattern).split('/').map(str::to_owned).collect();
+        let tokens: Vec<String> =
+            pattern.strip_prefix('/').unwrap_or(pattern).split('/').map(str::to_owned).collect();
         for part in &tokens {
             if !matches!(part.as_str(), "*" | "**") {
                 token(part)?;
@@ -386,13 +436,16 @@ impl NodePattern {
         fn fit(pattern: &[String], name: &[&str]) -> bool {
             match pattern.split_first() {
                 None => name.is_empty(),
-                Some((first, rest)) if first == "**" => (0..=name.len()).any(|skipped| fit(rest, &name[skipped..])),
-                Some((first, rest)) => {
-                    name.split_first().is_some_and(|(part, left)| (first == "*" || first == part) && fit(rest, left))
+                Some((first, rest)) if first == "**" => {
+                    (0..=name.len()).any(|skipped| fit(rest, &name[skipped..]))
                 }
+                Some((first, rest)) => name
+                    .split_first()
+                    .is_some_and(|(part, left)| (first == "*" || first == part) && fit(rest, left)),
             }
         }
-        let name: Vec<&str> = fully_qualified_node_name.trim_start_matches('/').split('/').collect();
+        let name: Vec<&str> =
+            fully_qualified_node_name.trim_start_matches('/').split('/').collect();
         fit(&self.0, &name)
     }
 }
@@ -401,7 +454,9 @@ impl NodePattern {
 fn token(token: &str) -> Result<(), String> {
     match token.chars().next() {
         None => return Err("has an empty part".to_owned()),
-        Some(first) if first.is_ascii_digit() => return Err(format!("must not start a part with the digit {first}")),
+        Some(first) if first.is_ascii_digit() => {
+            return Err(format!("must not start a part with the digit {first}"));
+        }
         _ => {}
     }
     match token.chars().find(|c| !(c.is_ascii_alphanumeric() || *c == '_')) {
@@ -412,7 +467,9 @@ fn token(token: &str) -> Result<(), String> {
 }
 
 fn namespace_problem(namespace: &str) -> Option<String> {
-    (namespace != "/").then(|| namespace[1..].split('/').find_map(|part| token(part).err())).flatten()
+    (namespace != "/")
+        .then(|| namespace[1..].split('/').find_map(|part| token(part).err()))
+        .flatten()
 }
 
 fn topic_name(name: &str) -> Result<(), String> {
@@ -452,9 +509,11 @@ stage:
 ";
 
     fn parse(line: &str) -> Result<(RosArguments, Vec<String>), ArgumentError> {
-        RosArguments::parse_with(line.split_whitespace().map(str::to_owned), |path| match path.to_str() {
-            Some("stage.yaml") => Ok(FILE.to_owned()),
-            _ => Err(std::io::ErrorKind::NotFound.into()),
+        RosArguments::parse_with(line.split_whitespace().map(str::to_owned), |path| {
+            match path.to_str() {
+                Some("stage.yaml") => Ok(FILE.to_owned()),
+                _ => Err(std::io::ErrorKind::NotFound.into()),
+            }
         })
     }
 
@@ -475,15 +534,18 @@ stage:
 
     fn value(text: &str) -> ParameterValue {
         let arguments = ["--ros-args".to_owned(), "-p".to_owned(), format!("x:={text}")];
-        let (ros, _) = RosArguments::parse(arguments.into_iter()).unwrap_or_else(|error| panic!("{text}: {error}"));
+        let (ros, _) = RosArguments::parse(arguments.into_iter())
+            .unwrap_or_else(|error| panic!("{text}: {error}"));
         value_of(&ros, "/n", "x").expect("x was given")
     }
 
     #[test]
     fn only_the_sections_after_ros_args_are_ros_arguments() {
-        let (ros, others) =
-            parse("stage_node -v --ros-args -r a:=b -- --out x:=y --ros-args -p every:=2 --enable-rosout-logs")
-                .unwrap();
+        let (ros, others) = parse(
+            "stage_node -v --ros-args -r a:=b -- --out x:=y --ros-args -p every:=2 \
+                   --enable-rosout-logs",
+        )
+        .unwrap();
         assert_eq!(others, ["stage_node", "-v", "--out", "x:=y"]);
         assert_eq!(ros.resolve("n", "/", "a"), "/b");
         assert_eq!(value_of(&ros, "/n", "every"), Some(ParameterValue::Integer(2)));
@@ -571,12 +633,17 @@ stage:
         assert_eq!(stage("names"), Some(ParameterValue::StringArray(vec!["a".into(), "b".into()])));
         assert_eq!(stage("seed"), Some(ParameterValue::Integer(16)));
         assert_eq!(stage("rate"), None);
-        // `stage:` is /stage, `/*/stage` is exactly one level down, `/**/controller` any number of them.
+        // `stage:` is /stage, `/*/stage` is exactly one level down, `/**/controller` any number of
+        // them.
         assert_eq!(value_of(&ros, "/stage", "every"), Some(ParameterValue::Integer(99)));
         assert_eq!(value_of(&ros, "/stage", "seed"), None);
         assert_eq!(value_of(&ros, "/a/b/stage", "seed"), None);
         for controller in ["/controller", "/a/controller", "/a/b/controller"] {
-            assert_eq!(value_of(&ros, controller, "rate"), Some(ParameterValue::Double(60.0)), "{controller}");
+            assert_eq!(
+                value_of(&ros, controller, "rate"),
+                Some(ParameterValue::Double(60.0)),
+                "{controller}"
+            );
         }
         assert_eq!(ros.parameters_for("/lab/stage")["every"].origin, "stage.yaml, line 8");
     }
@@ -584,19 +651,34 @@ stage:
     #[test]
     fn the_last_value_on_the_command_line_wins() {
         let value = |line| value_of(&ros(line), "/lab/stage", "every");
-        assert_eq!(value("--ros-args --params-file stage.yaml -p every:=7"), Some(ParameterValue::Integer(7)));
-        assert_eq!(value("--ros-args -p every:=7 --params-file stage.yaml"), Some(ParameterValue::Integer(3)));
-        assert_eq!(value("--ros-args -p every:=7 -p /lab/stage:every:=8"), Some(ParameterValue::Integer(8)));
-        assert_eq!(value("--ros-args -p every:=7 -p stage:every:=8"), Some(ParameterValue::Integer(7)));
+        assert_eq!(
+            value("--ros-args --params-file stage.yaml -p every:=7"),
+            Some(ParameterValue::Integer(7))
+        );
+        assert_eq!(
+            value("--ros-args -p every:=7 --params-file stage.yaml"),
+            Some(ParameterValue::Integer(3))
+        );
+        assert_eq!(
+            value("--ros-args -p every:=7 -p /lab/stage:every:=8"),
+            Some(ParameterValue::Integer(8))
+        );
+        assert_eq!(
+            value("--ros-args -p every:=7 -p stage:every:=8"),
+            Some(ParameterValue::Integer(7))
+        );
     }
 
     #[test]
     fn logging_follows_the_last_level_and_switch() {
-        let ros =
-            ros("--ros-args --log-level WARN --log-level rig:=debug --log-level error --disable-rosout-logs -e /x");
+        let ros = ros("--ros-args --log-level WARN --log-level rig:=debug --log-level error \
+             --disable-rosout-logs -e /x");
         assert_eq!(ros.log_level("rig"), Some(LogLevel::Debug));
         assert_eq!(ros.log_level("other"), Some(LogLevel::Error));
-        assert_eq!((ros.rosout_logs(), ros.stdout_logs(), ros.enclave()), (false, true, Some("/x")));
+        assert_eq!(
+            (ros.rosout_logs(), ros.stdout_logs(), ros.enclave()),
+            (false, true, Some("/x"))
+        );
         assert_eq!(RosArguments::default().log_level("rig"), None);
     }
 
@@ -644,17 +726,22 @@ stage:
             ("stage:\n", 1, "nothing below it"),
             ("stage:\n  ros__parameters: 3\n", 2, "expected a mapping of parameters"),
             ("/**:\n  ros__parameters:\n    a: 1\n    b:\n", 4, "parameter `b` is missing"),
-            ("/**:\n  ros__parameters:\n    g:\n      p: [1, x]\n", 4, "`g.p` mixes integer and string"),
+            (
+                "/**:\n  ros__parameters:\n    g:\n      p: [1, x]\n",
+                4,
+                "`g.p` mixes integer and string",
+            ),
             ("/**:\n  ros__parameters:\n    a: 1\n    a: 2\n", 4, "duplicate"),
             ("/**:\n  ros__parameters:\n    a: [1\n", 3, "unclosed"),
             ("/**:\n  ros__parameters:\n    a: 1\n   b: 2\n", 4, "block mapping"),
             ("my-node:\n  ros__parameters:\n    a: 1\n", 2, "must not contain `-`"),
         ] {
             let arguments = ["--ros-args", "--params-file", "p.yaml"].map(str::to_owned);
-            let error = match RosArguments::parse_with(arguments.into_iter(), |_| Ok(text.to_owned())) {
-                Ok(_) => panic!("accepted {text:?}"),
-                Err(error) => error.to_string(),
-            };
+            let error =
+                match RosArguments::parse_with(arguments.into_iter(), |_| Ok(text.to_owned())) {
+                    Ok(_) => panic!("accepted {text:?}"),
+                    Err(error) => error.to_string(),
+                };
             assert!(error.starts_with(&format!("p.yaml, line {line}: ")), "{text:?}: {error}");
             assert!(error.contains(problem), "{text:?}: {error}");
         }
@@ -664,7 +751,8 @@ stage:
     fn an_empty_parameter_section_is_no_error() {
         for text in ["/**:\n  ros__parameters:\n", "/**:\n  ros__parameters: {}\n"] {
             let arguments = ["--ros-args", "--params-file", "p.yaml"].map(str::to_owned);
-            let (ros, _) = RosArguments::parse_with(arguments.into_iter(), |_| Ok(text.to_owned())).unwrap();
+            let (ros, _) =
+                RosArguments::parse_with(arguments.into_iter(), |_| Ok(text.to_owned())).unwrap();
             assert!(ros.parameters_for("/stage").is_empty());
         }
     }

@@ -21,15 +21,25 @@ fn read(clock: libc::clockid_t) -> i64 {
 
 /// Sleeps until the monotonic clock shows `deadline` ns. Returns at once when that has passed.
 pub fn sleep_until(deadline: i64) {
-    let time =
-        libc::timespec { tv_sec: deadline.div_euclid(1_000_000_000), tv_nsec: deadline.rem_euclid(1_000_000_000) };
-    // SAFETY: `time` is valid for reading, the remaining time is not asked for. A signal ends the sleep early: sleep again.
-    while unsafe { libc::clock_nanosleep(libc::CLOCK_MONOTONIC, libc::TIMER_ABSTIME, &time, std::ptr::null_mut()) }
-        == libc::EINTR
+    let time = libc::timespec {
+        tv_sec: deadline.div_euclid(1_000_000_000),
+        tv_nsec: deadline.rem_euclid(1_000_000_000),
+    };
+    // SAFETY: `time` is valid for reading, the remaining time is not asked for. A signal ends the
+    // sleep early: sleep again.
+    while unsafe {
+        libc::clock_nanosleep(
+            libc::CLOCK_MONOTONIC,
+            libc::TIMER_ABSTIME,
+            &time,
+            std::ptr::null_mut(),
+        )
+    } == libc::EINTR
     {}
 }
 
-/// Asks the kernel to wake this thread on time: timer slack of 1 ns instead of 50 us, and SCHED_FIFO where permitted.
+/// Asks the kernel to wake this thread on time: timer slack of 1 ns instead of 50 us, and
+/// SCHED_FIFO where permitted.
 ///
 /// Returns whether real-time scheduling was granted.
 pub fn prepare_tick_thread() -> bool {

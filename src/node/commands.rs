@@ -1,7 +1,7 @@
 //! Who may command the stage, and with what: the rules for force commands, apart from DDS.
 //!
-//! In come commands as the topics bring them; out goes a force for the stage or a [`Refusal`] that says what was wrong,
-//! with the numbers. A refused command changes nothing.
+//! In come commands as the topics bring them; out goes a force for the stage or a [`Refusal`] that
+//! says what was wrong, with the numbers. A refused command changes nothing.
 
 use friction_stage_data::message::{Float64MultiArray, JointState, WrenchStamped};
 
@@ -39,17 +39,25 @@ pub enum Refusal {
     NotFinite { topic: CommandTopic, value: f64 },
     #[error("{topic}: no joint `{expected}` among [{found}]")]
     WrongJoint { topic: CommandTopic, expected: String, found: String },
-    #[error("{topic}: {names} joint names but {efforts} efforts, must be as many (or no effort at all)")]
+    #[error(
+        "{topic}: {names} joint names but {efforts} efforts, must be as many (or no effort at all)"
+    )]
     Lengths { topic: CommandTopic, names: usize, efforts: usize },
     #[error("{topic}: {found} values, must be exactly 1: the force in N")]
     Count { topic: CommandTopic, found: usize },
-    #[error("{topic}: carries no stamp, so it cannot answer a sample in lockstep; use ~/force or ~/joint_commands")]
+    #[error(
+        "{topic}: carries no stamp, so it cannot answer a sample in lockstep; use ~/force or \
+         ~/joint_commands"
+    )]
     NoStamp { topic: CommandTopic },
     #[error("{topic}: stamp {stamp} ns repeats the last one")]
     StampRepeats { topic: CommandTopic, stamp: i64 },
     #[error("{topic}: stamp {stamp} ns goes back behind {last} ns")]
     StampGoesBack { topic: CommandTopic, stamp: i64, last: i64 },
-    #[error("{topic}: stamp {stamp} ns answers no sample; the stage waits for the answer to {expected} ns")]
+    #[error(
+        "{topic}: stamp {stamp} ns answers no sample; the stage waits for the answer to {expected} \
+         ns"
+    )]
     AnswersNoSample { topic: CommandTopic, stamp: i64, expected: i64 },
     #[error("{topic}: refused, {owner} commands the stage since {since} ns of its time")]
     OtherSource { topic: CommandTopic, owner: CommandTopic, since: i64 },
@@ -74,7 +82,8 @@ impl Command {
         Ok(Command { stamp: message.header.stamp.to_nanos(), force: Some(value) })
     }
 
-    /// The effort of `joint`, looked up by name. No efforts, or NaN, ask for no force, as ros2_control sends it at first.
+    /// The effort of `joint`, looked up by name. No efforts, or NaN, ask for no force, as
+    /// ros2_control sends it at first.
     pub fn from_joint_state(message: &JointState, joint: &str) -> Result<Command, Refusal> {
         let topic = CommandTopic::JointCommands;
         let stamp = message.header.stamp.to_nanos();
@@ -86,7 +95,11 @@ impl Command {
             return Ok(Command { stamp, force: None });
         }
         if message.effort.len() != message.name.len() {
-            return Err(Refusal::Lengths { topic, names: message.name.len(), efforts: message.effort.len() });
+            return Err(Refusal::Lengths {
+                topic,
+                names: message.name.len(),
+                efforts: message.effort.len(),
+            });
         }
         match message.effort[index] {
             value if value.is_nan() => Ok(Command { stamp, force: None }),
@@ -105,7 +118,8 @@ impl Command {
     }
 }
 
-/// Lets one source at a time command the stage: the first keeps it until it has been silent for a while.
+/// Lets one source at a time command the stage: the first keeps it until it has been silent for a
+/// while.
 ///
 /// Time is wall time in ns, an argument. A source owns the stage from its first finite force on.
 #[derive(Clone, Debug)]
@@ -141,7 +155,8 @@ impl Arbiter {
         self.silence = silence;
     }
 
-    /// Judges a command of `source` that came in at `now` (wall clock, ns); `since` is the stage's time for the report.
+    /// Judges a command of `source` that came in at `now` (wall clock, ns); `since` is the stage's
+    /// time for the report.
     pub fn judge(
         &mut self,
         source: CommandSource,
@@ -156,19 +171,31 @@ impl Arbiter {
             && owner.source != source
             && !is_silent
         {
-            return Err(Refusal::OtherSource { topic, owner: owner.source.topic, since: owner.since });
+            return Err(Refusal::OtherSource {
+                topic,
+                owner: owner.source.topic,
+                since: owner.since,
+            });
         }
-        let last_stamp = self.owner.filter(|owner| owner.source == source).map_or(0, |owner| owner.last_stamp);
+        let last_stamp =
+            self.owner.filter(|owner| owner.source == source).map_or(0, |owner| owner.last_stamp);
         let stamp = command.stamp;
         match rule {
-            StampRule::Answers(_) if topic == CommandTopic::Commands => return Err(Refusal::NoStamp { topic }),
+            StampRule::Answers(_) if topic == CommandTopic::Commands => {
+                return Err(Refusal::NoStamp { topic });
+            }
             StampRule::Answers(expected) if stamp == expected => {}
-            _ if stamp != 0 && stamp == last_stamp => return Err(Refusal::StampRepeats { topic, stamp }),
-            // After a silence it may: a clock that was set back must not lock its source out for good.
+            _ if stamp != 0 && stamp == last_stamp => {
+                return Err(Refusal::StampRepeats { topic, stamp });
+            }
+            // After a silence it may: a clock that was set back must not lock its source out for
+            // good.
             _ if stamp != 0 && stamp < last_stamp && !is_silent => {
                 return Err(Refusal::StampGoesBack { topic, stamp, last: last_stamp });
             }
-            StampRule::Answers(expected) => return Err(Refusal::AnswersNoSample { topic, stamp, expected }),
+            StampRule::Answers(expected) => {
+                return Err(Refusal::AnswersNoSample { topic, stamp, expected });
+            }
             StampRule::Newer => {}
         }
         match &mut self.owner {
@@ -215,14 +242,25 @@ mod tests {
     #[test]
     fn joint_commands_are_looked_up_by_name_and_nan_asks_for_no_force() {
         let force = |names: &[&str], efforts: &[f64]| {
-            Command::from_joint_state(&joint_state(names, efforts), "stage").map(|command| command.force)
+            Command::from_joint_state(&joint_state(names, efforts), "stage")
+                .map(|command| command.force)
         };
         assert_eq!(force(&["other", "stage"], &[1.0, 2.0]), Ok(Some(2.0)));
         assert_eq!(force(&["stage"], &[f64::NAN]), Ok(None));
         assert_eq!(force(&["stage"], &[]), Ok(None));
         assert!(force(&["stage"], &[f64::INFINITY]).unwrap_err().to_string().contains("inf"));
-        assert!(force(&["slider"], &[1.0]).unwrap_err().to_string().contains("no joint `stage` among [slider]"));
-        assert!(force(&["stage", "b"], &[1.0]).unwrap_err().to_string().contains("2 joint names but 1 efforts"));
+        assert!(
+            force(&["slider"], &[1.0])
+                .unwrap_err()
+                .to_string()
+                .contains("no joint `stage` among [slider]")
+        );
+        assert!(
+            force(&["stage", "b"], &[1.0])
+                .unwrap_err()
+                .to_string()
+                .contains("2 joint names but 1 efforts")
+        );
         assert!(force(&[], &[]).is_err());
     }
 
@@ -249,7 +287,10 @@ mod tests {
     fn the_first_source_keeps_the_stage_until_it_falls_silent() {
         let mut arbiter = Arbiter::new(100);
         assert!(arbiter.judge(A, force(0), StampRule::Newer, 0, 0).is_ok());
-        assert!(matches!(arbiter.judge(B, force(0), StampRule::Newer, 50, 0), Err(Refusal::OtherSource { .. })));
+        assert!(matches!(
+            arbiter.judge(B, force(0), StampRule::Newer, 50, 0),
+            Err(Refusal::OtherSource { .. })
+        ));
         assert!(arbiter.judge(A, force(0), StampRule::Newer, 90, 0).is_ok());
         assert!(arbiter.judge(B, force(0), StampRule::Newer, 189, 0).is_err());
         assert!(arbiter.judge(B, force(0), StampRule::Newer, 190, 0).is_ok());
@@ -268,7 +309,10 @@ mod tests {
     fn stamps_that_repeat_go_back_or_answer_no_sample_are_refused_with_their_numbers() {
         let mut arbiter = Arbiter::new(100);
         assert!(arbiter.judge(A, force(1000), StampRule::Newer, 0, 0).is_ok());
-        assert!(matches!(arbiter.judge(A, force(1000), StampRule::Newer, 1, 0), Err(Refusal::StampRepeats { .. })));
+        assert!(matches!(
+            arbiter.judge(A, force(1000), StampRule::Newer, 1, 0),
+            Err(Refusal::StampRepeats { .. })
+        ));
         let back = arbiter.judge(A, force(900), StampRule::Newer, 1, 0).unwrap_err();
         assert!(back.to_string().contains("900") && back.to_string().contains("1000"), "{back}");
         // After a silence a clock may have been set back; the same message again is still refused.
@@ -280,6 +324,9 @@ mod tests {
         assert!(matches!(other, Refusal::AnswersNoSample { stamp: 3500, expected: 3000, .. }));
         let bare = CommandSource { topic: CommandTopic::Commands, writer: [1; 16] };
         let mut fresh = Arbiter::new(100);
-        assert!(matches!(fresh.judge(bare, force(0), StampRule::Answers(3000), 1, 0), Err(Refusal::NoStamp { .. })));
+        assert!(matches!(
+            fresh.judge(bare, force(0), StampRule::Answers(3000), 1, 0),
+            Err(Refusal::NoStamp { .. })
+        ));
     }
 }

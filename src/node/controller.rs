@@ -1,9 +1,10 @@
 //! The controller node: encoder in, force out, one answer per sample.
 //!
-//! It runs on the samples of the stage: it computes at the first sample at or after each tick of its own rate and answers
-//! the samples in between with the held force, so that the same loop serves real time and lockstep. Every answer carries
-//! the stamp of its sample. A disabled controller is silent: in real time the stage's force goes to zero, in lockstep its
-//! time stands still.
+//! It runs on the samples of the stage: it computes at the first sample at or after each tick of
+//! its own rate and answers the samples in between with the held force, so that the same loop
+//! serves real time and lockstep. Every answer carries the stamp of its sample. A disabled
+//! controller is silent: in real time the stage's force goes to zero, in lockstep its time stands
+//! still.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -27,20 +28,22 @@ use super::runtime::{Background, Control, End, Startup, lock};
 use super::wire::{Setpoint, controller_state, setpoint};
 use friction_stage_core::control::{Controller, ControllerSettings, Follower, Terms};
 use friction_stage_data::message::{
-    ControllerState, DiagnosticArray, DiagnosticStatus, Header, JointState, JointTrajectory, KeyValue, WrenchStamped,
+    ControllerState, DiagnosticArray, DiagnosticStatus, Header, JointState, JointTrajectory,
+    KeyValue, WrenchStamped,
 };
 
-const ABOUT: &str =
-    "The controller of the stage on ROS 2: takes what the encoder reads and setpoints, commands the force.";
+const ABOUT: &str = "The controller of the stage on ROS 2: takes what the encoder reads and \
+                     setpoints, commands the force.";
 
 /// Interval of `/diagnostics`.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_millis(200);
-/// States that go out together: DDS then packs them into one datagram with one acknowledgement, which a subscriber (the
-/// recorder) pays for. Fewer than the 10 that a default subscription keeps.
+/// States that go out together: DDS then packs them into one datagram with one acknowledgement,
+/// which a subscriber (the recorder) pays for. Fewer than the 10 that a default subscription keeps.
 const BURST: usize = 8;
 /// Longest time that a state waits for others.
 const BURST_WITHIN: Duration = Duration::from_millis(5);
-/// Longest wait for a writer that replaces one with a dead subscriber: the stage waits for the answer.
+/// Longest wait for a writer that replaces one with a dead subscriber: the stage waits for the
+/// answer.
 const SETTLE: Duration = Duration::from_secs(1);
 
 /// Counters for `/diagnostics`.
@@ -81,12 +84,15 @@ impl Status {
             name: format!("{name}: controller"),
             message: refusal.unwrap_or_else(|| "running".to_owned()),
             hardware_id: name.to_owned(),
-            values: values.map(|(key, counter)| KeyValue::new(key, counter.load(Ordering::Relaxed))).into(),
+            values: values
+                .map(|(key, counter)| KeyValue::new(key, counter.load(Ordering::Relaxed)))
+                .into(),
         }
     }
 }
 
-/// Runs the controller node with the given command line (without the program's name) until a signal ends it.
+/// Runs the controller node with the given command line (without the program's name) until a signal
+/// ends it.
 pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     if help::given(&command_line, "controller_node", ABOUT, &settings::specs()) {
         return Ok(());
@@ -94,14 +100,16 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     let startup = Startup::parse("controller", command_line)?;
     startup.start_logging();
     let mut parameters = ParameterSet::declare(settings::specs(), &startup.overrides())?;
-    let given: Vec<_> = startup.overrides().into_iter().map(|(name, given)| (name, given.value)).collect();
+    let given: Vec<_> =
+        startup.overrides().into_iter().map(|(name, given)| (name, given.value)).collect();
     let given: Vec<_> = given.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
     settings::check_changes(&given, &parameters).map_err(|reason| anyhow::anyhow!(reason))?;
     parameters.derive(settings::derived);
     let initial = settings::settings(&parameters);
     let controller = Controller::new(initial)?;
     let (stage, joint) = (parameters.string("stage"), parameters.string("joint"));
-    let (enabled, jump_limit) = (parameters.boolean("enabled"), parameters.double("setpoint_jump_limit"));
+    let (enabled, jump_limit) =
+        (parameters.boolean("enabled"), parameters.double("setpoint_jump_limit"));
 
     startup.pin(parameters.integer("cpu"))?;
     let wait_for_setpoint = parameters.boolean("wait_for_setpoint");
@@ -114,7 +122,9 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         parameters.on_change(move |changes, values| {
             settings::check_changes(changes, values)?;
             *lock(&retuned) = Some(settings::settings(values));
-            control.unbounded_send(Control::Retune).map_err(|_| "the node is shutting down".to_owned())
+            control
+                .unbounded_send(Control::Retune)
+                .map_err(|_| "the node is shutting down".to_owned())
         });
     }
     let parameters = Arc::new(Mutex::new(parameters));
@@ -126,7 +136,11 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
 
     let work = ControllerLoop {
         encoder: Inlet::new(&participant, &startup.topic(&format!("{stage}/encoder")), &SAMPLES)?,
-        setpoint: Inlet::new(&participant, &startup.topic(&format!("{stage}/setpoint")), &COMMANDS)?,
+        setpoint: Inlet::new(
+            &participant,
+            &startup.topic(&format!("{stage}/setpoint")),
+            &COMMANDS,
+        )?,
         control: control_inbox,
         force: Outlet::new(&participant, &startup.topic(&format!("{stage}/force")), &FORCES)?,
         state: Outlet::new(&participant, &startup.topic("~/state"), &SAMPLES)?.patient(),
@@ -147,7 +161,11 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         frame: String::new(),
     };
     let (ended, loop_ended) = oneshot::channel();
-    tracing::info!("{} controls {stage} at {} Hz", startup.full_name(), work.controller.settings().rate);
+    tracing::info!(
+        "{} controls {stage} at {} Hz",
+        startup.full_name(),
+        work.controller.settings().rate
+    );
     let thread = std::thread::Builder::new().name("controller".to_owned()).spawn(move || {
         work.run();
         let _ = ended.send(());
@@ -157,7 +175,9 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     match end {
         End::Signal => Ok(()),
         End::WasStopped => {
-            anyhow::bail!("the process was stopped and continued, which ends its DDS connections: start again")
+            anyhow::bail!(
+                "the process was stopped and continued, which ends its DDS connections: start again"
+            )
         }
         End::Loop => anyhow::bail!("the loop of the controller ended"),
     }
@@ -168,14 +188,16 @@ fn diagnose(
     participant: &Participant,
     status: Arc<Status>,
 ) -> anyhow::Result<impl Future<Output = ()> + Send + 'static> {
-    let mut outlet = Outlet::<DiagnosticArray>::new(participant, &startup.topic("/diagnostics"), &DIAGNOSTICS)?;
+    let mut outlet =
+        Outlet::<DiagnosticArray>::new(participant, &startup.topic("/diagnostics"), &DIAGNOSTICS)?;
     let name = startup.full_name();
     Ok(async move {
         let mut interval = tokio::time::interval(DIAGNOSTICS_INTERVAL);
         loop {
             interval.tick().await;
             let header = Header::new(clock::system(), "");
-            let _ = outlet.publish(DiagnosticArray { header, status: vec![status.diagnostic(&name)] });
+            let _ =
+                outlet.publish(DiagnosticArray { header, status: vec![status.diagnostic(&name)] });
         }
     })
 }
@@ -241,12 +263,17 @@ impl ControllerLoop {
                 None => self.publish_states(),
                 Some(Event::Encoder(Ok(message))) => self.hear(&message),
                 Some(Event::Encoder(Err(error))) => {
-                    self.status.refuse(&self.status.refused_samples, format!("a sample could not be read: {error}"));
+                    self.status.refuse(
+                        &self.status.refused_samples,
+                        format!("a sample could not be read: {error}"),
+                    );
                 }
                 Some(Event::Setpoint(Ok(message))) => self.follow(message),
                 Some(Event::Setpoint(Err(error))) => {
-                    self.status
-                        .refuse(&self.status.refused_setpoints, format!("a setpoint could not be read: {error}"));
+                    self.status.refuse(
+                        &self.status.refused_setpoints,
+                        format!("a setpoint could not be read: {error}"),
+                    );
                 }
                 Some(Event::Control(Control::Shutdown)) => return self.publish_states(),
                 Some(Event::Control(control)) => self.obey(control),
@@ -257,10 +284,13 @@ impl ControllerLoop {
     fn hear(&mut self, message: &JointState) {
         let stamp = message.header.stamp.to_nanos();
         let index = message.name.iter().position(|name| *name == self.joint);
-        let Some(position) = index.and_then(|index| message.position.get(index)).copied().filter(|x| x.is_finite())
+        let Some(position) =
+            index.and_then(|index| message.position.get(index)).copied().filter(|x| x.is_finite())
         else {
             let (joint, names) = (&self.joint, message.name.join(", "));
-            let reason = format!("the sample of {stamp} ns has no finite position of joint `{joint}` among [{names}]");
+            let reason = format!(
+                "the sample of {stamp} ns has no finite position of joint `{joint}` among [{names}]"
+            );
             return self.status.refuse(&self.status.refused_samples, reason);
         };
         if self.frame.is_empty() {
@@ -278,7 +308,8 @@ impl ControllerLoop {
                 if count.is_power_of_two() {
                     let from = last.stamp;
                     tracing::warn!(
-                        "time goes back from {from} to {stamp} ns: the stage was started again; holding ({count} so far)"
+                        "time goes back from {from} to {stamp} ns: the stage was started again; \
+                         holding ({count} so far)"
                     );
                 }
                 self.controller.reset();
@@ -291,7 +322,8 @@ impl ControllerLoop {
                     let gap = (stamp - last.stamp) as f64 * 1e-6;
                     let rate = self.controller.settings().rate;
                     tracing::warn!(
-                        "{gap} ms between two samples, too slow for a controller at {rate} Hz ({count} so far)"
+                        "{gap} ms between two samples, too slow for a controller at {rate} Hz \
+                         ({count} so far)"
                     );
                 }
             }
@@ -330,7 +362,8 @@ impl ControllerLoop {
     }
 
     fn answer(&mut self, stamp: i64) {
-        let message = WrenchStamped::along_x(Header::new(stamp, self.frame.as_str()), self.held.output);
+        let message =
+            WrenchStamped::along_x(Header::new(stamp, self.frame.as_str()), self.held.output);
         if self.force.publish(message) == Published::Held && !self.force.settle(SETTLE) {
             tracing::error!("{}: the stage got no answer for {SETTLE:?}", self.force.name());
         }
@@ -339,7 +372,8 @@ impl ControllerLoop {
     fn tell(&mut self, stamp: i64) {
         let header = Header::new(stamp, self.frame.as_str());
         let answered = self.status.answered.load(Ordering::Relaxed);
-        let state = controller_state(header, answered, &self.held, self.enabled, self.setpoint_stamp);
+        let state =
+            controller_state(header, answered, &self.held, self.enabled, self.setpoint_stamp);
         self.states.push(state);
         if self.states.len() >= BURST {
             self.publish_states();
@@ -358,13 +392,15 @@ impl ControllerLoop {
             return self.waiting.push(message);
         };
         let now = last.stamp;
-        let result = setpoint(&message, &self.joint, now).map_err(|error| error.to_string()).and_then(|wanted| {
-            let (start, result) = match wanted {
-                Setpoint::Now(reference) => (now, self.follower.set(now, reference)),
-                Setpoint::Motion(motion) => (motion.start(), self.follower.follow(now, motion)),
-            };
-            result.map(|()| start).map_err(|error| error.to_string())
-        });
+        let result = setpoint(&message, &self.joint, now)
+            .map_err(|error| error.to_string())
+            .and_then(|wanted| {
+                let (start, result) = match wanted {
+                    Setpoint::Now(reference) => (now, self.follower.set(now, reference)),
+                    Setpoint::Motion(motion) => (motion.start(), self.follower.follow(now, motion)),
+                };
+                result.map(|()| start).map_err(|error| error.to_string())
+            });
         match result {
             Ok(start) => {
                 self.setpoint_stamp = start;
@@ -376,7 +412,9 @@ impl ControllerLoop {
                     self.compute();
                 }
             }
-            Err(reason) => self.status.refuse(&self.status.refused_setpoints, format!("setpoint: {reason}")),
+            Err(reason) => {
+                self.status.refuse(&self.status.refused_setpoints, format!("setpoint: {reason}"))
+            }
         }
     }
 

@@ -23,46 +23,81 @@ pub fn specs() -> Vec<ParameterSpec> {
         .unit("Hz")
         .range(1.0, 20_000.0)
         .read_only(),
-        ParameterSpec::string("stage", "/stage", "full name of the stage node to control").read_only(),
+        ParameterSpec::string("stage", "/stage", "full name of the stage node to control")
+            .read_only(),
         ParameterSpec::string("joint", "stage", "name of the joint in messages").read_only(),
-        ParameterSpec::boolean("enabled", true, "whether the controller commands from the start; ~/enable changes it")
-            .read_only(),
-        ParameterSpec::boolean("wait_for_setpoint", false, "answer no sample before the first setpoint is accepted")
-            .read_only(),
+        ParameterSpec::boolean(
+            "enabled",
+            true,
+            "whether the controller commands from the start; ~/enable changes it",
+        )
+        .read_only(),
+        ParameterSpec::boolean(
+            "wait_for_setpoint",
+            false,
+            "answer no sample before the first setpoint is accepted",
+        )
+        .read_only(),
         ParameterSpec::string(
             "tuning",
             "bandwidth",
             "where gains and lowpass come from: worked out from bandwidth and mass, or given",
         )
         .choices(&["bandwidth", "gains"]),
-        ParameterSpec::double("bandwidth", 60.0, "crossover of the open loop, with tuning: bandwidth")
-            .unit("Hz")
-            .range(0.1, 1000.0),
+        ParameterSpec::double(
+            "bandwidth",
+            60.0,
+            "crossover of the open loop, with tuning: bandwidth",
+        )
+        .unit("Hz")
+        .range(0.1, 1000.0),
         ParameterSpec::double("mass", 40.0, "moving mass that the gains are worked out for")
             .unit("kg")
             .range(1e-3, 1e5),
-        ParameterSpec::double("gains.stage.p", gains.p, "proportional gain").unit("N/m").range(0.0, 1e12),
-        ParameterSpec::double("gains.stage.i", gains.i, "integral gain").unit("N/(m s)").range(0.0, 1e14),
-        ParameterSpec::double("gains.stage.d", gains.d, "derivative gain").unit("N s/m").range(0.0, 1e9),
-        ParameterSpec::double("gains.stage.u_clamp_max", paper.limits.1, "largest force").unit("N").range(1e-6, 1e6),
-        ParameterSpec::double("gains.stage.u_clamp_min", paper.limits.0, "smallest force").unit("N").range(-1e6, -1e-6),
+        ParameterSpec::double("gains.stage.p", gains.p, "proportional gain")
+            .unit("N/m")
+            .range(0.0, 1e12),
+        ParameterSpec::double("gains.stage.i", gains.i, "integral gain")
+            .unit("N/(m s)")
+            .range(0.0, 1e14),
+        ParameterSpec::double("gains.stage.d", gains.d, "derivative gain")
+            .unit("N s/m")
+            .range(0.0, 1e9),
+        ParameterSpec::double("gains.stage.u_clamp_max", paper.limits.1, "largest force")
+            .unit("N")
+            .range(1e-6, 1e6),
+        ParameterSpec::double("gains.stage.u_clamp_min", paper.limits.0, "smallest force")
+            .unit("N")
+            .range(-1e6, -1e-6),
         ParameterSpec::string(
             "gains.stage.antiwindup_strategy",
             "conditional_integration",
             "what the integrator does in saturation",
         )
         .choices(&AntiWindup::NAMES),
-        ParameterSpec::double("lowpass.frequency", gains.lowpass_frequency, "cutoff of the lowpass behind the PID")
-            .unit("Hz")
-            .range(0.01, 10_000.0),
-        ParameterSpec::double("lowpass.damping", gains.lowpass_damping, "damping ratio of the lowpass")
-            .range(0.01, 10.0),
+        ParameterSpec::double(
+            "lowpass.frequency",
+            gains.lowpass_frequency,
+            "cutoff of the lowpass behind the PID",
+        )
+        .unit("Hz")
+        .range(0.01, 10_000.0),
+        ParameterSpec::double(
+            "lowpass.damping",
+            gains.lowpass_damping,
+            "damping ratio of the lowpass",
+        )
+        .range(0.01, 10.0),
         ParameterSpec::double("feedforward.mass", paper.mass_feedforward, "mass feedforward")
             .unit("kg")
             .range(0.0, 1e5),
-        ParameterSpec::double("feedforward.viscous", paper.viscous_feedforward, "viscous feedforward")
-            .unit("N s/m")
-            .range(0.0, 1e6),
+        ParameterSpec::double(
+            "feedforward.viscous",
+            paper.viscous_feedforward,
+            "viscous feedforward",
+        )
+        .unit("N s/m")
+        .range(0.0, 1e6),
         ParameterSpec::double("setpoint_jump_limit", 1e-3, "largest step of a single setpoint")
             .unit("m")
             .range(0.0, 10.0)
@@ -84,7 +119,10 @@ pub fn settings(values: &ParameterValues) -> ControllerSettings {
         // The choices of the parameter are the names of the strategies.
         anti_windup: AntiWindup::from_name(&values.string("gains.stage.antiwindup_strategy"))
             .unwrap_or(AntiWindup::None),
-        limits: (values.double("gains.stage.u_clamp_min"), values.double("gains.stage.u_clamp_max")),
+        limits: (
+            values.double("gains.stage.u_clamp_min"),
+            values.double("gains.stage.u_clamp_max"),
+        ),
         mass_feedforward: values.double("feedforward.mass"),
         viscous_feedforward: values.double("feedforward.viscous"),
     }
@@ -101,11 +139,15 @@ pub fn derived(values: &ParameterValues) -> Vec<(&'static str, ParameterValue)> 
 }
 
 /// Refuses a gain that `tuning: bandwidth` would overwrite.
-pub fn check_changes(changes: &[(&str, ParameterValue)], values: &ParameterValues) -> Result<(), String> {
+pub fn check_changes(
+    changes: &[(&str, ParameterValue)],
+    values: &ParameterValues,
+) -> Result<(), String> {
     let derived = changes.iter().find(|(name, _)| DERIVED.contains(name));
     match derived {
         Some((name, _)) if values.string("tuning") == "bandwidth" => Err(format!(
-            "{name} follows from bandwidth and mass while tuning is bandwidth; set tuning to gains as well"
+            "{name} follows from bandwidth and mass while tuning is bandwidth; set tuning to gains \
+             as well"
         )),
         _ => settings(values).check().map_err(|error| error.to_string()),
     }

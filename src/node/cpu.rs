@@ -1,7 +1,7 @@
 //! Which processor a thread runs on. Threads inherit it from the one that starts them.
 //!
-//! In lockstep the two nodes take turns: on one processor each hands over to the other without waking an idle one, which
-//! is a quarter faster. The recorder then belongs on the others.
+//! In lockstep the two nodes take turns: on one processor each hands over to the other without
+//! waking an idle one, which is a quarter faster. The recorder then belongs on the others.
 
 use std::io;
 
@@ -13,7 +13,8 @@ pub fn pin(cpu: usize) -> io::Result<()> {
     set(std::iter::once(cpu))
 }
 
-/// Lets this thread, and those that it starts, run on every processor but, if there is another, `busy`.
+/// Lets this thread, and those that it starts, run on every processor but, if there is another,
+/// `busy`.
 pub fn avoid(busy: usize) -> io::Result<()> {
     let count = std::thread::available_parallelism().map_or(1, usize::from).max(online());
     if count < 2 { Ok(()) } else { set((0..count).filter(|cpu| *cpu != busy)) }

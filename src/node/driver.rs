@@ -1,7 +1,8 @@
-//! Runs stage and controller as two processes in lockstep, gives them a motion, and waits until it is over.
+//! Runs stage and controller as two processes in lockstep, gives them a motion, and waits until it
+//! is over.
 //!
-//! The run repeats bit for bit: the stage's time stands still at its first sample until that is answered, and the controller
-//! answers nothing before it has its motion.
+//! The run repeats bit for bit: the stage's time stands still at its first sample until that is
+//! answered, and the controller answers nothing before it has its motion.
 
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
@@ -24,7 +25,8 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// One run.
 #[derive(Clone, Debug)]
 pub struct LockstepRun {
-    /// ROS arguments of the stage, such as `-p model:=guide_2`; lockstep and standing still at first are added.
+    /// ROS arguments of the stage, such as `-p model:=guide_2`; lockstep and standing still at
+    /// first are added.
     pub stage_arguments: Vec<String>,
     pub controller_arguments: Vec<String>,
     /// Motion from the first sample on; times in ns after it.
@@ -58,12 +60,18 @@ struct Process {
 
 impl Process {
     /// Starts the `name` node (stage or controller); its log goes beside `log_stem`.
-    fn start(driver: &Driver, name: &'static str, arguments: &[String], log_stem: &Path) -> anyhow::Result<Process> {
+    fn start(
+        driver: &Driver,
+        name: &'static str,
+        arguments: &[String],
+        log_stem: &Path,
+    ) -> anyhow::Result<Process> {
         let log = log_stem.with_file_name(format!(
             "{}_{name}.log",
             log_stem.file_name().map(|name| name.to_string_lossy()).unwrap_or_default()
         ));
-        let file = std::fs::File::create(&log).with_context(|| format!("cannot write {}", log.display()))?;
+        let file = std::fs::File::create(&log)
+            .with_context(|| format!("cannot write {}", log.display()))?;
         let mut command = Command::new(&driver.program);
         // SAFETY: prctl is async-signal-safe and touches nothing of the parent's.
         unsafe {
@@ -98,7 +106,11 @@ impl Process {
         let log = std::fs::read_to_string(&self.log).unwrap_or_default();
         let lines: Vec<&str> = log.lines().rev().take(5).collect();
         let tail = lines.into_iter().rev().collect::<Vec<_>>().join("\n  ");
-        anyhow::anyhow!("the {} node ended ({status}); {} says:\n  {tail}", self.name, self.log.display())
+        anyhow::anyhow!(
+            "the {} node ended ({status}); {} says:\n  {tail}",
+            self.name,
+            self.log.display()
+        )
     }
 
     fn signal(&self) {
@@ -140,14 +152,17 @@ impl Drop for Process {
 }
 
 impl Driver {
-    /// Joins `network`, as the nodes will. `program` is the `friction-stage` executable, which is both nodes too.
+    /// Joins `network`, as the nodes will. `program` is the `friction-stage` executable, which is
+    /// both nodes too.
     pub fn new(program: &Path, network: Network) -> anyhow::Result<Driver> {
-        let options = ros2_client::NodeOptions::new().start_parameter_services(false).enable_rosout(false);
+        let options =
+            ros2_client::NodeOptions::new().start_parameter_services(false).enable_rosout(false);
         let participant = Participant::join(network, "/", "friction_stage_driver", options)?;
         Ok(Driver { participant, network, program: program.to_owned() })
     }
 
-    /// Runs a stage, and a controller if it has arguments, in real time for `duration`; numbers of its last `/diagnostics` by key, 0 where one is missing.
+    /// Runs a stage, and a controller if it has arguments, in real time for `duration`; numbers of
+    /// its last `/diagnostics` by key, 0 where one is missing.
     pub fn observe<const N: usize>(
         self,
         stage_arguments: &[String],
@@ -156,7 +171,8 @@ impl Driver {
         duration: Duration,
         keys: [&str; N],
     ) -> anyhow::Result<[f64; N]> {
-        let diagnostics = Inlet::<DiagnosticArray>::new(&self.participant, "/diagnostics", &DIAGNOSTICS)?;
+        let diagnostics =
+            Inlet::<DiagnosticArray>::new(&self.participant, "/diagnostics", &DIAGNOSTICS)?;
         let mut stage = Process::start(&self, "stage", stage_arguments, log_stem)?;
         let controller = controller_arguments
             .map(|arguments| Process::start(&self, "controller", arguments, log_stem))
@@ -166,7 +182,8 @@ impl Driver {
         while start.elapsed() < duration {
             stage.check()?;
             let soon = Instant::now() + Duration::from_millis(100);
-            if let Some(Ok(message)) = waiter.wait(Some(soon), |context| diagnostics.poll_take(context))
+            if let Some(Ok(message)) =
+                waiter.wait(Some(soon), |context| diagnostics.poll_take(context))
                 && stage_report(&message).is_some()
             {
                 found = Some(keys.map(|key| stage_value(&message, key).unwrap_or(0.0)));
@@ -178,14 +195,21 @@ impl Driver {
     }
 
     /// Runs the motion to its end. `progress` hears the simulated time since the first sample, s.
-    pub fn run(self, run: &LockstepRun, progress: &mut dyn FnMut(f64)) -> anyhow::Result<RunResult> {
+    pub fn run(
+        self,
+        run: &LockstepRun,
+        progress: &mut dyn FnMut(f64),
+    ) -> anyhow::Result<RunResult> {
         let start = super::LOCKSTEP_EPOCH;
         let end = start + run.points.last().map_or(0, |point| point.time);
         let waiter = Waiter::new();
-        let mut setpoint = Outlet::<JointTrajectory>::new(&self.participant, "/stage/setpoint", &COMMANDS)?;
-        let diagnostics = Inlet::<DiagnosticArray>::new(&self.participant, "/diagnostics", &DIAGNOSTICS)?;
+        let mut setpoint =
+            Outlet::<JointTrajectory>::new(&self.participant, "/stage/setpoint", &COMMANDS)?;
+        let diagnostics =
+            Inlet::<DiagnosticArray>::new(&self.participant, "/diagnostics", &DIAGNOSTICS)?;
         let with = |given: &[String], added: &[&str]| -> Vec<String> {
-            let added = added.iter().flat_map(|parameter| ["-p".to_owned(), (*parameter).to_owned()]);
+            let added =
+                added.iter().flat_map(|parameter| ["-p".to_owned(), (*parameter).to_owned()]);
             given.iter().cloned().chain(added).collect()
         };
         let arguments = with(&run.stage_arguments, &["mode:=lockstep", "wait_for_command:=true"]);
@@ -196,7 +220,10 @@ impl Driver {
         while setpoint.wait_for_subscribers(2, Duration::from_millis(100)) < 2 {
             stage.check()?;
             controller.check()?;
-            anyhow::ensure!(Instant::now() < deadline, "stage and controller did not find each other in {PATIENCE:?}");
+            anyhow::ensure!(
+                Instant::now() < deadline,
+                "stage and controller did not find each other in {PATIENCE:?}"
+            );
         }
         let _ = setpoint.publish(joint_trajectory("stage", start, &run.points));
         let mut deadline = Instant::now() + PATIENCE;
@@ -220,12 +247,18 @@ impl Driver {
                     break;
                 }
             }
-            anyhow::ensure!(Instant::now() < deadline, "the run stands still; see {}", stage.log.display());
+            anyhow::ensure!(
+                Instant::now() < deadline,
+                "the run stands still; see {}",
+                stage.log.display()
+            );
         }
-        // The stage first: without it the controller has nothing to answer, without the controller the stage complains.
+        // The stage first: without it the controller has nothing to answer, without the controller
+        // the stage complains.
         stage.stop()?;
         controller.stop()?;
-        let ((from, began), (to, over)) = first.zip(last).context("the run was over before it was seen")?;
+        let ((from, began), (to, over)) =
+            first.zip(last).context("the run was over before it was seen")?;
         let seconds = (over - began) as f64 * 1e-9;
         Ok(RunResult { cycles: to, rate: (to - from) as f64 / seconds.max(1e-9) })
     }

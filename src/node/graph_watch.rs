@@ -19,7 +19,9 @@ use std::{
 };
 
 use futures::Stream;
-use rustdds::{DomainParticipant, DomainParticipantStatusEvent as Event, GUID, QosPolicies, StatusEvented};
+use rustdds::{
+    DomainParticipant, DomainParticipantStatusEvent as Event, GUID, QosPolicies, StatusEvented,
+};
 use tokio::sync::Notify;
 
 use super::inlet::Waiter;
@@ -39,7 +41,8 @@ impl Endpoint {
         let topic = self.topic.as_deref().unwrap_or("a topic");
         let policy = offered.compliance_failure_wrt(requested);
         tracing::warn!(
-            "{topic}: {what}: its quality of service does not fit ({policy:?}): requested {:?} {:?}, offered {:?} {:?}",
+            "{topic}: {what}: its quality of service does not fit ({policy:?}): requested {:?} \
+             {:?}, offered {:?} {:?}",
             requested.reliability(),
             requested.durability(),
             offered.reliability(),
@@ -80,12 +83,13 @@ impl GraphWatch {
         let state = Arc::new(State::default());
         let shared = Arc::clone(&state);
         let (hand_over, waker) = sync_channel(1);
-        let thread = thread::Builder::new().name("ROS graph watch".to_owned()).spawn(move || {
-            let waiter = Waiter::new();
-            // The receiver waits for it below.
-            let _ = hand_over.send(waiter.waker());
-            follow(&participant, &shared, &waiter);
-        })?;
+        let thread =
+            thread::Builder::new().name("ROS graph watch".to_owned()).spawn(move || {
+                let waiter = Waiter::new();
+                // The receiver waits for it below.
+                let _ = hand_over.send(waiter.waker());
+                follow(&participant, &shared, &waiter);
+            })?;
         let waker = waker.recv().map_err(std::io::Error::other)?;
         Ok(Self { state, waker, thread: Some(thread) })
     }
@@ -100,7 +104,8 @@ impl GraphWatch {
         self.state.endpoints().get(&guid).map_or(0, |endpoint| endpoint.peers.len())
     }
 
-    /// How often an endpoint appeared whose quality of service does not fit ours: it is not matched.
+    /// How often an endpoint appeared whose quality of service does not fit ours: it is not
+    /// matched.
     pub fn misfits(&self, guid: GUID) -> usize {
         self.state.endpoints().get(&guid).map_or(0, |endpoint| endpoint.misfits)
     }
@@ -108,7 +113,9 @@ impl GraphWatch {
     /// Waits until at least `wanted` are matched, or `limit` has passed; how many there are.
     pub fn wait_for_matches(&self, guid: GUID, wanted: usize, limit: Duration) -> usize {
         let endpoints = self.state.endpoints();
-        let matches = |endpoints: &BTreeMap<GUID, Endpoint>| endpoints.get(&guid).map_or(0, |e| e.peers.len());
+        let matches = |endpoints: &BTreeMap<GUID, Endpoint>| {
+            endpoints.get(&guid).map_or(0, |e| e.peers.len())
+        };
         let (endpoints, _) = self
             .state
             .changed
@@ -117,10 +124,11 @@ impl GraphWatch {
         matches(&endpoints)
     }
 
-    /// Waits until the endpoint `peer` of another node is matched with one of ours, or `limit` has passed; whether it
-    /// is. To be awaited on a tokio runtime with time.
+    /// Waits until the endpoint `peer` of another node is matched with one of ours, or `limit` has
+    /// passed; whether it is. To be awaited on a tokio runtime with time.
     pub async fn wait_for_peer(&self, peer: GUID, limit: Duration) -> bool {
-        let matched = || self.state.endpoints().values().any(|endpoint| endpoint.peers.contains(&peer));
+        let matched =
+            || self.state.endpoints().values().any(|endpoint| endpoint.peers.contains(&peer));
         let until_matched = async {
             loop {
                 // Before the look: what comes between the two counts.
@@ -177,13 +185,33 @@ fn note(state: &State, event: Event) {
             });
         }
         Event::ParticipantLost { id, .. } => {
-            endpoints.values_mut().for_each(|endpoint| endpoint.peers.retain(|peer| peer.prefix != id));
+            endpoints
+                .values_mut()
+                .for_each(|endpoint| endpoint.peers.retain(|peer| peer.prefix != id));
         }
-        Event::RemoteReaderQosIncompatible { local_writer: ours, requested_qos, offered_qos, .. } => {
-            endpoints.entry(ours).or_default().misfit("a subscriber gets nothing", &requested_qos, &offered_qos);
+        Event::RemoteReaderQosIncompatible {
+            local_writer: ours,
+            requested_qos,
+            offered_qos,
+            ..
+        } => {
+            endpoints.entry(ours).or_default().misfit(
+                "a subscriber gets nothing",
+                &requested_qos,
+                &offered_qos,
+            );
         }
-        Event::RemoteWriterQosIncompatible { local_reader: ours, requested_qos, offered_qos, .. } => {
-            endpoints.entry(ours).or_default().misfit("nothing comes from a publisher", &requested_qos, &offered_qos);
+        Event::RemoteWriterQosIncompatible {
+            local_reader: ours,
+            requested_qos,
+            offered_qos,
+            ..
+        } => {
+            endpoints.entry(ours).or_default().misfit(
+                "nothing comes from a publisher",
+                &requested_qos,
+                &offered_qos,
+            );
         }
         _ => return,
     }

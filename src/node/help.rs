@@ -6,7 +6,12 @@ use super::arguments::ROS_ARGUMENTS;
 use super::parameters::ParameterSpec;
 
 /// Prints the help of a node if its command line asks for it; whether it did.
-pub(super) fn given(command_line: &[String], program: &str, about: &str, parameters: &[ParameterSpec]) -> bool {
+pub(super) fn given(
+    command_line: &[String],
+    program: &str,
+    about: &str,
+    parameters: &[ParameterSpec],
+) -> bool {
     let wanted = command_line.iter().any(|argument| matches!(argument.as_str(), "-h" | "--help"));
     if wanted {
         // Whoever reads it may go away in the middle.
@@ -16,14 +21,21 @@ pub(super) fn given(command_line: &[String], program: &str, about: &str, paramet
 }
 
 fn text(program: &str, about: &str, parameters: &[ParameterSpec]) -> String {
-    let mut text =
-        format!("{about}\n\nUsage: {program} [--ros-args ROS_ARGUMENT...]\n\nROS arguments, as of every ROS 2 node:\n");
+    let mut text = format!(
+        "{about}\n\nUsage: {program} [--ros-args ROS_ARGUMENT...]\n\nROS arguments, as of every \
+         ROS 2 node:\n"
+    );
     for argument in ROS_ARGUMENTS {
         text += &format!("  {argument}\n");
     }
     text += "\nParameters:\n";
     for parameter in parameters {
-        text += &format!("  {}: {}\n      {}\n", parameter.name, parameter.values(), parameter.description);
+        text += &format!(
+            "  {}: {}\n      {}\n",
+            parameter.name,
+            parameter.values(),
+            parameter.description
+        );
     }
     text
 }
@@ -37,13 +49,24 @@ mod tests {
     fn the_help_of_a_node_has_every_parameter_with_its_values() {
         let told = text("stage_node", "The stage.", &stage_settings::specs());
         for parameter in stage_settings::specs() {
-            assert!(told.contains(&format!("\n  {}: ", parameter.name)), "{} in {told}", parameter.name);
+            assert!(
+                told.contains(&format!("\n  {}: ", parameter.name)),
+                "{} in {told}",
+                parameter.name
+            );
         }
         assert!(told.starts_with("The stage.\n\nUsage: stage_node "), "{told}");
-        assert!(told.contains("  mode: string, realtime or lockstep, default realtime, at start only\n"), "{told}");
+        assert!(
+            told.contains(
+                "  mode: string, realtime or lockstep, default realtime, at start only\n"
+            ),
+            "{told}"
+        );
         assert!(told.contains("  clock_pause: double, 0.0 to 1.0 s, default 0.0 s\n"), "{told}");
         assert!(told.contains("-p [NODE:]NAME:=VALUE"), "{told}");
-        assert!(text("", "", &controller_settings::specs()).contains("\n  enabled: bool, default true"));
+        assert!(
+            text("", "", &controller_settings::specs()).contains("\n  enabled: bool, default true")
+        );
     }
 
     /// A node that is asked for its help joins no network and ends.

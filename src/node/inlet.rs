@@ -48,10 +48,15 @@ impl<M: RosMessage> Inlet<M> {
     /// # Errors
     /// [`ParticipantError`] when the name is none or DDS refuses.
     pub fn new(participant: &Participant, name: &str, qos: &Qos) -> Result<Self, ParticipantError> {
-        // The window is a publisher's: rustdds 0.15 would keep as many samples that have long been taken.
+        // The window is a publisher's: rustdds 0.15 would keep as many samples that have long been
+        // taken.
         let topic = participant.topic(name, M::PACKAGE, M::NAME, &qos.window(DEFAULT_WINDOW))?;
         let subscription = participant.node().create_subscription(&topic, None).map_err(|e| {
-            ParticipantError::Endpoint { what: "subscription", topic: name.to_owned(), reason: e.to_string() }
+            ParticipantError::Endpoint {
+                what: "subscription",
+                topic: name.to_owned(),
+                reason: e.to_string(),
+            }
         })?;
         participant.watch().name(subscription.guid(), name);
         Ok(Self { subscription, participant: participant.clone() })
@@ -65,7 +70,8 @@ impl<M: RosMessage> Inlet<M> {
         Ok(self.subscription.take()?.map(|(message, _)| message))
     }
 
-    /// The next message, if one has come, with who sent it and its number among those of its sender.
+    /// The next message, if one has come, with who sent it and its number among those of its
+    /// sender.
     ///
     /// # Errors
     /// As [`Inlet::take`].
@@ -81,9 +87,9 @@ impl<M: RosMessage> Inlet<M> {
     /// The same with the identity of the publisher that sent it.
     pub fn poll_take_from(&self, cx: &mut Context<'_>) -> Poll<Result<(M, [u8; 16]), ReadError>> {
         // A new future each time is sound here: rustdds' stream keeps no state between polls.
-        pin!(self.subscription.async_take())
-            .poll(cx)
-            .map(|result| result.map(|(message, info)| (message, info.publisher_gid().to_bytes16())))
+        pin!(self.subscription.async_take()).poll(cx).map(|result| {
+            result.map(|(message, info)| (message, info.publisher_gid().to_bytes16()))
+        })
     }
 
     /// Its name in DDS, for [`GraphWatch`](super::graph_watch::GraphWatch).
@@ -133,7 +139,11 @@ impl Waiter {
     }
 
     /// Polls until it is ready, parked in between; `None` when `deadline` has passed first.
-    pub fn wait<T>(&self, deadline: Option<Instant>, mut poll: impl FnMut(&mut Context<'_>) -> Poll<T>) -> Option<T> {
+    pub fn wait<T>(
+        &self,
+        deadline: Option<Instant>,
+        mut poll: impl FnMut(&mut Context<'_>) -> Poll<T>,
+    ) -> Option<T> {
         let mut context = Context::from_waker(&self.waker);
         loop {
             if let Poll::Ready(value) = poll(&mut context) {
@@ -181,7 +191,9 @@ mod tests {
             flag.store(true, Ordering::SeqCst);
             waker.wake();
         });
-        let polled = waiter.wait(None, |_| if stop.load(Ordering::SeqCst) { Poll::Ready(1) } else { Poll::Pending });
+        let polled = waiter.wait(None, |_| {
+            if stop.load(Ordering::SeqCst) { Poll::Ready(1) } else { Poll::Pending }
+        });
         assert_eq!(polled, Some(1));
         other.join().unwrap();
     }

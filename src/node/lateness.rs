@@ -65,7 +65,8 @@ impl LatenessHistogram {
 
     /// `None` before the first tick.
     pub fn lateness(&self) -> Option<Lateness> {
-        let counts: Vec<u64> = self.counts.iter().map(|count| count.load(Ordering::Relaxed)).collect();
+        let counts: Vec<u64> =
+            self.counts.iter().map(|count| count.load(Ordering::Relaxed)).collect();
         let total: u64 = counts.iter().sum();
         let max = self.largest.load(Ordering::Relaxed) as f64 * 1e-3;
         let quantile = |part: f64| {

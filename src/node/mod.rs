@@ -1,8 +1,8 @@
 //! The ROS 2 nodes: the only room that knows ros2-client.
 //!
-//! [`stage::run`] and [`controller::run`] are the two nodes. Around them: what the command line and the environment say
-//! ([`arguments`], [`parameters`], [`participant`]), topics that no dead peer can stall ([`outlet`], [`inlet`], [`qos`]),
-//! rules for commands ([`commands`]), and the recorder.
+//! [`stage::run`] and [`controller::run`] are the two nodes. Around them: what the command line and
+//! the environment say ([`arguments`], [`parameters`], [`participant`]), topics that no dead peer
+//! can stall ([`outlet`], [`inlet`], [`qos`]), rules for commands ([`commands`]), and the recorder.
 
 pub mod arguments;
 pub mod clock;

@@ -98,16 +98,19 @@ impl<M: RosMessage> Outlet<M> {
             return Err(ParticipantError::Endpoint {
                 what: "outlet",
                 topic: name.to_owned(),
-                reason: "an outlet is volatile: it may replace its writer, and with it the samples \
+                reason:
+                    "an outlet is volatile: it may replace its writer, and with it the samples \
                          kept for late subscribers"
-                    .to_owned(),
+                        .to_owned(),
             });
         }
         let topic = participant.topic(name, M::PACKAGE, M::NAME, qos)?;
-        let writer = participant.node().create_publisher(&topic, None).map_err(|e| ParticipantError::Endpoint {
-            what: "publisher",
-            topic: name.to_owned(),
-            reason: e.to_string(),
+        let writer = participant.node().create_publisher(&topic, None).map_err(|e| {
+            ParticipantError::Endpoint {
+                what: "publisher",
+                topic: name.to_owned(),
+                reason: e.to_string(),
+            }
         })?;
         participant.watch().name(writer.guid(), name);
         Ok(Self {
@@ -255,7 +258,10 @@ impl<M: RosMessage> Outlet<M> {
         if self.successor.is_some() || self.not_before.is_some_and(|at| Instant::now() < at) {
             return;
         }
-        tracing::warn!("{}: a subscriber has stopped acknowledging; making a new writer for the others", self.name);
+        tracing::warn!(
+            "{}: a subscriber has stopped acknowledging; making a new writer for the others",
+            self.name
+        );
         let (hand_over, successor) = channel();
         let participant = self.participant.clone();
         let topic = self.topic.clone();

@@ -1,9 +1,10 @@
 //! Declared parameters and the six parameter services.
 //!
-//! A node says as data which parameters it has ([`ParameterSpec`]). What the command line gives comes in once
-//! ([`ParameterSet::declare`]), what other nodes ask for comes in through the services ([`ParameterServer`]). Out go
-//! values that have the declared type, lie in the declared range and passed the node's own checks. Nothing is
-//! converted: a parameter keeps the type of its default, as in rclcpp.
+//! A node says as data which parameters it has ([`ParameterSpec`]). What the command line gives
+//! comes in once ([`ParameterSet::declare`]), what other nodes ask for comes in through the
+//! services ([`ParameterServer`]). Out go values that have the declared type, lie in the declared
+//! range and passed the node's own checks. Nothing is converted: a parameter keeps the type of its
+//! default, as in rclcpp.
 
 use std::collections::BTreeMap;
 use std::ops::Deref;
@@ -12,7 +13,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use ros2_client::builtin_interfaces::Time;
 use ros2_client::parameters::raw;
 use ros2_client::qos::{Durability, History, WhenFull};
-use ros2_client::{MessageTypeName, Name, Node, ParameterValue, Publisher, QosProfile, rcl_interfaces};
+use ros2_client::{
+    MessageTypeName, Name, Node, ParameterValue, Publisher, QosProfile, rcl_interfaces,
+};
 
 use super::arguments::Override;
 use super::participant::Participant;
@@ -31,7 +34,8 @@ pub struct ParameterSpec {
     pub description: &'static str,
     /// SI unit; empty when there is none.
     pub unit: &'static str,
-    /// Smallest and largest value, both allowed, of an integer or double. A double may be infinite only if its range is.
+    /// Smallest and largest value, both allowed, of an integer or double. A double may be infinite
+    /// only if its range is.
     pub range: Option<(f64, f64)>,
     /// The allowed strings; any string when empty.
     pub choices: &'static [&'static str],
@@ -76,7 +80,8 @@ impl ParameterSpec {
         Self { read_only: true, ..self }
     }
 
-    /// What it takes: type, range or choices, default, and whether it can change while the node runs.
+    /// What it takes: type, range or choices, default, and whether it can change while the node
+    /// runs.
     pub fn values(&self) -> String {
         let unit = unit(self.unit);
         let mut told = type_name(&self.default).to_owned();
@@ -102,9 +107,13 @@ impl ParameterSpec {
         let name = self.name;
         if value.to_parameter_type() != self.default.to_parameter_type() {
             let hint = match (&self.default, value) {
-                (ParameterValue::Double(_), ParameterValue::Integer(given)) => format!("; write {given}.0"),
+                (ParameterValue::Double(_), ParameterValue::Integer(given)) => {
+                    format!("; write {given}.0")
+                }
                 (ParameterValue::String(_), ParameterValue::NotSet) => String::new(),
-                (ParameterValue::String(_), given) => format!("; write '{}' in quotes", show(given)),
+                (ParameterValue::String(_), given) => {
+                    format!("; write '{}' in quotes", show(given))
+                }
                 _ => String::new(),
             };
             let (expected, got) = (type_name(&self.default), type_name(value));
@@ -116,12 +125,24 @@ impl ParameterSpec {
             _ => None,
         };
         if let Some(number) = number {
-            let reaches_infinity = self.range.is_some_and(|(min, max)| min.is_infinite() || max.is_infinite());
+            let reaches_infinity =
+                self.range.is_some_and(|(min, max)| min.is_infinite() || max.is_infinite());
             if number.is_nan() || (number.is_infinite() && !reaches_infinity) {
-                return Err(ParameterError::NotFinite { name, value: show(value), unit: unit(self.unit) });
+                return Err(ParameterError::NotFinite {
+                    name,
+                    value: show(value),
+                    unit: unit(self.unit),
+                });
             }
-            if let Some((min, max)) = self.range.filter(|(min, max)| number < *min || number > *max) {
-                return Err(ParameterError::OutOfRange { name, value: show(value), min, max, unit: unit(self.unit) });
+            if let Some((min, max)) = self.range.filter(|(min, max)| number < *min || number > *max)
+            {
+                return Err(ParameterError::OutOfRange {
+                    name,
+                    value: show(value),
+                    min,
+                    max,
+                    unit: unit(self.unit),
+                });
             }
         }
         if let ParameterValue::String(given) = value
@@ -129,7 +150,12 @@ impl ParameterSpec {
             && !self.choices.contains(&given.as_str())
         {
             let hint = nearest(given, self.choices.iter().copied());
-            return Err(ParameterError::Choice { name, value: given.clone(), choices: self.choices.join(", "), hint });
+            return Err(ParameterError::Choice {
+                name,
+                value: given.clone(),
+                choices: self.choices.join(", "),
+                hint,
+            });
         }
         Ok(())
     }
@@ -153,8 +179,11 @@ impl ParameterSpec {
         };
         match (&self.default, self.range) {
             (ParameterValue::Integer(_), Some((min, max))) => {
-                descriptor.integer_range =
-                    vec![raw::IntegerRange { from_value: min as i64, to_value: max as i64, step: 0 }];
+                descriptor.integer_range = vec![raw::IntegerRange {
+                    from_value: min as i64,
+                    to_value: max as i64,
+                    step: 0,
+                }];
             }
             (ParameterValue::Double(_), Some((min, max))) => {
                 descriptor.floating_point_range =
@@ -172,14 +201,22 @@ pub enum ParameterError {
     #[error("unknown parameter `{name}`{hint}; the node has {known}")]
     Unknown { name: String, hint: String, known: String },
     #[error("parameter `{name}` is of type {expected}, got the {got} {value}{hint}")]
-    Type { name: &'static str, expected: &'static str, got: &'static str, value: String, hint: String },
+    Type {
+        name: &'static str,
+        expected: &'static str,
+        got: &'static str,
+        value: String,
+        hint: String,
+    },
     #[error("parameter `{name}` must be a finite number, got {value}{unit}")]
     NotFinite { name: &'static str, value: String, unit: String },
     #[error("parameter `{name}` is {value}{unit}, must lie within {min} and {max}{unit}")]
     OutOfRange { name: &'static str, value: String, min: f64, max: f64, unit: String },
     #[error("parameter `{name}` is `{value}`{hint}; must be one of {choices}")]
     Choice { name: &'static str, value: String, choices: String, hint: String },
-    #[error("parameter `{name}` is read-only and keeps {current}; give it at start: -p {name}:={asked}")]
+    #[error(
+        "parameter `{name}` is read-only and keeps {current}; give it at start: -p {name}:={asked}"
+    )]
     ReadOnly { name: &'static str, current: String, asked: String },
     #[error("parameter `{name}` is declared and cannot be deleted")]
     Deleted { name: &'static str },
@@ -233,11 +270,14 @@ macro_rules! typed_getter {
         $(#[$doc])*
         ///
         /// # Panics
-        /// When the node declared no such parameter with this type: the name comes from the node's own code.
+        /// When the node declared no such parameter with this type: the name comes from the node's
+        /// own code.
         pub fn $getter(&self, name: &str) -> $type {
             match self.0.get(name) {
                 Some(ParameterValue::$kind(value)) => value.to_owned(),
-                other => panic!("parameter `{name}` was read as {}, is {other:?}", stringify!($kind)),
+                other => {
+                    panic!("parameter `{name}` was read as {}, is {other:?}", stringify!($kind))
+                }
             }
         }
     };
@@ -251,7 +291,8 @@ impl ParameterValues {
         /// Value of a parameter declared with [`ParameterSpec::integer`].
         integer, Integer, i64);
     typed_getter!(
-        /// Value, in the unit of the declaration, of a parameter declared with [`ParameterSpec::double`].
+        /// Value, in the unit of the declaration, of a parameter declared with
+        /// [`ParameterSpec::double`].
         double, Double, f64);
     typed_getter!(
         /// Value of a parameter declared with [`ParameterSpec::string`].
@@ -289,8 +330,9 @@ impl Deref for ParameterSet {
 }
 
 impl ParameterSet {
-    /// Declares the parameters, and [`USE_SIM_TIME`] if it is not among them, with the values that the command line
-    /// gives. An override of an unknown parameter, or a value that may not be, is refused.
+    /// Declares the parameters, and [`USE_SIM_TIME`] if it is not among them, with the values that
+    /// the command line gives. An override of an unknown parameter, or a value that may not be, is
+    /// refused.
     pub fn declare(
         mut specs: Vec<ParameterSpec>,
         overrides: &BTreeMap<String, Override>,
@@ -299,11 +341,16 @@ impl ParameterSet {
             specs.push(ParameterSpec::boolean(USE_SIM_TIME, false, "take the time from /clock"));
         }
         specs.sort_by_key(|spec| spec.name);
-        let values = ParameterValues(specs.iter().map(|spec| (spec.name, spec.default.clone())).collect());
+        let values =
+            ParameterValues(specs.iter().map(|spec| (spec.name, spec.default.clone())).collect());
         specs.iter().try_for_each(|spec| spec.check(&spec.default))?;
-        let mut set = Self { specs, values, checks: Vec::new(), on_change: Vec::new(), derive: None };
+        let mut set =
+            Self { specs, values, checks: Vec::new(), on_change: Vec::new(), derive: None };
         for (name, Override { value, origin }) in overrides {
-            let placed = |source| ParameterError::Override { origin: origin.clone(), source: Box::new(source) };
+            let placed = |source| ParameterError::Override {
+                origin: origin.clone(),
+                source: Box::new(source),
+            };
             let spec = set.spec(name).map_err(placed)?;
             spec.check(value).map_err(placed)?;
             set.values.0.insert(spec.name, value.clone());
@@ -311,8 +358,8 @@ impl ParameterSet {
         Ok(set)
     }
 
-    /// Adds a rule over several parameters. It must hold now, and is asked with the values as they would become
-    /// before any change; its error text is the reason that the user gets.
+    /// Adds a rule over several parameters. It must hold now, and is asked with the values as they
+    /// would become before any change; its error text is the reason that the user gets.
     pub fn check(
         mut self,
         rule: impl Fn(&ParameterValues) -> Result<(), String> + Send + 'static,
@@ -323,16 +370,22 @@ impl ParameterSet {
     }
 
     /// Declares that some values follow from others: worked out now and with every change.
-    pub fn derive(&mut self, rule: impl Fn(&ParameterValues) -> Vec<(&'static str, ParameterValue)> + Send + 'static) {
+    pub fn derive(
+        &mut self,
+        rule: impl Fn(&ParameterValues) -> Vec<(&'static str, ParameterValue)> + Send + 'static,
+    ) {
         self.values.0.extend(rule(&self.values));
         self.derive = Some(Box::new(rule));
     }
 
-    /// Adds a listener that hears of a change after all checks and before it holds, with the values as they will be, and
-    /// may still refuse it with a reason. It is called under the lock of the set, so it must not lock the set itself.
+    /// Adds a listener that hears of a change after all checks and before it holds, with the values
+    /// as they will be, and may still refuse it with a reason. It is called under the lock of the
+    /// set, so it must not lock the set itself.
     pub fn on_change(
         &mut self,
-        hook: impl FnMut(&[(&str, ParameterValue)], &ParameterValues) -> Result<(), String> + Send + 'static,
+        hook: impl FnMut(&[(&str, ParameterValue)], &ParameterValues) -> Result<(), String>
+        + Send
+        + 'static,
     ) {
         self.on_change.push(Box::new(hook));
     }
@@ -342,8 +395,12 @@ impl ParameterSet {
         self.set_atomically(&[(name.to_owned(), value)])
     }
 
-    /// Sets all of the parameters or, when one of them is refused, none. Of several values of one name the last holds.
-    pub fn set_atomically(&mut self, changes: &[(String, ParameterValue)]) -> Result<(), ParameterError> {
+    /// Sets all of the parameters or, when one of them is refused, none. Of several values of one
+    /// name the last holds.
+    pub fn set_atomically(
+        &mut self,
+        changes: &[(String, ParameterValue)],
+    ) -> Result<(), ParameterError> {
         let mut proposed = self.values.clone();
         let mut accepted: Vec<(&str, ParameterValue)> = Vec::with_capacity(changes.len());
         for (name, value) in changes {
@@ -354,7 +411,11 @@ impl ParameterSet {
             spec.check(value)?;
             if spec.read_only {
                 let current = self.values.get(name).map(show).unwrap_or_default();
-                return Err(ParameterError::ReadOnly { name: spec.name, current, asked: show(value) });
+                return Err(ParameterError::ReadOnly {
+                    name: spec.name,
+                    current,
+                    asked: show(value),
+                });
             }
             proposed.0.insert(spec.name, value.clone());
             accepted.retain(|(earlier, _)| *earlier != spec.name);
@@ -366,7 +427,10 @@ impl ParameterSet {
             let derived = rule(&proposed);
             proposed.0.extend(derived);
         }
-        self.on_change.iter_mut().try_for_each(|hook| hook(&accepted, &proposed)).map_err(refused)?;
+        self.on_change
+            .iter_mut()
+            .try_for_each(|hook| hook(&accepted, &proposed))
+            .map_err(refused)?;
         self.values = proposed;
         Ok(())
     }
@@ -384,17 +448,27 @@ impl ParameterSet {
         })
     }
 
-    /// Names below the prefixes, at most `depth` levels deep (0: any), with the prefixes met; as rclcpp lists them.
+    /// Names below the prefixes, at most `depth` levels deep (0: any), with the prefixes met; as
+    /// rclcpp lists them.
     fn list(&self, prefixes: &[String], depth: u64) -> rcl_interfaces::ListParametersResult {
         let levels = |name: &str| name.matches('.').count() as u64;
         let shallow = |name: &str| depth == 0 || levels(name) < depth;
         let below = |name: &str, prefix: &str| {
-            name == prefix || name.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('.')).is_some_and(shallow)
+            name == prefix
+                || name
+                    .strip_prefix(prefix)
+                    .and_then(|rest| rest.strip_prefix('.'))
+                    .is_some_and(shallow)
         };
-        let mut found = rcl_interfaces::ListParametersResult { names: Vec::new(), prefixes: Vec::new() };
+        let mut found =
+            rcl_interfaces::ListParametersResult { names: Vec::new(), prefixes: Vec::new() };
         for spec in &self.specs {
             let name = spec.name;
-            let wanted = if prefixes.is_empty() { shallow(name) } else { prefixes.iter().any(|p| below(name, p)) };
+            let wanted = if prefixes.is_empty() {
+                shallow(name)
+            } else {
+                prefixes.iter().any(|p| below(name, p))
+            };
             if !wanted {
                 continue;
             }
@@ -445,72 +519,98 @@ parameter_service!(SetParametersAtomically, SetParametersRequest, SetParametersA
 
 /// The six parameter services of a node, and its `/parameter_events`.
 ///
-/// The node must have been made with `NodeOptions::start_parameter_services(false)`, or its Spinner serves the same
-/// six names with ros2-client's own parameters.
+/// The node must have been made with `NodeOptions::start_parameter_services(false)`, or its Spinner
+/// serves the same six names with ros2-client's own parameters.
 pub struct ParameterServer {
     services: futures::future::BoxFuture<'static, ()>,
 }
 
 impl ParameterServer {
     /// Opens the services. They answer while [`run`](Self::run) runs.
-    pub fn new(participant: &Participant, set: Arc<Mutex<ParameterSet>>) -> Result<Self, ServiceError> {
+    pub fn new(
+        participant: &Participant,
+        set: Arc<Mutex<ParameterSet>>,
+    ) -> Result<Self, ServiceError> {
         let full_name = participant.node().fully_qualified_name();
         let name = |service: &str| format!("{full_name}/{service}");
         let events = Arc::new(Events::new(&mut participant.node())?);
         events.publish_new(&set);
 
-        let list = service::serve::<ListParameters, _, _>(participant, &name("list_parameters"), {
-            let set = set.clone();
-            move |request| {
-                let result = locked(&set).list(&request.prefixes, request.depth);
-                std::future::ready(rcl_interfaces::ListParametersResponse { result })
-            }
-        })?;
+        let list =
+            service::serve::<ListParameters, _, _>(participant, &name("list_parameters"), {
+                let set = set.clone();
+                move |request| {
+                    let result = locked(&set).list(&request.prefixes, request.depth);
+                    std::future::ready(rcl_interfaces::ListParametersResponse { result })
+                }
+            })?;
         let get = service::serve::<GetParameters, _, _>(participant, &name("get_parameters"), {
             let set = set.clone();
             move |request| {
                 let set = locked(&set);
-                let value = |name: &String| set.get(name).cloned().unwrap_or(ParameterValue::NotSet).into();
+                let value =
+                    |name: &String| set.get(name).cloned().unwrap_or(ParameterValue::NotSet).into();
                 std::future::ready(rcl_interfaces::GetParametersResponse {
                     values: request.names.iter().map(value).collect(),
                 })
             }
         })?;
-        let types = service::serve::<GetParameterTypes, _, _>(participant, &name("get_parameter_types"), {
-            let set = set.clone();
-            move |request| {
-                let set = locked(&set);
-                let kind = |name: &String| {
-                    set.get(name).map_or(raw::ParameterType::NOT_SET, ParameterValue::to_parameter_type_raw)
-                };
-                std::future::ready(rcl_interfaces::GetParameterTypesResponse {
-                    values: request.names.iter().map(kind).collect(),
-                })
-            }
-        })?;
-        let describe = service::serve::<DescribeParameters, _, _>(participant, &name("describe_parameters"), {
-            let set = set.clone();
-            move |request| {
-                let set = locked(&set);
-                std::future::ready(rcl_interfaces::DescribeParametersResponse {
-                    values: request.names.iter().map(|name| set.describe(name)).collect(),
-                })
-            }
-        })?;
-        let set_each = service::serve::<SetParameters, _, _>(participant, &name("set_parameters"), {
-            let (set, events) = (set.clone(), events.clone());
-            move |request| {
-                let one_by_one = request.parameter.into_iter().map(|one| events.apply(&set, vec![one])).collect();
-                std::future::ready(rcl_interfaces::SetParametersResponse { results: one_by_one })
-            }
-        })?;
-        let set_all =
-            service::serve::<SetParametersAtomically, _, _>(participant, &name("set_parameters_atomically"), {
+        let types = service::serve::<GetParameterTypes, _, _>(
+            participant,
+            &name("get_parameter_types"),
+            {
+                let set = set.clone();
+                move |request| {
+                    let set = locked(&set);
+                    let kind = |name: &String| {
+                        set.get(name).map_or(
+                            raw::ParameterType::NOT_SET,
+                            ParameterValue::to_parameter_type_raw,
+                        )
+                    };
+                    std::future::ready(rcl_interfaces::GetParameterTypesResponse {
+                        values: request.names.iter().map(kind).collect(),
+                    })
+                }
+            },
+        )?;
+        let describe = service::serve::<DescribeParameters, _, _>(
+            participant,
+            &name("describe_parameters"),
+            {
+                let set = set.clone();
+                move |request| {
+                    let set = locked(&set);
+                    std::future::ready(rcl_interfaces::DescribeParametersResponse {
+                        values: request.names.iter().map(|name| set.describe(name)).collect(),
+                    })
+                }
+            },
+        )?;
+        let set_each =
+            service::serve::<SetParameters, _, _>(participant, &name("set_parameters"), {
+                let (set, events) = (set.clone(), events.clone());
+                move |request| {
+                    let one_by_one = request
+                        .parameter
+                        .into_iter()
+                        .map(|one| events.apply(&set, vec![one]))
+                        .collect();
+                    std::future::ready(rcl_interfaces::SetParametersResponse {
+                        results: one_by_one,
+                    })
+                }
+            })?;
+        let set_all = service::serve::<SetParametersAtomically, _, _>(
+            participant,
+            &name("set_parameters_atomically"),
+            {
                 move |request| {
                     let result = events.apply(&set, request.parameter);
                     std::future::ready(rcl_interfaces::SetParametersAtomicallyResponse { result })
                 }
-            })?;
+            },
+        )?;
         let services = Box::pin(async move {
             futures::join!(list, get, types, describe, set_each, set_all);
         });
@@ -523,7 +623,8 @@ impl ParameterServer {
     }
 }
 
-/// The set, also after a hook panicked under the lock: values are replaced in one step, so they are whole.
+/// The set, also after a hook panicked under the lock: values are replaced in one step, so they are
+/// whole.
 fn locked(set: &Mutex<ParameterSet>) -> std::sync::MutexGuard<'_, ParameterSet> {
     set.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -545,15 +646,21 @@ impl Events {
         let open = |node: &mut Node| {
             let name = Name::new("/", "parameter_events").map_err(|source| source.to_string())?;
             let kind = MessageTypeName::new("rcl_interfaces", "ParameterEvent");
-            let topic = node.create_topic(&name, kind, &qos).map_err(|source| source.to_string())?;
+            let topic =
+                node.create_topic(&name, kind, &qos).map_err(|source| source.to_string())?;
             node.create_publisher(&topic, None).map_err(|source| source.to_string())
         };
-        let publisher = open(node).map_err(|problem| ServiceError::Create { name: TOPIC.to_owned(), problem })?;
+        let publisher = open(node)
+            .map_err(|problem| ServiceError::Create { name: TOPIC.to_owned(), problem })?;
         Ok(Self { publisher, node: node.fully_qualified_name() })
     }
 
     /// Sets the parameters together, publishes the change, and says how it went.
-    fn apply(&self, set: &Mutex<ParameterSet>, parameters: Vec<raw::Parameter>) -> raw::SetParametersResult {
+    fn apply(
+        &self,
+        set: &Mutex<ParameterSet>,
+        parameters: Vec<raw::Parameter>,
+    ) -> raw::SetParametersResult {
         let changes: Vec<(String, ParameterValue)> =
             parameters.iter().map(|one| (one.name.clone(), one.value.clone().into())).collect();
         let outcome = locked(set).set_atomically(&changes);
@@ -600,8 +707,12 @@ mod tests {
 
     fn specs() -> Vec<ParameterSpec> {
         vec![
-            ParameterSpec::double("control_rate", 4000.0, "rate of the controller").unit("Hz").range(1.0, 1e5),
-            ParameterSpec::double("physics_rate", 40000.0, "rate of the integration").unit("Hz").range(1.0, 1e6),
+            ParameterSpec::double("control_rate", 4000.0, "rate of the controller")
+                .unit("Hz")
+                .range(1.0, 1e5),
+            ParameterSpec::double("physics_rate", 40000.0, "rate of the integration")
+                .unit("Hz")
+                .range(1.0, 1e6),
             ParameterSpec::string("mode", "realtime", "timing").choices(&["realtime", "lockstep"]),
             ParameterSpec::string("record", "", "directory"),
             ParameterSpec::integer("every", 1, "publish every Nth sample").range(1.0, 100.0),
@@ -616,7 +727,10 @@ mod tests {
 
     fn with(overrides: &[(&str, ParameterValue)]) -> Result<ParameterSet, ParameterError> {
         let overrides = overrides.iter().map(|(name, value)| {
-            (name.to_string(), Override { value: value.clone(), origin: format!("-p {name}:={}", show(value)) })
+            (
+                name.to_string(),
+                Override { value: value.clone(), origin: format!("-p {name}:={}", show(value)) },
+            )
         });
         ParameterSet::declare(specs(), &overrides.collect())
     }
@@ -635,8 +749,11 @@ mod tests {
 
     #[test]
     fn overrides_replace_defaults() {
-        let set =
-            with(&[("every", ParameterValue::Integer(5)), (USE_SIM_TIME, ParameterValue::Boolean(true))]).unwrap();
+        let set = with(&[
+            ("every", ParameterValue::Integer(5)),
+            (USE_SIM_TIME, ParameterValue::Boolean(true)),
+        ])
+        .unwrap();
         assert_eq!((set.integer("every"), set.boolean(USE_SIM_TIME)), (5, true));
         assert_eq!((set.double("control_rate"), set.string("mode").as_str()), (4000.0, "realtime"));
     }
@@ -646,9 +763,17 @@ mod tests {
         let double = ParameterValue::Double;
         let text = |text: &str| ParameterValue::String(text.to_owned());
         for (name, value, parts) in [
-            ("contrl_rate", double(1.0), &["unknown parameter `contrl_rate`", "did you mean `control_rate`?"][..]),
+            (
+                "contrl_rate",
+                double(1.0),
+                &["unknown parameter `contrl_rate`", "did you mean `control_rate`?"][..],
+            ),
             ("xyzzy", double(1.0), &["unknown", "the node has control_rate, every"]),
-            ("control_rate", ParameterValue::Integer(1000), &["type double", "the integer 1000", "write 1000.0"]),
+            (
+                "control_rate",
+                ParameterValue::Integer(1000),
+                &["type double", "the integer 1000", "write 1000.0"],
+            ),
             ("record", ParameterValue::Integer(12), &["type string", "the integer 12", "'12'"]),
             ("every", double(2.0), &["type integer", "the double 2.0"]),
             ("control_rate", double(0.5), &["0.5 Hz", "within 1 and 100000 Hz"]),
@@ -656,7 +781,11 @@ mod tests {
             ("gains.stage.p", double(f64::INFINITY), &["finite", "inf N/m"]),
             ("gains.stage.u_clamp_max", double(f64::NAN), &["finite", "NaN N"]),
             ("every", ParameterValue::Integer(101), &["101", "within 1 and 100"]),
-            ("mode", text("lokstep"), &["`lokstep`", "did you mean `lockstep`?", "realtime, lockstep"]),
+            (
+                "mode",
+                text("lokstep"),
+                &["`lokstep`", "did you mean `lockstep`?", "realtime, lockstep"],
+            ),
         ] {
             let at_start = with(&[(name, value.clone())]).err().expect(name).to_string();
             let mut running = set();
@@ -675,7 +804,9 @@ mod tests {
         set.set("gains.stage.u_clamp_max", ParameterValue::Double(300.0)).unwrap();
         set.set("gains.stage.u_clamp_max", ParameterValue::Double(f64::INFINITY)).unwrap();
         assert_eq!(set.double("gains.stage.u_clamp_max"), f64::INFINITY);
-        let refused = set.set("gains.stage.u_clamp_max", ParameterValue::Double(f64::NEG_INFINITY)).unwrap_err();
+        let refused = set
+            .set("gains.stage.u_clamp_max", ParameterValue::Double(f64::NEG_INFINITY))
+            .unwrap_err();
         assert!(refused.to_string().contains("-inf N, must lie within 0 and inf N"), "{refused}");
     }
 
@@ -683,7 +814,10 @@ mod tests {
     fn read_only_parameters_are_set_at_start_only() {
         let mut set = with(&[("seed", ParameterValue::Integer(7))]).unwrap();
         let refused = set.set("seed", ParameterValue::Integer(8)).unwrap_err().to_string();
-        assert_eq!(refused, "parameter `seed` is read-only and keeps 7; give it at start: -p seed:=8");
+        assert_eq!(
+            refused,
+            "parameter `seed` is read-only and keeps 7; give it at start: -p seed:=8"
+        );
         assert_eq!(set.integer("seed"), 7);
     }
 
@@ -696,20 +830,31 @@ mod tests {
     #[test]
     fn an_atomic_change_is_taken_whole_or_not_at_all() {
         let mut set = set();
-        let both =
-            |rate| changes(&[("every", ParameterValue::Integer(2)), ("control_rate", ParameterValue::Double(rate))]);
+        let both = |rate| {
+            changes(&[
+                ("every", ParameterValue::Integer(2)),
+                ("control_rate", ParameterValue::Double(rate)),
+            ])
+        };
         set.set_atomically(&both(-1.0)).unwrap_err();
         assert_eq!((set.integer("every"), set.double("control_rate")), (1, 4000.0));
         set.set_atomically(&both(2000.0)).unwrap();
         assert_eq!((set.integer("every"), set.double("control_rate")), (2, 2000.0));
-        set.set_atomically(&changes(&[("every", ParameterValue::Integer(3)), ("every", ParameterValue::Integer(4))]))
-            .unwrap();
+        set.set_atomically(&changes(&[
+            ("every", ParameterValue::Integer(3)),
+            ("every", ParameterValue::Integer(4)),
+        ]))
+        .unwrap();
         assert_eq!(set.integer("every"), 4);
     }
 
     fn multiple(values: &ParameterValues) -> Result<(), String> {
         let (physics, control) = (values.double("physics_rate"), values.double("control_rate"));
-        if physics % control == 0.0 { Ok(()) } else { Err(format!("{physics} is no multiple of {control}")) }
+        if physics % control == 0.0 {
+            Ok(())
+        } else {
+            Err(format!("{physics} is no multiple of {control}"))
+        }
     }
 
     #[test]
@@ -727,7 +872,10 @@ mod tests {
 
     #[test]
     fn a_check_must_hold_at_start() {
-        let refused = with(&[("control_rate", ParameterValue::Double(3000.0))]).unwrap().check(multiple).err();
+        let refused = with(&[("control_rate", ParameterValue::Double(3000.0))])
+            .unwrap()
+            .check(multiple)
+            .err();
         assert!(matches!(refused, Some(ParameterError::Refused { .. })));
     }
 
@@ -748,7 +896,10 @@ mod tests {
         set.set("control_rate", ParameterValue::Double(3000.0)).unwrap_err();
         set.set("every", ParameterValue::Integer(0)).unwrap_err();
         assert_eq!(heard.load(Ordering::Relaxed), 0);
-        assert_eq!(set.set("every", ParameterValue::Integer(13)).unwrap_err().to_string(), "not 13");
+        assert_eq!(
+            set.set("every", ParameterValue::Integer(13)).unwrap_err().to_string(),
+            "not 13"
+        );
         assert_eq!((heard.load(Ordering::Relaxed), set.integer("every")), (1, 1));
         set.set("every", ParameterValue::Integer(14)).unwrap();
         assert_eq!((heard.load(Ordering::Relaxed), set.integer("every")), (2, 14));
@@ -763,7 +914,10 @@ mod tests {
             set.list(&[], 1).names,
             ["control_rate", "every", "mode", "physics_rate", "record", "seed", USE_SIM_TIME]
         );
-        assert_eq!(set.list(&strings(&["gains"]), 0).names, ["gains.stage.p", "gains.stage.u_clamp_max"]);
+        assert_eq!(
+            set.list(&strings(&["gains"]), 0).names,
+            ["gains.stage.p", "gains.stage.u_clamp_max"]
+        );
         assert!(set.list(&strings(&["gains"]), 1).names.is_empty());
         assert_eq!(set.list(&strings(&["gains.stage"]), 1).names.len(), 2);
         assert_eq!(set.list(&strings(&["lowpass.damping", "ever"]), 0).names, ["lowpass.damping"]);
@@ -777,7 +931,10 @@ mod tests {
             (rate.description.as_str(), rate.r#type),
             ("rate of the controller [Hz]", raw::ParameterType::DOUBLE)
         );
-        assert_eq!((rate.floating_point_range[0].from_value, rate.floating_point_range[0].to_value), (1.0, 1e5));
+        assert_eq!(
+            (rate.floating_point_range[0].from_value, rate.floating_point_range[0].to_value),
+            (1.0, 1e5)
+        );
         assert!(rate.integer_range.is_empty() && !rate.read_only);
         assert_eq!(set.describe("every").integer_range[0].to_value, 100);
         assert_eq!(set.describe("mode").additional_constraints, "one of: realtime, lockstep");
@@ -787,7 +944,8 @@ mod tests {
 
     #[test]
     fn a_default_outside_of_its_own_range_is_refused() {
-        let wrong = vec![ParameterSpec::integer("every", 0, "publish every Nth sample").range(1.0, 100.0)];
+        let wrong =
+            vec![ParameterSpec::integer("every", 0, "publish every Nth sample").range(1.0, 100.0)];
         let refused = ParameterSet::declare(wrong, &BTreeMap::new()).err();
         assert!(matches!(refused, Some(ParameterError::OutOfRange { name: "every", .. })));
     }

@@ -1,8 +1,9 @@
-//! Parameter files, and the values in them: `/**:`, `node:` and `/ns/node:` sections with `ros__parameters:` below.
+//! Parameter files, and the values in them: `/**:`, `node:` and `/ns/node:` sections with
+//! `ros__parameters:` below.
 //!
-//! YAML text comes in, values with the node pattern that they are for and the line where they stand go out. Nested
-//! keys below `ros__parameters` become one name with dots. Types are those of the YAML text: `1` is an integer and
-//! `1.0` a double, and nothing is converted.
+//! YAML text comes in, values with the node pattern that they are for and the line where they stand
+//! go out. Nested keys below `ros__parameters` become one name with dots. Types are those of the
+//! YAML text: `1` is an integer and `1.0` a double, and nothing is converted.
 
 use std::fmt;
 use std::path::Path;
@@ -17,12 +18,20 @@ const PARAMETERS: &str = "ros__parameters";
 
 /// All assignments of a parameter file, in the order of the text.
 pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<Assignment>, ArgumentError> {
-    let node: Spanned<Node> = serde_saphyr::from_str_with_options(text, options())
-        .map_err(|error| at(path, error.location().map_or(1, |place| place.line()), without_place(&error)))?;
+    let node: Spanned<Node> =
+        serde_saphyr::from_str_with_options(text, options()).map_err(|error| {
+            at(path, error.location().map_or(1, |place| place.line()), without_place(&error))
+        })?;
     let mut found = Vec::new();
     match node.value {
         Node::Map(entries) => sections(path, "", entries, &mut found)?,
-        _ => return Err(at(path, node.referenced.line(), "expected a mapping of node names, as in `/**:`".to_owned())),
+        _ => {
+            return Err(at(
+                path,
+                node.referenced.line(),
+                "expected a mapping of node names, as in `/**:`".to_owned(),
+            ));
+        }
     }
     Ok(found)
 }
@@ -34,20 +43,34 @@ pub(super) fn value(text: &str) -> Result<ParameterValue, String> {
     parameter_value(node).map_err(|problem| problem.to_string())
 }
 
-fn sections(path: &Path, prefix: &str, entries: Entries, found: &mut Vec<Assignment>) -> Result<(), ArgumentError> {
+fn sections(
+    path: &Path,
+    prefix: &str,
+    entries: Entries,
+    found: &mut Vec<Assignment>,
+) -> Result<(), ArgumentError> {
     for (key, entry) in entries {
         let line = key.referenced.line();
         if key.value == PARAMETERS {
             if prefix.is_empty() {
-                let problem = format!("`{PARAMETERS}` stands below no node; put `/**:` above it to mean every node");
+                let problem = format!(
+                    "`{PARAMETERS}` stands below no node; put `/**:` above it to mean every node"
+                );
                 return Err(at(path, line, problem));
             }
-            let node = NodePattern::new(prefix)
-                .map_err(|problem| at(path, line, format!("the name of the node, `{prefix}`, {problem}")))?;
+            let node = NodePattern::new(prefix).map_err(|problem| {
+                at(path, line, format!("the name of the node, `{prefix}`, {problem}"))
+            })?;
             match entry.value {
                 Node::Map(entries) => parameters(path, &node, "", entries, found)?,
                 Node::Null => {}
-                _ => return Err(at(path, line, format!("expected a mapping of parameters below `{PARAMETERS}`"))),
+                _ => {
+                    return Err(at(
+                        path,
+                        line,
+                        format!("expected a mapping of parameters below `{PARAMETERS}`"),
+                    ));
+                }
             }
             continue;
         }
@@ -55,10 +78,15 @@ fn sections(path: &Path, prefix: &str, entries: Entries, found: &mut Vec<Assignm
         match entry.value {
             Node::Map(entries) => sections(path, &name, entries, found)?,
             Node::Null => {
-                return Err(at(path, line, format!("`{}` has nothing below it, expected `{PARAMETERS}:`", key.value)));
+                return Err(at(
+                    path,
+                    line,
+                    format!("`{}` has nothing below it, expected `{PARAMETERS}:`", key.value),
+                ));
             }
             _ => {
-                let problem = format!("`{}` has a value, but stands outside of `{PARAMETERS}:`", key.value);
+                let problem =
+                    format!("`{}` has a value, but stands outside of `{PARAMETERS}:`", key.value);
                 return Err(at(path, line, problem));
             }
         }
@@ -80,9 +108,15 @@ fn parameters(
             parameters(path, node, &name, entries, found)?;
             continue;
         }
-        let value = parameter_value(entry.value)
-            .map_err(|problem| at(path, line, format!("the value of parameter `{name}` {problem}")))?;
-        found.push(Assignment { node: node.clone(), name, value, origin: format!("{}, line {line}", path.display()) });
+        let value = parameter_value(entry.value).map_err(|problem| {
+            at(path, line, format!("the value of parameter `{name}` {problem}"))
+        })?;
+        found.push(Assignment {
+            node: node.clone(),
+            name,
+            value,
+            origin: format!("{}, line {line}", path.display()),
+        });
     }
     Ok(())
 }
@@ -92,7 +126,10 @@ fn parameters(
 enum ValueProblem {
     #[error("is missing; an empty string is written ''")]
     Missing,
-    #[error("is the mapping of {0} keys; expected a bool, an integer, a double, a string or a list of one of them")]
+    #[error(
+        "is the mapping of {0} keys; expected a bool, an integer, a double, a string or a list of \
+         one of them"
+    )]
     Mapping(usize),
     #[error("is an empty list, which has no type")]
     EmptyList,
@@ -115,7 +152,9 @@ fn parameter_value(node: Node) -> Result<ParameterValue, ValueProblem> {
         Node::Map(entries) => return Err(ValueProblem::Mapping(entries.len())),
         Node::List(items) => {
             let first = items.first().ok_or(ValueProblem::EmptyList)?.kind();
-            if let Some((item, other)) = items.iter().enumerate().find(|(_, item)| item.kind() != first) {
+            if let Some((item, other)) =
+                items.iter().enumerate().find(|(_, item)| item.kind() != first)
+            {
                 return Err(ValueProblem::Mixed { first, other: other.kind(), item: item + 1 });
             }
             let mut list = Vec::new();
@@ -126,7 +165,9 @@ fn parameter_value(node: Node) -> Result<ParameterValue, ValueProblem> {
             macro_rules! all {
                 ($kind:ident) => {
                     list.into_iter()
-                        .filter_map(|v| if let ParameterValue::$kind(v) = v { Some(v) } else { None })
+                        .filter_map(
+                            |v| if let ParameterValue::$kind(v) = v { Some(v) } else { None },
+                        )
                         .collect()
                 };
             }
@@ -150,7 +191,8 @@ fn without_place(error: &serde_saphyr::Error) -> String {
 }
 
 fn options() -> serde_saphyr::Options {
-    // As rcl's parser (libyaml, strtol with base 0): `.inf` and `.nan` are doubles, a leading 0 is octal.
+    // As rcl's parser (libyaml, strtol with base 0): `.inf` and `.nan` are doubles, a leading 0 is
+    // octal.
     serde_saphyr::options! {
         non_finite_float_policy: NonFiniteFloatPolicy::PassThrough,
         legacy_octal_numbers: true,

@@ -12,7 +12,8 @@ use std::{
 
 use ros2_client::{Context, Name, Node, NodeName, NodeOptions, names::NameError};
 use rustdds::{
-    DomainParticipant, DomainParticipantBuilder, QosPolicies, RTPSEntity, Topic, TopicDescription, TopicKind,
+    DomainParticipant, DomainParticipantBuilder, QosPolicies, RTPSEntity, Topic, TopicDescription,
+    TopicKind,
 };
 use thiserror::Error;
 
@@ -45,15 +46,20 @@ pub struct Network {
 /// What is wrong with the environment variables that say where to take part.
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum NetworkError {
-    #[error("ROS_DOMAIN_ID is \"{value}\": it must be an integer from 0 to {LARGEST_DOMAIN} (unset or empty means 0)")]
+    #[error(
+        "ROS_DOMAIN_ID is \"{value}\": it must be an integer from 0 to {LARGEST_DOMAIN} (unset or \
+         empty means 0)"
+    )]
     DomainId { value: String },
     #[error(
-        "ROS_AUTOMATIC_DISCOVERY_RANGE is \"{value}\": it must be SUBNET, LOCALHOST or SYSTEM_DEFAULT{}",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE is \"{value}\": it must be SUBNET, LOCALHOST or \
+         SYSTEM_DEFAULT{}",
         nearest.as_ref().map(|n| format!("; did you mean {n}?")).unwrap_or_default()
     )]
     Range { value: String, nearest: Option<&'static str> },
     #[error(
-        "ROS_AUTOMATIC_DISCOVERY_RANGE is \"OFF\": this node cannot run without discovery; use LOCALHOST to stay on this machine"
+        "ROS_AUTOMATIC_DISCOVERY_RANGE is \"OFF\": this node cannot run without discovery; use \
+         LOCALHOST to stay on this machine"
     )]
     RangeOff,
     #[error("ROS_LOCALHOST_ONLY is \"{value}\": it must be 0 or 1 (unset or empty means 0)")]
@@ -66,7 +72,9 @@ impl Network {
     /// # Errors
     /// [`NetworkError`] when one of them has a value that ROS 2 does not know.
     pub fn from_environment() -> Result<Self, NetworkError> {
-        Self::from_variables(|name| std::env::var_os(name).map(|value| value.to_string_lossy().into_owned()))
+        Self::from_variables(|name| {
+            std::env::var_os(name).map(|value| value.to_string_lossy().into_owned())
+        })
     }
 
     /// The same from any source of variables; an empty value counts as unset, as in rcl.
@@ -76,7 +84,9 @@ impl Network {
     /// # Errors
     /// [`NetworkError`] when one of them has a value that ROS 2 does not know.
     pub fn from_variables(variable: impl Fn(&str) -> Option<String>) -> Result<Self, NetworkError> {
-        let set = |name: &str| variable(name).map(|value| value.trim().to_owned()).filter(|value| !value.is_empty());
+        let set = |name: &str| {
+            variable(name).map(|value| value.trim().to_owned()).filter(|value| !value.is_empty())
+        };
         let domain = match set("ROS_DOMAIN_ID") {
             None => 0,
             Some(value) => match value.parse::<u16>() {
@@ -127,9 +137,10 @@ impl Network {
         let builder = DomainParticipantBuilder::new(self.domain);
         let builder = match self.reach {
             Reach::Subnet => builder,
-            Reach::Localhost => {
-                builder.with_only_networks([IpAddr::V4(Ipv4Addr::LOCALHOST), IpAddr::V6(Ipv6Addr::LOCALHOST)])
-            }
+            Reach::Localhost => builder.with_only_networks([
+                IpAddr::V4(Ipv4Addr::LOCALHOST),
+                IpAddr::V6(Ipv6Addr::LOCALHOST),
+            ]),
         };
         builder.build().map_err(|e| ParticipantError::Join { network: self, reason: e.to_string() })
     }
@@ -197,19 +208,27 @@ impl Participant {
     ///
     /// # Errors
     /// [`ParticipantError`] when the name is none or the network cannot be joined.
-    pub fn join(network: Network, namespace: &str, name: &str, options: NodeOptions) -> Result<Self, ParticipantError> {
-        let node_name = NodeName::new(namespace, name).map_err(|source| ParticipantError::NodeName {
-            namespace: namespace.to_owned(),
-            name: name.to_owned(),
-            source,
-        })?;
+    pub fn join(
+        network: Network,
+        namespace: &str,
+        name: &str,
+        options: NodeOptions,
+    ) -> Result<Self, ParticipantError> {
+        let node_name =
+            NodeName::new(namespace, name).map_err(|source| ParticipantError::NodeName {
+                namespace: namespace.to_owned(),
+                name: name.to_owned(),
+                source,
+            })?;
         // rustdds ends its threads when a signal interrupts their wait: they must never see one.
         let domain_participant = without_signals(|| network.domain_participant())?;
         let context = Context::from_domain_participant(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
-        let node = context
-            .new_node(node_name.clone(), options)
-            .map_err(|e| ParticipantError::Node { name: node_name.fully_qualified_name(), reason: format!("{e:?}") })?;
+        let node =
+            context.new_node(node_name.clone(), options).map_err(|e| ParticipantError::Node {
+                name: node_name.fully_qualified_name(),
+                reason: format!("{e:?}"),
+            })?;
         let watch = GraphWatch::start(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
         let node = Mutex::new(node);
@@ -247,7 +266,8 @@ impl Participant {
             .count()
     }
 
-    /// Publishers of the ROS topic `name` (absolute) in other participants, dead ones included until their lease ends.
+    /// Publishers of the ROS topic `name` (absolute) in other participants, dead ones included
+    /// until their lease ends.
     pub fn other_writers_of(&self, name: &str) -> usize {
         let (dds_name, prefix) = (format!("rt{name}"), self.inner.domain_participant.guid().prefix);
         self.inner
@@ -270,7 +290,13 @@ impl Participant {
     ///
     /// # Errors
     /// [`ParticipantError::TopicName`] or [`ParticipantError::Endpoint`].
-    pub fn topic(&self, name: &str, package: &str, type_name: &str, qos: &Qos) -> Result<Topic, ParticipantError> {
+    pub fn topic(
+        &self,
+        name: &str,
+        package: &str,
+        type_name: &str,
+        qos: &Qos,
+    ) -> Result<Topic, ParticipantError> {
         let dds_name = Name::parse(name)
             .map_err(|source| ParticipantError::TopicName { name: name.to_owned(), source })?
             .to_dds_name("rt", &self.inner.node_name, "");
@@ -279,7 +305,11 @@ impl Participant {
         self.inner
             .domain_participant
             .create_topic(dds_name, dds_type, &policies, TopicKind::NoKey)
-            .map_err(|e| ParticipantError::Endpoint { what: "topic", topic: name.to_owned(), reason: e.to_string() })
+            .map_err(|e| ParticipantError::Endpoint {
+                what: "topic",
+                topic: name.to_owned(),
+                reason: e.to_string(),
+            })
     }
 }
 
@@ -288,7 +318,9 @@ mod tests {
     use super::*;
 
     fn network(variables: &[(&str, &str)]) -> Result<Network, NetworkError> {
-        Network::from_variables(|name| variables.iter().find(|(n, _)| *n == name).map(|(_, v)| (*v).to_owned()))
+        Network::from_variables(|name| {
+            variables.iter().find(|(n, _)| *n == name).map(|(_, v)| (*v).to_owned())
+        })
     }
 
     #[test]
@@ -296,7 +328,11 @@ mod tests {
         let expected = Network { domain: 0, reach: Reach::Subnet };
         assert_eq!(network(&[]), Ok(expected));
         assert_eq!(
-            network(&[("ROS_DOMAIN_ID", ""), ("ROS_AUTOMATIC_DISCOVERY_RANGE", ""), ("ROS_LOCALHOST_ONLY", "")]),
+            network(&[
+                ("ROS_DOMAIN_ID", ""),
+                ("ROS_AUTOMATIC_DISCOVERY_RANGE", ""),
+                ("ROS_LOCALHOST_ONLY", "")
+            ]),
             Ok(expected)
         );
     }
@@ -325,6 +361,9 @@ mod tests {
     fn a_mistyped_range_names_the_nearest() {
         let error = network(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "localhst")]).unwrap_err();
         assert!(error.to_string().ends_with("did you mean LOCALHOST?"), "{error}");
-        assert_eq!(network(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")]), Err(NetworkError::RangeOff));
+        assert_eq!(
+            network(&[("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")]),
+            Err(NetworkError::RangeOff)
+        );
     }
 }

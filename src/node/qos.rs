@@ -39,7 +39,12 @@ impl Qos {
     /// Reliable, volatile, keep last `depth`: what rclpy's default subscription asks for.
     #[must_use]
     pub const fn reliable(depth: u32) -> Self {
-        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth, window: DEFAULT_WINDOW }
+        Self {
+            reliability: Reliability::Reliable,
+            durability: Durability::Volatile,
+            depth,
+            window: DEFAULT_WINDOW,
+        }
     }
 
     /// Best effort, volatile, keep last `depth`: as a subscription it matches every publisher.
@@ -60,18 +65,20 @@ impl Qos {
     }
 }
 
-/// Unacknowledged samples that outlast a dead or frozen subscriber, whose lease ends after 20 s (rclpy) or 50 s (rustdds): 26 s
-/// in lockstep at 10,000 cycles per second, 65 s at 4 kHz. What they take, about 110 MB when full, is given back at its end.
+/// Unacknowledged samples that outlast a dead or frozen subscriber, whose lease ends after 20 s
+/// (rclpy) or 50 s (rustdds): 26 s in lockstep at 10,000 cycles per second, 65 s at 4 kHz. What
+/// they take, about 110 MB when full, is given back at its end.
 const OUTLASTS_A_LEASE: u32 = 1 << 18;
 
-/// Samples of the stage and of the controller: every one arrives, in order also for those that hear them beside a dead
-/// subscriber. A window that filled sooner would be answered with a new writer, and DDS keeps the order of one writer only.
+/// Samples of the stage and of the controller: every one arrives, in order also for those that hear
+/// them beside a dead subscriber. A window that filled sooner would be answered with a new writer,
+/// and DDS keeps the order of one writer only.
 pub const SAMPLES: Qos = Qos::reliable(100).window(OUTLASTS_A_LEASE);
 /// Commands into the stage. As a subscription, reliable matches reliable publishers only, so
 /// commands from ros2_control (reliable, volatile, depth 1) and rclpy's default arrive complete.
 pub const COMMANDS: Qos = Qos::reliable(100);
-/// Forces of the controller: commands, which a new writer would make another source to the stage, refused until the old one has
-/// been silent for long enough.
+/// Forces of the controller: commands, which a new writer would make another source to the stage,
+/// refused until the old one has been silent for long enough.
 pub const FORCES: Qos = COMMANDS.window(OUTLASTS_A_LEASE);
 /// `/clock`, as the clock publishers of ROS 2 simulators offer it. rclpy's time source asks for
 /// best effort, depth 1.
@@ -95,7 +102,9 @@ impl From<&Qos> for QosPolicies {
             })
             .reliability(match qos.reliability {
                 // Zero: a publish into a full window is refused, it does not wait.
-                Reliability::Reliable => policy::Reliability::Reliable { max_blocking_time: Duration::ZERO },
+                Reliability::Reliable => {
+                    policy::Reliability::Reliable { max_blocking_time: Duration::ZERO }
+                }
                 Reliability::BestEffort => policy::Reliability::BestEffort,
             })
             .history(policy::History::KeepLast { depth: limit(qos.depth) })
@@ -120,7 +129,9 @@ impl From<&Qos> for ros2_client::qos::QosProfile {
         use ros2_client::qos;
         Self {
             reliability: match qos.reliability {
-                Reliability::Reliable => qos::Reliability::Reliable { when_full: qos::WhenFull::Fail },
+                Reliability::Reliable => {
+                    qos::Reliability::Reliable { when_full: qos::WhenFull::Fail }
+                }
                 Reliability::BestEffort => qos::Reliability::BestEffort,
             },
             durability: match qos.durability {
@@ -179,7 +190,10 @@ mod tests {
     #[test]
     fn a_full_window_refuses_and_does_not_wait() {
         let policies = QosPolicies::from(&SAMPLES);
-        assert_eq!(policies.reliability(), Some(policy::Reliability::Reliable { max_blocking_time: Duration::ZERO }));
+        assert_eq!(
+            policies.reliability(),
+            Some(policy::Reliability::Reliable { max_blocking_time: Duration::ZERO })
+        );
         let limits = policies.resource_limits().unwrap();
         assert_eq!(limits.max_samples, 1 << 18);
     }

@@ -1,8 +1,8 @@
 //! Recording of a run: its own thread between the node's loops and the bag.
 //!
-//! Samples come through a ring of fixed size, so that the loop that integrates neither waits nor allocates; everything else
-//! comes as messages. The thread encodes and writes. A bag that cannot be written any more (a full disk) is closed, the
-//! fault is reported, and the stage goes on.
+//! Samples come through a ring of fixed size, so that the loop that integrates neither waits nor
+//! allocates; everything else comes as messages. The thread encodes and writes. A bag that cannot
+//! be written any more (a full disk) is closed, the fault is reported, and the stage goes on.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -22,8 +22,8 @@ use super::runtime::lock;
 use super::wire::{StageNames, Tick};
 use friction_stage_data::bag::{BagError, BagOptions, BagWriter, OfferedQos, Provenance, TopicId};
 use friction_stage_data::message::{
-    Clock, ControllerState, DiagnosticArray, Float64MultiArray, JointState, JointTrajectory, RosMessage, StageState,
-    WrenchStamped,
+    Clock, ControllerState, DiagnosticArray, Float64MultiArray, JointState, JointTrajectory,
+    RosMessage, StageState, WrenchStamped,
 };
 
 /// Ticks that may wait for the recorder: 1.6 s at 10 kHz.
@@ -31,12 +31,13 @@ const RING: usize = 16_384;
 /// Longest sleep of the recorder between two looks at the ring.
 const NAP: Duration = Duration::from_millis(2);
 
-/// Longest wait, when a bag is opened, for a controller that is there: discovery on one machine takes 0.1 s.
+/// Longest wait, when a bag is opened, for a controller that is there: discovery on one machine
+/// takes 0.1 s.
 const FIND: Duration = Duration::from_millis(300);
 /// Longest wait, when a bag is closed, for the states of samples that the controller has answered.
 const LAST_STATES: Duration = Duration::from_millis(50);
-/// States of the controller that may wait for the recorder: 1 s at 10 kHz. Best effort, because an acknowledgement of each
-/// costs the controller more than the state; what is missing is counted.
+/// States of the controller that may wait for the recorder: 1 s at 10 kHz. Best effort, because an
+/// acknowledgement of each costs the controller more than the state; what is missing is counted.
 const HEARD: Qos = Qos::best_effort(10_000);
 
 /// Absolute names of the topics in a bag.
@@ -94,8 +95,8 @@ pub struct RecorderStatus {
 #[derive(Clone)]
 pub struct RecorderHandle {
     orders: mpsc::Sender<Order>,
-    /// Messages that wait for the recorder, which looks by itself: waking it on another processor for each would cost the
-    /// loop more than the message.
+    /// Messages that wait for the recorder, which looks by itself: waking it on another processor
+    /// for each would cost the loop more than the message.
     heard: Arc<Mutex<Vec<(i64, Heard)>>>,
     status: Arc<RecorderStatus>,
 }
@@ -103,8 +104,8 @@ pub struct RecorderHandle {
 /// What a recorder needs to know before it starts.
 #[derive(Clone, Debug)]
 pub struct RecorderSetup {
-    /// Namespace and name of the recorder's own node. It has a participant of its own, so that what it hears costs the
-    /// stage's DDS threads nothing.
+    /// Namespace and name of the recorder's own node. It has a participant of its own, so that what
+    /// it hears costs the stage's DDS threads nothing.
     pub namespace: String,
     pub node: String,
     /// Processor that the recorder keeps away from.
@@ -136,7 +137,8 @@ impl TickFeed {
         }
     }
 
-    /// The same for a loop that may wait, because simulated time stands still meanwhile: never drops.
+    /// The same for a loop that may wait, because simulated time stands still meanwhile: never
+    /// drops.
     #[inline]
     pub fn insist(&mut self, tick: &Tick) {
         while self.status.recording.load(Ordering::Relaxed) {
@@ -192,8 +194,8 @@ impl RecorderHandle {
 }
 
 impl Recorder {
-    /// Starts the thread. From then on a file that reaches the size limit of the process (`ulimit -f`) is an error to
-    /// report, as a full disk is, and not the end of the process.
+    /// Starts the thread. From then on a file that reaches the size limit of the process
+    /// (`ulimit -f`) is an error to report, as a full disk is, and not the end of the process.
     pub fn start(setup: RecorderSetup) -> std::io::Result<(Recorder, RecorderHandle, TickFeed)> {
         // SAFETY: a plain call; ignoring a signal needs no handler.
         unsafe { libc::signal(libc::SIGXFSZ, libc::SIG_IGN) };
@@ -212,14 +214,18 @@ impl Recorder {
             heard,
             answered: i64::MIN,
         };
-        let thread = std::thread::Builder::new().name("recorder".to_owned()).spawn(move || work.run(&inbox))?;
+        let thread = std::thread::Builder::new()
+            .name("recorder".to_owned())
+            .spawn(move || work.run(&inbox))?;
         Ok((Recorder { thread }, handle, TickFeed { ring: producer, status }))
     }
 
     /// Waits until the thread has closed its bag; drop every handle and feed before.
     pub fn join(self) {
         if self.thread.join().is_err() {
-            tracing::error!("the recorder ended by a panic; `friction-stage recover` makes its bag whole");
+            tracing::error!(
+                "the recorder ended by a panic; `friction-stage recover` makes its bag whole"
+            );
         }
     }
 }
@@ -251,22 +257,38 @@ struct OpenBag {
 }
 
 impl OpenBag {
-    fn create(directory: &Path, topics: &RecordedTopics, provenance: &Provenance) -> Result<OpenBag, BagError> {
+    fn create(
+        directory: &Path,
+        topics: &RecordedTopics,
+        provenance: &Provenance,
+    ) -> Result<OpenBag, BagError> {
         let options = BagOptions { provenance: Some(provenance.clone()), ..BagOptions::default() };
         let mut writer = BagWriter::create(directory, &options)?;
-        fn add<M: RosMessage>(writer: &mut BagWriter, name: &str, qos: &Qos) -> Result<TopicId, BagError> {
+        fn add<M: RosMessage>(
+            writer: &mut BagWriter,
+            name: &str,
+            qos: &Qos,
+        ) -> Result<TopicId, BagError> {
             writer.add_topic::<M>(name, &OfferedQos::reliable(qos.depth))
         }
         Ok(OpenBag {
             encoder: add::<JointState>(&mut writer, &topics.encoder, &SAMPLES)?,
             force_cell: add::<WrenchStamped>(&mut writer, &topics.force_cell, &SAMPLES)?,
             state: add::<StageState>(&mut writer, &topics.state, &SAMPLES)?,
-            clock: topics.clock.as_ref().map(|name| add::<Clock>(&mut writer, name, &CLOCK)).transpose()?,
+            clock: topics
+                .clock
+                .as_ref()
+                .map(|name| add::<Clock>(&mut writer, name, &CLOCK))
+                .transpose()?,
             force: add::<WrenchStamped>(&mut writer, &topics.force, &COMMANDS)?,
             joint_commands: add::<JointState>(&mut writer, &topics.joint_commands, &COMMANDS)?,
             commands: add::<Float64MultiArray>(&mut writer, &topics.commands, &COMMANDS)?,
             setpoint: add::<JointTrajectory>(&mut writer, &topics.setpoint, &COMMANDS)?,
-            controller_state: add::<ControllerState>(&mut writer, &topics.controller_state, &SAMPLES)?,
+            controller_state: add::<ControllerState>(
+                &mut writer,
+                &topics.controller_state,
+                &SAMPLES,
+            )?,
             diagnostics: add::<DiagnosticArray>(&mut writer, &topics.diagnostics, &DIAGNOSTICS)?,
             writer,
         })
@@ -290,7 +312,9 @@ impl OpenBag {
             Heard::JointCommands(message) => self.writer.write(self.joint_commands, time, message),
             Heard::Commands(message) => self.writer.write(self.commands, time, message),
             Heard::Setpoint(message) => self.writer.write(self.setpoint, time, message),
-            Heard::ControllerState(message) => self.writer.write(self.controller_state, time, message),
+            Heard::ControllerState(message) => {
+                self.writer.write(self.controller_state, time, message)
+            }
             Heard::Diagnostics(message) => self.writer.write(self.diagnostics, time, message),
         }
     }
@@ -316,7 +340,11 @@ impl Work {
         }
         match self.close() {
             Ok(Some(written)) => {
-                tracing::info!("recorded {} messages in {}", written.messages, written.directory.display());
+                tracing::info!(
+                    "recorded {} messages in {}",
+                    written.messages,
+                    written.directory.display()
+                );
             }
             Ok(None) => {}
             Err(error) => tracing::error!("closing the bag: {error}"),
@@ -339,7 +367,10 @@ impl Work {
 
     fn open(&mut self, directory: &Path) -> Result<(), String> {
         if let Some(bag) = &self.bag {
-            return Err(format!("already recording to {}: stop that first", bag.writer.directory().display()));
+            return Err(format!(
+                "already recording to {}: stop that first",
+                bag.writer.directory().display()
+            ));
         }
         let bag = OpenBag::create(directory, &self.setup.topics, &self.setup.provenance)
             .map_err(|error| error.to_string())?;
@@ -347,7 +378,10 @@ impl Work {
         *lock(&self.status.fault) = None;
         match Listener::start(&self.setup) {
             Ok(listener) => self.controller = Some(listener),
-            Err(error) => tracing::error!("{} will not be recorded: {error:#}", self.setup.topics.controller_state),
+            Err(error) => tracing::error!(
+                "{} will not be recorded: {error:#}",
+                self.setup.topics.controller_state
+            ),
         }
         self.status.recording.store(true, Ordering::Release);
         Ok(())
@@ -366,7 +400,10 @@ impl Work {
         }
         self.controller = None;
         let Some(bag) = self.bag.take() else { return Ok(None) };
-        let written = Written { directory: bag.writer.directory().to_owned(), messages: bag.writer.message_count() };
+        let written = Written {
+            directory: bag.writer.directory().to_owned(),
+            messages: bag.writer.message_count(),
+        };
         bag.writer.finish()?;
         Ok(Some(written))
     }
@@ -421,9 +458,16 @@ struct Listener {
 
 impl Listener {
     fn start(setup: &RecorderSetup) -> anyhow::Result<Listener> {
-        let options = ros2_client::NodeOptions::new().start_parameter_services(false).enable_rosout(false);
-        let participant = Participant::join(Network::from_environment()?, &setup.namespace, &setup.node, options)?;
-        let inlet = Inlet::<ControllerState>::new(&participant, &setup.topics.controller_state, &HEARD)?;
+        let options =
+            ros2_client::NodeOptions::new().start_parameter_services(false).enable_rosout(false);
+        let participant = Participant::join(
+            Network::from_environment()?,
+            &setup.namespace,
+            &setup.node,
+            options,
+        )?;
+        let inlet =
+            Inlet::<ControllerState>::new(&participant, &setup.topics.controller_state, &HEARD)?;
         participant.watch().wait_for_matches(inlet.guid(), 1, FIND);
         Ok(Listener { inlet, last: None, stamp: i64::MIN })
     }
@@ -443,7 +487,9 @@ impl Listener {
                     self.stamp = state.header.stamp.to_nanos();
                     return Some((state, u64::try_from(missing).unwrap_or(0)));
                 }
-                Err(error) => tracing::warn!("a state of the controller could not be read: {error}"),
+                Err(error) => {
+                    tracing::warn!("a state of the controller could not be read: {error}")
+                }
             }
         }
     }

@@ -1,7 +1,8 @@
 //! What both nodes share: arguments, logging, the participant, services, signals, exit codes.
 //!
-//! The main thread runs a single-threaded tokio runtime with everything that waits and is in no hurry: discovery, services,
-//! diagnostics, signals. The node's own loop runs on a plain thread and gets what happens as [`Control`] events.
+//! The main thread runs a single-threaded tokio runtime with everything that waits and is in no
+//! hurry: discovery, services, diagnostics, signals. The node's own loop runs on a plain thread and
+//! gets what happens as [`Control`] events.
 
 use std::collections::BTreeMap;
 use std::io::IsTerminal;
@@ -40,12 +41,14 @@ pub struct Startup {
 }
 
 impl Startup {
-    /// Reads the command line (without the program's name) of a node called `default_name` unless remapped.
+    /// Reads the command line (without the program's name) of a node called `default_name` unless
+    /// remapped.
     pub fn parse(default_name: &str, command_line: Vec<String>) -> anyhow::Result<Startup> {
         let (arguments, others) = RosArguments::parse(command_line.iter().cloned())?;
         if let Some(other) = others.first() {
             anyhow::bail!(
-                "unexpected argument `{other}`; parameters go behind --ros-args, as in --ros-args -p name:=value; --help lists them"
+                "unexpected argument `{other}`; parameters go behind --ros-args, as in --ros-args \
+                 -p name:=value; --help lists them"
             );
         }
         let name = arguments.node_name(default_name);
@@ -70,14 +73,16 @@ impl Startup {
         self.arguments.parameters_for(&self.full_name())
     }
 
-    /// Logs of this process go to stderr, at the level of `--log-level`, else of `RUST_LOG`, else info.
+    /// Logs of this process go to stderr, at the level of `--log-level`, else of `RUST_LOG`, else
+    /// info.
     pub fn start_logging(&self) {
         use tracing_subscriber::filter::{EnvFilter, LevelFilter};
-        let level = self.arguments.log_level(&self.name).map_or(LevelFilter::INFO, LevelFilter::from);
-        // The DDS library warns of every stray packet, and calls errors what is none: leaving a multicast group that loopback
-        // does not have.
-        let quiet = "rustdds=error,ros2_client=error,rustdds::network=off,rustdds::discovery::discovery_db=off,\
-                     ros2_client::node=off";
+        let level =
+            self.arguments.log_level(&self.name).map_or(LevelFilter::INFO, LevelFilter::from);
+        // The DDS library warns of every stray packet, and calls errors what is none: leaving a
+        // multicast group that loopback does not have.
+        let quiet = "rustdds=error,ros2_client=error,rustdds::network=off,\
+                     rustdds::discovery::discovery_db=off,ros2_client::node=off";
         let filter = std::env::var("RUST_LOG")
             .ok()
             .and_then(|text| EnvFilter::try_new(text).ok())
@@ -93,20 +98,28 @@ impl Startup {
 
     /// The parameter `cpu` of both nodes.
     pub fn cpu_spec() -> ParameterSpec {
-        let description = "processor to run on; both nodes of a lockstep run are fastest on the same one; -1: any";
-        ParameterSpec::integer("cpu", cpu::ANY, description).range(cpu::ANY as f64, 1023.0).read_only()
+        let description = "processor to run on; both nodes of a lockstep run are fastest on the \
+                           same one; -1: any";
+        ParameterSpec::integer("cpu", cpu::ANY, description)
+            .range(cpu::ANY as f64, 1023.0)
+            .read_only()
     }
 
-    /// Binds the process to the processor of the parameter `cpu`; to be called before other threads start.
+    /// Binds the process to the processor of the parameter `cpu`; to be called before other threads
+    /// start.
     pub fn pin(&self, wanted: i64) -> anyhow::Result<()> {
         let Ok(number) = usize::try_from(wanted) else { return Ok(()) };
-        cpu::pin(number).with_context(|| format!("parameter cpu is {wanted}: must be below {} here", cpu::online()))
+        cpu::pin(number).with_context(|| {
+            format!("parameter cpu is {wanted}: must be below {} here", cpu::online())
+        })
     }
 
     /// Joins the network that the environment names.
     pub fn join(&self) -> anyhow::Result<Participant> {
         let network = Network::from_environment()?;
-        let options = NodeOptions::new().start_parameter_services(false).enable_rosout(self.arguments.rosout_logs());
+        let options = NodeOptions::new()
+            .start_parameter_services(false)
+            .enable_rosout(self.arguments.rosout_logs());
         Ok(Participant::join(network, &self.namespace, &self.name, options)?)
     }
 }
@@ -129,7 +142,8 @@ impl Service for SetBool {
     const NAME: &'static str = "SetBool";
 }
 
-/// Everything of a node that waits and is in no hurry. Built up, then [`Background::run`] until a signal or the loop ends it.
+/// Everything of a node that waits and is in no hurry. Built up, then [`Background::run`] until a
+/// signal or the loop ends it.
 pub struct Background {
     tasks: Vec<BoxFuture<'static, ()>>,
     control: UnboundedSender<Control>,
@@ -163,20 +177,32 @@ impl Background {
     }
 
     /// `~/enable`: passes the wish on to the loop.
-    pub fn serve_enable(&mut self, startup: &Startup, participant: &Participant) -> anyhow::Result<()> {
+    pub fn serve_enable(
+        &mut self,
+        startup: &Startup,
+        participant: &Participant,
+    ) -> anyhow::Result<()> {
         let control = self.control.clone();
         let handler = move |request: SetBoolRequest| {
             let success = control.unbounded_send(Control::Enable(request.data)).is_ok();
             let message = if request.data { "enabled" } else { "disabled: no force" }.to_owned();
             std::future::ready(SetBoolResponse { success, message })
         };
-        let task = service::serve::<SetBool, _, _>(participant, &startup.service_name("~/enable"), handler)?;
+        let task = service::serve::<SetBool, _, _>(
+            participant,
+            &startup.service_name("~/enable"),
+            handler,
+        )?;
         self.spawn(task);
         Ok(())
     }
 
     /// `~/reset`: asks the loop and waits for its answer.
-    pub fn serve_reset(&mut self, startup: &Startup, participant: &Participant) -> anyhow::Result<()> {
+    pub fn serve_reset(
+        &mut self,
+        startup: &Startup,
+        participant: &Participant,
+    ) -> anyhow::Result<()> {
         let control = self.control.clone();
         let handler = move |_: TriggerRequest| {
             let (reply, answer) = oneshot::channel();
@@ -189,7 +215,11 @@ impl Background {
                 }
             }
         };
-        let task = service::serve::<Trigger, _, _>(participant, &startup.service_name("~/reset"), handler)?;
+        let task = service::serve::<Trigger, _, _>(
+            participant,
+            &startup.service_name("~/reset"),
+            handler,
+        )?;
         self.spawn(task);
         Ok(())
     }
@@ -207,7 +237,11 @@ impl Background {
                 Err(message) => SetBoolResponse { success: false, message },
             })
         };
-        let task = service::serve::<SetBool, _, _>(participant, &startup.service_name("~/record"), handler)?;
+        let task = service::serve::<SetBool, _, _>(
+            participant,
+            &startup.service_name("~/record"),
+            handler,
+        )?;
         self.spawn(task);
         Ok(())
     }

@@ -1,8 +1,8 @@
 //! Services of a node: one future per service that answers its requests.
 //!
-//! [`serve`] opens the service on the node and gives back a future that answers for as long as it is polled; a node
-//! polls all of its services together on one thread (`futures::join!`). The parameter services and the node's own
-//! (`~/reset`, `~/enable`, `~/record`) are both served by it.
+//! [`serve`] opens the service on the node and gives back a future that answers for as long as it
+//! is polled; a node polls all of its services together on one thread (`futures::join!`). The
+//! parameter services and the node's own (`~/reset`, `~/enable`, `~/record`) are both served by it.
 
 use std::{future::Future, time::Duration};
 
@@ -13,8 +13,8 @@ use rustdds::GUID;
 
 use super::participant::Participant;
 
-/// How long an answer waits for the reader that it is for. A packet of the discovery that was lost comes again with the
-/// next heartbeat, after 3 s with Fast DDS.
+/// How long an answer waits for the reader that it is for. A packet of the discovery that was lost
+/// comes again with the next heartbeat, after 3 s with Fast DDS.
 pub const READER_COMES_WITHIN: Duration = Duration::from_secs(10);
 /// Answers that may wait for their readers at the same time, before new requests wait too.
 const WAITING_ANSWERS: usize = 1000;
@@ -38,14 +38,16 @@ pub enum ServiceError {
     Create { name: String, problem: String },
 }
 
-/// Opens the service `name` (absolute) and gives back the future that answers its requests, one after the other.
+/// Opens the service `name` (absolute) and gives back the future that answers its requests, one
+/// after the other.
 ///
-/// The future ends only when it is dropped; it is polled on a tokio runtime with time. A request that cannot be read,
-/// or an answer that cannot be sent because the asking node has gone, is reported in the log and costs the others
-/// nothing.
+/// The future ends only when it is dropped; it is polled on a tokio runtime with time. A request
+/// that cannot be read, or an answer that cannot be sent because the asking node has gone, is
+/// reported in the log and costs the others nothing.
 ///
-/// A request may come before its client's reader of answers is known here, and an answer that is sent then is lost. So
-/// an answer waits for that reader, as in rmw_fastrtps (`__rmw_send_response`), while other requests are answered.
+/// A request may come before its client's reader of answers is known here, and an answer that is
+/// sent then is lost. So an answer waits for that reader, as in rmw_fastrtps
+/// (`__rmw_send_response`), while other requests are answered.
 pub fn serve<S, H, F>(
     participant: &Participant,
     name: &str,
@@ -65,14 +67,27 @@ where
         .map_err(|source| ServiceError::Name { name: name.to_owned(), problem: source.to_string() })
         .and_then(|parsed| {
             let problem = "it does not start with /".to_owned();
-            if parsed.is_absolute() { Ok(parsed) } else { Err(ServiceError::Name { name: name.to_owned(), problem }) }
+            if parsed.is_absolute() {
+                Ok(parsed)
+            } else {
+                Err(ServiceError::Name { name: name.to_owned(), problem })
+            }
         })?;
     let service_type = ServiceTypeName::new(S::PACKAGE, S::NAME);
     // Enhanced is what rmw_fastrtps speaks.
     let server = participant
         .node()
-        .create_server::<S::Request, S::Response>(ServiceMapping::Enhanced, &parsed, &service_type, qos.clone(), qos)
-        .map_err(|source| ServiceError::Create { name: name.to_owned(), problem: source.to_string() })?;
+        .create_server::<S::Request, S::Response>(
+            ServiceMapping::Enhanced,
+            &parsed,
+            &service_type,
+            qos.clone(),
+            qos,
+        )
+        .map_err(|source| ServiceError::Create {
+            name: name.to_owned(),
+            problem: source.to_string(),
+        })?;
     let (name, participant) = (name.to_owned(), participant.clone());
     Ok(async move {
         let (name, server, watch) = (&name, &server, participant.watch());
@@ -91,10 +106,14 @@ where
         });
         let send = |(id, response): (RmwRequestId, S::Response)| async move {
             let reader = GUID::from(id.writer_gid);
-            // Fast DDS names the reader of answers in its requests, others the writer of the request.
-            if reader.entity_id.entity_kind.is_reader() && !watch.wait_for_peer(reader, READER_COMES_WITHIN).await {
+            // Fast DDS names the reader of answers in its requests, others the writer of the
+            // request.
+            if reader.entity_id.entity_kind.is_reader()
+                && !watch.wait_for_peer(reader, READER_COMES_WITHIN).await
+            {
                 tracing::warn!(
-                    "service {name}: who asked did not open a reader for the answer within {} s, or has gone",
+                    "service {name}: who asked did not open a reader for the answer within {} s, \
+                     or has gone",
                     READER_COMES_WITHIN.as_secs()
                 );
                 return;

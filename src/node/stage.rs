@@ -13,7 +13,9 @@ use super::outlet::Outlet;
 use super::parameters::ParameterSet;
 use super::participant::Participant;
 use super::qos::DIAGNOSTICS;
-use super::recorder::{Heard, RecordedTopics, Recorder, RecorderHandle, RecorderSetup, TickFeed, dated_directory};
+use super::recorder::{
+    Heard, RecordedTopics, Recorder, RecorderHandle, RecorderSetup, TickFeed, dated_directory,
+};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::stage_inbox::Inbox;
 use super::stage_outlets::StageOutlets;
@@ -24,12 +26,13 @@ use friction_stage_core::plant::Stage;
 use friction_stage_data::bag::Provenance;
 use friction_stage_data::message::{DiagnosticArray, Header, KeyValue};
 
-const ABOUT: &str =
-    "The stage on ROS 2: takes force commands and setpoints, publishes what encoder and force cell read.";
+const ABOUT: &str = "The stage on ROS 2: takes force commands and setpoints, publishes what \
+                     encoder and force cell read.";
 
 /// Interval of `/diagnostics`.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_millis(200);
-/// How long a new stage looks for another of its name before it publishes. Discovery on one machine takes 0.1 s.
+/// How long a new stage looks for another of its name before it publishes. Discovery on one machine
+/// takes 0.1 s.
 const LOOK_AROUND: Duration = Duration::from_millis(400);
 
 /// Settings that change while the node runs, readable without a lock.
@@ -91,7 +94,8 @@ pub struct StageLoop {
     pub live: Arc<LiveSettings>,
 }
 
-/// Runs the stage node with the given command line (without the program's name) until a signal ends it.
+/// Runs the stage node with the given command line (without the program's name) until a signal ends
+/// it.
 pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     if help::given(&command_line, "stage_node", ABOUT, &stage_settings::specs()) {
         return Ok(());
@@ -144,7 +148,13 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     background.serve_reset(&startup, &participant)?;
     serve_record(&mut background, &startup, &participant, &settings, handle.clone())?;
     follow_parameters(&parameters, &live, control.clone());
-    background.spawn(diagnose(&startup, &participant, status.clone(), live.clone(), handle.clone())?);
+    background.spawn(diagnose(
+        &startup,
+        &participant,
+        status.clone(),
+        live.clone(),
+        handle.clone(),
+    )?);
     let recorded = handle.shared_status();
     drop((handle, control));
 
@@ -177,10 +187,13 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     recorder.join();
     let fault = lock(&recorded.fault).clone();
     match end {
-        End::Signal if fault.is_some() => anyhow::bail!("the recording is not whole: {}", fault.unwrap_or_default()),
+        End::Signal if fault.is_some() => {
+            anyhow::bail!("the recording is not whole: {}", fault.unwrap_or_default())
+        }
         End::Signal => Ok(()),
         End::WasStopped => anyhow::bail!(
-            "the process was stopped and continued, which ends its DDS connections; the bag, if any, is closed: start again"
+            "the process was stopped and continued, which ends its DDS connections; the bag, if \
+             any, is closed: start again"
         ),
         End::Loop => anyhow::bail!("the loop of the stage ended"),
     }
@@ -219,15 +232,16 @@ fn provenance(startup: &Startup, settings: &StageSettings) -> anyhow::Result<Pro
     })
 }
 
-/// Two stages of one name would answer each other's commands: the one that comes second does not start.
+/// Two stages of one name would answer each other's commands: the one that comes second does not
+/// start.
 fn refuse_a_second_stage(startup: &Startup, participant: &Participant) -> anyhow::Result<()> {
     let topic = startup.topic("~/encoder");
     let deadline = std::time::Instant::now() + LOOK_AROUND;
     while std::time::Instant::now() < deadline {
         anyhow::ensure!(
             participant.other_writers_of(&topic) == 0,
-            "another node publishes {topic} already: give this stage another name with --ros-args -r __node:=NAME \
-             or -r __ns:=/NAMESPACE"
+            "another node publishes {topic} already: give this stage another name with --ros-args \
+             -r __node:=NAME or -r __ns:=/NAMESPACE"
         );
         // Discovery has no event for this: look again.
         std::thread::sleep(Duration::from_millis(20));
@@ -250,7 +264,9 @@ fn serve_record(
             return Ok(format!("recording to {}", directory.display()));
         }
         Ok(match handle.stop()? {
-            Some(written) => format!("{} messages in {}", written.messages, written.directory.display()),
+            Some(written) => {
+                format!("{} messages in {}", written.messages, written.directory.display())
+            }
             None => "was not recording".to_owned(),
         })
     })
@@ -281,7 +297,8 @@ fn diagnose(
     live: Arc<LiveSettings>,
     recorder: RecorderHandle,
 ) -> anyhow::Result<impl Future<Output = ()> + Send + 'static> {
-    let mut outlet = Outlet::<DiagnosticArray>::new(participant, &startup.topic("/diagnostics"), &DIAGNOSTICS)?;
+    let mut outlet =
+        Outlet::<DiagnosticArray>::new(participant, &startup.topic("/diagnostics"), &DIAGNOSTICS)?;
     let (name, hardware) = (format!("{}: stage", startup.full_name()), startup.full_name());
     let (participant, topic) = (participant.clone(), startup.topic("~/encoder"));
     Ok(async move {
@@ -289,15 +306,20 @@ fn diagnose(
         let mut is_alone = true;
         loop {
             interval.tick().await;
-            let was_alone = std::mem::replace(&mut is_alone, participant.other_writers_of(&topic) == 0);
-            let stranger = format!("another node publishes {topic} as well: two stages must not share a name");
+            let was_alone =
+                std::mem::replace(&mut is_alone, participant.other_writers_of(&topic) == 0);
+            let stranger =
+                format!("another node publishes {topic} as well: two stages must not share a name");
             if was_alone && !is_alone {
                 tracing::error!("{stranger}");
             }
             let mut more = lock(&live.counts).clone();
             let recording = recorder.status();
             more.push(KeyValue::new("recording", recorder.is_recording()));
-            more.push(KeyValue::new("recording_dropped_samples", recording.dropped.load(Ordering::Relaxed)));
+            more.push(KeyValue::new(
+                "recording_dropped_samples",
+                recording.dropped.load(Ordering::Relaxed),
+            ));
             more.push(KeyValue::new("stamp_ns", status.stamp.load(Ordering::Relaxed)));
             let mut faults: Vec<String> =
                 lock(&recording.fault).iter().map(|fault| format!("recording: {fault}")).collect();
@@ -305,7 +327,10 @@ fn diagnose(
                 faults.push(stranger);
             }
             let diagnostic = status.diagnostic(name.clone(), hardware.clone(), more, &faults);
-            let message = DiagnosticArray { header: Header::new(clock::system(), ""), status: vec![diagnostic] };
+            let message = DiagnosticArray {
+                header: Header::new(clock::system(), ""),
+                status: vec![diagnostic],
+            };
             recorder.hear(0, || Heard::Diagnostics(message.clone()));
             let _ = outlet.publish(message);
         }

@@ -1,4 +1,5 @@
-//! Everything that reaches the stage from outside, waited for on one thread: commands, setpoints, control.
+//! Everything that reaches the stage from outside, waited for on one thread: commands, setpoints,
+//! control.
 
 use std::task::{Context, Poll};
 use std::time::Instant;
@@ -61,7 +62,8 @@ impl Inbox {
     }
 
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<Event> {
-        // First what comes seldom: where a command is always there already, as in lockstep with a pause, it would never have its turn.
+        // First what comes seldom: where a command is always there already, as in lockstep with a
+        // pause, it would never have its turn.
         match std::pin::Pin::new(&mut self.control).poll_next(context) {
             Poll::Ready(Some(control)) => return Poll::Ready(Event::Control(control)),
             // Everybody who could control this loop is gone.
@@ -71,7 +73,8 @@ impl Inbox {
         if let Poll::Ready(result) = self.setpoint.poll_take(context) {
             match result {
                 Ok(message) => {
-                    // A setpoint's stamp is when it starts, which may be long after it came: record it as of now.
+                    // A setpoint's stamp is when it starts, which may be long after it came: record
+                    // it as of now.
                     self.recorder.hear(0, || Heard::Setpoint(message.clone()));
                     return Poll::Ready(Event::Setpoint(message));
                 }
@@ -92,8 +95,12 @@ impl Inbox {
             return Poll::Ready(match result {
                 Ok((message, writer)) => {
                     let command = Command::from_joint_state(&message, &self.joint);
-                    self.recorder.hear(message.header.stamp.to_nanos(), || Heard::JointCommands(message));
-                    Event::Command(CommandSource { topic: CommandTopic::JointCommands, writer }, command)
+                    self.recorder
+                        .hear(message.header.stamp.to_nanos(), || Heard::JointCommands(message));
+                    Event::Command(
+                        CommandSource { topic: CommandTopic::JointCommands, writer },
+                        command,
+                    )
                 }
                 Err(error) => Event::Unreadable(CommandTopic::JointCommands, error),
             });

@@ -1,8 +1,10 @@
-//! The stage in lockstep: sample k goes out, the answer to sample k comes in, the stage moves on to k + 1.
+//! The stage in lockstep: sample k goes out, the answer to sample k comes in, the stage moves on to
+//! k + 1.
 //!
-//! Until the first finite command time runs with the wall clock and the force is zero, because a controller manager needs a
-//! running clock before it says anything (or it stands still, with `wait_for_command`). Then time stops at the sample
-//! that is out, and every step from there on has its own answer. A missing answer is an error, and time stands still.
+//! Until the first finite command time runs with the wall clock and the force is zero, because a
+//! controller manager needs a running clock before it says anything (or it stands still, with
+//! `wait_for_command`). Then time stops at the sample that is out, and every step from there on has
+//! its own answer. A missing answer is an error, and time stands still.
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -45,7 +47,8 @@ enum Free {
 enum Phase {
     /// Time runs with the wall clock, unforced.
     Free,
-    /// A command has come, or time was to stand still: waiting for the first answer to the sample that is out.
+    /// A command has come, or time was to stand still: waiting for the first answer to the sample
+    /// that is out.
     Arming,
     Armed,
 }
@@ -83,8 +86,10 @@ impl StageLoop {
                 None => {
                     let mut first = None;
                     if phase == Phase::Free {
-                        let next =
-                            started + Duration::from_nanos(self.settings.rates.time_of(tick.sample.index + 1) as u64);
+                        let next = started
+                            + Duration::from_nanos(
+                                self.settings.rates.time_of(tick.sample.index + 1) as u64,
+                            );
                         match self.wait_free(&mut run, &tick, next) {
                             Free::Command(source, command) => {
                                 first = Some((source, command));
@@ -120,7 +125,8 @@ impl StageLoop {
 
     /// Waits for the next sample's turn, or for the first finite command.
     ///
-    /// A command that could answer no sample at all must not stop time: nothing would start it again.
+    /// A command that could answer no sample at all must not stop time: nothing would start it
+    /// again.
     fn wait_free(&mut self, run: &mut Run, tick: &Tick, next: Instant) -> Free {
         loop {
             match self.inbox.next(&run.waiter, Some(next)) {
@@ -133,7 +139,9 @@ impl StageLoop {
                         return Free::Command(source, command);
                     } else {
                         let expected = tick.stamp;
-                        self.status.refuse(&Refusal::AnswersNoSample { topic, stamp, expected }.to_string());
+                        self.status.refuse(
+                            &Refusal::AnswersNoSample { topic, stamp, expected }.to_string(),
+                        );
                     }
                 }
                 Some(Event::Command(_, Ok(_)) | Event::Setpoint(_)) => {}
@@ -146,7 +154,8 @@ impl StageLoop {
         }
     }
 
-    /// Waits for the answer to a sample; `first` is the command that ended the free run, which may be that answer.
+    /// Waits for the answer to a sample; `first` is the command that ended the free run, which may
+    /// be that answer.
     fn wait_answer(
         &mut self,
         run: &mut Run,
@@ -156,7 +165,8 @@ impl StageLoop {
     ) -> Answer {
         let began = Instant::now();
         let mut since = began;
-        // Only a stage that was told to stand still from the start may wait for its first command in silence.
+        // Only a stage that was told to stand still from the start may wait for its first command
+        // in silence.
         let is_owed = armed || !self.settings.wait_for_command;
         loop {
             let patience = if armed { self.live.answer_timeout() } else { ANNOUNCE };
@@ -166,10 +176,14 @@ impl StageLoop {
             };
             let Some(event) = event else {
                 let timeout = self.live.answer_timeout();
-                if is_owed && began.elapsed() >= timeout && !self.status.is_unanswered.swap(true, Ordering::Relaxed) {
+                if is_owed
+                    && began.elapsed() >= timeout
+                    && !self.status.is_unanswered.swap(true, Ordering::Relaxed)
+                {
                     self.status.missing_answers.fetch_add(1, Ordering::Relaxed);
                     tracing::error!(
-                        "lockstep: no answer to the sample of {} ns within {timeout:?}; time stands still until it comes",
+                        "lockstep: no answer to the sample of {} ns within {timeout:?}; time \
+                         stands still until it comes",
                         tick.stamp
                     );
                 }
@@ -192,13 +206,21 @@ impl StageLoop {
                     Command { force: None, .. } => continue,
                     // Answers to samples that went by before time stopped.
                     Command { stamp, .. } if stamp != 0 && stamp < tick.stamp => continue,
-                    Command { stamp, force: Some(force) } if stamp > tick.stamp && self.is_sample(stamp) => {
+                    Command { stamp, force: Some(force) }
+                        if stamp > tick.stamp && self.is_sample(stamp) =>
+                    {
                         return Answer::Ahead(stamp, force);
                     }
                     _ => {}
                 }
             }
-            match run.arbiter.judge(source, command, StampRule::Answers(tick.stamp), clock::monotonic(), tick.stamp) {
+            match run.arbiter.judge(
+                source,
+                command,
+                StampRule::Answers(tick.stamp),
+                clock::monotonic(),
+                tick.stamp,
+            ) {
                 Ok(command) => {
                     if self.status.is_unanswered.swap(false, Ordering::Relaxed) {
                         tracing::info!("lockstep: the answer came, time goes on");
@@ -220,7 +242,9 @@ impl StageLoop {
     fn handle(&mut self, run: &mut Run, event: Event) -> bool {
         match event {
             Event::Command(_, Err(refusal)) => self.status.refuse(&refusal.to_string()),
-            Event::Unreadable(topic, error) => self.status.refuse(&format!("{topic}: unreadable: {error}")),
+            Event::Unreadable(topic, error) => {
+                self.status.refuse(&format!("{topic}: unreadable: {error}"))
+            }
             Event::Control(Control::Shutdown) => return true,
             Event::Control(Control::Enable(enabled)) => {
                 run.enabled = enabled;
@@ -230,7 +254,8 @@ impl StageLoop {
                 self.stage.reset();
                 run.arbiter.release();
                 let time = self.status.stamp.load(Ordering::Relaxed) as f64 * 1e-9;
-                let _ = reply.send(Ok(format!("stage at position 0, at rest; time goes on from {time} s")));
+                let _ = reply
+                    .send(Ok(format!("stage at position 0, at rest; time goes on from {time} s")));
             }
             Event::Control(Control::Retune) => {
                 run.arbiter.set_silence(self.live.answer_timeout().as_nanos() as i64);

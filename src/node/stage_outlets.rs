@@ -8,7 +8,9 @@ use super::qos::{CLOCK, Qos, SAMPLES};
 use super::runtime::Startup;
 use super::stage_settings::{Mode, StageSettings};
 use super::wire::{StageNames, Tick};
-use friction_stage_data::message::{Clock, JointState, KeyValue, RosMessage, StageState, WrenchStamped};
+use friction_stage_data::message::{
+    Clock, JointState, KeyValue, RosMessage, StageState, WrenchStamped,
+};
 
 /// Longest wait in lockstep for a writer that replaces one with a dead subscriber.
 const SETTLE: Duration = Duration::from_secs(1);
@@ -58,7 +60,8 @@ impl StageOutlets {
         }
     }
 
-    /// Publishes a sample in lockstep: nothing is left waiting in an outlet, and the clock may come a pause later.
+    /// Publishes a sample in lockstep: nothing is left waiting in an outlet, and the clock may come
+    /// a pause later.
     pub fn publish_and_settle(&mut self, tick: &Tick) {
         let names = &self.names;
         settled(&mut self.encoder, tick.encoder(names));
@@ -80,8 +83,9 @@ impl StageOutlets {
             Some(self.state.counts()),
             self.clock.as_ref().map(Outlet::counts),
         ];
-        let sum =
-            |part: fn(super::outlet::Counts) -> u64| counts.iter().flatten().map(|counts| part(*counts)).sum::<u64>();
+        let sum = |part: fn(super::outlet::Counts) -> u64| {
+            counts.iter().flatten().map(|counts| part(*counts)).sum::<u64>()
+        };
         vec![
             KeyValue::new("refused_by_dds", sum(|counts| counts.refused)),
             KeyValue::new("writers_replaced", sum(|counts| counts.recreated)),

@@ -1,8 +1,8 @@
 //! The stage in real time: three threads and the rings between them.
 //!
-//! The tick thread integrates at absolute deadlines. It never publishes, allocates, locks or writes: samples leave it through
-//! one ring, orders reach it through another. The publishing thread empties the first; the command thread judges what
-//! comes in and fills the second.
+//! The tick thread integrates at absolute deadlines. It never publishes, allocates, locks or
+//! writes: samples leave it through one ring, orders reach it through another. The publishing
+//! thread empties the first; the command thread judges what comes in and fills the second.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -31,10 +31,12 @@ const ORDERS: usize = 4096;
 const NAP: Duration = Duration::from_millis(20);
 /// Interval at which the publishing thread hands over its counters.
 const COUNT: Duration = Duration::from_millis(100);
-/// Lateness beyond which missed ticks are given up instead of caught up, ns: the process was stopped.
+/// Lateness beyond which missed ticks are given up instead of caught up, ns: the process was
+/// stopped.
 const GIVE_UP: i64 = 200_000_000;
 
-/// What the command thread tells the tick thread. `Copy` or boxed beforehand: taking one allocates nothing.
+/// What the command thread tells the tick thread. `Copy` or boxed beforehand: taking one allocates
+/// nothing.
 enum Order {
     /// Hold this force, N.
     Force(f64),
@@ -67,7 +69,8 @@ impl StageLoop {
         };
         let epoch = clock::system();
         let ticking: JoinHandle<()> = {
-            let (status, live, publisher) = (status.clone(), live.clone(), publishing.thread().clone());
+            let (status, live, publisher) =
+                (status.clone(), live.clone(), publishing.thread().clone());
             let servo = servo.clone();
             let work = move || {
                 let mut tick = TickThread {
@@ -86,19 +89,33 @@ impl StageLoop {
             std::thread::Builder::new().name("tick".to_owned()).spawn(work)?
         };
         let follower = servo.map(|(_, follower)| follower);
-        CommandThread { settings, inbox, orders: orders_in, waste: waste_out, follower, epoch, status, live }.run();
+        CommandThread {
+            settings,
+            inbox,
+            orders: orders_in,
+            waste: waste_out,
+            follower,
+            epoch,
+            status,
+            live,
+        }
+        .run();
         let ended = ticking.join();
         finished.store(true, Ordering::Release);
         publishing.thread().unpark();
         let published = publishing.join();
-        anyhow::ensure!(ended.is_ok() && published.is_ok(), "a thread of the stage ended by a panic");
+        anyhow::ensure!(
+            ended.is_ok() && published.is_ok(),
+            "a thread of the stage ended by a panic"
+        );
         Ok(())
     }
 }
 
 /// The stage's own position loop: a PID at `servo_bandwidth` for everything that the motor moves.
 fn servo(settings: &StageSettings) -> anyhow::Result<(Controller, Box<Follower>)> {
-    let mass = settings.model.mass + settings.model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
+    let mass = settings.model.mass
+        + settings.model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
     let rate = settings.rates.control();
     let paper = ControllerSettings::paper(mass, rate, settings.model.motor.force_limit);
     let gains = friction_stage_core::control::Gains::from_bandwidth(settings.servo_bandwidth, mass);
@@ -161,7 +178,8 @@ impl TickThread {
                         if let Some((_, follower)) = &mut self.servo {
                             std::mem::swap(follower, &mut next);
                         }
-                        // Full only if the command thread has died; then dropping here is the least of the troubles.
+                        // Full only if the command thread has died; then dropping here is the least
+                        // of the troubles.
                         let _ = self.waste.push(next);
                     }
                     Order::Shutdown => return,
@@ -237,23 +255,36 @@ impl CommandThread {
         let waiter = Waiter::new();
         let mut was_stale = false;
         loop {
-            // Wakes up now and then to drop what the tick thread is done with and to tell of commands that stopped.
+            // Wakes up now and then to drop what the tick thread is done with and to tell of
+            // commands that stopped.
             let event = self.inbox.next(&waiter, Some(Instant::now() + NAP));
             while self.waste.pop().is_ok() {}
             let stale = self.status.is_stale.load(Ordering::Relaxed);
             if stale && !was_stale {
-                tracing::warn!("commands have stopped for {:?}: motor force is zero", self.live.command_timeout());
+                tracing::warn!(
+                    "commands have stopped for {:?}: motor force is zero",
+                    self.live.command_timeout()
+                );
             }
             was_stale = stale;
             match event {
                 None => {}
                 Some(Event::Command(source, Ok(command))) => {
                     if self.settings.drive == Drive::Servo {
-                        self.status.refuse(&format!("{}: the stage drives itself (drive: servo)", source.topic));
+                        self.status.refuse(&format!(
+                            "{}: the stage drives itself (drive: servo)",
+                            source.topic
+                        ));
                         continue;
                     }
                     let since = self.status.stamp.load(Ordering::Relaxed);
-                    match arbiter.judge(source, command, StampRule::Newer, clock::monotonic(), since) {
+                    match arbiter.judge(
+                        source,
+                        command,
+                        StampRule::Newer,
+                        clock::monotonic(),
+                        since,
+                    ) {
                         Ok(command) => match command.force {
                             Some(force) => self.send(Order::Force(force)),
                             None if arbiter.owns(source) => self.send(Order::Force(0.0)),
@@ -263,7 +294,9 @@ impl CommandThread {
                     }
                 }
                 Some(Event::Command(_, Err(refusal))) => self.status.refuse(&refusal.to_string()),
-                Some(Event::Unreadable(topic, error)) => self.status.refuse(&format!("{topic}: unreadable: {error}")),
+                Some(Event::Unreadable(topic, error)) => {
+                    self.status.refuse(&format!("{topic}: unreadable: {error}"))
+                }
                 Some(Event::Setpoint(message)) => self.follow(&message),
                 Some(Event::Control(Control::Shutdown)) => {
                     self.send(Order::Shutdown);
@@ -274,7 +307,9 @@ impl CommandThread {
                     self.send(Order::Reset);
                     arbiter.release();
                     let time = self.status.stamp.load(Ordering::Relaxed) as f64 * 1e-9;
-                    let _ = reply.send(Ok(format!("stage at position 0, at rest; time goes on from {time:.6} s")));
+                    let _ = reply.send(Ok(format!(
+                        "stage at position 0, at rest; time goes on from {time:.6} s"
+                    )));
                 }
                 Some(Event::Control(Control::Retune)) => {
                     arbiter.set_silence(self.live.command_timeout().as_nanos() as i64);
@@ -287,8 +322,9 @@ impl CommandThread {
     fn follow(&mut self, message: &friction_stage_data::message::JointTrajectory) {
         let Some(follower) = &mut self.follower else { return };
         let now = self.status.stamp.load(Ordering::Relaxed);
-        let result =
-            setpoint(message, &self.settings.joint, now).map_err(|error| error.to_string()).and_then(|wanted| {
+        let result = setpoint(message, &self.settings.joint, now)
+            .map_err(|error| error.to_string())
+            .and_then(|wanted| {
                 let now = now - self.epoch;
                 let mut next = follower.clone();
                 match wanted {

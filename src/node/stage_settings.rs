@@ -59,7 +59,10 @@ pub enum SettingsError {
     Model { name: String, source: ModelError },
     #[error(transparent)]
     Rates(#[from] RatesError),
-    #[error("drive: servo has no commands to wait for, so it cannot run in mode: lockstep; use mode: realtime")]
+    #[error(
+        "drive: servo has no commands to wait for, so it cannot run in mode: lockstep; use mode: \
+         realtime"
+    )]
     ServoInLockstep,
 }
 
@@ -72,8 +75,8 @@ pub fn specs() -> Vec<ParameterSpec> {
         ParameterSpec::string(
             "model",
             "guide_1",
-            "what the stage is: a model file (.yaml), a guide of the catalogue for the 40 kg stage on four of it, or \
-             rig:GUIDE for the measuring rig with one",
+            "what the stage is: a model file (.yaml), a guide of the catalogue for the 40 kg stage \
+             on four of it, or rig:GUIDE for the measuring rig with one",
         )
         .read_only(),
         ParameterSpec::double("control_rate", Rates::DEFAULT.control(), "samples per second")
@@ -88,9 +91,14 @@ pub fn specs() -> Vec<ParameterSpec> {
         .unit("Hz")
         .range(physics_min, physics_max)
         .read_only(),
-        ParameterSpec::string("mode", "realtime", "how time runs: with the wall clock, or from answer to answer")
-            .choices(&["realtime", "lockstep"])
-            .read_only(),
+        ParameterSpec::string(
+            "mode",
+            "realtime",
+            "how time runs: with the wall clock, or from \
+            answer to answer",
+        )
+        .choices(&["realtime", "lockstep"])
+        .read_only(),
         ParameterSpec::string(
             "drive",
             "force",
@@ -98,25 +106,45 @@ pub fn specs() -> Vec<ParameterSpec> {
         )
         .choices(&["force", "servo"])
         .read_only(),
-        ParameterSpec::integer("seed", 1, "seed of the sensor noise").range(0.0, i64::MAX as f64).read_only(),
-        ParameterSpec::boolean("noise", true, "false: sensors without noise and without quantisation").read_only(),
+        ParameterSpec::integer("seed", 1, "seed of the sensor noise")
+            .range(0.0, i64::MAX as f64)
+            .read_only(),
+        ParameterSpec::boolean(
+            "noise",
+            true,
+            "false: sensors without noise and without \
+            quantisation",
+        )
+        .read_only(),
         ParameterSpec::double(
             "command_timeout",
             0.1,
-            "silence after which the motor force goes to zero in real time, and after which another source may command",
+            "silence after which the motor force goes to zero in real time, and after which \
+             another source may command",
         )
         .unit("s")
         .range(1e-3, 3600.0),
-        ParameterSpec::integer("every", 1, "in lockstep, one sample in this many waits for an answer")
-            .range(1.0, 1e6)
-            .read_only(),
-        ParameterSpec::double("clock_pause", 0.0, "in lockstep, pause between a sample and its clock")
-            .unit("s")
-            .range(0.0, 1.0),
+        ParameterSpec::integer(
+            "every",
+            1,
+            "in lockstep, one sample in this many waits for an \
+            answer",
+        )
+        .range(1.0, 1e6)
+        .read_only(),
+        ParameterSpec::double(
+            "clock_pause",
+            0.0,
+            "in lockstep, pause between a sample and its \
+            clock",
+        )
+        .unit("s")
+        .range(0.0, 1.0),
         ParameterSpec::double(
             "answer_timeout",
             1.0,
-            "in lockstep, wait after which a missing answer is an error; the sample is then sent again",
+            "in lockstep, wait after which a missing answer is an error; the sample is then sent \
+             again",
         )
         .unit("s")
         .range(1e-2, 3600.0),
@@ -126,20 +154,42 @@ pub fn specs() -> Vec<ParameterSpec> {
             "in lockstep, time stands still from the start until the first command",
         )
         .read_only(),
-        ParameterSpec::boolean("publish_clock", false, "publish /clock in real time too; in lockstep it always is")
+        ParameterSpec::boolean(
+            "publish_clock",
+            false,
+            "publish /clock in real time too; in \
+            lockstep it always is",
+        )
+        .read_only(),
+        ParameterSpec::string(
+            "record",
+            "",
+            "bag directory to record into from the start; must not \
+            exist",
+        )
+        .read_only(),
+        ParameterSpec::string("record_into", ".", "directory for the bags that ~/record starts")
             .read_only(),
-        ParameterSpec::string("record", "", "bag directory to record into from the start; must not exist").read_only(),
-        ParameterSpec::string("record_into", ".", "directory for the bags that ~/record starts").read_only(),
         ParameterSpec::string("joint", "stage", "name of the joint in messages").read_only(),
         ParameterSpec::string("frame_id", "stage", "frame of the messages").read_only(),
-        ParameterSpec::double("servo_bandwidth", 60.0, "bandwidth of the position loop of drive: servo")
-            .unit("Hz")
-            .range(0.1, 1000.0)
-            .read_only(),
-        ParameterSpec::double("setpoint_jump_limit", 1e-3, "largest step of a single setpoint in drive: servo")
-            .unit("m")
-            .range(0.0, 10.0)
-            .read_only(),
+        ParameterSpec::double(
+            "servo_bandwidth",
+            60.0,
+            "bandwidth of the position loop of drive: \
+            servo",
+        )
+        .unit("Hz")
+        .range(0.1, 1000.0)
+        .read_only(),
+        ParameterSpec::double(
+            "setpoint_jump_limit",
+            1e-3,
+            "largest step of a single setpoint in \
+            drive: servo",
+        )
+        .unit("m")
+        .range(0.0, 10.0)
+        .read_only(),
     ]
 }
 
@@ -160,7 +210,9 @@ impl StageSettings {
             answer_timeout: seconds("answer_timeout"),
             wait_for_command: values.boolean("wait_for_command"),
             publish_clock: values.boolean("publish_clock") || values.string("mode") == "lockstep",
-            record: Some(values.string("record")).filter(|path| !path.is_empty()).map(PathBuf::from),
+            record: Some(values.string("record"))
+                .filter(|path| !path.is_empty())
+                .map(PathBuf::from),
             record_into: PathBuf::from(values.string("record_into")),
             joint: values.string("joint"),
             frame: values.string("frame_id"),

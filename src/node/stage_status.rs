@@ -1,4 +1,5 @@
-//! What the stage node tells about itself: counters that its threads write and `/diagnostics` reads.
+//! What the stage node tells about itself: counters that its threads write and `/diagnostics`
+//! reads.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
@@ -76,13 +77,25 @@ impl StageStatus {
         for fault in faults {
             note(true, DiagnosticStatus::ERROR, fault.clone());
         }
-        note(is(&self.is_stale), DiagnosticStatus::WARN, "commands have stopped: motor force is zero".to_owned());
-        note(is(&self.disabled), DiagnosticStatus::WARN, "disabled: motor force is zero".to_owned());
+        note(
+            is(&self.is_stale),
+            DiagnosticStatus::WARN,
+            "commands have stopped: motor force is zero".to_owned(),
+        );
+        note(
+            is(&self.disabled),
+            DiagnosticStatus::WARN,
+            "disabled: motor force is zero".to_owned(),
+        );
         let refusal = self.last_refusal();
         if let Some(reason) = &refusal {
             note(true, DiagnosticStatus::WARN, format!("commands refused, last: {reason}"));
         }
-        note(get(&self.unpublished) > 0, DiagnosticStatus::WARN, "samples were not published".to_owned());
+        note(
+            get(&self.unpublished) > 0,
+            DiagnosticStatus::WARN,
+            "samples were not published".to_owned(),
+        );
         let idle = if is(&self.commanded) { "running" } else { "waiting for the first command" };
         let message = if words.is_empty() { idle.to_owned() } else { words.join("; ") };
         let mut values = vec![
@@ -115,7 +128,8 @@ mod tests {
     #[test]
     fn a_missing_answer_is_an_error_and_a_refused_command_a_warning() {
         let status = StageStatus::default();
-        let level = |status: &StageStatus| status.diagnostic("a".into(), "b".into(), vec![], &[]).level;
+        let level =
+            |status: &StageStatus| status.diagnostic("a".into(), "b".into(), vec![], &[]).level;
         assert_eq!(level(&status), DiagnosticStatus::OK);
         status.refuse("force is NaN");
         assert_eq!(level(&status), DiagnosticStatus::WARN);

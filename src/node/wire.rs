@@ -8,7 +8,8 @@ use friction_stage_data::message::{
     Clock, ControllerState, Header, JointState, JointTrajectory, StageState, Time, WrenchStamped,
 };
 
-/// One sample of the stage as it goes out: `Copy`, so that it passes through a ring without allocation.
+/// One sample of the stage as it goes out: `Copy`, so that it passes through a ring without
+/// allocation.
 #[derive(Clone, Copy, Debug)]
 pub struct Tick {
     /// Stamp, ns.
@@ -37,7 +38,10 @@ impl Tick {
     }
 
     pub fn force_cell(&self, names: &StageNames) -> WrenchStamped {
-        WrenchStamped::along_x(Header::new(self.stamp, names.frame.as_str()), self.sample.force_cell)
+        WrenchStamped::along_x(
+            Header::new(self.stamp, names.frame.as_str()),
+            self.sample.force_cell,
+        )
     }
 
     pub fn clock(&self) -> Clock {
@@ -62,7 +66,13 @@ impl Tick {
 }
 
 /// The terms of one answered sample.
-pub fn controller_state(header: Header, sample: u64, terms: &Terms, enabled: bool, setpoint: i64) -> ControllerState {
+pub fn controller_state(
+    header: Header,
+    sample: u64,
+    terms: &Terms,
+    enabled: bool,
+    setpoint: i64,
+) -> ControllerState {
     ControllerState {
         header,
         sample,
@@ -107,7 +117,11 @@ pub enum SetpointError {
 }
 
 /// Reads the part of `joint` out of a trajectory; stamp 0 means `now`.
-pub fn setpoint(message: &JointTrajectory, joint: &str, now: i64) -> Result<Setpoint, SetpointError> {
+pub fn setpoint(
+    message: &JointTrajectory,
+    joint: &str,
+    now: i64,
+) -> Result<Setpoint, SetpointError> {
     let joints = message.joint_names.len();
     let index = message.joint_names.iter().position(|name| name == joint).ok_or_else(|| {
         let found = message.joint_names.join(", ");
@@ -121,9 +135,15 @@ pub fn setpoint(message: &JointTrajectory, joint: &str, now: i64) -> Result<Setp
             let value = |quantity, values: &[f64]| match values.get(index) {
                 Some(value) if values.len() == joints => Ok(Some(*value)),
                 None if values.is_empty() => Ok(None),
-                _ => Err(SetpointError::Length { index: number, quantity, found: values.len(), joints }),
+                _ => Err(SetpointError::Length {
+                    index: number,
+                    quantity,
+                    found: values.len(),
+                    joints,
+                }),
             };
-            let absent = SetpointError::Length { index: number, quantity: "positions", found: 0, joints };
+            let absent =
+                SetpointError::Length { index: number, quantity: "positions", found: 0, joints };
             Ok(Point {
                 time: point.time_from_start.to_nanos(),
                 position: value("positions", &point.positions)?.ok_or(absent)?,
@@ -172,11 +192,17 @@ mod tests {
 
     #[test]
     fn one_point_without_time_is_the_setpoint_of_now_and_several_are_a_motion() {
-        let point = Point { time: 0, position: 0.01, velocity: Some(0.1), acceleration: None, effort: 2.0 };
+        let point =
+            Point { time: 0, position: 0.01, velocity: Some(0.1), acceleration: None, effort: 2.0 };
         let now = Reference { position: 0.01, velocity: 0.1, acceleration: 0.0, effort: 2.0 };
-        assert_eq!(setpoint(&joint_trajectory("stage", 0, &[point]), "stage", 77), Ok(Setpoint::Now(now)));
+        assert_eq!(
+            setpoint(&joint_trajectory("stage", 0, &[point]), "stage", 77),
+            Ok(Setpoint::Now(now))
+        );
         let later = Point { time: 1_000_000, ..point };
-        let Ok(Setpoint::Motion(motion)) = setpoint(&joint_trajectory("stage", 0, &[point, later]), "stage", 77) else {
+        let Ok(Setpoint::Motion(motion)) =
+            setpoint(&joint_trajectory("stage", 0, &[point, later]), "stage", 77)
+        else {
             panic!("several points are a motion");
         };
         assert_eq!((motion.start(), motion.points()), (77, &[point, later][..]));
@@ -186,11 +212,24 @@ mod tests {
     fn trajectories_for_other_joints_or_with_wrong_lengths_are_refused() {
         let point = Point { time: 0, position: 0.01, ..Point::default() };
         let mut message = joint_trajectory("slider", 0, &[point]);
-        assert!(setpoint(&message, "stage", 0).unwrap_err().to_string().contains("no joint `stage` among [slider]"));
+        assert!(
+            setpoint(&message, "stage", 0)
+                .unwrap_err()
+                .to_string()
+                .contains("no joint `stage` among [slider]")
+        );
         message.joint_names = vec!["stage".into(), "slider".into()];
-        assert!(setpoint(&message, "stage", 0).unwrap_err().to_string().contains("1 positions for 2 joints"));
+        assert!(
+            setpoint(&message, "stage", 0)
+                .unwrap_err()
+                .to_string()
+                .contains("1 positions for 2 joints")
+        );
         message.points.clear();
-        assert_eq!(setpoint(&message, "stage", 0), Err(SetpointError::Trajectory(TrajectoryError::Empty)));
+        assert_eq!(
+            setpoint(&message, "stage", 0),
+            Err(SetpointError::Trajectory(TrajectoryError::Empty))
+        );
         message = joint_trajectory("stage", 0, &[Point { position: f64::NAN, ..point }]);
         assert!(setpoint(&message, "stage", 0).unwrap_err().to_string().contains("must be finite"));
     }

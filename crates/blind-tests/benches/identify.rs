@@ -1,10 +1,12 @@
-//! How well identification does on recordings whose hidden effects it is not told: false alarms, right names, detection over
-//! size, effects that are in nobody's list, and several at once.
+//! How well identification does on recordings whose hidden effects it is not told: false alarms,
+//! right names, detection over size, effects that are in nobody's list, and several at once.
 //!
-//! `cargo bench -p blind-tests --bench identify -- none --runs 200`, `names --runs 3`, `power --only cogging --floors 0.5,1,2`,
-//! `unlisted`, `mixed --runs 20`; `--json` writes one JSON object per run instead of text. The recordings come from
-//! this crate, which shares no equation, integrator, controller or noise source with the library; the declared model is the
-//! nominal one of the recorded stage runs. One line per run on stdout, as soon as it is known, then a summary; progress on stderr.
+//! `cargo bench -p blind-tests --bench identify -- none --runs 200`, `names --runs 3`,
+//! `power --only cogging --floors 0.5,1,2`, `unlisted`, `mixed --runs 20`; `--json` writes one JSON
+//! object per run instead of text. The recordings come from this crate, which shares no equation,
+//! integrator, controller or noise source with the library; the declared model is the nominal one
+//! of the recorded stage runs. One line per run on stdout, as soon as it is known, then a summary;
+//! progress on stderr.
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -16,8 +18,8 @@ use clap::{Parser, Subcommand};
 use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_identify::{
-    Declared, Estimate, Evidence, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection, Tolerances, Verdict,
-    Watch, search,
+    Declared, Estimate, Evidence, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection,
+    Tolerances, Verdict, Watch, search,
 };
 use serde::Serialize;
 
@@ -42,7 +44,8 @@ struct Arguments {
     /// One JSON object per run and one for the summary.
     #[arg(long, global = true)]
     json: bool,
-    /// Also write the recordings of each run, to bags/EFFECTS-SEED and truth/EFFECTS-SEED in this folder.
+    /// Also write the recordings of each run, to bags/EFFECTS-SEED and truth/EFFECTS-SEED in this
+    /// folder.
     #[arg(long, global = true)]
     keep: Option<PathBuf>,
     /// Cargo says so to every bench.
@@ -66,8 +69,9 @@ enum What {
         #[arg(long, value_delimiter = ',')]
         only: Vec<String>,
     },
-    /// Each listed effect over its size: how often is it detected and named? By itself it looks for the size, from 1 floor on by factors of 2, at which
-    /// half of the runs detect the effect, and goes to five times that on other stages.
+    /// Each listed effect over its size: how often is it detected and named? By itself it looks for
+    /// the size, from 1 floor on by factors of 2, at which half of the runs detect the effect, and
+    /// goes to five times that on other stages.
     Power {
         /// Only these effects, with commas between them.
         #[arg(long, value_delimiter = ',')]
@@ -223,7 +227,12 @@ impl Session<'_> {
         self.arguments.first..self.arguments.first + runs
     }
 
-    fn each(&mut self, list: &[(&'static str, effects::Draw)], runs: u64, only: &[String]) -> Result<()> {
+    fn each(
+        &mut self,
+        list: &[(&'static str, effects::Draw)],
+        runs: u64,
+        only: &[String],
+    ) -> Result<()> {
         for seed in self.seeds(runs) {
             for name in chosen(list, only)? {
                 self.run(seed, 1.0, vec![drawn(name, seed)?])?;
@@ -245,8 +254,9 @@ impl Session<'_> {
         setup
     }
 
-    /// Runs of the first stages from a seed on of which an effect can be made of this size, floors; the seed behind the last of them. A sudden slip is
-    /// none of a smooth bristle, however alike its elements are.
+    /// Runs of the first stages from a seed on of which an effect can be made of this size, floors;
+    /// the seed behind the last of them. A sudden slip is none of a smooth bristle, however alike
+    /// its elements are.
     fn of_size(&mut self, name: &str, size: f64, first: u64, runs: u64) -> Result<u64> {
         self.size = size;
         let mut left = runs;
@@ -266,13 +276,16 @@ impl Session<'_> {
         Ok(first + TRIED_FOR_ONE * runs)
     }
 
-    /// Factor on the usual size of an effect at which its held-out force is of this size, floors; `None` where there is none. The force of most effects is
-    /// proportional to it, that of some to its square.
+    /// Factor on the usual size of an effect at which its held-out force is of this size, floors;
+    /// `None` where there is none. The force of most effects is proportional to it, that of some to
+    /// its square.
     fn factor_of(&self, usual: &Effect, size: f64, seed: u64) -> Result<Option<f64>> {
         let mut factor = 1.0;
         for _ in 0..8 {
             // One that the controller cannot hold has no size either.
-            let Some(off) = self.floors_of(seed, usual.scaled(factor)).ok().map(|floors| size / floors) else {
+            let Some(off) =
+                self.floors_of(seed, usual.scaled(factor)).ok().map(|floors| size / floors)
+            else {
                 return Ok(None);
             };
             if !off.is_finite() {
@@ -286,8 +299,8 @@ impl Session<'_> {
         Ok(None)
     }
 
-    /// Doubles or halves the size until it is between one that fewer than half of the runs detect and one that half of them do, then goes to five times
-    /// the size in between.
+    /// Doubles or halves the size until it is between one that fewer than half of the runs detect
+    /// and one that half of them do, then goes to five times the size in between.
     fn threshold(&mut self, name: &str, runs: u64, large: u64) -> Result<()> {
         let first = self.arguments.first;
         let mut others = first + runs;
@@ -296,11 +309,14 @@ impl Session<'_> {
         while SIZES.contains(&size) {
             others = others.max(self.of_size(name, size, first, runs)?);
             let of_name = || self.reports.iter().filter(|report| report.hidden[0].name == name);
-            let at = share(of_name().filter(|report| report.size == size), |report| report.detected);
+            let at =
+                share(of_name().filter(|report| report.size == size), |report| report.detected);
             let is_enough = at >= 0.5;
             if known.is_some_and(|known| known != is_enough) {
                 let half = half(&of_name().collect::<Vec<_>>());
-                return half.map_or(Ok(()), |half| self.of_size(name, 5.0 * half, others, large).map(|_| ()));
+                return half.map_or(Ok(()), |half| {
+                    self.of_size(name, 5.0 * half, others, large).map(|_| ())
+                });
             }
             known = Some(is_enough);
             size *= if is_enough { 0.5 } else { 2.0 };
@@ -332,10 +348,12 @@ impl Session<'_> {
             run.write(&folder.join("bags").join(&name), &folder.join("truth").join(&name))?;
         }
         let bar = indicatif::ProgressBar::new(1000)
-            .with_style(indicatif::ProgressStyle::with_template("{prefix} [{elapsed}] {bar:20} {msg}")?)
+            .with_style(indicatif::ProgressStyle::with_template(
+                "{prefix} [{elapsed}] {bar:20} {msg}",
+            )?)
             .with_prefix(format!("{title} seed {seed}"));
-        let report =
-            judge(&run, factor, self.size, &Progress(bar.clone())).with_context(|| format!("{title} seed {seed}"))?;
+        let report = judge(&run, factor, self.size, &Progress(bar.clone()))
+            .with_context(|| format!("{title} seed {seed}"))?;
         bar.finish_and_clear();
         let mut out = std::io::stdout().lock();
         if self.arguments.json {
@@ -371,22 +389,32 @@ impl Session<'_> {
             "hidden", "runs", "detected", "right", "open", "floors", "share", "covered", "s"
         );
         let all: Vec<&Report> = self.reports.iter().collect();
-        for (title, group) in groups.iter().map(|(title, group)| (title.as_str(), group)).chain([("all", &all)]) {
+        for (title, group) in
+            groups.iter().map(|(title, group)| (title.as_str(), group)).chain([("all", &all)])
+        {
             let count = group.len().max(1) as f64;
-            let mean = |value: &dyn Fn(&Report) -> f64| group.iter().map(|report| value(report)).sum::<f64>() / count;
+            let mean = |value: &dyn Fn(&Report) -> f64| {
+                group.iter().map(|report| value(report)).sum::<f64>() / count
+            };
             let deviations: Vec<f64> = group
                 .iter()
                 .filter(|report| report.right)
                 .flat_map(|report| report.deviations.values().copied())
                 .collect();
-            let covered = deviations.iter().filter(|deviation| deviation.abs() <= TWO_SIDED_95).count();
+            let covered =
+                deviations.iter().filter(|deviation| deviation.abs() <= TWO_SIDED_95).count();
             println!(
                 "{title:32} {:4} {:8} {:5} {:5} {:8.2} {:8.3} {:>9} {:7.1}",
                 group.len(),
                 group.iter().filter(|report| report.detected).count(),
                 group.iter().filter(|report| report.right).count(),
                 group.iter().filter(|report| report.open).count(),
-                mean(&|report| report.hidden.iter().map(|hidden| hidden.floors.powi(2)).sum::<f64>().sqrt()),
+                mean(&|report| report
+                    .hidden
+                    .iter()
+                    .map(|hidden| hidden.floors.powi(2))
+                    .sum::<f64>()
+                    .sqrt()),
                 mean(&|report| report.explained_share),
                 format!("{covered}/{}", deviations.len()),
                 mean(&|report| report.seconds),
@@ -398,8 +426,9 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Per effect: shares that are detected and named over the size, the size at which half are detected, and the share that is named from
-    /// five times that size on. Named is also what the verdict says cannot be told from its rival.
+    /// Per effect: shares that are detected and named over the size, the size at which half are
+    /// detected, and the share that is named from five times that size on. Named is also what the
+    /// verdict says cannot be told from its rival.
     fn curves(&self) {
         println!("\ndetected / named, %, at floors");
         let mut effects: BTreeMap<&str, Vec<&Report>> = BTreeMap::new();
@@ -416,13 +445,22 @@ impl Session<'_> {
                 print!("  {size:.3}: {:.0}/{:.0}", 100.0 * detected, 100.0 * named);
             }
             let half = half(&reports).unwrap_or(f64::INFINITY);
-            let large: Vec<&Report> = reports.into_iter().filter(|report| report.size >= 5.0 * half).collect();
+            let large: Vec<&Report> =
+                reports.into_iter().filter(|report| report.size >= 5.0 * half).collect();
             let share = share(large.iter().copied(), named);
-            println!("  half at {half:.2}, named from five times that on {:.0} % of {}", 100.0 * share, large.len());
+            println!(
+                "  half at {half:.2}, named from five times that on {:.0} % of {}",
+                100.0 * share,
+                large.len()
+            );
             all_large.extend(large);
         }
         let share = share(all_large.iter().copied(), named);
-        println!("named from five times that on, all: {:.0} % of {}", 100.0 * share, all_large.len());
+        println!(
+            "named from five times that on, all: {:.0} % of {}",
+            100.0 * share,
+            all_large.len()
+        );
     }
 }
 
@@ -445,15 +483,17 @@ fn sizes(runs: &[&Report]) -> Vec<f64> {
     sizes
 }
 
-/// Size at which half of the runs of an effect detect it, floors: between two sizes on a logarithmic scale.
+/// Size at which half of the runs of an effect detect it, floors: between two sizes on a
+/// logarithmic scale.
 fn half(runs: &[&Report]) -> Option<f64> {
     let mut last: Option<(f64, f64)> = None;
     for size in sizes(runs) {
-        let detected = share(runs.iter().copied().filter(|run| run.size == size), |run| run.detected);
+        let detected =
+            share(runs.iter().copied().filter(|run| run.size == size), |run| run.detected);
         if detected >= 0.5 {
-            return Some(
-                last.map_or(size, |(before, share)| before * (size / before).powf((0.5 - share) / (detected - share))),
-            );
+            return Some(last.map_or(size, |(before, share)| {
+                before * (size / before).powf((0.5 - share) / (detected - share))
+            }));
         }
         last = Some((size, detected));
     }
@@ -474,7 +514,12 @@ fn declared() -> StageModel {
     StageModel { guides: vec![GuideSource::Inline(guide); 4], ..StageModel::default() }
 }
 
-fn judge(run: &GeneratedRun, factor: f64, size: f64, watch: &dyn Watch) -> Result<Report, IdentifyError> {
+fn judge(
+    run: &GeneratedRun,
+    factor: f64,
+    size: f64,
+    watch: &dyn Watch,
+) -> Result<Report, IdentifyError> {
     let model = declared();
     let start = Instant::now();
     let measured = |columns: &Columns, name: &str| Measured::new(&columns.to_trace(), &model, name);
@@ -516,7 +561,10 @@ fn judge(run: &GeneratedRun, factor: f64, size: f64, watch: &dyn Watch) -> Resul
         open: is_open(&hidden, &selection, &found),
         right,
         explained_share: selection.explained_share(),
-        before: rms(selection.errors_before.holdout_motor, selection.errors_before.holdout_carriage),
+        before: rms(
+            selection.errors_before.holdout_motor,
+            selection.errors_before.holdout_carriage,
+        ),
         after: rms(selection.errors_after.holdout_motor, selection.errors_after.holdout_carriage),
         floor: [selection.floor.motor, selection.floor.carriage],
         deviations: deviations(&hidden, run.truth.mass, &selection.after),
@@ -553,14 +601,24 @@ fn hidden(run: &GeneratedRun, check: &Measured) -> Vec<Hidden> {
         .collect()
 }
 
-/// Names that tell all that is hidden: a constant force beside a spring is a spring with another centre.
+/// Names that tell all that is hidden: a constant force beside a spring is a spring with another
+/// centre.
 fn wanted(hidden: &[Hidden]) -> Vec<&'static str> {
     let spring = hidden.iter().any(|hidden| hidden.name == "cable_chain");
-    hidden.iter().map(|hidden| hidden.name).filter(|name| !(spring && *name == "constant_force")).collect()
+    hidden
+        .iter()
+        .map(|hidden| hidden.name)
+        .filter(|name| !(spring && *name == "constant_force"))
+        .collect()
 }
 
 /// Whether this is the answer that an engineer who knows the truth would accept.
-fn right(hidden: &[Hidden], selection: &Selection, found: &[&str], coordinate: Option<&str>) -> bool {
+fn right(
+    hidden: &[Hidden],
+    selection: &Selection,
+    found: &[&str],
+    coordinate: Option<&str>,
+) -> bool {
     if hidden.is_empty() {
         return selection.verdict == Verdict::None;
     }
@@ -585,11 +643,13 @@ fn right(hidden: &[Hidden], selection: &Selection, found: &[&str], coordinate: O
     selection.verdict == Verdict::Found && (named == wanted || named == all)
 }
 
-/// Whether the verdict is that what is hidden cannot be told from something else: each hidden name is found or the rival of one that is, and nothing else is.
+/// Whether the verdict is that what is hidden cannot be told from something else: each hidden name
+/// is found or the rival of one that is, and nothing else is.
 fn is_open(hidden: &[Hidden], selection: &Selection, found: &[&str]) -> bool {
     let wanted = wanted(hidden);
-    let rivals =
-        |one: &str, two: &str| selection.inseparable.iter().any(|pair| (pair.effect, pair.rival) == (one, two));
+    let rivals = |one: &str, two: &str| {
+        selection.inseparable.iter().any(|pair| (pair.effect, pair.rival) == (one, two))
+    };
     let stands_for = |found: &str, name: &str| found == name || rivals(found, name);
     selection.verdict == Verdict::NotSeparable
         && wanted.iter().all(|name| found.iter().any(|found| stands_for(found, name)))
@@ -611,7 +671,8 @@ fn shown(signal: &blind_tests::Hidden, truth: &RecordTruth, measured: &Measured,
     blind_tests::rms(&measured.filtered(&force))
 }
 
-/// Parameters of the hidden effects, by name, and the mass: how many standard deviations the fit is off.
+/// Parameters of the hidden effects, by name, and the mass: how many standard deviations the fit is
+/// off.
 fn deviations(hidden: &[Hidden], mass: f64, estimate: &Estimate) -> BTreeMap<String, f64> {
     let mut all = BTreeMap::new();
     for (index, coordinate) in estimate.fitted.coordinates.iter().enumerate() {
@@ -628,8 +689,8 @@ fn deviations(hidden: &[Hidden], mass: f64, estimate: &Estimate) -> BTreeMap<Str
             Place::Effect { effect, value } => {
                 let part = &estimate.fitted.hypothesis.effects[effect];
                 let parameter = part.descriptor.parameters[value].name;
-                // Of guides that each have a period of their own none is the one that the truth names; the centre of a spring is that of the truth only
-                // without a constant force.
+                // Of guides that each have a period of their own none is the one that the truth
+                // names; the centre of a spring is that of the truth only without a constant force.
                 let other_centre = parameter == "center" && wanted(hidden).len() < hidden.len();
                 if part.descriptor.name == "ball_passage" || other_centre {
                     continue;
@@ -638,7 +699,8 @@ fn deviations(hidden: &[Hidden], mass: f64, estimate: &Estimate) -> BTreeMap<Str
                     .iter()
                     .find(|hidden| hidden.name == part.descriptor.name)
                     .and_then(|hidden| hidden.parameters.get(parameter));
-                // Where a phase begins is a convention. Of several harmonics or lines the first is the one that the truth names.
+                // Where a phase begins is a convention. Of several harmonics or lines the first is
+                // the one that the truth names.
                 if let (Some(truth), false) = (truth, parameter == "phase") {
                     all.entry(format!("{}.{parameter}", part.descriptor.name))
                         .or_insert((coordinate.value - truth) / deviation);
@@ -654,9 +716,13 @@ fn strongest(evidence: &[Evidence]) -> Vec<Tried> {
     let rounds = evidence.iter().map(|one| one.round + 1).max().unwrap_or(0);
     (0..rounds)
         .flat_map(|round| {
-            let mut tried: Vec<&Evidence> = evidence.iter().filter(|one| one.round == round).collect();
+            let mut tried: Vec<&Evidence> =
+                evidence.iter().filter(|one| one.round == round).collect();
             tried.sort_by(|a, b| b.holdout_gain.total_cmp(&a.holdout_gain));
-            let kept = tried.iter().enumerate().filter(|(rank, one)| *rank < 3 || one.outcome == Outcome::Chosen);
+            let kept = tried
+                .iter()
+                .enumerate()
+                .filter(|(rank, one)| *rank < 3 || one.outcome == Outcome::Chosen);
             kept.map(|(_, one)| Tried {
                 round,
                 name: one.name,
@@ -718,10 +784,19 @@ impl Report {
                 hidden.name, hidden.force, hidden.floors, hidden.parameters
             ));
         }
-        line(format_args!("    noise of encoder {:.1} nm, of cell {:.3} N", 1e9 * self.noise.encoder, self.noise.cell));
+        line(format_args!(
+            "    noise of encoder {:.1} nm, of cell {:.3} N",
+            1e9 * self.noise.encoder,
+            self.noise.cell
+        ));
         line(format_args!(
             "    held out motor/carriage {:.4}/{:.4} -> {:.4}/{:.4} N, floor {:.4}/{:.4}",
-            self.before[0], self.before[1], self.after[0], self.after[1], self.floor[0], self.floor[1],
+            self.before[0],
+            self.before[1],
+            self.after[0],
+            self.after[1],
+            self.floor[0],
+            self.floor[1],
         ));
         for one in &self.parameters {
             line(format_args!("    found {one}"));

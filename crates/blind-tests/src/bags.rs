@@ -1,11 +1,13 @@
-//! Writes generated records as rosbag2 directories with the topics and types of the recorded stage runs, and the truth
-//! into a folder of its own.
+//! Writes generated records as rosbag2 directories with the topics and types of the recorded stage
+//! runs, and the truth into a folder of its own.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, Trace, topics};
-use friction_stage_data::message::{Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped};
+use friction_stage_data::message::{
+    Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped,
+};
 
 use super::{Columns, GenerateError, GeneratedRun, RecordTruth};
 
@@ -67,23 +69,32 @@ impl Columns {
 }
 
 impl RecordTruth {
-    /// The true signals as CSV text: time (s), position (m), velocity, acceleration, motor and friction force (N), then the
-    /// force of each hidden effect (N) and its errors of encoder (m) and cell (N).
+    /// The true signals as CSV text: time (s), position (m), velocity, acceleration, motor and
+    /// friction force (N), then the force of each hidden effect (N) and its errors of encoder (m)
+    /// and cell (N).
     fn csv(&self, time: &[f64]) -> String {
-        let mut text = String::from("time,position,velocity,acceleration,motor_force,friction_force");
+        let mut text =
+            String::from("time,position,velocity,acceleration,motor_force,friction_force");
         for hidden in &self.hidden {
             let name = hidden.name;
             let _ = write!(text, ",{name},{name}_encoder,{name}_cell");
         }
         text.push('\n');
         for (k, time) in time.iter().enumerate() {
-            let columns = [&self.position, &self.velocity, &self.acceleration, &self.motor_force, &self.friction_force];
+            let columns = [
+                &self.position,
+                &self.velocity,
+                &self.acceleration,
+                &self.motor_force,
+                &self.friction_force,
+            ];
             let _ = write!(text, "{time}");
             for column in columns {
                 let _ = write!(text, ",{}", column[k]);
             }
             for hidden in &self.hidden {
-                let _ = write!(text, ",{},{},{}", hidden.force[k], hidden.encoder[k], hidden.cell[k]);
+                let _ =
+                    write!(text, ",{},{},{}", hidden.force[k], hidden.encoder[k], hidden.cell[k]);
             }
             text.push('\n');
         }
@@ -92,8 +103,8 @@ impl RecordTruth {
 }
 
 impl GeneratedRun {
-    /// Writes the bags `train` and `check` under `bags`, and `truth.json`, `truth_train.csv` and `truth_check.csv` under `truth`,
-    /// which must not lie in the bags' folder.
+    /// Writes the bags `train` and `check` under `bags`, and `truth.json`, `truth_train.csv` and
+    /// `truth_check.csv` under `truth`, which must not lie in the bags' folder.
     pub fn write(&self, bags: &Path, truth: &Path) -> Result<(), GenerateError> {
         self.train.write_bag(bags.join("train"))?;
         self.check.write_bag(bags.join("check"))?;
@@ -102,7 +113,9 @@ impl GeneratedRun {
             move |source: std::io::Error| GenerateError::Write { path, source }
         };
         std::fs::create_dir_all(truth).map_err(failed(truth))?;
-        let json = serde_json::to_string_pretty(&self.truth).map_err(std::io::Error::other).map_err(failed(truth))?;
+        let json = serde_json::to_string_pretty(&self.truth)
+            .map_err(std::io::Error::other)
+            .map_err(failed(truth))?;
         for (name, text) in [
             ("truth.json", json),
             ("truth_train.csv", self.truth.train.csv(&self.train.time)),

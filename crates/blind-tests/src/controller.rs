@@ -1,9 +1,10 @@
-//! The controller of the records: PID with lowpass around the encoder, and the nominal mass times the reference
-//! acceleration as feedforward.
+//! The controller of the records: PID with lowpass around the encoder, and the nominal mass times
+//! the reference acceleration as feedforward.
 //!
-//! C(s) = kp (wi/s + (1 + s/wd) wl^2/(s^2 + 2 zeta wl s + wl^2)) with wi = wc/10, wd = wc/3, wl = 6 wc, zeta = 1/sqrt 2; kp
-//! makes |C/(m s^2)| = 1 at wc (rules of thumb as in Schmidt, Schitter, Rankers, "The Design of High Performance Mechatronics",
-//! chapter 4). Both terms become difference equations by the trapezoidal rule, the second in direct form II transposed.
+//! C(s) = kp (wi/s + (1 + s/wd) wl^2/(s^2 + 2 zeta wl s + wl^2)) with wi = wc/10, wd = wc/3, wl = 6
+//! wc, zeta = 1/sqrt 2; kp makes |C/(m s^2)| = 1 at wc (rules of thumb as in Schmidt, Schitter,
+//! Rankers, "The Design of High Performance Mechatronics", chapter 4). Both terms become difference
+//! equations by the trapezoidal rule, the second in direct form II transposed.
 
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
@@ -16,11 +17,17 @@ struct Section {
 }
 
 impl Section {
-    /// (n0 + n1 s + n2 s^2)/(d0 + d1 s + d2 s^2) by the trapezoidal rule s = 2 rate (z - 1)/(z + 1).
+    /// (n0 + n1 s + n2 s^2)/(d0 + d1 s + d2 s^2) by the trapezoidal rule s = 2 rate (z - 1)/(z +
+    /// 1).
     fn from_continuous(n: [f64; 3], d: [f64; 3], rate: f64) -> Self {
         let c = 2.0 * rate;
-        let expand =
-            |p: [f64; 3]| [p[0] + p[1] * c + p[2] * c * c, 2.0 * (p[0] - p[2] * c * c), p[0] - p[1] * c + p[2] * c * c];
+        let expand = |p: [f64; 3]| {
+            [
+                p[0] + p[1] * c + p[2] * c * c,
+                2.0 * (p[0] - p[2] * c * c),
+                p[0] - p[1] * c + p[2] * c * c,
+            ]
+        };
         let (b, a) = (expand(n), expand(d));
         Self { b: b.map(|v| v / a[0]), a: [a[1] / a[0], a[2] / a[0]], memory: [0.0; 2] }
     }

@@ -1,7 +1,9 @@
-//! Four guides with LuGre friction (Canudas de Wit, Olsson, Astrom, Lischinsky 1995, eqs. 1 to 4 with the usual Gaussian
-//! Stribeck curve), each with its own parameters, and the ways in which a hidden effect changes that law.
+//! Four guides with LuGre friction (Canudas de Wit, Olsson, Astrom, Lischinsky 1995, eqs. 1 to 4
+//! with the usual Gaussian Stribeck curve), each with its own parameters, and the ways in which a
+//! hidden effect changes that law.
 //!
-//! dz/dt = v - sigma0 |v| z/g(v), g = Fc + (Fs - Fc) exp(-(v/vs)^2), F = sigma0 z + sigma1 dz/dt + sigma2 v; F opposes +v.
+//! dz/dt = v - sigma0 |v| z/g(v), g = Fc + (Fs - Fc) exp(-(v/vs)^2), F = sigma0 z + sigma1 dz/dt +
+//! sigma2 v; F opposes +v.
 
 use serde::Serialize;
 
@@ -38,7 +40,8 @@ impl Guide {
         stribeck_velocity: 5e-3,
     };
 
-    /// A guide whose parameters lie uniformly within +-`tolerance` (a share) of the nominal ones, with Fs above Fc.
+    /// A guide whose parameters lie uniformly within +-`tolerance` (a share) of the nominal ones,
+    /// with Fs above Fc.
     pub fn draw(tolerance: f64, noise: &mut Noise) -> Self {
         let nominal = Self::NOMINAL;
         let mut near = |value: f64| value * (1.0 + tolerance * noise.between(-1.0, 1.0));
@@ -96,8 +99,8 @@ const SETTLING: f64 = 20e-6;
 pub enum Slip {
     /// As LuGre does: gradually, dz/dt = v - |v| z/limit.
     Gradual,
-    /// As a Maxwell-slip (Jenkin) element: dz/dt = v until |z| reaches the limit, then z stays there (Iwan 1966). It comes to the limit, and
-    /// follows one that moves, within `SETTLING`.
+    /// As a Maxwell-slip (Jenkin) element: dz/dt = v until |z| reaches the limit, then z stays
+    /// there (Iwan 1966). It comes to the limit, and follows one that moves, within `SETTLING`.
     Sudden,
 }
 
@@ -126,11 +129,21 @@ impl Elements {
         strength * sliding_force / (stiffness * guide.stiffness)
     }
 
-    /// Friction of all guides together, N (positive opposes +v), and the rates of the deflections, m/s.
-    pub fn force(&self, guides: &[Guide; GUIDES], v: f64, change: &Change, z: &[f64], rate: &mut [f64]) -> f64 {
+    /// Friction of all guides together, N (positive opposes +v), and the rates of the deflections,
+    /// m/s.
+    pub fn force(
+        &self,
+        guides: &[Guide; GUIDES],
+        v: f64,
+        change: &Change,
+        z: &[f64],
+        rate: &mut [f64],
+    ) -> f64 {
         let mut total = 0.0;
         let each = self.shares.len();
-        for (guide, (z, rate)) in guides.iter().zip(z.chunks_exact(each).zip(rate.chunks_exact_mut(each))) {
+        for (guide, (z, rate)) in
+            guides.iter().zip(z.chunks_exact(each).zip(rate.chunks_exact_mut(each)))
+        {
             let sliding = guide.sliding_force(v, change);
             let mut mean = [0.0; 2];
             for (&share, (&z, rate)) in self.shares.iter().zip(z.iter().zip(rate)) {
@@ -142,7 +155,9 @@ impl Elements {
                 mean[0] += share.0 * z;
                 mean[1] += share.0 * *rate;
             }
-            total += guide.stiffness * mean[0] + guide.bristle_damping * mean[1] + guide.viscous * change.viscous * v;
+            total += guide.stiffness * mean[0]
+                + guide.bristle_damping * mean[1]
+                + guide.viscous * change.viscous * v;
         }
         total
     }

@@ -1,13 +1,15 @@
 //! A generator of recordings like those of a real stage, for blind tests of identification.
 //!
-//! What goes in is a [`Setup`] (a seed, the hidden effects, the motion programme); what comes out is a [`GeneratedRun`] with a
-//! train and a check record and the [`Truth`]. Nothing here uses the library's plant, controller, motion or noise: equations,
-//! integrator, controller, programme, effects and random numbers are written apart, so that what identification finds
-//! is not its own model read back. `bags` alone uses the library, to write what it will read.
+//! What goes in is a [`Setup`] (a seed, the hidden effects, the motion programme); what comes out
+//! is a [`GeneratedRun`] with a train and a check record and the [`Truth`]. Nothing here uses the
+//! library's plant, controller, motion or noise: equations, integrator, controller, programme,
+//! effects and random numbers are written apart, so that what identification finds is not its own
+//! model read back. `bags` alone uses the library, to write what it will read.
 //!
-//! As in the recorded stage runs: 2 kHz; at tick k encoder and force cell are read first, then the command of tick k acts until
-//! k + 1, so the cell at k shows the motor force at the end of the interval that ends at k. Encoder: counts of 1 nm
-//! and 1 nm rms noise. Cell: 0.05 N rms. Mass within 0.5 %, guide parameters within 16 % of nominal, each guide its own.
+//! As in the recorded stage runs: 2 kHz; at tick k encoder and force cell are read first, then the
+//! command of tick k acts until k + 1, so the cell at k shows the motor force at the end of the
+//! interval that ends at k. Encoder: counts of 1 nm and 1 nm rms noise. Cell: 0.05 N rms. Mass
+//! within 0.5 %, guide parameters within 16 % of nominal, each guide its own.
 
 pub mod bags;
 pub mod controller;
@@ -121,7 +123,10 @@ impl Setup {
             guides,
             noise: self.noise,
             effects,
-            hidden_force_rms: HiddenRms { train: train_truth.hidden_rms(), check: check_truth.hidden_rms() },
+            hidden_force_rms: HiddenRms {
+                train: train_truth.hidden_rms(),
+                check: check_truth.hidden_rms(),
+            },
             train: train_truth,
             check: check_truth,
         };
@@ -151,18 +156,30 @@ impl Setup {
             ..Columns::default()
         };
         let mut truth = RecordTruth::new(&self.effects);
-        let (mut forces, mut encoder, mut cell) = (vec![0.0; count], vec![0.0; count], vec![0.0; count]);
+        let (mut forces, mut encoder, mut cell) =
+            (vec![0.0; count], vec![0.0; count], vec![0.0; count]);
         for (k, &reference) in setpoints.position.iter().enumerate() {
             let moment = stage.moment(&mut forces);
             stage.reading_errors(moment.motor_force, &mut encoder, &mut cell);
-            let exact = moment.position + encoder.iter().sum::<f64>() + self.noise.encoder * sensors.normal();
-            let position =
-                if self.noise.count > 0.0 { (exact / self.noise.count).round() * self.noise.count } else { exact };
-            let force_cell = moment.motor_force + cell.iter().sum::<f64>() + self.noise.cell * sensors.normal();
+            let exact = moment.position
+                + encoder.iter().sum::<f64>()
+                + self.noise.encoder * sensors.normal();
+            let position = if self.noise.count > 0.0 {
+                (exact / self.noise.count).round() * self.noise.count
+            } else {
+                exact
+            };
+            let force_cell =
+                moment.motor_force + cell.iter().sum::<f64>() + self.noise.cell * sensors.normal();
             let error = reference - position;
             if error.is_nan() || error.abs() > LOST {
                 let names = self.effects.iter().map(|e| e.name()).collect();
-                return Err(GenerateError::Lost { record, time: k as f64 / self.rate, error, effects: names });
+                return Err(GenerateError::Lost {
+                    record,
+                    time: k as f64 / self.rate,
+                    error,
+                    effects: names,
+                });
             }
             let command = controller.force(error, setpoints.acceleration[k]);
             columns.time.push(k as f64 / self.rate);
@@ -293,7 +310,8 @@ pub struct RecordTruth {
 pub struct Hidden {
     /// Canonical name.
     pub name: &'static str,
-    /// Force that it adds, N, positive along +x: to the motor force, or to the forces on a rigid carriage of the true mass.
+    /// Force that it adds, N, positive along +x: to the motor force, or to the forces on a rigid
+    /// carriage of the true mass.
     pub force: Vec<f64>,
     /// Error of the encoder, m.
     pub encoder: Vec<f64>,
@@ -315,7 +333,8 @@ pub fn rms(values: &[f64]) -> f64 {
 
 impl RecordTruth {
     fn new(effects: &[Effect]) -> Self {
-        let hidden = effects.iter().map(|e| Hidden { name: e.name(), ..Hidden::default() }).collect();
+        let hidden =
+            effects.iter().map(|e| Hidden { name: e.name(), ..Hidden::default() }).collect();
         Self { hidden, ..Self::default() }
     }
 
@@ -347,7 +366,8 @@ impl RecordTruth {
 pub enum GenerateError {
     /// The position error became too large.
     #[error(
-        "{record}: {error} m of position error at {time} s, more than 5 mm: the controller lost the stage with {effects:?}"
+        "{record}: {error} m of position error at {time} s, more than 5 mm: the controller lost \
+         the stage with {effects:?}"
     )]
     Lost {
         /// Which record.

@@ -1,5 +1,6 @@
-//! Random numbers of the generator: PCG XSL RR 128/64 (O'Neill 2014) with Gaussian numbers by the polar method
-//! (Marsaglia and Bray 1964), on purpose not the source and not the method of the library.
+//! Random numbers of the generator: PCG XSL RR 128/64 (O'Neill 2014) with Gaussian numbers by the
+//! polar method (Marsaglia and Bray 1964), on purpose not the source and not the method of the
+//! library.
 
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};

@@ -1,9 +1,11 @@
-//! The motion of the records: setpoint position (m), velocity (m/s) and acceleration (m/s^2), one row per tick.
+//! The motion of the records: setpoint position (m), velocity (m/s) and acceleration (m/s^2), one
+//! row per tick.
 //!
-//! The pieces and their numbers are those of the recorded stage runs (read off their setpoints): strokes with a
-//! sinusoidal acceleration, oscillations of 1 um to 0.42 mm for the presliding regime, strokes of constant speed from
-//! 2 to 800 mm/s there and back, 50 mm moves in 100 ms, steps of 10 um in 3 ms, and a sum of sines with random phases.
-//! Everything stays within +-0.2 m and 1 m/s.
+//! The pieces and their numbers are those of the recorded stage runs (read off their setpoints):
+//! strokes with a sinusoidal acceleration, oscillations of 1 um to 0.42 mm for the presliding
+//! regime, strokes of constant speed from 2 to 800 mm/s there and back, 50 mm moves in 100 ms,
+//! steps of 10 um in 3 ms, and a sum of sines with random phases. Everything stays within +-0.2 m
+//! and 1 m/s.
 
 use std::f64::consts::TAU;
 
@@ -12,10 +14,12 @@ use super::noise::Noise;
 /// Which motion a pair of records holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Programme {
-    /// The speeds, strokes and rests of the recorded stage runs; only phases and check moves are random.
+    /// The speeds, strokes and rests of the recorded stage runs; only phases and check moves are
+    /// random.
     #[default]
     Recorded,
-    /// The same kinds of pieces, with every speed, amplitude, stroke and rest drawn within 0.7 to 1.3 of it.
+    /// The same kinds of pieces, with every speed, amplitude, stroke and rest drawn within 0.7 to
+    /// 1.3 of it.
     Varied,
     /// As recorded, with a rest of 8 s in each record.
     Resting,
@@ -49,12 +53,15 @@ const SPEEDS: [(f64, f64); 9] = [
     (0.800, 0.220),
 ];
 /// Constant speeds (m/s) and strokes (m) of the check record.
-const CHECK_SPEEDS: [(f64, f64); 4] = [(0.003, 0.0036), (0.015, 0.018), (0.070, 0.084), (0.300, 0.100)];
+const CHECK_SPEEDS: [(f64, f64); 4] =
+    [(0.003, 0.0036), (0.015, 0.018), (0.070, 0.084), (0.300, 0.100)];
 /// Amplitude (m), frequency (Hz) and periods of the presliding oscillations of the train record.
-const OSCILLATIONS: [(f64, f64, f64); 4] = [(1e-6, 2.0, 3.0), (10e-6, 2.0, 3.0), (40e-6, 1.5, 3.0), (420e-6, 1.0, 3.0)];
+const OSCILLATIONS: [(f64, f64, f64); 4] =
+    [(1e-6, 2.0, 3.0), (10e-6, 2.0, 3.0), (40e-6, 1.5, 3.0), (420e-6, 1.0, 3.0)];
 /// As [`OSCILLATIONS`], of the check record.
 const CHECK_OSCILLATIONS: [(f64, f64, f64); 2] = [(3e-6, 1.5, 2.0), (80e-6, 1.5, 2.0)];
-/// Lines of the sum of sines of the train record, Hz: no two are multiples of each other. Amplitudes go with 1/f.
+/// Lines of the sum of sines of the train record, Hz: no two are multiples of each other.
+/// Amplitudes go with 1/f.
 const LINES: [f64; 6] = [0.7, 1.9, 3.2, 5.3, 7.9, 11.3];
 /// As [`LINES`], of the check record.
 const CHECK_LINES: [f64; 4] = [0.9, 2.3, 4.9, 8.3];
@@ -118,7 +125,8 @@ impl Path {
         });
     }
 
-    /// A stroke of at least `distance` (signed) with a constant speed in the middle; the speed ramps up as t/T - sin(2 pi t/T)/2 pi.
+    /// A stroke of at least `distance` (signed) with a constant speed in the middle; the speed
+    /// ramps up as t/T - sin(2 pi t/T)/2 pi.
     fn constant_speed(&mut self, speed: f64, distance: f64) {
         let ramp = (RAMP_PER_SPEED * speed).max(SHORTEST_RAMP);
         let length = distance.abs().max(speed * ramp);
@@ -146,14 +154,18 @@ impl Path {
         });
     }
 
-    /// `periods` of a sine about where the stage is, faded in and out over half a period with 3 s^2 - 2 s^3.
+    /// `periods` of a sine about where the stage is, faded in and out over half a period with 3
+    /// s^2 - 2 s^3.
     fn oscillation(&mut self, amplitude: f64, frequency: f64, periods: f64) {
         let (duration, w) = (periods / frequency, TAU * frequency);
         let wave = |t: f64| [(w * t).sin(), w * (w * t).cos(), -w * w * (w * t).sin()];
-        self.follow(duration, 0.0, &|t| faded(t, duration, 0.5 / frequency, wave(t)).map(|q| amplitude * q));
+        self.follow(duration, 0.0, &|t| {
+            faded(t, duration, 0.5 / frequency, wave(t)).map(|q| amplitude * q)
+        });
     }
 
-    /// A sum of sines with amplitudes that go with 1/f, at most `amplitude` from where the stage is.
+    /// A sum of sines with amplitudes that go with 1/f, at most `amplitude` from where the stage
+    /// is.
     fn sum_of_sines(&mut self, amplitude: f64, duration: f64, lines: &[f64], noise: &mut Noise) {
         let lines: Vec<(f64, f64)> = lines.iter().map(|&f| (TAU * f, noise.angle())).collect();
         let wave = |t: f64| {
@@ -172,10 +184,15 @@ impl Path {
     }
 }
 
-/// A motion times a window that rises and falls with 3 s^2 - 2 s^3 over `edge`, with the exact derivatives.
+/// A motion times a window that rises and falls with 3 s^2 - 2 s^3 over `edge`, with the exact
+/// derivatives.
 fn faded(t: f64, duration: f64, edge: f64, [x, v, a]: [f64; 3]) -> [f64; 3] {
     let step = |s: f64| {
-        if s >= 1.0 { [1.0, 0.0, 0.0] } else { [s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s), 6.0 - 12.0 * s] }
+        if s >= 1.0 {
+            [1.0, 0.0, 0.0]
+        } else {
+            [s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s), 6.0 - 12.0 * s]
+        }
     };
     let (rise, fall) = (step(t / edge), step(((duration - t) / edge).max(0.0)));
     // The edges do not overlap, so products of their slopes vanish.

@@ -1,9 +1,11 @@
-//! The true stage: carriage, guides and hidden effects as one set of ordinary differential equations, integrated by the
-//! classical Runge-Kutta method of fourth order (Kutta 1901) with fixed steps; a step in which the velocity changes its sign is
-//! divided there, because |v| has a kink.
+//! The true stage: carriage, guides and hidden effects as one set of ordinary differential
+//! equations, integrated by the classical Runge-Kutta method of fourth order (Kutta 1901) with
+//! fixed steps; a step in which the velocity changes its sign is divided there, because |v| has a
+//! kink.
 //!
-//! State: x, v, the bristles, the bristles of the shadows, the states of the effects. A shadow is the friction law with one
-//! of the hidden effects left out, driven by the same motion; the difference of the two forces is that effect's share.
+//! State: x, v, the bristles, the bristles of the shadows, the states of the effects. A shadow is
+//! the friction law with one of the hidden effects left out, driven by the same motion; the
+//! difference of the two forces is that effect's share.
 
 use super::effects::{Drive, Effect, HELD, Now, Side};
 use super::guides::{Change, Elements, GUIDES, Guide};
@@ -57,16 +59,23 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// At rest at x = 0 with relaxed bristles. `mass` in kg, `tick` is the interval of a command in s, `step` the longest of the
-    /// integrator.
-    pub fn new(mass: f64, guides: [Guide; GUIDES], effects: Vec<Effect>, tick: f64, step: f64) -> Self {
+    /// At rest at x = 0 with relaxed bristles. `mass` in kg, `tick` is the interval of a command in
+    /// s, `step` the longest of the integrator.
+    pub fn new(
+        mass: f64,
+        guides: [Guide; GUIDES],
+        effects: Vec<Effect>,
+        tick: f64,
+        step: f64,
+    ) -> Self {
         let elements = |without: Option<usize>| {
             let kept = effects.iter().enumerate().filter(|(i, _)| Some(*i) != without);
             kept.filter_map(|(_, e)| e.elements()).next_back().unwrap_or_else(Elements::single)
         };
         let mut size = 2;
         let mut frictions = Vec::new();
-        let changing = effects.iter().enumerate().filter(|(_, e)| e.changes_friction()).map(|(i, _)| Some(i));
+        let changing =
+            effects.iter().enumerate().filter(|(_, e)| e.changes_friction()).map(|(i, _)| Some(i));
         for without in std::iter::once(None).chain(changing) {
             let elements = elements(without);
             let first = size;
@@ -82,7 +91,8 @@ impl Stage {
         for (effect, &place) in effects.iter().zip(&places) {
             effect.start(&mut state[place..place + effect.states()]);
         }
-        let mut chain: Vec<usize> = (0..effects.len()).filter(|&i| effects[i].side() == Side::Motor).collect();
+        let mut chain: Vec<usize> =
+            (0..effects.len()).filter(|&i| effects[i].side() == Side::Motor).collect();
         chain.sort_by_key(|&i| effects[i].rank());
         Self {
             mass: mass + effects.iter().map(|e| e.added_mass()).sum::<f64>(),
@@ -131,7 +141,13 @@ impl Stage {
         for friction in &self.frictions {
             let change = self.change(friction.without, &now, state);
             let place = friction.first..friction.first + friction.elements.states();
-            let force = friction.elements.force(&self.guides, now.v, &change, &state[place.clone()], &mut rate[place]);
+            let force = friction.elements.force(
+                &self.guides,
+                now.v,
+                &change,
+                &state[place.clone()],
+                &mut rate[place],
+            );
             if friction.without.is_none() {
                 friction_force = force;
             }
@@ -139,7 +155,8 @@ impl Stage {
         let drive = Drive { friction_power: friction_force * now.v };
         let mut motor_force = now.held(0.0);
         for &index in &self.chain {
-            motor_force = self.effects[index].motor(&now, motor_force, self.states_of(index, state));
+            motor_force =
+                self.effects[index].motor(&now, motor_force, self.states_of(index, state));
         }
         let mut force = motor_force - friction_force;
         for (index, effect) in self.effects.iter().enumerate() {
@@ -149,12 +166,20 @@ impl Stage {
             effect.rate(&now, &drive, own, &mut rate[place..place + own.len()]);
         }
         rate[0] = now.v;
-        let mass = self.mass + self.effects.iter().map(|effect| effect.added_mass_now(&now)).sum::<f64>();
+        let mass =
+            self.mass + self.effects.iter().map(|effect| effect.added_mass_now(&now)).sum::<f64>();
         rate[1] = force / mass;
-        Moment { position: now.x, velocity: now.v, acceleration: rate[1], motor_force, friction_force }
+        Moment {
+            position: now.x,
+            velocity: now.v,
+            acceleration: rate[1],
+            motor_force,
+            friction_force,
+        }
     }
 
-    /// One step of length `h` from the state in `work[0]` to `work[4]`; `work[1]` to `work[3]` are overwritten.
+    /// One step of length `h` from the state in `work[0]` to `work[4]`; `work[1]` to `work[3]` are
+    /// overwritten.
     fn runge_kutta(&self, work: &mut [Vec<f64>; 5], time: f64, since: f64, h: f64) {
         let [from, k, at, sum, to] = work;
         self.rates(time, since, from, k);
@@ -179,7 +204,8 @@ impl Stage {
         for friction in &self.frictions {
             for &(stiffness, strength) in &friction.elements.shares {
                 for guide in &self.guides {
-                    fastest = fastest.max(stiffness * guide.stiffness / (strength * guide.coulomb_force));
+                    fastest =
+                        fastest.max(stiffness * guide.stiffness / (strength * guide.coulomb_force));
                 }
             }
         }
@@ -187,11 +213,17 @@ impl Stage {
         self.steps.max((fastest * speed * self.tick / STIFFEST).ceil() as usize)
     }
 
-    /// Ends of the steps of an interval, s since its start: equal steps, and the instants at which a late command comes.
+    /// Ends of the steps of an interval, s since its start: equal steps, and the instants at which
+    /// a late command comes.
     fn edges(&self) -> Vec<f64> {
         let steps = self.steps_now();
-        let late = self.effects.iter().filter_map(|effect| effect.delay()).map(|delay| delay.rem_euclid(self.tick));
-        let mut edges: Vec<f64> = (0..=steps).map(|step| step as f64 * self.tick / steps as f64).chain(late).collect();
+        let late = self
+            .effects
+            .iter()
+            .filter_map(|effect| effect.delay())
+            .map(|delay| delay.rem_euclid(self.tick));
+        let mut edges: Vec<f64> =
+            (0..=steps).map(|step| step as f64 * self.tick / steps as f64).chain(late).collect();
         edges.sort_by(f64::total_cmp);
         // Shorter steps than this are rounding.
         edges.dedup_by(|after, before| *after - *before < 1e-9 * self.tick);
@@ -231,9 +263,10 @@ impl Stage {
         self.effects = effects;
     }
 
-    /// What acts now, at the end of the interval of the last command; the force of each effect is written to `forces`, N,
-    /// positive along +x: that of a motor effect is what it adds to the motor force, that of a carriage effect what it adds to
-    /// the forces on a rigid carriage of the true mass, zero for sensors.
+    /// What acts now, at the end of the interval of the last command; the force of each effect is
+    /// written to `forces`, N, positive along +x: that of a motor effect is what it adds to the
+    /// motor force, that of a carriage effect what it adds to the forces on a rigid carriage of the
+    /// true mass, zero for sensors.
     pub fn moment(&self, forces: &mut [f64]) -> Moment {
         let mut rate = vec![0.0; self.state.len()];
         let moment = self.rates(self.time, self.tick, &self.state, &mut rate);
@@ -245,23 +278,32 @@ impl Stage {
             forces[index] = after - force;
             force = after;
         }
-        for (index, effect) in self.effects.iter().enumerate().filter(|(_, e)| e.side() == Side::Carriage) {
+        for (index, effect) in
+            self.effects.iter().enumerate().filter(|(_, e)| e.side() == Side::Carriage)
+        {
             let added = effect.added_mass() + effect.added_mass_now(&now);
-            forces[index] += effect.carriage(&now, self.states_of(index, &self.state)) - added * moment.acceleration;
+            forces[index] += effect.carriage(&now, self.states_of(index, &self.state))
+                - added * moment.acceleration;
         }
         for friction in &self.frictions {
             if let Some(index) = friction.without {
                 let change = self.change(friction.without, &now, &self.state);
                 let place = friction.first..friction.first + friction.elements.states();
-                let other =
-                    friction.elements.force(&self.guides, now.v, &change, &self.state[place.clone()], &mut rate[place]);
+                let other = friction.elements.force(
+                    &self.guides,
+                    now.v,
+                    &change,
+                    &self.state[place.clone()],
+                    &mut rate[place],
+                );
                 forces[index] += other - moment.friction_force;
             }
         }
         moment
     }
 
-    /// Errors of encoder (m) and force cell (N) now, without noise, by effect: written to `encoder` and `cell`.
+    /// Errors of encoder (m) and force cell (N) now, without noise, by effect: written to `encoder`
+    /// and `cell`.
     pub fn reading_errors(&self, motor_force: f64, encoder: &mut [f64], cell: &mut [f64]) {
         let now = self.now(self.time, self.tick, &self.state);
         for (index, effect) in self.effects.iter().enumerate() {

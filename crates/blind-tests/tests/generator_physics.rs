@@ -1,15 +1,18 @@
-//! The generator of blind test data, held against closed forms and against the committed independent oracle.
+//! The generator of blind test data, held against closed forms and against the committed
+//! independent oracle.
 
 use std::path::Path;
 
 use blind_tests::effects::{
-    ActuatorLag, AsymmetricFriction, CATALOGUE, CableChain, Cogging, ConstantForce, EncoderSde, ForceCellDrift, LISTED,
-    MotorGain, Payload, by_name, composition,
+    ActuatorLag, AsymmetricFriction, CATALOGUE, CableChain, Cogging, ConstantForce, EncoderSde,
+    ForceCellDrift, LISTED, MotorGain, Payload, by_name, composition,
 };
 use blind_tests::guides::{Change, Elements, GUIDES, Slip};
 use blind_tests::noise::Noise;
 use blind_tests::stage::{Moment, Stage};
-use blind_tests::{Columns, Effect, Guide, NOMINAL_MASS, Programme, RecordTruth, SensorNoise, Setup, Side, rms};
+use blind_tests::{
+    Columns, Effect, Guide, NOMINAL_MASS, Programme, RecordTruth, SensorNoise, Setup, Side, rms,
+};
 
 const RATE: f64 = 2000.0;
 const STEP: f64 = 20e-6;
@@ -39,7 +42,8 @@ fn open_loop(stage: &mut Stage, forces: &[f64]) -> Vec<Moment> {
         .collect()
 }
 
-/// A force far below break-away meets four bristle springs: a damped oscillator of the second order.
+/// A force far below break-away meets four bristle springs: a damped oscillator of the second
+/// order.
 #[test]
 fn small_force_rings_like_the_bristle_springs() {
     let force = 0.01;
@@ -51,9 +55,14 @@ fn small_force_rings_like_the_bristle_springs() {
     for (tick, row) in rows.iter().enumerate() {
         let t = (tick + 1) as f64 / RATE;
         let decayed = (-decay * t).exp();
-        let expected = force / k * (1.0 - decayed * ((damped * t).cos() + decay / damped * (damped * t).sin()));
+        let expected = force / k
+            * (1.0 - decayed * ((damped * t).cos() + decay / damped * (damped * t).sin()));
         // The bristles give by the order of the force over the break-away force of 67 N.
-        assert!((row.position - expected).abs() < 1e-3 * force / k, "{t} s: {} m, expected {expected}", row.position);
+        assert!(
+            (row.position - expected).abs() < 1e-3 * force / k,
+            "{t} s: {} m, expected {expected}",
+            row.position
+        );
     }
 }
 
@@ -69,30 +78,37 @@ fn held_speed_needs_the_steady_friction_of_all_guides() {
             // The last quarter of the time at that speed: the loop has settled.
             let rows: Vec<usize> = (0..columns.time.len())
                 .filter(|&k| {
-                    (setpoints.velocity[k] - direction * speed).abs() < 1e-12 && setpoints.acceleration[k] == 0.0
+                    (setpoints.velocity[k] - direction * speed).abs() < 1e-12
+                        && setpoints.acceleration[k] == 0.0
                 })
                 .collect();
             let rows = &rows[rows.len() * 3 / 4..];
             assert!(rows.len() > 20, "{speed} m/s: {} rows", rows.len());
-            let mean = rows.iter().map(|&k| truth.friction_force[k]).sum::<f64>() / rows.len() as f64;
+            let mean =
+                rows.iter().map(|&k| truth.friction_force[k]).sum::<f64>() / rows.len() as f64;
             let expected: f64 = guides.iter().map(|g| g.steady(direction * speed)).sum();
             let tolerance = if speed < 0.01 { 0.5 } else { 0.05 };
-            assert!((mean - expected).abs() < tolerance, "{speed} m/s: {mean} N, expected {expected} N");
+            assert!(
+                (mean - expected).abs() < tolerance,
+                "{speed} m/s: {mean} N, expected {expected} N"
+            );
             seen += 1;
         }
     }
     assert_eq!(seen, 16);
 }
 
-/// What the motor puts in is in the motion, in the bristles, or is lost in them: with sigma1 = sigma2 = 0 the loss is
-/// sigma0^2 |v| z^2/g, so the energy of mass and bristles never grows once the motor stops, and while it
-/// works the balance closes.
+/// What the motor puts in is in the motion, in the bristles, or is lost in them: with sigma1 =
+/// sigma2 = 0 the loss is sigma0^2 |v| z^2/g, so the energy of mass and bristles never grows once
+/// the motor stops, and while it works the balance closes.
 #[test]
 fn energy_balance_closes() {
     let guide = Guide { bristle_damping: 0.0, viscous: 0.0, ..Guide::NOMINAL };
     let (rate, steps) = (80_000.0, 40_000);
     let mut stage = Stage::new(NOMINAL_MASS, [guide; GUIDES], Vec::new(), 1.0 / rate, 1.0 / rate);
-    let forces: Vec<f64> = (0..steps).map(|k| if k < 20_000 { 400.0 * (k as f64 * 1e-3).sin() } else { 0.0 }).collect();
+    let forces: Vec<f64> = (0..steps)
+        .map(|k| if k < 20_000 { 400.0 * (k as f64 * 1e-3).sin() } else { 0.0 })
+        .collect();
     let mut noise = Noise::new(0, 0);
     let (mut put_in, mut lost) = (0.0, 0.0);
     let (mut last, mut last_loss) = (Moment::default(), 0.0);
@@ -110,9 +126,15 @@ fn energy_balance_closes() {
         lost += 0.5 * (loss + last_loss) / rate;
         let energy = 0.5 * NOMINAL_MASS * row.velocity.powi(2) + 2.0 * guide.stiffness * z * z;
         peak = f64::max(peak, energy);
-        assert!((put_in - energy - lost).abs() < 2e-4 * peak.max(1e-3), "tick {k}: {put_in} J in, {energy} + {lost} J");
+        assert!(
+            (put_in - energy - lost).abs() < 2e-4 * peak.max(1e-3),
+            "tick {k}: {put_in} J in, {energy} + {lost} J"
+        );
         if k >= 20_000 {
-            assert!(energy <= energy_at_rest * (1.0 + 1e-12), "tick {k}: {energy} J after {energy_at_rest} J");
+            assert!(
+                energy <= energy_at_rest * (1.0 + 1e-12),
+                "tick {k}: {energy} J after {energy_at_rest} J"
+            );
             energy_at_rest = energy;
         }
         (last, last_loss) = (row, loss);
@@ -168,11 +190,13 @@ fn open_loop_motion_agrees_with_the_oracle() {
         let header: Vec<&str> = rows.next().unwrap().split(',').collect();
         let column = |name: &str| header.iter().position(|h| *h == name).unwrap();
         let (position, force) = (column("position"), column("force"));
-        let rows: Vec<Vec<f64>> = rows.map(|r| r.split(',').map(|f| f.parse().unwrap()).collect()).collect();
+        let rows: Vec<Vec<f64>> =
+            rows.map(|r| r.split(',').map(|f| f.parse().unwrap()).collect()).collect();
         let rate = number(&case["controller"]["rate"]);
         let guides: [Guide; GUIDES] = guides.clone().try_into().unwrap();
         let mut stage = Stage::new(number(&case["mass"]), guides, Vec::new(), 1.0 / rate, STEP);
-        let z: Vec<f64> = run["initial_bristle_deflections"].as_array().unwrap().iter().map(number).collect();
+        let z: Vec<f64> =
+            run["initial_bristle_deflections"].as_array().unwrap().iter().map(number).collect();
         stage.deflect(z.try_into().unwrap());
         let mut noise = Noise::new(0, 0);
         let mut worst: f64 = 0.0;
@@ -204,15 +228,26 @@ fn hidden_forces_account_for_the_motion() {
         let hidden = &truth.hidden[0].force;
         let mut checked = 0;
         for (k, &hidden) in hidden.iter().enumerate() {
-            // Friction that changes is in the friction force already, what the motor adds in the motor force.
-            let own = if effect.side() == Side::Carriage && !effect.changes_friction() { hidden } else { 0.0 };
+            // Friction that changes is in the friction force already, what the motor adds in the
+            // motor force.
+            let own = if effect.side() == Side::Carriage && !effect.changes_friction() {
+                hidden
+            } else {
+                0.0
+            };
             let force = truth.motor_force[k] - truth.friction_force[k] + own;
-            assert!((force - 40.0 * truth.acceleration[k]).abs() < 1e-9 * (1.0 + force.abs()), "{name} row {k}");
+            assert!(
+                (force - 40.0 * truth.acceleration[k]).abs() < 1e-9 * (1.0 + force.abs()),
+                "{name} row {k}"
+            );
             checked += 1;
         }
         assert!(checked > 30_000);
         let size = rms(hidden);
-        println!("{name}: {size:.3} N rms, largest {:.2} N", hidden.iter().fold(0.0f64, |a, b| a.max(b.abs())));
+        println!(
+            "{name}: {size:.3} N rms, largest {:.2} N",
+            hidden.iter().fold(0.0f64, |a, b| a.max(b.abs()))
+        );
         if effect.side() == Side::Sensor {
             assert_eq!(size, 0.0, "{name}");
             let hidden = &truth.hidden[0];
@@ -235,8 +270,14 @@ fn effect_of_no_size_changes_nothing() {
             // Elements that slip suddenly are another law even when they are all equal.
             continue;
         }
-        let (columns, _) = quiet(2).with(effect).record(40.0, guides, &setpoints, "check", 4).unwrap();
-        let worst = columns.position.iter().zip(&plain.position).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        let (columns, _) =
+            quiet(2).with(effect).record(40.0, guides, &setpoints, "check", 4).unwrap();
+        let worst = columns
+            .position
+            .iter()
+            .zip(&plain.position)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f64::max);
         assert!(worst < 1e-9, "{name}: {worst} m");
     }
 }
@@ -245,10 +286,18 @@ fn effect_of_no_size_changes_nothing() {
 fn twice_the_effect_is_twice_the_force() {
     let setpoints = Programme::Recorded.check(RATE, &mut Noise::new(4, 2));
     let size = |effect: Effect| {
-        let (_, truth) = quiet(4).with(effect).record(40.0, guides(4), &setpoints, "check", 4).unwrap();
+        let (_, truth) =
+            quiet(4).with(effect).record(40.0, guides(4), &setpoints, "check", 4).unwrap();
         truth.hidden[0].force_rms()
     };
-    for name in ["cogging", "constant_force", "quadratic_drag", "payload", "saturating_brake", "ball_passage"] {
+    for name in [
+        "cogging",
+        "constant_force",
+        "quadratic_drag",
+        "payload",
+        "saturating_brake",
+        "ball_passage",
+    ] {
         let effect = by_name(name, 4).unwrap();
         let ratio = size(effect.scaled(2.0)) / size(effect.clone());
         assert!((ratio - 2.0).abs() < 0.05, "{name}: {ratio}");
@@ -262,7 +311,11 @@ fn payload_and_tilt_act_as_newton_says() {
     let (_, truth) = setup.record(40.0, guides(6), &setpoints, "check", 4).unwrap();
     for k in 0..truth.position.len() {
         assert!((truth.hidden[0].force[k] + 2.0 * truth.acceleration[k]).abs() < 1e-9);
-        assert!((truth.hidden[1].force[k] - 0.392_266).abs() < 1e-6, "{}", truth.hidden[1].force[k]);
+        assert!(
+            (truth.hidden[1].force[k] - 0.392_266).abs() < 1e-6,
+            "{}",
+            truth.hidden[1].force[k]
+        );
     }
 }
 
@@ -276,14 +329,18 @@ fn asymmetric_friction_has_the_same_sign_in_both_directions() {
     let (a, b) = (0.05, 0.2);
     let (columns, truth) = check_record(8, AsymmetricFriction { coulomb: a, viscous: b });
     let guides = guides(8);
-    let (fc, viscous): (f64, f64) = guides.iter().fold((0.0, 0.0), |(f, d), g| (f + g.coulomb_force, d + g.viscous));
+    let (fc, viscous): (f64, f64) =
+        guides.iter().fold((0.0, 0.0), |(f, d), g| (f + g.coulomb_force, d + g.viscous));
     let mut directions = [0; 2];
     for k in 0..columns.time.len() {
         let v = truth.velocity[k];
         if v.abs() > 0.1 && truth.acceleration[k].abs() < 0.05 {
             let expected = -(a * fc + b * viscous * v.abs());
             let force = truth.hidden[0].force[k];
-            assert!((force - expected).abs() < 0.02, "row {k} at {v} m/s: {force} N, expected {expected} N");
+            assert!(
+                (force - expected).abs() < 0.02,
+                "row {k} at {v} m/s: {force} N, expected {expected} N"
+            );
             directions[usize::from(v > 0.0)] += 1;
         }
     }
@@ -295,8 +352,13 @@ fn lag_is_a_first_order_and_a_delay_of_the_held_command() {
     let (columns, _) = check_record(8, ActuatorLag { time_constant: 0.4e-3, delay: 0.0 });
     let stay = (-0.5f64 / 0.4).exp();
     for k in 1..columns.time.len() {
-        let expected = columns.force[k - 1] + (columns.force_cell[k - 1] - columns.force[k - 1]) * stay;
-        assert!((columns.force_cell[k] - expected).abs() < 1e-3, "row {k}: {} N, {expected} N", columns.force_cell[k]);
+        let expected =
+            columns.force[k - 1] + (columns.force_cell[k - 1] - columns.force[k - 1]) * stay;
+        assert!(
+            (columns.force_cell[k] - expected).abs() < 1e-3,
+            "row {k}: {} N, {expected} N",
+            columns.force_cell[k]
+        );
     }
     // 1.2 ms before the end of an interval of 0.5 ms the command of two ticks earlier was held.
     let (columns, _) = check_record(8, ActuatorLag { time_constant: 0.0, delay: 1.2e-3 });
@@ -305,17 +367,23 @@ fn lag_is_a_first_order_and_a_delay_of_the_held_command() {
     }
     // With a gain the order does not matter.
     let setpoints = Programme::Recorded.check(RATE, &mut Noise::new(8, 2));
-    let both = quiet(8).with(MotorGain { fraction: 0.03 }).with(ActuatorLag { time_constant: 0.0, delay: 0.3e-3 });
+    let both = quiet(8)
+        .with(MotorGain { fraction: 0.03 })
+        .with(ActuatorLag { time_constant: 0.0, delay: 0.3e-3 });
     let (columns, _) = both.record(40.0, guides(8), &setpoints, "check", 4).unwrap();
     for k in 1..columns.time.len() {
         let expected = 1.03 * columns.force[k - 1];
-        assert!((columns.force_cell[k] - expected).abs() < 1e-9 * (1.0 + expected.abs()), "row {k}");
+        assert!(
+            (columns.force_cell[k] - expected).abs() < 1e-9 * (1.0 + expected.abs()),
+            "row {k}"
+        );
     }
 }
 
 #[test]
 fn readings_are_the_truth_and_the_error_of_the_sensor() {
-    let (columns, truth) = check_record(8, EncoderSde { amplitude: 1e-7, period: 2e-5, phase: 0.3 });
+    let (columns, truth) =
+        check_record(8, EncoderSde { amplitude: 1e-7, period: 2e-5, phase: 0.3 });
     let mut largest: f64 = 0.0;
     for k in 0..columns.time.len() {
         let error = columns.position[k] - truth.position[k];
@@ -344,7 +412,8 @@ fn cable_chain_pulls_with_its_spring_about_its_center() {
     }
 }
 
-/// Elements of one guide: the force after a reversal follows the sum of springs up to their limits (Masing's rule).
+/// Elements of one guide: the force after a reversal follows the sum of springs up to their limits
+/// (Masing's rule).
 #[test]
 fn sudden_elements_make_masing_loops() {
     let shares = vec![(0.5, 0.2), (0.5, 0.8)];
@@ -367,7 +436,9 @@ fn sudden_elements_make_masing_loops() {
     };
     // Slip limits: 0.2/0.5 and 0.8/0.5 of 30 um, so 12 and 48 um.
     let (k, fc) = (guide.stiffness, guide.coulomb_force);
-    let close = |force: f64, expected: f64| assert!((force - expected).abs() < 0.01, "{force} N, expected {expected}");
+    let close = |force: f64, expected: f64| {
+        assert!((force - expected).abs() < 0.01, "{force} N, expected {expected}")
+    };
     close(go(6e-6), k * 6e-6);
     close(go(24e-6), 0.2 * fc + 0.5 * k * 30e-6);
     close(go(40e-6), fc);
@@ -382,13 +453,20 @@ fn setpoints_are_consistent_and_within_the_stroke() {
     for programme in [Programme::Recorded, Programme::Varied] {
         for seed in 0..4 {
             let mut noise = Noise::new(seed, 2);
-            for (setpoints, shortest, longest) in
-                [(programme.train(RATE, &mut noise), 35.0, 62.0), (programme.check(RATE, &mut noise), 14.0, 26.0)]
-            {
+            for (setpoints, shortest, longest) in [
+                (programme.train(RATE, &mut noise), 35.0, 62.0),
+                (programme.check(RATE, &mut noise), 14.0, 26.0),
+            ] {
                 let (x, v, a) = (&setpoints.position, &setpoints.velocity, &setpoints.acceleration);
                 let duration = x.len() as f64 / RATE;
-                assert!(duration > shortest && duration < longest, "{programme:?} {seed}: {duration} s");
-                assert!(x.iter().all(|x| x.abs() < 0.3) && v.iter().all(|v| v.abs() < 1.01), "{programme:?} {seed}");
+                assert!(
+                    duration > shortest && duration < longest,
+                    "{programme:?} {seed}: {duration} s"
+                );
+                assert!(
+                    x.iter().all(|x| x.abs() < 0.3) && v.iter().all(|v| v.abs() < 1.01),
+                    "{programme:?} {seed}"
+                );
                 for k in 0..x.len() - 1 {
                     let slope = (x[k + 1] - x[k]) * RATE;
                     let bend = (a[k + 1] - a[k]).abs();
@@ -502,8 +580,8 @@ fn generator_shares_nothing_with_what_is_identified() {
             files += 1;
             let text = std::fs::read_to_string(&path).unwrap();
             for line in text.lines().filter(|line| line.contains("friction_stage_")) {
-                let allowed =
-                    line.contains("friction_stage_data::bag::") || line.contains("friction_stage_data::message::");
+                let allowed = line.contains("friction_stage_data::bag::")
+                    || line.contains("friction_stage_data::message::");
                 assert!(allowed, "{}: {line}", path.display());
             }
             for word in ["rand_chacha", "rand_distr"] {
@@ -514,18 +592,25 @@ fn generator_shares_nothing_with_what_is_identified() {
     assert!(files >= 12, "{files} files");
 }
 
-/// `cargo test --release -p blind-tests --test generator_physics usual_sizes -- --ignored --nocapture`: no draw loses the loop; prints the sizes.
+/// `cargo test --release -p blind-tests --test generator_physics usual_sizes -- --ignored
+/// --nocapture`:
+/// no draw loses the loop; prints the sizes.
 #[test]
-#[ignore = "330 runs, about 400 s of one core; tests/run generates each effect once and two compositions"]
+#[ignore = "330 runs, about 400 s of one core; tests/run generates each effect once and two \
+            compositions"]
 fn usual_sizes() {
     use rayon::prelude::*;
     for (name, _) in CATALOGUE {
         let runs: Vec<_> = (0..10u64)
             .into_par_iter()
-            .map(|seed| Setup::new(seed).with(by_name(name, seed).unwrap()).generate().unwrap().truth)
+            .map(|seed| {
+                Setup::new(seed).with(by_name(name, seed).unwrap()).generate().unwrap().truth
+            })
             .collect();
         let silent = |t: &RecordTruth| {
-            [&t.hidden[0].force, &t.hidden[0].encoder, &t.hidden[0].cell].iter().all(|c| rms(c) == 0.0)
+            [&t.hidden[0].force, &t.hidden[0].encoder, &t.hidden[0].cell]
+                .iter()
+                .all(|c| rms(c) == 0.0)
         };
         assert!(runs.iter().all(|truth| !silent(&truth.train)), "{name}");
         let range = |size: &dyn Fn(&RecordTruth) -> f64| {
@@ -546,7 +631,8 @@ fn usual_sizes() {
 /// None to three effects together, on the recorded motion or a varied one, keep the loop.
 fn generate_composition(seed: u64) {
     let programme = if seed.is_multiple_of(2) { Programme::Recorded } else { Programme::Varied };
-    let setup = Setup { programme, ..Setup::new(seed) }.with_all(composition(seed as usize % 4, seed));
+    let setup =
+        Setup { programme, ..Setup::new(seed) }.with_all(composition(seed as usize % 4, seed));
     setup.generate().unwrap();
 }
 

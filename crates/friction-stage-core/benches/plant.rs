@@ -1,9 +1,11 @@
-//! Speed of the plant: one internal step beside the same scheme in C, and whole closed-loop control cycles.
+//! Speed of the plant: one internal step beside the same scheme in C, and whole closed-loop control
+//! cycles.
 //!
-//! `cargo bench -p friction-stage-core --bench plant`. The C side, `benches/lugre.c`, is compiled here with `$CC` (else `cc`) `-O3 -march=native`.
-//! Both integrate the forces of a recorded 50 mm move with rests before and after, from reset, and must agree to
-//! 1e-12 m in every sample before anything is timed. Criterion's figures are wall time; those of the
-//! summary are processor time of alternating passes, so that what else runs on the machine hardly shows in the ratio.
+//! `cargo bench -p friction-stage-core --bench plant`. The C side, `benches/lugre.c`, is compiled
+//! here with `$CC` (else `cc`) `-O3 -march=native`. Both integrate the forces of a recorded 50 mm
+//! move with rests before and after, from reset, and must agree to 1e-12 m in every sample before
+//! anything is timed. Criterion's figures are wall time; those of the summary are processor time of
+//! alternating passes, so that what else runs on the machine hardly shows in the ratio.
 
 // A bench reads the clock and the environment; the crate does not.
 #![allow(clippy::disallowed_methods)]
@@ -29,8 +31,10 @@ const DURATION: f64 = 0.4;
 fn main() {
     let rates = Rates::DEFAULT;
     let guides = four_different_guides();
-    let model =
-        StageModel { guides: guides.iter().cloned().map(GuideSource::Inline).collect(), ..StageModel::default() };
+    let model = StageModel {
+        guides: guides.iter().cloned().map(GuideSource::Inline).collect(),
+        ..StageModel::default()
+    };
     let forces = forces_of_the_move(&model, rates);
     let steps = forces.len() * rates.substeps() as usize;
     let mut rust = Body::new(&model, rates.physics().recip()).expect("the bench's model is valid");
@@ -42,7 +46,10 @@ fn main() {
         }
     };
     if let Some(c) = &mut c {
-        println!("C and Rust agree to {:.1e} m over {steps} steps", check_agreement(&mut rust, c, &forces, rates));
+        println!(
+            "C and Rust agree to {:.1e} m over {steps} steps",
+            check_agreement(&mut rust, c, &forces, rates)
+        );
     }
 
     let mut criterion = Criterion::default().configure_from_args();
@@ -78,19 +85,33 @@ fn four_different_guides() -> Vec<Guide> {
         guides: Vec<Guide>,
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/oracle/case.json");
-    let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-    let case: Case = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let text = std::fs::read_to_string(&path)
+        .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let case: Case =
+        serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     assert_eq!(case.guides.len(), MAX_GUIDES, "{}", path.display());
     case.guides
 }
 
-/// 50 mm in 100 ms after 50 ms of rest, under the paper's controller; the rest after it is `DURATION` less 150 ms.
+/// 50 mm in 100 ms after 50 ms of rest, under the paper's controller; the rest after it is
+/// `DURATION` less 150 ms.
 fn closed_loop(model: &StageModel, rates: Rates) -> ClosedLoop {
     let stage = Stage::new(model, rates, 1).expect("the bench's model is valid");
     let settings = ControllerSettings::paper(model.mass, rates.control(), model.motor.force_limit);
-    let point = |time, position| Point { time, position, velocity: Some(0.0), acceleration: Some(0.0), effort: 0.0 };
-    let trajectory = Trajectory::new(0, vec![point(50_000_000, 0.0), point(150_000_000, 50e-3)]).expect("valid");
-    ClosedLoop::new(stage, Controller::new(settings).expect("the paper's controller is valid"), trajectory)
+    let point = |time, position| Point {
+        time,
+        position,
+        velocity: Some(0.0),
+        acceleration: Some(0.0),
+        effort: 0.0,
+    };
+    let trajectory =
+        Trajectory::new(0, vec![point(50_000_000, 0.0), point(150_000_000, 50e-3)]).expect("valid");
+    ClosedLoop::new(
+        stage,
+        Controller::new(settings).expect("the paper's controller is valid"),
+        trajectory,
+    )
 }
 
 fn closed_loop_pass(closed_loop: &mut ClosedLoop, cycles: usize) -> f64 {
@@ -105,7 +126,9 @@ fn closed_loop_pass(closed_loop: &mut ClosedLoop, cycles: usize) -> f64 {
 fn forces_of_the_move(model: &StageModel, rates: Rates) -> Vec<f64> {
     let mut closed_loop = closed_loop(model, rates);
     let cycles = (DURATION * rates.control()) as usize;
-    (0..cycles).map(|_| closed_loop.cycle().expect("the trajectory was checked").terms.output).collect()
+    (0..cycles)
+        .map(|_| closed_loop.cycle().expect("the trajectory was checked").terms.output)
+        .collect()
 }
 
 fn rust_pass(body: &mut Body, forces: &[f64], rates: Rates) -> f64 {
@@ -172,7 +195,8 @@ impl CPlant {
             start_damping: 0.0,
             start_slip: 0.0,
         };
-        // SAFETY: the library was built from lugre.c, whose functions have these signatures; it lives as long as they do.
+        // SAFETY: the library was built from lugre.c, whose functions have these signatures; it
+        // lives as long as they do.
         let (start, advance) = unsafe {
             (
                 *library.get(b"lugre_start").expect("lugre.c defines it"),
@@ -202,19 +226,24 @@ impl CPlant {
     }
 }
 
-/// Compiles lugre.c into `directory` and loads it; the error says what is missing. A compiler that refuses the file panics.
+/// Compiles lugre.c into `directory` and loads it; the error says what is missing. A compiler that
+/// refuses the file panics.
 fn compile(directory: &Path) -> Result<Library, String> {
     let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/lugre.c");
     let shared = directory.join(libloading::library_filename("lugre"));
     let compiler = std::env::var("CC").unwrap_or_else(|_| "cc".to_owned());
-    std::fs::create_dir_all(directory).map_err(|error| format!("{}: {error}", directory.display()))?;
+    std::fs::create_dir_all(directory)
+        .map_err(|error| format!("{}: {error}", directory.display()))?;
     let output = Command::new(&compiler)
         .args(["-O3", "-march=native", "-shared", "-fPIC", "-o"])
         .args([&shared, &source])
         .arg("-lm")
         .output()
         .map_err(|error| {
-            format!("no C compiler: `{compiler}` does not start ({error}); install gcc or clang, or set CC")
+            format!(
+                "no C compiler: `{compiler}` does not start ({error}); install gcc or clang, \
+                     or set CC"
+            )
         })?;
     assert!(
         output.status.success(),
@@ -226,7 +255,8 @@ fn compile(directory: &Path) -> Result<Library, String> {
     unsafe { Library::new(&shared) }.map_err(|error| format!("{}: {error}", shared.display()))
 }
 
-/// Largest difference in position over the move, m; panics beyond `AGREEMENT`. Bristles must agree as well.
+/// Largest difference in position over the move, m; panics beyond `AGREEMENT`. Bristles must agree
+/// as well.
 fn check_agreement(rust: &mut Body, c: &mut CPlant, forces: &[f64], rates: Rates) -> f64 {
     rust.reset();
     c.reset();
@@ -237,29 +267,41 @@ fn check_agreement(rust: &mut Body, c: &mut CPlant, forces: &[f64], rates: Rates
         rust.advance(*force, rates.substeps());
         c.advance(*force, rates.substeps());
         reversals += usize::from(before * rust.velocity() < 0.0);
-        let bristles = rust.guides().bristles().iter().zip(&c.stage.bristle).map(|(rust, c)| rust - c);
+        let bristles =
+            rust.guides().bristles().iter().zip(&c.stage.bristle).map(|(rust, c)| rust - c);
         let difference = bristles
             .chain([rust.position() - c.stage.position])
             .map(f64::abs)
             .fold(0.0, |a, b| if b > a || b.is_nan() { b } else { a });
         assert!(
             difference <= AGREEMENT && rust.cell_force() == c.stage.cell_force,
-            "sample {index}: C and Rust differ by {difference:e} m, at most {AGREEMENT:e} m: they do not integrate the same scheme"
+            "sample {index}: C and Rust differ by {difference:e} m, at most {AGREEMENT:e} m: they \
+             do not integrate the same scheme"
         );
         largest = largest.max(difference);
     }
-    assert!(rust.position() > 49e-3 && reversals > 10, "the move must rest, slide and reverse: {reversals} reversals");
+    assert!(
+        rust.position() > 49e-3 && reversals > 10,
+        "the move must rest, slide and reverse: {reversals} reversals"
+    );
     largest
 }
 
-fn print_summary(model: &StageModel, rust: &mut Body, c: Option<&mut CPlant>, forces: &[f64], rates: Rates) {
+fn print_summary(
+    model: &StageModel,
+    rust: &mut Body,
+    c: Option<&mut CPlant>,
+    forces: &[f64],
+    rates: Rates,
+) {
     let steps = forces.len() as f64 * f64::from(rates.substeps());
     let time = |pass: &mut dyn FnMut() -> f64| {
         let start = thread_time();
         black_box(pass());
         thread_time() - start
     };
-    let (mut rust_times, mut c_times, mut ratios, mut loop_times) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut rust_times, mut c_times, mut ratios, mut loop_times) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let mut c = c;
     for pass in 0..PASSES {
         let mut rust_pass = || time(&mut || rust_pass(rust, forces, rates));
@@ -283,7 +325,9 @@ fn print_summary(model: &StageModel, rust: &mut Body, c: Option<&mut CPlant>, fo
         loop_times.push(time(&mut || closed_loop_pass(&mut closed_loop, forces.len())));
     }
     let nanoseconds = |times: &mut Vec<f64>| quartiles(times).map(|time| time / steps * 1e9);
-    println!("\n{PASSES} alternating passes over {steps} steps, processor time, median [quartiles]:");
+    println!(
+        "\n{PASSES} alternating passes over {steps} steps, processor time, median [quartiles]:"
+    );
     let [low, median, high] = nanoseconds(&mut rust_times);
     println!("  step, Rust     {median:7.1} ns [{low:.1}, {high:.1}]   (wanted: at most 100 ns)");
     if c.is_some() {
@@ -293,7 +337,9 @@ fn print_summary(model: &StageModel, rust: &mut Body, c: Option<&mut CPlant>, fo
         println!("  Rust / C       {median:7.3}    [{low:.3}, {high:.3}] (wanted: at most 1)");
     }
     let [low, median, high] = quartiles(&mut loop_times).map(|time| forces.len() as f64 / time);
-    println!("  closed loop    {median:7.0} cycles/s [{high:.0}, {low:.0}] (wanted: at least 600000)");
+    println!(
+        "  closed loop    {median:7.0} cycles/s [{high:.0}, {low:.0}] (wanted: at least 600000)"
+    );
 }
 
 /// Time that this thread has spent on a processor, s: other processes on the machine do not count.

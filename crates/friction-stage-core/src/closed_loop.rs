@@ -24,7 +24,12 @@ pub struct ClosedLoop {
 impl ClosedLoop {
     /// The trajectory's start counts on the clock of the stage, which begins at 0.
     pub fn new(stage: Stage, controller: Controller, trajectory: Trajectory) -> ClosedLoop {
-        ClosedLoop { stage, controller, follower: Follower::new(f64::INFINITY), trajectory: Some(trajectory) }
+        ClosedLoop {
+            stage,
+            controller,
+            follower: Follower::new(f64::INFINITY),
+            trajectory: Some(trajectory),
+        }
     }
 
     /// Sample, control, hold the force until the next sample.

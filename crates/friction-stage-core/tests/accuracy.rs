@@ -1,11 +1,14 @@
 //! The plant is right: against an independent oracle, closed forms, and the balance of energy.
 //!
-//! The oracle is `tests/oracle/`: Python, Gauss-Legendre collocation of order 24, converged far below 1e-3 nm.
+//! The oracle is `tests/oracle/`: Python, Gauss-Legendre collocation of order 24, converged far
+//! below 1e-3 nm.
 
 use std::path::PathBuf;
 
 use friction_stage_core::ClosedLoop;
-use friction_stage_core::control::{AntiWindup, Controller, ControllerSettings, Gains, Point, Trajectory};
+use friction_stage_core::control::{
+    AntiWindup, Controller, ControllerSettings, Gains, Point, Trajectory,
+};
 use friction_stage_core::model::{Guide, GuideSource, StageModel};
 use friction_stage_core::plant::{Body, Rates, Stage};
 use serde::Deserialize;
@@ -82,7 +85,8 @@ fn oracle_model(cases: &OracleCases) -> StageModel {
     }
 }
 
-/// The closed loop of a case with `substeps` internal steps per control sample: state and force per tick.
+/// The closed loop of a case with `substeps` internal steps per control sample: state and force per
+/// tick.
 fn run(cases: &OracleCases, case: &OracleCase, substeps: u32, ticks: usize) -> Vec<Row> {
     let c = &cases.controller;
     let rates = Rates::new(c.rate, c.rate * f64::from(substeps)).unwrap();
@@ -105,7 +109,9 @@ fn run(cases: &OracleCases, case: &OracleCase, substeps: u32, ticks: usize) -> V
     let mut points = Vec::new();
     let mut position = 0.0;
     for motion in &case.motion {
-        for (time, distance) in [(motion.start, 0.0), (motion.start + motion.duration, motion.distance)] {
+        for (time, distance) in
+            [(motion.start, 0.0), (motion.start + motion.duration, motion.distance)]
+        {
             position += distance;
             points.push(Point {
                 time: (time * 1e9).round() as i64,
@@ -116,8 +122,11 @@ fn run(cases: &OracleCases, case: &OracleCase, substeps: u32, ticks: usize) -> V
             });
         }
     }
-    let mut closed_loop =
-        ClosedLoop::new(stage, Controller::new(settings).unwrap(), Trajectory::new(0, points).unwrap());
+    let mut closed_loop = ClosedLoop::new(
+        stage,
+        Controller::new(settings).unwrap(),
+        Trajectory::new(0, points).unwrap(),
+    );
     (0..ticks)
         .map(|_| {
             let body = closed_loop.stage().body();
@@ -141,8 +150,9 @@ fn trace_at_the_default_step_stays_within_0_2_nm_of_the_oracle() {
         let reference = rows(&case.name);
         let found = run(&cases, case, Rates::DEFAULT.substeps(), reference.len());
         let position = largest_difference(&found, &reference, |row| row.position);
-        let bristle =
-            (0..4).map(|guide| largest_difference(&found, &reference, |row| row.bristles[guide])).fold(0.0, f64::max);
+        let bristle = (0..4)
+            .map(|guide| largest_difference(&found, &reference, |row| row.bristles[guide]))
+            .fold(0.0, f64::max);
         let velocity = largest_difference(&found, &reference, |row| row.velocity);
         let force = largest_difference(&found, &reference, |row| row.force);
         println!(
@@ -163,11 +173,18 @@ fn error_falls_with_the_square_of_the_step() {
     for case in &cases.cases {
         let reference = rows(&case.name);
         let errors = [5, 10, 20, 40].map(|substeps| {
-            largest_difference(&run(&cases, case, substeps, reference.len()), &reference, |row| row.position)
+            largest_difference(&run(&cases, case, substeps, reference.len()), &reference, |row| {
+                row.position
+            })
         });
         for pair in errors.windows(2) {
             let order = (pair[0] / pair[1]).log2();
-            println!("{}: {:.5} -> {:.5} nm, order {order:.3}", case.name, pair[0] * 1e9, pair[1] * 1e9);
+            println!(
+                "{}: {:.5} -> {:.5} nm, order {order:.3}",
+                case.name,
+                pair[0] * 1e9,
+                pair[1] * 1e9
+            );
             assert!(order >= 1.9, "{}: order {order} from {errors:?}", case.name);
         }
     }
@@ -177,16 +194,25 @@ fn error_falls_with_the_square_of_the_step() {
 fn bandwidth_gives_the_gains_that_the_oracle_worked_out() {
     let c = oracle().controller;
     let gains = Gains::from_bandwidth(c.bandwidth, 40.0);
-    let pairs = [(gains.p, c.kp), (gains.i, c.ki), (gains.d, c.kd), (gains.lowpass_frequency, c.lowpass_frequency)];
+    let pairs = [
+        (gains.p, c.kp),
+        (gains.i, c.ki),
+        (gains.d, c.kd),
+        (gains.lowpass_frequency, c.lowpass_frequency),
+    ];
     for (found, expected) in pairs {
         assert!((found / expected - 1.0).abs() < 1e-12, "{found} {expected}");
     }
 }
 
-/// Moves a body of one guide at constant velocity by a force that a stiff servo works out, until it is steady.
+/// Moves a body of one guide at constant velocity by a force that a stiff servo works out, until it
+/// is steady.
 fn body_of(guide: &Guide, mass: f64, step: f64) -> Body {
-    let model =
-        StageModel { mass, guides: vec![GuideSource::Inline(guide.clone())], ..StageModel::default().without_noise() };
+    let model = StageModel {
+        mass,
+        guides: vec![GuideSource::Inline(guide.clone())],
+        ..StageModel::default().without_noise()
+    };
     Body::new(&model, step).unwrap()
 }
 
@@ -202,17 +228,23 @@ fn steady_bristle_deflection_is_g_over_sigma0() {
         let found = body.guides().bristles()[0];
         assert!((found / expected - 1.0).abs() < 1e-9, "{velocity} m/s: {found} {expected}");
         let force = body.guide_forces()[0];
-        assert!((force / guide.steady_force(velocity) - 1.0).abs() < 1e-9, "{velocity} m/s: {force}");
+        assert!(
+            (force / guide.steady_force(velocity) - 1.0).abs() < 1e-9,
+            "{velocity} m/s: {force}"
+        );
     }
 }
 
-/// F = Fs tanh(sigma0 A / Fs) at the tips of a slow symmetric loop: from one tip the loop must reach the other.
+/// F = Fs tanh(sigma0 A / Fs) at the tips of a slow symmetric loop: from one tip the loop must
+/// reach the other.
 #[test]
 fn tip_force_of_a_slow_loop_is_fs_tanh_of_sigma0_a_over_fs() {
     let guide = oracle().guides[0].clone();
     for amplitude in [1e-6_f64, 10e-6, 40e-6, 420e-6] {
-        let tip_force = guide.static_force * (guide.stiffness * amplitude / guide.static_force).tanh();
-        // 1 % of the Stribeck velocity and slower: g is Fs to within (Fs - Fc)/Fs times 1e-4 = 2e-5.
+        let tip_force =
+            guide.static_force * (guide.stiffness * amplitude / guide.static_force).tanh();
+        // 1 % of the Stribeck velocity and slower: g is Fs to within (Fs - Fc)/Fs times 1e-4 =
+        // 2e-5.
         let speed = (amplitude / 0.2).min(0.01 * guide.stribeck_velocity);
         let steps = 2.0 * amplitude / (speed * 25e-6);
         // A huge mass keeps its velocity to within what the friction takes from it.
@@ -220,11 +252,15 @@ fn tip_force_of_a_slow_loop_is_fs_tanh_of_sigma0_a_over_fs() {
         body.set_state(-amplitude, speed, &[-tip_force / guide.stiffness]);
         body.advance(0.0, steps.round() as u32);
         let found = guide.stiffness * body.guides().bristles()[0];
-        assert!((found / tip_force - 1.0).abs() < 3e-5, "{amplitude} m: {found} N, expected {tip_force} N");
+        assert!(
+            (found / tip_force - 1.0).abs() < 3e-5,
+            "{amplitude} m: {found} N, expected {tip_force} N"
+        );
     }
 }
 
-/// Work of the motor less the rise of energy less the heat, over the work: the 50 mm move under a prescribed force.
+/// Work of the motor less the rise of energy less the heat, over the work: the 50 mm move under a
+/// prescribed force.
 fn energy_error(substeps: u32) -> f64 {
     let cases = oracle();
     let forces: Vec<f64> = rows("from_rest").iter().map(|row| row.force).collect();

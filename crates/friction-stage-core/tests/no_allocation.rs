@@ -1,7 +1,7 @@
 //! A control cycle allocates nothing: sensors, plant with effects, true state, controller.
 //!
-//! This file is a process of its own, so that its counting allocator sees no other test. It counts this thread only: the test harness
-//! has threads of its own.
+//! This file is a process of its own, so that its counting allocator sees no other test. It counts
+//! this thread only: the test harness has threads of its own.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -69,22 +69,34 @@ fn every_effect() -> Vec<EffectParameters> {
     let effect = |effect: &&effects::EffectDescriptor| match effect.name {
         "map" => EffectParameters::map(curve.clone()),
         name => {
-            let value = |parameter: &effects::EffectParameter| parameter.default.unwrap_or(parameter.scale);
-            EffectParameters::new(name, effect.parameters.iter().map(|parameter| (parameter.name, value(parameter))))
+            let value =
+                |parameter: &effects::EffectParameter| parameter.default.unwrap_or(parameter.scale);
+            EffectParameters::new(
+                name,
+                effect.parameters.iter().map(|parameter| (parameter.name, value(parameter))),
+            )
         }
     };
     effects::ALL.iter().map(effect).collect()
 }
 
-/// Runs 4000 cycles over a 50 mm move with a rest before and after it, controller beside it; the requests counted.
+/// Runs 4000 cycles over a 50 mm move with a rest before and after it, controller beside it; the
+/// requests counted.
 fn requests_of_a_move(model: &StageModel) -> u64 {
     let rates = Rates::DEFAULT;
     let mut stage = Stage::new(model, rates, 1).unwrap();
     let settings = ControllerSettings::paper(model.mass, rates.control(), model.motor.force_limit);
     let mut controller = Controller::new(settings).unwrap();
     let mut follower = Follower::new(f64::INFINITY);
-    let point = |time, position| Point { time, position, velocity: Some(0.0), acceleration: Some(0.0), effort: 0.0 };
-    let trajectory = Trajectory::new(0, vec![point(50_000_000, 0.0), point(150_000_000, 50e-3)]).unwrap();
+    let point = |time, position| Point {
+        time,
+        position,
+        velocity: Some(0.0),
+        acceleration: Some(0.0),
+        effort: 0.0,
+    };
+    let trajectory =
+        Trajectory::new(0, vec![point(50_000_000, 0.0), point(150_000_000, 50e-3)]).unwrap();
     follower.follow(0, trajectory).unwrap();
     let mut travelled = 0.0f64;
     let requests = requests_during(|| {
@@ -116,7 +128,10 @@ fn effects_allocate_nothing_either() {
     assert!(!effects.is_empty());
     // A stage has a limit on their number.
     for some in effects.chunks(effects::MAX_EFFECTS) {
-        assert_eq!(requests_of_a_move(&StageModel { effects: some.to_vec(), ..StageModel::default() }), 0);
+        assert_eq!(
+            requests_of_a_move(&StageModel { effects: some.to_vec(), ..StageModel::default() }),
+            0
+        );
     }
 }
 

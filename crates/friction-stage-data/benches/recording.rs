@@ -1,15 +1,17 @@
-//! How fast a recording is written: six topics as the stage sends them, as fast as possible and at 10 kHz.
+//! How fast a recording is written: six topics as the stage sends them, as fast as possible and at
+//! 10 kHz.
 //!
-//! `cargo bench -p friction-stage-data --bench recording` prints messages per second, the time of one write (median, 99 %, longest: a chunk is
-//! compressed then) and bytes per message; for 10 kHz also how much of one core it takes.
+//! `cargo bench -p friction-stage-data --bench recording` prints messages per second, the time of
+//! one write (median, 99 %, longest: a chunk is compressed then) and bytes per message; for 10 kHz
+//! also how much of one core it takes.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use friction_stage_data::bag::{BagError, BagOptions, BagWriter, Compression, OfferedQos, TopicId};
 use friction_stage_data::message::{
-    CdrError, ControllerState, Header, JointState, JointTrajectory, JointTrajectoryPoint, StageState, WrenchStamped,
-    to_cdr,
+    CdrError, ControllerState, Header, JointState, JointTrajectory, JointTrajectoryPoint,
+    StageState, WrenchStamped, to_cdr,
 };
 
 const TOPICS: usize = 6;
@@ -69,7 +71,10 @@ fn sample(k: u64) -> Result<[Vec<u8>; TOPICS], CdrError> {
     ])
 }
 
-fn open(directory: &Path, compression: Compression) -> Result<(BagWriter, [TopicId; TOPICS]), BagError> {
+fn open(
+    directory: &Path,
+    compression: Compression,
+) -> Result<(BagWriter, [TopicId; TOPICS]), BagError> {
     let options = BagOptions { compression, ..Default::default() };
     let mut bag = BagWriter::create(directory, &options)?;
     let qos = OfferedQos::reliable(100);
@@ -100,7 +105,10 @@ fn cpu() -> f64 {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let home = tempfile::tempdir()?;
     let samples = (0..100_000).map(sample).collect::<Result<Vec<_>, _>>()?;
-    println!("six topics, {} samples, as fast as possible; times of one write in us", samples.len());
+    println!(
+        "six topics, {} samples, as fast as possible; times of one write in us",
+        samples.len()
+    );
     println!("compression  messages/s   median      99 %   99.99 %   longest   bytes/message");
     for compression in [Compression::Zstd, Compression::Lz4, Compression::None] {
         let directory = home.path().join(format!("{compression:?}"));
@@ -152,7 +160,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let elapsed = start.elapsed().as_secs_f64();
     bag.finish()?;
     println!(
-        "10 kHz x 6 topics for {elapsed:.2} s: {:.0} messages/s, {:.1} % of one core, at most {:.2} ms behind",
+        "10 kHz x 6 topics for {elapsed:.2} s: {:.0} messages/s, {:.1} % of one core, at most \
+         {:.2} ms behind",
         f64::from(ticks) * TOPICS as f64 / elapsed,
         100.0 * (cpu() - cpu_before) / elapsed,
         latest.as_secs_f64() * 1e3

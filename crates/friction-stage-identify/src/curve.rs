@@ -1,10 +1,13 @@
-//! An empirical curve of the missing force, or of a change of friction, over position, velocity or time, smooth as the data ask for.
+//! An empirical curve of the missing force, or of a change of friction, over position, velocity or
+//! time, smooth as the data ask for.
 
 use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector, DVectorView};
 
-use friction_stage_core::model::{Coordinate, Curve, CurveSide, EffectParameters, Jump, ModelError, locate};
+use friction_stage_core::model::{
+    Coordinate, Curve, CurveSide, EffectParameters, Jump, ModelError, locate,
+};
 use friction_stage_core::plant::effects::viscous_friction;
 use friction_stage_core::plant::{EffectDescriptor, Residual};
 
@@ -16,30 +19,34 @@ use super::objective::{derivatives, stacked};
 
 /// Knot counts that are tried; the error that cross-validation leaves decides.
 const KNOTS: [usize; 6] = [8, 16, 32, 64, 128, 256];
-/// Knots of the curves beside which a jump is looked for: a line, behind which a step that hardly shows where it is does not hide, and one that bends.
+/// Knots of the curves beside which a jump is looked for: a line, behind which a step that hardly
+/// shows where it is does not hide, and one that bends.
 const BESIDE_A_JUMP: [usize; 2] = [2, KNOTS[0]];
-/// Blocks that the record is cut into, and how many of them in a row are left out in turn: so many that a motion that repeats shows all it does
-/// in what stays.
+/// Blocks that the record is cut into, and how many of them in a row are left out in turn: so many
+/// that a motion that repeats shows all it does in what stays.
 const BLOCKS: usize = 40;
 const FOLDS: usize = 5;
-/// Weight of the squared second differences of the knots, in units of the mean weight of a knot. Assumed: only bridges gaps.
+/// Weight of the squared second differences of the knots, in units of the mean weight of a knot.
+/// Assumed: only bridges gaps.
 const STIFFNESS: f64 = 1e-6;
 /// The same of each value by itself: only keeps the equations solvable.
 const RIDGE: f64 = 1e-9;
-/// Weights of a step beside the curve, in units of what it changes, each a curve of its own: steps that hardly show are long, far from linear. Without one everything
-/// else is held. Assumed.
+/// Weights of a step beside the curve, in units of what it changes, each a curve of its own: steps
+/// that hardly show are long, far from linear. Without one everything else is held. Assumed.
 pub const DAMPINGS: [Option<f64>; 4] = [None, Some(1e-3), Some(1e-2), Some(1e-1)];
 
-/// Part of what a curve leaves of left-out blocks that it may leave with a jump for that to be there, unless it has fewer knots then. Assumed: a jump is worth as
-/// much as a law.
+/// Part of what a curve leaves of left-out blocks that it may leave with a jump for that to be
+/// there, unless it has fewer knots then. Assumed: a jump is worth as much as a law.
 pub const WITH_A_JUMP: f64 = 0.9;
-/// Part of its own squares that a jump must have which neither curve nor anything beside it has: at the ends of a record there is none. Assumed.
+/// Part of its own squares that a jump must have which neither curve nor anything beside it has: at
+/// the ends of a record there is none. Assumed.
 const OF_ITS_OWN: f64 = 1e-3;
 
 /// Least change of friction, or of mass as a part of it: nearly all of it gone.
 pub(super) const NO_FRICTION: f64 = -0.99;
 
-/// What a fit may move while a curve is drawn: the guides were bent to what the curve is to stand for.
+/// What a fit may move while a curve is drawn: the guides were bent to what the curve is to stand
+/// for.
 pub struct Beside {
     coordinates: Vec<hypothesis::Coordinate>,
     /// Change of the missing force per scale of each coordinate, N, row by row in columns.
@@ -58,9 +65,18 @@ impl Beside {
         let missing = hypothesis.missing_of(&driven, measured, Sides::CARRIAGE);
         let noise = hypothesis.floor(measured).carriage;
         let residual = stacked(&missing, &coordinates, noise);
-        let slopes = derivatives(hypothesis, &coordinates, &driven, measured, Sides::CARRIAGE, &residual, noise)?;
+        let slopes = derivatives(
+            hypothesis,
+            &coordinates,
+            &driven,
+            measured,
+            Sides::CARRIAGE,
+            &residual,
+            noise,
+        )?;
         let rows = missing.carriage.len();
-        let declared = (0..coordinates.len()).map(|index| slopes[(rows + index, index)].powi(2)).collect();
+        let declared =
+            (0..coordinates.len()).map(|index| slopes[(rows + index, index)].powi(2)).collect();
         Ok(Beside::new(coordinates, slopes.rows(0, rows).transpose(), declared))
     }
 
@@ -69,7 +85,11 @@ impl Beside {
         Beside::new(Vec::new(), DMatrix::zeros(0, rows), Vec::new())
     }
 
-    fn new(coordinates: Vec<hypothesis::Coordinate>, slopes: DMatrix<f64>, declared: Vec<f64>) -> Beside {
+    fn new(
+        coordinates: Vec<hypothesis::Coordinate>,
+        slopes: DMatrix<f64>,
+        declared: Vec<f64>,
+    ) -> Beside {
         let mut products = vec![DMatrix::zeros(slopes.nrows(), slopes.nrows()); FOLDS];
         for (fold, rows) in blocks(slopes.ncols()) {
             let rows = slopes.columns_range(rows);
@@ -81,8 +101,9 @@ impl Beside {
 
 /// Rows of each block of a record of so many, with the fold that it belongs to.
 fn blocks(count: usize) -> impl Iterator<Item = (usize, Range<usize>)> {
-    (0..BLOCKS)
-        .map(move |block| (block % FOLDS, (block * count).div_ceil(BLOCKS)..((block + 1) * count).div_ceil(BLOCKS)))
+    (0..BLOCKS).map(move |block| {
+        (block % FOLDS, (block * count).div_ceil(BLOCKS)..((block + 1) * count).div_ceil(BLOCKS))
+    })
 }
 
 /// A curve, and where the coordinates beside it move.
@@ -94,8 +115,9 @@ pub struct Drawn {
     pub moved: Vec<hypothesis::Coordinate>,
 }
 
-/// The curves over one coordinate that predict left-out blocks of the residual best: one with everything else held, and one for each damping of what moves beside
-/// it. Left out are those that predict nothing of it.
+/// The curves over one coordinate that predict left-out blocks of the residual best: one with
+/// everything else held, and one for each damping of what moves beside it. Left out are those that
+/// predict nothing of it.
 pub fn propose(
     residual: &Residual,
     coordinate: Coordinate,
@@ -107,8 +129,10 @@ pub fn propose(
     let total: f64 = residual.force.iter().map(|force| force * force).sum();
     let dampings = if beside.coordinates.is_empty() { &DAMPINGS[..1] } else { &DAMPINGS[..] };
     let alone = rows.smooth(dampings, None);
-    // What changes at a place or at a speed does so each time that the stage comes there, and a curve has it; what happens at a time happens once.
-    let jumps = |knots: usize| rows.jump(dampings, knots).filter(|_| coordinate == Coordinate::Time);
+    // What changes at a place or at a speed does so each time that the stage comes there, and a
+    // curve has it; what happens at a time happens once.
+    let jumps =
+        |knots: usize| rows.jump(dampings, knots).filter(|_| coordinate == Coordinate::Time);
     let with_jumps: Vec<(f64, Vec<Option<Smooth>>)> = BESIDE_A_JUMP
         .into_iter()
         .filter_map(jumps)
@@ -121,8 +145,11 @@ pub fn propose(
             Some(without) if with.knots < without.knots => with.left <= without.left,
             _ => with.left < WITH_A_JUMP * without.map_or(total, |without| without.left),
         };
-        let with = with_jumps.iter().filter_map(|(at, smooth)| Some((*at, smooth[index].as_ref()?)));
-        let with = with.filter(|(_, smooth)| is_worth_it(smooth)).min_by(|a, b| a.1.left.total_cmp(&b.1.left));
+        let with =
+            with_jumps.iter().filter_map(|(at, smooth)| Some((*at, smooth[index].as_ref()?)));
+        let with = with
+            .filter(|(_, smooth)| is_worth_it(smooth))
+            .min_by(|a, b| a.1.left.total_cmp(&b.1.left));
         let Smooth { solution, knots, left } = with.map(|(_, smooth)| smooth).or(without)?;
         if *left >= total {
             return None;
@@ -138,7 +165,8 @@ pub fn propose(
         }
         let moves = beside.coordinates.iter().zip(moves);
         let moved = moves.map(|(coordinate, moves)| hypothesis::Coordinate {
-            value: (coordinate.value + moves * coordinate.scale).clamp(coordinate.bounds.0, coordinate.bounds.1),
+            value: (coordinate.value + moves * coordinate.scale)
+                .clamp(coordinate.bounds.0, coordinate.bounds.1),
             ..coordinate.clone()
         });
         let mut moved: Vec<_> = moved.collect();
@@ -152,12 +180,14 @@ pub fn propose(
     drawn.collect()
 }
 
-/// The jump over the time that takes most of what a curve leaves, with everything moving that stands beside it, and the curve itself among that.
+/// The jump over the time that takes most of what a curve leaves, with everything moving that
+/// stands beside it, and the curve itself among that.
 pub fn jump(residual: &Residual, side: CurveSide, beside: &Beside) -> Option<Jump> {
     Rows::new(residual, Coordinate::Time, side, beside)?.jump(&DAMPINGS[1..], KNOTS[0])
 }
 
-/// Raises a curve to the least that there may be: where a record tells little, its knots are anywhere.
+/// Raises a curve to the least that there may be: where a record tells little, its knots are
+/// anywhere.
 fn keep_above(curve: &mut Curve, lowest: f64) {
     curve.values.iter_mut().for_each(|value| *value = value.max(lowest));
     // What is still lower stands behind the jump.
@@ -167,9 +197,15 @@ fn keep_above(curve: &mut Curve, lowest: f64) {
     }
 }
 
-/// A change of friction or mass that is everywhere is none: it goes to the guides or the carriage, as far as these are not as declared. Together nothing
-/// changes. `mass`: as it was when the curve was drawn, beside `coordinates`, kg.
-fn level(curve: &mut Curve, moved: &mut [hypothesis::Coordinate], coordinates: &[hypothesis::Coordinate], mass: f64) {
+/// A change of friction or mass that is everywhere is none: it goes to the guides or the carriage,
+/// as far as these are not as declared. Together nothing changes. `mass`: as it was when the curve
+/// was drawn, beside `coordinates`, kg.
+fn level(
+    curve: &mut Curve,
+    moved: &mut [hypothesis::Coordinate],
+    coordinates: &[hypothesis::Coordinate],
+    mass: f64,
+) {
     let scaled: &[Declared] = match curve.side {
         CurveSide::Carriage | CurveSide::Motor => return,
         CurveSide::Friction => &[Declared::CoulombForce, Declared::StaticForce],
@@ -180,8 +216,9 @@ fn level(curve: &mut Curve, moved: &mut [hypothesis::Coordinate], coordinates: &
         Place::Declared(declared) => names.contains(&declared),
         _ => false,
     };
-    let value_in =
-        |all: &[hypothesis::Coordinate]| all.iter().find(|one| is_among(one, &scaled[..1])).map(|one| one.value);
+    let value_in = |all: &[hypothesis::Coordinate]| {
+        all.iter().find(|one| is_among(one, &scaled[..1])).map(|one| one.value)
+    };
     let (Some(drawn), Some(bent)) = (value_in(coordinates), value_in(moved)) else { return };
     let mut up = -bent;
     for one in moved.iter().filter(|one| is_among(one, scaled)) {
@@ -222,29 +259,48 @@ struct Smooth {
 
 impl<'a> Rows<'a> {
     /// `None` where there is nothing to draw through.
-    fn new(residual: &'a Residual, coordinate: Coordinate, side: CurveSide, beside: &'a Beside) -> Option<Rows<'a>> {
+    fn new(
+        residual: &'a Residual,
+        coordinate: Coordinate,
+        side: CurveSide,
+        beside: &'a Beside,
+    ) -> Option<Rows<'a>> {
         let along = match coordinate {
             Coordinate::Position => residual.position,
             Coordinate::Velocity => residual.velocity,
             Coordinate::Time => residual.time,
         };
         let (from, to) = friction_stage_core::numerics::range(along);
-        let is_there = to > from && (to - from).is_finite() && residual.force.iter().any(|force| *force != 0.0);
-        // Force that a knot of 1 adds: 1 N, as a change of friction all of its Coulomb or its viscous part, against the motion, or that of 1 kg.
+        let is_there = to > from
+            && (to - from).is_finite()
+            && residual.force.iter().any(|force| *force != 0.0);
+        // Force that a knot of 1 adds: 1 N, as a change of friction all of its Coulomb or its
+        // viscous part, against the motion, or that of 1 kg.
         let viscous = viscous_friction(residual).unwrap_or(0.0);
         let gain = match side {
             CurveSide::Carriage | CurveSide::Motor => vec![1.0; along.len()],
-            CurveSide::Friction => {
-                residual.friction.iter().zip(residual.velocity).map(|(friction, v)| viscous * v - friction).collect()
-            }
+            CurveSide::Friction => residual
+                .friction
+                .iter()
+                .zip(residual.velocity)
+                .map(|(friction, v)| viscous * v - friction)
+                .collect(),
             CurveSide::Viscous => residual.velocity.iter().map(|v| -viscous * v).collect(),
-            CurveSide::Mass => residual.acceleration.iter().map(|acceleration| -acceleration).collect(),
+            CurveSide::Mass => {
+                residual.acceleration.iter().map(|acceleration| -acceleration).collect()
+            }
         };
         is_there.then_some(Rows { along, gain, force: residual.force, from, to, beside })
     }
 
-    /// Force that values of 1 of a curve take away in a row, N: of the knots around it and, behind it, of the jump.
-    fn pieces(&self, row: usize, knots: usize, jump: Option<f64>) -> impl Iterator<Item = (usize, f64)> + Clone {
+    /// Force that values of 1 of a curve take away in a row, N: of the knots around it and, behind
+    /// it, of the jump.
+    fn pieces(
+        &self,
+        row: usize,
+        knots: usize,
+        jump: Option<f64>,
+    ) -> impl Iterator<Item = (usize, f64)> + Clone {
         let (knot, share) = locate(self.along[row], self.from, self.to, knots);
         let gain = self.gain[row];
         let jump = jump.filter(|at| self.along[row] >= *at).map(|_| (knots, gain));
@@ -292,7 +348,8 @@ impl<'a> Rows<'a> {
         best
     }
 
-    /// The jump between two rows, in the order of time, that takes most of what a curve of so many knots leaves.
+    /// The jump between two rows, in the order of time, that takes most of what a curve of so many
+    /// knots leaves.
     fn jump(&self, dampings: &[Option<f64>], knots: usize) -> Option<Jump> {
         let count = self.along.len();
         let all = sum(&self.folds(knots, None));
@@ -300,7 +357,8 @@ impl<'a> Rows<'a> {
             let (normal, right) = all.equations(self.beside, *damping);
             let factors = normal.cholesky()?;
             let solution = factors.solve(&right);
-            // Of a jump before this row: products with what is there, its own squares, and its product with what is left.
+            // Of a jump before this row: products with what is there, its own squares, and its
+            // product with what is left.
             let (mut shared, mut own, mut taken) = (DVector::zeros(solution.len()), 0.0, 0.0);
             let (mut most, mut jump) = (0.0, None);
             for row in (1..count).rev() {
@@ -318,7 +376,8 @@ impl<'a> Rows<'a> {
                 let alone = own - shared.dot(&factors.solve(&shared));
                 if alone > OF_ITS_OWN * own && taken * taken > most * alone {
                     let at = 0.5 * (self.along[row - 1] + self.along[row]);
-                    (most, jump) = (taken * taken / alone, Some(Jump { at, height: taken / alone }));
+                    (most, jump) =
+                        (taken * taken / alone, Some(Jump { at, height: taken / alone }));
                 }
             }
             Some((all.left(&solution) - most, jump?))
@@ -333,7 +392,8 @@ fn sum(folds: &[Squares]) -> Squares {
     all
 }
 
-/// Least squares for the knots of a piecewise linear curve and, behind them, its jump and what moves beside it.
+/// Least squares for the knots of a piecewise linear curve and, behind them, its jump and what
+/// moves beside it.
 #[derive(Clone)]
 struct Squares {
     /// Only the lower triangle is filled.
@@ -357,7 +417,8 @@ impl Squares {
         Squares { normal, right: DVector::zeros(all), force: 0.0, weight: 0.0, knots, values }
     }
 
-    /// Takes in a missing force, N, of which values of 1 take away `pieces`, a curve of 1 `gain`, and to which what moves beside it adds `slopes`, N.
+    /// Takes in a missing force, N, of which values of 1 take away `pieces`, a curve of 1 `gain`,
+    /// and to which what moves beside it adds `slopes`, N.
     fn add(
         &mut self,
         pieces: impl Iterator<Item = (usize, f64)> + Clone,
@@ -394,10 +455,12 @@ impl Squares {
         let count = solution.len();
         let mut normal = self.normal.view((0, 0), (count, count)).into_owned();
         normal.fill_upper_triangle_with_lower_triangle();
-        self.force - 2.0 * solution.dot(&self.right.rows(0, count)) + solution.dot(&(normal * solution))
+        self.force - 2.0 * solution.dot(&self.right.rows(0, count))
+            + solution.dot(&(normal * solution))
     }
 
-    /// The knots, with a weak penalty on bending, the jump, and, unless they are held, the moves, with the weight of what is declared and a damping.
+    /// The knots, with a weak penalty on bending, the jump, and, unless they are held, the moves,
+    /// with the weight of what is declared and a damping.
     fn equations(&self, beside: &Beside, damping: Option<f64>) -> (DMatrix<f64>, DVector<f64>) {
         let (knots, values) = (self.knots, self.values);
         let count = if damping.is_some() { self.right.len() } else { values };
@@ -416,7 +479,9 @@ impl Squares {
             normal[(value, value)] += RIDGE * self.weight;
         }
         if let Some(damping) = damping {
-            for (index, (coordinate, weight)) in beside.coordinates.iter().zip(&beside.declared).enumerate() {
+            for (index, (coordinate, weight)) in
+                beside.coordinates.iter().zip(&beside.declared).enumerate()
+            {
                 let at = values + index;
                 normal[(at, at)] += weight + damping * self.normal[(at, at)];
                 right[at] -= weight * coordinate.value / coordinate.scale;
@@ -451,7 +516,8 @@ mod tests {
         3.0 * speed.signum() * (-(speed / 0.03).powi(2)).exp()
     }
 
-    /// Of a motion that goes to and fro once in two blocks, so that every other block is all that there is of one half of the velocities, m/s.
+    /// Of a motion that goes to and fro once in two blocks, so that every other block is all that
+    /// there is of one half of the velocities, m/s.
     fn velocity(index: usize) -> f64 {
         let speed = 0.01 + 0.09 * (index % 200) as f64 / 200.0;
         if (index / 200).is_multiple_of(2) { speed } else { -speed }
@@ -480,22 +546,28 @@ mod tests {
     /// Largest distance of a curve from the peak, N.
     fn off(drawn: &Drawn) -> f64 {
         let curve = drawn.part.parameters().curve.unwrap();
-        let off = |speed: f64| (interpolate(&curve.values, curve.from, curve.to, speed) - peak(speed)).abs();
+        let off = |speed: f64| {
+            (interpolate(&curve.values, curve.from, curve.to, speed) - peak(speed)).abs()
+        };
         [-0.08, -0.02, 0.015, 0.05].into_iter().map(off).fold(0.0, f64::max)
     }
 
     #[test]
     fn a_curve_is_found_whatever_the_rhythm_of_the_motion() {
-        let drawn = drawn_of(|index| peak(velocity(index)), Coordinate::Velocity, &Beside::nothing(COUNT));
+        let drawn =
+            drawn_of(|index| peak(velocity(index)), Coordinate::Velocity, &Beside::nothing(COUNT));
         assert!(drawn.len() == 1 && off(&drawn[0]) < 0.1, "{}", off(&drawn[0]));
     }
 
-    /// The fit had bent a value by half its scale to what the curve is: what that does hangs on the velocity, too.
+    /// The fit had bent a value by half its scale to what the curve is: what that does hangs on the
+    /// velocity, too.
     #[test]
     fn what_the_curve_had_bent_goes_back_where_it_may_move() {
         let model = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
-        let coordinate =
-            hypothesis::Coordinate { bounds: (-9.0, 9.0), ..model.coordinates(Sides::CARRIAGE, true)[0].clone() };
+        let coordinate = hypothesis::Coordinate {
+            bounds: (-9.0, 9.0),
+            ..model.coordinates(Sides::CARRIAGE, true)[0].clone()
+        };
         let slope = |index: usize| 4.0 * velocity(index).signum() + (0.01 * index as f64).sin();
         let slopes = DMatrix::from_fn(1, COUNT, |_, index| slope(index));
         let bent = |index: usize| peak(velocity(index)) - 0.5 * slope(index);
@@ -510,7 +582,8 @@ mod tests {
     /// On a force that drifts one that is there from 3.1 s on, and a slope that looks much like it.
     #[test]
     fn over_the_time_a_jump_is_where_one_is() {
-        let drift = |index: usize| 2.0 * (1.3e-3 * index as f64).sin() + 0.1 * (7.9 * index as f64).sin();
+        let drift =
+            |index: usize| 2.0 * (1.3e-3 * index as f64).sin() + 0.1 * (7.9 * index as f64).sin();
         let jumps = |index: usize| if index < 3100 { 0.0 } else { -4.0 };
         let rises = |index: usize| -4.0 * ((index as f64 - 2600.0) / 1000.0).clamp(0.0, 1.0);
         let nothing = Beside::nothing(COUNT);
@@ -536,12 +609,14 @@ mod tests {
             jump: Some(Jump { at: 2.5, height: -0.8 }),
         };
         keep_above(&mut curve, NO_FRICTION);
-        let least = curve.corners().into_iter().map(|(_, value)| value).fold(f64::INFINITY, f64::min);
+        let least =
+            curve.corners().into_iter().map(|(_, value)| value).fold(f64::INFINITY, f64::min);
         assert!((least - NO_FRICTION).abs() < 1e-12, "{curve:?}");
         assert!((curve.jump.unwrap().height + 0.59).abs() < 1e-12, "{curve:?}");
     }
 
-    /// Guides that were bent to 0.8 of their Coulomb friction, and beside them half as much again, up to a jump; static friction may rise by a tenth only.
+    /// Guides that were bent to 0.8 of their Coulomb friction, and beside them half as much again,
+    /// up to a jump; static friction may rise by a tenth only.
     #[test]
     fn what_changes_friction_everywhere_goes_to_the_guides() {
         let value_of = |moved: &[hypothesis::Coordinate], which: Declared| {
@@ -553,8 +628,12 @@ mod tests {
                 .coordinates(Sides::CARRIAGE, true);
             for one in &mut moved {
                 match one.place {
-                    Place::Declared(Declared::CoulombForce) => (one.value, one.bounds) = (0.8f64.ln(), (-1.0, 1.0)),
-                    Place::Declared(Declared::StaticForce) => (one.value, one.bounds) = (0.0, (-1.0, most.ln())),
+                    Place::Declared(Declared::CoulombForce) => {
+                        (one.value, one.bounds) = (0.8f64.ln(), (-1.0, 1.0))
+                    }
+                    Place::Declared(Declared::StaticForce) => {
+                        (one.value, one.bounds) = (0.0, (-1.0, most.ln()))
+                    }
                     _ => {}
                 }
             }
@@ -568,8 +647,12 @@ mod tests {
             };
             let drawn = moved.clone();
             level(&mut curve, &mut moved, &drawn, 40.0);
-            let (coulomb, stat) = (value_of(&moved, Declared::CoulombForce), value_of(&moved, Declared::StaticForce));
-            assert!((coulomb.exp() - 0.8 * expected).abs() < 1e-12 && (stat.exp() - expected).abs() < 1e-12);
+            let (coulomb, stat) =
+                (value_of(&moved, Declared::CoulombForce), value_of(&moved, Declared::StaticForce));
+            assert!(
+                (coulomb.exp() - 0.8 * expected).abs() < 1e-12
+                    && (stat.exp() - expected).abs() < 1e-12
+            );
             let behind = curve.corners()[4].1;
             for (change, friction) in [(curve.values[0], 1.5), (behind, 1.0)] {
                 assert!(((1.0 + change) * expected - friction).abs() < 1e-12, "{change}");
@@ -594,7 +677,10 @@ mod tests {
         let mut moved = bent(1.05);
         level(&mut curve, &mut moved, &bent(1.02), 1.02 * 40.0);
         assert_eq!(moved[0].value, 0.0);
-        assert!(curve.values.iter().all(|value| (40.0 + value - (1.05 * 40.0 + 0.5)).abs() < 1e-12), "{curve:?}");
+        assert!(
+            curve.values.iter().all(|value| (40.0 + value - (1.05 * 40.0 + 0.5)).abs() < 1e-12),
+            "{curve:?}"
+        );
         assert_eq!(curve.jump, jump);
     }
 }

@@ -1,4 +1,5 @@
-//! What a model declares and a fit may move: the mass, the friction of the guides and the shift between the sensors.
+//! What a model declares and a fit may move: the mass, the friction of the guides and the shift
+//! between the sensors.
 
 /// A declared parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,8 +27,12 @@ impl Declared {
         Declared::SensorShift,
     ];
     /// Those of a guide that slides.
-    pub const SLIDING: [Declared; 4] =
-        [Declared::ViscousFriction, Declared::CoulombForce, Declared::StaticForce, Declared::StribeckVelocity];
+    pub const SLIDING: [Declared; 4] = [
+        Declared::ViscousFriction,
+        Declared::CoulombForce,
+        Declared::StaticForce,
+        Declared::StribeckVelocity,
+    ];
 
     /// As in a model file.
     pub fn name(self) -> &'static str {
@@ -54,7 +59,8 @@ impl Declared {
         }
     }
 
-    /// Whether a fit moves it as the logarithm of a factor on the declared value; else it adds to it.
+    /// Whether a fit moves it as the logarithm of a factor on the declared value; else it adds to
+    /// it.
     pub fn is_factor(self) -> bool {
         self != Declared::SensorShift
     }

@@ -1,5 +1,6 @@
-//! What guides, effects and sensors do along a recorded motion, in parts. A part hangs on a few values of a hypothesis; where these are as they were,
-//! it is taken over, so that a derivative costs no more than what its coordinate moves.
+//! What guides, effects and sensors do along a recorded motion, in parts. A part hangs on a few
+//! values of a hypothesis; where these are as they were, it is taken over, so that a derivative
+//! costs no more than what its coordinate moves.
 
 use std::slice;
 use std::sync::Arc;
@@ -8,7 +9,9 @@ use rayon::prelude::*;
 
 use friction_stage_core::model::{EffectParameters, Guide, MAX_GUIDES, ModelError};
 use friction_stage_core::plant::effects::{Effects, Scaled};
-use friction_stage_core::plant::{BRISTLE_PARAMETERS, BristleSlopes, Drive, FrictionScale, GuideBank, Motion, Side};
+use friction_stage_core::plant::{
+    BRISTLE_PARAMETERS, BristleSlopes, Drive, FrictionScale, GuideBank, Motion, Side,
+};
 
 use super::hypothesis::{Hypothesis, Part, Sides};
 use super::measured::{Measured, Step};
@@ -65,7 +68,12 @@ impl MovingMass {
         let effects = effects_of(&parts)?;
         let at = |k: usize| {
             let (position, velocity) = moved.at_sample(measured, k);
-            effects.mass_along(&Motion { time: measured.time[k], position, velocity, ..Motion::default() })
+            effects.mass_along(&Motion {
+                time: measured.time[k],
+                position,
+                velocity,
+                ..Motion::default()
+            })
         };
         Ok(MovingMass { at_nodes: (0..measured.len()).map(at).collect(), parts })
     }
@@ -109,7 +117,8 @@ struct Bristles {
 
 /// How friction changes along a direction in the parameters of the guides.
 pub(super) struct FrictionSlope {
-    /// Of the bristles, at the nodes and over each step, N; the latter only where a viscous friction feels them.
+    /// Of the bristles, at the nodes and over each step, N; the latter only where a viscous
+    /// friction feels them.
     pub at_nodes: Vec<f64>,
     pub over_steps: Vec<f64>,
 }
@@ -124,7 +133,8 @@ struct Viscous {
     at_nodes: Vec<f64>,
 }
 
-/// Force of one effect, or of all that make the motor's force of its command: each of these hangs on those before it.
+/// Force of one effect, or of all that make the motor's force of its command: each of these hangs
+/// on those before it.
 #[derive(Debug)]
 pub(super) struct Force {
     parts: Vec<Part>,
@@ -140,7 +150,8 @@ impl Force {
         self.side
     }
 
-    /// What the cell reads of it, as the measured cell stands at the nodes: mean of both ends of the interval behind sample `k`.
+    /// What the cell reads of it, as the measured cell stands at the nodes: mean of both ends of
+    /// the interval behind sample `k`.
     pub fn read_at(&self, k: usize) -> f64 {
         self.at_samples.get(k + 1).map_or(0.0, |next| 0.5 * (self.at_samples[k] + next))
     }
@@ -152,8 +163,12 @@ impl Moved {
             None
         } else {
             let late = force(lags.clone(), measured, &Moved::default())?;
-            let arriving: Vec<f64> =
-                measured.command.iter().zip(&late.at_nodes).map(|(command, late)| command + late).collect();
+            let arriving: Vec<f64> = measured
+                .command
+                .iter()
+                .zip(&late.at_nodes)
+                .map(|(command, late)| command + late)
+                .collect();
             Some(measured.moved_by(&arriving).1)
         };
         if sensors.is_empty() {
@@ -161,7 +176,9 @@ impl Moved {
         }
         // What the encoder reads wrong is no motion: neither the mass nor the guides feel it.
         let effects = effects_of(&sensors)?;
-        let error = |time: f64, reading: f64| reading - undo(reading, |position| effects.read(time, position, 0.0).0);
+        let error = |time: f64, reading: f64| {
+            reading - undo(reading, |position| effects.read(time, position, 0.0).0)
+        };
         let mut errors = vec![0.0; measured.len()];
         errors[0] = error(measured.time[0], measured.position[0]);
         let mut at_end = errors[0];
@@ -177,7 +194,8 @@ impl Moved {
             step.sliding -= (at_end - from) / step.duration;
         }
         let moves_as_read = errors.iter().all(|error| *error == 0.0);
-        let (steps, errors) = if moves_as_read { (shaken, Vec::new()) } else { (Some(steps), errors) };
+        let (steps, errors) =
+            if moves_as_read { (shaken, Vec::new()) } else { (Some(steps), errors) };
         Ok(Moved { sensors, lags, steps, errors })
     }
 }
@@ -188,14 +206,18 @@ impl CellTruth {
             return Ok(CellTruth::default());
         }
         let effects = effects_of(&sensors)?;
-        let truth = |(time, reading): (&f64, &f64)| undo(*reading, |force| effects.read(*time, 0.0, force).1);
-        let forces = measured.cell.as_ref().map(|cell| measured.time.iter().zip(cell).map(truth).collect());
+        let truth = |(time, reading): (&f64, &f64)| {
+            undo(*reading, |force| effects.read(*time, 0.0, force).1)
+        };
+        let forces =
+            measured.cell.as_ref().map(|cell| measured.time.iter().zip(cell).map(truth).collect());
         Ok(CellTruth { sensors, forces })
     }
 }
 
 impl Driven {
-    /// Force of the cell at the nodes without what it reads wrong, N; `None` where there is no cell.
+    /// Force of the cell at the nodes without what it reads wrong, N; `None` where there is no
+    /// cell.
     pub fn cell<'a>(&'a self, measured: &'a Measured) -> Option<&'a [f64]> {
         self.cell.forces.as_deref().or(measured.cell.as_deref())
     }
@@ -208,7 +230,8 @@ impl Driven {
         }
     }
 
-    /// Parts of the guides' friction at the nodes with what each is to be multiplied by, N; none where the carriage side was not asked for.
+    /// Parts of the guides' friction at the nodes with what each is to be multiplied by, N; none
+    /// where the carriage side was not asked for.
     pub fn friction(&self) -> impl Iterator<Item = (&[f64], f64)> {
         self.friction.iter().flat_map(Friction::parts)
     }
@@ -224,7 +247,8 @@ impl Driven {
         }
     }
 
-    /// A force of the carriage side at the nodes, N, as the missing force has it at the rows: with nothing at both ends, where there is no second difference.
+    /// A force of the carriage side at the nodes, N, as the missing force has it at the rows: with
+    /// nothing at both ends, where there is no second difference.
     pub fn at_rows(&self, mut at_nodes: Vec<f64>, measured: &Measured) -> Vec<f64> {
         let last = at_nodes.len() - 1;
         (at_nodes[0], at_nodes[last]) = (0.0, 0.0);
@@ -238,7 +262,8 @@ impl Driven {
         self.moved.steps(measured)
     }
 
-    /// Friction of all guides at the nodes, N; `None` where a law beside them feels it, or the carriage side was not asked for.
+    /// Friction of all guides at the nodes, N; `None` where a law beside them feels it, or the
+    /// carriage side was not asked for.
     pub fn friction_at_nodes(&self) -> Option<Vec<f64>> {
         let friction = self.friction.as_ref().filter(|friction| friction.viscous.felt.is_none())?;
         Some(friction.at_nodes())
@@ -249,8 +274,9 @@ impl Driven {
         self.added_mass + self.moving.at_nodes.get(node).copied().unwrap_or(0.0)
     }
 
-    /// How the friction of the bristles changes along these directions, each by how much the logarithms of the parameters grow, by parameter and guide. `None`
-    /// where the carriage side was not asked for.
+    /// How the friction of the bristles changes along these directions, each by how much the
+    /// logarithms of the parameters grow, by parameter and guide. `None` where the carriage side
+    /// was not asked for.
     pub fn friction_slopes(
         &self,
         directions: &[[[f64; MAX_GUIDES]; BRISTLE_PARAMETERS]],
@@ -279,15 +305,26 @@ impl Driven {
         Ok(Some(slopes))
     }
 
-    /// How the viscous friction at the nodes changes, N, where it feels that of the bristles over the steps change by `slope`, N; `step`: part of that which
-    /// a difference quotient goes. `None` where it feels nothing.
-    pub fn felt_slope(&self, slope: &[f64], step: f64, measured: &Measured) -> Result<Option<Vec<f64>>, ModelError> {
+    /// How the viscous friction at the nodes changes, N, where it feels that of the bristles over
+    /// the steps change by `slope`, N; `step`: part of that which a difference quotient goes.
+    /// `None` where it feels nothing.
+    pub fn felt_slope(
+        &self,
+        slope: &[f64],
+        step: f64,
+        measured: &Measured,
+    ) -> Result<Option<Vec<f64>>, ModelError> {
         let Some(Friction { bristles, viscous, .. }) = &self.friction else { return Ok(None) };
         let Some((_, coefficient)) = viscous.felt else { return Ok(None) };
-        let over_steps: Vec<f64> =
-            bristles.over_steps.iter().zip(slope).map(|(friction, slope)| friction + step * slope).collect();
+        let over_steps: Vec<f64> = bristles
+            .over_steps
+            .iter()
+            .zip(slope)
+            .map(|(friction, slope)| friction + step * slope)
+            .collect();
         let steps = self.moved.steps(measured);
-        let there = viscous_friction(&viscous.laws, Some((&over_steps, coefficient)), measured, steps)?;
+        let there =
+            viscous_friction(&viscous.laws, Some((&over_steps, coefficient)), measured, steps)?;
         let quotient = |(there, here): (&f64, &f64)| coefficient * (there - here) / step;
         Ok(Some(there.iter().zip(&viscous.at_nodes).map(quotient).collect()))
     }
@@ -295,17 +332,23 @@ impl Driven {
 
 impl Hypothesis {
     /// Along a record, for these sides. `before` is of the same record, or the default.
-    pub(super) fn driven(&self, measured: &Measured, sides: Sides, before: &Driven) -> Result<Driven, ModelError> {
+    pub(super) fn driven(
+        &self,
+        measured: &Measured,
+        sides: Sides,
+        before: &Driven,
+    ) -> Result<Driven, ModelError> {
         let added_mass = effects_of(&self.effects)?.added_mass();
-        let of = |wanted: &dyn Fn(&Part) -> Result<bool, ModelError>| -> Result<Vec<Part>, ModelError> {
-            let mut parts = Vec::new();
-            for part in &self.effects {
-                if wanted(part)? {
-                    parts.push(part.clone());
+        let of =
+            |wanted: &dyn Fn(&Part) -> Result<bool, ModelError>| -> Result<Vec<Part>, ModelError> {
+                let mut parts = Vec::new();
+                for part in &self.effects {
+                    if wanted(part)? {
+                        parts.push(part.clone());
+                    }
                 }
-            }
-            Ok(parts)
-        };
+                Ok(parts)
+            };
         let (of_encoder, of_cell): (Vec<Part>, Vec<Part>) =
             of(&|part| Ok(part.side() == Side::Sensor))?.into_iter().partition(Part::is_of_encoder);
         let lags = of(&|part| Ok(part.drive() == Some(Drive::Lag)))?;
@@ -317,7 +360,8 @@ impl Hypothesis {
             true => before.cell.clone(),
             false => Arc::new(CellTruth::new(of_cell, measured)?),
         };
-        let moves_alike = Arc::ptr_eq(&moved, &before.moved) || moved.steps.is_none() && before.moved.steps.is_none();
+        let moves_alike = Arc::ptr_eq(&moved, &before.moved)
+            || moved.steps.is_none() && before.moved.steps.is_none();
         let of_mass = of(&|part| Ok(effects_of(slice::from_ref(part))?.changes_mass()))?;
         let moving = match moves_alike && before.moving.parts == of_mass {
             true => before.moving.clone(),
@@ -341,9 +385,13 @@ impl Hypothesis {
         of_forces.extend((!of_drive.is_empty()).then_some(of_drive));
         let forces = of_forces.into_par_iter().map(|parts| {
             let known = before.forces.iter().find(|known| moves_alike && known.parts == parts);
-            known.map_or_else(|| Ok(Arc::new(force(parts, measured, &moved)?)), |known| Ok(known.clone()))
+            known.map_or_else(
+                || Ok(Arc::new(force(parts, measured, &moved)?)),
+                |known| Ok(known.clone()),
+            )
         });
-        let (friction, forces) = rayon::join(friction, || forces.collect::<Result<_, ModelError>>());
+        let (friction, forces) =
+            rayon::join(friction, || forces.collect::<Result<_, ModelError>>());
         let (friction, forces) = (friction?, forces?);
         let ripples: Vec<_> = match sides.carriage {
             true => self.effects.iter().filter_map(Part::slipping_ripple).collect(),
@@ -376,7 +424,8 @@ impl Friction {
         known: Option<&Friction>,
     ) -> Result<Friction, ModelError> {
         let coefficient = guides.iter().map(|guide| guide.viscous_friction).sum();
-        let bare: Vec<Guide> = guides.iter().map(|guide| Guide { viscous_friction: 0.0, ..guide.clone() }).collect();
+        let bare: Vec<Guide> =
+            guides.iter().map(|guide| Guide { viscous_friction: 0.0, ..guide.clone() }).collect();
         let bristles = match known.map(|known| &known.bristles) {
             Some(known) if known.guides == bare && known.laws == of_bristles => known.clone(),
             _ => Arc::new(Bristles::new(bare, of_bristles, measured, steps)?),
@@ -384,13 +433,17 @@ impl Friction {
         let is_felt = effects_of(&of_viscous)?.feel_friction();
         let felt = is_felt.then(|| (bristles.clone(), coefficient));
         let feels_alike = |known: &Viscous| match (&known.felt, &felt) {
-            (Some((known, by)), Some((bristles, coefficient))) => Arc::ptr_eq(known, bristles) && by == coefficient,
+            (Some((known, by)), Some((bristles, coefficient))) => {
+                Arc::ptr_eq(known, bristles) && by == coefficient
+            }
             (known, felt) => known.is_none() && felt.is_none(),
         };
         let viscous = match known.map(|known| &known.viscous) {
             Some(known) if known.laws == of_viscous && feels_alike(known) => known.clone(),
             _ => {
-                let over_steps = felt.as_ref().map(|(bristles, coefficient)| (&bristles.over_steps[..], *coefficient));
+                let over_steps = felt
+                    .as_ref()
+                    .map(|(bristles, coefficient)| (&bristles.over_steps[..], *coefficient));
                 let at_nodes = viscous_friction(&of_viscous, over_steps, measured, steps)?;
                 Arc::new(Viscous { laws: of_viscous, felt, at_nodes })
             }
@@ -401,7 +454,11 @@ impl Friction {
     /// Of both parts together, N.
     fn at_nodes(&self) -> Vec<f64> {
         let [(bristles, one), (viscous, coefficient)] = self.parts();
-        bristles.iter().zip(viscous).map(|(bristles, viscous)| one * bristles + coefficient * viscous).collect()
+        bristles
+            .iter()
+            .zip(viscous)
+            .map(|(bristles, viscous)| one * bristles + coefficient * viscous)
+            .collect()
     }
 
     /// At the nodes, with what each is to be multiplied by, N.
@@ -411,8 +468,14 @@ impl Friction {
 }
 
 impl Bristles {
-    fn new(guides: Vec<Guide>, laws: Vec<Part>, measured: &Measured, steps: &[Step]) -> Result<Bristles, ModelError> {
-        let (mut over_steps, mut at_nodes) = (Vec::with_capacity(steps.len()), vec![0.0; measured.len()]);
+    fn new(
+        guides: Vec<Guide>,
+        laws: Vec<Part>,
+        measured: &Measured,
+        steps: &[Step],
+    ) -> Result<Bristles, ModelError> {
+        let (mut over_steps, mut at_nodes) =
+            (Vec::with_capacity(steps.len()), vec![0.0; measured.len()]);
         drive(&guides, &laws, measured, steps, |bank, step, scale| {
             let friction = bank.drive_each(step.sliding, step.duration, scale).iter().sum();
             step.share_out(friction, &mut at_nodes);
@@ -422,7 +485,8 @@ impl Bristles {
     }
 }
 
-/// Viscous friction of guides with a sigma2 of 1 N s/m in all at the nodes, N. `felt`: what the bristles give over each step, N, and the sum of sigma2, N s/m.
+/// Viscous friction of guides with a sigma2 of 1 N s/m in all at the nodes, N. `felt`: what the
+/// bristles give over each step, N, and the sum of sigma2, N s/m.
 fn viscous_friction(
     laws: &[Part],
     felt: Option<(&[f64], f64)>,
@@ -448,7 +512,8 @@ fn viscous_friction(
     Ok(at_nodes)
 }
 
-/// Takes the guides' bristles under these laws from step to step. They begin with what the motor gives: at rest they hold it.
+/// Takes the guides' bristles under these laws from step to step. They begin with what the motor
+/// gives: at rest they hold it.
 fn drive(
     guides: &[Guide],
     laws: &[Part],
@@ -481,14 +546,16 @@ fn held_at_start(measured: &Measured) -> f64 {
     start[1..end].iter().sum::<f64>() / (end - 1) as f64
 }
 
-/// Deflections of bristles that hold this force at rest, m: each guide its part of what all can hold, and no more than that.
+/// Deflections of bristles that hold this force at rest, m: each guide its part of what all can
+/// hold, and no more than that.
 pub(super) fn holding(guides: &[Guide], force: f64) -> Vec<f64> {
     let most: f64 = guides.iter().map(|guide| guide.static_force).sum();
     let part = (force / most).clamp(-1.0, 1.0);
     guides.iter().map(|guide| part * guide.static_force / guide.stiffness).collect()
 }
 
-/// How these deflections change with the logarithms of the guides' parameters, m, those of all guides at once: what each holds is its part of one force.
+/// How these deflections change with the logarithms of the guides' parameters, m, those of all
+/// guides at once: what each holds is its part of one force.
 fn slopes_of_holding(guides: &[Guide], force: f64) -> [[f64; MAX_GUIDES]; BRISTLE_PARAMETERS] {
     let bristles = holding(guides, force);
     let is_all = force.abs() > guides.iter().map(|guide| guide.static_force).sum();
@@ -522,8 +589,9 @@ fn force(parts: Vec<Part>, measured: &Measured, moved: &Moved) -> Result<Force, 
     Ok(Force { parts, side, at_nodes, at_samples })
 }
 
-/// The truth behind a reading, where read(truth) = reading: by secants (Press and others, "Numerical Recipes", ch. 9.2) from the reading itself
-/// and from what is left of it without the error that it has there. That error changes by less than the truth does.
+/// The truth behind a reading, where read(truth) = reading: by secants (Press and others,
+/// "Numerical Recipes", ch. 9.2) from the reading itself and from what is left of it without the
+/// error that it has there. That error changes by less than the truth does.
 fn undo(reading: f64, read: impl Fn(f64) -> f64) -> f64 {
     let (mut before, mut excess_before) = (reading, read(reading) - reading);
     let mut truth = before - excess_before;
@@ -541,7 +609,8 @@ fn undo(reading: f64, read: impl Fn(f64) -> f64) -> f64 {
     truth
 }
 
-/// Turns to the truth behind a reading, and the change that ends them, m or N: below the encoder's noise by far.
+/// Turns to the truth behind a reading, and the change that ends them, m or N: below the encoder's
+/// noise by far.
 const MOST_TURNS: usize = 300;
 const CLOSE: f64 = 1e-14;
 /// Least slope of a reading over the truth.
@@ -567,7 +636,8 @@ pub(super) mod tests {
     use friction_stage_core::plant::EffectDescriptor;
     use friction_stage_data::bag::Trace;
 
-    /// Two seconds at 2 kHz over 0.1 m, as an encoder reads them, with a force that is of no importance.
+    /// Two seconds at 2 kHz over 0.1 m, as an encoder reads them, with a force that is of no
+    /// importance.
     pub(in super::super) fn record() -> Measured {
         let mut trace = Trace::default();
         for k in 0..4000 {
@@ -583,7 +653,10 @@ pub(super) mod tests {
     pub(in super::super) fn hypothesis(effects: &[(&str, &[f64])]) -> Hypothesis {
         let start = Hypothesis::new(&StageModel::default(), Default::default()).unwrap();
         effects.iter().fold(start, |with, (name, values)| {
-            with.with(Part { descriptor: EffectDescriptor::find(name).unwrap(), values: values.to_vec() })
+            with.with(Part {
+                descriptor: EffectDescriptor::find(name).unwrap(),
+                values: values.to_vec(),
+            })
         })
     }
 
@@ -597,8 +670,14 @@ pub(super) mod tests {
             let at = |k: usize| 2.0 * (TAU * measured.position[k] / 1.02 / 0.024 + 0.7).sin();
             let read = 0.5 * (at(k) + at(k + 1));
             assert!((cogging.read_at(k) - read).abs() < 1e-6, "{k}: {} {read}", cogging.read_at(k));
-            // Over a cycle the force changes by up to 0.1 N, and by its second difference less than 1e-2 N.
-            assert!((cogging.at_nodes[k] - at(k)).abs() < 1e-2, "{k}: {} {}", cogging.at_nodes[k], at(k));
+            // Over a cycle the force changes by up to 0.1 N, and by its second difference less than
+            // 1e-2 N.
+            assert!(
+                (cogging.at_nodes[k] - at(k)).abs() < 1e-2,
+                "{k}: {} {}",
+                cogging.at_nodes[k],
+                at(k)
+            );
         }
     }
 
@@ -624,16 +703,16 @@ pub(super) mod tests {
             moved.set(coordinate.place, coordinate.value + 1e-2 * coordinate.scale);
             let after = moved.driven(&measured, Sides::BOTH, &before).unwrap();
             let anew = moved.driven(&measured, Sides::BOTH, &Driven::default()).unwrap();
-            let [after_all, anew_all] =
-                [&after, &anew].map(|driven| moved.missing_at_samples(driven, &measured, Sides::BOTH));
+            let [after_all, anew_all] = [&after, &anew]
+                .map(|driven| moved.missing_at_samples(driven, &measured, Sides::BOTH));
             assert_eq!(after_all.motor, anew_all.motor, "{:?}", coordinate.place);
             assert_eq!(after_all.carriage, anew_all.carriage, "{:?}", coordinate.place);
             let [after, before] = [&after, &before].map(|driven| driven.friction.as_ref().unwrap());
             kept.0 += usize::from(Arc::ptr_eq(&after.bristles, &before.bristles));
             kept.1 += usize::from(Arc::ptr_eq(&after.viscous, &before.viscous));
         }
-        // Mass, shift of the sensors, gain of the cell, and the three values of the cogging leave the friction alone; sigma2 and the three values of the warm-up
-        // leave the bristles alone.
+        // Mass, shift of the sensors, gain of the cell, and the three values of the cogging leave
+        // the friction alone; sigma2 and the three values of the warm-up leave the bristles alone.
         assert_eq!(kept, (10, 6));
     }
 }

@@ -1,5 +1,6 @@
-//! Least squares with bounds: Levenberg-Marquardt (Marquardt 1963) whose steps stay inside, with the coordinates at a bound held there
-//! while the error pulls outwards (active set; Nocedal, Wright, "Numerical Optimization", ch. 16.7).
+//! Least squares with bounds: Levenberg-Marquardt (Marquardt 1963) whose steps stay inside, with
+//! the coordinates at a bound held there while the error pulls outwards (active set; Nocedal,
+//! Wright, "Numerical Optimization", ch. 16.7).
 
 use std::slice;
 
@@ -13,22 +14,25 @@ use super::objective::{derivatives, normal_of, stacked};
 use super::uncertainty::uncertainty;
 use friction_stage_core::model::ModelError;
 
-/// Part of what a fit must still fall by to be worth anything that it must come to between two derivatives: with less it gives up.
+/// Part of what a fit must still fall by to be worth anything that it must come to between two
+/// derivatives: with less it gives up.
 const HOPELESS: f64 = 0.05;
-/// Derivatives behind which a fit that still goes on is taken to follow a narrow valley, part of a step at which it looks how the valley bends, and part of the
-/// step that twice the bend may have at most (Transtrum, Sethna, arXiv:1201.5885, 2012, their h and alpha).
+/// Derivatives behind which a fit that still goes on is taken to follow a narrow valley, part of a
+/// step at which it looks how the valley bends, and part of the step that twice the bend may have
+/// at most (Transtrum, Sethna, arXiv:1201.5885, 2012, their h and alpha).
 const IN_A_VALLEY: usize = 3;
 const LOOKS_AT: f64 = 0.1;
 const MOST_BENT: f64 = 0.75;
 
 /// Dampings that are tried, each five times the one before, until a step makes the error smaller.
 const DAMPINGS: usize = 10;
-/// Steps that derivatives may serve behind the one that they were taken for, and part of the fall they promise that a step must bring for
-/// another one.
+/// Steps that derivatives may serve behind the one that they were taken for, and part of the fall
+/// they promise that a step must bring for another one.
 const OLDEST: usize = 3;
 const TRUSTED: f64 = 0.5;
-/// Least curvature that the damping acts on, as a part of the largest one: a coordinate with hardly any slope, such as a difference
-/// between guides near 0, must not jump to its bound. All coordinates are scaled by their tolerance, so their curvatures compare.
+/// Least curvature that the damping acts on, as a part of the largest one: a coordinate with hardly
+/// any slope, such as a difference between guides near 0, must not jump to its bound. All
+/// coordinates are scaled by their tolerance, so their curvatures compare.
 const LEAST_CURVATURE: f64 = 1e-3;
 
 /// How far a fit goes.
@@ -36,7 +40,8 @@ const LEAST_CURVATURE: f64 = 1e-3;
 pub struct Effort {
     /// How often the derivatives are taken at most.
     derivatives: usize,
-    /// Share by which the sum of squares must fall for another step to be worth it, and the same in N^2: the larger one counts.
+    /// Share by which the sum of squares must fall for another step to be worth it, and the same in
+    /// N^2: the larger one counts.
     progress: f64,
     least_fall: f64,
     /// Sum of squares that it must come below to be worth anything, N^2.
@@ -45,9 +50,11 @@ pub struct Effort {
 
 impl Effort {
     /// Of a fit that is compared with others.
-    pub const COMPARED: Effort = Effort { derivatives: 8, progress: 1e-4, least_fall: 0.0, worth: f64::INFINITY };
+    pub const COMPARED: Effort =
+        Effort { derivatives: 8, progress: 1e-4, least_fall: 0.0, worth: f64::INFINITY };
     /// Of a fit that others build on: what it left undone would pass for another effect.
-    pub const KEPT: Effort = Effort { derivatives: 30, progress: 1e-5, least_fall: 0.0, worth: f64::INFINITY };
+    pub const KEPT: Effort =
+        Effort { derivatives: 30, progress: 1e-5, least_fall: 0.0, worth: f64::INFINITY };
 
     /// The same of a fit that may stop where a step brings less than this, N^2.
     pub fn ending_below(self, fall: f64) -> Effort {
@@ -74,9 +81,11 @@ pub struct Fitted {
 #[derive(Clone, Debug)]
 pub struct Estimate {
     pub fitted: Fitted,
-    /// Standard deviation of each coordinate around what records like this one give; infinite where the data say nothing.
+    /// Standard deviation of each coordinate around what records like this one give; infinite where
+    /// the data say nothing.
     pub deviations: Vec<f64>,
-    /// How far the sensors' noise takes that from the truth, by coordinate; 0 where nobody has asked.
+    /// How far the sensors' noise takes that from the truth, by coordinate; 0 where nobody has
+    /// asked.
     pub shifts: Vec<f64>,
     /// Correlation matrix of the coordinates, row by row.
     pub correlations: Vec<Vec<f64>>,
@@ -91,21 +100,40 @@ impl Fitted {
     /// The same with its curves held.
     pub(super) fn holding_curves(self) -> Fitted {
         let is_of_curve = |place: Place| match place {
-            Place::Effect { effect, .. } => self.hypothesis.effects[effect].parameters().curve.is_some(),
+            Place::Effect { effect, .. } => {
+                self.hypothesis.effects[effect].parameters().curve.is_some()
+            }
             _ => false,
         };
         let both = self.coordinates.into_iter().zip(self.at_bound);
-        let (coordinates, at_bound) = both.filter(|(coordinate, _)| !is_of_curve(coordinate.place)).unzip();
-        Fitted { hypothesis: self.hypothesis.holding_curves(true), missing: self.missing, coordinates, at_bound }
+        let (coordinates, at_bound) =
+            both.filter(|(coordinate, _)| !is_of_curve(coordinate.place)).unzip();
+        Fitted {
+            hypothesis: self.hypothesis.holding_curves(true),
+            missing: self.missing,
+            coordinates,
+            at_bound,
+        }
     }
 
     /// How well the record of the fit knows its coordinates. `sides` as in the fit.
     pub fn estimate(self, measured: &Measured, sides: Sides) -> Result<Estimate, ModelError> {
         let problem = Problem { measured, sides, noise: self.hypothesis.floor(measured).carriage };
-        let point = Point::at(self.hypothesis.clone(), self.coordinates.clone(), &Driven::default(), problem)?;
+        let point = Point::at(
+            self.hypothesis.clone(),
+            self.coordinates.clone(),
+            &Driven::default(),
+            problem,
+        )?;
         let jacobian = point.derivatives(problem)?;
-        let (deviations, correlations) =
-            uncertainty(&jacobian, &point.residual, &point.missing, &self.coordinates, &self.at_bound, problem.noise);
+        let (deviations, correlations) = uncertainty(
+            &jacobian,
+            &point.residual,
+            &point.missing,
+            &self.coordinates,
+            &self.at_bound,
+            problem.noise,
+        );
         let shifts = vec![0.0; self.coordinates.len()];
         // Of the hypothesis as it stands, whatever was set in it behind the fit.
         let fitted = Fitted { missing: point.missing, ..self };
@@ -164,12 +192,14 @@ impl Point {
         Ok(Point { hypothesis, coordinates, driven, missing, residual, squares })
     }
 
-    /// Where a fit begins: inside the bounds, since a coordinate on its bound has only one way to go. A declared parameter that was bent to its bound has
-    /// stood for something that the model lacked: it begins as declared, if that is nearer now.
+    /// Where a fit begins: inside the bounds, since a coordinate on its bound has only one way to
+    /// go. A declared parameter that was bent to its bound has stood for something that the model
+    /// lacked: it begins as declared, if that is nearer now.
     fn inside(start: &Hypothesis, problem: Problem) -> Result<Point, ModelError> {
         let given = start.coordinates(problem.sides, problem.measured.cell.is_some());
         let is_bent = |one: &Coordinate| {
-            matches!(one.place, Place::Declared(_)) && (one.value <= one.bounds.0 || one.value >= one.bounds.1)
+            matches!(one.place, Place::Declared(_))
+                && (one.value <= one.bounds.0 || one.value >= one.bounds.1)
         };
         let begin = |as_declared: bool| {
             let (mut hypothesis, mut coordinates) = (start.clone(), given.clone());
@@ -184,17 +214,30 @@ impl Point {
         };
         let bent = begin(false);
         let point = match given.iter().any(is_bent).then(|| begin(true)) {
-            Some(Ok(declared)) if bent.as_ref().is_ok_and(|bent| declared.squares > bent.squares) => bent,
+            Some(Ok(declared))
+                if bent.as_ref().is_ok_and(|bent| declared.squares > bent.squares) =>
+            {
+                bent
+            }
             Some(Ok(declared)) => Ok(declared),
             _ => bent,
         };
-        // Values may not go together any more a little inside their bounds: then the start is as it was given.
+        // Values may not go together any more a little inside their bounds: then the start is as it
+        // was given.
         point.or_else(|_| Point::at(start.clone(), given, &Driven::default(), problem))
     }
 
     fn derivatives(&self, problem: Problem) -> Result<DMatrix<f64>, ModelError> {
         let Problem { measured, sides, noise } = problem;
-        derivatives(&self.hypothesis, &self.coordinates, &self.driven, measured, sides, &self.residual, noise)
+        derivatives(
+            &self.hypothesis,
+            &self.coordinates,
+            &self.driven,
+            measured,
+            sides,
+            &self.residual,
+            noise,
+        )
     }
 
     /// Coordinates at a bound with an error that pulls outwards.
@@ -203,7 +246,11 @@ impl Point {
             (coordinate.value <= coordinate.bounds.0 && slope > 0.0)
                 || (coordinate.value >= coordinate.bounds.1 && slope < 0.0)
         };
-        self.coordinates.iter().zip(gradient.iter()).map(|(coordinate, slope)| outwards(coordinate, *slope)).collect()
+        self.coordinates
+            .iter()
+            .zip(gradient.iter())
+            .map(|(coordinate, slope)| outwards(coordinate, *slope))
+            .collect()
     }
 
     /// Some way from here, in scales of the coordinates, as far as the bounds allow.
@@ -219,13 +266,22 @@ impl Point {
 
     /// The way to another point, in scales of the coordinates.
     fn way_to(&self, other: &Point) -> DVector<f64> {
-        let ways = other.coordinates.iter().zip(&self.coordinates).map(|(to, from)| (to.value - from.value) / to.scale);
+        let ways = other
+            .coordinates
+            .iter()
+            .zip(&self.coordinates)
+            .map(|(to, from)| (to.value - from.value) / to.scale);
         DVector::from_iterator(self.coordinates.len(), ways)
     }
 
-    /// The step that solves matrix step = -gradient for the coordinates that are not held, in their scales: one that would go beyond its bound goes there, and
-    /// the others as is best then.
-    fn step_inside(&self, matrix: &DMatrix<f64>, gradient: &DVector<f64>, held: &[bool]) -> Option<StepInside> {
+    /// The step that solves matrix step = -gradient for the coordinates that are not held, in their
+    /// scales: one that would go beyond its bound goes there, and the others as is best then.
+    fn step_inside(
+        &self,
+        matrix: &DMatrix<f64>,
+        gradient: &DVector<f64>,
+        held: &[bool],
+    ) -> Option<StepInside> {
         let count = self.coordinates.len();
         let (mut fixed, mut there) = (held.to_vec(), DVector::zeros(count));
         loop {
@@ -253,16 +309,30 @@ impl Point {
         }
     }
 
-    /// How the residual bends along a step: its second derivative, for a step of length 1; `None` where a bound is in the way.
-    fn bend(&self, step: &DVector<f64>, jacobian: &DMatrix<f64>, problem: Problem) -> Option<DVector<f64>> {
+    /// How the residual bends along a step: its second derivative, for a step of length 1; `None`
+    /// where a bound is in the way.
+    fn bend(
+        &self,
+        step: &DVector<f64>,
+        jacobian: &DMatrix<f64>,
+        problem: Problem,
+    ) -> Option<DVector<f64>> {
         let part = step * LOOKS_AT;
         let near = self.moved(&part, problem).ok()?;
         let is_free = (self.way_to(&near) - &part).norm() < 1e-9 * part.norm();
-        is_free.then(|| (near.residual - &self.residual - jacobian * part) * (2.0 / LOOKS_AT.powi(2)))
+        is_free
+            .then(|| (near.residual - &self.residual - jacobian * part) * (2.0 / LOOKS_AT.powi(2)))
     }
 
-    /// A place where the error is smaller. `bends` where the step is to follow a valley: the derivatives must be those of this very point.
-    fn better(&self, slopes: &Slopes, damping: &mut f64, bends: bool, problem: Problem) -> Option<Point> {
+    /// A place where the error is smaller. `bends` where the step is to follow a valley: the
+    /// derivatives must be those of this very point.
+    fn better(
+        &self,
+        slopes: &Slopes,
+        damping: &mut f64,
+        bends: bool,
+        problem: Problem,
+    ) -> Option<Point> {
         let Slopes { jacobian, normal } = slopes;
         let gradient = jacobian.tr_mul(&self.residual);
         let held = self.held(&gradient);
@@ -270,15 +340,22 @@ impl Point {
         for attempt in 0..DAMPINGS {
             let mut matrix = normal.clone();
             for index in 0..self.coordinates.len() {
-                matrix[(index, index)] += *damping * matrix[(index, index)].max(least) + f64::MIN_POSITIVE;
+                matrix[(index, index)] +=
+                    *damping * matrix[(index, index)].max(least) + f64::MIN_POSITIVE;
             }
-            let Some(StepInside { mut step, factors, fixed }) = self.step_inside(&matrix, &gradient, &held) else {
+            let Some(StepInside { mut step, factors, fixed }) =
+                self.step_inside(&matrix, &gradient, &held)
+            else {
                 *damping = (*damping * 10.0).max(1e-6);
                 continue;
             };
             if let Some(bend) = bends.then(|| self.bend(&step, jacobian, problem)).flatten() {
                 let mut right = -jacobian.tr_mul(&bend);
-                right.iter_mut().zip(&fixed).filter(|(_, fixed)| **fixed).for_each(|(right, _)| *right = 0.0);
+                right
+                    .iter_mut()
+                    .zip(&fixed)
+                    .filter(|(_, fixed)| **fixed)
+                    .for_each(|(right, _)| *right = 0.0);
                 let aside = factors.solve(&right);
                 if 2.0 * aside.norm() < MOST_BENT * step.norm() {
                     step += aside * 0.5;
@@ -309,7 +386,8 @@ impl Slopes {
         Slopes { normal: normal_of(&jacobian), jacobian }
     }
 
-    /// As a step has shown the residual to change along its way, with what that was other than expected (Broyden, Mathematics of Computation 19, 1965).
+    /// As a step has shown the residual to change along its way, with what that was other than
+    /// expected (Broyden, Mathematics of Computation 19, 1965).
     fn learn(&mut self, way: &DVector<f64>, surprise: &DVector<f64>) {
         let part = way.norm_squared().recip();
         let shared = self.jacobian.tr_mul(surprise);
@@ -326,7 +404,8 @@ struct Descent<'a> {
     effort: Effort,
     point: Point,
     damping: f64,
-    /// How often the derivatives were taken, and how far the squares have fallen along the last ones, N^2.
+    /// How often the derivatives were taken, and how far the squares have fallen along the last
+    /// ones, N^2.
     taken: usize,
     fallen: f64,
     ended: bool,
@@ -353,7 +432,8 @@ impl<'a> Descent<'a> {
         for age in 0.. {
             let bends = age == 0 && self.taken > IN_A_VALLEY;
             let undamped = self.damping;
-            let Some(next) = self.point.better(&slopes, &mut self.damping, bends, self.problem) else {
+            let Some(next) = self.point.better(&slopes, &mut self.damping, bends, self.problem)
+            else {
                 // Not even along the derivatives of this very point.
                 self.ended |= age == 0;
                 self.damping = undamped;
@@ -395,12 +475,17 @@ impl<'a> Descent<'a> {
 }
 
 /// Moves everything that may move on these sides until the missing force is least.
-pub fn fit(start: &Hypothesis, measured: &Measured, sides: Sides, effort: Effort) -> Result<Fitted, ModelError> {
+pub fn fit(
+    start: &Hypothesis,
+    measured: &Measured,
+    sides: Sides,
+    effort: Effort,
+) -> Result<Fitted, ModelError> {
     race(slice::from_ref(start), measured, sides, effort, 1.0).remove(0)
 }
 
-/// Fits from several starts side by side, each as far as it may become the best one: it gives up where it will hardly come below `within` times the squares of
-/// the best so far.
+/// Fits from several starts side by side, each as far as it may become the best one: it gives up
+/// where it will hardly come below `within` times the squares of the best so far.
 pub fn race(
     starts: &[Hypothesis],
     measured: &Measured,
@@ -408,7 +493,8 @@ pub fn race(
     effort: Effort,
     within: f64,
 ) -> Vec<Result<Fitted, ModelError>> {
-    let mut fits: Vec<_> = starts.par_iter().map(|start| Descent::new(start, measured, sides, effort)).collect();
+    let mut fits: Vec<_> =
+        starts.par_iter().map(|start| Descent::new(start, measured, sides, effort)).collect();
     let going = |fit: &Result<Descent, ModelError>| fit.as_ref().is_ok_and(|fit| !fit.ended);
     while fits.iter().any(going) {
         fits.par_iter_mut().filter(|fit| going(fit)).for_each(|fit| {
@@ -417,7 +503,8 @@ pub fn race(
                 *fit = Err(error);
             }
         });
-        let least = fits.iter().flatten().map(|fit| fit.point.squares).fold(f64::INFINITY, f64::min);
+        let least =
+            fits.iter().flatten().map(|fit| fit.point.squares).fold(f64::INFINITY, f64::min);
         let worth = effort.worth.min(within * least);
         fits.iter_mut().flatten().for_each(|fit| fit.ended |= fit.is_hopeless(worth));
     }
@@ -438,18 +525,26 @@ mod tests {
     }
 
     fn cogging(period: f64) -> Part {
-        Part { descriptor: EffectDescriptor::find("cogging").unwrap(), values: vec![3.0, period, 0.3] }
+        Part {
+            descriptor: EffectDescriptor::find("cogging").unwrap(),
+            values: vec![3.0, period, 0.3],
+        }
     }
 
     /// With a force that comes and goes over 4 mm.
     fn record_with_cogging() -> Measured {
-        let real = StageModel { effects: vec![cogging(4e-3).parameters()], ..StageModel::default() };
+        let real =
+            StageModel { effects: vec![cogging(4e-3).parameters()], ..StageModel::default() };
         Measured::new(&recording(&real, 3, 0.0, 4), &StageModel::default(), "the record").unwrap()
     }
 
     fn point_between(bounds: [(f64, f64); 3]) -> Point {
-        let coordinate =
-            |bounds| Coordinate { place: Place::Effect { effect: 0, value: 0 }, value: 0.0, scale: 0.5, bounds };
+        let coordinate = |bounds| Coordinate {
+            place: Place::Effect { effect: 0, value: 0 },
+            value: 0.0,
+            scale: 0.5,
+            bounds,
+        };
         Point {
             hypothesis: declared(),
             coordinates: bounds.map(coordinate).to_vec(),
@@ -460,7 +555,8 @@ mod tests {
         }
     }
 
-    /// Steps in scales of 0.5: the first coordinate wants to go 2.5 of them and may go 1; the second one then goes further than it would have.
+    /// Steps in scales of 0.5: the first coordinate wants to go 2.5 of them and may go 1; the
+    /// second one then goes further than it would have.
     #[test]
     fn a_coordinate_stops_at_its_bound_and_the_others_go_where_that_is_best() {
         let matrix = DMatrix::from_row_slice(3, 3, &[2.0, 1.0, 0.0, 1.0, 2.0, 0.0, 0.0, 0.0, 4.0]);
@@ -472,10 +568,16 @@ mod tests {
             (step, fixed)
         };
         let (anywhere, fixed) = step(free, [false; 3]);
-        assert!((&anywhere - DVector::from_column_slice(&[2.5, 1.0, -2.0])).norm() < 1e-12, "{anywhere}");
+        assert!(
+            (&anywhere - DVector::from_column_slice(&[2.5, 1.0, -2.0])).norm() < 1e-12,
+            "{anywhere}"
+        );
         assert_eq!(fixed, [false; 3]);
         let (inside, fixed) = step((-9.0, 0.5), [false; 3]);
-        assert!((&inside - DVector::from_column_slice(&[1.0, 1.75, -2.0])).norm() < 1e-12, "{inside}");
+        assert!(
+            (&inside - DVector::from_column_slice(&[1.0, 1.75, -2.0])).norm() < 1e-12,
+            "{inside}"
+        );
         assert_eq!(fixed, [true, false, false]);
         let (held, _) = step(free, [false, false, true]);
         assert!((&held - DVector::from_column_slice(&[2.5, 1.0, 0.0])).norm() < 1e-12, "{held}");
@@ -492,10 +594,13 @@ mod tests {
         let mut bent = declared();
         bent.set(place, bound(&bent));
         for (real, expected) in [(bent.model(), bound(&bent)), (StageModel::default(), 0.0)] {
-            let measured = Measured::new(&recording(&real, 3, 0.0, 2), &StageModel::default(), "the record").unwrap();
+            let measured =
+                Measured::new(&recording(&real, 3, 0.0, 2), &StageModel::default(), "the record")
+                    .unwrap();
             let problem = Problem { measured: &measured, sides: Sides::BOTH, noise: 0.0 };
             let point = Point::inside(&bent, problem).unwrap();
-            let began = point.coordinates.iter().find(|one| one.place == place).expect("a coordinate");
+            let began =
+                point.coordinates.iter().find(|one| one.place == place).expect("a coordinate");
             // A little inside.
             assert!((began.value - expected).abs() < 1e-3, "{} of {expected}", began.value);
             assert!(began.value < began.bounds.1);
@@ -504,7 +609,9 @@ mod tests {
 
     #[test]
     fn what_a_step_teaches_the_slopes_is_in_both_of_them() {
-        let mut slopes = Slopes::of(DMatrix::from_fn(9, 3, |row, column| f64::from((3 * row + 5 * column) as u8 % 7)));
+        let mut slopes = Slopes::of(DMatrix::from_fn(9, 3, |row, column| {
+            f64::from((3 * row + 5 * column) as u8 % 7)
+        }));
         let way = DVector::from_column_slice(&[0.5, -1.0, 2.0]);
         let surprise = DVector::from_fn(9, |row, _| (row as f64).sin());
         let expected = &slopes.jacobian * &way + &surprise;
@@ -514,17 +621,26 @@ mod tests {
         assert!((&slopes.normal - &normal).norm() < 1e-12 * normal.norm());
     }
 
-    /// Side by side with one that lacks a force of 5 N, which gives up, and with one that has it from another start, which does not.
+    /// Side by side with one that lacks a force of 5 N, which gives up, and with one that has it
+    /// from another start, which does not.
     #[test]
     fn side_by_side_the_best_one_ends_as_it_does_alone() {
-        let push =
-            |force: f64| Part { descriptor: EffectDescriptor::find("constant_force").unwrap(), values: vec![force] };
+        let push = |force: f64| Part {
+            descriptor: EffectDescriptor::find("constant_force").unwrap(),
+            values: vec![force],
+        };
         let real = StageModel { effects: vec![push(5.0).parameters()], ..StageModel::default() };
-        let measured = Measured::new(&recording(&real, 3, 0.0, 4), &StageModel::default(), "the record").unwrap();
+        let measured =
+            Measured::new(&recording(&real, 3, 0.0, 4), &StageModel::default(), "the record")
+                .unwrap();
         let starts = [declared(), declared().with(push(1.0)), declared().with(push(8.0))];
-        let alone = starts.each_ref().map(|start| fit(start, &measured, Sides::BOTH, Effort::KEPT).unwrap());
-        let raced: Vec<Fitted> =
-            race(&starts, &measured, Sides::BOTH, Effort::KEPT, 1.0).into_iter().flatten().collect();
+        let alone = starts
+            .each_ref()
+            .map(|start| fit(start, &measured, Sides::BOTH, Effort::KEPT).unwrap());
+        let raced: Vec<Fitted> = race(&starts, &measured, Sides::BOTH, Effort::KEPT, 1.0)
+            .into_iter()
+            .flatten()
+            .collect();
         let best = if alone[1].squares() < alone[2].squares() { 1 } else { 2 };
         assert_eq!(raced[best].squares(), alone[best].squares());
         assert!(
@@ -545,13 +661,15 @@ mod tests {
         let measured = record_with_cogging();
         let start = declared().with(cogging(4.25e-3));
         let squares = |effort| fit(&start, &measured, Sides::BOTH, effort).unwrap().squares();
-        let (to_its_end, at_once) = (squares(Effort::KEPT), squares(Effort::KEPT.ending_below(f64::INFINITY)));
+        let (to_its_end, at_once) =
+            (squares(Effort::KEPT), squares(Effort::KEPT.ending_below(f64::INFINITY)));
         let between = squares(Effort::KEPT.ending_below(1e-3 * to_its_end));
         assert!(at_once > 1.1 * to_its_end, "{at_once} N^2, {to_its_end} N^2");
         assert!((between / to_its_end - 1.0).abs() < 0.01, "{between} N^2, {to_its_end} N^2");
     }
 
-    /// From periods so far off that it has to find its way: of what is still to come a derivative brings as little as 8 %.
+    /// From periods so far off that it has to find its way: of what is still to come a derivative
+    /// brings as little as 8 %.
     #[test]
     fn a_fit_that_has_a_long_way_to_what_it_is_worth_is_not_given_up() {
         let measured = record_with_cogging();
@@ -569,16 +687,25 @@ mod tests {
     fn a_fit_that_is_not_worth_going_on_with_ends_early_and_says_where() {
         let measured = {
             let cable = EffectDescriptor::find("cable_chain").unwrap();
-            let values = cable.parameters.iter().map(|parameter| parameter.default.unwrap_or(0.0)).collect();
+            let values =
+                cable.parameters.iter().map(|parameter| parameter.default.unwrap_or(0.0)).collect();
             let mut part = Part { descriptor: cable, values };
             part.values[0] = 300.0;
             let real = StageModel { effects: vec![part.parameters()], ..StageModel::default() };
-            Measured::new(&recording(&real, 3, 0.0, 4), &StageModel::default(), "the record").unwrap()
+            Measured::new(&recording(&real, 3, 0.0, 4), &StageModel::default(), "the record")
+                .unwrap()
         };
         let to_its_end = fit(&declared(), &measured, Sides::BOTH, Effort::KEPT).unwrap();
-        let given_up = fit(&declared(), &measured, Sides::BOTH, Effort::KEPT.worth_below(0.0)).unwrap();
-        assert!(given_up.squares() >= to_its_end.squares() && given_up.squares() < 2.0 * to_its_end.squares());
+        let given_up =
+            fit(&declared(), &measured, Sides::BOTH, Effort::KEPT.worth_below(0.0)).unwrap();
+        assert!(
+            given_up.squares() >= to_its_end.squares()
+                && given_up.squares() < 2.0 * to_its_end.squares()
+        );
         let reachable = Effort::KEPT.worth_below(2.0 * to_its_end.squares());
-        assert_eq!(fit(&declared(), &measured, Sides::BOTH, reachable).unwrap().squares(), to_its_end.squares());
+        assert_eq!(
+            fit(&declared(), &measured, Sides::BOTH, reachable).unwrap().squares(),
+            to_its_end.squares()
+        );
     }
 }

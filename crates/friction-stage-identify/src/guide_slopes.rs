@@ -1,8 +1,10 @@
-//! How the missing force changes with the parameters of the guides' bristles, of all of them in one pass along the motion.
+//! How the missing force changes with the parameters of the guides' bristles, of all of them in one
+//! pass along the motion.
 //!
-//! Along a measured motion guides know nothing of each other, and the laws are differentiated step by step ([`BristleSlopes`]). Left out is, of differences
-//! between guides, that they share the force which they hold as a record starts, a matter of its first micrometres, and when each does the work that a
-//! viscous friction feels.
+//! Along a measured motion guides know nothing of each other, and the laws are differentiated step
+//! by step ([`BristleSlopes`]). Left out is, of differences between guides, that they share the
+//! force which they hold as a record starts, a matter of its first micrometres, and when each does
+//! the work that a viscous friction feels.
 
 use nalgebra::DVector;
 use rayon::prelude::*;
@@ -25,20 +27,32 @@ pub(super) fn guide_slopes(
     if asked.is_empty() {
         return Ok(Vec::new());
     }
-    let directions: Vec<_> = asked.iter().map(|index| direction(hypothesis, &coordinates[*index])).collect();
-    let Some(slopes) = driven.friction_slopes(&directions, measured)? else { return Ok(Vec::new()) };
-    // What is felt of a parameter of all guides, by what work these do; of one guide as much as its work is of that.
-    let work = |slope: &FrictionSlope| slope.at_nodes.iter().zip(&measured.velocity).map(|(a, b)| a * b).sum::<f64>();
-    let felt = asked.iter().zip(&slopes).filter(|(index, _)| matches!(coordinates[**index].place, Place::Declared(_)));
+    let directions: Vec<_> =
+        asked.iter().map(|index| direction(hypothesis, &coordinates[*index])).collect();
+    let Some(slopes) = driven.friction_slopes(&directions, measured)? else {
+        return Ok(Vec::new());
+    };
+    // What is felt of a parameter of all guides, by what work these do; of one guide as much as its
+    // work is of that.
+    let work = |slope: &FrictionSlope| {
+        slope.at_nodes.iter().zip(&measured.velocity).map(|(a, b)| a * b).sum::<f64>()
+    };
+    let felt = asked
+        .iter()
+        .zip(&slopes)
+        .filter(|(index, _)| matches!(coordinates[**index].place, Place::Declared(_)));
     let felt = felt.map(|(index, slope)| {
         let coordinate = &coordinates[*index];
         let step = step_of(coordinate) / coordinate.scale;
         let felt = driven.felt_slope(&slope.over_steps, step, measured)?;
         Ok(felt.map(|felt| (coordinate.place.of_bristles(), felt, work(slope))))
     });
-    let felt: Vec<_> = felt.collect::<Result<Vec<_>, ModelError>>()?.into_iter().flatten().collect();
+    let felt: Vec<_> =
+        felt.collect::<Result<Vec<_>, ModelError>>()?.into_iter().flatten().collect();
     let column = |(index, slope): (usize, FrictionSlope)| {
-        let own = felt.iter().find(|(parameter, ..)| *parameter == coordinates[index].place.of_bristles());
+        let own = felt
+            .iter()
+            .find(|(parameter, ..)| *parameter == coordinates[index].place.of_bristles());
         let mut at_nodes = slope.at_nodes.clone();
         if let Some((_, felt, of_all)) = own.filter(|(.., of_all)| *of_all != 0.0) {
             let share = work(&slope) / of_all;
@@ -51,7 +65,10 @@ pub(super) fn guide_slopes(
 }
 
 /// By how much the logarithms of the parameters of each guide grow per scale of a coordinate.
-fn direction(hypothesis: &Hypothesis, coordinate: &Coordinate) -> [[f64; MAX_GUIDES]; BRISTLE_PARAMETERS] {
+fn direction(
+    hypothesis: &Hypothesis,
+    coordinate: &Coordinate,
+) -> [[f64; MAX_GUIDES]; BRISTLE_PARAMETERS] {
     let step = step_of(coordinate);
     let mut moved = hypothesis.clone();
     moved.set(coordinate.place, coordinate.value + step);
@@ -59,7 +76,8 @@ fn direction(hypothesis: &Hypothesis, coordinate: &Coordinate) -> [[f64; MAX_GUI
     for (guide, (there, here)) in moved.guides().iter().zip(&hypothesis.guides()).enumerate() {
         let (there, here) = (BristleSlopes::parameters(there), BristleSlopes::parameters(here));
         for parameter in 0..BRISTLE_PARAMETERS {
-            direction[parameter][guide] = (there[parameter] / here[parameter]).ln() * (coordinate.scale / step);
+            direction[parameter][guide] =
+                (there[parameter] / here[parameter]).ln() * (coordinate.scale / step);
         }
     }
     direction

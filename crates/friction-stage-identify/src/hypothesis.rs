@@ -1,10 +1,13 @@
-//! What might be true: declared parameters within their tolerances and a list of effects, and the residual that this leaves.
+//! What might be true: declared parameters within their tolerances and a list of effects, and the
+//! residual that this leaves.
 
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Vector3};
 
-use friction_stage_core::model::{CurveSide, EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
+use friction_stage_core::model::{
+    CurveSide, EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel,
+};
 use friction_stage_core::plant::effects::heights;
 use friction_stage_core::plant::{Drive, EffectDescriptor, Side, SlippingRipple};
 
@@ -20,8 +23,8 @@ pub struct Tolerances {
     pub mass: f64,
     /// Of each LuGre parameter, as the mean over the guides.
     pub guides: f64,
-    /// Of bristle stiffness, bristle damping, static friction and Stribeck velocity, where they are known worse than sliding friction is;
-    /// at 1 and above a factor of 1 + this either way.
+    /// Of bristle stiffness, bristle damping, static friction and Stribeck velocity, where they are
+    /// known worse than sliding friction is; at 1 and above a factor of 1 + this either way.
     pub presliding: f64,
 }
 
@@ -32,23 +35,32 @@ impl Default for Tolerances {
     }
 }
 
-/// Largest shift between the instants of encoder and force readings, in samples. Assumed: what is beyond it is a lag of its own.
+/// Largest shift between the instants of encoder and force readings, in samples. Assumed: what is
+/// beyond it is a lag of its own.
 const SHIFT_LIMIT: f64 = 0.05;
 
-/// Declared parameters in which the guides may differ from each other with an effect on the friction of all. Viscous friction adds up
-/// to one number.
-pub(super) const SPREAD: [Declared; 4] =
-    [Declared::Stiffness, Declared::CoulombForce, Declared::StaticForce, Declared::StribeckVelocity];
-/// Contrasts between guides: guide i differs from the mean in contrast j by the entry (j, i). Helmert's, of at most 1.
+/// Declared parameters in which the guides may differ from each other with an effect on the
+/// friction of all. Viscous friction adds up to one number.
+pub(super) const SPREAD: [Declared; 4] = [
+    Declared::Stiffness,
+    Declared::CoulombForce,
+    Declared::StaticForce,
+    Declared::StribeckVelocity,
+];
+/// Contrasts between guides: guide i differs from the mean in contrast j by the entry (j, i).
+/// Helmert's, of at most 1.
 const CONTRASTS: [[f64; MAX_GUIDES]; MAX_GUIDES - 1] =
     [[1.0, -1.0, 0.0, 0.0], [0.5, 0.5, -1.0, 0.0], [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0, -1.0]];
-/// Contrast that a fit starts from, in tolerances: at none at all no direction is better than its opposite.
+/// Contrast that a fit starts from, in tolerances: at none at all no direction is better than its
+/// opposite.
 const START_SPREAD: f64 = 0.25;
 
-/// Effects whose phase counts from the start of a record and therefore means nothing in another one: each record has its own.
+/// Effects whose phase counts from the start of a record and therefore means nothing in another
+/// one: each record has its own.
 const PHASE_OF_RECORD: [&str; 1] = ["external_vibration"];
 
-/// Part of what is left with a jump at an instant that must be left with it at another one, for this to be that of the record. Assumed.
+/// Part of what is left with a jump at an instant that must be left with it at another one, for
+/// this to be that of the record. Assumed.
 const ANOTHER_INSTANT: f64 = 0.9;
 
 /// An effect with values in the order of its descriptor's parameters.
@@ -76,7 +88,8 @@ impl Part {
 
     /// Its parameter of this name.
     pub fn value_of(&self, name: &str) -> Option<f64> {
-        let place = self.descriptor.parameters.iter().position(|parameter| parameter.name == name)?;
+        let place =
+            self.descriptor.parameters.iter().position(|parameter| parameter.name == name)?;
         self.values.get(place).copied()
     }
 
@@ -103,7 +116,11 @@ impl Part {
     /// The heights of a curve that is the effect of this index; nothing of a law.
     fn heights(&self, effect: usize) -> Vec<Coordinate> {
         let Some(curve) = self.parameters().curve else { return Vec::new() };
-        let (scale, bounds) = if curve.side.is_of_friction() { (0.1, (NO_FRICTION, 1e6)) } else { (1.0, (-1e6, 1e6)) };
+        let (scale, bounds) = if curve.side.is_of_friction() {
+            (0.1, (NO_FRICTION, 1e6))
+        } else {
+            (1.0, (-1e6, 1e6))
+        };
         let height = |value: usize| Coordinate {
             place: Place::Effect { effect, value },
             value: self.values[value],
@@ -125,9 +142,11 @@ pub struct Hypothesis {
     declared: StageModel,
     guides: Vec<Guide>,
     tolerances: Tolerances,
-    /// Logarithms of the factors on mass and the six LuGre parameters (of all guides alike), then the shift of the sensors in samples.
+    /// Logarithms of the factors on mass and the six LuGre parameters (of all guides alike), then
+    /// the shift of the sensors in samples.
     moved: [f64; Declared::ALL.len()],
-    /// Differences between the guides in the parameters of `SPREAD`: logarithms of factors, per contrast.
+    /// Differences between the guides in the parameters of `SPREAD`: logarithms of factors, per
+    /// contrast.
     spread: [[f64; MAX_GUIDES - 1]; SPREAD.len()],
     /// Whether a fit may move the differences between the guides.
     guides_differ: bool,
@@ -163,9 +182,9 @@ impl Place {
     /// The parameter of the bristles that it moves, of all guides or between them.
     pub(super) fn of_bristles(self) -> Option<Declared> {
         match self {
-            Place::Declared(declared) => {
-                (SPREAD.contains(&declared) || declared == Declared::BristleDamping).then_some(declared)
-            }
+            Place::Declared(declared) => (SPREAD.contains(&declared)
+                || declared == Declared::BristleDamping)
+                .then_some(declared),
             Place::Spread { parameter, .. } => Some(SPREAD[parameter]),
             Place::Effect { .. } => None,
         }
@@ -185,8 +204,9 @@ impl Sides {
     pub const CARRIAGE: Sides = Sides { motor: false, carriage: true };
 }
 
-/// Force that a hypothesis misses, N along +x, filtered, at the rows of the recording. Motor side: cell less command less effects.
-/// Carriage side: mass times acceleration plus friction less effects less cell; without a cell, less command and motor effects.
+/// Force that a hypothesis misses, N along +x, filtered, at the rows of the recording. Motor side:
+/// cell less command less effects. Carriage side: mass times acceleration plus friction less
+/// effects less cell; without a cell, less command and motor effects.
 #[derive(Clone, Debug, Default)]
 pub struct Missing {
     pub motor: Vec<f64>,
@@ -244,16 +264,19 @@ impl Hypothesis {
         less
     }
 
-    /// The same in another record: phases that count from the start of a record are those that fit this one best, and an instant at which a curve over the
-    /// time jumps is another one where that is much better. Amplitudes, frequencies and heights stay.
+    /// The same in another record: phases that count from the start of a record are those that fit
+    /// this one best, and an instant at which a curve over the time jumps is another one where that
+    /// is much better. Amplitudes, frequencies and heights stay.
     pub fn in_record(&self, measured: &Measured) -> Result<Hypothesis, ModelError> {
         let mut here = self.clone();
         for effect in 0..self.effects.len() {
             let descriptor = self.effects[effect].descriptor;
             if let Some(jumping) = here.jumping_elsewhere(effect, measured)? {
-                let left =
-                    |hypothesis: &Hypothesis| Ok::<_, ModelError>(hypothesis.missing(measured, Sides::BOTH)?.squares());
-                let ((motor, carriage), (motor_there, carriage_there)) = (left(&here)?, left(&jumping)?);
+                let left = |hypothesis: &Hypothesis| {
+                    Ok::<_, ModelError>(hypothesis.missing(measured, Sides::BOTH)?.squares())
+                };
+                let ((motor, carriage), (motor_there, carriage_there)) =
+                    (left(&here)?, left(&jumping)?);
                 if motor_there + carriage_there < ANOTHER_INSTANT * (motor + carriage) {
                     here = jumping;
                 }
@@ -261,8 +284,12 @@ impl Hypothesis {
             if !PHASE_OF_RECORD.contains(&descriptor.name) {
                 continue;
             }
-            let index_of = |name: &str| descriptor.parameters.iter().position(|parameter| parameter.name == name);
-            let (Some(frequency), Some(phase)) = (index_of("frequency"), index_of("phase")) else { continue };
+            let index_of = |name: &str| {
+                descriptor.parameters.iter().position(|parameter| parameter.name == name)
+            };
+            let (Some(frequency), Some(phase)) = (index_of("frequency"), index_of("phase")) else {
+                continue;
+            };
             let frequency = here.effects[effect].values[frequency];
             let missing = here.without(effect).missing(measured, Sides::CARRIAGE)?;
             let time = measured.at_rows(&measured.time);
@@ -281,22 +308,30 @@ impl Hypothesis {
         Ok(here)
     }
 
-    /// Effects of this one in a record ([`Hypothesis::in_record`]) that differ from these: what that record has for itself.
+    /// Effects of this one in a record ([`Hypothesis::in_record`]) that differ from these: what
+    /// that record has for itself.
     pub fn own_of<'a>(&self, in_record: &'a Hypothesis) -> Vec<&'a Part> {
         let both = in_record.effects.iter().zip(&self.effects);
         both.filter(|(there, here)| there != here).map(|(there, _)| there).collect()
     }
 
-    /// The same with the jump of a curve over the time at the instant of this record, to a sample, that leaves least; `None` where there is no jump, or there cannot be one at any
-    /// instant. Before it is what a curve without the jump leaves, and behind it what one leaves that has jumped from the start: bristles forget the difference within micrometres.
+    /// The same with the jump of a curve over the time at the instant of this record, to a sample,
+    /// that leaves least; `None` where there is no jump, or there cannot be one at any instant.
+    /// Before it is what a curve without the jump leaves, and behind it what one leaves that has
+    /// jumped from the start: bristles forget the difference within micrometres.
     pub(super) fn jumping_elsewhere(
         &self,
         effect: usize,
         measured: &Measured,
     ) -> Result<Option<Hypothesis>, ModelError> {
         let part = &self.effects[effect];
-        let Some(curve) = part.parameters().curve.filter(|curve| curve.jump.is_some()) else { return Ok(None) };
-        let Some(at) = part.descriptor.parameters.iter().position(|one| one.name == "jump_at") else { return Ok(None) };
+        let Some(curve) = part.parameters().curve.filter(|curve| curve.jump.is_some()) else {
+            return Ok(None);
+        };
+        let Some(at) = part.descriptor.parameters.iter().position(|one| one.name == "jump_at")
+        else {
+            return Ok(None);
+        };
         let jumping_at = |instant: f64| {
             let mut jumping = self.clone();
             jumping.effects[effect].values[at] = instant;
@@ -316,10 +351,14 @@ impl Hypothesis {
         let (Ok(without), Ok(with)) = (left(last), left(first)) else { return Ok(None) };
         // Samples that rows stand for: in a hole nothing is known.
         let spacing = measured.lowpass.factor();
-        let samples = measured.rows.iter().flat_map(|row| (0..spacing).map(move |offset| row + offset - spacing / 2));
+        let samples = measured
+            .rows
+            .iter()
+            .flat_map(|row| (0..spacing).map(move |offset| row + offset - spacing / 2));
         let (mut more, mut least, mut instant) = (0.0, 0.0, first);
         for sample in samples {
-            // By which more is left if it jumps behind this sample than if it had jumped from the start.
+            // By which more is left if it jumps behind this sample than if it had jumped from the
+            // start.
             more += without[sample].powi(2) - with[sample].powi(2);
             if more < least {
                 (least, instant) = (more, measured.time[sample] + 0.5 * step);
@@ -334,9 +373,14 @@ impl Hypothesis {
         Slipping::new(ripples, measured).map_or(0, |slipping| slipping.columns())
     }
 
-    /// The same with the amplitudes of balls that slip, of the effects from `first` on, as this record shows them, on the mean: with all guides in phase they would be
-    /// twice the root of the sum of the squares of four that are not.
-    pub(super) fn with_own_amplitudes(&self, first: usize, measured: &Measured) -> Result<Hypothesis, ModelError> {
+    /// The same with the amplitudes of balls that slip, of the effects from `first` on, as this
+    /// record shows them, on the mean: with all guides in phase they would be twice the root of the
+    /// sum of the squares of four that are not.
+    pub(super) fn with_own_amplitudes(
+        &self,
+        first: usize,
+        measured: &Measured,
+    ) -> Result<Hypothesis, ModelError> {
         let ripples = self.effects.iter().filter_map(Part::slipping_ripple).collect();
         let Some(slipping) = Slipping::new(ripples, measured) else { return Ok(self.clone()) };
         let mut without = self.clone();
@@ -345,7 +389,11 @@ impl Hypothesis {
         let mut here = self.clone();
         let slips = here.effects.iter_mut().enumerate().filter(|(_, part)| part.slips());
         for ((index, part), amplitude) in slips.zip(slipping.amplitudes(&missing.carriage)) {
-            let place = part.descriptor.parameters.iter().position(|parameter| parameter.name == "amplitude");
+            let place = part
+                .descriptor
+                .parameters
+                .iter()
+                .position(|parameter| parameter.name == "amplitude");
             if let (Some(place), Some(amplitude), true) = (place, amplitude, index >= first) {
                 let (least, most) = part.descriptor.parameters[place].bounds;
                 part.values[place] = (2.0 * amplitude).clamp(least, most);
@@ -359,7 +407,8 @@ impl Hypothesis {
         &self.declared
     }
 
-    /// What the noise of the sensors leaves on a record: the declared one, or what the record shows where that is more.
+    /// What the noise of the sensors leaves on a record: the declared one, or what the record shows
+    /// where that is more.
     pub fn floor(&self, measured: &Measured) -> Floor {
         measured.floor(&self.declared)
     }
@@ -377,7 +426,8 @@ impl Hypothesis {
         self.declared.mass * self.moved(Declared::Mass).exp()
     }
 
-    /// A start for a fit that makes the guides different from each other, whatever the differences were; `None` for a single guide.
+    /// A start for a fit that makes the guides different from each other, whatever the differences
+    /// were; `None` for a single guide.
     pub fn different_guides(&self) -> Option<Hypothesis> {
         let contrasts = self.guides.len().saturating_sub(1);
         if contrasts == 0 {
@@ -395,7 +445,8 @@ impl Hypothesis {
 
     /// Whether the guides are all the same.
     pub fn guides_are_alike(&self) -> bool {
-        self.spread.iter().flatten().all(|value| *value == 0.0) && self.guides.windows(2).all(|two| two[0] == two[1])
+        self.spread.iter().flatten().all(|value| *value == 0.0)
+            && self.guides.windows(2).all(|two| two[0] == two[1])
     }
 
     /// The same with the differences between the guides held, or not.
@@ -413,15 +464,19 @@ impl Hypothesis {
         let damping = self.moved(Declared::BristleDamping).exp();
         let viscous = self.moved(Declared::ViscousFriction).exp();
         let factor = |parameter: usize, guide: usize| {
-            let differs: f64 =
-                self.spread[parameter].iter().zip(&CONTRASTS).map(|(value, row)| value * row[guide]).sum();
+            let differs: f64 = self.spread[parameter]
+                .iter()
+                .zip(&CONTRASTS)
+                .map(|(value, row)| value * row[guide])
+                .sum();
             (self.moved(SPREAD[parameter]) + differs).exp()
         };
         self.guides
             .iter()
             .enumerate()
             .map(|(index, guide)| {
-                let [stiffness, coulomb, stat, stribeck] = std::array::from_fn(|parameter| factor(parameter, index));
+                let [stiffness, coulomb, stat, stribeck] =
+                    std::array::from_fn(|parameter| factor(parameter, index));
                 let coulomb_force = guide.coulomb_force * coulomb;
                 Guide {
                     stiffness: guide.stiffness * stiffness,
@@ -446,10 +501,13 @@ impl Hypothesis {
         }
     }
 
-    /// A declared parameter in its unit, of the guides their mean; `rate` is that of the samples, Hz.
+    /// A declared parameter in its unit, of the guides their mean; `rate` is that of the samples,
+    /// Hz.
     pub fn declared_value(&self, declared: Declared, rate: f64) -> f64 {
         let guides = self.guides();
-        let mean = |value: &dyn Fn(&Guide) -> f64| guides.iter().map(value).sum::<f64>() / guides.len() as f64;
+        let mean = |value: &dyn Fn(&Guide) -> f64| {
+            guides.iter().map(value).sum::<f64>() / guides.len() as f64
+        };
         match declared {
             Declared::Mass => self.mass(),
             Declared::Stiffness => mean(&|guide| guide.stiffness),
@@ -467,7 +525,8 @@ impl Hypothesis {
         let mut coordinates = Vec::new();
         if sides.carriage {
             for declared in Declared::ALL {
-                // Without a cell there is no second clock: what the motion is late by is a lag of the motor.
+                // Without a cell there is no second clock: what the motion is late by is a lag of
+                // the motor.
                 if declared == Declared::SensorShift && !has_cell {
                     continue;
                 }
@@ -482,14 +541,20 @@ impl Hypothesis {
                     place: Place::Declared(declared),
                     value: self.moved(declared),
                     scale: limit,
-                    bounds: if declared.is_factor() { (lower, (1.0 + limit).ln()) } else { (-limit, limit) },
+                    bounds: if declared.is_factor() {
+                        (lower, (1.0 + limit).ln())
+                    } else {
+                        (-limit, limit)
+                    },
                 });
             }
         }
         if sides.carriage && self.guides_differ {
             let limit = self.tolerances.guides;
             for (parameter, spread) in self.spread.iter().enumerate() {
-                for (contrast, value) in spread.iter().enumerate().take(self.guides.len().saturating_sub(1)) {
+                for (contrast, value) in
+                    spread.iter().enumerate().take(self.guides.len().saturating_sub(1))
+                {
                     coordinates.push(Coordinate {
                         place: Place::Spread { parameter, contrast },
                         value: *value,
@@ -512,7 +577,8 @@ impl Hypothesis {
             if self.curves_bend && effect >= self.declared.effects.len() {
                 coordinates.extend(part.heights(effect));
             }
-            // The knots of a map stand behind its parameters: they come from their own least squares.
+            // The knots of a map stand behind its parameters: they come from their own least
+            // squares.
             for (value, parameter) in part.descriptor.parameters.iter().enumerate() {
                 if (part.descriptor.free)(&part.values, value) {
                     coordinates.push(Coordinate {
@@ -543,21 +609,32 @@ impl Hypothesis {
     /// The same from what was driven already.
     pub(super) fn missing_of(&self, driven: &Driven, measured: &Measured, sides: Sides) -> Missing {
         let Missing { motor, carriage } = self.missing_at_samples(driven, measured, sides);
-        let filtered = |signal: Vec<f64>| if signal.is_empty() { signal } else { measured.filtered(&signal) };
+        let filtered =
+            |signal: Vec<f64>| if signal.is_empty() { signal } else { measured.filtered(&signal) };
         let mut carriage = filtered(carriage);
         driven.take_out_own(&mut carriage);
         Missing { motor: filtered(motor), carriage }
     }
 
-    /// The same at every sample and not filtered; 0 at both ends, where there is no second difference.
-    pub(super) fn missing_at_samples(&self, driven: &Driven, measured: &Measured, sides: Sides) -> Missing {
+    /// The same at every sample and not filtered; 0 at both ends, where there is no second
+    /// difference.
+    pub(super) fn missing_at_samples(
+        &self,
+        driven: &Driven,
+        measured: &Measured,
+        sides: Sides,
+    ) -> Missing {
         let count = measured.len();
         let cell = driven.cell(measured);
         let on = |side: Side| driven.forces().filter(move |force| force.side() == side);
         let mut missing = Missing::default();
         if let (true, Some(cell)) = (sides.motor, cell) {
             missing.motor = (0..count)
-                .map(|k| cell[k] - measured.command[k] - on(Side::Motor).map(|force| force.read_at(k)).sum::<f64>())
+                .map(|k| {
+                    cell[k]
+                        - measured.command[k]
+                        - on(Side::Motor).map(|force| force.read_at(k)).sum::<f64>()
+                })
                 .collect();
         }
         if sides.carriage {
@@ -565,8 +642,10 @@ impl Hypothesis {
             let mut push: Vec<f64> = cell.unwrap_or(&measured.command).to_vec();
             for force in on(Side::Motor) {
                 for (k, push) in push.iter_mut().enumerate() {
-                    // The cell reads at the samples; what moves the carriage is the mean over the intervals.
-                    *push += force.at_nodes[k] - if cell.is_some() { force.read_at(k) } else { 0.0 };
+                    // The cell reads at the samples; what moves the carriage is the mean over the
+                    // intervals.
+                    *push +=
+                        force.at_nodes[k] - if cell.is_some() { force.read_at(k) } else { 0.0 };
                 }
             }
             let mut left: Vec<f64> = (0..count)

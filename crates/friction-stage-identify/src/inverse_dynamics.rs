@@ -1,13 +1,15 @@
-//! Inverse dynamics by linear least squares, as published for EMPS: the figures that another tool must reach on the same record.
+//! Inverse dynamics by linear least squares, as published for EMPS: the figures that another tool
+//! must reach on the same record.
 //!
-//! F = M a + Fv v + Fc sign(v) + c, with Fv and Fc either alike in both directions or one each; M in kg, Fv in N s/m, Fc and c in N.
-//! The measured position goes forward and backward through a Butterworth lowpass, velocity and acceleration are its central
-//! differences, the first samples are dropped, every column and the force are decimated, and the error is
-//! norm(F - F_model) / norm(F).
-//! Source: A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS", Workshop on Nonlinear System Identification
-//! Benchmarks, 2019; what their text leaves open is as in `filtfilt` and `decimate` of Matlab and SciPy.
-//! Not modelled: anything with a memory. The force of a sample is compared with the motion of the same sample, so the hold of the
-//! command counts as a lag of half a sample here, which [`super::Measured`] takes out.
+//! F = M a + Fv v + Fc sign(v) + c, with Fv and Fc either alike in both directions or one each; M
+//! in kg, Fv in N s/m, Fc and c in N. The measured position goes forward and backward through a
+//! Butterworth lowpass, velocity and acceleration are its central differences, the first samples
+//! are dropped, every column and the force are decimated, and the error is norm(F - F_model) /
+//! norm(F). Source: A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS",
+//! Workshop on Nonlinear System Identification Benchmarks, 2019; what their text leaves open is as
+//! in `filtfilt` and `decimate` of Matlab and SciPy. Not modelled: anything with a memory. The
+//! force of a sample is compared with the motion of the same sample, so the hold of the command
+//! counts as a lag of half a sample here, which [`super::Measured`] takes out.
 
 use std::f64::consts::PI;
 
@@ -18,7 +20,8 @@ use super::{Hypothesis, IdentifyError, MIN_SAMPLES, Measured, Sides};
 use friction_stage_core::model::StageModel;
 use friction_stage_data::bag::Trace;
 
-/// Ripple of the filter before decimation, dB, its order, and its corner as a share of the new Nyquist frequency (`decimate`).
+/// Ripple of the filter before decimation, dB, its order, and its corner as a share of the new
+/// Nyquist frequency (`decimate`).
 const DECIMATION: (f64, usize, f64) = (0.05, 8, 0.8);
 
 /// What is done to a record before its forces are compared.
@@ -53,7 +56,11 @@ pub struct Regression {
 
 impl Regression {
     /// From a record with position and command at a uniform rate.
-    pub fn new(trace: &Trace, law: FrictionLaw, protocol: Protocol) -> Result<Regression, IdentifyError> {
+    pub fn new(
+        trace: &Trace,
+        law: FrictionLaw,
+        protocol: Protocol,
+    ) -> Result<Regression, IdentifyError> {
         let rate = rate_of(trace)?;
         let position = ZeroPhase::butterworth(4, protocol.corner / rate).filter(&trace.position);
         let velocity = central_differences(&position, rate);
@@ -104,7 +111,8 @@ impl Protocol {
         filter.filter(&signal[self.dropped..]).into_iter().step_by(self.factor).collect()
     }
 
-    /// norm(missing force) / norm(F) of a hypothesis on a record without a force cell, prepared and thinned out like the regression.
+    /// norm(missing force) / norm(F) of a hypothesis on a record without a force cell, prepared and
+    /// thinned out like the regression.
     pub fn relative_error(
         &self,
         hypothesis: &Hypothesis,
@@ -118,7 +126,9 @@ impl Protocol {
         let measured = Measured::new(&smooth, model, "the record")?;
         let driven = hypothesis.driven(&measured, Sides::CARRIAGE, &Driven::default())?;
         let left = hypothesis.missing_at_samples(&driven, &measured, Sides::CARRIAGE);
-        let norm = |signal: &[f64]| self.decimated(signal).iter().map(|value| value * value).sum::<f64>().sqrt();
+        let norm = |signal: &[f64]| {
+            self.decimated(signal).iter().map(|value| value * value).sum::<f64>().sqrt()
+        };
         Ok(norm(&left.carriage) / norm(&trace.force))
     }
 }
@@ -126,7 +136,11 @@ impl Protocol {
 fn rate_of(trace: &Trace) -> Result<f64, IdentifyError> {
     let samples = trace.len();
     if samples < MIN_SAMPLES {
-        return Err(IdentifyError::TooShort { name: "the record".to_owned(), samples, least: MIN_SAMPLES });
+        return Err(IdentifyError::TooShort {
+            name: "the record".to_owned(),
+            samples,
+            least: MIN_SAMPLES,
+        });
     }
     if !trace.force.iter().chain(&trace.position).all(|value| value.is_finite()) {
         return Err(IdentifyError::NoForce { name: "the record".to_owned() });
@@ -161,7 +175,8 @@ struct Section {
 }
 
 impl Section {
-    /// w2 / (s^2 + d s + w2), corner at s = j, by the bilinear transform with prewarping at `corner` (share of the rate).
+    /// w2 / (s^2 + d s + w2), corner at s = j, by the bilinear transform with prewarping at
+    /// `corner` (share of the rate).
     fn new(d: f64, w2: f64, corner: f64) -> Section {
         let k = (PI * corner).tan();
         let norm = (1.0 + d * k + w2 * k * k).recip();
@@ -187,13 +202,16 @@ impl Section {
 }
 
 impl ZeroPhase {
-    /// Even order; `corner` as a share of the rate, where each run has 3 dB. Poles: Butterworth 1930.
+    /// Even order; `corner` as a share of the rate, where each run has 3 dB. Poles:
+    /// Butterworth 1930.
     fn butterworth(order: usize, corner: f64) -> ZeroPhase {
-        let sections = angles(order).map(|angle| Section::new(2.0 * angle.sin(), 1.0, corner)).collect();
+        let sections =
+            angles(order).map(|angle| Section::new(2.0 * angle.sin(), 1.0, corner)).collect();
         ZeroPhase { gain: 1.0, sections }
     }
 
-    /// Chebyshev filter of the first kind, even order, `ripple` in dB up to `corner`; each run has the gain -ripple at zero frequency.
+    /// Chebyshev filter of the first kind, even order, `ripple` in dB up to `corner`; each run has
+    /// the gain -ripple at zero frequency.
     fn chebyshev(order: usize, ripple: f64, corner: f64) -> ZeroPhase {
         let epsilon = (10f64.powf(0.1 * ripple) - 1.0).sqrt();
         let mu = epsilon.recip().asinh() / order as f64;
@@ -213,7 +231,8 @@ impl ZeroPhase {
         values.iter_mut().for_each(|value| *value *= self.gain);
     }
 
-    /// Forward and backward, with the ends continued by their point reflection over three times the filter's length.
+    /// Forward and backward, with the ends continued by their point reflection over three times the
+    /// filter's length.
     fn filter(&self, signal: &[f64]) -> Vec<f64> {
         let count = signal.len();
         let edge = (3 * (2 * self.sections.len() + 1)).min(count.saturating_sub(1));
@@ -244,11 +263,13 @@ mod tests {
 
     /// Gain of the filter at a frequency (share of the rate), from the middle of a long sine.
     fn gain(filter: &ZeroPhase, frequency: f64) -> f64 {
-        let signal: Vec<f64> = (0..8001).map(|k| (TAU * frequency * (k as f64 - 4000.0)).cos()).collect();
+        let signal: Vec<f64> =
+            (0..8001).map(|k| (TAU * frequency * (k as f64 - 4000.0)).cos()).collect();
         filter.filter(&signal)[4000]
     }
 
-    /// Frequency of the analog prototype, in corners, that the bilinear transform maps to `frequency`.
+    /// Frequency of the analog prototype, in corners, that the bilinear transform maps to
+    /// `frequency`.
     fn warped(frequency: f64, corner: f64) -> f64 {
         (PI * frequency).tan() / (PI * corner).tan()
     }
@@ -260,7 +281,10 @@ mod tests {
             for frequency in [0.0, 0.02, corner, 0.15, 0.2] {
                 let expected = (1.0 + warped(frequency, corner).powi(8)).recip();
                 let found = gain(&filter, frequency);
-                assert!((found - expected).abs() < 1e-9, "{frequency}: {found}, expected {expected}");
+                assert!(
+                    (found - expected).abs() < 1e-9,
+                    "{frequency}: {found}, expected {expected}"
+                );
             }
         }
     }
@@ -272,7 +296,8 @@ mod tests {
         let epsilon_squared = 10f64.powf(0.005) - 1.0;
         for frequency in [0.0, 0.01, 0.03, 0.0385, corner, 0.045, 0.06] {
             let x = warped(frequency, corner);
-            let polynomial = if x <= 1.0 { (8.0 * x.acos()).cos() } else { (8.0 * x.acosh()).cosh() };
+            let polynomial =
+                if x <= 1.0 { (8.0 * x.acos()).cos() } else { (8.0 * x.acosh()).cosh() };
             let expected = (1.0 + epsilon_squared * polynomial * polynomial).recip();
             let found = gain(&filter, frequency);
             assert!((found - expected).abs() < 1e-6, "{frequency}: {found}, expected {expected}");
@@ -289,8 +314,8 @@ mod tests {
         }
     }
 
-    /// A drive with known coefficients, 1 kHz, force of the same sample. v goes with sin^3, so that both ends are at rest: the
-    /// protocol's filters start from a constant.
+    /// A drive with known coefficients, 1 kHz, force of the same sample. v goes with sin^3, so that
+    /// both ends are at rest: the protocol's filters start from a constant.
     fn drive(viscous: [f64; 2], coulomb: [f64; 2]) -> Trace {
         let mut trace = Trace::default();
         for k in 0..=8000 {
@@ -310,16 +335,24 @@ mod tests {
 
     #[test]
     fn regression_recovers_the_drive_that_made_the_record() {
-        let one = Regression::new(&drive([200.0; 2], [20.0; 2]), FrictionLaw::Symmetric, EMPS).unwrap();
+        let one =
+            Regression::new(&drive([200.0; 2], [20.0; 2]), FrictionLaw::Symmetric, EMPS).unwrap();
         let found = one.solve().unwrap();
         for (found, expected) in found.iter().zip([95.0, 200.0, 20.0, -3.0]) {
-            assert!((found - expected).abs() < 2e-3 * expected.abs(), "{found}, expected {expected}");
+            assert!(
+                (found - expected).abs() < 2e-3 * expected.abs(),
+                "{found}, expected {expected}"
+            );
         }
         assert!(one.relative_error(&found) < 2e-3);
         let other = drive([167.0, 240.0], [20.0, 21.0]);
         let two = Regression::new(&other, FrictionLaw::PerDirection, EMPS).unwrap();
-        for (found, expected) in two.solve().unwrap().iter().zip([95.0, 167.0, 240.0, 17.0, -24.0]) {
-            assert!((found - expected).abs() < 2e-3 * expected.abs(), "{found}, expected {expected}");
+        for (found, expected) in two.solve().unwrap().iter().zip([95.0, 167.0, 240.0, 17.0, -24.0])
+        {
+            assert!(
+                (found - expected).abs() < 2e-3 * expected.abs(),
+                "{found}, expected {expected}"
+            );
         }
         let wrong = Regression::new(&other, FrictionLaw::Symmetric, EMPS).unwrap();
         assert!(wrong.relative_error(&wrong.solve().unwrap()) > 0.02);
@@ -331,7 +364,9 @@ mod tests {
         trace.force.fill(f64::NAN);
         let none = Regression::new(&trace, FrictionLaw::Symmetric, EMPS).unwrap_err().to_string();
         assert!(none.contains("force"), "{none}");
-        let short = Regression::new(&Trace::default(), FrictionLaw::Symmetric, EMPS).unwrap_err().to_string();
+        let short = Regression::new(&Trace::default(), FrictionLaw::Symmetric, EMPS)
+            .unwrap_err()
+            .to_string();
         assert!(short.contains("0 samples") && short.contains("1000"), "{short}");
     }
 }

@@ -1,8 +1,11 @@
-//! How the missing force changes with the heights of a curve that changes friction, for many knots in one pass along the motion.
+//! How the missing force changes with the heights of a curve that changes friction, for many knots
+//! in one pass along the motion.
 //!
-//! A height acts while the stage is near its knot, and the bristles forget it within micrometres. Knots far from each other are therefore moved together,
-//! and what changes belongs to the one of them that the stage passed last (differences of columns that share no row: Curtis, Powell, Reid, J. Inst.
-//! Maths Applics 13, 1974). Left out is what the bristles have not forgotten when the next one comes.
+//! A height acts while the stage is near its knot, and the bristles forget it within micrometres.
+//! Knots far from each other are therefore moved together, and what changes belongs to the one of
+//! them that the stage passed last (differences of columns that share no row: Curtis, Powell, Reid,
+//! J. Inst. Maths Applics 13, 1974). Left out is what the bristles have not forgotten when the next
+//! one comes.
 
 use std::collections::BTreeMap;
 
@@ -16,10 +19,12 @@ use super::objective::step_of;
 use friction_stage_core::model::Curve;
 use friction_stage_core::plant::effects::along;
 
-/// Every how many knots one is moved. Assumed: so far apart the knots of all records seen were forgotten.
+/// Every how many knots one is moved. Assumed: so far apart the knots of all records seen were
+/// forgotten.
 const APART: usize = 8;
 
-/// By coordinate, N per scale at the rows of the carriage side: of none where values do not go together, or more than the friction hangs on a height.
+/// By coordinate, N per scale at the rows of the carriage side: of none where values do not go
+/// together, or more than the friction hangs on a height.
 pub(super) fn knot_slopes(
     hypothesis: &Hypothesis,
     coordinates: &[Coordinate],
@@ -32,7 +37,9 @@ pub(super) fn knot_slopes(
             together.entry((effect, knot % APART)).or_default().push((index, knot));
         }
     }
-    let (false, Some(here)) = (together.is_empty(), driven.friction_at_nodes()) else { return BTreeMap::new() };
+    let (false, Some(here)) = (together.is_empty(), driven.friction_at_nodes()) else {
+        return BTreeMap::new();
+    };
     let columns = together.par_iter().map(|((effect, first), knots)| {
         let mut moved = hypothesis.clone();
         for &(index, _) in knots {
@@ -44,8 +51,12 @@ pub(super) fn knot_slopes(
         let passed = passed_last(&curve, *first, driven, measured);
         let column = |&(index, knot): &(usize, usize)| {
             let scale = coordinates[index].scale / step_of(&coordinates[index]);
-            let change = |k: usize| if passed[k] == Some(knot) { scale * (there[k] - here[k]) } else { 0.0 };
-            (index, DVector::from_vec(driven.at_rows((0..here.len()).map(change).collect(), measured)))
+            let change =
+                |k: usize| if passed[k] == Some(knot) { scale * (there[k] - here[k]) } else { 0.0 };
+            (
+                index,
+                DVector::from_vec(driven.at_rows((0..here.len()).map(change).collect(), measured)),
+            )
         };
         Some(knots.iter().map(column).collect::<Vec<_>>())
     });
@@ -62,8 +73,14 @@ fn knot_of(hypothesis: &Hypothesis, place: Place) -> Option<(usize, usize)> {
     Some((effect, knot))
 }
 
-/// For each node which of the knots `first`, `first` + [`APART`], ... the stage was near last while it slid; none before the first of them.
-fn passed_last(curve: &Curve, first: usize, driven: &Driven, measured: &Measured) -> Vec<Option<usize>> {
+/// For each node which of the knots `first`, `first` + [`APART`], ... the stage was near last while
+/// it slid; none before the first of them.
+fn passed_last(
+    curve: &Curve,
+    first: usize,
+    driven: &Driven,
+    measured: &Measured,
+) -> Vec<Option<usize>> {
     let mut passed = vec![None; measured.len()];
     let mut last = None;
     for step in driven.steps(measured) {
@@ -84,29 +101,45 @@ mod tests {
     use super::super::objective::{derivatives, stacked};
     use super::*;
 
-    /// Each column against the difference quotient of the whole missing force: Coulomb friction over 64 knots along 0.1 m, viscous over 64 knots along 2 s.
+    /// Each column against the difference quotient of the whole missing force: Coulomb friction
+    /// over 64 knots along 0.1 m, viscous over 64 knots along 2 s.
     #[test]
     fn what_changes_with_each_height_is_told_apart_though_many_move_at_once() {
         let measured = record();
         let knots: Vec<f64> = (0..64).map(|knot| 0.1 * f64::from(knot % 5)).collect();
-        for head in [[0.0, 2.0, 0.0, 0.1, 0.0, 0.0], [2.0, 3.0, 0.0, 2.0, 0.0, 0.0], [2.0, 2.0, 0.0, 2.0, 0.3, 0.7]] {
+        for head in [
+            [0.0, 2.0, 0.0, 0.1, 0.0, 0.0],
+            [2.0, 3.0, 0.0, 2.0, 0.0, 0.0],
+            [2.0, 2.0, 0.0, 2.0, 0.3, 0.7],
+        ] {
             let with = hypothesis(&[("map", &[&head[..], &knots].concat())]).holding_curves(false);
             let coordinates = with.coordinates(Sides::BOTH, true);
             let driven = with.driven(&measured, Sides::BOTH, &Driven::default()).unwrap();
             let slopes = knot_slopes(&with, &coordinates, &driven, &measured);
             let missing_at = |index: usize, step: f64| {
                 let mut moved = with.clone();
-                moved.set(coordinates[index].place, coordinates[index].value + step * coordinates[index].scale);
+                moved.set(
+                    coordinates[index].place,
+                    coordinates[index].value + step * coordinates[index].scale,
+                );
                 DVector::from_vec(moved.missing(&measured, Sides::BOTH).unwrap().carriage)
             };
             assert_eq!(slopes.len(), 64);
-            let residual = stacked(&with.missing(&measured, Sides::BOTH).unwrap(), &coordinates, 0.05);
-            let all = derivatives(&with, &coordinates, &driven, &measured, Sides::BOTH, &residual, 0.05).unwrap();
+            let residual =
+                stacked(&with.missing(&measured, Sides::BOTH).unwrap(), &coordinates, 0.05);
+            let all =
+                derivatives(&with, &coordinates, &driven, &measured, Sides::BOTH, &residual, 0.05)
+                    .unwrap();
             let rows = measured.rows.len();
             for (index, slope) in slopes {
                 let expected = (missing_at(index, 1e-4) - missing_at(index, -1e-4)) / 2e-4;
                 let off = (&slope - &expected).norm() / expected.norm();
-                assert!(off < 1e-2, "{head:?}, {:?}: {off:e} of {}", coordinates[index].place, expected.norm());
+                assert!(
+                    off < 1e-2,
+                    "{head:?}, {:?}: {off:e} of {}",
+                    coordinates[index].place,
+                    expected.norm()
+                );
                 assert_eq!(all.column(index).rows(rows, rows), slope);
             }
         }

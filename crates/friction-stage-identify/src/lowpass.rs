@@ -2,11 +2,12 @@
 
 use std::f64::consts::{PI, TAU};
 
-/// Lobes of the sinc on each side of its middle. Assumed: a transition band of about a third of the corner frequency.
+/// Lobes of the sinc on each side of its middle. Assumed: a transition band of about a third of the
+/// corner frequency.
 const LOBES: f64 = 4.0;
 
-/// Symmetric windowed-sinc filter (Blackman window; Oppenheim, Schafer, "Discrete-Time Signal Processing", ch. 7) that keeps every
-/// `factor`-th value. Gain 1 at zero frequency, no phase.
+/// Symmetric windowed-sinc filter (Blackman window; Oppenheim, Schafer, "Discrete-Time Signal
+/// Processing", ch. 7) that keeps every `factor`-th value. Gain 1 at zero frequency, no phase.
 #[derive(Clone, Debug)]
 pub struct Lowpass {
     taps: Vec<f64>,
@@ -30,7 +31,8 @@ impl Lowpass {
             .collect();
         let sum: f64 = taps.iter().sum();
         taps.iter_mut().for_each(|tap| *tap /= sum);
-        // The values that are kept still carry the whole pass band: four fifths of their Nyquist frequency at most.
+        // The values that are kept still carry the whole pass band: four fifths of their Nyquist
+        // frequency at most.
         let factor = ((rate / (2.5 * corner)).floor() as usize).max(1);
         Lowpass { taps, factor, rate }
     }
@@ -45,7 +47,8 @@ impl Lowpass {
         self.factor
     }
 
-    /// Indices of the kept values in a signal of `count` samples whose first and last `margin` samples are not used.
+    /// Indices of the kept values in a signal of `count` samples whose first and last `margin`
+    /// samples are not used.
     pub fn kept(&self, count: usize, margin: usize) -> impl Iterator<Item = usize> + use<> {
         let edge = self.half() + margin;
         (edge..count.saturating_sub(edge)).step_by(self.factor)
@@ -56,16 +59,21 @@ impl Lowpass {
     pub fn at(&self, signal: &[f64], index: usize) -> f64 {
         let half = self.half();
         let (left, right) = (&signal[index - half..index], &signal[index + 1..=index + half]);
-        let sides: f64 =
-            left.iter().zip(right.iter().rev()).zip(&self.taps).map(|((left, right), tap)| (left + right) * tap).sum();
+        let sides: f64 = left
+            .iter()
+            .zip(right.iter().rev())
+            .zip(&self.taps)
+            .map(|((left, right), tap)| (left + right) * tap)
+            .sum();
         sides + self.taps[half] * signal[index]
     }
 
-    /// The filter that gives, from the second differences of a signal, what this one takes out of the signal itself: the rest that lies
-    /// above the corner, integrated twice without a drift.
+    /// The filter that gives, from the second differences of a signal, what this one takes out of
+    /// the signal itself: the rest that lies above the corner, integrated twice without a drift.
     pub fn rest_of_second_differences(&self) -> Lowpass {
         let half = self.half();
-        let rest = |index: usize| if index == half { 1.0 - self.taps[index] } else { -self.taps[index] };
+        let rest =
+            |index: usize| if index == half { 1.0 - self.taps[index] } else { -self.taps[index] };
         let (mut sum, mut taps) = (0.0, Vec::with_capacity(self.taps.len()));
         // Summed twice; both sums end at 0 because the taps of the rest are even and add up to 0.
         let mut twice = 0.0;
@@ -77,8 +85,8 @@ impl Lowpass {
         Lowpass { taps, ..self.clone() }
     }
 
-    /// Standard deviation of the filtered signal that white noise of standard deviation 1 gives after a stencil (such as a second
-    /// difference `[1, -2, 1]`).
+    /// Standard deviation of the filtered signal that white noise of standard deviation 1 gives
+    /// after a stencil (such as a second difference `[1, -2, 1]`).
     pub fn noise_gain(&self, stencil: &[f64]) -> f64 {
         let mut combined = vec![0.0; self.taps.len() + stencil.len() - 1];
         for (index, tap) in self.taps.iter().enumerate() {
@@ -103,10 +111,15 @@ mod tests {
     fn gain_at(frequency: f64) -> f64 {
         let (rate, corner) = (2000.0, 200.0);
         let lowpass = Lowpass::new(corner, rate);
-        let signal: Vec<f64> = (0..4000).map(|k| (TAU * frequency * k as f64 / rate).sin()).collect();
-        let (product, square) = lowpass.kept(signal.len(), 0).fold((0.0, 0.0), |(product, square), index| {
-            (product + lowpass.at(&signal, index) * signal[index], square + signal[index] * signal[index])
-        });
+        let signal: Vec<f64> =
+            (0..4000).map(|k| (TAU * frequency * k as f64 / rate).sin()).collect();
+        let (product, square) =
+            lowpass.kept(signal.len(), 0).fold((0.0, 0.0), |(product, square), index| {
+                (
+                    product + lowpass.at(&signal, index) * signal[index],
+                    square + signal[index] * signal[index],
+                )
+            });
         product / square
     }
 
@@ -132,14 +145,25 @@ mod tests {
         let lowpass = Lowpass::new(100.0, 2000.0);
         let rest = lowpass.rest_of_second_differences();
         for frequency in [3.0, 90.0, 140.0, 700.0] {
-            let signal: Vec<f64> =
-                (0..400).map(|k| (TAU * frequency * k as f64 / 2000.0).sin() + 1e-3 * k as f64).collect();
+            let signal: Vec<f64> = (0..400)
+                .map(|k| (TAU * frequency * k as f64 / 2000.0).sin() + 1e-3 * k as f64)
+                .collect();
             let second: Vec<f64> = (0..400)
-                .map(|k| if k == 0 || k == 399 { 0.0 } else { signal[k + 1] - 2.0 * signal[k] + signal[k - 1] })
+                .map(|k| {
+                    if k == 0 || k == 399 {
+                        0.0
+                    } else {
+                        signal[k + 1] - 2.0 * signal[k] + signal[k - 1]
+                    }
+                })
                 .collect();
             for k in [150, 201, 233] {
                 let whole = lowpass.at(&signal, k) + rest.at(&second, k);
-                assert!((whole - signal[k]).abs() < 1e-9, "{frequency} Hz, {k}: {whole} of {}", signal[k]);
+                assert!(
+                    (whole - signal[k]).abs() < 1e-9,
+                    "{frequency} Hz, {k}: {whole} of {}",
+                    signal[k]
+                );
             }
         }
     }
@@ -148,9 +172,17 @@ mod tests {
     fn noise_gain_of_white_noise_is_the_root_of_the_pass_band() {
         let lowpass = Lowpass::new(200.0, 2000.0);
         // 200 of 1000 Hz pass; the soft edge of the band costs some of it.
-        assert!((lowpass.noise_gain(&[1.0]) / 0.2f64.sqrt() - 1.0).abs() < 0.1, "{}", lowpass.noise_gain(&[1.0]));
-        // Second difference: root of the integral of (2 sin(w/2))^4 over the band, about (w^5/5/pi)^(1/2).
+        assert!(
+            (lowpass.noise_gain(&[1.0]) / 0.2f64.sqrt() - 1.0).abs() < 0.1,
+            "{}",
+            lowpass.noise_gain(&[1.0])
+        );
+        // Second difference: root of the integral of (2 sin(w/2))^4 over the band, about
+        // (w^5/5/pi)^(1/2).
         let w: f64 = TAU * 200.0 / 2000.0;
-        assert!((lowpass.noise_gain(&[1.0, -2.0, 1.0]) / (w.powi(5) / 5.0 / PI).sqrt() - 1.0).abs() < 0.2);
+        assert!(
+            (lowpass.noise_gain(&[1.0, -2.0, 1.0]) / (w.powi(5) / 5.0 / PI).sqrt() - 1.0).abs()
+                < 0.2
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! A recording as identification needs it: a motion that friction can be driven along, and forces at the instants in between.
+//! A recording as identification needs it: a motion that friction can be driven along, and forces
+//! at the instants in between.
 
 use std::ops::Range;
 
@@ -10,33 +11,43 @@ use friction_stage_data::bag::Trace;
 use super::IdentifyError;
 use super::lowpass::Lowpass;
 
-/// Corner of the lowpass on measured and modelled forces, Hz, where the rate allows it. Assumed: above the controller's bandwidth,
-/// below the band where the encoder's noise, differentiated twice, hides everything.
+/// Corner of the lowpass on measured and modelled forces, Hz, where the rate allows it. Assumed:
+/// above the controller's bandwidth, below the band where the encoder's noise, differentiated
+/// twice, hides everything.
 const FORCE_CORNER: f64 = 200.0;
-/// Corner below which the encoder says how the carriage moves at rest, Hz; above it the command does, over the mass and integrated twice.
-/// Assumed: well above the resonance of a mass on its bristles, 30 to 60 Hz, where friction has a part in the motion.
+/// Corner below which the encoder says how the carriage moves at rest, Hz; above it the command
+/// does, over the mass and integrated twice. Assumed: well above the resonance of a mass on its
+/// bristles, 30 to 60 Hz, where friction has a part in the motion.
 const REST_CORNER: f64 = 100.0;
-/// Speeds, in standard deviations of the speed that encoder noise feigns, below which the position is smoothed wholly and above which
-/// it is left as it is. Assumed: a LuGre bristle relaxes with |v|, so feigned speed makes it drift; well above it |v| is right by itself.
+/// Speeds, in standard deviations of the speed that encoder noise feigns, below which the position
+/// is smoothed wholly and above which it is left as it is. Assumed: a LuGre bristle relaxes with
+/// |v|, so feigned speed makes it drift; well above it |v| is right by itself.
 const REST_SPEED: (f64, f64) = (24.0, 93.0);
-/// What rings above the corner, rms in standard deviations of the encoder's noise, below which the position is smoothed wholly and above
-/// which it is left as it is. Assumed.
+/// What rings above the corner, rms in standard deviations of the encoder's noise, below which the
+/// position is smoothed wholly and above which it is left as it is. Assumed.
 const RINGING: (f64, f64) = (3.0, 6.0);
-/// Steps into which an interval is divided in which the velocity changes its sign or by more than [`STEADY`].
+/// Steps into which an interval is divided in which the velocity changes its sign or by more than
+/// [`STEADY`].
 const SUBSTEPS: usize = 4;
 /// Share of its mean by which the velocity of an interval may change for one step to do.
 const STEADY: f64 = 0.1;
-/// Break-away lengths after which a bristle has forgotten where it came from: exp(-7) is left. The parameters are nominal, hence no less.
+/// Break-away lengths after which a bristle has forgotten where it came from: exp(-7) is left. The
+/// parameters are nominal, hence no less.
 const FORGETTING: f64 = 7.0;
-/// Longest hole in the position that the stage crosses as the samples on either side say, s. Assumed: no stage turns and comes back in it.
+/// Longest hole in the position that the stage crosses as the samples on either side say, s.
+/// Assumed: no stage turns and comes back in it.
 const HOLE: f64 = 5e-3;
-/// Part of the forgetting length by which the ends of a hole may differ for the stage to have stood in it. Assumed.
+/// Part of the forgetting length by which the ends of a hole may differ for the stage to have stood
+/// in it. Assumed.
 const STOOD: f64 = 1e-3;
-/// Share of a record, the slowest, that shows the noise of the encoder. Assumed: a recording of a stage has rests or slow moves in it.
+/// Share of a record, the slowest, that shows the noise of the encoder. Assumed: a recording of a
+/// stage has rests or slow moves in it.
 const SLOWEST: f64 = 0.1;
-/// Part by which a multiple of a count may be off: numbers in a file have some digits only. Assumed.
+/// Part by which a multiple of a count may be off: numbers in a file have some digits only.
+/// Assumed.
 const WHOLE: f64 = 1e-3;
-/// Part of the steps before which a signal of coarse counts stood still. Assumed: a motion at one speed goes on for longer than so few samples.
+/// Part of the steps before which a signal of coarse counts stood still. Assumed: a motion at one
+/// speed goes on for longer than so few samples.
 const STANDS: f64 = 0.1;
 /// Fewest samples that are worth an attempt: less does not even fill the filters several times.
 pub const MIN_SAMPLES: usize = 1000;
@@ -44,15 +55,18 @@ pub const MIN_SAMPLES: usize = 1000;
 /// One step of the measured motion at constant velocity.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
-    /// What an effect sees, at the middle of the step: as the encoder says, so that what rings a few nanometres rings here too.
+    /// What an effect sees, at the middle of the step: as the encoder says, so that what rings a
+    /// few nanometres rings here too.
     pub motion: Motion,
-    /// Velocity at which the guides slide, m/s: without what the encoder's noise feigns at rest, which would relax the bristles.
+    /// Velocity at which the guides slide, m/s: without what the encoder's noise feigns at rest,
+    /// which would relax the bristles.
     pub sliding: f64,
     /// s
     pub duration: f64,
     /// Sample at the start of the interval that the step belongs to.
     pub node: usize,
-    /// Share of the step's force in the mean force of the two intervals around `node`, and of those around the next node.
+    /// Share of the step's force in the mean force of the two intervals around `node`, and of those
+    /// around the next node.
     pub early: f64,
     pub late: f64,
 }
@@ -65,7 +79,8 @@ impl Step {
         at_nodes[self.node + 1] += self.late * force;
     }
 
-    /// The same of a force that changes over the step: the later it comes, the more of it the later node gets.
+    /// The same of a force that changes over the step: the later it comes, the more of it the later
+    /// node gets.
     #[inline]
     pub(super) fn share_out_over(&self, force: ForceOverStep, at_nodes: &mut [f64]) {
         self.share_out(force.mean, at_nodes);
@@ -78,8 +93,9 @@ impl Step {
 
 /// A recording on a uniform grid, with everything that does not depend on a model worked out.
 ///
-/// Forces stand at the samples ("nodes") as the means of the two intervals around them, because the second difference of the
-/// position is exactly that mean over mass where the force is held between samples.
+/// Forces stand at the samples ("nodes") as the means of the two intervals around them, because the
+/// second difference of the position is exactly that mean over mass where the force is held between
+/// samples.
 #[derive(Clone, Debug)]
 pub struct Measured {
     /// s since the first sample
@@ -96,7 +112,8 @@ pub struct Measured {
     pub command: Vec<f64>,
     /// Reference position, m; NaN where the recording has none.
     pub reference: [Vec<f64>; 3],
-    /// Command and cell as recorded, sample by sample, holes filled, N; without a command in its place what the cell read a sample later.
+    /// Command and cell as recorded, sample by sample, holes filled, N; without a command in its
+    /// place what the cell read a sample later.
     pub raw_command: Vec<f64>,
     raw_cell: Option<Vec<f64>>,
     has_command: bool,
@@ -115,12 +132,17 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// From a trace at a uniform rate; samples with a NaN position, and where it has the force at all a NaN force, are left out
-    /// of the comparison. `model` gives the moving mass and the declared noise.
+    /// From a trace at a uniform rate; samples with a NaN position, and where it has the force at
+    /// all a NaN force, are left out of the comparison. `model` gives the moving mass and the
+    /// declared noise.
     pub fn new(trace: &Trace, model: &StageModel, name: &str) -> Result<Measured, IdentifyError> {
         let count = trace.len();
         if count < MIN_SAMPLES {
-            return Err(IdentifyError::TooShort { name: name.to_owned(), samples: count, least: MIN_SAMPLES });
+            return Err(IdentifyError::TooShort {
+                name: name.to_owned(),
+                samples: count,
+                least: MIN_SAMPLES,
+            });
         }
         let span = trace.time[count - 1] - trace.time[0];
         let rate = (count - 1) as f64 / span;
@@ -128,12 +150,16 @@ impl Measured {
         if absent(&trace.force) && absent(&trace.force_cell) {
             return Err(IdentifyError::NoForce { name: name.to_owned() });
         }
-        let mut valid: Vec<bool> = trace.position.iter().map(|position| position.is_finite()).collect();
+        let mut valid: Vec<bool> =
+            trace.position.iter().map(|position| position.is_finite()).collect();
         let position = filled(&trace.position);
         let (lowest, highest) = friction_stage_core::numerics::range(&position);
         let count_size = model.encoder.resolution.max(1e-12);
         if highest - lowest <= 10.0 * (count_size + model.encoder.noise) {
-            return Err(IdentifyError::NoMotion { name: name.to_owned(), travel: highest - lowest });
+            return Err(IdentifyError::NoMotion {
+                name: name.to_owned(),
+                travel: highest - lowest,
+            });
         }
         let mut note = |values: &[f64]| {
             for (valid, value) in valid.iter_mut().zip(values) {
@@ -158,11 +184,18 @@ impl Measured {
         // An encoder without any noise is no division by 0.
         let counts = model.encoder.resolution.max(count_of(&trace.position)) / 12f64.sqrt();
         let noise = noise_of(&position).max(counts).max(f64::MIN_POSITIVE);
-        // Noise of the controller is in the command too, a sample before the cell shows it; what a gain or a lag leaves of it is not the cell's.
+        // Noise of the controller is in the command too, a sample before the cell shows it; what a
+        // gain or a lag leaves of it is not the cell's.
         let cell_noise = raw_cell.as_ref().map_or(0.0, |cell| {
-            let beside_command: Vec<f64> =
-                cell.iter().skip(1).zip(&raw_command).map(|(cell, command)| cell - command).collect();
-            noise_of(cell).min(noise_of(&beside_command)).max(count_of(&trace.force_cell) / 12f64.sqrt())
+            let beside_command: Vec<f64> = cell
+                .iter()
+                .skip(1)
+                .zip(&raw_command)
+                .map(|(cell, command)| cell - command)
+                .collect();
+            noise_of(cell)
+                .min(noise_of(&beside_command))
+                .max(count_of(&trace.force_cell) / 12f64.sqrt())
         });
         for unknown in unknown_bristles(&trace.position, rate, model)? {
             valid[unknown].fill(false);
@@ -207,30 +240,40 @@ impl Measured {
     fn work_out(&mut self, mass: f64) {
         let (position, raw_command) = (&self.position, &self.raw_command);
         let (count, rate) = (self.len(), self.rate);
-        // Interval k runs from sample k to k + 1; the cell shows it at its end, the command at its start.
+        // Interval k runs from sample k to k + 1; the cell shows it at its end, the command at its
+        // start.
         let inner = |values: &dyn Fn(usize) -> f64| -> Vec<f64> {
             (0..count).map(|k| if k == 0 || k + 1 == count { 0.0 } else { values(k) }).collect()
         };
         let command = inner(&|k| 0.5 * (raw_command[k - 1] + raw_command[k]));
         let cell = self.raw_cell.as_ref().map(|cell| inner(&|k| 0.5 * (cell[k] + cell[k + 1])));
-        let acceleration = inner(&|k| (position[k + 1] - 2.0 * position[k] + position[k - 1]) * rate * rate);
-        (self.command, self.cell, self.acceleration, self.mass) = (command, cell, acceleration, mass);
+        let acceleration =
+            inner(&|k| (position[k + 1] - 2.0 * position[k] + position[k - 1]) * rate * rate);
+        (self.command, self.cell, self.acceleration, self.mass) =
+            (command, cell, acceleration, mass);
         (self.velocity, self.steps) = self.moved_by(&self.command);
     }
 
-    /// Velocity at the nodes, m/s, and the motion in steps, where this force of the motor at the nodes, N, shakes the carriage at rest.
+    /// Velocity at the nodes, m/s, and the motion in steps, where this force of the motor at the
+    /// nodes, N, shakes the carriage at rest.
     pub(super) fn moved_by(&self, push: &[f64]) -> (Vec<f64>, Vec<Step>) {
-        let (position, count, rate, dt, mass) = (&self.position, self.len(), self.rate, self.rate.recip(), self.mass);
+        let (position, count, rate, dt, mass) =
+            (&self.position, self.len(), self.rate, self.rate.recip(), self.mass);
         // A cell's noise would shake the carriage more than the controller does.
-        let shaken = self.has_command.then(|| push.iter().map(|force| force * dt * dt / mass).collect::<Vec<f64>>());
+        let shaken = self
+            .has_command
+            .then(|| push.iter().map(|force| force * dt * dt / mass).collect::<Vec<f64>>());
         let smooth = at_rest_smoothed(position, shaken.as_deref(), rate, self.noise);
-        // With a force that is held the velocity at a node is the central difference less a quarter of the jump of the acceleration times dt.
+        // With a force that is held the velocity at a node is the central difference less a quarter
+        // of the jump of the acceleration times dt.
         let jump = |k: usize| match &self.raw_cell {
             Some(cell) => cell[k + 1] - cell[k],
             None => self.raw_command[k] - self.raw_command[k - 1],
         };
         let velocity_of = |position: &[f64]| -> Vec<f64> {
-            let between = |k: usize| 0.5 * (position[k + 1] - position[k - 1]) * rate - 0.25 * jump(k) * dt / mass;
+            let between = |k: usize| {
+                0.5 * (position[k + 1] - position[k - 1]) * rate - 0.25 * jump(k) * dt / mass
+            };
             (0..count).map(|k| if k == 0 || k + 1 == count { 0.0 } else { between(k) }).collect()
         };
         let (velocity, read_velocity) = (velocity_of(&smooth), velocity_of(position));
@@ -238,7 +281,8 @@ impl Measured {
         (velocity, steps)
     }
 
-    /// The same record had encoder (m) and cell (N) read this more, sample by sample; a cell that is not there reads nothing.
+    /// The same record had encoder (m) and cell (N) read this more, sample by sample; a cell that
+    /// is not there reads nothing.
     pub(super) fn with_noise(
         &self,
         mut encoder: impl FnMut() -> f64,
@@ -261,14 +305,16 @@ impl Measured {
             rows: self.rows.clone(),
             ..*self
         };
-        let read = if noisy.has_command { noisy.raw_cell.as_mut() } else { Some(&mut noisy.raw_command) };
+        let read =
+            if noisy.has_command { noisy.raw_cell.as_mut() } else { Some(&mut noisy.raw_command) };
         read.into_iter().flatten().for_each(|force| *force += cell());
         noisy.work_out(mass);
         noisy
     }
 
-    /// The motion in steps: more of them where it turns. `smooth` is the position without what the noise feigns at rest, `velocity` its velocity at the nodes,
-    /// `read_velocity` that with the noise.
+    /// The motion in steps: more of them where it turns. `smooth` is the position without what the
+    /// noise feigns at rest, `velocity` its velocity at the nodes, `read_velocity` that with the
+    /// noise.
     fn in_steps(&self, smooth: &[f64], velocity: &[f64], read_velocity: &[f64]) -> Vec<Step> {
         let (rate, dt) = (self.rate, self.rate.recip());
         let still = self.noise * rate * REST_SPEED.0;
@@ -278,7 +324,8 @@ impl Measured {
             let (start, end) = (velocity[k], velocity[k + 1]);
             let turns = start * end <= 0.0 || (end - start).abs() > STEADY * mean.abs();
             let parts = if turns && start.abs().max(end.abs()) > still { SUBSTEPS } else { 1 };
-            let (slides, moves) = (path(smooth, velocity, k, rate), path(&self.position, read_velocity, k, rate));
+            let (slides, moves) =
+                (path(smooth, velocity, k, rate), path(&self.position, read_velocity, k, rate));
             for part in 0..parts {
                 let (from, to) = (part as f64 / parts as f64, (part + 1) as f64 / parts as f64);
                 let middle = 0.5 * (from + to);
@@ -321,7 +368,8 @@ impl Measured {
         self.rows.iter().map(|row| self.lowpass.at(signal, *row)).collect()
     }
 
-    /// Rms of the force on the carriage as measured (the command where there is no cell), filtered as the residuals are, N.
+    /// Rms of the force on the carriage as measured (the command where there is no cell), filtered
+    /// as the residuals are, N.
     pub fn force_rms(&self) -> f64 {
         let force = self.filtered(self.cell.as_deref().unwrap_or(&self.command));
         mean_square(force.into_iter()).sqrt()
@@ -332,20 +380,29 @@ impl Measured {
         self.rows.iter().map(|row| signal[*row]).collect()
     }
 
-    /// Standard deviation of the residuals that the declared sensor noise alone gives, N: motor side (0 without cell and command) and
-    /// carriage side.
+    /// Standard deviation of the residuals that the declared sensor noise alone gives, N: motor
+    /// side (0 without cell and command) and carriage side.
     pub fn declared_floor(&self, model: &StageModel) -> Floor {
         self.floor_of(model, encoder_noise(model), model.force_cell.noise)
     }
 
-    /// The same of the noise that the record shows, where that is more than the declared: what sensors hide no law explains.
+    /// The same of the noise that the record shows, where that is more than the declared: what
+    /// sensors hide no law explains.
     pub fn floor(&self, model: &StageModel) -> Floor {
-        self.floor_of(model, encoder_noise(model).max(self.noise), model.force_cell.noise.max(self.cell_noise))
+        self.floor_of(
+            model,
+            encoder_noise(model).max(self.noise),
+            model.force_cell.noise.max(self.cell_noise),
+        )
     }
 
     /// Of a noise of encoder, m, and cell, N.
     fn floor_of(&self, model: &StageModel, encoder: f64, cell: f64) -> Floor {
-        let inertia = model.mass * self.rate * self.rate * encoder * self.lowpass.noise_gain(&[1.0, -2.0, 1.0]);
+        let inertia = model.mass
+            * self.rate
+            * self.rate
+            * encoder
+            * self.lowpass.noise_gain(&[1.0, -2.0, 1.0]);
         let read = cell * self.lowpass.noise_gain(&[0.5, 0.5]);
         Floor {
             motor: if self.cell.is_some() { read } else { 0.0 },
@@ -368,7 +425,8 @@ impl Floor {
     }
 }
 
-/// Samples at which the filtered signals are compared: thinned out, and where the filter sees valid samples only.
+/// Samples at which the filtered signals are compared: thinned out, and where the filter sees valid
+/// samples only.
 fn rows_of(valid: &[bool], lowpass: &Lowpass) -> Vec<usize> {
     let half = lowpass.half() + 1;
     // Running count of samples to leave out, so that each row is judged in one subtraction.
@@ -378,11 +436,14 @@ fn rows_of(valid: &[bool], lowpass: &Lowpass) -> Vec<usize> {
             Some(*sum)
         }))
         .collect();
-    lowpass.kept(valid.len(), 2).filter(|row| *row >= half && missing[row + half + 1] == missing[row - half]).collect()
+    lowpass
+        .kept(valid.len(), 2)
+        .filter(|row| *row >= half && missing[row + half + 1] == missing[row - half])
+        .collect()
 }
 
-/// Way from sample `k` over the share s of the interval behind it, over the length of the interval, m/s: a cubic with the velocities of
-/// both samples at its ends.
+/// Way from sample `k` over the share s of the interval behind it, over the length of the interval,
+/// m/s: a cubic with the velocities of both samples at its ends.
 fn path(position: &[f64], velocity: &[f64], k: usize, rate: f64) -> impl Fn(f64) -> f64 + use<> {
     let mean = (position[k + 1] - position[k]) * rate;
     let (start, end) = (velocity[k], velocity[k + 1]);
@@ -395,13 +456,21 @@ pub(super) fn forgetting_length(guides: &[Guide]) -> f64 {
     FORGETTING * guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max)
 }
 
-/// Samples at which nobody knows what the bristles hold: at the start, and after a hole in which the stage moved and may have turned, until the guides have
-/// slid far enough to have forgotten it. A record that never slides so far is whole from its start.
-fn unknown_bristles(position: &[f64], rate: f64, model: &StageModel) -> Result<Vec<Range<usize>>, IdentifyError> {
+/// Samples at which nobody knows what the bristles hold: at the start, and after a hole in which
+/// the stage moved and may have turned, until the guides have slid far enough to have forgotten it.
+/// A record that never slides so far is whole from its start.
+fn unknown_bristles(
+    position: &[f64],
+    rate: f64,
+    model: &StageModel,
+) -> Result<Vec<Range<usize>>, IdentifyError> {
     let length = forgetting_length(&model.resolved_guides()?);
     let slid_from = |from: usize| {
         let start = position[from];
-        position[from..].iter().position(|x| (x - start).abs() > length).map(|samples| from + samples)
+        position[from..]
+            .iter()
+            .position(|x| (x - start).abs() > length)
+            .map(|samples| from + samples)
     };
     let mut ranges = Vec::new();
     let (mut from, mut hole) = (0, 0);
@@ -447,8 +516,9 @@ fn filled(values: &[f64]) -> Vec<f64> {
     filled
 }
 
-/// Count in which a signal is read: the least step, of which all others are multiples; 0 where there is none. Steps that are all the same are those of a motion
-/// at one speed, unless the signal stands still again and again between them.
+/// Count in which a signal is read: the least step, of which all others are multiples; 0 where
+/// there is none. Steps that are all the same are those of a motion at one speed, unless the signal
+/// stands still again and again between them.
 fn count_of(values: &[f64]) -> f64 {
     let all_steps = || values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
     let least = all_steps().filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
@@ -473,11 +543,14 @@ fn encoder_noise(model: &StageModel) -> f64 {
     model.encoder.noise.hypot(model.encoder.resolution / 12f64.sqrt())
 }
 
-/// White noise of a signal from its third differences, whose variance is 20 times that of the noise: median-based so that steps do not
-/// count, and of the slowest part of the record, so that an encoder's error that repeats with the position does not.
+/// White noise of a signal from its third differences, whose variance is 20 times that of the
+/// noise: median-based so that steps do not count, and of the slowest part of the record, so that
+/// an encoder's error that repeats with the position does not.
 fn noise_of(values: &[f64]) -> f64 {
-    let mut windows: Vec<(f64, f64)> =
-        values.windows(4).map(|w| ((w[3] - w[0]).abs(), (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs())).collect();
+    let mut windows: Vec<(f64, f64)> = values
+        .windows(4)
+        .map(|w| ((w[3] - w[0]).abs(), (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()))
+        .collect();
     let slow = (SLOWEST * windows.len() as f64) as usize;
     if slow == 0 {
         return 0.0;
@@ -487,16 +560,19 @@ fn noise_of(values: &[f64]) -> f64 {
     median.1 / 0.6745 / 20f64.sqrt()
 }
 
-/// The position with its noise taken out where the carriage hardly moves. What shakes it there is mostly what the controller makes of the
-/// encoder's noise, too fast and too small to be seen; bristles relax with it all the same. `shaken`: second differences of the position
-/// by the command alone, m.
+/// The position with its noise taken out where the carriage hardly moves. What shakes it there is
+/// mostly what the controller makes of the encoder's noise, too fast and too small to be seen;
+/// bristles relax with it all the same. `shaken`: second differences of the position by the command
+/// alone, m.
 fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: f64) -> Vec<f64> {
     let lowpass = Lowpass::new(REST_CORNER.min(rate / 5.0), rate);
     let rest = lowpass.rest_of_second_differences();
     let (count, half) = (position.len(), lowpass.half());
     let feigned = 2f64.sqrt() * noise * rate;
     let lowpassed = |signal: &[f64]| -> Vec<f64> {
-        (0..count).map(|k| if k < half || k + half >= count { signal[k] } else { lowpass.at(signal, k) }).collect()
+        (0..count)
+            .map(|k| if k < half || k + half >= count { signal[k] } else { lowpass.at(signal, k) })
+            .collect()
     };
     let rest_of = |signal: &[f64], slow: &[f64]| -> Vec<f64> {
         signal.iter().zip(slow).map(|(whole, slow)| whole - slow).collect()
@@ -509,8 +585,9 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
             Some(*sum)
         }))
         .collect();
-    // The slow part of the command is what friction holds: of the rest of the position again the slow part is the encoder's and the
-    // quick one the command's, so that together they pass all frequencies alike.
+    // The slow part of the command is what friction holds: of the rest of the position again the
+    // slow part is the encoder's and the quick one the command's, so that together they pass all
+    // frequencies alike.
     let shaken = shaken.map(|shaken| rest_of(shaken, &lowpassed(shaken)));
     let speed: Vec<f64> = (0..count)
         .map(|k| {
@@ -530,8 +607,11 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
         .map(|k| {
             let (before, after) = (k.saturating_sub(half), (k + half + 1).min(count));
             let ringing = ((squares[after] - squares[before]) / (after - before) as f64).sqrt();
-            let beyond = |value: f64, (low, high): (f64, f64)| ((value - low) / (high - low)).clamp(0.0, 1.0);
-            let share = beyond(speed[k] / feigned, REST_SPEED).max(beyond(ringing / noise, RINGING));
+            let beyond = |value: f64, (low, high): (f64, f64)| {
+                ((value - low) / (high - low)).clamp(0.0, 1.0)
+            };
+            let share =
+                beyond(speed[k] / feigned, REST_SPEED).max(beyond(ringing / noise, RINGING));
             let quick = match &shaken {
                 Some(shaken) if share < 1.0 && k >= half && k + half < count => {
                     lowpass.at(&left, k) + rest.at(shaken, k)
@@ -559,7 +639,8 @@ mod tests {
     /// 2 s at 2 kHz: 20 mm to and fro, then rest.
     fn trace(noise: impl Fn(usize) -> f64) -> Trace {
         let count = 4000;
-        let at = |k: usize| if k < 2000 { 0.01 * (1.0 - (TAU * k as f64 / 2000.0).cos()) } else { 0.0 };
+        let at =
+            |k: usize| if k < 2000 { 0.01 * (1.0 - (TAU * k as f64 / 2000.0).cos()) } else { 0.0 };
         Trace {
             origin_ns: 0,
             time: (0..count).map(|k| k as f64 / 2000.0).collect(),
@@ -578,23 +659,37 @@ mod tests {
         (model.encoder.noise, model.encoder.resolution) = (0.0, 0.0);
         let measured = Measured::new(&trace(|_| 0.0), &model, "exact").unwrap();
         for step in &measured.steps {
-            assert!(step.sliding.is_finite() && (step.sliding - step.motion.velocity).abs() < 1e-9, "{step:?}");
+            assert!(
+                step.sliding.is_finite() && (step.sliding - step.motion.velocity).abs() < 1e-9,
+                "{step:?}"
+            );
         }
     }
 
     #[test]
     fn counts_are_seen_where_all_steps_are_whole_ones() {
         let read = |count: f64| -> Vec<f64> {
-            (0..4000).map(|k| ((0.01 * (1.0 - (TAU * f64::from(k) / 2000.0).cos())) / count).round() * count).collect()
+            (0..4000)
+                .map(|k| {
+                    ((0.01 * (1.0 - (TAU * f64::from(k) / 2000.0).cos())) / count).round() * count
+                })
+                .collect()
         };
         for count in [1e-6, 1e-5, 1e-4] {
-            assert!((count_of(&read(count)) / count - 1.0).abs() < 1e-3, "{count:e}: {:e}", count_of(&read(count)));
+            assert!(
+                (count_of(&read(count)) / count - 1.0).abs() < 1e-3,
+                "{count:e}: {:e}",
+                count_of(&read(count))
+            );
         }
         // One step again and again may be a motion at one speed; steps of all sizes are no counts.
         // 50 steps there, a rest, 50 back, a rest.
-        let to_and_fro = (0..400).map(|k: i32| f64::from((k % 200).min(150 - k % 200).clamp(0, 50)));
+        let to_and_fro =
+            (0..400).map(|k: i32| f64::from((k % 200).min(150 - k % 200).clamp(0, 50)));
         assert_eq!(count_of(&to_and_fro.collect::<Vec<_>>()), 0.0);
-        assert!(count_of(&(0..4000).map(|k| (f64::from(k) * 0.01).sin()).collect::<Vec<_>>()) < 1e-4);
+        assert!(
+            count_of(&(0..4000).map(|k| (f64::from(k) * 0.01).sin()).collect::<Vec<_>>()) < 1e-4
+        );
         assert_eq!(count_of(&[f64::NAN; 9]), 0.0);
     }
 
@@ -612,12 +707,14 @@ mod tests {
         assert!(still < 0.1 * read, "{still} m of {read} m that the encoder reads");
         // 40 nm at 130 Hz.
         let ring = |k: usize| 40e-9 * (TAU * 130.0 * k as f64 / 2000.0).sin();
-        let ringing = path(&Measured::new(&trace(|k| chaos(k) + ring(k)), &model, "ringing").unwrap());
+        let ringing =
+            path(&Measured::new(&trace(|k| chaos(k) + ring(k)), &model, "ringing").unwrap());
         let way = 4.0 * 40e-9 * 130.0 * 0.5;
         assert!((ringing / way - 1.0).abs() < 0.1, "{ringing} m of {way} m");
     }
 
-    /// In a hole the stage may have turned: until its guides have slid far, nobody knows what they hold.
+    /// In a hole the stage may have turned: until its guides have slid far, nobody knows what they
+    /// hold.
     #[test]
     fn after_a_hole_rows_wait_until_the_guides_have_slid() {
         let model = StageModel::default();
@@ -625,18 +722,21 @@ mod tests {
         let kept = |hole: Range<usize>| {
             let mut trace = trace(|_| 0.0);
             trace.position[hole].fill(f64::NAN);
-            let (position, rows) = (trace.position.clone(), Measured::new(&trace, &model, "hole").unwrap().rows);
+            let (position, rows) =
+                (trace.position.clone(), Measured::new(&trace, &model, "hole").unwrap().rows);
             (position, rows)
         };
         // About the turn at 10 mm, 50 ms long, and one of two samples.
         let (position, rows) = kept(950..1050);
-        let slid = 1050 + position[1050..].iter().position(|x| (x - position[1050]).abs() > length).unwrap();
+        let slid = 1050
+            + position[1050..].iter().position(|x| (x - position[1050]).abs() > length).unwrap();
         assert!(slid > 1080, "{slid}");
         assert!(rows.iter().all(|row| !(950..slid).contains(row)), "{slid}");
         assert!(rows.iter().any(|row| (slid..slid + 40).contains(row)), "{slid}");
         let (_, rows) = kept(999..1001);
         assert!(rows.iter().any(|row| (1001..1050).contains(row)));
-        // In the rest at the end it stands, and from a hole that reaches into the rest it never slides again.
+        // In the rest at the end it stands, and from a hole that reaches into the rest it never
+        // slides again.
         let (_, rows) = kept(2100..2200);
         assert!(rows.iter().any(|row| *row > 2200));
         let (_, rows) = kept(1900..2100);

@@ -1,4 +1,5 @@
-//! What a fit makes small: the missing force and how far the declared parameters are from what is declared, and its derivatives.
+//! What a fit makes small: the missing force and how far the declared parameters are from what is
+//! declared, and its derivatives.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -16,19 +17,22 @@ const DIFFERENCE: f64 = 1e-4;
 const PIECES: usize = 8;
 const BLOCK: usize = 256;
 
-/// The missing force of both sides and, for each declared parameter, how far it is from its declared value: a row of one standard
-/// deviation of the noise per standard deviation of the tolerance, taken as a uniform distribution. It decides only where the data do
-/// not: a payload against the mass itself, a difference between guides that no motion shows.
+/// The missing force of both sides and, for each declared parameter, how far it is from its
+/// declared value: a row of one standard deviation of the noise per standard deviation of the
+/// tolerance, taken as a uniform distribution. It decides only where the data do not: a payload
+/// against the mass itself, a difference between guides that no motion shows.
 pub(super) fn stacked(missing: &Missing, coordinates: &[Coordinate], noise: f64) -> DVector<f64> {
-    let declared =
-        coordinates.iter().map(|coordinate| expectation(coordinate, noise) * coordinate.value / coordinate.scale);
+    let declared = coordinates
+        .iter()
+        .map(|coordinate| expectation(coordinate, noise) * coordinate.value / coordinate.scale);
     DVector::from_iterator(
         missing.motor.len() + missing.carriage.len() + coordinates.len(),
         missing.motor.iter().chain(&missing.carriage).copied().chain(declared),
     )
 }
 
-/// Weight of a declared parameter's distance from its declared value, N per scale; 0 for what nobody declared.
+/// Weight of a declared parameter's distance from its declared value, N per scale; 0 for what
+/// nobody declared.
 fn expectation(coordinate: &Coordinate, noise: f64) -> f64 {
     match coordinate.place {
         Place::Declared(_) | Place::Spread { .. } => 3f64.sqrt() * noise,
@@ -64,15 +68,23 @@ pub(super) fn derivatives(
             moved.set(coordinate.place, coordinate.value + step);
             let mut there = coordinates.to_vec();
             there[index].value += step;
-            let missing = moved.missing_of(&moved.driven(measured, sides, driven)?, measured, sides);
+            let missing =
+                moved.missing_of(&moved.driven(measured, sides, driven)?, measured, sides);
             Ok((stacked(&missing, &there, noise) - residual) * (coordinate.scale / step))
         };
         // Some values are possible only together: then the other direction is, or none.
-        Ok(quotient(step).or_else(|_| quotient(-step)).unwrap_or_else(|_| DVector::zeros(residual.len())))
+        Ok(quotient(step)
+            .or_else(|_| quotient(-step))
+            .unwrap_or_else(|_| DVector::zeros(residual.len())))
     };
     let (of_guides, others) = rayon::join(
         || guide_slopes(hypothesis, coordinates, &of_guides, driven, measured),
-        || others.par_iter().map(|index| Ok((*index, column(*index)?))).collect::<Result<Vec<_>, ModelError>>(),
+        || {
+            others
+                .par_iter()
+                .map(|index| Ok((*index, column(*index)?)))
+                .collect::<Result<Vec<_>, ModelError>>()
+        },
     );
     let mut derivatives = DMatrix::zeros(residual.len(), coordinates.len());
     for (index, column) in others? {
@@ -81,7 +93,9 @@ pub(super) fn derivatives(
     of_carriage.extend(of_guides?);
     let declared = residual.len() - coordinates.len();
     for (index, column) in of_carriage {
-        derivatives.view_mut((declared - column.len(), index), (column.len(), 1)).copy_from(&column);
+        derivatives
+            .view_mut((declared - column.len(), index), (column.len(), 1))
+            .copy_from(&column);
     }
     for (index, coordinate) in coordinates.iter().enumerate() {
         derivatives[(declared + index, index)] = expectation(coordinate, noise);
@@ -89,7 +103,8 @@ pub(super) fn derivatives(
     Ok(derivatives)
 }
 
-/// J^T J, on all cores. Knots of a curve act on few rows each: blocks of a column that are all zero are passed over.
+/// J^T J, on all cores. Knots of a curve act on few rows each: blocks of a column that are all zero
+/// are passed over.
 pub(super) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
     let (rows, count) = jacobian.shape();
     // Of so many pieces, not one for each core: the sum must not hang on the machine.
@@ -101,7 +116,9 @@ pub(super) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
             for from in (start..end).step_by(BLOCK) {
                 let block = jacobian.rows(from, BLOCK.min(end - from));
                 let columns = block.column_iter().enumerate();
-                let acting: Vec<_> = columns.filter(|(_, column)| column.iter().any(|value| *value != 0.0)).collect();
+                let acting: Vec<_> = columns
+                    .filter(|(_, column)| column.iter().any(|value| *value != 0.0))
+                    .collect();
                 for (place, (row, one)) in acting.iter().enumerate() {
                     for (column, other) in &acting[..=place] {
                         normal[(*row, *column)] += one.dot(other);
@@ -111,7 +128,8 @@ pub(super) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
             normal
         })
         .collect();
-    let mut normal = pieces.into_iter().fold(DMatrix::zeros(count, count), |sum, piece| sum + piece);
+    let mut normal =
+        pieces.into_iter().fold(DMatrix::zeros(count, count), |sum, piece| sum + piece);
     normal.fill_upper_triangle_with_lower_triangle();
     normal
 }
@@ -157,12 +175,19 @@ mod tests {
                 stacked(&moved.missing(&measured, Sides::BOTH).unwrap(), &there, 0.05)
             };
             let here = residual_at(0, 0.0);
-            let all = derivatives(&start, &coordinates, &driven, &measured, Sides::BOTH, &here, 0.05).unwrap();
+            let all =
+                derivatives(&start, &coordinates, &driven, &measured, Sides::BOTH, &here, 0.05)
+                    .unwrap();
             for (index, coordinate) in coordinates.iter().enumerate() {
                 let expected = (residual_at(index, 1e-4) - residual_at(index, -1e-4)) / 2e-4;
                 let off = (all.column(index) - &expected).norm() / expected.norm();
                 // Forward differences are off by the curvature: seen up to 3e-3.
-                assert!(off < 1e-2, "{laws:?}, {:?}: {off:e} of {}", coordinate.place, expected.norm());
+                assert!(
+                    off < 1e-2,
+                    "{laws:?}, {:?}: {off:e} of {}",
+                    coordinate.place,
+                    expected.norm()
+                );
             }
         }
     }

@@ -1,6 +1,6 @@
-//! Is a ripple the same in another record, or has it moved? A ripple in position keeps its phase only while the machine keeps its origin:
-//! homed again, or with an incremental encoder started elsewhere, the phase is another one, and the law with the old one
-//! makes things worse.
+//! Is a ripple the same in another record, or has it moved? A ripple in position keeps its phase
+//! only while the machine keeps its origin: homed again, or with an incremental encoder started
+//! elsewhere, the phase is another one, and the law with the old one makes things worse.
 
 use std::f64::consts::TAU;
 
@@ -9,7 +9,8 @@ use nalgebra::{Matrix3, Vector3};
 use super::{Hypothesis, Measured, Part, Sides};
 use friction_stage_core::model::ModelError;
 
-/// Ratio of amplitudes up to which two ripples pass for the same one, and fewest periods that make a ripple. Assumed.
+/// Ratio of amplitudes up to which two ripples pass for the same one, and fewest periods that make
+/// a ripple. Assumed.
 const ALIKE: f64 = 1.5;
 const FEWEST: f64 = 8.0;
 
@@ -24,24 +25,30 @@ pub struct RippleElsewhere {
     pub periods: f64,
     /// Phase there less phase of the law, rad, between -pi and pi.
     pub phase_shift: f64,
-    /// What the law as it stands takes off the mean square there, N^2; negative where it makes it worse.
+    /// What the law as it stands takes off the mean square there, N^2; negative where it makes it
+    /// worse.
     pub gain_as_found: f64,
-    /// What it would take off with the phase and amplitude of that record, N^2: a fit on that record, to be told and not to be used.
+    /// What it would take off with the phase and amplitude of that record, N^2: a fit on that
+    /// record, to be told and not to be used.
     pub gain_with_own_phase: f64,
 }
 
 impl RippleElsewhere {
-    /// Whether the ripple is there, but elsewhere: only with its own phase does it lower the error by `least`, N^2. A few waves, or
-    /// waves of another size, are what bends otherwise along the way.
+    /// Whether the ripple is there, but elsewhere: only with its own phase does it lower the error
+    /// by `least`, N^2. A few waves, or waves of another size, are what bends otherwise along the
+    /// way.
     pub fn has_moved(&self, least: f64) -> bool {
         let (law, there) = self.amplitudes;
         let alike = there < ALIKE * law && law < ALIKE * there;
-        alike && self.periods >= FEWEST && self.gain_as_found < least && self.gain_with_own_phase >= least
+        alike
+            && self.periods >= FEWEST
+            && self.gain_as_found < least
+            && self.gain_with_own_phase >= least
     }
 }
 
-/// How a law that is a sinusoid over position (`cogging`, `ball_passage`) fares in another record; `None` for other laws.
-/// `without` is the hypothesis that lacks it.
+/// How a law that is a sinusoid over position (`cogging`, `ball_passage`) fares in another record;
+/// `None` for other laws. `without` is the hypothesis that lacks it.
 pub fn ripple_elsewhere(
     part: &Part,
     without: &Hypothesis,
@@ -51,9 +58,15 @@ pub fn ripple_elsewhere(
         return Ok(None);
     }
     let value = |name: &str| {
-        part.descriptor.parameters.iter().position(|parameter| parameter.name == name).map(|index| part.values[index])
+        part.descriptor
+            .parameters
+            .iter()
+            .position(|parameter| parameter.name == name)
+            .map(|index| part.values[index])
     };
-    let (Some(amplitude), Some(period), Some(phase)) = (value("amplitude"), value("period"), value("phase")) else {
+    let (Some(amplitude), Some(period), Some(phase)) =
+        (value("amplitude"), value("period"), value("phase"))
+    else {
         return Ok(None);
     };
     let missing = without.missing(other, Sides::BOTH)?;
@@ -63,7 +76,13 @@ pub fn ripple_elsewhere(
 }
 
 /// The same on plain columns: positions, m, and missing force, N.
-fn compare(position: &[f64], residual: &[f64], amplitude: f64, period: f64, phase: f64) -> Option<RippleElsewhere> {
+fn compare(
+    position: &[f64],
+    residual: &[f64],
+    amplitude: f64,
+    period: f64,
+    phase: f64,
+) -> Option<RippleElsewhere> {
     let count = residual.len() as f64;
     let (mut normal, mut right, mut change) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
     for (x, force) in position.iter().zip(residual) {
@@ -105,9 +124,13 @@ mod tests {
     fn a_ripple_with_the_same_phase_has_not_moved() {
         let (position, force) = seen(0.7);
         let found = compare(&position, &force, 1.0, 2.5e-3, 0.7).unwrap();
-        assert!(found.phase_shift.abs() < 1e-9 && (found.amplitudes.1 - 1.0).abs() < 1e-9, "{found:?}");
         assert!(
-            (found.gain_as_found - 0.5).abs() < 1e-9 && (found.gain_with_own_phase - 0.5).abs() < 1e-9,
+            found.phase_shift.abs() < 1e-9 && (found.amplitudes.1 - 1.0).abs() < 1e-9,
+            "{found:?}"
+        );
+        assert!(
+            (found.gain_as_found - 0.5).abs() < 1e-9
+                && (found.gain_with_own_phase - 0.5).abs() < 1e-9,
             "{found:?}"
         );
         assert!(!found.has_moved(0.1));
@@ -128,7 +151,9 @@ mod tests {
         let (position, _) = seen(0.0);
         let found = compare(&position, &vec![0.3; position.len()], 1.0, 2.5e-3, 0.7).unwrap();
         assert!(
-            found.gain_as_found < -0.4 && found.gain_with_own_phase.abs() < 1e-9 && !found.has_moved(0.1),
+            found.gain_as_found < -0.4
+                && found.gain_with_own_phase.abs() < 1e-9
+                && !found.has_moved(0.1),
             "{found:?}"
         );
     }

@@ -1,7 +1,8 @@
 //! What the sensors' noise leaves of force, and how far it moves the parameters that a fit finds.
 //!
-//! Guides and effects are driven along the motion as it was measured: what noise does there is neither white nor does it cancel, a bristle
-//! remembers it and |v| rectifies it. Its effect is measured: the record once more with as much noise again, and what that moves
+//! Guides and effects are driven along the motion as it was measured: what noise does there is
+//! neither white nor does it cancel, a bristle remembers it and |v| rectifies it. Its effect is
+//! measured: the record once more with as much noise again, and what that moves
 //! (simulation-extrapolation: Cook, Stefanski, JASA 89, 1994).
 
 use nalgebra::{DMatrix, DVector};
@@ -17,16 +18,20 @@ use super::objective::{derivatives, stacked};
 use super::uncertainty::inverse_where_known;
 use friction_stage_core::model::ModelError;
 
-/// Assumed: records with noise added, each with its opposite, so that what is linear in the noise is in their difference and a shift in their sum.
+/// Assumed: records with noise added, each with its opposite, so that what is linear in the noise
+/// is in their difference and a shift in their sum.
 const PAIRS: u64 = 8;
-/// Assumed: pairs of which each record has its own derivatives, which are of the measured motion too, and cost most.
+/// Assumed: pairs of which each record has its own derivatives, which are of the measured motion
+/// too, and cost most.
 const OWN_DERIVATIVES: u64 = 2;
 
-/// Part by which noise may leave more than declared without a word: a record knows its noise to some per cent. Assumed.
+/// Part by which noise may leave more than declared without a word: a record knows its noise to
+/// some per cent. Assumed.
 pub const MORE_THAN_DECLARED: f64 = 1.2;
 
-/// What the sensors' noise leaves on a record: where it is as declared, of inertia and cell alone; where it is more, of the friction too, whose bristles
-/// follow what the encoder feigns. That is what as much noise again changes in the residual.
+/// What the sensors' noise leaves on a record: where it is as declared, of inertia and cell alone;
+/// where it is more, of the friction too, whose bristles follow what the encoder feigns. That is
+/// what as much noise again changes in the residual.
 pub(super) fn floor(hypothesis: &Hypothesis, measured: &Measured) -> Result<Floor, ModelError> {
     let floor = hypothesis.floor(measured);
     if floor.total() <= MORE_THAN_DECLARED * hypothesis.declared_floor(measured).total() {
@@ -34,15 +39,17 @@ pub(super) fn floor(hypothesis: &Hypothesis, measured: &Measured) -> Result<Floo
     }
     let there = hypothesis.missing(&noisy(hypothesis, measured, 0, 1.0), Sides::BOTH)?;
     let here = hypothesis.missing(measured, Sides::BOTH)?;
-    let changed =
-        |there: &[f64], here: &[f64]| mean_square(there.iter().zip(here).map(|(there, here)| there - here)).sqrt();
+    let changed = |there: &[f64], here: &[f64]| {
+        mean_square(there.iter().zip(here).map(|(there, here)| there - here)).sqrt()
+    };
     Ok(Floor {
         motor: floor.motor.max(changed(&there.motor, &here.motor)),
         carriage: floor.carriage.max(changed(&there.carriage, &here.carriage)),
     })
 }
 
-/// The record with as much noise again, drawn from a seed: of the encoder as the record shows it, of the cell no less than declared.
+/// The record with as much noise again, drawn from a seed: of the encoder as the record shows it,
+/// of the cell no less than declared.
 fn noisy(hypothesis: &Hypothesis, measured: &Measured, seed: u64, sign: f64) -> Measured {
     let declared = hypothesis.declared();
     let mut of_encoder = ChaCha8Rng::seed_from_u64(2 * seed);
@@ -56,35 +63,49 @@ fn noisy(hypothesis: &Hypothesis, measured: &Measured, seed: u64, sign: f64) -> 
     )
 }
 
-/// The same fit, with deviations at least as large as the spread that the noise of the sensors gives its coordinates, and with the shifts that it gives
-/// them.
+/// The same fit, with deviations at least as large as the spread that the noise of the sensors
+/// gives its coordinates, and with the shifts that it gives them.
 pub(super) fn widened(mut estimate: Estimate, measured: &Measured) -> Result<Estimate, ModelError> {
     let hypothesis = &estimate.fitted.hypothesis;
     // As in the fit.
     let weight = hypothesis.floor(measured).carriage;
-    let free: Vec<usize> =
-        (0..estimate.fitted.coordinates.len()).filter(|index| estimate.deviations[*index].is_finite()).collect();
+    let free: Vec<usize> = (0..estimate.fitted.coordinates.len())
+        .filter(|index| estimate.deviations[*index].is_finite())
+        .collect();
     if free.is_empty() {
         return Ok(estimate);
     }
     let residual = |measured: &Measured, driven: &Driven| {
-        stacked(&hypothesis.missing_of(driven, measured, Sides::BOTH), &estimate.fitted.coordinates, weight)
+        stacked(
+            &hypothesis.missing_of(driven, measured, Sides::BOTH),
+            &estimate.fitted.coordinates,
+            weight,
+        )
     };
     let columns = |measured: &Measured, driven: &Driven, residual: &DVector<f64>| {
-        let all =
-            derivatives(hypothesis, &estimate.fitted.coordinates, driven, measured, Sides::BOTH, residual, weight)?;
+        let all = derivatives(
+            hypothesis,
+            &estimate.fitted.coordinates,
+            driven,
+            measured,
+            Sides::BOTH,
+            residual,
+            weight,
+        )?;
         Ok::<_, ModelError>(all.select_columns(free.iter()))
     };
     // Where a fit would go from here in one step (Gauss, Newton).
-    let step =
-        |inverse: &DMatrix<f64>, columns: &DMatrix<f64>, residual: &DVector<f64>| -(inverse * columns.tr_mul(residual));
+    let step = |inverse: &DMatrix<f64>, columns: &DMatrix<f64>, residual: &DVector<f64>| {
+        -(inverse * columns.tr_mul(residual))
+    };
     let driven = hypothesis.driven(measured, Sides::BOTH, &Driven::default())?;
     let here = residual(measured, &driven);
     let columns_here = columns(measured, &driven, &here)?;
     let (inverse_here, _) = inverse_where_known(&columns_here.tr_mul(&columns_here));
     let step_here = step(&inverse_here, &columns_here, &here);
 
-    // Where noise takes a fit, with the derivatives of here, and what its own derivatives add to that.
+    // Where noise takes a fit, with the derivatives of here, and what its own derivatives add to
+    // that.
     let moved_by = |seed: u64, sign: f64| -> Result<(DVector<f64>, DVector<f64>), ModelError> {
         let noisy = noisy(hypothesis, measured, seed, sign);
         let driven = hypothesis.driven(&noisy, Sides::BOTH, &Driven::default())?;
@@ -128,8 +149,8 @@ mod tests {
     use friction_stage_core::model::StageModel;
     use friction_stage_core::numerics::TWO_SIDED_95;
 
-    /// Bristles follow what a noisy encoder feigns: static friction comes out too large, in each record a little, and together by more than their
-    /// intervals allow.
+    /// Bristles follow what a noisy encoder feigns: static friction comes out too large, in each
+    /// record a little, and together by more than their intervals allow.
     #[test]
     fn intervals_hold_what_a_noisy_encoder_shifts() {
         let mut model = StageModel::default();
@@ -137,12 +158,14 @@ mod tests {
         let records = 8u32;
         let (mut narrow, mut wide) = (0.0, 0.0);
         for seed in 0..u64::from(records) {
-            let measured = Measured::new(&recording(&model, seed, 0.0, 6), &model, "noisy").unwrap();
+            let measured =
+                Measured::new(&recording(&model, seed, 0.0, 6), &model, "noisy").unwrap();
             let hypothesis = Hypothesis::new(&model, Tolerances::default()).unwrap();
             let fitted = fit(&hypothesis, &measured, Sides::BOTH, Effort::KEPT).unwrap();
             let estimate = fitted.estimate(&measured, Sides::BOTH).unwrap();
             let widened = widened(estimate.clone(), &measured).unwrap();
-            let of_static_force = |one: &Coordinate| one.place == Place::Declared(Declared::StaticForce);
+            let of_static_force =
+                |one: &Coordinate| one.place == Place::Declared(Declared::StaticForce);
             let index = estimate.fitted.coordinates.iter().position(of_static_force).unwrap();
             // What is declared is true: nothing has to move.
             let off = estimate.fitted.coordinates[index].value / f64::from(records).sqrt();

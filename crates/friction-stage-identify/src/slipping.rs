@@ -1,9 +1,11 @@
 //! Ripples over the position whose phase each record has for itself: balls that slip.
 //!
-//! Guides whose phases walk are together one ripple, F = S(s) sin(2 pi x / p) + C(s) cos(2 pi x / p), of which S and C change slowly with the
-//! distance travelled s. No law tells them. They are linear here between knots a piece apart, and in each record those that leave least of
-//! the missing force (variable projection: Golub, Pereyra, SIAM Journal on Numerical Analysis 10, 1973): what is fitted of the law is its period. That there is
-//! such a ripple is judged along the way: where the carriage rests, and in a record with few periods, it could be any force.
+//! Guides whose phases walk are together one ripple, F = S(s) sin(2 pi x / p) + C(s) cos(2 pi x /
+//! p), of which S and C change slowly with the distance travelled s. No law tells them. They are
+//! linear here between knots a piece apart, and in each record those that leave least of the
+//! missing force (variable projection: Golub, Pereyra, SIAM Journal on Numerical Analysis 10,
+//! 1973): what is fitted of the law is its period. That there is such a ripple is judged along the
+//! way: where the carriage rests, and in a record with few periods, it could be any force.
 
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -20,7 +22,8 @@ use super::measured::Measured;
 
 /// The law that has balls which slip.
 pub(super) const LAW: &str = "ball_passage";
-/// Part of the largest curvature that is added to each, far above rounding and far below what a record tells: knots that the record says nothing of stay at 0.
+/// Part of the largest curvature that is added to each, far above rounding and far below what a
+/// record tells: knots that the record says nothing of stay at 0.
 const RIDGE: f64 = 1e-9;
 /// Steps of a search for a period per turn of the phase over the travel.
 const STEPS_PER_TURN: f64 = 4.0;
@@ -30,7 +33,8 @@ const MOST_STEPS: f64 = 2000.0;
 const LEAST_PERIODS: f64 = 8.0;
 /// Fewest periods in a piece: a narrow band. Assumed.
 const PERIODS_IN_A_PIECE: f64 = 20.0;
-/// Most pieces of a record, assumed: longer ones have longer pieces, so that time and memory stay linear.
+/// Most pieces of a record, assumed: longer ones have longer pieces, so that time and memory stay
+/// linear.
 const MOST_PIECES: f64 = 100.0;
 /// Rows that are farther apart than this have a hole between them, s. Assumed.
 const HOLE: f64 = 0.25;
@@ -51,7 +55,8 @@ struct Way {
     travelled: Vec<f64>,
     /// Rows without a hole between them: behind one nobody knows the phase.
     runs: Vec<Range<usize>>,
-    /// Distance from the row before, m: what a row counts where a ripple is looked for along the way. Where the carriage rests any force is one.
+    /// Distance from the row before, m: what a row counts where a ripple is looked for along the
+    /// way. Where the carriage rests any force is one.
     weights: Vec<f64>,
     /// Travel, m.
     range: f64,
@@ -81,8 +86,10 @@ fn travelled(position: &[f64]) -> Vec<f64> {
 impl Way {
     fn new(measured: &Measured) -> Way {
         let travelled = measured.at_rows(&travelled(&measured.position));
-        let holes = measured.rows.windows(2).map(|two| (two[1] - two[0]) as f64 > HOLE * measured.rate);
-        let starts: Vec<usize> = holes.enumerate().filter(|(_, hole)| *hole).map(|(row, _)| row + 1).collect();
+        let holes =
+            measured.rows.windows(2).map(|two| (two[1] - two[0]) as f64 > HOLE * measured.rate);
+        let starts: Vec<usize> =
+            holes.enumerate().filter(|(_, hole)| *hole).map(|(row, _)| row + 1).collect();
         let ends = starts.iter().copied().chain([travelled.len()]);
         let runs: Vec<Range<usize>> =
             [0].into_iter().chain(starts.iter().copied()).zip(ends).map(|(a, b)| a..b).collect();
@@ -92,7 +99,8 @@ impl Way {
                 weights[row] = travelled[row] - travelled[row - 1];
             }
         }
-        let (lowest, highest) = friction_stage_core::numerics::range(&measured.at_rows(&measured.position));
+        let (lowest, highest) =
+            friction_stage_core::numerics::range(&measured.at_rows(&measured.position));
         Way { travelled, runs, weights, range: highest - lowest }
     }
 
@@ -103,8 +111,18 @@ impl Way {
 
 impl Waves {
     /// The same number of knots whatever the period: a fit moves that.
-    fn new(ripple: SlippingRipple, sine: Vec<f64>, cosine: Vec<f64>, way: &Way, first: usize) -> Waves {
-        let all = way.travelled.last().zip(way.travelled.first()).map_or(0.0, |(last, first)| last - first);
+    fn new(
+        ripple: SlippingRipple,
+        sine: Vec<f64>,
+        cosine: Vec<f64>,
+        way: &Way,
+        first: usize,
+    ) -> Waves {
+        let all = way
+            .travelled
+            .last()
+            .zip(way.travelled.first())
+            .map_or(0.0, |(last, first)| last - first);
         let piece = ripple.piece.max(all / MOST_PIECES);
         let (mut places, mut knots) = (Vec::with_capacity(way.travelled.len()), 0);
         for run in &way.runs {
@@ -112,7 +130,8 @@ impl Waves {
             let (Some(start), Some(end)) = (of_run.first(), of_run.last()) else { continue };
             let pieces = ((end - start) / piece).round();
             for travelled in of_run {
-                let along = if end > start { (travelled - start) / (end - start) * pieces } else { 0.0 };
+                let along =
+                    if end > start { (travelled - start) / (end - start) * pieces } else { 0.0 };
                 let knot = along.floor().min((pieces - 1.0).max(0.0));
                 places.push((knots + knot as usize, along - knot));
             }
@@ -127,12 +146,18 @@ impl Waves {
         let (sine, cosine, at) = (self.sine[row], self.cosine[row], self.first + 2 * knot);
         // Where there is one knot alone the second pair is 0, and stands on the first.
         let next = if part > 0.0 { at + 2 } else { at };
-        [(at, (1.0 - part) * sine), (at + 1, (1.0 - part) * cosine), (next, part * sine), (next + 1, part * cosine)]
+        [
+            (at, (1.0 - part) * sine),
+            (at + 1, (1.0 - part) * cosine),
+            (next, part * sine),
+            (next + 1, part * cosine),
+        ]
     }
 }
 
 impl Slipping {
-    /// Ripples of a hypothesis, filtered as the forces are; `None` without any that goes through enough periods in this record.
+    /// Ripples of a hypothesis, filtered as the forces are; `None` without any that goes through
+    /// enough periods in this record.
     pub fn new(ripples: Vec<SlippingRipple>, measured: &Measured) -> Option<Slipping> {
         if ripples.is_empty() {
             return None;
@@ -140,7 +165,8 @@ impl Slipping {
         let way = Way::new(measured);
         let wave = |ripple: &SlippingRipple| {
             let turn = |of: fn(f64) -> f64| -> Vec<f64> {
-                let values: Vec<f64> = measured.position.iter().map(|x| of(TAU * x / ripple.period)).collect();
+                let values: Vec<f64> =
+                    measured.position.iter().map(|x| of(TAU * x / ripple.period)).collect();
                 measured.filtered(&values)
             };
             way.shows(*ripple).then(|| (turn(f64::sin), turn(f64::cos)))
@@ -149,7 +175,8 @@ impl Slipping {
         let mut columns = 0;
         let mut all: Vec<Option<Waves>> = Vec::new();
         for (ripple, waves) in ripples.iter().zip(waves) {
-            let waves = waves.map(|(sine, cosine)| Waves::new(*ripple, sine, cosine, &way, columns));
+            let waves =
+                waves.map(|(sine, cosine)| Waves::new(*ripple, sine, cosine, &way, columns));
             columns += waves.as_ref().map_or(0, |waves| 2 * waves.knots);
             all.push(waves);
         }
@@ -161,7 +188,9 @@ impl Slipping {
         for row in 0..way.travelled.len() {
             for (index, waves) in all.iter().enumerate() {
                 for (column, entry) in waves.iter().flat_map(|waves| waves.row(row)) {
-                    for (before, value) in all[..=index].iter().flatten().flat_map(|waves| waves.row(row)) {
+                    for (before, value) in
+                        all[..=index].iter().flatten().flat_map(|waves| waves.row(row))
+                    {
                         normal[(column, before)] += entry * value;
                     }
                 }
@@ -193,19 +222,25 @@ impl Slipping {
         let knots = self.knots(force);
         for waves in self.waves.iter().flatten() {
             for (row, force) in force.iter_mut().enumerate() {
-                *force -= waves.row(row).iter().map(|(column, entry)| knots[*column] * entry).sum::<f64>();
+                *force -= waves
+                    .row(row)
+                    .iter()
+                    .map(|(column, entry)| knots[*column] * entry)
+                    .sum::<f64>();
             }
         }
     }
 
-    /// Root of the mean of S^2 + C^2, for each ripple that the record shows, N, as it fits a force best.
+    /// Root of the mean of S^2 + C^2, for each ripple that the record shows, N, as it fits a force
+    /// best.
     pub fn amplitudes(&self, force: &[f64]) -> Vec<Option<f64>> {
         let knots = self.knots(force);
         let amplitude = |waves: &Waves| {
             let squares = waves.places.iter().map(|(knot, part)| {
                 let at = waves.first + 2 * knot;
                 let next = if *part > 0.0 { at + 2 } else { at };
-                let along = |offset: usize| (1.0 - part) * knots[at + offset] + part * knots[next + offset];
+                let along =
+                    |offset: usize| (1.0 - part) * knots[at + offset] + part * knots[next + offset];
                 along(0).powi(2) + along(1).powi(2)
             });
             (squares.sum::<f64>() / waves.places.len() as f64).sqrt()
@@ -214,19 +249,28 @@ impl Slipping {
     }
 }
 
-/// Share of the squares of a force at the rows of a record that balls which slip can take out along the way.
+/// Share of the squares of a force at the rows of a record that balls which slip can take out along
+/// the way.
 pub(super) fn share_along_the_way(force: &[f64], measured: &Measured, part: &Part) -> f64 {
     let Some(ripple) = part.slipping_ripple() else { return 0.0 };
     let way = Way::new(measured);
     if !way.shows(ripple) {
         return 0.0;
     }
-    left_along_the_way(force, &measured.at_rows(&measured.position), &way, ripple).map_or(0.0, |left| 1.0 - left)
+    left_along_the_way(force, &measured.at_rows(&measured.position), &way, ripple)
+        .map_or(0.0, |left| 1.0 - left)
 }
 
-/// Share of the squares of a force that a ripple leaves along the way. Not filtered as the force is, which moves no peak. As [`Slipping`] has it for one ripple, whose knots know no others
-/// than their neighbours: eliminated one by one (Golub, Van Loan, "Matrix Computations", ch. 4.5), each takes its part of the squares.
-fn left_along_the_way(force: &[f64], position: &[f64], way: &Way, ripple: SlippingRipple) -> Option<f64> {
+/// Share of the squares of a force that a ripple leaves along the way. Not filtered as the force
+/// is, which moves no peak. As [`Slipping`] has it for one ripple, whose knots know no others than
+/// their neighbours: eliminated one by one (Golub, Van Loan, "Matrix Computations", ch. 4.5), each
+/// takes its part of the squares.
+fn left_along_the_way(
+    force: &[f64],
+    position: &[f64],
+    way: &Way,
+    ripple: SlippingRipple,
+) -> Option<f64> {
     let (sine, cosine) = position.iter().map(|x| (TAU * x / ripple.period).sin_cos()).unzip();
     let waves = Waves::new(ripple, sine, cosine, way, 0);
     // Of each knot: what it has with itself, with the next one, and with the force.
@@ -266,13 +310,23 @@ fn left_along_the_way(force: &[f64], position: &[f64], way: &Way, ripple: Slippi
 /// Balls of a ripple of this period, m, whose phase walks so, rad/sqrt(m).
 fn balls(period: f64, slip: f64) -> Result<Part, ModelError> {
     let descriptor = EffectDescriptor::find(LAW)?;
-    let given = EffectParameters::new(LAW, [("amplitude", 1.0), ("period", period), ("slip", slip)]);
+    let given =
+        EffectParameters::new(LAW, [("amplitude", 1.0), ("period", period), ("slip", slip)]);
     Ok(Part { descriptor, values: descriptor.values_of(&given)? })
 }
 
-/// The balls whose phase walks so, rad/sqrt(m), that take most out of a force at the rows of a record, N, along the way; `None` where the travel is too short.
-pub(super) fn strongest(force: &[f64], measured: &Measured, slip: f64) -> Result<Option<Part>, ModelError> {
-    let bounds = EffectDescriptor::find(LAW)?.parameters.iter().find(|one| one.name == "period").map(|one| one.bounds);
+/// The balls whose phase walks so, rad/sqrt(m), that take most out of a force at the rows of a
+/// record, N, along the way; `None` where the travel is too short.
+pub(super) fn strongest(
+    force: &[f64],
+    measured: &Measured,
+    slip: f64,
+) -> Result<Option<Part>, ModelError> {
+    let bounds = EffectDescriptor::find(LAW)?
+        .parameters
+        .iter()
+        .find(|one| one.name == "period")
+        .map(|one| one.bounds);
     let Some((shortest, longest)) = bounds else { return Ok(None) };
     let Some(ripple) = balls(shortest, slip)?.slipping_ripple() else { return Ok(None) };
     let longest = longest.min(ripple.piece / PERIODS_IN_A_PIECE);
@@ -287,8 +341,11 @@ pub(super) fn strongest(force: &[f64], measured: &Measured, slip: f64) -> Result
     };
     let steps = ((most - fewest) * STEPS_PER_TURN).ceil().clamp(1.0, MOST_STEPS);
     let turns = |step: f64| fewest + (most - fewest) * step / steps;
-    let all: Vec<f64> = (0..=steps as usize).into_par_iter().map(|step| explained(turns(step as f64))).collect();
-    let Some(best) = (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b])) else { return Ok(None) };
+    let all: Vec<f64> =
+        (0..=steps as usize).into_par_iter().map(|step| explained(turns(step as f64))).collect();
+    let Some(best) = (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b])) else {
+        return Ok(None);
+    };
     let (from, to) = ((best as f64 - 1.0).max(0.0), (best as f64 + 1.0).min(steps));
     let step = golden_maximum(from, to, |step| explained(turns(step)));
     Ok(Some(balls((way.range / turns(step)).clamp(shortest, longest), slip)?))
@@ -300,10 +357,12 @@ mod tests {
     use super::*;
     use friction_stage_core::plant::Side;
 
-    /// Force of a ripple whose phase turns by `turn` rad per metre travelled, N, at the rows, beside a slow one.
+    /// Force of a ripple whose phase turns by `turn` rad per metre travelled, N, at the rows,
+    /// beside a slow one.
     fn force(measured: &Measured, period: f64, turn: f64) -> (Vec<f64>, Vec<f64>) {
         let of = |(x, s): (&f64, f64)| 0.4 * (TAU * x / period + 0.8 + turn * s).sin();
-        let ripple: Vec<f64> = measured.position.iter().zip(travelled(&measured.position)).map(of).collect();
+        let ripple: Vec<f64> =
+            measured.position.iter().zip(travelled(&measured.position)).map(of).collect();
         let other: Vec<f64> = measured.position.iter().map(|x| 2.0 * x + 0.1).collect();
         (measured.filtered(&ripple), measured.filtered(&other))
     }
@@ -316,8 +375,10 @@ mod tests {
     fn a_ripple_whose_phase_turns_is_taken_out_and_what_is_beside_it_stays() {
         let measured = record();
         let (ripple, other) = force(&measured, 4e-3, 2.0);
-        let mut left: Vec<f64> = ripple.iter().zip(&other).map(|(ripple, other)| ripple + other).collect();
-        let slipping = Slipping::new(vec![SlippingRipple { period: 4e-3, piece: 0.1 }], &measured).unwrap();
+        let mut left: Vec<f64> =
+            ripple.iter().zip(&other).map(|(ripple, other)| ripple + other).collect();
+        let slipping =
+            Slipping::new(vec![SlippingRipple { period: 4e-3, piece: 0.1 }], &measured).unwrap();
         // 0.4 m are travelled: four pieces.
         assert_eq!(slipping.columns(), 10);
         let amplitude = slipping.amplitudes(&ripple)[0].unwrap();
@@ -328,7 +389,9 @@ mod tests {
         assert!(rms(&off) < 0.2 * rms(&other), "{} of {}", rms(&off), rms(&other));
         let rest = |piece: f64| {
             let mut left = ripple.clone();
-            Slipping::new(vec![SlippingRipple { period: 4e-3, piece }], &measured).unwrap().take_from(&mut left);
+            Slipping::new(vec![SlippingRipple { period: 4e-3, piece }], &measured)
+                .unwrap()
+                .take_from(&mut left);
             rms(&left) / rms(&ripple)
         };
         // One phase for the whole record does not do.
@@ -351,7 +414,8 @@ mod tests {
     fn knots_eliminated_one_by_one_leave_what_all_at_once_do() {
         let measured = record();
         let (ripple, other) = force(&measured, 4e-3, 2.0);
-        let force: Vec<f64> = ripple.iter().zip(&other).map(|(ripple, other)| ripple + other).collect();
+        let force: Vec<f64> =
+            ripple.iter().zip(&other).map(|(ripple, other)| ripple + other).collect();
         let (way, position) = (Way::new(&measured), measured.at_rows(&measured.position));
         for (period, piece) in [(4e-3, 0.1), (3.7e-3, 0.03), (6e-3, 10.0)] {
             let ripple = SlippingRipple { period, piece };
@@ -361,7 +425,10 @@ mod tests {
             let mut right = DVector::zeros(force.len());
             for (row, weight) in way.weights.iter().map(|weight| weight.sqrt()).enumerate() {
                 right[row] = weight * force[row];
-                waves.row(row).iter().for_each(|(column, entry)| columns[(row, *column)] += weight * entry);
+                waves
+                    .row(row)
+                    .iter()
+                    .for_each(|(column, entry)| columns[(row, *column)] += weight * entry);
             }
             let base = columns.qr().q();
             let expected = 1.0 - base.tr_mul(&right).norm_squared() / right.norm_squared();
@@ -370,7 +437,8 @@ mod tests {
         }
     }
 
-    /// To and fro over 50 mm in 0.1 s with rests of a second, while a force walks at random: at each rest it could be any phase of any ripple.
+    /// To and fro over 50 mm in 0.1 s with rests of a second, while a force walks at random: at
+    /// each rest it could be any phase of any ripple.
     #[test]
     fn a_force_that_wanders_while_the_carriage_rests_is_no_ripple() {
         use rand::SeedableRng;
@@ -389,7 +457,9 @@ mod tests {
             walk += 0.02 * step;
             force.push(walk);
         }
-        let measured = Measured::new(&trace, &friction_stage_core::model::StageModel::default(), "a record").unwrap();
+        let measured =
+            Measured::new(&trace, &friction_stage_core::model::StageModel::default(), "a record")
+                .unwrap();
         let force = measured.filtered(&force);
         for slip in [0.1, 0.5, 1.0] {
             let found = strongest(&force, &measured, slip).unwrap().unwrap();
@@ -406,7 +476,10 @@ mod tests {
         let both = [ripple, SlippingRipple { period: 4e-3, piece: 1.0 }];
         let (force, _) = force(&measured, 4e-3, 0.0);
         let amplitudes = Slipping::new(both.to_vec(), &measured).unwrap().amplitudes(&force);
-        assert!(amplitudes[0].is_none() && (amplitudes[1].unwrap() / 0.4 - 1.0).abs() < 0.02, "{amplitudes:?}");
+        assert!(
+            amplitudes[0].is_none() && (amplitudes[1].unwrap() / 0.4 - 1.0).abs() < 0.02,
+            "{amplitudes:?}"
+        );
     }
 
     #[test]
@@ -417,7 +490,8 @@ mod tests {
         let with = hypothesis(&[("ball_passage", &[0.4, 4e-3, 0.0, 0.0, 0.0, 1.0])]);
         let without = with.without(0);
         assert!(with.effects.iter().all(Part::slips) && with.effects[0].side() == Side::Carriage);
-        let [with, without] = [with, without].map(|one| one.missing(&measured, Sides::BOTH).unwrap());
+        let [with, without] =
+            [with, without].map(|one| one.missing(&measured, Sides::BOTH).unwrap());
         assert_eq!(with.motor, without.motor);
         let mut expected = without.carriage.clone();
         let ripple = SlippingRipple { period: 4e-3, piece: 0.25 };

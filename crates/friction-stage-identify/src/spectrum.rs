@@ -1,5 +1,5 @@
-//! Spectra of a residual: over time by the method of Welch (1967), over position by least squares, because positions are not evenly
-//! spaced.
+//! Spectra of a residual: over time by the method of Welch (1967), over position by least squares,
+//! because positions are not evenly spaced.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,8 +15,8 @@ const MOVING: f64 = 0.02;
 /// Most rows of the least squares over position. Assumed: a figure needs no more.
 const MOST_ROWS: usize = 6000;
 
-/// Amplitude density over frequency, as (Hz, N per root of Hz), of values at the rows of a recording: Hann windows, half overlapping,
-/// over pieces without a gap.
+/// Amplitude density over frequency, as (Hz, N per root of Hz), of values at the rows of a
+/// recording: Hann windows, half overlapping, over pieces without a gap.
 pub fn over_time(measured: &Measured, values: &[f64]) -> Vec<(f64, f64)> {
     let rate = measured.lowpass.kept_rate();
     let factor = measured.lowpass.factor();
@@ -24,7 +24,8 @@ pub fn over_time(measured: &Measured, values: &[f64]) -> Vec<(f64, f64)> {
     if piece < 16 || values.len() != measured.rows.len() {
         return Vec::new();
     }
-    let window: Vec<f64> = (0..piece).map(|k| 0.5 - 0.5 * (TAU * k as f64 / piece as f64).cos()).collect();
+    let window: Vec<f64> =
+        (0..piece).map(|k| 0.5 - 0.5 * (TAU * k as f64 / piece as f64).cos()).collect();
     let power: f64 = window.iter().map(|w| w * w).sum();
     let fft = FftPlanner::new().plan_fft_forward(piece);
     let mut density = vec![0.0; piece / 2];
@@ -57,11 +58,18 @@ pub fn over_time(measured: &Measured, values: &[f64]) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Amplitude of the best sine over position, as (period in m, N), for periods from a fiftieth of a millimetre or the distance between
-/// two rows at the usual speed, whichever is longer, to the range of the positions. Only rows in motion count.
-pub fn over_position(position: &[f64], velocity: &[f64], kept_rate: f64, values: &[f64]) -> Vec<(f64, f64)> {
+/// Amplitude of the best sine over position, as (period in m, N), for periods from a fiftieth of a
+/// millimetre or the distance between two rows at the usual speed, whichever is longer, to the
+/// range of the positions. Only rows in motion count.
+pub fn over_position(
+    position: &[f64],
+    velocity: &[f64],
+    kept_rate: f64,
+    values: &[f64],
+) -> Vec<(f64, f64)> {
     let fastest = velocity.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-    let moving: Vec<usize> = (0..values.len()).filter(|row| velocity[*row].abs() > MOVING * fastest).collect();
+    let moving: Vec<usize> =
+        (0..values.len()).filter(|row| velocity[*row].abs() > MOVING * fastest).collect();
     if moving.len() < 64 {
         return Vec::new();
     }
@@ -98,7 +106,9 @@ pub fn over_position(position: &[f64], velocity: &[f64], kept_rate: f64, values:
             }
             let determinant = ss * cc - sc * sc;
             let amplitude = if determinant > 1e-3 * ss * cc {
-                (((s * cc - c * sc) / determinant).powi(2) + ((c * ss - s * sc) / determinant).powi(2)).sqrt()
+                (((s * cc - c * sc) / determinant).powi(2)
+                    + ((c * ss - s * sc) / determinant).powi(2))
+                .sqrt()
             } else {
                 f64::NAN
             };
@@ -115,8 +125,10 @@ mod tests {
     fn a_ripple_over_position_stands_out_at_its_period() {
         let time: Vec<f64> = (0..20_000).map(|k| k as f64 * 2e-3).collect();
         let position: Vec<f64> = time.iter().map(|t| 0.05 * (TAU * 0.11 * t).sin()).collect();
-        let velocity: Vec<f64> = time.iter().map(|t| 0.05 * TAU * 0.11 * (TAU * 0.11 * t).cos()).collect();
-        let force: Vec<f64> = position.iter().map(|x| 1.5 * (TAU * x / 0.004 + 0.3).sin()).collect();
+        let velocity: Vec<f64> =
+            time.iter().map(|t| 0.05 * TAU * 0.11 * (TAU * 0.11 * t).cos()).collect();
+        let force: Vec<f64> =
+            position.iter().map(|x| 1.5 * (TAU * x / 0.004 + 0.3).sin()).collect();
         let spectrum = over_position(&position, &velocity, 500.0, &force);
         let peak = spectrum.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         assert!((peak.0 / 0.004 - 1.0).abs() < 0.02 && (peak.1 - 1.5).abs() < 0.1, "{peak:?}");

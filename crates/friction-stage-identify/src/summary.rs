@@ -1,4 +1,5 @@
-//! What identification found, as other programs read it: `summary.json`. Keys and their meaning stay.
+//! What identification found, as other programs read it: `summary.json`. Keys and their meaning
+//! stay.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +19,8 @@ use friction_stage_core::plant::{EffectDescriptor, Side};
 /// Version of the schema.
 pub const SCHEMA_VERSION: u32 = 1;
 
-/// Correlation from which two parameters are told to be tied. Assumed: at 0.98 each is known five times worse than if the other were given.
+/// Correlation from which two parameters are told to be tied. Assumed: at 0.98 each is known five
+/// times worse than if the other were given.
 const TIED: f64 = 0.98;
 
 /// The whole file.
@@ -71,7 +73,8 @@ pub struct Rival {
 pub struct FoundParameter {
     pub value: f64,
     pub unit: String,
-    /// 95 % confidence interval; `null` where the fit did not move the value or the data say nothing about it.
+    /// 95 % confidence interval; `null` where the fit did not move the value or the data say
+    /// nothing about it.
     pub ci95: Option<[f64; 2]>,
 }
 
@@ -138,7 +141,11 @@ pub fn readable(value: f64) -> String {
     }
     let decimals = (5.0 - value.abs().max(0.1).log10().floor()) as usize;
     let digits = format!("{value:.decimals$}");
-    if decimals == 0 { digits } else { digits.trim_end_matches('0').trim_end_matches('.').to_owned() }
+    if decimals == 0 {
+        digits
+    } else {
+        digits.trim_end_matches('0').trim_end_matches('.').to_owned()
+    }
 }
 
 /// A number in the digits that its interval deserves.
@@ -146,8 +153,11 @@ pub fn in_digits(value: f64, ci95: Option<[f64; 2]>) -> String {
     let Some([low, high]) = ci95 else { return readable(value) };
     let size = (0.5 * (high - low)).max(value.abs() * 1e-9);
     if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
-        let relative =
-            if size > 0.0 { (value.abs().log10().floor() - size.log10().floor() + 1.0).clamp(2.0, 9.0) } else { 3.0 };
+        let relative = if size > 0.0 {
+            (value.abs().log10().floor() - size.log10().floor() + 1.0).clamp(2.0, 9.0)
+        } else {
+            3.0
+        };
         return format!("{value:.*e}", relative as usize);
     }
     let digits = if size > 0.0 { (2.0 - size.log10().ceil()).clamp(0.0, 12.0) as usize } else { 3 };
@@ -164,7 +174,8 @@ pub fn side_name(side: Side) -> &'static str {
 }
 
 impl Summary {
-    /// What a search found on these records. `model` is the name of the file with the identified model.
+    /// What a search found on these records. `model` is the name of the file with the identified
+    /// model.
     pub fn new(
         selection: &Selection,
         train: &Measured,
@@ -175,14 +186,19 @@ impl Summary {
     ) -> Summary {
         let estimate = &selection.after;
         let declared_effects = selection.before.hypothesis.effects.len();
-        let mut declared_parameters: BTreeMap<String, FoundParameter> =
-            Declared::ALL.into_iter().map(|one| (one.name().to_owned(), declared(estimate, one, train.rate))).collect();
-        for (index, part) in estimate.fitted.hypothesis.effects.iter().enumerate().take(declared_effects) {
+        let mut declared_parameters: BTreeMap<String, FoundParameter> = Declared::ALL
+            .into_iter()
+            .map(|one| (one.name().to_owned(), declared(estimate, one, train.rate)))
+            .collect();
+        for (index, part) in
+            estimate.fitted.hypothesis.effects.iter().enumerate().take(declared_effects)
+        {
             let alike = |other: &&Part| other.descriptor.name == part.descriptor.name;
-            let label = match estimate.fitted.hypothesis.effects[..index].iter().filter(alike).count() {
-                0 => part.descriptor.name.to_owned(),
-                before => format!("{}_{}", part.descriptor.name, before + 1),
-            };
+            let label =
+                match estimate.fitted.hypothesis.effects[..index].iter().filter(alike).count() {
+                    0 => part.descriptor.name.to_owned(),
+                    before => format!("{}_{}", part.descriptor.name, before + 1),
+                };
             for (name, parameter) in parameters(estimate, index) {
                 declared_parameters.insert(format!("{label}.{name}"), parameter);
             }
@@ -209,7 +225,10 @@ impl Summary {
                     .inseparable
                     .iter()
                     .filter(|pair| pair.effect == part.descriptor.name)
-                    .map(|pair| Rival { name: pair.rival.to_owned(), correlation: pair.correlation })
+                    .map(|pair| Rival {
+                        name: pair.rival.to_owned(),
+                        correlation: pair.correlation,
+                    })
                     .collect(),
             })
             .collect();
@@ -217,10 +236,14 @@ impl Summary {
         let record = |measured: &Measured, before: f64, after: f64, position_rms: Change| {
             let force_rms = Change { before: Some(before.sqrt()), after: Some(after.sqrt()) };
             let whole = measured.force_rms();
-            let relative = |rms: Option<f64>| rms.filter(|_| whole > 0.0).map(|rms| 100.0 * rms / whole);
+            let relative =
+                |rms: Option<f64>| rms.filter(|_| whole > 0.0).map(|rms| 100.0 * rms / whole);
             RecordErrors {
                 force_rms,
-                force_relative: Change { before: relative(force_rms.before), after: relative(force_rms.after) },
+                force_relative: Change {
+                    before: relative(force_rms.before),
+                    after: relative(force_rms.after),
+                },
                 position_rms,
             }
         };
@@ -244,15 +267,19 @@ impl Summary {
     /// Figures of merit that are worse after than before, each as a sentence.
     pub fn worse(&self) -> Vec<String> {
         let mut worse = Vec::new();
-        for (record, errors) in [("train", &self.errors.train), ("hold-out", &self.errors.holdout)] {
-            let figures =
-                [("force residual", errors.force_rms, "N"), ("closed-loop position error", errors.position_rms, "m")];
+        for (record, errors) in [("train", &self.errors.train), ("hold-out", &self.errors.holdout)]
+        {
+            let figures = [
+                ("force residual", errors.force_rms, "N"),
+                ("closed-loop position error", errors.position_rms, "m"),
+            ];
             for (name, change, unit) in figures {
                 if let (Some(before), Some(after)) = (change.before, change.after)
                     && after > before
                 {
                     worse.push(format!(
-                        "the {name} on the {record} record is worse with the identified model: {after:.4e} {unit} against {before:.4e} {unit}"
+                        "the {name} on the {record} record is worse with the identified model: \
+                         {after:.4e} {unit} against {before:.4e} {unit}"
                     ));
                 }
             }
@@ -263,13 +290,19 @@ impl Summary {
 
 /// Coordinate of a place in a fit with its standard deviation and whether it ended on a bound.
 fn coordinate(estimate: &Estimate, place: Place) -> Option<(&Coordinate, f64, bool)> {
-    let index = estimate.fitted.coordinates.iter().position(|coordinate| coordinate.place == place)?;
-    Some((&estimate.fitted.coordinates[index], estimate.deviation(index), estimate.fitted.at_bound[index]))
+    let index =
+        estimate.fitted.coordinates.iter().position(|coordinate| coordinate.place == place)?;
+    Some((
+        &estimate.fitted.coordinates[index],
+        estimate.deviation(index),
+        estimate.fitted.at_bound[index],
+    ))
 }
 
-/// Standard deviation of the mean over the guides of a declared parameter, as a share of it (of the shift: s): how the guides differ is
-/// estimate too, and what one of them does not know of itself the sum of all may know. First order in the deviations of all coordinates.
-/// Infinite where the parameter is on a bound or the data say nothing.
+/// Standard deviation of the mean over the guides of a declared parameter, as a share of it (of the
+/// shift: s): how the guides differ is estimate too, and what one of them does not know of itself
+/// the sum of all may know. First order in the deviations of all coordinates. Infinite where the
+/// parameter is on a bound or the data say nothing.
 fn deviation_of_declared(estimate: &Estimate, declared: Declared, rate: f64) -> f64 {
     match coordinate(estimate, Place::Declared(declared)) {
         Some((_, deviation, false)) if deviation.is_finite() => {}
@@ -304,14 +337,21 @@ fn deviation_of_declared(estimate: &Estimate, declared: Declared, rate: f64) -> 
     let variance: f64 = scattered
         .iter()
         .zip(&estimate.correlations)
-        .map(|(one, row)| one * scattered.iter().zip(row).map(|(other, correlation)| other * correlation).sum::<f64>())
+        .map(|(one, row)| {
+            one * scattered
+                .iter()
+                .zip(row)
+                .map(|(other, correlation)| other * correlation)
+                .sum::<f64>()
+        })
         .sum();
     // All coordinates are shifted together.
     let shift: f64 = slopes.iter().zip(&estimate.shifts).map(|(slope, shift)| slope * shift).sum();
     variance.max(0.0).sqrt().hypot(shift)
 }
 
-/// Standard deviation of a coordinate if it were known how the guides differ: what the motion says about the parameter at all.
+/// Standard deviation of a coordinate if it were known how the guides differ: what the motion says
+/// about the parameter at all.
 fn deviation_of_alike(estimate: &Estimate, index: usize) -> f64 {
     let deviation = estimate.deviations[index];
     let spread: Vec<usize> = (0..estimate.fitted.coordinates.len())
@@ -323,8 +363,9 @@ fn deviation_of_alike(estimate: &Estimate, index: usize) -> f64 {
     if spread.is_empty() || !deviation.is_finite() {
         return deviation;
     }
-    let among =
-        DMatrix::from_fn(spread.len(), spread.len(), |row, column| estimate.correlations[spread[row]][spread[column]]);
+    let among = DMatrix::from_fn(spread.len(), spread.len(), |row, column| {
+        estimate.correlations[spread[row]][spread[column]]
+    });
     let with = DVector::from_fn(spread.len(), |row, _| estimate.correlations[index][spread[row]]);
     match among.cholesky() {
         Some(factors) => deviation * (1.0 - with.dot(&factors.solve(&with))).max(0.0).sqrt(),
@@ -344,7 +385,8 @@ fn declared(estimate: &Estimate, declared: Declared, rate: f64) -> FoundParamete
     FoundParameter { value, unit: declared.unit().to_owned(), ci95 }
 }
 
-/// Names of an effect's parameters that have a part in the form of its law, in the order of the law.
+/// Names of an effect's parameters that have a part in the form of its law, in the order of the
+/// law.
 pub fn taking_part(effect: &FoundEffect) -> Vec<&str> {
     let Ok(descriptor) = EffectDescriptor::find(&effect.name) else {
         return effect.parameters.keys().map(String::as_str).collect();
@@ -359,7 +401,10 @@ pub fn taking_part(effect: &FoundEffect) -> Vec<&str> {
         return effect.parameters.keys().map(String::as_str).collect();
     }
     let named = descriptor.parameters.iter().enumerate();
-    named.filter(|(index, _)| descriptor.takes_part(&values, *index)).map(|(_, parameter)| parameter.name).collect()
+    named
+        .filter(|(index, _)| descriptor.takes_part(&values, *index))
+        .map(|(_, parameter)| parameter.name)
+        .collect()
 }
 
 fn parameters(estimate: &Estimate, effect: usize) -> BTreeMap<String, FoundParameter> {
@@ -378,27 +423,39 @@ fn parameters(estimate: &Estimate, effect: usize) -> BTreeMap<String, FoundParam
             // An interval wider than what is possible says nothing.
             let says = reach.is_finite() && 2.0 * reach < parameter.bounds.1 - parameter.bounds.0;
             let ci95 = says.then_some([value - reach, value + reach]);
-            (parameter.name.to_owned(), FoundParameter { value, unit: parameter.unit.to_owned(), ci95 })
+            (
+                parameter.name.to_owned(),
+                FoundParameter { value, unit: parameter.unit.to_owned(), ci95 },
+            )
         })
         .collect()
 }
 
-/// Where a curve begins and ends, its height above its median where it is farthest from it, its center, which is the mean place, weighted by the square of the
-/// height, and its jump. The coordinate and the side stand beside these.
+/// Where a curve begins and ends, its height above its median where it is farthest from it, its
+/// center, which is the mean place, weighted by the square of the height, and its jump. The
+/// coordinate and the side stand beside these.
 fn of_curve(curve: &Curve) -> BTreeMap<String, FoundParameter> {
     let corners = curve.corners();
     let mut sorted: Vec<f64> = corners.iter().map(|(_, value)| *value).collect();
     sorted.sort_by(f64::total_cmp);
     let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
     let heights = || corners.iter().map(|(place, value)| (place, value - median));
-    let height = heights().map(|(_, height)| height).max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0);
-    let (moment, weight) = heights()
-        .fold((0.0, 0.0), |(moment, sum), (place, height)| (moment + place * height * height, sum + height * height));
+    let height = heights()
+        .map(|(_, height)| height)
+        .max_by(|a, b| a.abs().total_cmp(&b.abs()))
+        .unwrap_or(0.0);
+    let (moment, weight) = heights().fold((0.0, 0.0), |(moment, sum), (place, height)| {
+        (moment + place * height * height, sum + height * height)
+    });
     let center = if weight > 0.0 { moment / weight } else { 0.5 * (curve.from + curve.to) };
     let (along, unit) = (curve.coordinate.unit(), curve.side.unit());
     let jump = curve.jump.map(|jump| [("jump", jump.height, unit), ("jump_at", jump.at, along)]);
-    let always =
-        [("from", curve.from, along), ("to", curve.to, along), ("amplitude", height, unit), ("center", center, along)];
+    let always = [
+        ("from", curve.from, along),
+        ("to", curve.to, along),
+        ("amplitude", height, unit),
+        ("center", center, along),
+    ];
     let found = |(name, value, unit): (&str, f64, &str)| {
         (name.to_owned(), FoundParameter { value, unit: unit.to_owned(), ci95: None })
     };
@@ -410,7 +467,8 @@ fn is_share(place: Place) -> bool {
     matches!(place, Place::Declared(declared) if declared.is_factor())
 }
 
-/// What deserves a word about the parameters of a fit: on a bound, hardly or not determined by the data, or tied to another one.
+/// What deserves a word about the parameters of a fit: on a bound, hardly or not determined by the
+/// data, or tied to another one.
 pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
     let mut warnings = Vec::new();
     for (index, coordinate) in estimate.fitted.coordinates.iter().enumerate() {
@@ -421,19 +479,22 @@ pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
             Place::Declared(_) => deviation_of_alike(estimate, index),
             _ => estimate.deviation(index),
         };
-        let nothing =
-            matches!(coordinate.place, Place::Effect { .. }) && lower == 0.0 && value < 1e-3 * coordinate.scale;
+        let nothing = matches!(coordinate.place, Place::Effect { .. })
+            && lower == 0.0
+            && value < 1e-3 * coordinate.scale;
         if estimate.fitted.at_bound[index] && nothing {
             // A term of the law that is not there is no doubt about the others.
             continue;
         } else if estimate.fitted.at_bound[index] {
             let which = if coordinate.value <= 0.5 * (lower + upper) { "lower" } else { "upper" };
             warnings.push(format!(
-                "{name} ended on its {which} bound ({} {unit}): the truth may lie beyond, or another effect hides in it",
+                "{name} ended on its {which} bound ({} {unit}): the truth may lie beyond, or \
+                 another effect hides in it",
                 readable(value)
             ));
         } else if !deviation.is_finite()
-            || (matches!(coordinate.place, Place::Effect { .. }) && 2.0 * TWO_SIDED_95 * deviation >= upper - lower)
+            || (matches!(coordinate.place, Place::Effect { .. })
+                && 2.0 * TWO_SIDED_95 * deviation >= upper - lower)
         {
             warnings.push(format!(
                 "{name} is not identifiable from these data; {} {unit} is where the fit left it",
@@ -441,8 +502,12 @@ pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
             ));
         } else if is_share(coordinate.place) && TWO_SIDED_95 * deviation > upper {
             warnings.push(format!(
-                "{name} is hardly identifiable from these data: {} {unit}, known to {:.1} % at the best, its tolerance is {:.1} %",
-                in_digits(value, Some([1.0, -1.0].map(|side| value * (1.0 - side * TWO_SIDED_95 * deviation)))),
+                "{name} is hardly identifiable from these data: {} {unit}, known to {:.1} % at the \
+                 best, its tolerance is {:.1} %",
+                in_digits(
+                    value,
+                    Some([1.0, -1.0].map(|side| value * (1.0 - side * TWO_SIDED_95 * deviation)))
+                ),
                 100.0 * TWO_SIDED_95 * deviation,
                 100.0 * coordinate.scale
             ));
@@ -452,7 +517,8 @@ pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
     warnings
 }
 
-/// Name of a coordinate, its value and unit; `None` for the differences between guides and the knots of a map.
+/// Name of a coordinate, its value and unit; `None` for the differences between guides and the
+/// knots of a map.
 fn told(estimate: &Estimate, place: Place, rate: f64) -> Option<(String, f64, &'static str)> {
     match place {
         Place::Spread { .. } => None,
@@ -463,12 +529,17 @@ fn told(estimate: &Estimate, place: Place, rate: f64) -> Option<(String, f64, &'
         Place::Effect { effect, value } => {
             let part = &estimate.fitted.hypothesis.effects[effect];
             let parameter = part.descriptor.parameters.get(value)?;
-            Some((format!("{}.{}", part.descriptor.name, parameter.name), part.values[value], parameter.unit))
+            Some((
+                format!("{}.{}", part.descriptor.name, parameter.name),
+                part.values[value],
+                parameter.unit,
+            ))
         }
     }
 }
 
-/// Parameters of effects that the data tie to a parameter of something else: the closest tie of each effect.
+/// Parameters of effects that the data tie to a parameter of something else: the closest tie of
+/// each effect.
 fn tied(estimate: &Estimate, rate: f64) -> Vec<String> {
     let effect_of = |index: usize| match estimate.fitted.coordinates[index].place {
         Place::Effect { effect, .. } => Some(effect),
@@ -476,12 +547,21 @@ fn tied(estimate: &Estimate, rate: f64) -> Vec<String> {
     };
     let mut pairs: Vec<(usize, usize)> = Vec::new();
     for effect in 0..estimate.fitted.hypothesis.effects.len() {
-        let own = (0..estimate.fitted.coordinates.len()).filter(|index| effect_of(*index) == Some(effect));
+        let own = (0..estimate.fitted.coordinates.len())
+            .filter(|index| effect_of(*index) == Some(effect));
         let closest = own
-            .flat_map(|index| (0..estimate.fitted.coordinates.len()).map(move |other| (index, other)))
+            .flat_map(|index| {
+                (0..estimate.fitted.coordinates.len()).map(move |other| (index, other))
+            })
             .filter(|(_, other)| effect_of(*other) != Some(effect))
-            .filter(|(_, other)| told(estimate, estimate.fitted.coordinates[*other].place, rate).is_some())
-            .max_by(|a, b| estimate.correlations[a.0][a.1].abs().total_cmp(&estimate.correlations[b.0][b.1].abs()));
+            .filter(|(_, other)| {
+                told(estimate, estimate.fitted.coordinates[*other].place, rate).is_some()
+            })
+            .max_by(|a, b| {
+                estimate.correlations[a.0][a.1]
+                    .abs()
+                    .total_cmp(&estimate.correlations[b.0][b.1].abs())
+            });
         // Two effects may be tied to each other.
         if let Some((index, other)) = closest
             && !pairs.contains(&(other, index))
@@ -491,10 +571,13 @@ fn tied(estimate: &Estimate, rate: f64) -> Vec<String> {
     }
     let warning = |(index, other): (usize, usize)| {
         let correlation = estimate.correlations[index][other];
-        let name = |index: usize| told(estimate, estimate.fitted.coordinates[index].place, rate).map(|(name, ..)| name);
+        let name = |index: usize| {
+            told(estimate, estimate.fitted.coordinates[index].place, rate).map(|(name, ..)| name)
+        };
         (correlation.abs() >= TIED).then_some(())?;
         Some(format!(
-            "{} and {} are correlated by {correlation:.3}: these data know the two together better than each of them",
+            "{} and {} are correlated by {correlation:.3}: these data know the two together better \
+             than each of them",
             name(index)?,
             name(other)?
         ))
@@ -513,7 +596,14 @@ mod tests {
         let mut values = vec![1.0; 101];
         (values[28], values[34]) = (-3.0, 6.0);
         let side = CurveSide::Carriage;
-        let curve = Curve { coordinate: Coordinate::Position, side, from: 0.0, to: 0.1, values, jump: None };
+        let curve = Curve {
+            coordinate: Coordinate::Position,
+            side,
+            from: 0.0,
+            to: 0.1,
+            values,
+            jump: None,
+        };
         let told = of_curve(&curve);
         let (amplitude, center) = (&told["amplitude"], &told["center"]);
         assert!((amplitude.value - 5.0).abs() < 1e-12 && amplitude.unit == "N", "{amplitude:?}");
@@ -527,17 +617,36 @@ mod tests {
     fn a_jump_is_told_with_its_place_and_in_the_height_of_the_curve() {
         let (coordinate, side) = (Coordinate::Time, CurveSide::Friction);
         let jump = Some(Jump { at: 3.0, height: -0.25 });
-        let told = of_curve(&Curve { coordinate, side, from: 0.0, to: 10.0, values: vec![0.25; 11], jump });
-        let expected = [("amplitude", 0.25, "1"), ("jump", -0.25, "1"), ("jump_at", 3.0, "s"), ("center", 1.5, "s")];
+        let told = of_curve(&Curve {
+            coordinate,
+            side,
+            from: 0.0,
+            to: 10.0,
+            values: vec![0.25; 11],
+            jump,
+        });
+        let expected = [
+            ("amplitude", 0.25, "1"),
+            ("jump", -0.25, "1"),
+            ("jump_at", 3.0, "s"),
+            ("center", 1.5, "s"),
+        ];
         for (name, value, unit) in expected {
-            assert!((told[name].value - value).abs() < 1e-12 && told[name].unit == unit, "{name}: {:?}", told[name]);
+            assert!(
+                (told[name].value - value).abs() < 1e-12 && told[name].unit == unit,
+                "{name}: {:?}",
+                told[name]
+            );
         }
     }
 
     #[test]
     fn numbers_keep_the_digits_that_say_something() {
         assert_eq!(["0.024", "2.0000e-7", "0", "1.0000e6"], [0.024, 2e-7, 0.0, 1e6].map(readable));
-        assert_eq!(["410370", "450000", "39.9996", "-0.003"], [410370.135, 450000.0, 39.99961, -0.003].map(readable));
+        assert_eq!(
+            ["410370", "450000", "39.9996", "-0.003"],
+            [410370.135, 450000.0, 39.99961, -0.003].map(readable)
+        );
         assert_eq!(in_digits(5.99987, Some([5.9985, 6.0012])), "5.9999");
         assert_eq!(in_digits(0.023998, Some([0.023996, 0.024])), "0.0239980");
         assert_eq!(in_digits(2.0004e-7, Some([1.99e-7, 2.01e-7])), "2.000e-7");

@@ -1,12 +1,13 @@
-//! How well a record knows what was fitted to it: standard deviations and correlations of the coordinates, from the derivatives and the residual.
+//! How well a record knows what was fitted to it: standard deviations and correlations of the
+//! coordinates, from the derivatives and the residual.
 
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use super::hypothesis::{Coordinate, Missing, Place};
 use super::objective::normal_of;
 
-/// Eigenvalue of the normal matrix with columns of length 1 below which the data say nothing about a direction: derivatives by differences
-/// are no better than that.
+/// Eigenvalue of the normal matrix with columns of length 1 below which the data say nothing about
+/// a direction: derivatives by differences are no better than that.
 const UNKNOWN: f64 = 1e-12;
 /// Part of a coordinate in such a direction below which it is known all the same.
 const HAS_NO_PART: f64 = 1e-3;
@@ -14,18 +15,23 @@ const HAS_NO_PART: f64 = 1e-3;
 const PIECES: usize = 40;
 /// Parts of a record, and parts of each of these, whose means tell a walk from noise.
 const TENTHS: usize = 10;
-/// How many times what noise makes of the differences of these means is a walk. Assumed: white noise comes to it once in a few hundred records at most.
+/// How many times what noise makes of the differences of these means is a walk. Assumed: white
+/// noise comes to it once in a few hundred records at most.
 const WALKS: f64 = 4.0;
 
-/// Standard deviations and correlations of the coordinates. Those on a bound are held, but what is declared: how far that may be from what it says is known on
-/// its bound, too, and what the data do not tell from it is known no better. A delay of the motor of which the time shift of the sensors took 25 us had an interval of 0.1 us.
-/// Differences between the guides stay held: no answer names them.
+/// Standard deviations and correlations of the coordinates. Those on a bound are held, but what is
+/// declared: how far that may be from what it says is known on its bound, too, and what the data do
+/// not tell from it is known no better. A delay of the motor of which the time shift of the sensors
+/// took 25 us had an interval of 0.1 us. Differences between the guides stay held: no answer names
+/// them.
 ///
-/// The covariance is H^-1 S H^-1 with the normal matrix H of the Jacobian and S the covariance of the gradient: the larger, coordinate
-/// by coordinate, of two estimates. One takes the residual of each side as noise of its own size and correlation length, and what wanders
-/// within the record as a random walk on top. The other
-/// leaves out one piece of the record after the other (jackknife of clusters: Bell, McCaffrey, Survey Methodology 28, 2002) and so counts what a model
-/// misses here and there, also where few pieces say most about a coordinate; of a walk it sees little, since its pieces are not independent.
+/// The covariance is H^-1 S H^-1 with the normal matrix H of the Jacobian and S the covariance of
+/// the gradient: the larger, coordinate by coordinate, of two estimates. One takes the residual of
+/// each side as noise of its own size and correlation length, and what wanders within the record as
+/// a random walk on top. The other leaves out one piece of the record after the other (jackknife of
+/// clusters: Bell, McCaffrey, Survey Methodology 28, 2002) and so counts what a model misses here
+/// and there, also where few pieces say most about a coordinate; of a walk it sees little, since
+/// its pieces are not independent.
 pub(super) fn uncertainty(
     jacobian: &DMatrix<f64>,
     residual: &DVector<f64>,
@@ -37,11 +43,14 @@ pub(super) fn uncertainty(
     let count = coordinates.len();
     let mut deviations = vec![f64::INFINITY; count];
     let mut correlations = vec![vec![0.0; count]; count];
-    // What does not move the residual at all is not known, and must not hide what the data say about the others.
+    // What does not move the residual at all is not known, and must not hide what the data say
+    // about the others.
     let most = jacobian.column_iter().map(|column| column.norm()).fold(0.0, f64::max);
-    let is_held = |index: usize| at_bound[index] && !matches!(coordinates[index].place, Place::Declared(_));
-    let free: Vec<usize> =
-        (0..count).filter(|index| !is_held(*index) && jacobian.column(*index).norm() > 1e-9 * most).collect();
+    let is_held =
+        |index: usize| at_bound[index] && !matches!(coordinates[index].place, Place::Declared(_));
+    let free: Vec<usize> = (0..count)
+        .filter(|index| !is_held(*index) && jacobian.column(*index).norm() > 1e-9 * most)
+        .collect();
     if free.is_empty() || residual.is_empty() {
         return (deviations, correlations);
     }
@@ -57,7 +66,8 @@ pub(super) fn uncertainty(
         let rows = side.len();
         let slopes = columns.rows(from, rows);
         if rows > 0 {
-            let variance = side.iter().map(|left| left * left).sum::<f64>() / rows as f64 * correlation_length(side);
+            let variance = side.iter().map(|left| left * left).sum::<f64>() / rows as f64
+                * correlation_length(side);
             as_noise += slopes.tr_mul(&slopes) * variance;
             as_noise += gradient_of_walk(slopes, walk(side));
             for (piece, (normal, gradient)) in pieces.iter_mut().enumerate() {
@@ -90,12 +100,15 @@ pub(super) fn uncertainty(
     (deviations, correlations)
 }
 
-/// Inverse of a normal matrix without the directions in which the data say nothing, and which coordinates have no part in these.
+/// Inverse of a normal matrix without the directions in which the data say nothing, and which
+/// coordinates have no part in these.
 pub(super) fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>) {
     let count = normal.nrows();
     // Columns of length 1, so that the eigenvalues are those of correlations.
     let length: Vec<f64> = normal.diagonal().iter().map(|square| square.sqrt()).collect();
-    let scaled = DMatrix::from_fn(count, count, |row, column| normal[(row, column)] / (length[row] * length[column]));
+    let scaled = DMatrix::from_fn(count, count, |row, column| {
+        normal[(row, column)] / (length[row] * length[column])
+    });
     let eigen = scaled.symmetric_eigen();
     let (mut inverse, mut known) = (DMatrix::zeros(count, count), vec![true; count]);
     for (value, direction) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
@@ -107,11 +120,17 @@ pub(super) fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<b
             }
         }
     }
-    (DMatrix::from_fn(count, count, |row, column| inverse[(row, column)] / (length[row] * length[column])), known)
+    (
+        DMatrix::from_fn(count, count, |row, column| {
+            inverse[(row, column)] / (length[row] * length[column])
+        }),
+        known,
+    )
 }
 
-/// Variance by which a residual walks at random from one row to the next, N^2; 0 where its means over tenths of the record differ no more than noise
-/// makes them, as the means over tenths of these show that.
+/// Variance by which a residual walks at random from one row to the next, N^2; 0 where its means
+/// over tenths of the record differ no more than noise makes them, as the means over tenths of
+/// these show that.
 fn walk(residual: &[f64]) -> f64 {
     let rows = residual.len() / TENTHS;
     if rows < TENTHS {
@@ -119,19 +138,25 @@ fn walk(residual: &[f64]) -> f64 {
     }
     // Mean square by which the means of neighbouring parts differ.
     let between = |rows: usize| {
-        let means: Vec<f64> = residual.chunks_exact(rows).map(|part| part.iter().sum::<f64>() / rows as f64).collect();
-        means.windows(2).map(|two| (two[1] - two[0]).powi(2)).sum::<f64>() / (means.len() - 1) as f64
+        let means: Vec<f64> = residual
+            .chunks_exact(rows)
+            .map(|part| part.iter().sum::<f64>() / rows as f64)
+            .collect();
+        means.windows(2).map(|two| (two[1] - two[0]).powi(2)).sum::<f64>()
+            / (means.len() - 1) as f64
     };
     let by_noise = between(rows / TENTHS) * (rows / TENTHS) as f64;
     if between(rows) * rows as f64 <= WALKS * by_noise {
         return 0.0;
     }
-    // The means of neighbouring parts of a walk differ by two thirds of what it walks over one. The fit has taken its slowest part.
+    // The means of neighbouring parts of a walk differ by two thirds of what it walks over one. The
+    // fit has taken its slowest part.
     let walks = |rows: usize| 1.5 * (between(rows) - by_noise / rows as f64) / rows as f64;
     walks(rows).max(walks(residual.len() / PIECES))
 }
 
-/// Covariance of the gradient by a residual that walks by this variance from row to row: a step of it is in all rows behind.
+/// Covariance of the gradient by a residual that walks by this variance from row to row: a step of
+/// it is in all rows behind.
 fn gradient_of_walk(slopes: DMatrixView<f64>, variance: f64) -> DMatrix<f64> {
     let count = slopes.ncols();
     let mut sum = DMatrix::zeros(count, count);
@@ -150,13 +175,15 @@ fn gradient_of_walk(slopes: DMatrixView<f64>, variance: f64) -> DMatrix<f64> {
 const INDEPENDENT: f64 = 0.05;
 const LONGEST_LAG: usize = 2000;
 
-/// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation while it is more than that of noise.
+/// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation
+/// while it is more than that of noise.
 pub fn correlation_length(values: &[f64]) -> f64 {
     length_weighted(values, |_| 1.0)
 }
 
-/// The same for what is asked of it along another signal: the products of both autocorrelations count (Bartlett, J. R. Stat. Soc. Suppl. 8, 1946). What drifts
-/// says little of a line, and much of a force that changes from row to row. Along nothing: along a constant.
+/// The same for what is asked of it along another signal: the products of both autocorrelations
+/// count (Bartlett, J. R. Stat. Soc. Suppl. 8, 1946). What drifts says little of a line, and much
+/// of a force that changes from row to row. Along nothing: along a constant.
 pub fn correlation_length_along(values: &[f64], along: &[f64]) -> f64 {
     let power = product_at(along, 0);
     length_weighted(values, |lag| if power > 0.0 { product_at(along, lag) / power } else { 1.0 })
@@ -168,9 +195,12 @@ fn length_weighted(values: &[f64], weight: impl Fn(usize) -> f64) -> f64 {
     if power <= 0.0 {
         return 1.0;
     }
-    let correlations = (1..values.len().min(LONGEST_LAG)).map(|lag| (lag, product_at(values, lag) / power));
+    let correlations =
+        (1..values.len().min(LONGEST_LAG)).map(|lag| (lag, product_at(values, lag) / power));
     let correlated = correlations.take_while(|(_, correlation)| *correlation > INDEPENDENT);
-    correlated.fold(1.0, |length, (lag, correlation)| length + 2.0 * correlation * weight(lag)).max(1.0)
+    correlated
+        .fold(1.0, |length, (lag, correlation)| length + 2.0 * correlation * weight(lag))
+        .max(1.0)
 }
 
 /// Sum of the products of a signal with itself a lag later.
@@ -207,7 +237,8 @@ mod tests {
         assert!((unit - DMatrix::identity(2, 2)).amax() < 1e-6, "{inverse}");
     }
 
-    /// Of a first-order autoregression of 0.9 along a wave: 1 + 2 sum 0.9^k cos(w k) = (1 - 0.81) / (1 - 1.8 cos w + 0.81); along a constant 19.
+    /// Of a first-order autoregression of 0.9 along a wave: 1 + 2 sum 0.9^k cos(w k) = (1 - 0.81) /
+    /// (1 - 1.8 cos w + 0.81); along a constant 19.
     #[test]
     fn what_is_slow_says_little_of_a_constant_and_much_of_a_wave() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
@@ -218,8 +249,9 @@ mod tests {
             last
         };
         let values: Vec<f64> = (0..100_000).map(|_| next()).collect();
-        let wave =
-            |frequency: f64| -> Vec<f64> { (0..values.len()).map(|row| (frequency * row as f64).sin()).collect() };
+        let wave = |frequency: f64| -> Vec<f64> {
+            (0..values.len()).map(|row| (frequency * row as f64).sin()).collect()
+        };
         for frequency in [0.02f64, 0.05, 0.1] {
             let expected = (1.0 - 0.81) / (1.0 - 1.8 * frequency.cos() + 0.81);
             let length = correlation_length_along(&values, &wave(frequency));
@@ -227,32 +259,46 @@ mod tests {
             assert!((length / expected - 1.0).abs() < 0.1, "{frequency}: {length}, {expected}");
         }
         assert_eq!(correlation_length_along(&values, &wave(1.0)), 1.0);
-        let (alone, along) = (correlation_length(&values), correlation_length_along(&values, &vec![1.0; values.len()]));
-        assert!((alone / 19.0 - 1.0).abs() < 0.1 && (along / alone - 1.0).abs() < 0.01, "{alone}, {along}");
+        let (alone, along) = (
+            correlation_length(&values),
+            correlation_length_along(&values, &vec![1.0; values.len()]),
+        );
+        assert!(
+            (alone / 19.0 - 1.0).abs() < 0.1 && (along / alone - 1.0).abs() < 0.01,
+            "{alone}, {along}"
+        );
     }
 
-    /// Two coordinates that do the same, the second on its bound, in 400 rows of white noise of 1 N. Declared, that may be elsewhere within its tolerance, uniform
-    /// over twice its scale, and the first is known no better; what nobody declared is held, and the first is known as if it were alone.
+    /// Two coordinates that do the same, the second on its bound, in 400 rows of white noise of 1
+    /// N. Declared, that may be elsewhere within its tolerance, uniform over twice its scale, and
+    /// the first is known no better; what nobody declared is held, and the first is known as if it
+    /// were alone.
     #[test]
     fn what_is_declared_may_be_off_its_bound() {
         let rows = 400;
         let noise = wandering(0.0, 1)[..rows].to_vec();
         let coordinate = |place| Coordinate { place, value: 1.0, scale: 1.0, bounds: (-1.0, 1.0) };
         let effect = |value| Place::Effect { effect: 0, value };
-        for (place, weight, expected) in
-            [(Place::Declared(Declared::SensorShift), 3f64.sqrt(), 3f64.sqrt().recip()), (effect(1), 0.0, 0.05)]
-        {
+        for (place, weight, expected) in [
+            (Place::Declared(Declared::SensorShift), 3f64.sqrt(), 3f64.sqrt().recip()),
+            (effect(1), 0.0, 0.05),
+        ] {
             let jacobian = DMatrix::from_fn(rows + 2, 2, |row, column| match (row, column) {
                 _ if row < rows => 1.0,
                 _ if (row - rows, column) == (1, 1) => weight,
                 _ => 0.0,
             });
-            let residual = DVector::from_iterator(rows + 2, noise.iter().copied().chain([0.0, weight]));
+            let residual =
+                DVector::from_iterator(rows + 2, noise.iter().copied().chain([0.0, weight]));
             let missing = Missing { motor: Vec::new(), carriage: noise.clone() };
             let coordinates = [coordinate(effect(0)), coordinate(place)];
-            let (deviations, _) = uncertainty(&jacobian, &residual, &missing, &coordinates, &[false, true], 1.0);
+            let (deviations, _) =
+                uncertainty(&jacobian, &residual, &missing, &coordinates, &[false, true], 1.0);
             // From 40 pieces, which scatter.
-            assert!((deviations[0] / expected - 1.0).abs() < 0.4, "{place:?}: {deviations:?}, {expected}");
+            assert!(
+                (deviations[0] / expected - 1.0).abs() < 0.4,
+                "{place:?}: {deviations:?}, {expected}"
+            );
         }
     }
 
@@ -272,7 +318,8 @@ mod tests {
     fn what_walks_is_told_from_noise() {
         let of = |size: f64| (0..400).map(move |seed| walk(&wandering(size, seed)));
         assert!(of(0.0).filter(|variance| *variance > 0.0).count() <= 2);
-        // Over a tenth of the record the walk of 0.02 goes as far as 160 such values scatter: hardly seen, and at 0.2 always.
+        // Over a tenth of the record the walk of 0.02 goes as far as 160 such values scatter:
+        // hardly seen, and at 0.2 always.
         assert!(of(0.02).filter(|variance| *variance > 0.0).count() > 360);
         // The larger of two estimates.
         let seen = of(0.2).sum::<f64>() / 400.0 / 0.04;
@@ -283,19 +330,26 @@ mod tests {
     #[test]
     fn what_repeats_does_not_walk() {
         for period in [7.3, 31.0, 97.0] {
-            let wave: Vec<f64> = (0..4000).map(|row| (row as f64 * std::f64::consts::TAU / period).sin()).collect();
+            let wave: Vec<f64> =
+                (0..4000).map(|row| (row as f64 * std::f64::consts::TAU / period).sin()).collect();
             assert!(walk(&wave) * 4000.0 < 0.05, "{period}: {}", walk(&wave));
         }
     }
 
-    /// The slope of a line through a walk of size q over n rows scatters by q sqrt(6 / (5 n)): least squares, whose residual hides most of it.
+    /// The slope of a line through a walk of size q over n rows scatters by q sqrt(6 / (5 n)):
+    /// least squares, whose residual hides most of it.
     #[test]
     fn a_line_through_a_walk_is_as_uncertain_as_a_walk_makes_it() {
         let rows = 4000;
-        let line = DMatrix::from_fn(rows, 2, |row, column| if column == 0 { 1.0 } else { row as f64 });
+        let line =
+            DMatrix::from_fn(rows, 2, |row, column| if column == 0 { 1.0 } else { row as f64 });
         let inverse = line.tr_mul(&line).try_inverse().unwrap();
         let covariance = &inverse * gradient_of_walk(line.as_view(), 0.04) * &inverse;
         let expected = 0.04 * 6.0 / (5.0 * rows as f64);
-        assert!((covariance[(1, 1)] / expected - 1.0).abs() < 1e-2, "{} {expected}", covariance[(1, 1)]);
+        assert!(
+            (covariance[(1, 1)] / expected - 1.0).abs() < 1e-2,
+            "{} {expected}",
+            covariance[(1, 1)]
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! What a stage is to do, and what it may cost: the question to which `select` gives the answer.
 //!
-//! In comes YAML, out goes a checked description of mass, motion, controller, requirement, constraints on how the guide is
-//! built, and tolerances of its parameters.
+//! In comes YAML, out goes a checked description of mass, motion, controller, requirement,
+//! constraints on how the guide is built, and tolerances of its parameters.
 
 use serde::{Deserialize, Serialize};
 
@@ -30,9 +30,11 @@ pub struct Application {
     pub tolerances: Tolerances,
 }
 
-/// A rest-to-rest move, after a conditioning move in the other direction as the paper makes it (section 4).
+/// A rest-to-rest move, after a conditioning move in the other direction as the paper makes it
+/// (section 4).
 ///
-/// The paper does not give its profile; the minimum-jerk (quintic) one is assumed, as in the rest of the laboratory.
+/// The paper does not give its profile; the minimum-jerk (quintic) one is assumed, as in the rest
+/// of the laboratory.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Motion {
@@ -40,7 +42,8 @@ pub struct Motion {
     pub distance: f64,
     /// Time of the move, s.
     pub duration: f64,
-    /// Time after the arrival over which the error is watched, s; what has not settled then counts as never settled.
+    /// Time after the arrival over which the error is watched, s; what has not settled then counts
+    /// as never settled.
     pub settle: f64,
     /// Move back again after that, judged alike.
     #[serde(default, rename = "return")]
@@ -98,10 +101,12 @@ pub enum Sealing {
     NotNeeded,
 }
 
-/// Relative standard deviations of the guide parameters, of a log-normal distribution around the catalogue's value as its median.
+/// Relative standard deviations of the guide parameters, of a log-normal distribution around the
+/// catalogue's value as its median.
 ///
-/// `coulomb_force` spreads the ratio Fc/Fs, so that a guide with much static friction has much Coulomb friction as well; the
-/// ratio stays at most 1. Each guide of a stage is drawn on its own, unless `together`.
+/// `coulomb_force` spreads the ratio Fc/Fs, so that a guide with much static friction has much
+/// Coulomb friction as well; the ratio stays at most 1. Each guide of a stage is drawn on its own,
+/// unless `together`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Tolerances {
@@ -123,16 +128,26 @@ pub enum ApplicationError {
     #[error("{origin}: {key} is {value}, must {limit}")]
     Value { origin: String, key: &'static str, value: f64, limit: String },
     #[error(
-        "{origin}: the move of {distance} m in {duration} s needs {needed:.0} N to accelerate {mass} kg, the motor has \
-         {limit} N (controller.force_limit): at least {slowest:.4} s would do"
+        "{origin}: the move of {distance} m in {duration} s needs {needed:.0} N to accelerate \
+         {mass} kg, the motor has {limit} N (controller.force_limit): at least {slowest:.4} s \
+         would do"
     )]
-    Motor { origin: String, distance: f64, duration: f64, needed: f64, mass: f64, limit: f64, slowest: f64 },
+    Motor {
+        origin: String,
+        distance: f64,
+        duration: f64,
+        needed: f64,
+        mass: f64,
+        limit: f64,
+        slowest: f64,
+    },
 }
 
-/// Peak acceleration of the minimum-jerk profile over distance / duration^2: at u = (3 - sqrt 3)/6 of its
-/// acceleration 60 u - 180 u^2 + 120 u^3.
+/// Peak acceleration of the minimum-jerk profile over distance / duration^2: at u = (3 - sqrt 3)/6
+/// of its acceleration 60 u - 180 u^2 + 120 u^3.
 const PEAK_ACCELERATION: f64 = 5.773_502_691_896_258;
-/// Largest relative standard deviation of a parameter. Assumed: beyond it one no longer speaks of a tolerance.
+/// Largest relative standard deviation of a parameter. Assumed: beyond it one no longer speaks of a
+/// tolerance.
 const LARGEST_TOLERANCE: f64 = 1.0;
 /// Longest simulated time of one variant, s. Assumed: guards against a slip of the unit.
 const LONGEST: f64 = 600.0;
@@ -167,7 +182,11 @@ impl Application {
                 }
                 _ => String::new(),
             };
-            ApplicationError::Yaml { origin: origin.to_owned(), message: error.without_snippet().to_string(), hint }
+            ApplicationError::Yaml {
+                origin: origin.to_owned(),
+                message: error.without_snippet().to_string(),
+                hint,
+            }
         })?;
         application.check(origin)?;
         Ok(application)
@@ -175,8 +194,9 @@ impl Application {
 
     /// Refuses impossible values and a motion that the motor cannot make.
     pub fn check(&self, origin: &str) -> Result<(), ApplicationError> {
-        let refuse =
-            |key, value, limit: String| Err(ApplicationError::Value { origin: origin.to_owned(), key, value, limit });
+        let refuse = |key, value, limit: String| {
+            Err(ApplicationError::Value { origin: origin.to_owned(), key, value, limit })
+        };
         let Motion { conditioning, .. } = &self.motion;
         let positive = [
             ("mass", self.mass),
@@ -219,15 +239,23 @@ impl Application {
             }
         }
         if self.requirement.settling_time > self.motion.settle {
-            let limit = format!("not be above motion.settle, the {} s that are watched", self.motion.settle);
+            let limit = format!(
+                "not be above motion.settle, the {} s that are watched",
+                self.motion.settle
+            );
             return refuse("requirement.settling_time", self.requirement.settling_time, limit);
         }
         if self.simulated_time() > LONGEST {
-            return refuse("motion", self.simulated_time(), format!("take at most {LONGEST} s in all"));
+            return refuse(
+                "motion",
+                self.simulated_time(),
+                format!("take at most {LONGEST} s in all"),
+            );
         }
-        for (distance, duration) in
-            [(self.motion.distance, self.motion.duration), (conditioning.distance, conditioning.duration)]
-        {
+        for (distance, duration) in [
+            (self.motion.distance, self.motion.duration),
+            (conditioning.distance, conditioning.duration),
+        ] {
             let impulse = PEAK_ACCELERATION * self.mass * distance;
             let needed = impulse / (duration * duration);
             let limit = self.controller.force_limit;
@@ -258,7 +286,10 @@ impl Application {
         let mut model = StageModel {
             name: self.name.clone(),
             mass: self.mass,
-            guides: guides.into_iter().map(friction_stage_core::model::GuideSource::Inline).collect(),
+            guides: guides
+                .into_iter()
+                .map(friction_stage_core::model::GuideSource::Inline)
+                .collect(),
             ..StageModel::default()
         };
         model.motor.force_limit = self.controller.force_limit;
@@ -299,8 +330,9 @@ impl Tolerances {
         ]
     }
 
-    /// A guide of these tolerances around `nominal`; `normal` draws from the standard normal distribution, six times whatever
-    /// the tolerances are, so that one of them does not shift the draws of the others.
+    /// A guide of these tolerances around `nominal`; `normal` draws from the standard normal
+    /// distribution, six times whatever the tolerances are, so that one of them does not shift the
+    /// draws of the others.
     pub fn draw(&self, nominal: &Guide, normal: &mut impl FnMut() -> f64) -> Guide {
         let mut factor = |relative: f64| (relative * normal()).exp();
         let stiffness = nominal.stiffness * factor(self.stiffness);
@@ -344,11 +376,17 @@ mod tests {
             ("sealing: not_needed", "sealing: requird", &["requird", "did you mean `required`"]),
             ("duration: 3.0e-3", "duration: .nan", &["motion.duration", "NaN"]),
             ("stiffness: 0.1", "stiffness: 10", &["tolerances.stiffness", "10", "between 0 and 1"]),
-            ("settle: 0.3", "settle: 0.01", &["requirement.settling_time", "motion.settle", "0.01"]),
+            (
+                "settle: 0.3",
+                "settle: 0.01",
+                &["requirement.settling_time", "motion.settle", "0.01"],
+            ),
         ];
         for (good, bad, expected) in cases {
             assert!(FINE.contains(good), "{good}");
-            let message = Application::from_yaml(&FINE.replace(good, bad), "fine.yaml").unwrap_err().to_string();
+            let message = Application::from_yaml(&FINE.replace(good, bad), "fine.yaml")
+                .unwrap_err()
+                .to_string();
             for words in *expected {
                 assert!(message.contains(words), "{bad:?} gave {message:?}, without {words:?}");
             }
@@ -357,11 +395,16 @@ mod tests {
 
     #[test]
     fn a_motion_beyond_the_motor_is_refused_with_the_time_that_would_do() {
-        let text = FINE.replace("distance: 10.0e-6", "distance: 50.0e-3").replace("duration: 3.0e-3", "duration: 0.05");
+        let text = FINE
+            .replace("distance: 10.0e-6", "distance: 50.0e-3")
+            .replace("duration: 3.0e-3", "duration: 0.05");
         let error = Application::from_yaml(&text, "fast.yaml").unwrap_err();
         let ApplicationError::Motor { needed, slowest, .. } = &error else { panic!("{error}") };
         // Peak of the minimum-jerk acceleration: 10/sqrt 3 d/T^2.
-        assert!((needed / (40.0 * 10.0 / 3f64.sqrt() * 0.05 / 0.0025) - 1.0).abs() < 1e-12, "{error}");
+        assert!(
+            (needed / (40.0 * 10.0 / 3f64.sqrt() * 0.05 / 0.0025) - 1.0).abs() < 1e-12,
+            "{error}"
+        );
         let slower = text.replace("duration: 0.05", &format!("duration: {}", slowest * 1.001));
         Application::from_yaml(&slower, "slower.yaml").unwrap();
     }
@@ -370,17 +413,27 @@ mod tests {
     fn drawn_guides_have_the_declared_spread_and_are_possible() {
         use rand::SeedableRng;
         use rand_distr::{Distribution, StandardNormal};
-        let tolerances = Tolerances { stiffness: 0.1, coulomb_force: 0.3, static_force: 0.05, ..Tolerances::default() };
+        let tolerances = Tolerances {
+            stiffness: 0.1,
+            coulomb_force: 0.3,
+            static_force: 0.05,
+            ..Tolerances::default()
+        };
         let nominal = friction_stage_core::model::Catalogue::builtin().guide("guide_1").unwrap();
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        let guides: Vec<Guide> = (0..4000).map(|_| tolerances.draw(&nominal, &mut normal)).collect();
+        let guides: Vec<Guide> =
+            (0..4000).map(|_| tolerances.draw(&nominal, &mut normal)).collect();
         let spread = |value: fn(&Guide) -> f64, nominal: f64| {
-            (guides.iter().map(|guide| (value(guide) / nominal).ln().powi(2)).sum::<f64>() / guides.len() as f64).sqrt()
+            (guides.iter().map(|guide| (value(guide) / nominal).ln().powi(2)).sum::<f64>()
+                / guides.len() as f64)
+                .sqrt()
         };
         // Standard error of a standard deviation over 4000 draws: 1.1 %.
         assert!((spread(|guide| guide.stiffness, nominal.stiffness) / 0.1 - 1.0).abs() < 0.05);
-        assert!((spread(|guide| guide.static_force, nominal.static_force) / 0.05 - 1.0).abs() < 0.05);
+        assert!(
+            (spread(|guide| guide.static_force, nominal.static_force) / 0.05 - 1.0).abs() < 0.05
+        );
         assert_eq!(spread(|guide| guide.viscous_friction, nominal.viscous_friction), 0.0);
         for guide in &guides {
             guide.check("drawn").unwrap();

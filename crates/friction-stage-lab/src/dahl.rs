@@ -1,8 +1,10 @@
-//! Force over small displacements, as the paper's Figures 4 and 5: slow loops of one guide on the rig.
+//! Force over small displacements, as the paper's Figures 4 and 5: slow loops of one guide on the
+//! rig.
 //!
-//! The rig moves back and forth so slowly that acceleration and viscous forces vanish, and dwells at both tips. Effective
-//! stiffness is, as the paper defines it, the total force difference over the total position difference, here between the
-//! dwells. From stiffness and loop area follow frequency and damping of the Dahl resonance of the stage.
+//! The rig moves back and forth so slowly that acceleration and viscous forces vanish, and dwells
+//! at both tips. Effective stiffness is, as the paper defines it, the total force difference over
+//! the total position difference, here between the dwells. From stiffness and loop area follow
+//! frequency and damping of the Dahl resonance of the stage.
 
 use std::f64::consts::PI;
 
@@ -11,27 +13,34 @@ use serde::Serialize;
 use friction_stage_core::control::Gains;
 
 use super::specimen::{
-    LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, mean, rest, within_motor,
+    LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, mean, rest,
+    within_motor,
 };
 
 /// Amplitudes of the paper's loops, m (sections 2 and 3).
 pub const PAPER_AMPLITUDES: [f64; 4] = [10e-9, 1e-6, 40e-6, 420e-6];
 /// Amplitudes of the curves over amplitude, m: 10 nm to 1 mm.
-pub const AMPLITUDES: [f64; 12] = [10e-9, 30e-9, 100e-9, 300e-9, 1e-6, 3e-6, 10e-6, 20e-6, 40e-6, 100e-6, 420e-6, 1e-3];
+pub const AMPLITUDES: [f64; 12] =
+    [10e-9, 30e-9, 100e-9, 300e-9, 1e-6, 3e-6, 10e-6, 20e-6, 40e-6, 100e-6, 420e-6, 1e-3];
 /// Standard error of the force difference that the dwells are long enough for, relative.
 const STIFFNESS_ERROR: f64 = 0.01;
-/// Up to this amplitude, m, the guide is a spring and the servo can be quiet; from `AREA_FROM` on the loop area counts.
+/// Up to this amplitude, m, the guide is a spring and the servo can be quiet; from `AREA_FROM` on
+/// the loop area counts.
 const QUIET_TO: f64 = 5e-6;
 const AREA_FROM: f64 = 200e-9;
-/// Parts of the proportional and integral gain of the 60 Hz servo in the quiet one, and its lowpass, Hz; no derivative.
+/// Parts of the proportional and integral gain of the 60 Hz servo in the quiet one, and its
+/// lowpass, Hz; no derivative.
 ///
-/// Assumed: encoder noise of 1 nm through the derivative shakes the carriage at about 0.1 um/s, as fast as a loop of 1 um moves
-/// and far enough to relax a bristle that breaks away at 0.1 um. A spring needs no derivative to be held.
+/// Assumed: encoder noise of 1 nm through the derivative shakes the carriage at about 0.1 um/s, as
+/// fast as a loop of 1 um moves and far enough to relax a bristle that breaks away at 0.1 um. A
+/// spring needs no derivative to be held.
 const QUIET_SERVO: (f64, f64, f64) = (0.1, 0.5, 60.0);
-/// Largest speed of a loop, m/s, and time of a quick conditioning travel, s. Assumed: a tenth of the usual Stribeck velocity.
+/// Largest speed of a loop, m/s, and time of a quick conditioning travel, s. Assumed: a tenth of
+/// the usual Stribeck velocity.
 const FASTEST: f64 = 0.5e-3;
 const QUICK: f64 = 0.5;
-/// Samples of force and position are averaged over this many parts of a cycle before the loop is integrated.
+/// Samples of force and position are averaged over this many parts of a cycle before the loop is
+/// integrated.
 const PARTS: usize = 800;
 /// Most samples of a loop that are kept for a recording.
 const KEPT: usize = 400_000;
@@ -47,7 +56,8 @@ pub struct LoopTiming {
     pub measure: f64,
     /// Whole cycles that count, after one that does not.
     pub cycles: usize,
-    /// Quick cycles without dwells before them, which bring the bristles from rest onto the symmetric loop.
+    /// Quick cycles without dwells before them, which bring the bristles from rest onto the
+    /// symmetric loop.
     pub conditioning: usize,
 }
 
@@ -87,17 +97,25 @@ pub struct DahlResonance {
     pub stiffness: f64,
     /// sqrt(k/m)/(2 pi), Hz.
     pub frequency: f64,
-    /// W/(2 pi k A^2): the viscous damper that loses as much per cycle at resonance (Jacobsen, Trans. ASME 52, 1930).
+    /// W/(2 pi k A^2): the viscous damper that loses as much per cycle at resonance (Jacobsen,
+    /// Trans. ASME 52, 1930).
     pub damping: Measured,
 }
 
 impl LoopTiming {
-    /// Slow enough for the amplitude, m, and long enough for the noise of the force cell, N, at about `stiffness` N/m;
-    /// `break_away` distance in m, `rate` of the samples in Hz.
+    /// Slow enough for the amplitude, m, and long enough for the noise of the force cell, N, at
+    /// about `stiffness` N/m; `break_away` distance in m, `rate` of the samples in Hz.
     ///
-    /// Assumed limits: at most 0.5 mm/s, a tenth of the usual Stribeck velocity; and a travel time that keeps the share of the
-    /// bristle damping in the loop area near 3 % from 300 nm on. Below that the area drowns in noise anyway.
-    pub fn slow(amplitude: f64, stiffness: f64, noise: f64, rate: f64, break_away: f64) -> LoopTiming {
+    /// Assumed limits: at most 0.5 mm/s, a tenth of the usual Stribeck velocity; and a travel time
+    /// that keeps the share of the bristle damping in the loop area near 3 % from 300 nm on. Below
+    /// that the area drowns in noise anyway.
+    pub fn slow(
+        amplitude: f64,
+        stiffness: f64,
+        noise: f64,
+        rate: f64,
+        break_away: f64,
+    ) -> LoopTiming {
         // Peak velocity of the minimum-jerk travel is 15/8 of the mean.
         let by_speed = 1.875 * 2.0 * amplitude / FASTEST;
         let by_damping = match amplitude {
@@ -109,15 +127,18 @@ impl LoopTiming {
         let measure = if needed > 5000.0 { 0.7 } else { 0.25 };
         let cycles = (needed / (2.0 * measure * rate)).ceil().clamp(2.0, 1e5) as usize;
         let settle = if amplitude < QUIET_TO { 0.5 } else { 0.3 };
-        // A bristle forgets over its break-away distance, and a cycle travels four amplitudes: here down to exp(-4).
-        let conditioning = if amplitude < AREA_FROM { 0.0 } else { (break_away / amplitude).ceil().min(300.0) };
+        // A bristle forgets over its break-away distance, and a cycle travels four amplitudes: here
+        // down to exp(-4).
+        let conditioning =
+            if amplitude < AREA_FROM { 0.0 } else { (break_away / amplitude).ceil().min(300.0) };
         let conditioning = conditioning as usize;
         LoopTiming { conditioning, travel: by_speed.max(by_damping), settle, measure, cycles }
     }
 }
 
-/// Measures loops at `amplitudes` (ascending, m) and derives the stage's resonance; `tick` is called after each. Recordings
-/// hold the paper's amplitudes, or all where there are no more than those, at most 100 s of each.
+/// Measures loops at `amplitudes` (ascending, m) and derives the stage's resonance; `tick` is
+/// called after each. Recordings hold the paper's amplitudes, or all where there are no more than
+/// those, at most 100 s of each.
 pub fn dahl(
     specimen: &Specimen,
     settings: &Settings,
@@ -127,18 +148,26 @@ pub fn dahl(
     let guide = specimen.guide()?;
     let break_away = specimen.break_away_distance()?;
     let guides = specimen.stage.guides.len() as f64;
-    let mut curves = DahlCurves { name: specimen.name.clone(), loops: Vec::new(), resonances: Vec::new() };
+    let mut curves =
+        DahlCurves { name: specimen.name.clone(), loops: Vec::new(), resonances: Vec::new() };
     let mut recordings = Vec::new();
     for &amplitude in amplitudes {
         let expected = guide.effective_stiffness(amplitude);
-        let timing =
-            LoopTiming::slow(amplitude, expected, specimen.rig.force_cell.noise, settings.rates.control(), break_away);
+        let timing = LoopTiming::slow(
+            amplitude,
+            expected,
+            specimen.rig.force_cell.noise,
+            settings.rates.control(),
+            break_away,
+        );
         let servo = specimen.servo(SERVO_BANDWIDTH);
         let (p, i, lowpass_frequency) = QUIET_SERVO;
         let quiet = Gains { p: p * servo.p, i: i * servo.i, d: 0.0, lowpass_frequency, ..servo };
         let servo = if amplitude < QUIET_TO { quiet } else { servo };
-        let (mut found, recording) = hysteresis_loop(specimen, settings, servo, amplitude, &timing)?;
-        found.area_is_resolved = amplitude >= AREA_FROM && found.area.standard_error < 0.2 * found.area.value;
+        let (mut found, recording) =
+            hysteresis_loop(specimen, settings, servo, amplitude, &timing)?;
+        found.area_is_resolved =
+            amplitude >= AREA_FROM && found.area.standard_error < 0.2 * found.area.value;
         curves.resonances.push(resonance(&found, guides, specimen.stage.mass));
         curves.loops.push(found);
         if PAPER_AMPLITUDES.contains(&amplitude) || amplitudes.len() <= PAPER_AMPLITUDES.len() {
@@ -157,11 +186,15 @@ pub fn resonance(of: &HysteresisLoop, guides: f64, mass: f64) -> DahlResonance {
         amplitude: of.amplitude,
         stiffness,
         frequency: (stiffness / mass).sqrt() / (2.0 * PI),
-        damping: Measured { value: per_area * of.area.value, standard_error: per_area * of.area.standard_error },
+        damping: Measured {
+            value: per_area * of.area.value,
+            standard_error: per_area * of.area.standard_error,
+        },
     }
 }
 
-/// One loop on the rig: from rest to the upper tip, one cycle to forget the start, then the cycles that count.
+/// One loop on the rig: from rest to the upper tip, one cycle to forget the start, then the cycles
+/// that count.
 pub fn hysteresis_loop(
     specimen: &Specimen,
     settings: &Settings,
@@ -171,7 +204,8 @@ pub fn hysteresis_loop(
 ) -> Result<(HysteresisLoop, Recording), LabError> {
     let rate = settings.rates.control();
     let samples = |seconds: f64| (seconds * rate).round().max(1.0) as usize;
-    let (travel, settle, measure) = (samples(timing.travel), samples(timing.settle), samples(timing.measure));
+    let (travel, settle, measure) =
+        (samples(timing.travel), samples(timing.settle), samples(timing.measure));
     let half = travel + settle + measure;
     let mut points = vec![rest(0.0, 0.0)];
     let mut index = 0;
@@ -192,7 +226,8 @@ pub fn hysteresis_loop(
     }
     let mut rig = specimen.on_rig(settings, servo, points)?;
     let mut rows = Vec::with_capacity(KEPT.min(index));
-    // Sums over the cycles: position and force per part of a cycle; deviations at the tips for the noise.
+    // Sums over the cycles: position and force per part of a cycle; deviations at the tips for the
+    // noise.
     let cycle = 2 * half;
     let mut parts = vec![(0.0, 0.0, 0.0f64); PARTS.min(cycle)];
     let mut tips = [Vec::new(), Vec::new()];
@@ -213,7 +248,8 @@ pub fn hysteresis_loop(
         }
     }
     within_motor("dahl", specimen, &specimen.rig, &rows)?;
-    let [lower, upper] = tips.map(|tip| (mean(tip.iter().map(|x| x.0)), mean(tip.iter().map(|x| x.1))));
+    let [lower, upper] =
+        tips.map(|tip| (mean(tip.iter().map(|x| x.0)), mean(tip.iter().map(|x| x.1))));
     let position = upper.0.value - lower.0.value;
     let force = upper.1.value - lower.1.value;
     let position_error = upper.0.standard_error.hypot(lower.0.standard_error);
@@ -221,7 +257,8 @@ pub fn hysteresis_loop(
     let stiffness = force / position;
     let points: Vec<(f64, f64)> = parts.iter().map(|(x, f, n)| (x / n, f / n)).collect();
     let next = |k: usize| points[(k + 1) % points.len()];
-    let steps = points.iter().enumerate().map(|(k, here)| (next(k).0 - here.0, 0.5 * (next(k).1 + here.1)));
+    let steps =
+        points.iter().enumerate().map(|(k, here)| (next(k).0 - here.0, 0.5 * (next(k).1 + here.1)));
     let area = steps.clone().map(|(step, force)| step * force).sum::<f64>();
     let per_part = (parts.iter().map(|part| part.2).sum::<f64>() / count as f64).sqrt();
     let noise = force_error / 2f64.sqrt() * ((measure * timing.cycles) as f64).sqrt();
@@ -230,7 +267,8 @@ pub fn hysteresis_loop(
         amplitude: 0.5 * position,
         stiffness: Measured {
             value: stiffness,
-            standard_error: stiffness.abs() * (force_error / force).hypot(position_error / position),
+            standard_error: stiffness.abs()
+                * (force_error / force).hypot(position_error / position),
         },
         area: Measured { value: area, standard_error: area_error },
         area_is_resolved: area_error < 0.2 * area,
@@ -243,22 +281,29 @@ pub fn hysteresis_loop(
 
 /// A length as file names and tables show it: `10nm`, `1um`, `1000um`.
 pub fn length(metres: f64) -> String {
-    if metres < 0.999e-6 { format!("{:.0}nm", metres * 1e9) } else { format!("{:.0}um", metres * 1e6) }
+    if metres < 0.999e-6 {
+        format!("{:.0}nm", metres * 1e9)
+    } else {
+        format!("{:.0}um", metres * 1e6)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// k = Fs tanh(sigma0 A/Fs)/A and W = 4 A Fs - 4 Fs^2/sigma0 tanh(sigma0 A/Fs), with noise on both sensors.
+    /// k = Fs tanh(sigma0 A/Fs)/A and W = 4 A Fs - 4 Fs^2/sigma0 tanh(sigma0 A/Fs), with noise on
+    /// both sensors.
     #[test]
     fn loops_have_the_stiffness_and_the_area_of_the_closed_form() {
         for name in ["guide_1", "guide_2"] {
             let specimen = Specimen::of_guide(name).unwrap();
             let guide = specimen.guide().unwrap();
-            let (curves, _) = dahl(&specimen, &Settings::default(), &AMPLITUDES[2..], &|| ()).unwrap();
+            let (curves, _) =
+                dahl(&specimen, &Settings::default(), &AMPLITUDES[2..], &|| ()).unwrap();
             for (found, resonance) in curves.loops.iter().zip(&curves.resonances) {
-                let (k, area) = (guide.effective_stiffness(found.amplitude), guide.loop_area(found.amplitude));
+                let (k, area) =
+                    (guide.effective_stiffness(found.amplitude), guide.loop_area(found.amplitude));
                 let error = 4.0 * found.stiffness.standard_error + 0.005 * k;
                 assert!(
                     (found.stiffness.value - k).abs() < error,
@@ -278,7 +323,10 @@ mod tests {
                     );
                 }
                 let frequency = (4.0 * k / 40.0).sqrt() / (2.0 * PI);
-                assert!((resonance.frequency / frequency - 1.0).abs() < 0.02, "{name} {resonance:?}: {frequency}");
+                assert!(
+                    (resonance.frequency / frequency - 1.0).abs() < 0.02,
+                    "{name} {resonance:?}: {frequency}"
+                );
             }
         }
     }

@@ -1,8 +1,9 @@
 //! Several bristles in parallel that meet stiffnesses which one bristle cannot: fit in closed form.
 //!
-//! One LuGre bristle has k(A) = Fs tanh(sigma0 A/Fs)/A, so two numbers fix the rest. Three in parallel
-//! (`distributed_bristles`) have the sum over elements of K_i d_i tanh(A/d_i)/A, with stiffness K_i and break-away distance d_i
-//! each; the sum of K_i d_i is the static friction Fs (Iwan, J. Appl. Mech. 33, 1966, with the smooth LuGre element).
+//! One LuGre bristle has k(A) = Fs tanh(sigma0 A/Fs)/A, so two numbers fix the rest. Three in
+//! parallel (`distributed_bristles`) have the sum over elements of K_i d_i tanh(A/d_i)/A, with
+//! stiffness K_i and break-away distance d_i each; the sum of K_i d_i is the static friction Fs
+//! (Iwan, J. Appl. Mech. 33, 1966, with the smooth LuGre element).
 
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
@@ -25,8 +26,9 @@ pub struct DistributedFit {
 /// Three stiffnesses that no three elements of this kind can have.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "no three bristles with positive shares have {} N/m at {} m, {} N/m at {} m and {} N/m at {} m under {static_force} N: \
-     the stiffness must fall with the amplitude and stay below {static_force} N over it",
+    "no three bristles with positive shares have {} N/m at {} m, {} N/m at {} m and {} N/m at {} m \
+     under {static_force} N: the stiffness must fall with the amplitude and stay below \
+     {static_force} N over it",
     of[0].1, of[0].0, of[1].1, of[1].0, of[2].1, of[2].0
 )]
 pub struct NoDistributedFit {
@@ -36,12 +38,14 @@ pub struct NoDistributedFit {
 
 /// Fits three elements to three stiffnesses at ascending amplitudes.
 ///
-/// Break-away distances of the first two: the geometric means of neighbouring amplitudes (assumed: an element shows between the
-/// two that it tells apart). The third has the friction that is left. Stiffnesses then follow linearly, iterated over its distance.
+/// Break-away distances of the first two: the geometric means of neighbouring amplitudes (assumed:
+/// an element shows between the two that it tells apart). The third has the friction that is left.
+/// Stiffnesses then follow linearly, iterated over its distance.
 pub fn fit(of: [StiffnessAt; 3], static_force: f64) -> Result<DistributedFit, NoDistributedFit> {
     let refused = NoDistributedFit { of, static_force };
     let (first, second) = ((of[0].0 * of[1].0).sqrt(), (of[1].0 * of[2].0).sqrt());
-    let share = |amplitude: f64, distance: f64| distance * (amplitude / distance).tanh() / amplitude;
+    let share =
+        |amplitude: f64, distance: f64| distance * (amplitude / distance).tanh() / amplitude;
     let right = Vector3::from_fn(|row, _| of[row].1);
     let mut third = static_force / of[2].1;
     let mut stiffness = Vector3::zeros();
@@ -70,7 +74,9 @@ pub fn fit(of: [StiffnessAt; 3], static_force: f64) -> Result<DistributedFit, No
         strength_shares: std::array::from_fn(|i| stiffness[i] * distances[i] / static_force),
         static_force,
     };
-    let met = of.iter().all(|(amplitude, k)| (found.effective_stiffness(*amplitude) / k - 1.0).abs() < 1e-3);
+    let met = of
+        .iter()
+        .all(|(amplitude, k)| (found.effective_stiffness(*amplitude) / k - 1.0).abs() < 1e-3);
     if met { Ok(found) } else { Err(refused) }
 }
 
@@ -88,13 +94,14 @@ impl DistributedFit {
     }
 }
 
-/// The single bristle that comes nearest, in the root mean square of the relative errors: its stiffness sigma0, N/m, with the
-/// static friction kept (N). The best of a fine grid.
+/// The single bristle that comes nearest, in the root mean square of the relative errors: its
+/// stiffness sigma0, N/m, with the static friction kept (N). The best of a fine grid.
 pub fn best_single(of: &[StiffnessAt], static_force: f64) -> f64 {
     let error = |stiffness: f64| -> f64 {
         of.iter()
             .map(|(amplitude, k)| {
-                let found = static_force * (stiffness * amplitude / static_force).tanh() / amplitude;
+                let found =
+                    static_force * (stiffness * amplitude / static_force).tanh() / amplitude;
                 (found / k - 1.0).powi(2)
             })
             .sum()
@@ -119,13 +126,18 @@ mod tests {
             assert!((found.effective_stiffness(amplitude) / k - 1.0).abs() < 1e-3, "{found:?}");
         }
         for shares in [found.stiffness_shares, found.strength_shares] {
-            assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-9 && shares.iter().all(|s| *s > 0.0), "{found:?}");
+            assert!(
+                (shares.iter().sum::<f64>() - 1.0).abs() < 1e-9 && shares.iter().all(|s| *s > 0.0),
+                "{found:?}"
+            );
         }
         // Far beyond every break-away distance only the static friction is left.
         assert!((found.effective_stiffness(10e-3) * 10e-3 / 16.8 - 1.0).abs() < 1e-3);
         let single = best_single(&GUIDE_1, 16.8);
-        let worst =
-            GUIDE_1.iter().map(|(a, k)| (16.8 * (single * a / 16.8f64).tanh() / a / k - 1.0).abs()).fold(0.0, f64::max);
+        let worst = GUIDE_1
+            .iter()
+            .map(|(a, k)| (16.8 * (single * a / 16.8f64).tanh() / a / k - 1.0).abs())
+            .fold(0.0, f64::max);
         assert!(worst > 0.2, "{single}: {worst}");
     }
 

@@ -1,4 +1,5 @@
-//! The fast move of the paper's section 4: 50 mm in 100 ms, forward and return, after a return move and a rest.
+//! The fast move of the paper's section 4: 50 mm in 100 ms, forward and return, after a return move
+//! and a rest.
 
 use serde::Serialize;
 
@@ -32,7 +33,8 @@ pub struct FastMove {
 pub const BANDS: [f64; 13] =
     [30e-6, 20e-6, 10e-6, 5e-6, 3e-6, 2e-6, 1e-6, 0.5e-6, 0.3e-6, 0.2e-6, 0.1e-6, 50e-9, 30e-9];
 
-/// Runs the move after `rest` s at rest. `feedforward` switches viscous feedforward on, ideal: the sum of sigma2 of the guides.
+/// Runs the move after `rest` s at rest. `feedforward` switches viscous feedforward on, ideal: the
+/// sum of sigma2 of the guides.
 pub fn fast_move(
     specimen: &Specimen,
     settings: &Settings,
@@ -47,11 +49,15 @@ pub fn fast_move(
         specimen: specimen.name.clone(),
         what: what.to_owned(),
     };
-    let find = |kind| motion.moves.iter().find(|m| m.kind == kind).ok_or_else(|| signal("has no such move"));
+    let find = |kind| {
+        motion.moves.iter().find(|m| m.kind == kind).ok_or_else(|| signal("has no such move"))
+    };
     let (forward, back) = (find(MoveKind::FastForward)?, find(MoveKind::FastReturn)?);
-    let result = |of| settling(of, errors(&rows)).ok_or_else(|| signal("holds no sample of the move"));
+    let result =
+        |of| settling(of, errors(&rows)).ok_or_else(|| signal("holds no sample of the move"));
     let points = after(forward, &rows, 0.6);
-    let wave: Vec<f64> = points.iter().filter(|(t, _)| *t >= WAVE.0 && *t <= WAVE.1).map(|(_, e)| *e).collect();
+    let wave: Vec<f64> =
+        points.iter().filter(|(t, _)| *t >= WAVE.0 && *t <= WAVE.1).map(|(_, e)| *e).collect();
     let found = FastMove {
         name: specimen.name.clone(),
         viscous_feedforward: viscous,
@@ -81,7 +87,8 @@ pub(super) fn run(
 ) -> Result<Vec<Row>, LabError> {
     let mut stage = specimen.on_stage(settings, viscous, motion.points.clone())?;
     let count = (motion.duration() as f64 * 1e-9 * settings.rates.control()).ceil() as usize;
-    let rows = (0..count).map(|_| Ok(Row::of(&stage.cycle()?))).collect::<Result<Vec<_>, LabError>>()?;
+    let rows =
+        (0..count).map(|_| Ok(Row::of(&stage.cycle()?))).collect::<Result<Vec<_>, LabError>>()?;
     within_motor(experiment, specimen, &specimen.stage, &rows)?;
     Ok(rows)
 }
@@ -99,9 +106,11 @@ pub(super) fn after(of: &Move, rows: &[Row], window: f64) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Time from the arrival of the reference to the last sample outside of `band`, s; `None` where it stays outside.
+/// Time from the arrival of the reference to the last sample outside of `band`, s; `None` where it
+/// stays outside.
 pub(super) fn settling_into(of: &Move, rows: &[Row], band: f64) -> Option<f64> {
-    let mut within = errors(rows).filter(|(time, _)| (of.arrival..=of.end).contains(time)).peekable();
+    let mut within =
+        errors(rows).filter(|(time, _)| (of.arrival..=of.end).contains(time)).peekable();
     within.peek()?;
     let (mut last, mut outside) = (of.arrival, None);
     for (time, error) in within {
@@ -131,8 +140,9 @@ mod tests {
         assert!(times.is_sorted() && times.len() > 8, "{times:?}");
     }
 
-    /// Viscous friction sigma2 v is a force known in advance: with it fed forward a stage without other friction has next
-    /// to no error; without it the error is that of the force sigma2 v on the loop.
+    /// Viscous friction sigma2 v is a force known in advance: with it fed forward a stage without
+    /// other friction has next to no error; without it the error is that of the force sigma2 v on
+    /// the loop.
     #[test]
     fn viscous_feedforward_cancels_viscous_friction() {
         let mut guide = Specimen::of_guide("guide_2").unwrap().guide().unwrap();

@@ -9,7 +9,8 @@ use super::paper::PaperMotion;
 use super::settling::{MoveResult, settling};
 use super::specimen::{LabError, Recording, Settings, Specimen};
 
-/// Number of steps: the first goes against the bristles that the return move left bent, the others on from there.
+/// Number of steps: the first goes against the bristles that the return move left bent, the others
+/// on from there.
 pub const STEPS: usize = 5;
 
 /// One guide type in the fine steps.

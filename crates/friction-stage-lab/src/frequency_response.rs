@@ -1,7 +1,9 @@
-//! Response of the stage to a sinusoidal force at several amplitudes: stiffness of the guides below the Dahl resonance, mass above.
+//! Response of the stage to a sinusoidal force at several amplitudes: stiffness of the guides below
+//! the Dahl resonance, mass above.
 //!
-//! Stepped sine without a controller: the guides hold the stage while the force stays below break-away. Force cell and encoder
-//! are projected on the sine, which gives the dynamic stiffness D = F/X; with friction it depends on the amplitude.
+//! Stepped sine without a controller: the guides hold the stage while the force stays below
+//! break-away. Force cell and encoder are projected on the sine, which gives the dynamic stiffness
+//! D = F/X; with friction it depends on the amplitude.
 
 use std::f64::consts::PI;
 
@@ -28,7 +30,8 @@ const MEASURE: (f64, f64) = (0.25, 5.0);
 pub struct FrequencyResponse {
     pub name: String,
     pub levels: Vec<ResponseLevel>,
-    /// kg, from the dynamic stiffness at the highest frequencies and the largest force, where noise matters least.
+    /// kg, from the dynamic stiffness at the highest frequencies and the largest force, where noise
+    /// matters least.
     pub mass: f64,
 }
 
@@ -120,13 +123,17 @@ fn point(stage: &mut Stage, rows: &mut Vec<Row>, force: f64, frequency: f64) -> 
         rows.push(Row { sample, terms: None, force: command });
         stage.advance(command);
     }
-    // The cell reads, at a sample, the force held over the interval that ends there: half a sample late, and its
-    // fundamental is smaller by the hold.
+    // The cell reads, at a sample, the force held over the interval that ends there: half a sample
+    // late, and its fundamental is smaller by the hold.
     let lag = PI * frequency / rate;
     let hold = lag.sin() / lag;
     let driving = cell.phasor() * Complex::from_polar(hold, lag);
     let stiffness = driving / position.phasor();
-    ResponsePoint { frequency, amplitude: position.phasor().norm(), stiffness: (stiffness.re, stiffness.im) }
+    ResponsePoint {
+        frequency,
+        amplitude: position.phasor().norm(),
+        stiffness: (stiffness.re, stiffness.im),
+    }
 }
 
 /// Least squares of a constant, a sine and a cosine.
@@ -157,16 +164,19 @@ fn line_mass(points: &[ResponsePoint]) -> f64 {
     let upper = &points[2 * points.len() / 3..];
     let count = upper.len() as f64;
     let square = |point: &ResponsePoint| (2.0 * PI * point.frequency).powi(2);
-    let (x, y) = upper.iter().fold((0.0, 0.0), |(x, y), p| (x + square(p) / count, y + p.stiffness.0 / count));
-    let (cross, squares) = upper
+    let (x, y) = upper
         .iter()
-        .fold((0.0, 0.0), |(c, s), p| (c + (square(p) - x) * (p.stiffness.0 - y), s + (square(p) - x).powi(2)));
+        .fold((0.0, 0.0), |(x, y), p| (x + square(p) / count, y + p.stiffness.0 / count));
+    let (cross, squares) = upper.iter().fold((0.0, 0.0), |(c, s), p| {
+        (c + (square(p) - x) * (p.stiffness.0 - y), s + (square(p) - x).powi(2))
+    });
     -cross / squares
 }
 
 /// Where Re D changes its sign, linear in the square of the frequency between two points.
 fn resonance(points: &[ResponsePoint], mass: f64) -> Option<Resonance> {
-    let pair = points.windows(2).find(|pair| pair[0].stiffness.0 > 0.0 && pair[1].stiffness.0 <= 0.0)?;
+    let pair =
+        points.windows(2).find(|pair| pair[0].stiffness.0 > 0.0 && pair[1].stiffness.0 <= 0.0)?;
     let (a, b) = (&pair[0], &pair[1]);
     let share = a.stiffness.0 / (a.stiffness.0 - b.stiffness.0);
     let between = |of: fn(&ResponsePoint) -> f64| of(a) + share * (of(b) - of(a));
@@ -183,19 +193,25 @@ fn resonance(points: &[ResponsePoint], mass: f64) -> Option<Resonance> {
 mod tests {
     use super::*;
 
-    /// Far below break-away a guide is a spring sigma0 with a damper sigma1 + sigma2: a linear oscillator.
+    /// Far below break-away a guide is a spring sigma0 with a damper sigma1 + sigma2: a linear
+    /// oscillator.
     #[test]
     fn small_amplitudes_show_the_linear_oscillator() {
         for name in ["guide_1", "guide_2"] {
             let specimen = Specimen::of_guide(name).unwrap();
             let guide = specimen.guide().unwrap();
-            let (response, _) = frequency_response(&specimen, &Settings::default(), &|| ()).unwrap();
+            let (response, _) =
+                frequency_response(&specimen, &Settings::default(), &|| ()).unwrap();
             assert!((response.mass / 40.0 - 1.0).abs() < 0.005, "{name}: {} kg", response.mass);
             let smallest = &response.levels[0];
             let found = smallest.resonance.unwrap();
             let k = 4.0 * guide.stiffness;
-            let damping = 4.0 * (guide.bristle_damping + guide.viscous_friction) / (2.0 * (k * 40.0).sqrt());
-            assert!((found.frequency / ((k / 40.0).sqrt() / (2.0 * PI)) - 1.0).abs() < 0.015, "{name} {found:?}");
+            let damping =
+                4.0 * (guide.bristle_damping + guide.viscous_friction) / (2.0 * (k * 40.0).sqrt());
+            assert!(
+                (found.frequency / ((k / 40.0).sqrt() / (2.0 * PI)) - 1.0).abs() < 0.015,
+                "{name} {found:?}"
+            );
             assert!((found.damping / damping - 1.0).abs() < 0.05, "{name} {found:?}: {damping}");
             let low = &smallest.points[0];
             let dynamic = k - 40.0 * (2.0 * PI * low.frequency).powi(2);

@@ -1,10 +1,12 @@
 //! LuGre parameters of a guide from recordings of the measuring rig, with confidence intervals.
 //!
-//! The two steps of the literature (Canudas de Wit, Lischinsky, "Adaptive friction compensation with partially known dynamic
-//! friction model", Int. J. Adapt. Control Signal Process. 11, 1997): first the static curve from runs at constant velocity,
-//! then stiffness and damping of the bristle from slow loops; then all parameters together on both. The force along the
-//! *measured* motion is compared with the force cell, so that it does not matter how the rig was driven:
-//! F = m a + sigma0 z + sigma1 dz/dt + sigma2 v + offset, with the bristle moved exactly over each sampling interval.
+//! The two steps of the literature (Canudas de Wit, Lischinsky, "Adaptive friction compensation
+//! with partially known dynamic friction model", Int. J. Adapt. Control Signal Process. 11, 1997):
+//! first the static curve from runs at constant velocity, then stiffness and damping of the bristle
+//! from slow loops; then all parameters together on both. The force along the *measured* motion is
+//! compared with the force cell, so that it does not matter how the rig was driven: F = m a +
+//! sigma0 z + sigma1 dz/dt + sigma2 v + offset, with the bristle moved exactly over each sampling
+//! interval.
 
 use super::least_squares::{FitError, Minimum, minimise};
 use super::specimen::Recording;
@@ -48,7 +50,8 @@ pub struct GuideFit {
     pub viscous_friction: Fitted,
     pub coulomb_force: Fitted,
     pub static_force: Fitted,
-    /// `None` where the friction level does not fall with velocity: then static and Coulomb force are one.
+    /// `None` where the friction level does not fall with velocity: then static and Coulomb force
+    /// are one.
     pub stribeck_velocity: Option<Fitted>,
     /// What the force cell reads without force, N.
     pub offset: Fitted,
@@ -56,7 +59,8 @@ pub struct GuideFit {
     pub windows: usize,
     /// Rows of the loops.
     pub rows: usize,
-    /// Rms of what the model leaves of the loops' force, N, and of the noise of the force cell, from its differences.
+    /// Rms of what the model leaves of the loops' force, N, and of the noise of the force cell,
+    /// from its differences.
     pub force_rms: f64,
     pub noise_rms: f64,
     pub warnings: Vec<String>,
@@ -65,14 +69,19 @@ pub struct GuideFit {
 /// Recordings from which no guide can be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GuideFitError {
-    #[error("the {record} recording has {rows} rows with position and force, at least {needed} are needed")]
+    #[error(
+        "the {record} recording has {rows} rows with position and force, at least {needed} are \
+         needed"
+    )]
     TooShort { record: &'static str, rows: usize, needed: usize },
     #[error(
-        "the {record} recording is not evenly sampled: a step of {step:.3e} s at {time:.4} s, usually {usual:.3e} s"
+        "the {record} recording is not evenly sampled: a step of {step:.3e} s at {time:.4} s, \
+         usually {usual:.3e} s"
     )]
     Uneven { record: &'static str, step: f64, time: f64, usual: f64 },
     #[error(
-        "the Stribeck recording has {windows} runs at constant velocity (of at least {needed}): {} needed in each direction",
+        "the Stribeck recording has {windows} runs at constant velocity (of at least {needed}): {} \
+         needed in each direction",
         needed / 2
     )]
     Windows { windows: usize, needed: usize },
@@ -80,24 +89,27 @@ pub enum GuideFitError {
     Search { step: &'static str, source: FitError },
 }
 
-/// Half width of the local cubic that smooths the position, s. Assumed: well below the rise time of a 60 Hz servo, and wide
-/// enough that the noise of the encoder does not count as way.
+/// Half width of the local cubic that smooths the position, s. Assumed: well below the rise time of
+/// a 60 Hz servo, and wide enough that the noise of the encoder does not count as way.
 const SMOOTHING: f64 = 2.5e-3;
 /// Share of its speed within which a run counts as of constant velocity. Assumed.
 const CONSTANT: f64 = 0.01;
-/// Half of the time over which a speed is averaged to tell whether it is constant, s. Assumed: some periods of the servo.
+/// Half of the time over which a speed is averaged to tell whether it is constant, s. Assumed: some
+/// periods of the servo.
 const AVERAGE: f64 = 0.02;
-/// Travel, in units of Fs/sigma0, after which the friction is taken as steady: exp(-10) of the way is left.
+/// Travel, in units of Fs/sigma0, after which the friction is taken as steady: exp(-10) of the way
+/// is left.
 const STEADY: f64 = 10.0;
 /// Shortest stretch of constant velocity, s. Assumed: three periods of the mains.
 const SHORTEST: f64 = 0.06;
 /// Fewest runs: as many as the static curve has parameters and one more, in each direction.
 const FEWEST_RUNS: usize = 10;
-/// Share of the cell's noise that the force of the bristle damping must reach in the loops, rms. Assumed: on the guides of the
-/// catalogue, loops with 0.2 to 0.6 give intervals beside the truth, since what the servo trembles resembles damping there; with
-/// 1.0 to 2.6 they hold it.
+/// Share of the cell's noise that the force of the bristle damping must reach in the loops, rms.
+/// Assumed: on the guides of the catalogue, loops with 0.2 to 0.6 give intervals beside the truth,
+/// since what the servo trembles resembles damping there; with 1.0 to 2.6 they hold it.
 const LEAST_DAMPING: f64 = 0.8;
-/// 99.9 % quantile of chi-squared with 2 degrees of freedom: what the falling part of F(v) must gain.
+/// 99.9 % quantile of chi-squared with 2 degrees of freedom: what the falling part of F(v) must
+/// gain.
 const SIGNIFICANT: f64 = 13.816;
 /// Stribeck velocity where nothing falls with velocity, m/s: that of the catalogue's guide 2.
 const UNUSED_STRIBECK_VELOCITY: f64 = 5e-3;
@@ -123,10 +135,15 @@ struct Window {
 }
 
 /// Fits a guide. `mass` in kg is what moves behind the force cell: the carriage with its adapter.
-pub fn fit_guide(stribeck: &RigRecord, dahl: &RigRecord, mass: f64) -> Result<GuideFit, GuideFitError> {
+pub fn fit_guide(
+    stribeck: &RigRecord,
+    dahl: &RigRecord,
+    mass: f64,
+) -> Result<GuideFit, GuideFitError> {
     let runs = Motion::new(stribeck, "Stribeck")?;
     let loops = Motion::new(dahl, "Dahl")?;
-    // Without anything known: the level that the loops reach, the offset in their middle, the stiffness that fits best.
+    // Without anything known: the level that the loops reach, the offset in their middle, the
+    // stiffness that fits best.
     let (low, high) = loops.force_range();
     let (rough_level, offset) = (0.5 * (high - low), 0.5 * (high + low));
     let rough = |stiffness: f64| Guide {
@@ -143,9 +160,11 @@ pub fn fit_guide(stribeck: &RigRecord, dahl: &RigRecord, mass: f64) -> Result<Gu
         let residuals = loops.residuals(guide, mass, offset, 0.0, 0.0);
         residuals.iter().map(|residual| residual * residual).sum()
     };
-    // 1e4 to 1e7 N/m in steps of 26 %: from a tenth of the paper's softest to ten times its stiffest.
-    let guess =
-        (0..=30).map(|k| rough(1e4 * 10f64.powf(0.1 * f64::from(k)))).min_by(|a, b| misfit(a).total_cmp(&misfit(b)));
+    // 1e4 to 1e7 N/m in steps of 26 %: from a tenth of the paper's softest to ten times its
+    // stiffest.
+    let guess = (0..=30)
+        .map(|k| rough(1e4 * 10f64.powf(0.1 * f64::from(k))))
+        .min_by(|a, b| misfit(a).total_cmp(&misfit(b)));
     let guess = guess.unwrap_or_else(|| rough(1e5));
 
     let windows = runs.windows(STEADY * guess.static_force / guess.stiffness);
@@ -177,15 +196,16 @@ pub fn fit_guide(stribeck: &RigRecord, dahl: &RigRecord, mass: f64) -> Result<Gu
     Ok(conclude(&minimum, shape, &windows, &loops))
 }
 
-/// The parameters of a search: logarithms, but for offset (N), first deflection (in units of Fs/sigma0) and trembling
-/// (in um^2/s^2).
+/// The parameters of a search: logarithms, but for offset (N), first deflection (in units of
+/// Fs/sigma0) and trembling (in um^2/s^2).
 #[derive(Clone, Copy)]
 struct Shape {
     falls: bool,
 }
 
 impl Shape {
-    /// Order: ln sigma0, ln sigma1, ln sigma2, ln Fc, offset, deflection, trembling, ln (Fs - Fc), ln vs.
+    /// Order: ln sigma0, ln sigma1, ln sigma2, ln Fc, offset, deflection, trembling, ln (Fs - Fc),
+    /// ln vs.
     fn guide(self, p: &[f64]) -> Guide {
         let coulomb_force = p[3].exp();
         Guide {
@@ -215,14 +235,26 @@ fn noise_of(windows: &[Window]) -> f64 {
     sum(&|window| window.noise * window.rows as f64) / sum(&|window| window.rows as f64)
 }
 
-/// The static curve; all parameters of the shape, of which those of the bristle are still the guess.
-fn static_step(windows: &[Window], mass: f64, offset: f64, guess: &Guide, shape: Shape) -> Option<Minimum> {
+/// The static curve; all parameters of the shape, of which those of the bristle are still the
+/// guess.
+fn static_step(
+    windows: &[Window],
+    mass: f64,
+    offset: f64,
+    guess: &Guide,
+    shape: Shape,
+) -> Option<Minimum> {
     let speeds = windows.iter().map(|window| window.velocity.abs());
-    let (slowest, fastest) = speeds.fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), v| (low.min(v), high.max(v)));
+    let (slowest, fastest) =
+        speeds.fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), v| (low.min(v), high.max(v)));
     let level = guess.static_force;
-    // A Stribeck velocity is found from within a factor of a few: one start for each half decade of the measured speeds.
+    // A Stribeck velocity is found from within a factor of a few: one start for each half decade of
+    // the measured speeds.
     let starts: Vec<f64> = match shape.falls {
-        true => (1..20).map(|k| slowest * 10f64.powf(0.5 * f64::from(k))).take_while(|v| *v < fastest).collect(),
+        true => (1..20)
+            .map(|k| slowest * 10f64.powf(0.5 * f64::from(k)))
+            .take_while(|v| *v < fastest)
+            .collect(),
         false => vec![UNUSED_STRIBECK_VELOCITY],
     };
     let search = |velocity: f64| {
@@ -231,7 +263,8 @@ fn static_step(windows: &[Window], mass: f64, offset: f64, guess: &Guide, shape:
             start.extend([(0.15 * level).ln(), velocity.ln()]);
         }
         let whole = |p: &[f64]| -> Vec<f64> {
-            let mut all = vec![guess.stiffness.ln(), guess.bristle_damping.ln(), p[0], p[1], p[2], 0.0, 0.0];
+            let mut all =
+                vec![guess.stiffness.ln(), guess.bristle_damping.ln(), p[0], p[1], p[2], 0.0, 0.0];
             all.extend_from_slice(&p[3..]);
             all
         };
@@ -253,7 +286,8 @@ fn both_steps(
     curve: &[f64],
     shape: Shape,
 ) -> Result<Minimum, GuideFitError> {
-    let failed = |step: &'static str| move |source: FitError| GuideFitError::Search { step, source };
+    let failed =
+        |step: &'static str| move |source: FitError| GuideFitError::Search { step, source };
     let with = |p: &[f64]| -> Vec<f64> {
         let mut all = curve.to_vec();
         (all[0], all[1], all[4], all[5], all[6]) = (p[0], p[1], p[2], p[3], p[4]);
@@ -261,7 +295,13 @@ fn both_steps(
     };
     let of_loops = |all: &[f64]| -> Vec<f64> {
         let guide = shape.guide(all);
-        loops.residuals(&guide, mass, all[4], all[5] * guide.static_force / guide.stiffness, 1e-12 * all[6])
+        loops.residuals(
+            &guide,
+            mass,
+            all[4],
+            all[5] * guide.static_force / guide.stiffness,
+            1e-12 * all[6],
+        )
     };
     let start = [curve[0], curve[1], curve[4], 0.0, 0.0];
     let second = minimise(&start, &|p: &[f64]| of_loops(&with(p))).map_err(failed("presliding"))?;
@@ -278,7 +318,8 @@ fn conclude(minimum: &Minimum, shape: Shape, windows: &[Window], loops: &Motion)
     let (guide, falls) = (shape.guide(p), shape.falls);
     let of_loops = &minimum.residuals[windows.len()..];
     let freedom = minimum.residuals.len() - p.len();
-    // Residuals that resemble their neighbours count as fewer: the variance grows by their correlation time.
+    // Residuals that resemble their neighbours count as fewer: the variance grows by their
+    // correlation time.
     let variance = minimum.cost / freedom as f64 * correlation_time(of_loops);
     let covariance = |a: usize, b: usize| minimum.covariance[(a, b)] * variance;
     let logarithmic = |k: usize| {
@@ -288,16 +329,19 @@ fn conclude(minimum: &Minimum, shape: Shape, windows: &[Window], loops: &Motion)
     let coulomb_force = logarithmic(3);
     let static_force = if falls {
         let (fc, excess) = (p[3].exp(), p[7].exp());
-        let deviation =
-            (fc * fc * covariance(3, 3) + excess * excess * covariance(7, 7) + 2.0 * fc * excess * covariance(3, 7))
-                .sqrt();
+        let deviation = (fc * fc * covariance(3, 3)
+            + excess * excess * covariance(7, 7)
+            + 2.0 * fc * excess * covariance(3, 7))
+        .sqrt();
         let value = fc + excess;
         Fitted { value, ci95: [value - TWO_SIDED_95 * deviation, value + TWO_SIDED_95 * deviation] }
     } else {
         coulomb_force
     };
     let half = TWO_SIDED_95 * covariance(4, 4).sqrt();
-    let force_rms = (of_loops.iter().map(|residual| residual * residual).sum::<f64>() / of_loops.len() as f64).sqrt();
+    let force_rms = (of_loops.iter().map(|residual| residual * residual).sum::<f64>()
+        / of_loops.len() as f64)
+        .sqrt();
     let mut fit = GuideFit {
         stiffness: logarithmic(0),
         bristle_damping: logarithmic(1),
@@ -325,7 +369,9 @@ impl GuideFit {
             viscous_friction: self.viscous_friction.value,
             coulomb_force: self.coulomb_force.value,
             static_force: self.static_force.value,
-            stribeck_velocity: self.stribeck_velocity.map_or(UNUSED_STRIBECK_VELOCITY, |fitted| fitted.value),
+            stribeck_velocity: self
+                .stribeck_velocity
+                .map_or(UNUSED_STRIBECK_VELOCITY, |fitted| fitted.value),
             damping_velocity: None,
         }
     }
@@ -339,7 +385,10 @@ impl GuideFit {
             ("coulomb_force", self.coulomb_force),
             ("static_force", self.static_force),
         ];
-        always.into_iter().chain(self.stribeck_velocity.map(|fitted| ("stribeck_velocity", fitted))).collect()
+        always
+            .into_iter()
+            .chain(self.stribeck_velocity.map(|fitted| ("stribeck_velocity", fitted)))
+            .collect()
     }
 
     fn warn(&mut self, guide: &Guide, loops: &Motion) {
@@ -357,15 +406,16 @@ impl GuideFit {
         let damping = loops.damping_force_rms(guide);
         if damping < LEAST_DAMPING * self.noise_rms {
             self.warnings.push(format!(
-                "the bristle damping makes {damping:.3} N rms of the loops' force, the noise of the cell is {:.3} N: bristle_damping \
-                 may lie outside its interval; make the loops quicker, as `experiment dahl` does for dahl_quick",
+                "the bristle damping makes {damping:.3} N rms of the loops' force, the noise of \
+                 the cell is {:.3} N: bristle_damping may lie outside its interval; make the loops \
+                 quicker, as `experiment dahl` does for dahl_quick",
                 self.noise_rms
             ));
         }
         if self.force_rms > 1.5 * self.noise_rms {
             self.warnings.push(format!(
-                "one bristle leaves {:.3} N of the loops' force, the noise of the cell is {:.3} N: stiffness depends on the \
-                 amplitude here, as for several bristles in parallel",
+                "one bristle leaves {:.3} N of the loops' force, the noise of the cell is {:.3} N: \
+                 stiffness depends on the amplitude here, as for several bristles in parallel",
                 self.force_rms, self.noise_rms
             ));
         }
@@ -373,7 +423,8 @@ impl GuideFit {
         let break_away = guide.static_force / guide.stiffness;
         if high - low < 4.0 * break_away {
             self.warnings.push(format!(
-                "the largest loop spans {:.1} um, break-away takes some {:.1} um: make it at least {:.0} um",
+                "the largest loop spans {:.1} um, break-away takes some {:.1} um: make it at least \
+                 {:.0} um",
                 (high - low) * 1e6,
                 break_away * 1e6,
                 4e6 * break_away
@@ -382,14 +433,17 @@ impl GuideFit {
     }
 }
 
-/// Sum of the autocorrelation over all lags up to the first negative one, at least 1: by how much fewer independent samples
-/// there are (Sokal, "Monte Carlo methods in statistical mechanics", 1989).
+/// Sum of the autocorrelation over all lags up to the first negative one, at least 1: by how much
+/// fewer independent samples there are (Sokal, "Monte Carlo methods in statistical mechanics",
+/// 1989).
 fn correlation_time(residuals: &[f64]) -> f64 {
-    let mean_square = residuals.iter().map(|residual| residual * residual).sum::<f64>() / residuals.len() as f64;
+    let mean_square =
+        residuals.iter().map(|residual| residual * residual).sum::<f64>() / residuals.len() as f64;
     let mut time = 1.0;
     for lag in 1..residuals.len() / 10 {
         let pairs = residuals.len() - lag;
-        let product: f64 = residuals.iter().zip(&residuals[lag..]).map(|(a, b)| a * b).sum::<f64>() / pairs as f64;
+        let product: f64 =
+            residuals.iter().zip(&residuals[lag..]).map(|(a, b)| a * b).sum::<f64>() / pairs as f64;
         if product <= 0.0 || mean_square == 0.0 {
             break;
         }
@@ -412,19 +466,30 @@ impl Motion {
         let usual = span / (last - first) as f64;
         for k in first..last {
             let step = record.time[k + 1] - record.time[k];
-            // Half a sample more or less is a lost or doubled one; stamps of a real clock may jitter below that.
+            // Half a sample more or less is a lost or doubled one; stamps of a real clock may
+            // jitter below that.
             if !(0.5..1.5).contains(&(step / usual)) {
-                return Err(GuideFitError::Uneven { record: name, step, time: record.time[k], usual });
+                return Err(GuideFitError::Uneven {
+                    record: name,
+                    step,
+                    time: record.time[k],
+                    usual,
+                });
             }
         }
         if rows.len() != last + 1 - first {
-            let hole = (first..last).find(|k| !record.force[*k].is_finite() || !record.position[*k].is_finite());
+            let hole = (first..last)
+                .find(|k| !record.force[*k].is_finite() || !record.position[*k].is_finite());
             let time = record.time[hole.unwrap_or(first)];
             return Err(GuideFitError::Uneven { record: name, step: f64::NAN, time, usual });
         }
         let half = ((SMOOTHING / usual).round() as usize).max(2);
         if rows.len() < 4 * half {
-            return Err(GuideFitError::TooShort { record: name, rows: rows.len(), needed: 4 * half });
+            return Err(GuideFitError::TooShort {
+                record: name,
+                rows: rows.len(),
+                needed: 4 * half,
+            });
         }
         let raw = &record.position[first..=last];
         let kernels = local_cubic(half, usual);
@@ -432,7 +497,10 @@ impl Motion {
         let apply = |kernel: &[f64]| -> Vec<f64> {
             let at = |k: usize| {
                 // Differences to the middle keep the digits of a small motion far from zero.
-                let terms = kernel.iter().zip(&raw[k - half..=k + half]).map(|(weight, x)| weight * (x - raw[k]));
+                let terms = kernel
+                    .iter()
+                    .zip(&raw[k - half..=k + half])
+                    .map(|(weight, x)| weight * (x - raw[k]));
                 terms.sum::<f64>()
             };
             inside.clone().map(at).collect()
@@ -440,7 +508,11 @@ impl Motion {
         let correction = apply(&kernels[0]);
         Ok(Motion {
             step: usual,
-            position: correction.iter().zip(&raw[inside.clone()]).map(|(correction, x)| x + correction).collect(),
+            position: correction
+                .iter()
+                .zip(&raw[inside.clone()])
+                .map(|(correction, x)| x + correction)
+                .collect(),
             velocity: apply(&kernels[1]),
             acceleration: apply(&kernels[2]),
             force: record.force[first..=last][inside].to_vec(),
@@ -460,22 +532,32 @@ impl Motion {
         let without = Guide { bristle_damping: 0.0, ..guide.clone() };
         let with = self.residuals(guide, 0.0, 0.0, 0.0, 0.0);
         let without = self.residuals(&without, 0.0, 0.0, 0.0, 0.0);
-        let squares: f64 = with.iter().zip(&without).map(|(with, without)| (with - without).powi(2)).sum();
+        let squares: f64 =
+            with.iter().zip(&without).map(|(with, without)| (with - without).powi(2)).sum();
         (squares / with.len() as f64).sqrt()
     }
 
     /// Measured less modelled force, N, for a bristle that starts with this deflection, m.
     ///
-    /// The bristle slips by |v| z: a guide that trembles slips while its mean stands still. `trembling`, m^2/s^2, is the mean
-    /// square of the speed that the smoothing hides; it takes |v| to sqrt(v^2 + trembling).
-    fn residuals(&self, guide: &Guide, mass: f64, offset: f64, deflection: f64, trembling: f64) -> Vec<f64> {
+    /// The bristle slips by |v| z: a guide that trembles slips while its mean stands still.
+    /// `trembling`, m^2/s^2, is the mean square of the speed that the smoothing hides; it takes |v|
+    /// to sqrt(v^2 + trembling).
+    fn residuals(
+        &self,
+        guide: &Guide,
+        mass: f64,
+        offset: f64,
+        deflection: f64,
+        trembling: f64,
+    ) -> Vec<f64> {
         let mut bristle = deflection;
         let mut residuals = Vec::with_capacity(self.force.len());
         for k in 0..self.force.len() {
             if k > 0 {
                 let way = self.position[k] - self.position[k - 1];
                 let slipped = (way * way + trembling * self.step * self.step).max(0.0).sqrt();
-                // Slip in units of the deflection of steady sliding; (1 - exp(-u))/u without loss of digits.
+                // Slip in units of the deflection of steady sliding; (1 - exp(-u))/u without loss
+                // of digits.
                 let u = slipped * guide.stiffness / guide.level(way / self.step);
                 let share = if u > 1e-12 { -(-u).exp_m1() / u } else { 1.0 };
                 bristle = bristle * (-u).exp() + way * share;
@@ -483,7 +565,9 @@ impl Motion {
             let velocity = self.velocity[k];
             let speed = (velocity * velocity + trembling).max(0.0).sqrt();
             let rate = velocity - guide.stiffness * speed * bristle / guide.level(velocity);
-            let friction = guide.stiffness * bristle + guide.bristle_damping * rate + guide.viscous_friction * velocity;
+            let friction = guide.stiffness * bristle
+                + guide.bristle_damping * rate
+                + guide.viscous_friction * velocity;
             residuals.push(self.force[k] - friction - mass * self.acceleration[k] - offset);
         }
         residuals
@@ -510,9 +594,11 @@ impl Motion {
         let reach = (AVERAGE / self.step).ceil() as usize;
         let speed_at = |k: usize| {
             let (before, after) = (k.saturating_sub(reach).max(start), (k + reach).min(end - 1));
-            (self.position[after] - self.position[before]).abs() / (self.step * (after - before).max(1) as f64)
+            (self.position[after] - self.position[before]).abs()
+                / (self.step * (after - before).max(1) as f64)
         };
-        let from = (start..end).find(|k| (self.position[*k] - self.position[start]).abs() > steady)?;
+        let from =
+            (start..end).find(|k| (self.position[*k] - self.position[start]).abs() > steady)?;
         if end - from < shortest {
             return None;
         }
@@ -547,7 +633,8 @@ impl Motion {
         let count = longest.len() as f64;
         let mean = |column: &[f64]| column[longest.clone()].iter().sum::<f64>() / count;
         let force = &self.force[longest.clone()];
-        let noise = force.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>() / (2.0 * (count - 1.0));
+        let noise = force.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum::<f64>()
+            / (2.0 * (count - 1.0));
         Some(Window {
             velocity: mean(&self.velocity),
             acceleration: mean(&self.acceleration),
@@ -559,15 +646,17 @@ impl Motion {
     }
 }
 
-/// Weights that give value, first and second derivative of the least-squares cubic at the middle of 2 half + 1 samples
-/// (Savitzky, Golay, Anal. Chem. 36(8), 1964).
+/// Weights that give value, first and second derivative of the least-squares cubic at the middle of
+/// 2 half + 1 samples (Savitzky, Golay, Anal. Chem. 36(8), 1964).
 fn local_cubic(half: usize, step: f64) -> [Vec<f64>; 3] {
     let offsets: Vec<f64> = (0..=2 * half).map(|k| k as f64 - half as f64).collect();
     let moment = |power: i32| offsets.iter().map(|offset| offset.powi(power)).sum::<f64>();
     let (m0, m2, m4, m6) = (moment(0), moment(2), moment(4), moment(6));
     let even = m0 * m4 - m2 * m2;
     let odd = m2 * m6 - m4 * m4;
-    let weights = |weight: &dyn Fn(f64) -> f64| offsets.iter().map(|offset| weight(*offset)).collect::<Vec<f64>>();
+    let weights = |weight: &dyn Fn(f64) -> f64| {
+        offsets.iter().map(|offset| weight(*offset)).collect::<Vec<f64>>()
+    };
     [
         weights(&|k| (m4 - m2 * k * k) / even),
         weights(&|k| (m6 * k - m4 * k * k * k) / (odd * step)),
@@ -592,7 +681,8 @@ mod tests {
         (RigRecord::from(&runs), RigRecord::from(&loops))
     }
 
-    /// A guide between half and double of guide 1 in each parameter, with 10 to 40 % more static than Coulomb friction.
+    /// A guide between half and double of guide 1 in each parameter, with 10 to 40 % more static
+    /// than Coulomb friction.
     fn random_guide(seed: u64) -> Guide {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
         let mut around = |value: f64| value * 2f64.powf(random.random_range(-1.0..1.0));
@@ -622,9 +712,14 @@ mod tests {
         ];
         let parameters = fit.parameters();
         assert_eq!(parameters.len(), truth.len(), "{fit:?}");
-        let error = parameters.iter().zip(truth).map(|((_, fitted), truth)| (fitted.value / truth - 1.0).abs());
-        let held =
-            parameters.iter().zip(truth).map(|((_, fitted), truth)| (fitted.ci95[0]..=fitted.ci95[1]).contains(&truth));
+        let error = parameters
+            .iter()
+            .zip(truth)
+            .map(|((_, fitted), truth)| (fitted.value / truth - 1.0).abs());
+        let held = parameters
+            .iter()
+            .zip(truth)
+            .map(|((_, fitted), truth)| (fitted.ci95[0]..=fitted.ci95[1]).contains(&truth));
         (error.fold(0.0, f64::max), held.collect())
     }
 
@@ -653,10 +748,14 @@ mod tests {
 
     /// `cargo test --release -- --ignored --nocapture intervals_hold`: 44 s on two cores.
     #[test]
-    #[ignore = "counts over 100 rigs, 44 s with --release and minutes without; tests/run fits ten of them and counts the same"]
+    #[ignore = "counts over 100 rigs, 44 s with --release and minutes without; tests/run fits ten \
+                of them and counts the same"]
     fn intervals_hold_the_truth_in_90_to_99_percent_of_100_rigs() {
         let (worst, held) = recover(0..100);
-        println!("largest error {:.2} %; intervals that hold the truth, of 100: {held:?}", 100.0 * worst);
+        println!(
+            "largest error {:.2} %; intervals that hold the truth, of 100: {held:?}",
+            100.0 * worst
+        );
         assert!(worst < 0.03, "{worst}");
         assert!(held.iter().all(|count| (90..=99).contains(count)), "{held:?}");
     }

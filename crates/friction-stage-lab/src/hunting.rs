@@ -1,21 +1,28 @@
-//! Hunting: does the controller's integral action drive the stage around its target, at which amplitude and period?
+//! Hunting: does the controller's integral action drive the stage around its target, at which
+//! amplitude and period?
 //!
-//! The stage stands at rest so near its target that the proportional gain cannot move it. The integrator pushes until it
-//! breaks away; where friction falls with speed it may then jump past the target, stick there, and so on (paper, section 2,
-//! on guides with a falling F(v); Olsson, Astrom, IEEE TCST 9(4), 2001, on limit cycles of the kind).
+//! The stage stands at rest so near its target that the proportional gain cannot move it. The
+//! integrator pushes until it breaks away; where friction falls with speed it may then jump past
+//! the target, stick there, and so on (paper, section 2, on guides with a falling F(v); Olsson,
+//! Astrom, IEEE TCST 9(4), 2001, on limit cycles of the kind).
 
 use serde::Serialize;
 
 use friction_stage_core::control::{ControllerSettings, Gains};
 
-use super::specimen::{LabError, Recording, Row, Settings, Specimen, closed_loop, rest, within_motor};
+use super::specimen::{
+    LabError, Recording, Row, Settings, Specimen, closed_loop, rest, within_motor,
+};
 
-/// Bandwidths of the controller, Hz: the paper's, and softer ones, down to that of a position loop without any hurry.
+/// Bandwidths of the controller, Hz: the paper's, and softer ones, down to that of a position loop
+/// without any hurry.
 pub const BANDWIDTHS: [f64; 5] = [60.0, 10.0, 5.0, 3.0, 2.0];
-/// Integral gain over that of the paper's kind of controller, whose integrator corner lies at a tenth of the bandwidth.
+/// Integral gain over that of the paper's kind of controller, whose integrator corner lies at a
+/// tenth of the bandwidth.
 pub const INTEGRALS: [f64; 2] = [1.0, 3.0];
-/// Distance from the target at which the stage starts, as the proportional force there over the static friction of the
-/// guides. Assumed: below 1, so that only the integrator can bring the stage on.
+/// Distance from the target at which the stage starts, as the proportional force there over the
+/// static friction of the guides. Assumed: below 1, so that only the integrator can bring the stage
+/// on.
 const START: f64 = 0.5;
 /// Time before the target appears, s.
 const LEAD: f64 = 0.05;
@@ -52,8 +59,8 @@ pub struct LimitCycle {
     pub period: f64,
 }
 
-/// Runs the stage at each of `integrals` and `bandwidths`; `tick` is called after each. Recordings hold the
-/// first 15 s.
+/// Runs the stage at each of `integrals` and `bandwidths`; `tick` is called after each. Recordings
+/// hold the first 15 s.
 pub fn hunting(
     specimen: &Specimen,
     settings: &Settings,
@@ -63,8 +70,9 @@ pub fn hunting(
 ) -> Result<(Vec<HuntingResult>, Vec<Recording>), LabError> {
     let mut results = Vec::new();
     let mut recordings = Vec::new();
-    let controllers =
-        integrals.iter().flat_map(|integral| bandwidths.iter().map(move |bandwidth| (*integral, *bandwidth)));
+    let controllers = integrals
+        .iter()
+        .flat_map(|integral| bandwidths.iter().map(move |bandwidth| (*integral, *bandwidth)));
     for (integral, bandwidth) in controllers {
         let model = &specimen.stage;
         let rate = settings.rates.control();
@@ -76,7 +84,8 @@ pub fn hunting(
         let controller = ControllerSettings { gains, mass_feedforward: 0.0, ..paper };
         let break_away: f64 = model.resolved_guides()?.iter().map(|guide| guide.static_force).sum();
         let distance = START * break_away / gains.p;
-        let points = vec![rest(LEAD, 0.0), rest(LEAD + 1.0 / rate, distance), rest(LEAD + hold, distance)];
+        let points =
+            vec![rest(LEAD, 0.0), rest(LEAD + 1.0 / rate, distance), rest(LEAD + hold, distance)];
         let mut stage = closed_loop(model, settings, controller, points)?;
         let start = (LEAD * rate).round() as usize;
         let count = start + (hold * rate).round() as usize;
@@ -94,8 +103,12 @@ pub fn hunting(
         within_motor("hunting", specimen, model, &rows)?;
         let (peak_to_peak, cycle) = limit_cycle(&position, rate);
         let thin = (position.len() / 3000).max(1);
-        let points =
-            position.iter().step_by(thin).enumerate().map(|(k, x)| ((k * thin) as f64 / rate, distance - x)).collect();
+        let points = position
+            .iter()
+            .step_by(thin)
+            .enumerate()
+            .map(|(k, x)| ((k * thin) as f64 / rate, distance - x))
+            .collect();
         results.push(HuntingResult { bandwidth, integral, peak_to_peak, cycle, points });
         let name = format!("hunting_{bandwidth}Hz_{integral}");
         recordings.push(Recording { name, model: model.clone(), settings: *settings, rows });
@@ -104,11 +117,12 @@ pub fn hunting(
     Ok((results, recordings))
 }
 
-/// Peak to peak over the last half of `position` (m, at `rate` Hz), and the limit cycle if it is one: large enough to be seen,
-/// not dying away, and of several periods.
+/// Peak to peak over the last half of `position` (m, at `rate` Hz), and the limit cycle if it is
+/// one: large enough to be seen, not dying away, and of several periods.
 fn limit_cycle(position: &[f64], rate: f64) -> (f64, Option<LimitCycle>) {
     let range = |part: &[f64]| {
-        part.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)))
+        part.iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)))
     };
     let tail = &position[position.len() / 2..];
     let (low, high) = range(tail);
@@ -144,19 +158,23 @@ fn limit_cycle(position: &[f64], rate: f64) -> (f64, Option<LimitCycle>) {
 mod tests {
     use super::*;
 
-    /// The same guide hunts with a falling F(v) and comes to rest without; between jumps the integrator alone works, so half a
-    /// period is at least the time in which i times the error changes the force from one break-away to the other.
+    /// The same guide hunts with a falling F(v) and comes to rest without; between jumps the
+    /// integrator alone works, so half a period is at least the time in which i times the error
+    /// changes the force from one break-away to the other.
     #[test]
     fn a_falling_curve_makes_the_stage_hunt() {
         let falling = Specimen::of_guide("guide_1").unwrap();
         let mut flat = falling.guide().unwrap();
         flat.static_force = flat.coulomb_force;
-        let run = |of: &Specimen| hunting(of, &Settings::default(), &[3.0], &[3.0], &|| ()).unwrap().0.remove(0);
+        let run = |of: &Specimen| {
+            hunting(of, &Settings::default(), &[3.0], &[3.0], &|| ()).unwrap().0.remove(0)
+        };
         assert!(run(&falling.clone().with_guide(flat)).cycle.is_none());
         let guide = falling.guide().unwrap();
         let cycle = run(&falling).cycle.unwrap();
         let gains = Gains::from_bandwidth(3.0, 40.0);
-        let least = 4.0 * (guide.static_force + guide.coulomb_force) / (3.0 * gains.i * cycle.amplitude);
+        let least =
+            4.0 * (guide.static_force + guide.coulomb_force) / (3.0 * gains.i * cycle.amplitude);
         let half = 0.5 * cycle.period;
         assert!(half > 0.8 * least && half < 1.6 * least, "{half} s against {least} s");
     }
@@ -164,7 +182,10 @@ mod tests {
     #[test]
     fn cycles_are_told_from_rest_drift_and_decay() {
         let wave = |decay: f64| -> Vec<f64> {
-            (0..40_000).map(|k| k as f64 * 1e-3).map(|t| 3e-6 * (-decay * t).exp() * (2.5 * t).sin()).collect()
+            (0..40_000)
+                .map(|k| k as f64 * 1e-3)
+                .map(|t| 3e-6 * (-decay * t).exp() * (2.5 * t).sin())
+                .collect()
         };
         let (peak_to_peak, cycle) = limit_cycle(&wave(0.0), 1000.0);
         let cycle = cycle.unwrap();

@@ -1,7 +1,8 @@
 //! Nonlinear least squares by Levenberg and Marquardt for a few parameters and many residuals.
 //!
-//! The published library of that name asks for another release of the matrix library than the rest of the program; what is
-//! needed here is the damped normal equations, which scaled parameters keep well conditioned.
+//! The published library of that name asks for another release of the matrix library than the rest
+//! of the program; what is needed here is the damped normal equations, which scaled parameters keep
+//! well conditioned.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -12,7 +13,8 @@ pub struct Minimum {
     pub parameters: Vec<f64>,
     /// Sum of the squared residuals.
     pub cost: f64,
-    /// Inverse of J'J at the minimum: times the variance of a residual, the covariance of the parameters.
+    /// Inverse of J'J at the minimum: times the variance of a residual, the covariance of the
+    /// parameters.
     pub covariance: DMatrix<f64>,
     pub residuals: Vec<f64>,
 }
@@ -35,8 +37,12 @@ const TOLERANCE: f64 = 1e-10;
 /// Step of the central differences, of parameters that are of the order of one.
 const DIFFERENCE: f64 = 1e-5;
 
-/// Minimises the sum of squares from `start` on; parameters should be of the order of one, or logarithms.
-pub fn minimise(start: &[f64], residuals: &(impl Fn(&[f64]) -> Vec<f64> + Sync)) -> Result<Minimum, FitError> {
+/// Minimises the sum of squares from `start` on; parameters should be of the order of one, or
+/// logarithms.
+pub fn minimise(
+    start: &[f64],
+    residuals: &(impl Fn(&[f64]) -> Vec<f64> + Sync),
+) -> Result<Minimum, FitError> {
     let count = start.len();
     let mut parameters = start.to_vec();
     let mut found = residuals(&parameters);
@@ -55,7 +61,8 @@ pub fn minimise(start: &[f64], residuals: &(impl Fn(&[f64]) -> Vec<f64> + Sync))
             }
             let step = damped.cholesky().map(|factor| factor.solve(&gradient));
             if let Some(step) = step.filter(|step| step.iter().all(|part| part.is_finite())) {
-                let next: Vec<f64> = parameters.iter().zip(step.iter()).map(|(value, part)| value - part).collect();
+                let next: Vec<f64> =
+                    parameters.iter().zip(step.iter()).map(|(value, part)| value - part).collect();
                 let there = residuals(&next);
                 let next_cost = squared(&there);
                 if next_cost <= cost {
@@ -104,7 +111,8 @@ fn normal_equations(
         })
         .collect();
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let normal = DMatrix::from_fn(count, count, |row, column| product(&columns[row], &columns[column]));
+    let normal =
+        DMatrix::from_fn(count, count, |row, column| product(&columns[row], &columns[column]));
     let gradient = DVector::from_fn(count, |row, _| product(&columns[row], found));
     (normal, gradient)
 }
@@ -116,18 +124,32 @@ mod tests {
     /// Misra1a of the NIST reference datasets for nonlinear regression, from its first, far start.
     #[test]
     fn certified_values_and_deviations_of_a_reference_problem_are_found() {
-        let x = [77.6, 114.9, 141.1, 190.8, 239.9, 289.0, 332.8, 378.4, 434.8, 477.3, 536.8, 593.1, 689.1, 760.0];
-        let y = [10.07, 14.73, 17.94, 23.93, 29.61, 35.18, 40.02, 44.82, 50.76, 55.05, 61.01, 66.40, 75.47, 81.78];
+        let x = [
+            77.6, 114.9, 141.1, 190.8, 239.9, 289.0, 332.8, 378.4, 434.8, 477.3, 536.8, 593.1,
+            689.1, 760.0,
+        ];
+        let y = [
+            10.07, 14.73, 17.94, 23.93, 29.61, 35.18, 40.02, 44.82, 50.76, 55.05, 61.01, 66.40,
+            75.47, 81.78,
+        ];
         // b1 = 500 p0, b2 = 1e-4 p1
         let residuals = |p: &[f64]| -> Vec<f64> {
-            x.iter().zip(y).map(|(x, y)| y - 500.0 * p[0] * (1.0 - (-1e-4 * p[1] * x).exp())).collect()
+            x.iter()
+                .zip(y)
+                .map(|(x, y)| y - 500.0 * p[0] * (1.0 - (-1e-4 * p[1] * x).exp()))
+                .collect()
         };
         let found = minimise(&[1.0, 1.0], &residuals).unwrap();
-        let certified = [2.389_421_291_8e2, 5.501_564_318_1e-4, 2.707_007_524_1, 7.266_868_846_4e-6];
+        let certified =
+            [2.389_421_291_8e2, 5.501_564_318_1e-4, 2.707_007_524_1, 7.266_868_846_4e-6];
         let variance = found.cost / 12.0;
         let deviation = |k: usize| (found.covariance[(k, k)] * variance).sqrt();
-        let values =
-            [500.0 * found.parameters[0], 1e-4 * found.parameters[1], 500.0 * deviation(0), 1e-4 * deviation(1)];
+        let values = [
+            500.0 * found.parameters[0],
+            1e-4 * found.parameters[1],
+            500.0 * deviation(0),
+            1e-4 * deviation(1),
+        ];
         for (value, certified) in values.iter().zip(certified) {
             assert!((value / certified - 1.0).abs() < 1e-4, "{values:?}");
         }
@@ -136,7 +158,10 @@ mod tests {
     #[test]
     fn what_the_data_do_not_determine_is_said() {
         let residuals = |p: &[f64]| vec![p[0] + p[1] - 1.0, 2.0 * (p[0] + p[1]) - 2.5];
-        assert!(matches!(minimise(&[0.3, 0.3], &residuals), Err(FitError::Singular { parameters: 2 })));
+        assert!(matches!(
+            minimise(&[0.3, 0.3], &residuals),
+            Err(FitError::Singular { parameters: 2 })
+        ));
         assert_eq!(minimise(&[0.0], &|_: &[f64]| vec![f64::NAN]).unwrap_err(), FitError::Start);
     }
 }

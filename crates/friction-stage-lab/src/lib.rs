@@ -1,7 +1,9 @@
-//! Stage and controller in one process, without DDS: the reference for lockstep, for experiments and for identification.
+//! Stage and controller in one process, without DDS: the reference for lockstep, for experiments
+//! and for identification.
 //!
-//! In come a model, controller settings, a seed and a motion, out come samples with every term; no clock, no I/O. Each
-//! experiment of the paper is one file: it runs the measuring rig or the stage and reduces what the sensors say.
+//! In come a model, controller settings, a seed and a motion, out come samples with every term; no
+//! clock, no I/O. Each experiment of the paper is one file: it runs the measuring rig or the stage
+//! and reduces what the sensors say.
 
 mod application;
 mod dahl;
@@ -22,14 +24,19 @@ mod statements;
 mod stribeck;
 mod variant;
 
-pub use application::{Application, ApplicationError, Constraints, Loop, Motion, Requirement, Sealing, Tolerances};
+pub use application::{
+    Application, ApplicationError, Constraints, Loop, Motion, Requirement, Sealing, Tolerances,
+};
 pub use dahl::{
-    AMPLITUDES, DahlCurves, DahlResonance, HysteresisLoop, LoopTiming, PAPER_AMPLITUDES, dahl, hysteresis_loop, length,
+    AMPLITUDES, DahlCurves, DahlResonance, HysteresisLoop, LoopTiming, PAPER_AMPLITUDES, dahl,
+    hysteresis_loop, length,
 };
 pub use distributed_fit::{DistributedFit, NoDistributedFit, best_single, fit as fit_distributed};
 pub use fast_move::{FastMove, WAVE, fast_move};
 pub use fine_step::{FineStep, STEPS, fine_step};
-pub use frequency_response::{FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response};
+pub use frequency_response::{
+    FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response,
+};
 pub use guide_fit::{Fitted, GuideFit, GuideFitError, RigRecord, fit_guide};
 pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};
 pub use least_squares::{FitError, Minimum, minimise};
@@ -38,9 +45,12 @@ pub use quick_loops::{QUICK_LOOPS, quick_loops};
 pub use rig::{RIG_TICKS, RigBias, rig};
 pub use selection::{Candidate, Plan, Quantiles, Ranked, Selection, SelectionError, Shard, Tally};
 pub use settling::{MoveResult, SETTLING_BANDS, settling};
-pub use specimen::{LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, closed_loop};
+pub use specimen::{
+    LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, closed_loop,
+};
 pub use statements::{
-    PaperResults, STATED_STIFFNESS, Statement, StiffnessError, fit_stated, loop_at, statements, stiffness_errors,
+    PaperResults, STATED_STIFFNESS, Statement, StiffnessError, fit_stated, loop_at, statements,
+    stiffness_errors,
 };
 pub use stribeck::{SPEEDS, StribeckCurve, StribeckPoint, stribeck};
 pub use variant::{Experiment, VariantError, VariantResult, variant_seed};

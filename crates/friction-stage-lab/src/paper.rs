@@ -1,4 +1,5 @@
-//! The two motions of the paper's section 4: the fast move and the fine step, with what comes before them.
+//! The two motions of the paper's section 4: the fast move and the fine step, with what comes
+//! before them.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,16 +9,19 @@ use friction_stage_core::control::Point;
 const FAST: (f64, f64) = (50e-3, 100e-3);
 /// Step (m) and duration (s) of the fine move: 10 um in 3 ms.
 const FINE: (f64, f64) = (10e-6, 3e-3);
-/// Time to settle after a fast move and after a fine step, s. Assumed: longer than the slowest guide needs.
+/// Time to settle after a fast move and after a fine step, s. Assumed: longer than the slowest
+/// guide needs.
 const SETTLE: (f64, f64) = (0.9, 0.5);
 /// Lead-in at rest before the conditioning move, s.
 const LEAD: f64 = 0.05;
 
-/// What comes before a move that is judged, as the paper prepares its moves (section 4): a move the other way and a rest.
+/// What comes before a move that is judged, as the paper prepares its moves (section 4): a move the
+/// other way and a rest.
 ///
-/// A LuGre guide has no memory of rest, and without sensor noise every rest after which the error of the return move is gone
-/// gives the same. With it the controller answers the noise of the encoder, the carriage shivers by nanometres, and the bristles
-/// that the return move left bent let go within minutes: the longer the rest, the less of the return move is left.
+/// A LuGre guide has no memory of rest, and without sensor noise every rest after which the error
+/// of the return move is gone gives the same. With it the controller answers the noise of the
+/// encoder, the carriage shivers by nanometres, and the bristles that the return move left bent let
+/// go within minutes: the longer the rest, the less of the return move is left.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Conditioning {
@@ -34,8 +38,8 @@ impl Conditioning {
     pub const PAPER_REST: f64 = 60.0;
     /// Rest of the demo, s: over ROS 2 a minute of stage time takes half a minute.
     pub const DEMO_REST: f64 = 2.0;
-    /// Rest of each of the thousands of variants of a selection, s: by then the error of the return move is gone. A shorter one
-    /// leaves the bristles loaded another way, with another error.
+    /// Rest of each of the thousands of variants of a selection, s: by then the error of the return
+    /// move is gone. A shorter one leaves the bristles loaded another way, with another error.
     pub const VARIANT_REST: f64 = 0.4;
 
     /// The paper's return move, 50 mm in 100 ms, and `rest` s of rest.
@@ -78,8 +82,8 @@ pub struct Move {
 
 /// A motion of rest-to-rest moves: points for a trajectory, and what each part of it is.
 ///
-/// The paper does not give its profile; the minimum-jerk (quintic) one of a JointTrajectory with zero end velocities and
-/// accelerations is assumed.
+/// The paper does not give its profile; the minimum-jerk (quintic) one of a JointTrajectory with
+/// zero end velocities and accelerations is assumed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PaperMotion {
     pub points: Vec<Point>,
@@ -87,9 +91,11 @@ pub struct PaperMotion {
 }
 
 impl PaperMotion {
-    /// Return move of 50 mm, `rest` s of rest, forward and return move of 50 mm, then `fine_steps` steps of 10 um forward.
+    /// Return move of 50 mm, `rest` s of rest, forward and return move of 50 mm, then `fine_steps`
+    /// steps of 10 um forward.
     ///
-    /// The return move prepares the steps as well: they come after `rest` s, but not before the move is watched.
+    /// The return move prepares the steps as well: they come after `rest` s, but not before the
+    /// move is watched.
     pub fn new(rest: f64, fine_steps: usize) -> PaperMotion {
         let mut motion = PaperMotion::conditioned(LEAD, &Conditioning::resting(rest));
         let watched = if fine_steps > 0 { rest.max(SETTLE.0) } else { SETTLE.0 };
@@ -98,12 +104,14 @@ impl PaperMotion {
         motion.fine_steps(fine_steps)
     }
 
-    /// As the paper prepares its fast move: return move of 50 mm, `rest` s of rest, then forward and return move.
+    /// As the paper prepares its fast move: return move of 50 mm, `rest` s of rest, then forward
+    /// and return move.
     pub fn fast(rest: f64) -> PaperMotion {
         PaperMotion::new(rest, 0)
     }
 
-    /// As the paper prepares its fine steps: return move of 50 mm, `rest` s of rest, then `steps` steps forward.
+    /// As the paper prepares its fine steps: return move of 50 mm, `rest` s of rest, then `steps`
+    /// steps forward.
     pub fn fine(rest: f64, steps: usize) -> PaperMotion {
         PaperMotion::conditioned(LEAD, &Conditioning::resting(rest)).fine_steps(steps)
     }
@@ -112,7 +120,12 @@ impl PaperMotion {
     pub(super) fn conditioned(lead: f64, conditioning: &Conditioning) -> PaperMotion {
         let mut motion = PaperMotion { points: Vec::new(), moves: Vec::new() };
         motion.point(lead, 0.0);
-        motion.travel(MoveKind::Conditioning, -conditioning.distance, conditioning.duration, conditioning.rest);
+        motion.travel(
+            MoveKind::Conditioning,
+            -conditioning.distance,
+            conditioning.duration,
+            conditioning.rest,
+        );
         motion
     }
 
@@ -130,7 +143,8 @@ impl PaperMotion {
 
     /// A move of `distance` m in `duration` s and `rest` s after it.
     pub(super) fn travel(&mut self, kind: MoveKind, distance: f64, duration: f64, rest: f64) {
-        let (start, from) = self.points.last().map_or((0, 0.0), |point| (point.time, point.position));
+        let (start, from) =
+            self.points.last().map_or((0, 0.0), |point| (point.time, point.position));
         let target = from + distance;
         self.point(duration, target);
         let arrival = self.duration();
@@ -142,7 +156,13 @@ impl PaperMotion {
         let time = self.duration() + (after * 1e9).round() as i64;
         // A rest of no length is no point of its own.
         if self.points.is_empty() || time > self.duration() {
-            self.points.push(Point { time, position, velocity: Some(0.0), acceleration: Some(0.0), effort: 0.0 });
+            self.points.push(Point {
+                time,
+                position,
+                velocity: Some(0.0),
+                acceleration: Some(0.0),
+                effort: 0.0,
+            });
         }
     }
 }
@@ -154,8 +174,10 @@ mod tests {
     use friction_stage_core::model::StageModel;
 
     fn peak(specimen: &Specimen, motion: &PaperMotion) -> f64 {
-        let mut stage = specimen.on_stage(&Settings::default(), 0.0, motion.points.clone()).unwrap();
-        let step = motion.moves.iter().find(|the_move| the_move.kind == MoveKind::FineStep).unwrap();
+        let mut stage =
+            specimen.on_stage(&Settings::default(), 0.0, motion.points.clone()).unwrap();
+        let step =
+            motion.moves.iter().find(|the_move| the_move.kind == MoveKind::FineStep).unwrap();
         let mut errors = Vec::new();
         while errors.last().is_none_or(|(time, _)| *time < step.end) {
             let cycle = stage.cycle().unwrap();
@@ -164,12 +186,14 @@ mod tests {
         settling(step, errors.into_iter()).unwrap().peak_error
     }
 
-    /// The motion of the demo, the experiment and a variant without tolerances: what differs between them is the rest.
+    /// The motion of the demo, the experiment and a variant without tolerances: what differs
+    /// between them is the rest.
     #[test]
     fn the_fine_step_is_the_same_everywhere_after_the_same_rest() {
         let specimen = Specimen::of_guide("guide_2").unwrap();
         let rest = 1.0;
-        let experiment = fine_step(&specimen, &Settings::default(), rest, false).unwrap().0.steps[0].peak_error;
+        let experiment =
+            fine_step(&specimen, &Settings::default(), rest, false).unwrap().0.steps[0].peak_error;
         let demo = peak(&specimen, &PaperMotion::new(rest, 1));
         let text = include_str!("../../../launch_config/application_fine_step_clean.yaml");
         let mut application = Application::from_yaml(text, "fine").unwrap();
@@ -193,13 +217,15 @@ mod tests {
         assert!(noisy > 1.02 * long, "{noisy}, {long}");
     }
 
-    /// With F(v) without a fall, dz/dt = v - sigma0 |v| z / Fc: over a way L back and forth z falls to exp(-sigma0 L / Fc) of itself.
+    /// With F(v) without a fall, dz/dt = v - sigma0 |v| z / Fc: over a way L back and forth z falls
+    /// to exp(-sigma0 L / Fc) of itself.
     #[test]
     fn at_rest_the_bristles_let_go_with_the_way_that_the_noise_makes() {
         let specimen = Specimen::of_guide("guide_2").unwrap();
         let guide = specimen.guide().unwrap();
         let motion = PaperMotion::fine(20.0, 0);
-        let mut stage = specimen.on_stage(&Settings::default(), 0.0, motion.points.clone()).unwrap();
+        let mut stage =
+            specimen.on_stage(&Settings::default(), 0.0, motion.points.clone()).unwrap();
         let mut until = |time: i64| {
             let (start, mut way) = (stage.stage().state().time, 0.0);
             while stage.stage().state().time < time {
@@ -214,6 +240,10 @@ mod tests {
         let (way, to, after) = until(rest + 18_000_000_000);
         let expected = (-guide.stiffness * way / guide.coulomb_force).exp();
         assert!((to - from).abs() < 5e-9, "{from} {to}");
-        assert!(expected < 0.95 && (after / before / expected - 1.0).abs() < 0.02, "{} {expected}", after / before);
+        assert!(
+            expected < 0.95 && (after / before / expected - 1.0).abs() < 0.02,
+            "{} {expected}",
+            after / before
+        );
     }
 }

@@ -1,15 +1,19 @@
 //! Loops for `fit-guide`: sinusoidal, one amplitude after the other, on the measuring rig.
 //!
-//! The slow loops of the Dahl curves hide the bristle damping and dwell at their tips; these are so quick that it shows.
+//! The slow loops of the Dahl curves hide the bristle damping and dwell at their tips; these are so
+//! quick that it shows.
 
 use std::f64::consts::PI;
 
 use friction_stage_core::control::Point;
 
-use super::specimen::{LabError, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, within_motor};
+use super::specimen::{
+    LabError, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, within_motor,
+};
 
-/// Amplitude (m), period (s) and number of the loops. Assumed: far beyond break-away, around it, and far below it; peak speeds of 0.01
-/// to 0.7 mm/s, at which the damping makes some percent of the force.
+/// Amplitude (m), period (s) and number of the loops. Assumed: far beyond break-away, around it,
+/// and far below it; peak speeds of 0.01 to 0.7 mm/s, at which the damping makes some percent of
+/// the force.
 pub const QUICK_LOOPS: [(f64, f64, usize); 3] = [(420e-6, 4.0, 2), (40e-6, 0.5, 6), (1e-6, 1.0, 2)];
 
 /// Time at rest before, between and after the loops, s. Assumed.
@@ -31,7 +35,12 @@ pub fn quick_loops(
         rows.push(Row::of(&rig.cycle()?));
     }
     within_motor("quick loops", specimen, &specimen.rig, &rows)?;
-    Ok(Recording { name: "dahl_quick".to_owned(), model: specimen.rig.clone(), settings: *settings, rows })
+    Ok(Recording {
+        name: "dahl_quick".to_owned(),
+        model: specimen.rig.clone(),
+        settings: *settings,
+        rows,
+    })
 }
 
 fn motion(loops: &[(f64, f64, usize)]) -> Vec<Point> {
@@ -39,7 +48,13 @@ fn motion(loops: &[(f64, f64, usize)]) -> Vec<Point> {
     let rest = |points: &mut Vec<Point>| {
         let (time, position) = points.last().map_or((0, 0.0), |point| (point.time, point.position));
         let time = time + (REST * 1e9) as i64;
-        points.push(Point { time, position, velocity: Some(0.0), acceleration: Some(0.0), effort: 0.0 });
+        points.push(Point {
+            time,
+            position,
+            velocity: Some(0.0),
+            acceleration: Some(0.0),
+            effort: 0.0,
+        });
         (time, position)
     };
     for &(amplitude, period, count) in loops {

@@ -1,7 +1,9 @@
-//! How far the measuring rig itself bends the curves: coupling stiffness, force-cell noise, speed, servo.
+//! How far the measuring rig itself bends the curves: coupling stiffness, force-cell noise, speed,
+//! servo.
 //!
-//! Each row measures something whose true value is known in closed form on a rig with one property changed: the effective
-//! stiffness and loop area at 1 um, the friction at a speed where F(v) may fall.
+//! Each row measures something whose true value is known in closed form on a rig with one property
+//! changed: the effective stiffness and loop area at 1 um, the friction at a speed where F(v) may
+//! fall.
 
 use serde::Serialize;
 
@@ -9,7 +11,8 @@ use super::dahl::{HysteresisLoop, LoopTiming, hysteresis_loop};
 use super::specimen::{LabError, Recording, SERVO_BANDWIDTH, Settings, Specimen};
 use super::stribeck::stribeck;
 
-/// Coupling stiffness over the guide's Dahl stiffness; the paper: roughly two orders of magnitude (section 1.2).
+/// Coupling stiffness over the guide's Dahl stiffness; the paper: roughly two orders of magnitude
+/// (section 1.2).
 pub const COUPLINGS: [f64; 5] = [10.0, 30.0, 100.0, 300.0, 1000.0];
 /// Noise of the force cell, N; the paper: 0.05 N.
 pub const NOISES: [f64; 4] = [0.0, 0.05, 0.2, 0.5];
@@ -17,11 +20,13 @@ pub const NOISES: [f64; 4] = [0.0, 0.05, 0.2, 0.5];
 pub const TRAVELS: [f64; 5] = [20.0, 4.0, 1.0, 0.2, 0.05];
 /// Bandwidth of the servo, Hz.
 pub const SERVOS: [f64; 3] = [20.0, 60.0, 120.0];
-/// Amplitude of the loops, m, and speeds of the Stribeck points, m/s: 3 mm/s and two that fix the viscous line.
+/// Amplitude of the loops, m, and speeds of the Stribeck points, m/s: 3 mm/s and two that fix the
+/// viscous line.
 const AMPLITUDE: f64 = 1e-6;
 const SPEEDS: [f64; 3] = [3e-3, 0.2, 0.5];
 
-/// What one setting of the rig does to the measurement; biases relative to the closed form, so 0.01 is 1 % too much.
+/// What one setting of the rig does to the measurement; biases relative to the closed form, so 0.01
+/// is 1 % too much.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RigBias {
     /// What was changed: `coupling`, `noise`, `travel`, `servo`.
@@ -36,7 +41,8 @@ pub struct RigBias {
     pub stiffness_bias_at_motor: f64,
     /// Area of the 1 um loop against its closed form.
     pub area_bias: f64,
-    /// Friction at 3 mm/s against g(v) + sigma2 v, and the scatter of the cell there, N. `None` where not measured.
+    /// Friction at 3 mm/s against g(v) + sigma2 v, and the scatter of the cell there, N. `None`
+    /// where not measured.
     pub friction_bias: Option<f64>,
     pub ripple: Option<f64>,
 }
@@ -44,28 +50,37 @@ pub struct RigBias {
 /// Number of calls of `tick` in [`rig`].
 pub const RIG_TICKS: usize = COUPLINGS.len() + NOISES.len() + TRAVELS.len() + SERVOS.len();
 
-/// Measures with every setting; `tick` is called after each. The recording is that of the paper's rig.
-pub fn rig(specimen: &Specimen, settings: &Settings, tick: &dyn Fn()) -> Result<(Vec<RigBias>, Recording), LabError> {
+/// Measures with every setting; `tick` is called after each. The recording is that of the paper's
+/// rig.
+pub fn rig(
+    specimen: &Specimen,
+    settings: &Settings,
+    tick: &dyn Fn(),
+) -> Result<(Vec<RigBias>, Recording), LabError> {
     let guide = specimen.guide()?;
     let quick = LoopTiming { travel: 4.0, settle: 0.5, measure: 0.5, cycles: 2, conditioning: 40 };
     let mut biases = Vec::new();
     let mut kept = None;
-    let mut add = |property, value, unit, of: &Specimen, timing: &LoopTiming, bandwidth, speeds: bool| {
-        let (found, recording) = hysteresis_loop(of, settings, of.servo(bandwidth), AMPLITUDE, timing)?;
-        let friction = match speeds {
-            true => Some(stribeck(of, settings, &SPEEDS, &|| ())?.0.points[3]),
-            false => None,
+    let mut add =
+        |property, value, unit, of: &Specimen, timing: &LoopTiming, bandwidth, speeds: bool| {
+            let (found, recording) =
+                hysteresis_loop(of, settings, of.servo(bandwidth), AMPLITUDE, timing)?;
+            let friction = match speeds {
+                true => Some(stribeck(of, settings, &SPEEDS, &|| ())?.0.points[3]),
+                false => None,
+            };
+            let coupling =
+                of.rig.coupling.as_ref().map_or(f64::INFINITY, |coupling| coupling.stiffness);
+            biases.push(RigBias {
+                friction_bias: friction
+                    .map(|point| point.force.value / guide.steady_force(point.velocity) - 1.0),
+                ripple: friction.map(|point| point.ripple),
+                ..bias(property, value, unit, &found, &guide, coupling)
+            });
+            kept.get_or_insert(recording);
+            tick();
+            Ok::<(), LabError>(())
         };
-        let coupling = of.rig.coupling.as_ref().map_or(f64::INFINITY, |coupling| coupling.stiffness);
-        biases.push(RigBias {
-            friction_bias: friction.map(|point| point.force.value / guide.steady_force(point.velocity) - 1.0),
-            ripple: friction.map(|point| point.ripple),
-            ..bias(property, value, unit, &found, &guide, coupling)
-        });
-        kept.get_or_insert(recording);
-        tick();
-        Ok::<(), LabError>(())
-    };
     for ratio in COUPLINGS {
         let mut changed = specimen.clone();
         if let Some(coupling) = &mut changed.rig.coupling {
@@ -79,18 +94,28 @@ pub fn rig(specimen: &Specimen, settings: &Settings, tick: &dyn Fn()) -> Result<
         add("noise", noise, "N", &changed, &quick, SERVO_BANDWIDTH, true)?;
     }
     for travel in TRAVELS {
-        add("travel", travel, "s", specimen, &LoopTiming { travel, ..quick }, SERVO_BANDWIDTH, false)?;
+        add(
+            "travel",
+            travel,
+            "s",
+            specimen,
+            &LoopTiming { travel, ..quick },
+            SERVO_BANDWIDTH,
+            false,
+        )?;
     }
     for bandwidth in SERVOS {
-        let slow = LoopTiming { travel: 20.0, settle: 0.5, measure: 0.5, cycles: 2, conditioning: 40 };
+        let slow =
+            LoopTiming { travel: 20.0, settle: 0.5, measure: 0.5, cycles: 2, conditioning: 40 };
         add("servo", bandwidth, "Hz", specimen, &slow, bandwidth, false)?;
     }
     let name = "rig".to_owned();
-    let recording = kept.map(|recording| Recording { name, ..recording }).ok_or_else(|| LabError::Signal {
-        experiment: "rig",
-        specimen: specimen.name.clone(),
-        what: "has nothing to measure".to_owned(),
-    })?;
+    let recording =
+        kept.map(|recording| Recording { name, ..recording }).ok_or_else(|| LabError::Signal {
+            experiment: "rig",
+            specimen: specimen.name.clone(),
+            what: "has nothing to measure".to_owned(),
+        })?;
     Ok((biases, recording))
 }
 
@@ -121,7 +146,8 @@ fn bias(
 mod tests {
     use super::*;
 
-    /// Behind a coupling of r times the guide's stiffness the two are springs in series: the reading is low by 1/(1 + r).
+    /// Behind a coupling of r times the guide's stiffness the two are springs in series: the
+    /// reading is low by 1/(1 + r).
     #[test]
     fn position_behind_the_coupling_reads_springs_in_series() {
         let specimen = Specimen::of_guide("guide_1").unwrap();
@@ -139,7 +165,8 @@ mod tests {
             assert!((row.ripple.unwrap() - row.value).abs() < 0.03 * row.value + 0.02, "{row:?}");
         }
         // Slow loops show the servo, fast ones the bristle damping: pi-like share grows with speed.
-        let areas: Vec<f64> = biases.iter().filter(|row| row.property == "travel").map(|row| row.area_bias).collect();
+        let areas: Vec<f64> =
+            biases.iter().filter(|row| row.property == "travel").map(|row| row.area_bias).collect();
         assert!(areas[4] > areas[3] && areas[3] > areas[2], "{areas:?}");
         assert_eq!(biases.len(), RIG_TICKS);
     }

@@ -1,8 +1,10 @@
-//! Which guide for an application: every guide of a database by what it reaches over its tolerances.
+//! Which guide for an application: every guide of a database by what it reaches over its
+//! tolerances.
 //!
-//! In come an application and guides, out goes a ranking with quantiles, the chance to meet the requirement, and why the
-//! others lose. Variants are numbered and each depends on its number alone, so that any part of them can be computed anywhere
-//! in any order. What is kept of them is a fixed number of counters per guide.
+//! In come an application and guides, out goes a ranking with quantiles, the chance to meet the
+//! requirement, and why the others lose. Variants are numbered and each depends on its number
+//! alone, so that any part of them can be computed anywhere in any order. What is kept of them is a
+//! fixed number of counters per guide.
 
 use std::ops::Range;
 
@@ -24,7 +26,8 @@ pub struct Candidate {
     pub obstacle: Option<String>,
 }
 
-/// What is to be computed, the same in every shard of it. Job `j` is variant `j / guides` of guide `j % guides`.
+/// What is to be computed, the same in every shard of it. Job `j` is variant `j / guides` of guide
+/// `j % guides`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     pub application: Application,
@@ -56,7 +59,8 @@ pub enum SelectionError {
     Variant(#[from] VariantError),
 }
 
-/// Quantiles of a quantity over the variants; infinite where it lies among those that never settled.
+/// Quantiles of a quantity over the variants; infinite where it lies among those that never
+/// settled.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Quantiles {
     pub q05: f64,
@@ -88,7 +92,8 @@ pub struct Ranked {
     /// Why it cannot be used, whatever it reaches.
     pub obstacle: Option<String>,
     pub variants: u64,
-    /// Share of the variants that meet the requirement, with its 95 % interval (Wilson, JASA 22, 1927).
+    /// Share of the variants that meet the requirement, with its 95 % interval (Wilson, JASA 22,
+    /// 1927).
     pub chance: f64,
     pub chance_ci95: [f64; 2],
     /// m
@@ -117,7 +122,8 @@ pub struct Selection {
 
 /// Relative resolution of the quantiles: significant decimal digits of the histograms.
 const DIGITS: u8 = 3;
-/// Largest value of the histograms, pm and ns: 1000 km are out of reach, 1000 s are more than is simulated.
+/// Largest value of the histograms, pm and ns: 1000 km are out of reach, 1000 s are more than is
+/// simulated.
 const LARGEST: u64 = 1_000_000_000_000;
 /// Chance below which the choice deserves a warning. Assumed.
 const SAFE: f64 = 0.95;
@@ -129,7 +135,9 @@ impl std::str::FromStr for Shard {
 
     fn from_str(text: &str) -> Result<Shard, SelectionError> {
         text.split_once('/')
-            .and_then(|(index, count)| Some(Shard { index: index.parse().ok()?, count: count.parse().ok()? }))
+            .and_then(|(index, count)| {
+                Some(Shard { index: index.parse().ok()?, count: count.parse().ok()? })
+            })
             .filter(|shard| (1..=shard.count).contains(&shard.index))
             .ok_or_else(|| SelectionError::Shard { text: text.to_owned() })
     }
@@ -145,15 +153,18 @@ impl Shard {
     /// Everything in one.
     pub const WHOLE: Shard = Shard { index: 1, count: 1 };
 
-    /// The jobs of this shard, of `jobs` in all. Shards in order, one after the other, are all jobs.
+    /// The jobs of this shard, of `jobs` in all. Shards in order, one after the other, are all
+    /// jobs.
     pub fn jobs(&self, jobs: u64) -> Range<u64> {
-        let end = |index: u64| (u128::from(jobs) * u128::from(index) / u128::from(self.count)) as u64;
+        let end =
+            |index: u64| (u128::from(jobs) * u128::from(index) / u128::from(self.count)) as u64;
         end(self.index - 1)..end(self.index)
     }
 }
 
 impl Plan {
-    /// A plan over every guide of the database; guides that the constraints exclude are computed too, to show their price.
+    /// A plan over every guide of the database; guides that the constraints exclude are computed
+    /// too, to show their price.
     pub fn new(
         application: Application,
         database: &Catalogue,
@@ -173,7 +184,9 @@ impl Plan {
             let told = candidates.iter().filter_map(|candidate| {
                 candidate.obstacle.as_ref().map(|obstacle| format!("{} {obstacle}", candidate.name))
             });
-            return Err(SelectionError::NothingAllowed { obstacles: told.collect::<Vec<_>>().join("; ") });
+            return Err(SelectionError::NothingAllowed {
+                obstacles: told.collect::<Vec<_>>().join("; "),
+            });
         }
         if variants < candidates.len() as u64 {
             return Err(SelectionError::TooFewVariants { variants, guides: candidates.len() });
@@ -187,20 +200,27 @@ impl Plan {
         ((job % guides) as usize, job / guides)
     }
 
-    /// Computes jobs on all processors; results in the order of the jobs, whatever order they ended in.
-    pub fn run(&self, experiment: &Experiment, jobs: Range<u64>) -> Result<Vec<VariantResult>, SelectionError> {
+    /// Computes jobs on all processors; results in the order of the jobs, whatever order they ended
+    /// in.
+    pub fn run(
+        &self,
+        experiment: &Experiment,
+        jobs: Range<u64>,
+    ) -> Result<Vec<VariantResult>, SelectionError> {
         let one = |job: u64| {
             let (index, variant) = self.job(job);
             let candidate = &self.candidates[index];
-            experiment.run(&candidate.name, &candidate.guide, self.seed, variant).map_err(SelectionError::from)
+            experiment
+                .run(&candidate.name, &candidate.guide, self.seed, variant)
+                .map_err(SelectionError::from)
         };
         jobs.into_par_iter().map(one).collect()
     }
 
     /// Ranks what was tallied, one tally per candidate.
     ///
-    /// Guides that can be used come first; then by the chance to meet the requirement, then by the larger of peak error and
-    /// settling time over what is required, each at its 95 % quantile.
+    /// Guides that can be used come first; then by the chance to meet the requirement, then by the
+    /// larger of peak error and settling time over what is required, each at its 95 % quantile.
     pub fn rank(&self, tallies: &[Tally]) -> Selection {
         let requirement = &self.application.requirement;
         let worst = |tally: &Tally| {
@@ -262,14 +282,20 @@ impl Plan {
         }
     }
 
-    fn reasons(&self, candidate: &Candidate, tally: &Tally, best: Option<(&Candidate, &Tally)>) -> Vec<String> {
+    fn reasons(
+        &self,
+        candidate: &Candidate,
+        tally: &Tally,
+        best: Option<(&Candidate, &Tally)>,
+    ) -> Vec<String> {
         let requirement = &self.application.requirement;
         let mut reasons: Vec<String> = candidate.obstacle.clone().into_iter().collect();
         let share = |count: u64| percent(count as f64 / tally.variants.max(1) as f64);
         let peak = tally.peak_error().q50;
         if tally.peak_too_large > 0 {
             reasons.push(format!(
-                "its peak error is too large in {} of the variants: {:.2} um at the median, {:.2} um allowed",
+                "its peak error is too large in {} of the variants: {:.2} um at the median, {:.2} \
+                 um allowed",
                 share(tally.peak_too_large),
                 peak * 1e6,
                 requirement.peak_error * 1e6
@@ -277,24 +303,31 @@ impl Plan {
         }
         if tally.settled_too_late > 0 {
             let median = tally.settling_time().q50;
-            let told =
-                if median.is_finite() { format!("{:.1} ms", median * 1e3) } else { "not while watched".to_owned() };
+            let told = if median.is_finite() {
+                format!("{:.1} ms", median * 1e3)
+            } else {
+                "not while watched".to_owned()
+            };
             reasons.push(format!(
-                "it settles too late in {} of the variants: to {} um after {told} at the median, {:.1} ms allowed",
+                "it settles too late in {} of the variants: to {} um after {told} at the median, \
+                 {:.1} ms allowed",
                 share(tally.settled_too_late),
                 requirement.settling_band * 1e6,
                 requirement.settling_time * 1e3
             ));
         }
         if tally.saturated > 0 {
-            reasons.push(format!("the motor reaches its limit in {} of the variants", share(tally.saturated)));
+            reasons.push(format!(
+                "the motor reaches its limit in {} of the variants",
+                share(tally.saturated)
+            ));
         }
         let Some((best, best_tally)) = best else { return reasons };
         if candidate.obstacle.is_none() && tally.met == tally.variants {
             let (median, best_median) = (tally.settling_time().q50, best_tally.settling_time().q50);
             reasons.push(format!(
-                "it meets the requirement as well, with less margin: median peak error {:.2} um against {:.2} um of {}, \
-                 settled after {:.1} ms against {:.1} ms",
+                "it meets the requirement as well, with less margin: median peak error {:.2} um \
+                 against {:.2} um of {}, settled after {:.1} ms against {:.1} ms",
                 peak * 1e6,
                 best_tally.peak_error().q50 * 1e6,
                 best.name,
@@ -326,15 +359,23 @@ fn cause(guide: &Guide, best: &Guide, best_name: &str) -> Option<String> {
     (!told.is_empty()).then(|| format!("it has more {} than {best_name}", told.join(" and ")))
 }
 
-/// The paper's warning (sections 2 and 4): a guide with less viscous friction looks better in a data sheet and positions worse.
-fn low_friction_trap(candidate: &Candidate, tally: &Tally, best: &Candidate, best_tally: &Tally) -> Option<String> {
+/// The paper's warning (sections 2 and 4): a guide with less viscous friction looks better in a
+/// data sheet and positions worse.
+fn low_friction_trap(
+    candidate: &Candidate,
+    tally: &Tally,
+    best: &Candidate,
+    best_tally: &Tally,
+) -> Option<String> {
     let (own, other) = (&candidate.guide, &best.guide);
     let looks_better = own.viscous_friction * NOTABLE < other.viscous_friction;
-    let is_worse = tally.peak_error().q50 > best_tally.peak_error().q50 && own.static_force > other.static_force;
+    let is_worse = tally.peak_error().q50 > best_tally.peak_error().q50
+        && own.static_force > other.static_force;
     (looks_better && is_worse).then(|| {
         format!(
-            "{} has {} of the viscous friction of {}, but more static friction ({} against {} N), which decides here: its median \
-             peak error is {:.2} um against {:.2} um. Low friction in a data sheet is friction at speed",
+            "{} has {} of the viscous friction of {}, but more static friction ({} against {} N), \
+             which decides here: its median peak error is {:.2} um against {:.2} um. Low friction \
+             in a data sheet is friction at speed",
             candidate.name,
             percent(own.viscous_friction / other.viscous_friction),
             best.name,
@@ -422,7 +463,11 @@ impl Tally {
     }
 
     pub fn peak_error(&self) -> Quantiles {
-        Quantiles { q05: self.peak_error_at(0.05), q50: self.peak_error_at(0.5), q95: self.peak_error_at(0.95) }
+        Quantiles {
+            q05: self.peak_error_at(0.05),
+            q50: self.peak_error_at(0.5),
+            q95: self.peak_error_at(0.95),
+        }
     }
 
     pub fn settling_time(&self) -> Quantiles {
@@ -442,7 +487,8 @@ mod tests {
     const SEALED: &str = include_str!("../../../launch_config/application_fine_step_sealed.yaml");
 
     fn plan(text: &str, variants: u64) -> Plan {
-        Plan::new(Application::from_yaml(text, "test").unwrap(), &Catalogue::builtin(), 1, variants).unwrap()
+        Plan::new(Application::from_yaml(text, "test").unwrap(), &Catalogue::builtin(), 1, variants)
+            .unwrap()
     }
 
     fn select(plan: &Plan) -> Selection {
@@ -465,10 +511,15 @@ mod tests {
         let sealed = select(&plan(SEALED, 60));
         assert_eq!(sealed.choice.as_deref(), Some("guide_1"));
         let unsealed = &sealed.ranking[2];
-        assert!(unsealed.guide == "guide_2" && unsealed.reasons[0].contains("has no seals"), "{unsealed:?}");
+        assert!(
+            unsealed.guide == "guide_2" && unsealed.reasons[0].contains("has no seals"),
+            "{unsealed:?}"
+        );
         for selection in [clean, sealed] {
             let warned = selection.warnings.iter().any(|warning| {
-                warning.starts_with("guide_3") && warning.contains("static friction") && warning.contains("18.5")
+                warning.starts_with("guide_3")
+                    && warning.contains("static friction")
+                    && warning.contains("18.5")
             });
             assert!(warned, "{:?}", selection.warnings);
         }
@@ -480,18 +531,27 @@ mod tests {
         let experiment = Experiment::new(&plan.application).unwrap();
         let whole = plan.run(&experiment, Shard::WHOLE.jobs(plan.variants)).unwrap();
         let mut parts: Vec<(u64, Vec<VariantResult>)> = [3, 1, 4, 2]
-            .map(|index| (index, plan.run(&experiment, Shard { index, count: 4 }.jobs(plan.variants)).unwrap()))
+            .map(|index| {
+                (
+                    index,
+                    plan.run(&experiment, Shard { index, count: 4 }.jobs(plan.variants)).unwrap(),
+                )
+            })
             .into();
         parts.sort_by_key(|(index, _)| *index);
         assert_eq!(parts.into_iter().flat_map(|(_, part)| part).collect::<Vec<_>>(), whole);
         let errors: Vec<u64> = whole.iter().map(|result| result.peak_error.to_bits()).collect();
-        assert!(errors.iter().enumerate().all(|(index, bits)| !errors[..index].contains(bits)), "variants repeat");
+        assert!(
+            errors.iter().enumerate().all(|(index, bits)| !errors[..index].contains(bits)),
+            "variants repeat"
+        );
     }
 
     #[test]
     fn shards_are_read_and_cover_everything_once() {
         for (jobs, count) in [(10u64, 3), (2, 5), (10_000, 7)] {
-            let ranges: Vec<Range<u64>> = (1..=count).map(|index| Shard { index, count }.jobs(jobs)).collect();
+            let ranges: Vec<Range<u64>> =
+                (1..=count).map(|index| Shard { index, count }.jobs(jobs)).collect();
             assert!(ranges.windows(2).all(|pair| pair[0].end == pair[1].start), "{ranges:?}");
             assert_eq!((ranges[0].start, ranges[ranges.len() - 1].end), (0, jobs));
         }
@@ -518,7 +578,9 @@ mod tests {
             };
             tally.add(&result, &application);
         }
-        let close = |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 2e-3, "{found} {expected}");
+        let close = |found: f64, expected: f64| {
+            assert!((found / expected - 1.0).abs() < 2e-3, "{found} {expected}")
+        };
         let (peak, settling) = (tally.peak_error(), tally.settling_time());
         close(peak.q05, 0.5e-6);
         close(peak.q50, 5e-6);
@@ -541,8 +603,12 @@ mod tests {
         let mut waterproof = application.clone();
         waterproof.constraints.lubricants = Some(vec!["dry".into()]);
         let nothing = Plan::new(waterproof, &Catalogue::builtin(), 1, 10).unwrap_err().to_string();
-        assert!(nothing.contains("guide_2 is lubricated with `standard`") && nothing.contains("`dry`"), "{nothing}");
-        let few = Plan::new(application.clone(), &Catalogue::builtin(), 1, 2).unwrap_err().to_string();
+        assert!(
+            nothing.contains("guide_2 is lubricated with `standard`") && nothing.contains("`dry`"),
+            "{nothing}"
+        );
+        let few =
+            Plan::new(application.clone(), &Catalogue::builtin(), 1, 2).unwrap_err().to_string();
         assert!(few.contains("2 variants") && few.contains("3 guides"), "{few}");
         let mut strict = application;
         strict.requirement.peak_error = 1e-9;

@@ -3,14 +3,16 @@
 use serde::Serialize;
 
 use friction_stage_core::control::{
-    Controller, ControllerError, ControllerSettings, Gains, Point, Terms, Trajectory, TrajectoryError,
+    Controller, ControllerError, ControllerSettings, Gains, Point, Terms, Trajectory,
+    TrajectoryError,
 };
 use friction_stage_core::model::{Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
 use friction_stage_core::plant::{Rates, Sample, Stage};
 
 use friction_stage_core::ClosedLoop;
 
-/// Bandwidth of the rig's position servo, Hz. Assumed: the paper says closed loop and no more; as the node's `drive: servo`.
+/// Bandwidth of the rig's position servo, Hz. Assumed: the paper says closed loop and no more; as
+/// the node's `drive: servo`.
 pub const SERVO_BANDWIDTH: f64 = 60.0;
 
 /// One guide type, ready for the rig and for the stage.
@@ -43,8 +45,8 @@ pub enum LabError {
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
     #[error(
-        "{experiment} on {specimen} needs more force than the motor has ({limit} N) in {samples} samples: \
-         raise motor.force_limit or use a lighter stage"
+        "{experiment} on {specimen} needs more force than the motor has ({limit} N) in {samples} \
+         samples: raise motor.force_limit or use a lighter stage"
     )]
     MotorLimit { experiment: &'static str, specimen: String, limit: f64, samples: u64 },
     #[error("{experiment} on {specimen}: {what}")]
@@ -93,20 +95,26 @@ impl Specimen {
         })
     }
 
-    /// The guides of a model: a stage as it is with its first guide on the rig, or a rig as it is with four of its guide
-    /// under the stage of the paper. Sensors and motor are the model's own.
+    /// The guides of a model: a stage as it is with its first guide on the rig, or a rig as it is
+    /// with four of its guide under the stage of the paper. Sensors and motor are the model's own.
     ///
-    /// Of the effects only those that belong to a guide go from one to the other; the rest is named in the warnings.
+    /// Of the effects only those that belong to a guide go from one to the other; the rest is named
+    /// in the warnings.
     pub fn of_model(model: &StageModel) -> Result<Specimen, ModelError> {
         model.check()?;
         let guides = model.resolved_guides()?;
         let first = model.guides[0].clone();
         let of_the_guide = |name: &str| name == "distributed_bristles";
-        let effects: Vec<_> = model.effects.iter().filter(|effect| of_the_guide(&effect.name)).cloned().collect();
+        let effects: Vec<_> =
+            model.effects.iter().filter(|effect| of_the_guide(&effect.name)).cloned().collect();
         let mut warnings = Vec::new();
         if effects.len() < model.effects.len() {
-            let left: Vec<&str> =
-                model.effects.iter().map(|e| e.name.as_str()).filter(|name| !of_the_guide(name)).collect();
+            let left: Vec<&str> = model
+                .effects
+                .iter()
+                .map(|e| e.name.as_str())
+                .filter(|name| !of_the_guide(name))
+                .collect();
             let other = if model.coupling.is_some() { "stage" } else { "rig" };
             warnings.push(format!("{}: on the {other} without {}", model.name, left.join(", ")));
         }
@@ -145,19 +153,25 @@ impl Specimen {
         self.rig.guides[0].resolve("guides[0]", &friction_stage_core::model::Catalogue::builtin())
     }
 
-    /// Longest break-away distance of the rig's bristles, m: Fs/sigma0 of one bristle; of several in parallel that of the one
-    /// with the most strength for its stiffness.
+    /// Longest break-away distance of the rig's bristles, m: Fs/sigma0 of one bristle; of several
+    /// in parallel that of the one with the most strength for its stiffness.
     pub fn break_away_distance(&self) -> Result<f64, ModelError> {
         let guide = self.guide()?;
         let single = guide.static_force / guide.stiffness;
-        let Some(effect) = self.rig.effects.iter().find(|effect| effect.name == "distributed_bristles") else {
+        let Some(effect) =
+            self.rig.effects.iter().find(|effect| effect.name == "distributed_bristles")
+        else {
             return Ok(single);
         };
         let share = |key: &str, default| effect.values.get(key).copied().unwrap_or(default);
         let (a1, b1) = (share("stiffness_share_1", 1.0), share("strength_share_1", 1.0));
         let (a2, b2) = (share("stiffness_share_2", 0.0), share("strength_share_2", 0.0));
         let elements = [(a1, b1), (a2, b2), (1.0 - a1 - a2, 1.0 - b1 - b2)];
-        let longest = elements.iter().filter(|(a, b)| *a > 1e-9 && *b > 1e-9).map(|(a, b)| b / a).fold(0.0, f64::max);
+        let longest = elements
+            .iter()
+            .filter(|(a, b)| *a > 1e-9 && *b > 1e-9)
+            .map(|(a, b)| b / a)
+            .fold(0.0, f64::max);
         Ok(single * if longest > 0.0 { longest } else { 1.0 })
     }
 
@@ -175,10 +189,18 @@ impl Specimen {
 
     /// The rig under its position servo, following `points` from its first sample on.
     ///
-    /// The servo is a PID on the encoder with lowpass and ideal mass feedforward, tuned for everything that the motor moves; the carriage's encoder is the one at the guide, as the paper places it.
-    pub fn on_rig(&self, settings: &Settings, gains: Gains, points: Vec<Point>) -> Result<ClosedLoop, LabError> {
+    /// The servo is a PID on the encoder with lowpass and ideal mass feedforward, tuned for
+    /// everything that the motor moves; the carriage's encoder is the one at the guide, as the
+    /// paper places it.
+    pub fn on_rig(
+        &self,
+        settings: &Settings,
+        gains: Gains,
+        points: Vec<Point>,
+    ) -> Result<ClosedLoop, LabError> {
         let mass = self.servo_mass();
-        let paper = ControllerSettings::paper(mass, settings.rates.control(), self.rig.motor.force_limit);
+        let paper =
+            ControllerSettings::paper(mass, settings.rates.control(), self.rig.motor.force_limit);
         closed_loop(&self.rig, settings, ControllerSettings { gains, ..paper }, points)
     }
 
@@ -191,10 +213,25 @@ impl Specimen {
         self.rig.mass + self.rig.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass)
     }
 
-    /// The stage under the paper's controller (section 4), with `viscous` N s/m of viscous feedforward.
-    pub fn on_stage(&self, settings: &Settings, viscous: f64, points: Vec<Point>) -> Result<ClosedLoop, LabError> {
-        let paper = ControllerSettings::paper(self.stage.mass, settings.rates.control(), self.stage.motor.force_limit);
-        closed_loop(&self.stage, settings, ControllerSettings { viscous_feedforward: viscous, ..paper }, points)
+    /// The stage under the paper's controller (section 4), with `viscous` N s/m of viscous
+    /// feedforward.
+    pub fn on_stage(
+        &self,
+        settings: &Settings,
+        viscous: f64,
+        points: Vec<Point>,
+    ) -> Result<ClosedLoop, LabError> {
+        let paper = ControllerSettings::paper(
+            self.stage.mass,
+            settings.rates.control(),
+            self.stage.motor.force_limit,
+        );
+        closed_loop(
+            &self.stage,
+            settings,
+            ControllerSettings { viscous_feedforward: viscous, ..paper },
+            points,
+        )
     }
 }
 
@@ -239,7 +276,8 @@ pub(super) fn mean(values: impl Iterator<Item = f64>) -> Measured {
         mean += difference / count;
         squares += difference * (value - mean);
     }
-    let standard_error = if count > 1.0 { (squares / (count - 1.0) / count).sqrt() } else { f64::NAN };
+    let standard_error =
+        if count > 1.0 { (squares / (count - 1.0) / count).sqrt() } else { f64::NAN };
     Measured { value: if count > 0.0 { mean } else { f64::NAN }, standard_error }
 }
 

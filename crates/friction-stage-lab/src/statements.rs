@@ -1,7 +1,7 @@
 //! The paper's statements beside what the stage shows: one row each, holds or not.
 //!
-//! In come the reduced results of the experiments on guides 1, 2 and 3, out go rows with the figures in them. Limits for words
-//! like "roughly" are in the rows' texts.
+//! In come the reduced results of the experiments on guides 1, 2 and 3, out go rows with the
+//! figures in them. Limits for words like "roughly" are in the rows' texts.
 
 use serde::Serialize;
 
@@ -45,8 +45,8 @@ pub struct PaperResults<'a> {
 }
 
 /// Why one bristle misses stiffnesses that three meet.
-const SINGLE: &str =
-    "one bristle has k = Fs tanh(sigma0 A/Fs)/A: two stiffnesses fix the third; see distributed bristles";
+const SINGLE: &str = "one bristle has k = Fs tanh(sigma0 A/Fs)/A: two stiffnesses fix the third; \
+                      see distributed bristles";
 
 /// Effective stiffnesses of guide 1 that the paper states: amplitude (m) and stiffness (N/m).
 pub const STATED_STIFFNESS: [(f64, f64); 3] = [(10e-9, 7.5e5), (1e-6, 4.5e5), (40e-6, 2.3e5)];
@@ -58,7 +58,8 @@ pub struct StiffnessError {
     pub amplitude: f64,
     /// N/m, by the paper.
     pub stated: f64,
-    /// Measured less stated over stated: the catalogue's bristle, the single bristle that fits best (closed form), distributed.
+    /// Measured less stated over stated: the catalogue's bristle, the single bristle that fits best
+    /// (closed form), distributed.
     pub catalogue: f64,
     pub best_single: f64,
     pub distributed: f64,
@@ -67,10 +68,15 @@ pub struct StiffnessError {
 /// The loop at this amplitude, m: the one nearest in ratio.
 pub fn loop_at(curves: &DahlCurves, amplitude: f64) -> Option<&HysteresisLoop> {
     let distance = |of: &&HysteresisLoop| (of.amplitude / amplitude).ln().abs();
-    curves.loops.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).filter(|found| distance(found) < 0.2)
+    curves
+        .loops
+        .iter()
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        .filter(|found| distance(found) < 0.2)
 }
 
-/// Errors at the three stated amplitudes before and after; `single` is the best single bristle's sigma0, N/m.
+/// Errors at the three stated amplitudes before and after; `single` is the best single bristle's
+/// sigma0, N/m.
 pub fn stiffness_errors(
     single: &DahlCurves,
     distributed: &DahlCurves,
@@ -86,7 +92,10 @@ pub fn stiffness_errors(
             amplitude,
             stated,
             catalogue: error(single, amplitude, stated),
-            best_single: static_force * (best * amplitude / static_force).tanh() / amplitude / stated - 1.0,
+            best_single: static_force * (best * amplitude / static_force).tanh()
+                / amplitude
+                / stated
+                - 1.0,
             distributed: error(distributed, amplitude, stated),
         })
         .collect()
@@ -104,17 +113,21 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         rows.push(Statement { section, paper, stage, holds, reason: reason.filter(|_| !holds) });
     };
     let [one, two, three] = of.stribeck;
-    let stiffness =
-        |curves: &DahlCurves, amplitude| loop_at(curves, amplitude).map_or(f64::NAN, |found| found.stiffness.value);
-    let tip =
-        |curves: &DahlCurves, amplitude| loop_at(curves, amplitude).map_or(f64::NAN, |found| found.tip_force.value);
+    let stiffness = |curves: &DahlCurves, amplitude| {
+        loop_at(curves, amplitude).map_or(f64::NAN, |found| found.stiffness.value)
+    };
+    let tip = |curves: &DahlCurves, amplitude| {
+        loop_at(curves, amplitude).map_or(f64::NAN, |found| found.tip_force.value)
+    };
     // Section 1
     if let Some(row) = of.rig.iter().find(|row| row.property == "coupling" && row.value == 100.0) {
         add(
             "1.2",
-            "a coupling about 100 times as stiff as the guide leaves the measurement alone (within 2 %)",
+            "a coupling about 100 times as stiff as the guide leaves the measurement alone (within \
+             2 %)",
             format!(
-                "stiffness at 1 um {:+.2} % with the encoder at the guide, {:+.2} % behind the coupling",
+                "stiffness at 1 um {:+.2} % with the encoder at the guide, {:+.2} % behind the \
+                 coupling",
                 100.0 * row.stiffness_bias,
                 100.0 * row.stiffness_bias_at_motor
             ),
@@ -124,7 +137,8 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     }
     // Section 2
     let slow = [one, two, three].map(|curve| curve.slow_force.value);
-    let forces = |values: [f64; 3]| format!("{:.2}, {:.2}, {:.2} N", values[0], values[1], values[2]);
+    let forces =
+        |values: [f64; 3]| format!("{:.2}, {:.2}, {:.2} N", values[0], values[1], values[2]);
     add(
         "2",
         "at very low velocity the guide without seals (2) has much lower friction (less than half)",
@@ -143,8 +157,12 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     let levels = [one, two, three].map(|curve| curve.viscous_level);
     add(
         "2",
-        "at high velocity guides 1 and 2 have roughly the same slope (within 10 %) at different force levels",
-        format!("{:.2} and {:.2} N s/m at levels of {:.2} and {:.2} N", slopes[0], slopes[1], levels[0], levels[1]),
+        "at high velocity guides 1 and 2 have roughly the same slope (within 10 %) at different \
+         force levels",
+        format!(
+            "{:.2} and {:.2} N s/m at levels of {:.2} and {:.2} N",
+            slopes[0], slopes[1], levels[0], levels[1]
+        ),
         (slopes[0] / slopes[1] - 1.0).abs() < 0.1 && (levels[0] / levels[1] - 1.0).abs() > 0.2,
         None,
     );
@@ -167,14 +185,18 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         one.falls && three.falls && !two.falls,
         None,
     );
-    let hunts = of.hunting.map(|results| results.iter().filter(|result| result.cycle.is_some()).count());
+    let hunts =
+        of.hunting.map(|results| results.iter().filter(|result| result.cycle.is_some()).count());
     let told = |results: &[HuntingResult]| {
         let at: Vec<String> = results
             .iter()
             .filter_map(|r| {
                 let cycle = r.cycle?;
                 let amplitude = 1e3 * cycle.amplitude;
-                Some(format!("{} Hz x{} ({amplitude:.1} mm, {:.1} s)", r.bandwidth, r.integral, cycle.period))
+                Some(format!(
+                    "{} Hz x{} ({amplitude:.1} mm, {:.1} s)",
+                    r.bandwidth, r.integral, cycle.period
+                ))
             })
             .collect();
         if at.is_empty() { "with none".to_owned() } else { format!("with {}", at.join(", ")) }
@@ -200,17 +222,28 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
             "effective stiffness of guide 1 at 40 um: 2.3e5 N/m (within 5 %)",
         ][index];
         let error = 100.0 * (found / stated - 1.0);
-        add("3", paper, format!("lugre: {found:.3e} N/m, {error:+.1} %"), error.abs() < 5.0, Some(SINGLE));
+        add(
+            "3",
+            paper,
+            format!("lugre: {found:.3e} N/m, {error:+.1} %"),
+            error.abs() < 5.0,
+            Some(SINGLE),
+        );
     }
-    let with: Vec<(f64, f64)> =
-        STATED_STIFFNESS.iter().map(|&(amplitude, stated)| (stiffness(of.distributed, amplitude), stated)).collect();
+    let with: Vec<(f64, f64)> = STATED_STIFFNESS
+        .iter()
+        .map(|&(amplitude, stated)| (stiffness(of.distributed, amplitude), stated))
+        .collect();
     add(
         "3",
         "all three stiffnesses of guide 1 (7.5e5, 4.5e5, 2.3e5 N/m), each within 2 %",
         format!(
             "lugre + distributed_bristles: {}",
             with.iter()
-                .map(|(found, stated)| format!("{found:.3e} ({:+.1} %)", 100.0 * (found / stated - 1.0)))
+                .map(|(found, stated)| format!(
+                    "{found:.3e} ({:+.1} %)",
+                    100.0 * (found / stated - 1.0)
+                ))
                 .collect::<Vec<_>>()
                 .join(", ")
         ),
@@ -249,27 +282,36 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     add(
         "3",
         "at 40 um guide 2 has exceeded its break-away force (95 % of it), guides 1 and 3 have not",
-        format!("force at 40 um over force at 420 um: {:.2}, {:.2}, {:.2}", reached[0], reached[1], reached[2]),
+        format!(
+            "force at 40 um over force at 420 um: {:.2}, {:.2}, {:.2}",
+            reached[0], reached[1], reached[2]
+        ),
         reached[1] > 0.95 && reached[0] < 0.95 && reached[2] < 0.95,
         None,
     );
     let falling = of.dahl.iter().chain([&of.distributed]).all(|curves| {
         curves.loops.windows(2).all(|pair| {
             let noise = pair[0].stiffness.standard_error.hypot(pair[1].stiffness.standard_error);
-            pair[1].stiffness.value < pair[0].stiffness.value + 3.0 * noise + 0.005 * pair[0].stiffness.value
+            pair[1].stiffness.value
+                < pair[0].stiffness.value + 3.0 * noise + 0.005 * pair[0].stiffness.value
         })
     });
     let resolved = |curves: &DahlCurves| -> Vec<f64> {
         let pairs = curves.loops.iter().zip(&curves.resonances);
-        pairs.filter(|(found, _)| found.area_is_resolved).map(|(_, resonance)| resonance.damping.value).collect()
+        pairs
+            .filter(|(found, _)| found.area_is_resolved)
+            .map(|(_, resonance)| resonance.damping.value)
+            .collect()
     };
-    let growing = of.dahl.iter().all(|curves| resolved(curves).is_sorted() && resolved(curves).len() > 3);
+    let growing =
+        of.dahl.iter().all(|curves| resolved(curves).is_sorted() && resolved(curves).len() > 3);
     let damping = resolved(of.dahl[0]);
     add(
         "3",
         "smaller amplitudes give higher effective stiffness and lower damping",
         format!(
-            "guide 1: stiffness from {:.2e} (10 nm) to {:.2e} N/m (1 mm), damping ratio of the loops from {:.3} to {:.2}",
+            "guide 1: stiffness from {:.2e} (10 nm) to {:.2e} N/m (1 mm), damping ratio of the \
+             loops from {:.3} to {:.2}",
             of.dahl[0].loops.first().map_or(f64::NAN, |found| found.stiffness.value),
             of.dahl[0].loops.last().map_or(f64::NAN, |found| found.stiffness.value),
             damping.first().copied().unwrap_or(f64::NAN),
@@ -280,19 +322,24 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     );
     let response = of.response[0];
     let low = response.levels[0].points[0];
-    let dahl_stiffness = 4.0 * at_1um[0] - response.mass * (2.0 * std::f64::consts::PI * low.frequency).powi(2);
+    let dahl_stiffness =
+        4.0 * at_1um[0] - response.mass * (2.0 * std::f64::consts::PI * low.frequency).powi(2);
     add(
         "3",
-        "the stage's frequency response shows the guides' stiffness up to a frequency, and the mass above (5 %)",
+        "the stage's frequency response shows the guides' stiffness up to a frequency, and the \
+         mass above (5 %)",
         format!(
             "{:.3e} N/m at {} Hz, from the loops {dahl_stiffness:.3e}; {:.2} kg above",
             low.stiffness.0, low.frequency, response.mass
         ),
-        (low.stiffness.0 / dahl_stiffness - 1.0).abs() < 0.05 && (response.mass / 40.0 - 1.0).abs() < 0.05,
+        (low.stiffness.0 / dahl_stiffness - 1.0).abs() < 0.05
+            && (response.mass / 40.0 - 1.0).abs() < 0.05,
         None,
     );
     // Section 4, fast move
-    let um = |values: [f64; 3]| format!("{:.1}, {:.1}, {:.1} um", 1e6 * values[0], 1e6 * values[1], 1e6 * values[2]);
+    let um = |values: [f64; 3]| {
+        format!("{:.1}, {:.1}, {:.1} um", 1e6 * values[0], 1e6 * values[1], 1e6 * values[2])
+    };
     let peaks = of.fast.map(|found| found.forward.peak_error);
     add(
         "4, fast move",
@@ -309,32 +356,51 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         wave[2] < wave[0] && wave[2] < wave[1],
         None,
     );
-    // What is left of the wave that viscous friction makes, in its middle: after the break-away has been worked off.
+    // What is left of the wave that viscous friction makes, in its middle: after the break-away has
+    // been worked off.
     let middle = |found: &FastMove| {
-        let part: Vec<f64> =
-            found.points.iter().filter(|(t, _)| *t > 0.05 && *t < 0.15).map(|(_, error)| *error).collect();
-        let (low, high) =
-            part.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(*e), high.max(*e)));
+        let part: Vec<f64> = found
+            .points
+            .iter()
+            .filter(|(t, _)| *t > 0.05 && *t < 0.15)
+            .map(|(_, error)| *error)
+            .collect();
+        let (low, high) = part
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), e| (low.min(*e), high.max(*e)));
         high - low
     };
     let (without, fed) = (of.fast.map(middle), of.fast_fed.map(middle));
     add(
         "4, fast move",
-        "viscous feedforward removes the wave there (guides 1 and 2: peak to peak between 50 and 150 ms to less than a third)",
+        "viscous feedforward removes the wave there (guides 1 and 2: peak to peak between 50 and \
+         150 ms to less than a third)",
         format!("without {}; with {}", um(without), um(fed)),
         fed[0] < without[0] / 3.0 && fed[1] < without[1] / 3.0,
         None,
     );
     let into = |found: &FastMove, band: f64| {
-        found.settling_over_band.iter().find(|row| row.0 == band).and_then(|row| row.1).map(|time| 1e3 * time)
+        found
+            .settling_over_band
+            .iter()
+            .find(|row| row.0 == band)
+            .and_then(|row| row.1)
+            .map(|time| 1e3 * time)
     };
     let ms = |values: [Option<f64>; 3]| {
-        values.map(|value| value.map_or("never".to_owned(), |ms| format!("{ms:.0}"))).join(", ") + " ms"
+        values.map(|value| value.map_or("never".to_owned(), |ms| format!("{ms:.0}"))).join(", ")
+            + " ms"
     };
     let order = |values: [Option<f64>; 3]| values.map(|value| value.unwrap_or(f64::INFINITY));
     let coarse = of.fast.map(|found| into(found, 10e-6));
     let [a, b, c] = order(coarse);
-    add("4, fast move", "guide 3 initially settles faster (to 10 um)", ms(coarse), c < a && c < b, None);
+    add(
+        "4, fast move",
+        "guide 3 initially settles faster (to 10 um)",
+        ms(coarse),
+        c < a && c < b,
+        None,
+    );
     let bands = [10e-6, 1e-6, 0.1e-6, 30e-9].map(|band| of.fast.map(|found| into(found, band)));
     let lead = bands.map(|times| {
         let [a, b, c] = order(times);
@@ -344,7 +410,8 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         "4, fast move",
         "the other two catch up as the error becomes very small (their lag behind guide 3 shrinks)",
         format!(
-            "lag of guides 1 and 2 at 1, 0.1, 0.03 um: {:.0} and {:.0}, {:.0} and {:.0}, {:.0} and {:.0} ms",
+            "lag of guides 1 and 2 at 1, 0.1, 0.03 um: {:.0} and {:.0}, {:.0} and {:.0}, {:.0} and \
+             {:.0} ms",
             lead[1].0, lead[1].1, lead[2].0, lead[2].1, lead[3].0, lead[3].1
         ),
         lead[3].0 < lead[2].0 && lead[2].0 < lead[1].0 && lead[3].1 < lead[1].1,
@@ -358,9 +425,11 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         ms(fine_band),
         c > a && c > b,
         Some(
-            "guide 2 does overtake it; guide 1 does not above 30 nm: once at rest every sealed guide creeps with the same time constant, (p + k)/i, \
-             and guide 1 starts that creep with the larger error that its viscous friction leaves. Higher Coulomb friction of guide 3 with \
-             less viscous friction of guide 1 turns the order round, but then guide 3 has no longer the smallest error between 25 and 150 ms",
+            "guide 2 does overtake it; guide 1 does not above 30 nm: once at rest every sealed \
+             guide creeps with the same time constant, (p + k)/i, and guide 1 starts that creep \
+             with the larger error that its viscous friction leaves. Higher Coulomb friction of \
+             guide 3 with less viscous friction of guide 1 turns the order round, but then guide 3 \
+             has no longer the smallest error between 25 and 150 ms",
         ),
     );
     // Section 4, fine step
@@ -368,12 +437,14 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     let guides = of.dahl.map(|curves| 4.0 * stiffness(curves, 10e-9));
     add(
         "4, fine step",
-        "the bearing stiffness exceeds the proportional gain of the controller (four guides, lugre)",
+        "the bearing stiffness exceeds the proportional gain of the controller (four guides, \
+         lugre)",
         format!("{:.2e}, {:.2e}, {:.2e} against {gain:.2e} N/m", guides[0], guides[1], guides[2]),
         guides.iter().all(|stiffness| *stiffness > gain),
         Some(
-            "the catalogue meets the stiffness at 1 um; one bristle cannot have the higher one at 10 nm as well. The paper gives no gains: \
-             a 60 Hz PID by the usual rules of thumb has this one",
+            "the catalogue meets the stiffness at 1 um; one bristle cannot have the higher one at \
+             10 nm as well. The paper gives no gains: a 60 Hz PID by the usual rules of thumb has \
+             this one",
         ),
     );
     let distributed = 4.0 * stiffness(of.distributed, 10e-9);
@@ -393,7 +464,8 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         peaks[1] < peaks[0] && peaks[1] < peaks[2],
         None,
     );
-    let settled = of.fine.map(|found| first(found).and_then(|step| step.settling[2]).map(|time| 1e3 * time));
+    let settled =
+        of.fine.map(|found| first(found).and_then(|step| step.settling[2]).map(|time| 1e3 * time));
     let [a, b, c] = order(settled);
     add("4, fine step", "guide 2 settles first (to 0.1 um)", ms(settled), b < a && b < c, None);
     add(

@@ -1,26 +1,31 @@
 //! Friction over constant velocity, as the paper's Figure 3: one guide on the rig, both directions.
 //!
-//! For each speed: accelerate, let the bristles come to their steady deflection, then average the force cell while the
-//! velocity is constant. At constant velocity the cell reads the friction of the guide alone.
+//! For each speed: accelerate, let the bristles come to their steady deflection, then average the
+//! force cell while the velocity is constant. At constant velocity the cell reads the friction of
+//! the guide alone.
 
 use serde::Serialize;
 
 use friction_stage_core::control::Point;
 
 use super::specimen::{
-    LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, mean, moving, rest, within_motor,
+    LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, mean, moving, rest,
+    within_motor,
 };
 
 /// Speeds, m/s: 0.1 mm/s to 1 m/s, denser where the Stribeck effect falls.
 pub const SPEEDS: [f64; 17] = [
-    0.1e-3, 0.2e-3, 0.5e-3, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 7e-3, 10e-3, 15e-3, 20e-3, 50e-3, 100e-3, 200e-3, 500e-3, 1.0,
+    0.1e-3, 0.2e-3, 0.5e-3, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3, 7e-3, 10e-3, 15e-3, 20e-3, 50e-3, 100e-3,
+    200e-3, 500e-3, 1.0,
 ];
 
-/// Travel until the bristles are steady, in units of the longest break-away distance, Fs/sigma0 for one bristle: they approach it as exp(-travel), here to 3e-4.
+/// Travel until the bristles are steady, in units of the longest break-away distance, Fs/sigma0 for
+/// one bristle: they approach it as exp(-travel), here to 3e-4.
 const STEADY_TRAVEL: f64 = 8.0;
 /// Time for the servo to forget the acceleration, s: ten periods of its bandwidth.
 const SERVO_SETTLE: f64 = 10.0 / SERVO_BANDWIDTH;
-/// Time over which the force is averaged, s, but at least `MEASURED_TRAVEL`, and at most `LONGEST` s.
+/// Time over which the force is averaged, s, but at least `MEASURED_TRAVEL`, and at most `LONGEST`
+/// s.
 const MEASURE: f64 = 0.25;
 const MEASURED_TRAVEL: f64 = 0.1e-3;
 const LONGEST: f64 = 1.0;
@@ -43,7 +48,8 @@ pub struct StribeckCurve {
     /// Slope of |F| over |v| above 0.1 m/s, N s/m, and its level extrapolated to zero speed, N.
     pub viscous_slope: f64,
     pub viscous_level: f64,
-    /// Whether F(v) falls at low speed: the least force lies below the slow one by more than four standard errors and 2 %.
+    /// Whether F(v) falls at low speed: the least force lies below the slow one by more than four
+    /// standard errors and 2 %.
     pub falls: bool,
 }
 
@@ -81,7 +87,8 @@ pub fn stribeck(
             let settle = SERVO_SETTLE.max(STEADY_TRAVEL * break_away / speed);
             let measure = (MEASURED_TRAVEL / speed).clamp(MEASURE, LONGEST);
             // Whole samples, so that windows begin at samples.
-            let [accelerate, settle, measure] = [accelerate, settle, measure].map(|t: f64| (t * rate).ceil() / rate);
+            let [accelerate, settle, measure] =
+                [accelerate, settle, measure].map(|t: f64| (t * rate).ceil() / rate);
             let mut go = |after: f64, distance: f64, end_velocity: f64| {
                 time += after;
                 position += distance;
@@ -93,7 +100,10 @@ pub fn stribeck(
             let to = go(measure, velocity * measure, velocity);
             go(accelerate, 0.5 * velocity * accelerate, 0.0);
             go(0.05, 0.0, 0.0);
-            windows.push(Window { from: (from * rate).round() as u64, to: (to * rate).round() as u64 });
+            windows.push(Window {
+                from: (from * rate).round() as u64,
+                to: (to * rate).round() as u64,
+            });
         }
     }
     let last = (time * rate).ceil() as u64;
@@ -110,15 +120,22 @@ pub fn stribeck(
         }
     }
     within_motor("stribeck", specimen, &specimen.rig, &rows)?;
-    let mut points: Vec<StribeckPoint> =
-        windows.iter().map(|window| reduce(&rows[window.from as usize..=window.to as usize], rate)).collect();
+    let mut points: Vec<StribeckPoint> = windows
+        .iter()
+        .map(|window| reduce(&rows[window.from as usize..=window.to as usize], rate))
+        .collect();
     points.sort_by(|a, b| a.velocity.total_cmp(&b.velocity));
     let curve = summarise(specimen.name.clone(), points).ok_or_else(|| LabError::Signal {
         experiment: "stribeck",
         specimen: specimen.name.clone(),
         what: "needs at least two speeds above 0.1 m/s in both directions".to_owned(),
     })?;
-    let recording = Recording { name: "stribeck".to_owned(), model: specimen.rig.clone(), settings: *settings, rows };
+    let recording = Recording {
+        name: "stribeck".to_owned(),
+        model: specimen.rig.clone(),
+        settings: *settings,
+        rows,
+    };
     Ok((curve, recording))
 }
 
@@ -134,7 +151,8 @@ fn reduce(rows: &[Row], rate: f64) -> StribeckPoint {
 
 fn summarise(name: String, points: Vec<StribeckPoint>) -> Option<StribeckCurve> {
     let half = points.len() / 2;
-    // Speeds descend in the first half and ascend in the second: pair them from the middle outwards.
+    // Speeds descend in the first half and ascend in the second: pair them from the middle
+    // outwards.
     let pairs: Vec<(f64, Measured)> = (0..half)
         .map(|k| {
             let (back, forth) = (&points[half - 1 - k], &points[half + k]);
@@ -144,17 +162,22 @@ fn summarise(name: String, points: Vec<StribeckPoint>) -> Option<StribeckCurve> 
         })
         .collect();
     let slow_force = pairs.first()?.1;
-    let (least_force_speed, least_force) = pairs.iter().copied().min_by(|a, b| a.1.value.total_cmp(&b.1.value))?;
-    let line: Vec<(f64, f64)> =
-        pairs.iter().filter(|(v, _)| *v >= 0.99 * LINE_FROM).map(|(v, force)| (*v, force.value)).collect();
+    let (least_force_speed, least_force) =
+        pairs.iter().copied().min_by(|a, b| a.1.value.total_cmp(&b.1.value))?;
+    let line: Vec<(f64, f64)> = pairs
+        .iter()
+        .filter(|(v, _)| *v >= 0.99 * LINE_FROM)
+        .map(|(v, force)| (*v, force.value))
+        .collect();
     if line.len() < 2 {
         return None;
     }
     let count = line.len() as f64;
-    let (v, f) = line.iter().fold((0.0, 0.0), |(v, f), point| (v + point.0 / count, f + point.1 / count));
-    let (cross, square) = line
-        .iter()
-        .fold((0.0, 0.0), |(c, s), point| (c + (point.0 - v) * (point.1 - f), s + (point.0 - v) * (point.0 - v)));
+    let (v, f) =
+        line.iter().fold((0.0, 0.0), |(v, f), point| (v + point.0 / count, f + point.1 / count));
+    let (cross, square) = line.iter().fold((0.0, 0.0), |(c, s), point| {
+        (c + (point.0 - v) * (point.1 - f), s + (point.0 - v) * (point.0 - v))
+    });
     let viscous_slope = cross / square;
     let drop = slow_force.value - least_force.value;
     Some(StribeckCurve {
@@ -185,13 +208,24 @@ mod tests {
             for point in &curve.points {
                 let expected = guide.steady_force(point.velocity);
                 let tolerance = 5.0 * point.force.standard_error + 3e-4 * expected.abs();
-                assert!((point.force.value - expected).abs() < tolerance, "{name} {point:?}, expected {expected}");
+                assert!(
+                    (point.force.value - expected).abs() < tolerance,
+                    "{name} {point:?}, expected {expected}"
+                );
             }
             for (point, speed) in curve.points[SPEEDS.len()..].iter().zip(SPEEDS) {
                 assert!((point.velocity / speed - 1.0).abs() < 2e-3, "{name} {point:?} at {speed}");
             }
-            assert!((curve.viscous_slope - guide.viscous_friction).abs() < 0.05, "{name} {}", curve.viscous_slope);
-            assert!((curve.viscous_level - guide.coulomb_force).abs() < 0.02, "{name} {}", curve.viscous_level);
+            assert!(
+                (curve.viscous_slope - guide.viscous_friction).abs() < 0.05,
+                "{name} {}",
+                curve.viscous_slope
+            );
+            assert!(
+                (curve.viscous_level - guide.coulomb_force).abs() < 0.02,
+                "{name} {}",
+                curve.viscous_level
+            );
             assert_eq!(curve.falls, guide.static_force > guide.coulomb_force, "{name}");
         }
     }
@@ -199,17 +233,23 @@ mod tests {
     /// Parallel bristles share g(v): in steady motion their sum is that of one bristle.
     #[test]
     fn parallel_bristles_have_the_same_steady_friction() {
-        let (guide, effect) = friction_stage_core::model::Catalogue::builtin().distributed_bristles("guide_1").unwrap();
+        let (guide, effect) = friction_stage_core::model::Catalogue::builtin()
+            .distributed_bristles("guide_1")
+            .unwrap();
         let stage = friction_stage_core::model::StageModel {
             effects: vec![effect],
             ..friction_stage_core::model::StageModel::on_guides("guide_1")
         };
         let specimen = Specimen::of_model(&stage).unwrap().with_guide(guide.clone());
-        let (curve, _) = stribeck(&specimen, &Settings::default(), &[0.5e-3, 0.1, 0.5], &|| ()).unwrap();
+        let (curve, _) =
+            stribeck(&specimen, &Settings::default(), &[0.5e-3, 0.1, 0.5], &|| ()).unwrap();
         for point in &curve.points {
             let expected = guide.steady_force(point.velocity);
             let tolerance = 5.0 * point.force.standard_error + 1e-3 * expected.abs();
-            assert!((point.force.value - expected).abs() < tolerance, "{point:?}, expected {expected}");
+            assert!(
+                (point.force.value - expected).abs() < tolerance,
+                "{point:?}, expected {expected}"
+            );
         }
     }
 
@@ -218,6 +258,9 @@ mod tests {
         let mut specimen = Specimen::of_guide("guide_1").unwrap();
         specimen.rig.motor.force_limit = 20.0;
         let error = stribeck(&specimen, &Settings::default(), &[0.5, 1.0], &|| ()).unwrap_err();
-        assert!(error.to_string().contains("20 N") && error.to_string().contains("motor.force_limit"), "{error}");
+        assert!(
+            error.to_string().contains("20 N") && error.to_string().contains("motor.force_limit"),
+            "{error}"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! One variant of a stage: guides drawn from their tolerances, one run of the application's motion, what it reached.
+//! One variant of a stage: guides drawn from their tolerances, one run of the application's motion,
+//! what it reached.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -20,7 +21,8 @@ pub struct VariantResult {
     pub variant: u64,
     /// Largest |position error| over the moves, m.
     pub peak_error: f64,
-    /// Time from the arrival until the error stays within the band, s, the longest of the moves; `None`: not while watched.
+    /// Time from the arrival until the error stays within the band, s, the longest of the moves;
+    /// `None`: not while watched.
     pub settling_time: Option<f64>,
     /// The motor reached its limit.
     pub saturated: bool,
@@ -40,7 +42,8 @@ pub enum VariantError {
     Trajectory(#[from] TrajectoryError),
 }
 
-/// Everything of an application that its variants share: rates, controller, trajectory, times of the moves.
+/// Everything of an application that its variants share: rates, controller, trajectory, times of
+/// the moves.
 #[derive(Clone, Debug)]
 pub struct Experiment {
     application: Application,
@@ -51,14 +54,16 @@ pub struct Experiment {
     moves: Vec<Move>,
 }
 
-/// Seed of a variant: the first word of the ChaCha8 stream whose key is (seed, FNV-1a of the guide's name, variant).
+/// Seed of a variant: the first word of the ChaCha8 stream whose key is (seed, FNV-1a of the
+/// guide's name, variant).
 ///
-/// It depends on nothing else, so that neither the order of the variants nor other guides in the database change a result.
+/// It depends on nothing else, so that neither the order of the variants nor other guides in the
+/// database change a result.
 pub fn variant_seed(seed: u64, guide: &str, variant: u64) -> u64 {
     // Offset and prime of FNV-1a, 64 bit (Fowler, Noll, Vo; IETF draft-eastlake-fnv).
-    let name = guide
-        .bytes()
-        .fold(0xcbf2_9ce4_8422_2325u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3));
+    let name = guide.bytes().fold(0xcbf2_9ce4_8422_2325u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    });
     let mut key = [0; 32];
     for (place, word) in key.chunks_exact_mut(8).zip([seed, name, variant]) {
         place.copy_from_slice(&word.to_le_bytes());
@@ -67,7 +72,8 @@ pub fn variant_seed(seed: u64, guide: &str, variant: u64) -> u64 {
 }
 
 impl Experiment {
-    /// The step is that of [`Rates::DEFAULT`], or the next smaller one that divides the controller's period.
+    /// The step is that of [`Rates::DEFAULT`], or the next smaller one that divides the
+    /// controller's period.
     pub fn new(application: &Application) -> Result<Experiment, VariantError> {
         let control = application.controller.rate;
         let rates = Rates::new(control, control * (Rates::DEFAULT.physics() / control).ceil())?;
@@ -84,13 +90,24 @@ impl Experiment {
         if motion.and_return {
             path.travel(MoveKind::Application, -motion.distance, motion.duration, motion.settle);
         }
-        let moves = path.moves.iter().filter(|the_move| the_move.kind == MoveKind::Application).copied().collect();
+        let moves = path
+            .moves
+            .iter()
+            .filter(|the_move| the_move.kind == MoveKind::Application)
+            .copied()
+            .collect();
         let trajectory = Trajectory::new(0, path.points)?;
         Ok(Experiment { application: application.clone(), rates, settings, trajectory, moves })
     }
 
     /// Runs variant number `variant` of a guide with these nominal parameters.
-    pub fn run(&self, name: &str, nominal: &Guide, seed: u64, variant: u64) -> Result<VariantResult, VariantError> {
+    pub fn run(
+        &self,
+        name: &str,
+        nominal: &Guide,
+        seed: u64,
+        variant: u64,
+    ) -> Result<VariantResult, VariantError> {
         let mut random = ChaCha8Rng::seed_from_u64(variant_seed(seed, name, variant));
         let noise_seed = random.next_u64();
         let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
@@ -101,11 +118,22 @@ impl Experiment {
             guides[1..].fill_with(|| tolerances.draw(nominal, &mut normal));
         }
         let guide = mean(&guides);
-        let stage = Stage::new(&self.application.stage(guides), self.rates, noise_seed)
-            .map_err(|source| VariantError::Model { guide: name.to_owned(), variant, source: Box::new(source) })?;
+        let stage = Stage::new(&self.application.stage(guides), self.rates, noise_seed).map_err(
+            |source| VariantError::Model {
+                guide: name.to_owned(),
+                variant,
+                source: Box::new(source),
+            },
+        )?;
         let controller = Controller::new(self.settings.clone())?;
         let mut closed_loop = ClosedLoop::new(stage, controller, self.trajectory.clone());
-        let mut result = VariantResult { variant, peak_error: 0.0, settling_time: Some(0.0), saturated: false, guide };
+        let mut result = VariantResult {
+            variant,
+            peak_error: 0.0,
+            settling_time: Some(0.0),
+            saturated: false,
+            guide,
+        };
         let band = self.application.requirement.settling_band;
         for &Move { start, arrival, end, .. } in &self.moves {
             let mut outside = false;
@@ -157,7 +185,11 @@ mod tests {
     use friction_stage_core::model::Catalogue;
 
     fn fine() -> Application {
-        Application::from_yaml(include_str!("../../../launch_config/application_fine_step_clean.yaml"), "fine").unwrap()
+        Application::from_yaml(
+            include_str!("../../../launch_config/application_fine_step_clean.yaml"),
+            "fine",
+        )
+        .unwrap()
     }
 
     #[test]
@@ -196,7 +228,10 @@ mod tests {
         assert_eq!(SETTLING_BANDS[1], application.requirement.settling_band);
         assert_eq!(found.peak_error, expected.peak_error);
         assert_eq!(found.settling_time, expected.settling[1]);
-        assert!(found.settling_time.is_some_and(|time| time > 0.01) && !found.saturated, "{found:?}");
+        assert!(
+            found.settling_time.is_some_and(|time| time > 0.01) && !found.saturated,
+            "{found:?}"
+        );
     }
 
     #[test]

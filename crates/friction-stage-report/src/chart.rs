@@ -58,7 +58,11 @@ type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 impl Chart {
-    pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Chart {
+    pub fn new(
+        title: impl Into<String>,
+        x_label: impl Into<String>,
+        y_label: impl Into<String>,
+    ) -> Chart {
         Chart {
             title: title.into(),
             x_label: x_label.into(),
@@ -81,10 +85,16 @@ impl Chart {
         style: Style,
         points: impl IntoIterator<Item = (f64, f64)>,
     ) {
-        self.series.push(Series { name: name.into(), points: points.into_iter().collect(), style, colour });
+        self.series.push(Series {
+            name: name.into(),
+            points: points.into_iter().collect(),
+            style,
+            colour,
+        });
     }
 
-    /// The figure as an SVG document. Points that are not finite, or not positive on a logarithmic axis, are left out.
+    /// The figure as an SVG document. Points that are not finite, or not positive on a logarithmic
+    /// axis, are left out.
     pub fn svg(&self) -> Result<String, FigureError> {
         let failed = |error: DrawingAreaErrorKind<std::io::Error>| FigureError {
             title: self.title.clone(),
@@ -113,9 +123,15 @@ impl Chart {
     }
 
     fn range(&self, part: fn(&(f64, f64)) -> f64, log: bool) -> std::ops::Range<f64> {
-        let points = self.series.iter().flat_map(|series| &series.points).filter(|point| self.shown(point)).map(part);
-        let (low, high) =
-            points.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        let points = self
+            .series
+            .iter()
+            .flat_map(|series| &series.points)
+            .filter(|point| self.shown(point))
+            .map(part);
+        let (low, high) = points.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+            (low.min(value), high.max(value))
+        });
         match low.partial_cmp(&high) {
             Some(std::cmp::Ordering::Less) if log => {
                 let margin = (high / low).powf(0.04);
@@ -157,7 +173,8 @@ impl Chart {
             .draw()?;
         for series in &self.series {
             let colour = COLOURS[series.colour % COLOURS.len()];
-            let points: Vec<(f64, f64)> = series.points.iter().copied().filter(|point| self.shown(point)).collect();
+            let points: Vec<(f64, f64)> =
+                series.points.iter().copied().filter(|point| self.shown(point)).collect();
             let every = points.len().div_ceil(MOST).max(1);
             let points: Vec<(f64, f64)> = points.into_iter().step_by(every).collect();
             match series.style {
@@ -165,24 +182,40 @@ impl Chart {
                     chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?;
                 }
                 Style::Dashed => {
-                    chart.draw_series(DashedLineSeries::new(points, 5, 4, colour.stroke_width(1)))?;
+                    chart.draw_series(DashedLineSeries::new(
+                        points,
+                        5,
+                        4,
+                        colour.stroke_width(1),
+                    ))?;
                 }
                 Style::Marks => {
-                    chart.draw_series(points.into_iter().map(|point| Circle::new(point, 3, colour.filled())))?;
+                    chart.draw_series(
+                        points.into_iter().map(|point| Circle::new(point, 3, colour.filled())),
+                    )?;
                 }
                 Style::Both => {
-                    chart.draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)))?;
-                    chart.draw_series(points.into_iter().map(|point| Circle::new(point, 3, colour.filled())))?;
+                    chart.draw_series(LineSeries::new(
+                        points.iter().copied(),
+                        colour.stroke_width(2),
+                    ))?;
+                    chart.draw_series(
+                        points.into_iter().map(|point| Circle::new(point, 3, colour.filled())),
+                    )?;
                 }
             }
         }
-        let style = ("sans-serif", 13).into_text_style(area).pos(Pos::new(HPos::Left, VPos::Center));
+        let style =
+            ("sans-serif", 13).into_text_style(area).pos(Pos::new(HPos::Left, VPos::Center));
         let left = (SIZE.0 - LEGEND) as i32 + 12;
-        for (index, series) in self.series.iter().filter(|series| !series.name.is_empty()).enumerate() {
+        for (index, series) in
+            self.series.iter().filter(|series| !series.name.is_empty()).enumerate()
+        {
             let y = 56 + 20 * index as i32;
             let colour = COLOURS[series.colour % COLOURS.len()];
             match series.style {
-                Style::Line => area.draw(&PathElement::new([(left, y), (left + 22, y)], colour.stroke_width(2)))?,
+                Style::Line => area
+                    .draw(&PathElement::new([(left, y), (left + 22, y)], colour.stroke_width(2)))?,
                 Style::Dashed => {
                     for dash in [0, 9, 18] {
                         let x = left + dash;
@@ -191,7 +224,10 @@ impl Chart {
                 }
                 Style::Marks => area.draw(&Circle::new((left + 11, y), 3, colour.filled()))?,
                 Style::Both => {
-                    area.draw(&PathElement::new([(left, y), (left + 22, y)], colour.stroke_width(2)))?;
+                    area.draw(&PathElement::new(
+                        [(left, y), (left + 22, y)],
+                        colour.stroke_width(2),
+                    ))?;
                     area.draw(&Circle::new((left + 11, y), 3, colour.filled()))?;
                 }
             }
@@ -221,9 +257,16 @@ mod tests {
     fn every_kind_of_axis_and_style_is_drawn() {
         for (x, y) in [(false, false), (true, false), (false, true), (true, true)] {
             let mut chart = Chart::new("stiffness <1>", "amplitude, um", "N/m").logarithmic(x, y);
-            for (colour, style) in [Style::Line, Style::Dashed, Style::Marks, Style::Both].into_iter().enumerate() {
+            for (colour, style) in
+                [Style::Line, Style::Dashed, Style::Marks, Style::Both].into_iter().enumerate()
+            {
                 let curve = (0..5000).map(|k| (k as f64 * 0.01 - 1.0, (k as f64 * 0.01).powi(2)));
-                chart.add(format!("series {colour}"), colour, style, curve.chain([(f64::NAN, 1.0)]));
+                chart.add(
+                    format!("series {colour}"),
+                    colour,
+                    style,
+                    curve.chain([(f64::NAN, 1.0)]),
+                );
             }
             let text = chart.svg().unwrap();
             for words in ["stiffness &lt;1&gt;", "amplitude, um", "series 3", "#009E73"] {
@@ -236,6 +279,9 @@ mod tests {
 
     #[test]
     fn axis_numbers_are_short() {
-        assert_eq!([0.0, 0.5, 1e-8, 2.5e5, 1000.0].map(number), ["0", "0.5", "1e-8", "2.5e5", "1000"]);
+        assert_eq!(
+            [0.0, 0.5, 1e-8, 2.5e5, 1000.0].map(number),
+            ["0", "0.5", "1e-8", "2.5e5", "1000"]
+        );
     }
 }

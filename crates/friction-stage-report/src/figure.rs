@@ -45,7 +45,8 @@ pub fn svg(title: &str, panels: &[Panel]) -> Result<String, FigureError> {
     {
         let root = SVGBackend::with_string(&mut text, (PANEL.0, height)).into_drawing_area();
         root.fill(&WHITE).map_err(|error| failed(error.to_string()))?;
-        let root = root.titled(title, ("sans-serif", 20)).map_err(|error| failed(error.to_string()))?;
+        let root =
+            root.titled(title, ("sans-serif", 20)).map_err(|error| failed(error.to_string()))?;
         for (panel, area) in panels.iter().zip(root.split_evenly((panels.len().max(1), 1))) {
             draw(panel, &area).map_err(|error| failed(error.to_string()))?;
         }
@@ -57,11 +58,18 @@ pub fn svg(title: &str, panels: &[Panel]) -> Result<String, FigureError> {
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 fn draw(panel: &Panel, area: &Area) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
-    let points = || panel.curves.iter().flat_map(|curve| &curve.points).filter(|(x, y)| x.is_finite() && y.is_finite());
+    let points = || {
+        panel
+            .curves
+            .iter()
+            .flat_map(|curve| &curve.points)
+            .filter(|(x, y)| x.is_finite() && y.is_finite())
+    };
     let range = |part: fn(&(f64, f64)) -> f64| {
-        let (low, high) = points()
-            .map(part)
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        let (low, high) =
+            points().map(part).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+                (low.min(value), high.max(value))
+            });
         match low.partial_cmp(&high) {
             Some(std::cmp::Ordering::Less) => (low, high),
             Some(std::cmp::Ordering::Equal) => (low - 1.0, high + 1.0),
@@ -94,15 +102,19 @@ fn draw(panel: &Panel, area: &Area) -> Result<(), DrawingAreaErrorKind<std::io::
         let (low, high) = reference
             .points
             .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (_, y)| (low.min(*y), high.max(*y)));
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), (_, y)| {
+                (low.min(*y), high.max(*y))
+            });
         let scale = if high > low { (y_high - y_low) / (high - low) } else { 0.0 };
-        let scaled = thin(&reference.points).into_iter().map(|(x, y)| (x, y_low + (y - low) * scale));
+        let scaled =
+            thin(&reference.points).into_iter().map(|(x, y)| (x, y_low + (y - low) * scale));
         chart.draw_series(DashedLineSeries::new(scaled, 6, 4, BLACK.stroke_width(1)))?;
     }
     for (curve, colour) in panel.curves.iter().zip(COLOURS.iter().cycle()) {
         chart.draw_series(LineSeries::new(thin(&curve.points), colour.stroke_width(2)))?;
     }
-    // A legend of our own: the library's cannot sit beside a dashed line without a box over the curves.
+    // A legend of our own: the library's cannot sit beside a dashed line without a box over the
+    // curves.
     let (width, height) = area.dim_in_pixel();
     let style = ("sans-serif", 13).into_text_style(area).pos(Pos::new(HPos::Right, VPos::Center));
     for (index, (curve, colour)) in panel.curves.iter().zip(COLOURS.iter().cycle()).enumerate() {
@@ -135,8 +147,9 @@ mod tests {
 
     #[test]
     fn a_figure_holds_its_titles_its_curves_and_its_legend() {
-        let wave =
-            |phase: f64| (0..5000).map(|k| (k as f64 * 0.1, (k as f64 * 0.01 + phase).sin())).collect::<Vec<_>>();
+        let wave = |phase: f64| {
+            (0..5000).map(|k| (k as f64 * 0.1, (k as f64 * 0.01 + phase).sin())).collect::<Vec<_>>()
+        };
         let panel = Panel {
             title: "error".into(),
             x_label: "time, ms".into(),
@@ -148,7 +161,9 @@ mod tests {
             reference: Some(Curve { name: "reference".into(), points: wave(2.0) }),
         };
         let text = svg("Fast move", &[panel]).unwrap();
-        for words in ["<svg", "Fast move", "error", "time, ms", "guide 1", "guide 2", "#0072B2", "#D55E00"] {
+        for words in
+            ["<svg", "Fast move", "error", "time, ms", "guide 1", "guide 2", "#0072B2", "#D55E00"]
+        {
             assert!(text.contains(words), "no {words}");
         }
         assert!(text.len() < 400_000, "{} bytes", text.len());

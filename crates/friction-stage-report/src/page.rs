@@ -1,6 +1,8 @@
-//! One self-contained HTML page: headings, texts, tables, figures, notes. No script, no network, light, printable.
+//! One self-contained HTML page: headings, texts, tables, figures, notes. No script, no network,
+//! light, printable.
 //!
-//! What comes in is plain text, which is escaped here, and SVG from [`super::figure`]; what goes out is the whole document.
+//! What comes in is plain text, which is escaped here, and SVG from [`super::figure`]; what goes
+//! out is the whole document.
 
 use std::fmt::Write as _;
 
@@ -28,7 +30,8 @@ pub struct Page {
     figures: usize,
 }
 
-/// How good something is; shown as a coloured badge with a word or at the side of a note, never by colour alone.
+/// How good something is; shown as a coloured badge with a word or at the side of a note, never by
+/// colour alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
     Good,
@@ -87,7 +90,11 @@ impl Cell {
 
     /// A number with so many digits behind the point; a dash where it is not finite.
     pub fn number(value: f64, digits: usize) -> Cell {
-        Cell::Text(if value.is_finite() { format!("{value:.digits$}") } else { "\u{2013}".to_owned() })
+        Cell::Text(if value.is_finite() {
+            format!("{value:.digits$}")
+        } else {
+            "\u{2013}".to_owned()
+        })
     }
 
     /// A number that may be absent: then a dash.
@@ -107,7 +114,9 @@ impl Cell {
         match self {
             Cell::Text(text) => escaped(text),
             Cell::Code(text) => format!("<code>{}</code>", escaped(text)),
-            Cell::Badge(mark, text) => format!("<span class=\"badge {}\">{}</span>", mark.class(), escaped(text)),
+            Cell::Badge(mark, text) => {
+                format!("<span class=\"badge {}\">{}</span>", mark.class(), escaped(text))
+            }
         }
     }
 }
@@ -139,7 +148,13 @@ impl Table {
 
 impl Page {
     pub fn new(title: impl Into<String>, subtitle: impl Into<String>) -> Page {
-        Page { title: title.into(), subtitle: subtitle.into(), body: String::new(), sections: Vec::new(), figures: 0 }
+        Page {
+            title: title.into(),
+            subtitle: subtitle.into(),
+            body: String::new(),
+            sections: Vec::new(),
+            figures: 0,
+        }
     }
 
     /// Begins a section; it stands in the list of contents.
@@ -180,7 +195,11 @@ impl Page {
     pub fn facts<N: AsRef<str>, V: AsRef<str>>(&mut self, facts: impl IntoIterator<Item = (N, V)>) {
         self.body.push_str("<dl>\n");
         for (name, value) in facts {
-            self.add(format_args!("<dt>{}</dt><dd>{}</dd>\n", escaped(name.as_ref()), escaped(value.as_ref())));
+            self.add(format_args!(
+                "<dt>{}</dt><dd>{}</dd>\n",
+                escaped(name.as_ref()),
+                escaped(value.as_ref())
+            ));
         }
         self.body.push_str("</dl>\n");
     }
@@ -190,7 +209,8 @@ impl Page {
         self.body.push_str("<div class=\"tiles\">\n");
         for tile in tiles {
             self.add(format_args!(
-                "<div class=\"tile {}\"><span class=\"name\">{}</span><span class=\"value\">{}</span><span class=\"detail\">{}</span></div>\n",
+                "<div class=\"tile {}\"><span class=\"name\">{}</span><span \
+                 class=\"value\">{}</span><span class=\"detail\">{}</span></div>\n",
                 tile.mark.class(),
                 escaped(&tile.name),
                 escaped(&tile.value),
@@ -222,14 +242,16 @@ impl Page {
         self.body.push_str("</tbody>\n</table></div>\n");
     }
 
-    /// A figure with a numbered caption. `svg` is a whole SVG document of this program and goes in as it is.
+    /// A figure with a numbered caption. `svg` is a whole SVG document of this program and goes in
+    /// as it is.
     pub fn figure(&mut self, svg: &str, caption: &str) {
         self.figures += 1;
         let number = self.figures;
         // A declaration or doctype in front of the element has no place inside HTML.
         let element = svg.find("<svg").map_or(svg, |start| &svg[start..]);
         self.add(format_args!(
-            "<figure role=\"img\" aria-label=\"{}\">\n{element}\n<figcaption><b>Figure {number}.</b> {}</figcaption>\n</figure>\n",
+            "<figure role=\"img\" aria-label=\"{}\">\n{element}\n<figcaption><b>Figure \
+             {number}.</b> {}</figcaption>\n</figure>\n",
             escaped(caption),
             escaped(caption)
         ));
@@ -240,8 +262,10 @@ impl Page {
         let title = escaped(&self.title);
         let mut text = format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{title}</title>\n\
-             <style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n<header>\n<h1>{title}</h1>\n<p>{}</p>\n</header>\n",
+             <meta name=\"viewport\" content=\"width=device-width, \
+             initial-scale=1\">\n<title>{title}</title>\n\
+             <style>\n{STYLE}</style>\n</head>\n\
+             <body>\n<main>\n<header>\n<h1>{title}</h1>\n<p>{}</p>\n</header>\n",
             escaped(&self.subtitle)
         );
         if self.sections.len() > 1 {
@@ -278,56 +302,7 @@ pub fn escaped(text: &str) -> String {
 }
 
 /// Colours with a contrast of at least 4.5 on their ground.
-const STYLE: &str = "\
-:root { --ink: #1d2530; --soft: #5a6675; --line: #dde2e8; --ground: #f6f7f9; --link: #0b5cad;
-  --good: #0b6b3a; --good-ground: #e3f4ea; --warning: #7a4d00; --warning-ground: #fdf1d8;
-  --bad: #a11d1d; --bad-ground: #fbe5e5; --neutral: #414c5a; --neutral-ground: #e9edf2; }
-* { box-sizing: border-box; }
-body { margin: 0; background: var(--ground); color: var(--ink);
-  font: 15px/1.55 system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif; }
-main { max-width: 1020px; margin: 0 auto; padding: 32px 40px 64px; background: #fff; min-height: 100vh;
-  border-left: 1px solid var(--line); border-right: 1px solid var(--line); }
-h1 { font-size: 28px; line-height: 1.2; margin: 0 0 6px; letter-spacing: -0.01em; }
-header p { margin: 0 0 18px; color: var(--soft); }
-h2 { font-size: 20px; margin: 44px 0 10px; padding-top: 14px; border-top: 2px solid var(--ink); }
-h3 { font-size: 16px; margin: 26px 0 6px; }
-p, ul { max-width: 78ch; }
-a { color: var(--link); }
-nav { display: flex; flex-wrap: wrap; gap: 6px 18px; padding: 10px 0; border-top: 1px solid var(--line);
-  border-bottom: 1px solid var(--line); font-size: 14px; }
-nav a { text-decoration: none; }
-nav a:hover { text-decoration: underline; }
-code, pre { font: 13px/1.45 ui-monospace, SFMono-Regular, Menlo, Consolas, 'DejaVu Sans Mono', monospace; }
-pre { background: var(--ground); border: 1px solid var(--line); border-radius: 6px; padding: 12px 14px; overflow-x: auto; }
-.table { overflow-x: auto; margin: 14px 0; }
-table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
-caption { caption-side: top; text-align: left; color: var(--soft); padding-bottom: 6px; }
-th, td { padding: 6px 14px 6px 0; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line); }
-th { font-weight: 600; color: var(--soft); border-bottom: 2px solid var(--line); vertical-align: bottom; }
-th.right, td.right { text-align: right; padding: 6px 10px; }
-td.right { white-space: nowrap; }
-.badge { display: inline-block; padding: 0 9px; border-radius: 10px; font-size: 13px; font-weight: 600; white-space: nowrap; }
-.note { padding: 10px 14px; border-left: 4px solid; border-radius: 0 6px 6px 0; max-width: none; }
-.badge.good, .note.good { color: var(--good); background: var(--good-ground); }
-.badge.warning, .note.warning { color: var(--warning); background: var(--warning-ground); }
-.badge.bad, .note.bad { color: var(--bad); background: var(--bad-ground); }
-.badge.neutral, .note.neutral { color: var(--neutral); background: var(--neutral-ground); }
-.tiles { display: flex; flex-wrap: wrap; gap: 12px; margin: 18px 0; }
-.tile { flex: 1 1 160px; padding: 12px 16px; border: 1px solid var(--line); border-top: 4px solid; border-radius: 6px; }
-.tile span { display: block; color: var(--soft); font-size: 13px; }
-.tile .value { color: var(--ink); font-size: 24px; font-weight: 600; line-height: 1.3; font-variant-numeric: tabular-nums; }
-.tile.good { border-top-color: var(--good); } .tile.warning { border-top-color: #c98300; }
-.tile.bad { border-top-color: var(--bad); } .tile.neutral { border-top-color: #9aa6b4; }
-dl { display: grid; grid-template-columns: max-content 1fr; gap: 3px 18px; font-size: 14px; margin: 14px 0; }
-dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
-figure { margin: 18px 0 24px; }
-figure svg { display: block; max-width: 100%; height: auto; }
-figcaption { color: var(--soft); font-size: 13.5px; max-width: 88ch; margin-top: 4px; }
-@media (max-width: 700px) { main { padding: 20px 16px 40px; border: 0; } }
-@media print { body { background: #fff; font-size: 11pt; } main { max-width: none; padding: 0; border: 0; } nav { display: none; }
-  figure, tr, .tile, .note { break-inside: avoid; } h2, h3 { break-after: avoid; } .table { overflow: visible; }
-  .badge, .note { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
-";
+const STYLE: &str = include_str!("page.css");
 
 #[cfg(test)]
 mod tests {
@@ -345,15 +320,27 @@ mod tests {
         page.list([evil]);
         page.facts([(evil, evil)]);
         page.figure("<?xml version=\"1.0\"?><svg></svg>", evil);
-        page.tiles(&[Tile { name: evil.into(), value: evil.into(), detail: evil.into(), mark: Mark::Neutral }]);
+        page.tiles(&[Tile {
+            name: evil.into(),
+            value: evil.into(),
+            detail: evil.into(),
+            mark: Mark::Neutral,
+        }]);
         let mut table = Table::new(&[(evil, Align::Left), ("n", Align::Right)]).captioned(evil);
         table.row([Cell::text(evil), Cell::code(evil), Cell::text("beyond the last column")]);
         table.row([Cell::badge(Mark::Good, evil)]);
         page.table(&table);
         let text = page.finish();
-        assert!(!text.contains("<script") && !text.contains('\u{7}') && !text.contains("<?xml"), "{text}");
+        assert!(
+            !text.contains("<script") && !text.contains('\u{7}') && !text.contains("<?xml"),
+            "{text}"
+        );
         assert!(!text.contains("beyond the last column"));
-        assert_eq!(text.matches("&lt;script&gt;alert(&#39;1&#39;)&lt;/script&gt; &amp; &quot;x&quot;").count(), 21);
+        assert_eq!(
+            text.matches("&lt;script&gt;alert(&#39;1&#39;)&lt;/script&gt; &amp; &quot;x&quot;")
+                .count(),
+            21
+        );
     }
 
     #[test]
@@ -366,7 +353,10 @@ mod tests {
         for word in ["src=", "url(", "@import", "<link", "<script", "https://"] {
             assert!(!text.contains(word), "{word}");
         }
-        assert!(text.contains("<a href=\"#section-2\">two</a>") && text.contains("<h2 id=\"section-2\">two</h2>"));
+        assert!(
+            text.contains("<a href=\"#section-2\">two</a>")
+                && text.contains("<h2 id=\"section-2\">two</h2>")
+        );
         assert!(text.contains("Figure 1."));
     }
 

@@ -11,7 +11,11 @@ use friction_stage_lab::Recording;
 const DEPTH: u32 = 10;
 
 /// Writes the topics that the nodes would have recorded; stamps count from the start of the run.
-pub(super) fn write_bag(directory: &Path, recording: &Recording, experiment: &str) -> anyhow::Result<()> {
+pub(super) fn write_bag(
+    directory: &Path,
+    recording: &Recording,
+    experiment: &str,
+) -> anyhow::Result<()> {
     let rates = recording.settings.rates;
     let provenance = Provenance {
         model_yaml: recording.model.to_yaml()?,
@@ -22,14 +26,18 @@ pub(super) fn write_bag(directory: &Path, recording: &Recording, experiment: &st
             .map(|(key, value)| (key.to_owned(), value.to_string()))
             .into(),
     };
-    let mut bag = BagWriter::create(directory, &BagOptions { provenance: Some(provenance), ..BagOptions::default() })?;
+    let mut bag = BagWriter::create(
+        directory,
+        &BagOptions { provenance: Some(provenance), ..BagOptions::default() },
+    )?;
     let qos = OfferedQos::reliable(DEPTH);
     let encoder = bag.add_topic::<JointState>(topics::ENCODER, &qos)?;
     let cell = bag.add_topic::<WrenchStamped>(topics::FORCE_CELL, &qos)?;
     let force = bag.add_topic::<WrenchStamped>(topics::FORCE, &qos)?;
     let controlled = recording.rows.first().is_some_and(|row| row.terms.is_some());
-    let controller =
-        controlled.then(|| bag.add_topic::<ControllerState>(topics::CONTROLLER_STATE, &qos)).transpose()?;
+    let controller = controlled
+        .then(|| bag.add_topic::<ControllerState>(topics::CONTROLLER_STATE, &qos))
+        .transpose()?;
     for row in &recording.rows {
         let sample = &row.sample;
         let header = Header::new(sample.time, topics::JOINT);

@@ -25,7 +25,8 @@ impl<'a> Report<'a> {
             name => format!("Experiment: {name}"),
         };
         let subtitle = format!(
-            "friction-stage {} \u{b7} {} \u{b7} seed {} \u{b7} measured signals: encoder and force cell, with their noise",
+            "friction-stage {} \u{b7} {} \u{b7} seed {} \u{b7} measured signals: encoder and force \
+             cell, with their noise",
             summary.version,
             summary.guides.join(", "),
             summary.seed
@@ -48,7 +49,11 @@ impl<'a> Report<'a> {
             ("program", format!("friction-stage {}", self.summary.version)),
             ("guides", self.summary.guides.join(", ")),
             ("seed of the sensor noise", self.summary.seed.to_string()),
-            ("bags", "bags/: each holds its model, seed and rates; friction-stage replay BAG repeats it".to_owned()),
+            (
+                "bags",
+                "bags/: each holds its model, seed and rates; friction-stage replay BAG repeats it"
+                    .to_owned(),
+            ),
             ("numbers", "summary.json".to_owned()),
         ]);
         for warning in self.summary.warnings {
@@ -56,7 +61,8 @@ impl<'a> Report<'a> {
         }
         let page = std::mem::replace(&mut self.page, Page::new("", ""));
         let path = self.directory.join("report.html");
-        std::fs::write(&path, page.finish()).with_context(|| format!("cannot write {}", path.display()))
+        std::fs::write(&path, page.finish())
+            .with_context(|| format!("cannot write {}", path.display()))
     }
 
     fn figure(&mut self, name: &str, chart: &Chart, caption: &str) -> anyhow::Result<()> {
@@ -76,7 +82,9 @@ impl<'a> Report<'a> {
         let mark = if holding == statements.len() { Mark::Good } else { Mark::Warning };
         let fit = self.summary.stiffness_of_guide_1;
         let worst = |of: fn(&friction_stage_lab::StiffnessError) -> f64| {
-            fit.map_or(f64::NAN, |fit| fit.errors.iter().map(|row| of(row).abs()).fold(0.0, f64::max))
+            fit.map_or(f64::NAN, |fit| {
+                fit.errors.iter().map(|row| of(row).abs()).fold(0.0, f64::max)
+            })
         };
         let best = fit.map_or(f64::NAN, |_| 100.0 * worst(|row| row.best_single));
         let after = 100.0 * worst(|row| row.distributed);
@@ -101,10 +109,18 @@ impl<'a> Report<'a> {
             },
         ]);
         self.page.section("Statements");
-        let mut table =
-            Table::new(&[("section", Left), ("the paper says", Left), ("the stage shows", Left), ("holds", Left)]);
+        let mut table = Table::new(&[
+            ("section", Left),
+            ("the paper says", Left),
+            ("the stage shows", Left),
+            ("holds", Left),
+        ]);
         for statement in statements {
-            let badge = if statement.holds { Cell::badge(Mark::Good, "yes") } else { Cell::badge(Mark::Bad, "no") };
+            let badge = if statement.holds {
+                Cell::badge(Mark::Good, "yes")
+            } else {
+                Cell::badge(Mark::Bad, "no")
+            };
             table.row([
                 Cell::text(statement.section),
                 Cell::text(statement.paper),
@@ -115,7 +131,8 @@ impl<'a> Report<'a> {
         self.page.table(&table);
         for statement in statements {
             if let Some(reason) = statement.reason {
-                self.page.note(Mark::Warning, &format!("\u{201c}{}\u{201d}: {reason}", statement.paper));
+                self.page
+                    .note(Mark::Warning, &format!("\u{201c}{}\u{201d}: {reason}", statement.paper));
             }
         }
     }
@@ -124,8 +141,9 @@ impl<'a> Report<'a> {
         let Some(fit) = self.summary.stiffness_of_guide_1 else { return Ok(()) };
         self.page.section("Three stiffnesses and one bristle");
         self.page.text(
-            "The paper states three effective stiffnesses of guide 1. A single LuGre bristle has k = Fs tanh(\u{3c3}0 A/Fs)/A, so \
-             two of them fix the third. Three bristles in parallel that slip one after another meet all three.",
+            "The paper states three effective stiffnesses of guide 1. A single LuGre bristle has k \
+             = Fs tanh(\u{3c3}0 A/Fs)/A, so two of them fix the third. Three bristles in parallel \
+             that slip one after another meet all three.",
         );
         let mut table = Table::new(&[
             ("amplitude", Left),
@@ -145,18 +163,29 @@ impl<'a> Report<'a> {
             ]);
         }
         self.page.table(&table);
-        let mut chart = Chart::new("Effective stiffness of guide 1", "amplitude, um", "N/m").logarithmic(true, true);
+        let mut chart = Chart::new("Effective stiffness of guide 1", "amplitude, um", "N/m")
+            .logarithmic(true, true);
         let results = self.summary.results;
         for (colour, (name, label)) in
             [("guide 1", "lugre"), ("guide 1 distributed", "distributed")].into_iter().enumerate()
         {
             if let Some(curves) = results.dahl.iter().find(|curves| curves.name == name) {
-                let points = curves.loops.iter().map(|found| (1e6 * found.amplitude, found.stiffness.value));
+                let points =
+                    curves.loops.iter().map(|found| (1e6 * found.amplitude, found.stiffness.value));
                 chart.add(label, colour, Style::Both, points);
             }
         }
-        chart.add("the paper", 3, Style::Marks, fit.errors.iter().map(|row| (1e6 * row.amplitude, row.stated)));
-        self.figure("stiffness_of_guide_1", &chart, "The paper's own numbers beside one bristle and three.")
+        chart.add(
+            "the paper",
+            3,
+            Style::Marks,
+            fit.errors.iter().map(|row| (1e6 * row.amplitude, row.stated)),
+        );
+        self.figure(
+            "stiffness_of_guide_1",
+            &chart,
+            "The paper's own numbers beside one bristle and three.",
+        )
     }
 
     fn stribeck(&mut self, specimens: &[Specimen]) -> anyhow::Result<()> {
@@ -166,12 +195,17 @@ impl<'a> Report<'a> {
         }
         self.page.section("Stribeck curve");
         self.page.text(
-            "One guide on the rig at constant velocity, after the bristles have become steady. Marks are means of the force \
-             cell in both directions; dashed lines are the closed form F(v) = g(v) sign(v) + \u{3c3}2 v of the model.",
+            "One guide on the rig at constant velocity, after the bristles have become steady. \
+             Marks are means of the force cell in both directions; dashed lines are the closed \
+             form F(v) = g(v) sign(v) + \u{3c3}2 v of the model.",
         );
         let mut whole = Chart::new("Friction over velocity", "velocity, m/s", "friction, N");
-        let mut slow = Chart::new("Friction over speed, mean of both directions", "speed, mm/s", "friction, N")
-            .logarithmic(true, false);
+        let mut slow = Chart::new(
+            "Friction over speed, mean of both directions",
+            "speed, mm/s",
+            "friction, N",
+        )
+        .logarithmic(true, false);
         let mut table = Table::new(&[
             ("guide", Left),
             ("at 0.1 mm/s, N", Right),
@@ -182,17 +216,30 @@ impl<'a> Report<'a> {
             ("F(v)", Left),
         ]);
         for (colour, curve) in curves.iter().enumerate() {
-            whole.add(&curve.name, colour, Style::Both, curve.points.iter().map(|p| (p.velocity, p.force.value)));
+            whole.add(
+                &curve.name,
+                colour,
+                Style::Both,
+                curve.points.iter().map(|p| (p.velocity, p.force.value)),
+            );
             let half = curve.points.len() / 2;
             let pairs = (0..half).map(|k| {
                 let (back, forth) = (curve.points[half - 1 - k], curve.points[half + k]);
-                (500.0 * (forth.velocity - back.velocity), 0.5 * (forth.force.value - back.force.value))
+                (
+                    500.0 * (forth.velocity - back.velocity),
+                    0.5 * (forth.force.value - back.force.value),
+                )
             });
             slow.add(&curve.name, colour, Style::Marks, pairs);
             if let Some(of) = specimens.iter().find(|of| of.name == curve.name) {
                 let guide = of.guide()?;
                 let speeds = (0..200).map(|k| 1e-4 * 10f64.powf(4.0 * f64::from(k) / 199.0));
-                slow.add("", colour, Style::Dashed, speeds.map(|v| (1e3 * v, guide.steady_force(v))));
+                slow.add(
+                    "",
+                    colour,
+                    Style::Dashed,
+                    speeds.map(|v| (1e3 * v, guide.steady_force(v))),
+                );
             }
             table.row([
                 Cell::text(curve.name.as_str()),
@@ -208,7 +255,11 @@ impl<'a> Report<'a> {
                 },
             ]);
         }
-        self.figure("stribeck_slow", &slow, "Stribeck curve, logarithmic in speed (the paper's Figure 3).")?;
+        self.figure(
+            "stribeck_slow",
+            &slow,
+            "Stribeck curve, logarithmic in speed (the paper's Figure 3).",
+        )?;
         self.figure("stribeck", &whole, "Stribeck curve, both directions.")?;
         self.page.table(&table);
         Ok(())
@@ -221,16 +272,24 @@ impl<'a> Report<'a> {
         }
         self.page.section("Dahl curves");
         self.page.text(
-            "Slow loops of one guide on the rig. Stiffness: force difference over position difference between the dwells at the \
-             tips. Dashed: closed forms of a single bristle, k = Fs tanh(\u{3c3}0 A/Fs)/A and W = 4 A Fs \u{2212} 4 (Fs\u{b2}/\u{3c3}0) tanh(\u{3c3}0 A/Fs).",
+            "Slow loops of one guide on the rig. Stiffness: force difference over position \
+             difference between the dwells at the tips. Dashed: closed forms of a single bristle, \
+             k = Fs tanh(\u{3c3}0 A/Fs)/A and W = 4 A Fs \u{2212} 4 (Fs\u{b2}/\u{3c3}0) \
+             tanh(\u{3c3}0 A/Fs).",
         );
-        for (name, amplitude, scale, unit) in
-            [("dahl_40um_420um", 420e-6, 1e6, "um"), ("dahl_40um", 40e-6, 1e6, "um"), ("dahl_1um", 1e-6, 1e6, "um")]
-        {
+        for (name, amplitude, scale, unit) in [
+            ("dahl_40um_420um", 420e-6, 1e6, "um"),
+            ("dahl_40um", 40e-6, 1e6, "um"),
+            ("dahl_1um", 1e-6, 1e6, "um"),
+        ] {
             let mut chart = Chart::new(
                 format!(
                     "Loops of {}",
-                    if amplitude == 420e-6 { "40 and 420 um".to_owned() } else { length(amplitude) }
+                    if amplitude == 420e-6 {
+                        "40 and 420 um".to_owned()
+                    } else {
+                        length(amplitude)
+                    }
                 ),
                 format!("position, {unit}"),
                 "force, N",
@@ -250,16 +309,31 @@ impl<'a> Report<'a> {
             self.figure(
                 name,
                 &chart,
-                &format!("Measured loops, amplitude {} (averaged over the cycles).", length(amplitude)),
+                &format!(
+                    "Measured loops, amplitude {} (averaged over the cycles).",
+                    length(amplitude)
+                ),
             )?;
         }
-        let mut stiffness = Chart::new("Effective stiffness", "amplitude, um", "N/m").logarithmic(true, true);
-        let mut area = Chart::new("Loop area", "amplitude, um", "J per cycle").logarithmic(true, true);
-        let mut damping = Chart::new("Dahl resonance of the stage, from the loops", "amplitude, um", "damping ratio")
-            .logarithmic(true, false);
+        let mut stiffness =
+            Chart::new("Effective stiffness", "amplitude, um", "N/m").logarithmic(true, true);
+        let mut area =
+            Chart::new("Loop area", "amplitude, um", "J per cycle").logarithmic(true, true);
+        let mut damping = Chart::new(
+            "Dahl resonance of the stage, from the loops",
+            "amplitude, um",
+            "damping ratio",
+        )
+        .logarithmic(true, false);
         for (colour, curves) in all.iter().enumerate() {
             let name = curves.name.as_str();
-            let resolved = || curves.loops.iter().zip(&curves.resonances).filter(|(found, _)| found.area_is_resolved);
+            let resolved = || {
+                curves
+                    .loops
+                    .iter()
+                    .zip(&curves.resonances)
+                    .filter(|(found, _)| found.area_is_resolved)
+            };
             stiffness.add(
                 name,
                 colour,
@@ -280,17 +354,31 @@ impl<'a> Report<'a> {
             );
             if let Some(of) = specimens.iter().find(|of| of.name == curves.name && of.is_plain()) {
                 let guide = of.guide()?;
-                let amplitudes: Vec<f64> = (0..100).map(|k| 1e-8 * 10f64.powf(5.0 * f64::from(k) / 99.0)).collect();
+                let amplitudes: Vec<f64> =
+                    (0..100).map(|k| 1e-8 * 10f64.powf(5.0 * f64::from(k) / 99.0)).collect();
                 let curve = |law: &dyn Fn(f64) -> f64| -> Vec<(f64, f64)> {
                     amplitudes.iter().map(|a| (1e6 * a, law(*a))).collect()
                 };
                 stiffness.add("", colour, Style::Dashed, curve(&|a| guide.effective_stiffness(a)));
-                area.add("", colour, Style::Dashed, curve(&|a| guide.loop_area(a)).into_iter().skip(30));
+                area.add(
+                    "",
+                    colour,
+                    Style::Dashed,
+                    curve(&|a| guide.loop_area(a)).into_iter().skip(30),
+                );
             }
         }
         self.figure("dahl_stiffness", &stiffness, "Effective stiffness over amplitude.")?;
-        self.figure("dahl_area", &area, "Loop area over amplitude, where it stands out of the noise.")?;
-        self.figure("dahl_damping", &damping, "Equivalent damping W/(2\u{3c0} k A\u{b2}) of the hysteresis alone.")?;
+        self.figure(
+            "dahl_area",
+            &area,
+            "Loop area over amplitude, where it stands out of the noise.",
+        )?;
+        self.figure(
+            "dahl_damping",
+            &damping,
+            "Equivalent damping W/(2\u{3c0} k A\u{b2}) of the hysteresis alone.",
+        )?;
         let mut table = Table::new(&[
             ("guide", Left),
             ("amplitude", Left),
@@ -303,12 +391,17 @@ impl<'a> Report<'a> {
         ]);
         for curves in all {
             for (found, resonance) in curves.loops.iter().zip(&curves.resonances) {
-                let resolved = |text: String| Cell::text(if found.area_is_resolved { text } else { "\u{2013}".into() });
+                let resolved = |text: String| {
+                    Cell::text(if found.area_is_resolved { text } else { "\u{2013}".into() })
+                };
                 table.row([
                     Cell::text(curves.name.as_str()),
                     Cell::text(length(found.amplitude)),
                     Cell::text(format!("{:.3e}", found.stiffness.value)),
-                    Cell::text(format!("{:.2} %", 100.0 * found.stiffness.standard_error / found.stiffness.value)),
+                    Cell::text(format!(
+                        "{:.2} %",
+                        100.0 * found.stiffness.standard_error / found.stiffness.value
+                    )),
                     Cell::number(found.tip_force.value, 3),
                     resolved(format!("{:.3e}", found.area.value)),
                     Cell::number(resonance.frequency, 2),
@@ -327,8 +420,9 @@ impl<'a> Report<'a> {
         }
         self.page.section("Frequency response");
         self.page.text(
-            "The stage under a sinusoidal motor force, without a controller. Below the Dahl resonance the response is that of the \
-             guides' stiffness, above it that of the mass. With the amplitude the resonance falls and its damping grows.",
+            "The stage under a sinusoidal motor force, without a controller. Below the Dahl \
+             resonance the response is that of the guides' stiffness, above it that of the mass. \
+             With the amplitude the resonance falls and its damping grows.",
         );
         let pi2 = 2.0 * std::f64::consts::PI;
         let mut prediction = Table::new(&[
@@ -341,20 +435,28 @@ impl<'a> Report<'a> {
             ("hysteresis, from the loops", Right),
         ]);
         for (index, response) in all.iter().enumerate() {
-            let mut chart = Chart::new(format!("Compliance: {}", response.name), "frequency, Hz", "|X/F|, m/N")
-                .logarithmic(true, true);
+            let mut chart =
+                Chart::new(format!("Compliance: {}", response.name), "frequency, Hz", "|X/F|, m/N")
+                    .logarithmic(true, true);
             for (colour, level) in response.levels.iter().enumerate() {
-                let points = level.points.iter().map(|p| (p.frequency, p.stiffness.0.hypot(p.stiffness.1).recip()));
+                let points = level
+                    .points
+                    .iter()
+                    .map(|p| (p.frequency, p.stiffness.0.hypot(p.stiffness.1).recip()));
                 chart.add(format!("{:.2} N", level.force), colour, Style::Both, points);
             }
             let line = response.levels[0].points.iter();
-            let mass = line.map(|p| (p.frequency, 1.0 / (response.mass * (pi2 * p.frequency).powi(2))));
+            let mass =
+                line.map(|p| (p.frequency, 1.0 / (response.mass * (pi2 * p.frequency).powi(2))));
             chart.add(format!("{:.2} kg", response.mass), 4, Style::Dashed, mass.skip(8));
             let name = format!("frequency_response_{}", index + 1);
             self.figure(
                 &name,
                 &chart,
-                &format!("Stage on {}: response at four force amplitudes; dashed: a free mass.", response.name),
+                &format!(
+                    "Stage on {}: response at four force amplitudes; dashed: a free mass.",
+                    response.name
+                ),
             )?;
             let dahl = self.summary.results.dahl.iter().find(|curves| curves.name == response.name);
             for level in &response.levels {
@@ -364,7 +466,8 @@ impl<'a> Report<'a> {
                         .resonances
                         .windows(2)
                         .find(|p| (p[0].amplitude..p[1].amplitude).contains(&found.amplitude))?;
-                    let u = (found.amplitude / pair[0].amplitude).ln() / (pair[1].amplitude / pair[0].amplitude).ln();
+                    let u = (found.amplitude / pair[0].amplitude).ln()
+                        / (pair[1].amplitude / pair[0].amplitude).ln();
                     let between = |a: f64, b: f64| a + u * (b - a);
                     Some((
                         between(pair[0].frequency, pair[1].frequency),
@@ -384,8 +487,9 @@ impl<'a> Report<'a> {
         }
         self.page.table(&prediction);
         self.page.text(
-            "The slow loops show hysteresis only. At the resonance the bristle damping \u{3c3}1 adds to it, which is the larger part at \
-             small amplitudes. A dash: the stage has broken away and has no spring left, or no loops were measured.",
+            "The slow loops show hysteresis only. At the resonance the bristle damping \u{3c3}1 \
+             adds to it, which is the larger part at small amplitudes. A dash: the stage has \
+             broken away and has no spring left, or no loops were measured.",
         );
         Ok(())
     }
@@ -396,14 +500,22 @@ impl<'a> Report<'a> {
             return Ok(());
         }
         self.page.section("Fast move");
-        self.page
-            .text("50 mm in 100 ms after a return move and a rest; 60 Hz PID with lowpass and ideal mass feedforward.");
+        self.page.text(
+            "50 mm in 100 ms after a return move and a rest; 60 Hz PID with lowpass and \
+                   ideal mass feedforward.",
+        );
         for (fed, name, title) in [
             (false, "fast_move", "Fast move: position error"),
-            (true, "fast_move_with_viscous_feedforward", "Fast move with viscous feedforward: position error"),
+            (
+                true,
+                "fast_move_with_viscous_feedforward",
+                "Fast move with viscous feedforward: position error",
+            ),
         ] {
             let mut chart = Chart::new(title, "time after the start of the move, ms", "error, um");
-            for (colour, found) in all.iter().filter(|found| (found.viscous_feedforward > 0.0) == fed).enumerate() {
+            for (colour, found) in
+                all.iter().filter(|found| (found.viscous_feedforward > 0.0) == fed).enumerate()
+            {
                 let part = found.points.iter().filter(|(t, _)| *t < 0.3);
                 chart.add(&found.name, colour, Style::Line, part.map(|(t, e)| (1e3 * t, 1e6 * e)));
             }
@@ -414,8 +526,12 @@ impl<'a> Report<'a> {
             };
             self.figure(name, &chart, caption)?;
         }
-        let mut settling = Chart::new("Fast move: time to settle over the band", "band, um", "time after arrival, ms")
-            .logarithmic(true, false);
+        let mut settling = Chart::new(
+            "Fast move: time to settle over the band",
+            "band, um",
+            "time after arrival, ms",
+        )
+        .logarithmic(true, false);
         let mut table = Table::new(&[
             ("guide", Left),
             ("viscous feedforward, N s/m", Right),
@@ -428,11 +544,14 @@ impl<'a> Report<'a> {
         ]);
         for (index, found) in all.iter().enumerate() {
             if found.viscous_feedforward == 0.0 {
-                let points =
-                    found.settling_over_band.iter().filter_map(|(band, time)| Some((1e6 * band, 1e3 * (*time)?)));
+                let points = found
+                    .settling_over_band
+                    .iter()
+                    .filter_map(|(band, time)| Some((1e6 * band, 1e3 * (*time)?)));
                 settling.add(&found.name, index / 2, Style::Both, points);
             }
-            let [ten, one, tenth] = found.forward.settling.map(|time| Cell::maybe(time.map(|t| 1e3 * t), 1));
+            let [ten, one, tenth] =
+                found.forward.settling.map(|time| Cell::maybe(time.map(|t| 1e3 * t), 1));
             table.row([
                 Cell::text(found.name.as_str()),
                 Cell::number(found.viscous_feedforward, 1),
@@ -454,13 +573,20 @@ impl<'a> Report<'a> {
             return Ok(());
         }
         self.page.section("Fine step");
-        self.page
-            .text("10 um in 3 ms, five in a row, after a return move and a rest. The guides work as springs here.");
+        self.page.text(
+            "10 um in 3 ms, five in a row, after a return move and a rest. The guides work \
+                   as springs here.",
+        );
         for (fed, name) in [(false, "fine_step"), (true, "fine_step_with_viscous_feedforward")] {
-            let title =
-                if fed { "First fine step with viscous feedforward" } else { "First fine step: position error" };
+            let title = if fed {
+                "First fine step with viscous feedforward"
+            } else {
+                "First fine step: position error"
+            };
             let mut chart = Chart::new(title, "time after the start of the step, ms", "error, um");
-            for (colour, found) in all.iter().filter(|found| (found.viscous_feedforward > 0.0) == fed).enumerate() {
+            for (colour, found) in
+                all.iter().filter(|found| (found.viscous_feedforward > 0.0) == fed).enumerate()
+            {
                 let part = found.points.iter().filter(|(t, _)| *t < 0.2);
                 chart.add(&found.name, colour, Style::Line, part.map(|(t, e)| (1e3 * t, 1e6 * e)));
             }
@@ -475,10 +601,14 @@ impl<'a> Report<'a> {
             ("1 um, ms", Right),
             ("0.1 um, ms", Right),
         ])
-        .captioned(format!("Time to settle into {} bands after the arrival of the reference", SETTLING_BANDS.len()));
+        .captioned(format!(
+            "Time to settle into {} bands after the arrival of the reference",
+            SETTLING_BANDS.len()
+        ));
         for found in all {
             for (index, step) in found.steps.iter().enumerate() {
-                let [ten, one, tenth] = step.settling.map(|time| Cell::maybe(time.map(|t| 1e3 * t), 1));
+                let [ten, one, tenth] =
+                    step.settling.map(|time| Cell::maybe(time.map(|t| 1e3 * t), 1));
                 table.row([
                     Cell::text(found.name.as_str()),
                     Cell::number(found.viscous_feedforward, 1),
@@ -501,9 +631,10 @@ impl<'a> Report<'a> {
         }
         self.page.section("Hunting");
         self.page.text(
-            "The stage rests near its target where only the integrator can move it. At the paper's 60 Hz the guides' own stiffness \
-             keeps every stage at rest; with a softer controller and more integral action a stage on guides with a falling F(v) may stick \
-             and jump for ever. Integral gain x 1: its corner at a tenth of the bandwidth, as in the moves.",
+            "The stage rests near its target where only the integrator can move it. At the paper's \
+             60 Hz the guides' own stiffness keeps every stage at rest; with a softer controller \
+             and more integral action a stage on guides with a falling F(v) may stick and jump for \
+             ever. Integral gain x 1: its corner at a tenth of the bandwidth, as in the moves.",
         );
         let mut table = Table::new(&[
             ("guide", Left),
@@ -549,8 +680,9 @@ impl<'a> Report<'a> {
         for rig in &self.summary.results.rig {
             self.page.section(&format!("The rig's own bias: {}", rig.name));
             self.page.text(
-                "Each row changes one property of the rig and measures what is known in closed form: stiffness and area of a 1 um \
-                 loop, friction at 3 mm/s. The paper's rig has a coupling 100 times as stiff as the guide and 0.05 N of noise.",
+                "Each row changes one property of the rig and measures what is known in closed \
+                 form: stiffness and area of a 1 um loop, friction at 3 mm/s. The paper's rig has \
+                 a coupling 100 times as stiff as the guide and 0.05 N of noise.",
             );
             let mut table = Table::new(&[
                 ("changed", Left),
@@ -563,7 +695,9 @@ impl<'a> Report<'a> {
                 ("ripple, N", Right),
             ]);
             let percent = |value: Option<f64>| {
-                Cell::text(value.map_or("\u{2013}".to_owned(), |value| format!("{:+.2} %", 100.0 * value)))
+                Cell::text(
+                    value.map_or("\u{2013}".to_owned(), |value| format!("{:+.2} %", 100.0 * value)),
+                )
             };
             for row in &rig.biases {
                 table.row([
@@ -580,21 +714,40 @@ impl<'a> Report<'a> {
             self.page.table(&table);
         }
         let Some(first) = self.summary.results.rig.first() else { return Ok(()) };
-        let mut chart =
-            Chart::new(format!("Stiffness at 1 um: {}", first.name), "coupling over guide stiffness", "bias, %")
-                .logarithmic(true, false);
+        let mut chart = Chart::new(
+            format!("Stiffness at 1 um: {}", first.name),
+            "coupling over guide stiffness",
+            "bias, %",
+        )
+        .logarithmic(true, false);
         let rows = || first.biases.iter().filter(|row| row.property == "coupling");
-        chart.add("encoder at the guide", 0, Style::Both, rows().map(|r| (r.value, 100.0 * r.stiffness_bias)));
-        chart.add("behind the coupling", 1, Style::Both, rows().map(|r| (r.value, 100.0 * r.stiffness_bias_at_motor)));
-        chart.add("springs in series", 1, Style::Dashed, rows().map(|r| (r.value, -100.0 / (1.0 + r.value))));
+        chart.add(
+            "encoder at the guide",
+            0,
+            Style::Both,
+            rows().map(|r| (r.value, 100.0 * r.stiffness_bias)),
+        );
+        chart.add(
+            "behind the coupling",
+            1,
+            Style::Both,
+            rows().map(|r| (r.value, 100.0 * r.stiffness_bias_at_motor)),
+        );
+        chart.add(
+            "springs in series",
+            1,
+            Style::Dashed,
+            rows().map(|r| (r.value, -100.0 / (1.0 + r.value))),
+        );
         self.figure(
             "rig",
             &chart,
             "Why the encoder sits at the guide: behind the coupling the two are springs in series.",
         )?;
         self.page.text(
-            "Loop area: a servo of 60 Hz shakes the carriage by the encoder's noise about as fast as a slow 1 um loop moves, which relaxes \
-             the bristle and widens the loop; fast loops are widened by the bristle damping. The experiment dahl therefore measures small \
+            "Loop area: a servo of 60 Hz shakes the carriage by the encoder's noise about as fast \
+             as a slow 1 um loop moves, which relaxes the bristle and widens the loop; fast loops \
+             are widened by the bristle damping. The experiment dahl therefore measures small \
              loops with a quiet 20 Hz servo.",
         );
         Ok(())

@@ -5,8 +5,8 @@ use std::io::Write;
 use serde::Serialize;
 
 use friction_stage_lab::{
-    DahlCurves, DistributedFit, FastMove, FineStep, FrequencyResponse, HuntingResult, RigBias, Statement,
-    StiffnessError, StribeckCurve, length,
+    DahlCurves, DistributedFit, FastMove, FineStep, FrequencyResponse, HuntingResult, RigBias,
+    Statement, StiffnessError, StribeckCurve, length,
 };
 
 /// Everything measured, by experiment; SI units.
@@ -97,7 +97,8 @@ impl Summary<'_> {
         for curve in &of.stribeck {
             writeln!(
                 out,
-                "{:22} {:.2} N at 0.1 mm/s, least {:.2} N at {:.1} mm/s, {:.2} N s/m above 0.1 m/s{}",
+                "{:22} {:.2} N at 0.1 mm/s, least {:.2} N at {:.1} mm/s, {:.2} N s/m above 0.1 \
+                 m/s{}",
                 curve.name,
                 curve.slow_force.value,
                 curve.least_force.value,
@@ -107,7 +108,11 @@ impl Summary<'_> {
             )?;
         }
         for curves in &of.dahl {
-            writeln!(out, "{:22} amplitude   stiffness   tip force   Dahl resonance, damping", curves.name)?;
+            writeln!(
+                out,
+                "{:22} amplitude   stiffness   tip force   Dahl resonance, damping",
+                curves.name
+            )?;
             for (found, resonance) in curves.loops.iter().zip(&curves.resonances) {
                 let damping = match found.area_is_resolved {
                     true => format!("{:.3}", resonance.damping.value),
@@ -127,7 +132,12 @@ impl Summary<'_> {
             writeln!(out, "{:22} mass line {:.2} kg", response.name, response.mass)?;
             for level in &response.levels {
                 let found = level.resonance.map_or("no resonance".to_owned(), |r| {
-                    format!("{:.2} Hz at {:.2} um, damping {:.3}", r.frequency, 1e6 * r.amplitude, r.damping)
+                    format!(
+                        "{:.2} Hz at {:.2} um, damping {:.3}",
+                        r.frequency,
+                        1e6 * r.amplitude,
+                        r.damping
+                    )
                 });
                 writeln!(out, "{:>30.2} N: {found}", level.force)?;
             }
@@ -136,7 +146,8 @@ impl Summary<'_> {
             let [ten, one, tenth] = found.forward.settling.map(ms);
             writeln!(
                 out,
-                "{:22} feedforward {:5.1} N s/m: peak {:6.2} um, 25 to 150 ms rms {:5.2} um, settles to 10/1/0.1 um in {ten}/{one}/{tenth} ms",
+                "{:22} feedforward {:5.1} N s/m: peak {:6.2} um, 25 to 150 ms rms {:5.2} um, \
+                 settles to 10/1/0.1 um in {ten}/{one}/{tenth} ms",
                 found.name,
                 found.viscous_feedforward,
                 1e6 * found.forward.peak_error,
@@ -148,7 +159,8 @@ impl Summary<'_> {
                 let [_, one, tenth] = step.settling.map(ms);
                 writeln!(
                     out,
-                    "{:22} feedforward {:5.1} N s/m: first step: peak {:5.2} um, settles to 1/0.1 um in {one}/{tenth} ms",
+                    "{:22} feedforward {:5.1} N s/m: first step: peak {:5.2} um, settles to 1/0.1 \
+                     um in {one}/{tenth} ms",
                     found.name,
                     found.viscous_feedforward,
                     1e6 * step.peak_error
@@ -160,14 +172,19 @@ impl Summary<'_> {
                 let what = result.cycle.map_or("comes to rest".to_owned(), |cycle| {
                     format!("hunts: {:.3} mm, {:.2} s", 1e3 * cycle.amplitude, cycle.period)
                 });
-                writeln!(out, "{:22} {:4} Hz, integral x {}: {what}", hunting.name, result.bandwidth, result.integral)?;
+                writeln!(
+                    out,
+                    "{:22} {:4} Hz, integral x {}: {what}",
+                    hunting.name, result.bandwidth, result.integral
+                )?;
             }
         }
         for rig in &of.rig {
             for row in &rig.biases {
                 writeln!(
                     out,
-                    "{:22} {:8} {:6} {:15}: stiffness {:+.2} %, behind the coupling {:+.2} %, area {:+.1} %",
+                    "{:22} {:8} {:6} {:15}: stiffness {:+.2} %, behind the coupling {:+.2} %, area \
+                     {:+.1} %",
                     rig.name,
                     row.property,
                     row.value,
@@ -197,7 +214,10 @@ impl Summary<'_> {
 
     fn print_fit(&self, out: &mut dyn Write) -> std::io::Result<()> {
         let Some(fit) = self.stiffness_of_guide_1 else { return Ok(()) };
-        writeln!(out, "\nguide 1      paper, N/m   lugre    best single   lugre + distributed_bristles")?;
+        writeln!(
+            out,
+            "\nguide 1      paper, N/m   lugre    best single   lugre + distributed_bristles"
+        )?;
         for row in &fit.errors {
             writeln!(
                 out,

@@ -1,4 +1,5 @@
-//! The figures of an identification: what the models miss before and after, over everything that a cause could depend on.
+//! The figures of an identification: what the models miss before and after, over everything that a
+//! cause could depend on.
 
 use super::input::{Input, Record};
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, StageModel};
@@ -34,7 +35,10 @@ pub struct LoopErrors {
 
 impl LoopError {
     pub fn change(&self) -> Change {
-        Change { before: Some(closed_loop::rms(&self.before)), after: Some(closed_loop::rms(&self.after)) }
+        Change {
+            before: Some(closed_loop::rms(&self.before)),
+            after: Some(closed_loop::rms(&self.after)),
+        }
     }
 }
 
@@ -59,23 +63,43 @@ impl Residuals<'_> {
         Ok(Residuals {
             measured,
             before: selection.before.hypothesis.missing(measured, Sides::BOTH)?,
-            after: selection.after.fitted.hypothesis.in_record(measured)?.missing(measured, Sides::BOTH)?,
+            after: selection
+                .after
+                .fitted
+                .hypothesis
+                .in_record(measured)?
+                .missing(measured, Sides::BOTH)?,
         })
     }
 
-    /// Name, colour in a chart, before, after; the motor side only where a force cell divides it from the carriage.
+    /// Name, colour in a chart, before, after; the motor side only where a force cell divides it
+    /// from the carriage.
     fn sides(&self) -> Vec<(&'static str, usize, &[f64], &[f64])> {
         let mut sides = Vec::new();
         if !self.before.motor.is_empty() {
-            sides.push(("motor side", 0, self.before.motor.as_slice(), self.after.motor.as_slice()));
+            sides.push((
+                "motor side",
+                0,
+                self.before.motor.as_slice(),
+                self.after.motor.as_slice(),
+            ));
         }
-        sides.push(("carriage side", 1, self.before.carriage.as_slice(), self.after.carriage.as_slice()));
+        sides.push((
+            "carriage side",
+            1,
+            self.before.carriage.as_slice(),
+            self.after.carriage.as_slice(),
+        ));
         sides
     }
 }
 
 /// Draws all of them.
-pub fn draw(selection: &Selection, input: &Input, loops: Option<&LoopErrors>) -> anyhow::Result<Vec<Figure>> {
+pub fn draw(
+    selection: &Selection,
+    input: &Input,
+    loops: Option<&LoopErrors>,
+) -> anyhow::Result<Vec<Figure>> {
     let train = Residuals::of(selection, &input.train.measured)?;
     let holdout = Residuals::of(selection, &input.holdout.measured)?;
     let mut figures: Vec<Figure> = maps(&selection.after.fitted.hypothesis.model())?;
@@ -88,36 +112,86 @@ pub fn draw(selection: &Selection, input: &Input, loops: Option<&LoopErrors>) ->
     let measured = holdout.measured;
     let acceleration = measured.filtered(&measured.acceleration);
     let coordinates: [(&'static str, &'static str, &str, f64, Vec<f64>); 5] = [
-        ("residual_over_position", "position", "position, mm", 1e3, measured.at_rows(&measured.position)),
-        ("residual_over_velocity", "velocity", "velocity, mm/s", 1e3, measured.at_rows(&measured.velocity)),
-        ("residual_over_acceleration", "acceleration", "acceleration, m/s^2", 1.0, acceleration.clone()),
+        (
+            "residual_over_position",
+            "position",
+            "position, mm",
+            1e3,
+            measured.at_rows(&measured.position),
+        ),
+        (
+            "residual_over_velocity",
+            "velocity",
+            "velocity, mm/s",
+            1e3,
+            measured.at_rows(&measured.velocity),
+        ),
+        (
+            "residual_over_acceleration",
+            "acceleration",
+            "acceleration, m/s^2",
+            1.0,
+            acceleration.clone(),
+        ),
         ("residual_over_jerk", "jerk", "jerk, m/s^3", 1.0, slope(measured, &acceleration)),
-        ("residual_over_distance", "travelled distance", "travelled distance, m", 1.0, distance(measured)),
+        (
+            "residual_over_distance",
+            "travelled distance",
+            "travelled distance, m",
+            1.0,
+            distance(measured),
+        ),
     ];
     for (name, word, label, scale, along) in coordinates {
         let along: Vec<f64> = along.iter().map(|value| value * scale).collect();
-        let mut chart = Chart::new(format!("Residual over {word}: mean of each bin"), label, "missing force, N");
-        let mut spread = Chart::new(format!("Residual over {word}: rms in each bin"), label, "missing force, N rms");
+        let mut chart = Chart::new(
+            format!("Residual over {word}: mean of each bin"),
+            label,
+            "missing force, N",
+        );
+        let mut spread = Chart::new(
+            format!("Residual over {word}: rms in each bin"),
+            label,
+            "missing force, N rms",
+        );
         for (side, colour, before, after) in holdout.sides() {
-            for (values, style, when) in [(before, Style::Dashed, "before"), (after, Style::Line, "after")] {
+            for (values, style, when) in
+                [(before, Style::Dashed, "before"), (after, Style::Line, "after")]
+            {
                 let bins = binned(&along, values);
-                chart.add(format!("{side}, {when}"), colour, style, bins.iter().map(|bin| (bin.0, bin.1)));
-                spread.add(format!("{side}, {when}"), colour, style, bins.iter().map(|bin| (bin.0, bin.2)));
+                chart.add(
+                    format!("{side}, {when}"),
+                    colour,
+                    style,
+                    bins.iter().map(|bin| (bin.0, bin.1)),
+                );
+                spread.add(
+                    format!("{side}, {when}"),
+                    colour,
+                    style,
+                    bins.iter().map(|bin| (bin.0, bin.2)),
+                );
             }
         }
         figures.push(Figure {
             name: name.to_owned(),
             group: Group::Residual,
             svg: chart.svg()?,
-            caption: format!("What the declared (before) and the identified (after) model miss over {word}, hold-out record; mean of the rows of a bin."),
+            caption: format!(
+                "What the declared (before) and the identified (after) model miss \
+                              over {word}, hold-out record; mean of the rows of a bin."
+            ),
         });
-        // Over the signed coordinates a cause that changes its sign averages out; its size does not.
+        // Over the signed coordinates a cause that changes its sign averages out; its size does
+        // not.
         if matches!(word, "position" | "velocity") {
             figures.push(Figure {
                 name: format!("residual_size_over_{word}"),
                 group: Group::Residual,
                 svg: spread.svg()?,
-                caption: format!("The same as size: root mean square of the rows of a bin over {word}."),
+                caption: format!(
+                    "The same as size: root mean square of the rows of a bin over {word}."
+                ),
             });
         }
     }
@@ -138,20 +212,28 @@ fn maps(model: &StageModel) -> anyhow::Result<Vec<Figure>> {
         let (what, ordinate) = match curve.side {
             CurveSide::Carriage => ("Force on the carriage", "force, N"),
             CurveSide::Motor => ("Force of the motor", "force, N"),
-            CurveSide::Friction => ("Change of Coulomb and static friction", "part of the friction"),
+            CurveSide::Friction => {
+                ("Change of Coulomb and static friction", "part of the friction")
+            }
             CurveSide::Viscous => ("Change of viscous friction", "part of the friction"),
             CurveSide::Mass => ("Change of the moving mass", "mass, kg"),
         };
-        let mut chart = Chart::new(format!("{what} over {word} that no law of the list explains"), label, ordinate);
+        let mut chart = Chart::new(
+            format!("{what} over {word} that no law of the list explains"),
+            label,
+            ordinate,
+        );
         let points = curve.corners().into_iter().map(|(place, value)| (scale * place, value));
         chart.add("map", 0, Style::Line, points);
-        let jump = super::jump_in_words(curve).map_or_else(String::new, |words| format!("; {words}"));
+        let jump =
+            super::jump_in_words(curve).map_or_else(String::new, |words| format!("; {words}"));
         Ok(Figure {
             name: if index == 0 { "map".to_owned() } else { format!("map_{}", index + 1) },
             group: Group::Comparison,
             svg: chart.svg()?,
             caption: format!(
-                "The empirical map of the identified model over {word}: linear between {} knots, constant beyond{jump}.",
+                "The empirical map of the identified model over {word}: linear between {} knots, \
+                 constant beyond{jump}.",
                 curve.values.len()
             ),
         })
@@ -164,8 +246,9 @@ fn force(residuals: &Residuals) -> anyhow::Result<[Figure; 2]> {
     let measured = residuals.measured;
     let time = measured.at_rows(&measured.time);
     let reading = measured.filtered(measured.cell.as_deref().unwrap_or(&measured.command));
-    let model =
-        |missing: &[f64]| reading.iter().zip(missing).map(|(force, missing)| force + missing).collect::<Vec<_>>();
+    let model = |missing: &[f64]| {
+        reading.iter().zip(missing).map(|(force, missing)| force + missing).collect::<Vec<_>>()
+    };
     let (before, after) = (model(&residuals.before.carriage), model(&residuals.after.carriage));
     // Where the declared model is worst.
     let window = ((CLOSE_UP * measured.lowpass.kept_rate()) as usize).clamp(2, time.len().max(2));
@@ -199,15 +282,17 @@ fn force(residuals: &Residuals) -> anyhow::Result<[Figure; 2]> {
             group: Group::Comparison,
             svg: draw("Measured and simulated force, hold-out record".to_owned(), 0..time.len())?,
             caption: format!(
-                "Force on the carriage: {what}, and mass times acceleration plus friction less effects along the measured motion, all \
-                 through the same zero-phase lowpass. Before: declared model, refitted; after: identified model."
+                "Force on the carriage: {what}, and mass times acceleration plus friction less \
+                 effects along the measured motion, all through the same zero-phase lowpass. \
+                 Before: declared model, refitted; after: identified model."
             ),
         },
         Figure {
             name: "force_close_up".to_owned(),
             group: Group::Comparison,
             svg: draw(format!("Measured and simulated force, {seconds:.1} s of it"), part)?,
-            caption: "The same where the declared model misses most on the carriage side.".to_owned(),
+            caption: "The same where the declared model misses most on the carriage side."
+                .to_owned(),
         },
     ])
 }
@@ -218,18 +303,26 @@ fn position(record: &Record, error: &LoopError) -> anyhow::Result<Figure> {
         let from = time.last().copied().unwrap_or(0.0);
         time.extend(trace.time.iter().map(|t| from + t));
     }
-    let largest =
-        error.before.iter().chain(&error.after).filter(|e| e.is_finite()).fold(0.0, |m: f64, e| m.max(e.abs()));
+    let largest = error
+        .before
+        .iter()
+        .chain(&error.after)
+        .filter(|e| e.is_finite())
+        .fold(0.0, |m: f64, e| m.max(e.abs()));
     let (scale, unit) = if largest < 1e-6 { (1e9, "nm") } else { (1e6, "um") };
     let scaled = |values: &[f64]| values.iter().map(|value| value * scale).collect::<Vec<_>>();
-    let mut chart =
-        Chart::new("Position in closed loop, hold-out record", "time, s", format!("simulated less encoder, {unit}"));
+    let mut chart = Chart::new(
+        "Position in closed loop, hold-out record",
+        "time, s",
+        format!("simulated less encoder, {unit}"),
+    );
     pair(&mut chart, &time, &scaled(&error.before), &scaled(&error.after));
     Ok(Figure {
         name: "position_error_in_closed_loop".to_owned(),
         group: Group::Comparison,
         svg: chart.svg()?,
-        caption: "Simulated loop (identified or declared stage, recorded setpoint, controller found from the record) less recorded encoder."
+        caption: "Simulated loop (identified or declared stage, recorded setpoint, controller \
+                  found from the record) less recorded encoder."
             .to_owned(),
     })
 }
@@ -240,18 +333,27 @@ fn over_time(residuals: &Residuals, record: &str) -> anyhow::Result<Vec<Figure>>
         .sides()
         .into_iter()
         .map(|(side, _, before, after)| {
-            let mut chart =
-                Chart::new(format!("Residual over time, {side}, {record} record"), "time, s", "missing force, N");
+            let mut chart = Chart::new(
+                format!("Residual over time, {side}, {record} record"),
+                "time, s",
+                "missing force, N",
+            );
             pair(&mut chart, &time, before, after);
             let law = match side {
                 "motor side" => "cell less command and motor effects",
                 _ => "mass times acceleration plus friction less effects and measured force",
             };
             Ok(Figure {
-                name: format!("residual_over_time_{}_{}", side.replace(' ', "_"), record.replace('-', "")),
+                name: format!(
+                    "residual_over_time_{}_{}",
+                    side.replace(' ', "_"),
+                    record.replace('-', "")
+                ),
                 group: Group::Residual,
                 svg: chart.svg()?,
-                caption: format!("Force that the models miss on the {side} ({law}), {record} record."),
+                caption: format!(
+                    "Force that the models miss on the {side} ({law}), {record} record."
+                ),
             })
         })
         .collect()
@@ -269,8 +371,12 @@ fn pair(chart: &mut Chart, time: &[f64], before: &[f64], after: &[f64]) {
 
 /// Smallest and largest value of each of many columns: what lies between would not be seen.
 fn thin(time: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
-    let points: Vec<(f64, f64)> =
-        time.iter().copied().zip(values.iter().copied()).filter(|(_, value)| value.is_finite()).collect();
+    let points: Vec<(f64, f64)> = time
+        .iter()
+        .copied()
+        .zip(values.iter().copied())
+        .filter(|(_, value)| value.is_finite())
+        .collect();
     let width = points.len().div_ceil(COLUMNS).max(1);
     if width < 3 {
         return points;
@@ -279,8 +385,13 @@ fn thin(time: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
     points
         .chunks(width)
         .flat_map(|chunk| {
-            let mut two: Vec<(f64, f64)> =
-                chunk.iter().min_by(by_value).into_iter().chain(chunk.iter().max_by(by_value)).copied().collect();
+            let mut two: Vec<(f64, f64)> = chunk
+                .iter()
+                .min_by(by_value)
+                .into_iter()
+                .chain(chunk.iter().max_by(by_value))
+                .copied()
+                .collect();
             two.sort_by(|a, b| a.0.total_cmp(&b.0));
             two
         })
@@ -289,15 +400,26 @@ fn thin(time: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
 
 fn spectra(residuals: &Residuals) -> anyhow::Result<Vec<Figure>> {
     let measured = residuals.measured;
-    let (position, velocity) = (measured.at_rows(&measured.position), measured.at_rows(&measured.velocity));
-    let mut time = Chart::new("Spectrum over time", "frequency, Hz", "N per root of Hz").logarithmic(true, true);
-    let mut space = Chart::new("Spectrum over position", "period, mm", "amplitude, N").logarithmic(true, false);
+    let (position, velocity) =
+        (measured.at_rows(&measured.position), measured.at_rows(&measured.velocity));
+    let mut time = Chart::new("Spectrum over time", "frequency, Hz", "N per root of Hz")
+        .logarithmic(true, true);
+    let mut space =
+        Chart::new("Spectrum over position", "period, mm", "amplitude, N").logarithmic(true, false);
     for (side, colour, before, after) in residuals.sides() {
-        for (values, style, when) in [(before, Style::Dashed, "before"), (after, Style::Line, "after")] {
+        for (values, style, when) in
+            [(before, Style::Dashed, "before"), (after, Style::Line, "after")]
+        {
             let name = format!("{side}, {when}");
             time.add(name.clone(), colour, style, spectrum::over_time(measured, values));
-            let over = spectrum::over_position(&position, &velocity, measured.lowpass.kept_rate(), values);
-            space.add(name, colour, style, over.into_iter().map(|(period, amplitude)| (period * 1e3, amplitude)));
+            let over =
+                spectrum::over_position(&position, &velocity, measured.lowpass.kept_rate(), values);
+            space.add(
+                name,
+                colour,
+                style,
+                over.into_iter().map(|(period, amplitude)| (period * 1e3, amplitude)),
+            );
         }
     }
     Ok(vec![
@@ -305,17 +427,20 @@ fn spectra(residuals: &Residuals) -> anyhow::Result<Vec<Figure>> {
             name: "spectrum_over_time".to_owned(),
             group: Group::Spectrum,
             svg: time.svg()?,
-            caption: "Residual of the train record over frequency (Welch). A line at one frequency whatever the speed comes from time: \
-                      a vibration, a resonance."
-                .to_owned(),
+            caption:
+                "Residual of the train record over frequency (Welch). A line at one frequency \
+                      whatever the speed comes from time: a vibration, a resonance."
+                    .to_owned(),
         },
         Figure {
             name: "spectrum_over_position".to_owned(),
             group: Group::Spectrum,
             svg: space.svg()?,
-            caption: "Residual of the train record over period in position, moving rows only (best sine of each period). A line comes from \
-                      something that repeats along the way: a magnet pitch, a ball, a scale."
-                .to_owned(),
+            caption:
+                "Residual of the train record over period in position, moving rows only (best \
+                      sine of each period). A line comes from something that repeats along the \
+                      way: a magnet pitch, a ball, a scale."
+                    .to_owned(),
         },
     ])
 }

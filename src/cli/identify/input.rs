@@ -10,20 +10,23 @@ use friction_stage_core::model::StageModel;
 use friction_stage_data::bag::{self, DataProblem, Mapping, Recording, Severity, Signal, Trace};
 use friction_stage_identify::{IdentifyError, Measured, closed_loop};
 
-/// Samples in a row that must agree for two records to be the same there. Assumed: of positions in motion, counted to a nanometre
-/// with a nanometre of noise, so many do not agree by accident.
+/// Samples in a row that must agree for two records to be the same there. Assumed: of positions in
+/// motion, counted to a nanometre with a nanometre of noise, so many do not agree by accident.
 const SAME: usize = 48;
 /// Places of the hold-out that are looked up in the train record.
 const PLACES: usize = 200;
 /// Share of them that must be found there for the hold-out not to be held out.
 const TOO_MANY: f64 = 0.1;
 
-/// Part by which the rates of train and hold-out may differ: clocks do, settings differ by more. Assumed.
+/// Part by which the rates of train and hold-out may differ: clocks do, settings differ by more.
+/// Assumed.
 const SAME_RATE: f64 = 0.01;
 
-/// Most samples of a bag that are used: a search over twice as many takes more than a gigabyte. Five minutes at 2 kHz are more than a fit needs.
+/// Most samples of a bag that are used: a search over twice as many takes more than a gigabyte.
+/// Five minutes at 2 kHz are more than a fit needs.
 const MOST_SAMPLES: usize = 600_000;
-/// Share of the rows that may be filled in and left out: a filter of 200 Hz spans some 40 of them at 2 kHz, so that hardly a row would be left with more.
+/// Share of the rows that may be filled in and left out: a filter of 200 Hz spans some 40 of them
+/// at 2 kHz, so that hardly a row would be left with more.
 const MOST_FILLED: f64 = 0.06;
 
 /// Train and hold-out, ready for the search.
@@ -50,13 +53,18 @@ impl Input {
     ) -> anyhow::Result<Input> {
         for (index, path) in train.iter().enumerate() {
             if train[..index].iter().any(|other| is_same(path, other)) {
-                return Err(WrongArguments(format!("{} stands twice among the train bags", path.display())).into());
+                return Err(WrongArguments(format!(
+                    "{} stands twice among the train bags",
+                    path.display()
+                ))
+                .into());
             }
         }
         for path in holdout {
             if train.iter().any(|other| is_same(path, other)) {
                 return Err(WrongArguments(format!(
-                    "{} is both train and hold-out: an error on data that the fit has seen says nothing; hold out another bag",
+                    "{} is both train and hold-out: an error on data that the fit has seen says \
+                     nothing; hold out another bag",
                     path.display()
                 ))
                 .into());
@@ -70,8 +78,8 @@ impl Input {
                 let share = share_seen(&bag.trace.position, &seen.trace.position);
                 anyhow::ensure!(
                     share <= TOO_MANY,
-                    "{:.0} % of the hold-out {} is in the train bag {} sample by sample: an error on data that the fit has seen says \
-                     nothing; hold out another recording",
+                    "{:.0} % of the hold-out {} is in the train bag {} sample by sample: an error \
+                     on data that the fit has seen says nothing; hold out another recording",
                     100.0 * share,
                     path.display(),
                     other.display()
@@ -88,8 +96,9 @@ impl Input {
         let holdout = Record::new("the hold-out record", holdout, holdout_bags, model)?;
         if train.recordings.len().max(holdout.recordings.len()) > 1 {
             warnings.push(
-                "several bags of a record are joined one behind the other: effects over time (drift, warm-up, vibration, a map over time) \
-                 are fitted as if time ran on from bag to bag"
+                "several bags of a record are joined one behind the other: effects over time \
+                 (drift, warm-up, vibration, a map over time) are fitted as if time ran on from \
+                 bag to bag"
                     .to_owned(),
             );
         }
@@ -107,7 +116,8 @@ impl Input {
             let mut recording = bag::load(path, mapping)?;
             if recording.trace.len() > MOST_SAMPLES {
                 warnings.push(format!(
-                    "{}: of {} samples the first {MOST_SAMPLES} are used ({:.0} s): cut the recording to choose others",
+                    "{}: of {} samples the first {MOST_SAMPLES} are used ({:.0} s): cut the \
+                     recording to choose others",
                     path.display(),
                     recording.trace.len(),
                     MOST_SAMPLES as f64 / recording.rate
@@ -137,19 +147,22 @@ impl Input {
             let share = recording.share_filled();
             if share > MOST_FILLED {
                 warnings.push(format!(
-                    "{}: {:.1} % of the rows are filled in for samples that are missing: what these are off by counts as residual",
+                    "{}: {:.1} % of the rows are filled in for samples that are missing: what \
+                     these are off by counts as residual",
                     path.display(),
                     100.0 * share
                 ));
             } else if share > 0.0 {
                 recording.leave_out_filled();
                 warnings.push(format!(
-                    "{}: {:.2} % of the rows are filled in for samples that are missing: forces are not compared there",
+                    "{}: {:.2} % of the rows are filled in for samples that are missing: forces \
+                     are not compared there",
                     path.display(),
                     100.0 * share
                 ));
             }
-            let broken = broken.iter().map(|problem| format!("{problem}; these values are left out"));
+            let broken =
+                broken.iter().map(|problem| format!("{problem}; these values are left out"));
             let found = found.problems.iter().map(ToString::to_string);
             for warning in recording.quality.notes.iter().cloned().chain(broken).chain(found) {
                 warnings.push(format!("{}: {warning}", path.display()));
@@ -168,13 +181,20 @@ fn is_same(path: &Path, other: &Path) -> bool {
 }
 
 impl Record {
-    fn new(name: &str, paths: &[PathBuf], recordings: Vec<Recording>, model: &StageModel) -> anyhow::Result<Record> {
+    fn new(
+        name: &str,
+        paths: &[PathBuf],
+        recordings: Vec<Recording>,
+        model: &StageModel,
+    ) -> anyhow::Result<Record> {
         let traces: Vec<&Trace> = recordings.iter().map(|recording| &recording.trace).collect();
         let measured = match traces.as_slice() {
             [trace] => Measured::new(trace, model, name),
-            traces => closed_loop::joined(traces, model).and_then(|trace| Measured::new(&trace, model, name)),
+            traces => closed_loop::joined(traces, model)
+                .and_then(|trace| Measured::new(&trace, model, name)),
         };
-        let measured = measured.with_context(|| format!("nothing can be identified from {name}"))?;
+        let measured =
+            measured.with_context(|| format!("nothing can be identified from {name}"))?;
         Ok(Record { paths: paths.to_vec(), recordings, measured })
     }
 
@@ -183,7 +203,8 @@ impl Record {
     }
 }
 
-/// Whether a signal has values that no motion made: those of a cable that is off, or of a range that has ended.
+/// Whether a signal has values that no motion made: those of a cable that is off, or of a range
+/// that has ended.
 fn is_broken(problem: &DataProblem) -> bool {
     matches!(
         problem,
@@ -206,7 +227,8 @@ fn leave_out(recording: &mut Recording, problem: &DataProblem) {
     }
 }
 
-/// Leaves out a force that only some of the recordings have: errors on one side of the cell do not compare with errors on both.
+/// Leaves out a force that only some of the recordings have: errors on one side of the cell do not
+/// compare with errors on both.
 fn common_signals(
     train: &mut [Recording],
     holdout: &mut [Recording],
@@ -214,13 +236,15 @@ fn common_signals(
 ) -> anyhow::Result<()> {
     let mut left = 0;
     for signal in [Signal::ForceCell, Signal::Force] {
-        let with = train.iter().chain(holdout.iter()).filter(|recording| recording.has(signal)).count();
+        let with =
+            train.iter().chain(holdout.iter()).filter(|recording| recording.has(signal)).count();
         if with == train.len() + holdout.len() {
             left += 1;
             continue;
         }
         if with > 0 {
-            warnings.push(format!("not every recording has {signal}: it is left out of all of them"));
+            warnings
+                .push(format!("not every recording has {signal}: it is left out of all of them"));
         }
         for recording in train.iter_mut().chain(holdout.iter_mut()) {
             let column = match signal {
@@ -232,7 +256,8 @@ fn common_signals(
     }
     anyhow::ensure!(
         left > 0,
-        "train and hold-out have no force in common: all need the force cell, or all the force command"
+        "train and hold-out have no force in common: all need the force cell, or all the force \
+         command"
     );
     Ok(())
 }
@@ -258,7 +283,8 @@ fn share_seen(position: &[f64], other: &[f64]) -> f64 {
         }
         all += 1;
         let found = places.get(&piece[0].to_bits()).is_some_and(|rows| {
-            rows.iter().any(|row| other.get(*row..row + SAME).is_some_and(|stretch| stretch == piece))
+            rows.iter()
+                .any(|row| other.get(*row..row + SAME).is_some_and(|stretch| stretch == piece))
         });
         seen += usize::from(found);
     }
@@ -273,8 +299,10 @@ mod tests {
 
     #[test]
     fn a_part_of_the_train_record_is_recognised() {
-        let train: Vec<f64> = (0..20_000).map(|k| ((k as f64 * 0.003).sin() * 1e7).round() * 1e-9).collect();
-        let fresh: Vec<f64> = (0..20_000).map(|k| ((k as f64 * 0.0031 + 0.1).sin() * 1e7).round() * 1e-9).collect();
+        let train: Vec<f64> =
+            (0..20_000).map(|k| ((k as f64 * 0.003).sin() * 1e7).round() * 1e-9).collect();
+        let fresh: Vec<f64> =
+            (0..20_000).map(|k| ((k as f64 * 0.0031 + 0.1).sin() * 1e7).round() * 1e-9).collect();
         assert_eq!(share_seen(&train[3000..9000], &train), 1.0);
         assert_eq!(share_seen(&fresh, &train), 0.0);
         assert_eq!(share_seen(&train[..10], &train), 0.0);
@@ -284,8 +312,12 @@ mod tests {
     #[test]
     fn of_a_recording_that_is_too_long_the_first_samples_are_used() {
         let (count, rate, pulse) = (MOST_SAMPLES + 100, 2000.0, TAU * 0.5);
-        let over = |of: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..count).map(|row| of(row as f64 / rate)).collect() };
-        let force = over(&|t| 0.02 * pulse * (-40.0 * pulse * (pulse * t).sin()) + 70.0 * (pulse * t).cos().signum());
+        let over = |of: &dyn Fn(f64) -> f64| -> Vec<f64> {
+            (0..count).map(|row| of(row as f64 / rate)).collect()
+        };
+        let force = over(&|t| {
+            0.02 * pulse * (-40.0 * pulse * (pulse * t).sin()) + 70.0 * (pulse * t).cos().signum()
+        });
         let none = vec![f64::NAN; count];
         let trace = Trace {
             origin_ns: 0,
@@ -304,6 +336,9 @@ mod tests {
         let bags = Input::read(&[path], None, &StageModel::default(), &mut warnings).unwrap();
         assert_eq!(bags[0].trace.len(), MOST_SAMPLES);
         assert_eq!(bags[0].trace.position, trace.position[..MOST_SAMPLES]);
-        assert!(warnings[0].contains("of 600100 samples the first 600000 are used (300 s)"), "{warnings:?}");
+        assert!(
+            warnings[0].contains("of 600100 samples the first 600000 are used (300 s)"),
+            "{warnings:?}"
+        );
     }
 }

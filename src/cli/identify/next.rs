@@ -10,16 +10,24 @@ use friction_stage_identify::{Limits, NextExperiment};
 
 /// Name of the motion in the directory of the results.
 pub const FILE: &str = "next_experiment.yaml";
-/// Largest speed where none is given, m/s: the paper's fast move, 50 mm in 100 ms, peaks at 0.94 m/s.
+/// Largest speed where none is given, m/s: the paper's fast move, 50 mm in 100 ms, peaks at 0.94
+/// m/s.
 const SPEED: f64 = 1.0;
-/// Duration where none is given, s. Assumed: long enough for several pieces, short enough to be played twice.
+/// Duration where none is given, s. Assumed: long enough for several pieces, short enough to be
+/// played twice.
 const DURATION: f64 = 20.0;
 
 /// What the next experiment may do.
 #[derive(Debug, Clone, PartialEq, Args)]
 pub struct LimitArgs {
     /// Lowest and highest position of the next experiment, m [default: those of the train record]
-    #[arg(long, value_names = ["LOW", "HIGH"], num_args = 2, allow_negative_numbers = true, requires = "next_experiment")]
+    #[arg(
+        long,
+        value_names = ["LOW", "HIGH"],
+        num_args = 2,
+        allow_negative_numbers = true,
+        requires = "next_experiment",
+    )]
     pub stroke: Option<Vec<f64>>,
     /// Its largest speed, m/s
     #[arg(long, value_name = "M/S", default_value_t = SPEED, requires = "next_experiment")]
@@ -33,7 +41,8 @@ pub struct LimitArgs {
 }
 
 impl LimitArgs {
-    /// The limits, with what follows from data and model where the user gives none; impossible ones are wrong arguments.
+    /// The limits, with what follows from data and model where the user gives none; impossible ones
+    /// are wrong arguments.
     pub fn limits(&self, model: &StageModel, input: &Input) -> anyhow::Result<Limits> {
         let stroke = match self.stroke.as_deref() {
             Some([low, high]) => (*low, *high),
@@ -42,7 +51,9 @@ impl LimitArgs {
                 .traces()
                 .flat_map(|trace| &trace.position)
                 .filter(|position| position.is_finite())
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x))),
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+                    (low.min(*x), high.max(*x))
+                }),
         };
         let force = self.max_force.unwrap_or(model.motor.force_limit);
         let limits = Limits { stroke, speed: self.max_speed, force, duration: self.max_duration };
@@ -61,15 +72,20 @@ pub fn lines(next: &NextExperiment) -> Vec<String> {
         ),
     ];
     lines.extend(next.segments.iter().map(|segment| {
-        format!("{}: {} ({:.1} s)", segment.kind.replace('_', " "), segment.description, segment.duration)
+        format!(
+            "{}: {} ({:.1} s)",
+            segment.kind.replace('_', " "),
+            segment.description,
+            segment.duration
+        )
     }));
     if let Some(coordinate) = &next.coordinate {
         lines.push(format!("passes again and again over the {coordinate} of what no law explains"));
     }
     lines.extend(next.rivals.iter().map(|rival| {
         format!(
-            "{} {} from {}: what one of them cannot imitate of the other is {:.2} floors of the sensors' noise in the present record, {:.2} in \
-             this motion ({:.2} are needed)",
+            "{} {} from {}: what one of them cannot imitate of the other is {:.2} floors of the \
+             sensors' noise in the present record, {:.2} in this motion ({:.2} are needed)",
             if rival.separates { "separates" } else { "does not separate" },
             rival.effect,
             rival.rival,
@@ -81,8 +97,15 @@ pub fn lines(next: &NextExperiment) -> Vec<String> {
     lines.extend(next.parameters.iter().map(|parameter| {
         // Less than a tenth is no gain.
         let no_better = |before: f64, after: f64| after > 0.9 * before;
-        if parameter.before.zip(parameter.after).is_none_or(|(before, after)| no_better(before, after)) {
-            return format!("does not sharpen {}: no motion that was tried shows it better", parameter.name);
+        if parameter
+            .before
+            .zip(parameter.after)
+            .is_none_or(|(before, after)| no_better(before, after))
+        {
+            return format!(
+                "does not sharpen {}: no motion that was tried shows it better",
+                parameter.name
+            );
         }
         let reach = |value: Option<f64>| match (value, parameter.unit.as_str()) {
             (None, _) => "nothing".to_owned(),
@@ -98,7 +121,8 @@ pub fn lines(next: &NextExperiment) -> Vec<String> {
     }));
     lines.extend(next.untested.iter().map(|shown| {
         format!(
-            "shows {}: at a usual size it leaves {:.2} floors of the sensors' noise in the present record, {:.2} in this motion",
+            "shows {}: at a usual size it leaves {:.2} floors of the sensors' noise in the present \
+             record, {:.2} in this motion",
             shown.effect, shown.before, shown.after
         )
     }));
@@ -113,8 +137,8 @@ pub fn warnings(next: &NextExperiment) -> Vec<String> {
         .filter(|rival| !rival.separates)
         .map(|rival| {
             format!(
-                "no motion that was tried within the limits separates {} from {}: allow more speed, force or stroke, or measure what else tells them \
-                 apart: {} ({}); {} ({})",
+                "no motion that was tried within the limits separates {} from {}: allow more \
+                 speed, force or stroke, or measure what else tells them apart: {} ({}); {} ({})",
                 rival.effect,
                 rival.rival,
                 telltale(&rival.effect),

@@ -6,14 +6,14 @@ use super::metres;
 use friction_stage_core::model::{CurveSide, ModelError, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
-    Declared, Evidence, Hypothesis, Inseparable, LEFT_AT_MOST, NextExperiment, Outcome, Selection, Summary, Tolerances,
-    Verdict, in_digits, readable, side_name, taking_part,
+    Declared, Evidence, Hypothesis, Inseparable, LEFT_AT_MOST, NextExperiment, Outcome, Selection,
+    Summary, Tolerances, Verdict, in_digits, readable, side_name, taking_part,
 };
 use friction_stage_report::page::{Align, Cell, Mark, Page, Table, Tile};
 
 /// What a candidate must explain on each record, in words.
-const LEAST_SHARE: &str =
-    "a tenth of what is left to explain (a quarter beside laws that explain nearly all, half beside a curve)";
+const LEAST_SHARE: &str = "a tenth of what is left to explain (a quarter beside laws that explain \
+                           nearly all, half beside a curve)";
 
 pub fn page(
     name: &str,
@@ -30,7 +30,11 @@ pub fn page(
     let (train, holdout) = (&input.train, &input.holdout);
     let mut page = Page::new(
         format!("What {} lacks", declared.name),
-        format!("declared model {name}, identified on {}, judged on {}", paths(&train.paths), paths(&holdout.paths)),
+        format!(
+            "declared model {name}, identified on {}, judged on {}",
+            paths(&train.paths),
+            paths(&holdout.paths)
+        ),
     );
     page.section("Verdict");
     verdict(&mut page, selection, summary);
@@ -90,10 +94,13 @@ pub fn page(
         ("identified model", summary.model.clone()),
     ]);
     page.text(&format!(
-        "Friction and effects are driven along the measured motion; measured and modelled forces pass the same zero-phase lowpass. A candidate is \
-         fitted on the side where it acts, together with what else moves that side; the one that is chosen is refitted with everything, all declared parameters within \
-         their tolerances. It stays only if it lowers the error on the train record and on the hold-out, which no fit has seen, by more than \
-         chance, the sensors' floor and {LEAST_SHARE}; of laws that explain about the same the simplest is taken.",
+        "Friction and effects are driven along the measured motion; measured and modelled forces \
+         pass the same zero-phase lowpass. A candidate is fitted on the side where it acts, \
+         together with what else moves that side; the one that is chosen is refitted with \
+         everything, all declared parameters within their tolerances. It stays only if it lowers \
+         the error on the train record and on the hold-out, which no fit has seen, by more than \
+         chance, the sensors' floor and {LEAST_SHARE}; of laws that explain about the same the \
+         simplest is taken.",
     ));
     page.subsection("Identified model");
     for warning in identified.warnings()? {
@@ -120,38 +127,51 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             Mark::Warning,
             match selection.coordinate {
                 Some(coordinate) => format!(
-                    "Something is there over {} that no law of the list explains; an empirical map stands for it. In the model now: {names}.",
+                    "Something is there over {} that no law of the list explains; an empirical map \
+                     stands for it. In the model now: {names}.",
                     coordinate.name()
                 ),
                 None if names.is_empty() => {
-                    "Something is there that no law of the list and no map explains: what is left is not noise."
+                    "Something is there that no law of the list and no map explains: what is left \
+                     is not noise."
                         .to_owned()
                 }
                 None => format!(
-                    "Something is there that no law of the list and no map explains: what is left is not noise. In the model now, and not all of it: {names}."
+                    "Something is there that no law of the list and no map explains: what is left \
+                     is not noise. In the model now, and not all of it: {names}."
                 ),
             },
         ),
-        Verdict::NotSeparable => {
-            (Mark::Warning, format!("Several laws explain the data equally; in the model now: {names}."))
-        }
+        Verdict::NotSeparable => (
+            Mark::Warning,
+            format!(
+                "Several laws explain the data equally; in the model now: \
+                                     {names}."
+            ),
+        ),
     };
     if selection.stopped {
         page.note(
             Mark::Bad,
-            "Partial report: the search was stopped before its end. The verdict is that of what had been tried.",
+            "Partial report: the search was stopped before its end. The verdict is that of what \
+             had been tried.",
         );
     }
     page.note(mark, &sentence);
     let (force, position) = (summary.errors.holdout.force_rms, summary.errors.holdout.position_rms);
-    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+    let number =
+        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
     let better = |change: friction_stage_identify::Change| match (change.before, change.after) {
         (Some(before), Some(after)) if after < before => Mark::Good,
         (Some(before), Some(after)) if after > before => Mark::Bad,
         _ => Mark::Neutral,
     };
-    let tile =
-        |name: &str, value: String, detail: String, mark: Mark| Tile { name: name.to_owned(), value, detail, mark };
+    let tile = |name: &str, value: String, detail: String, mark: Mark| Tile {
+        name: name.to_owned(),
+        value,
+        detail,
+        mark,
+    };
     page.tiles(&[
         tile(
             "verdict",
@@ -199,17 +219,24 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
 fn interval(ci95: Option<[f64; 2]>) -> String {
     ci95.map_or_else(
         || "\u{2013}".to_owned(),
-        |[low, high]| format!("{} \u{2026} {}", in_digits(low, Some([low, high])), in_digits(high, Some([low, high]))),
+        |[low, high]| {
+            format!(
+                "{} \u{2026} {}",
+                in_digits(low, Some([low, high])),
+                in_digits(high, Some([low, high]))
+            )
+        },
     )
 }
 
 fn next_experiment(page: &mut Page, next: &NextExperiment) {
     page.text(&format!(
-        "The motion that settles most of what these data leave open, within the limits: {}, {:.1} s between {:.4} m and {:.4} m, up to {:.3} \
-         m/s and {:.0} N.",
+        "The motion that settles most of what these data leave open, within the limits: {}, {:.1} \
+         s between {:.4} m and {:.4} m, up to {:.3} m/s and {:.0} N.",
         next.file, next.duration, next.stroke[0], next.stroke[1], next.peak_speed, next.peak_force
     ));
-    let mut table = Table::new(&[("piece", Align::Left), ("motion", Align::Left), ("s", Align::Right)]);
+    let mut table =
+        Table::new(&[("piece", Align::Left), ("motion", Align::Left), ("s", Align::Right)]);
     for segment in &next.segments {
         table.row([
             Cell::text(segment.kind.replace('_', " ")),
@@ -219,7 +246,9 @@ fn next_experiment(page: &mut Page, next: &NextExperiment) {
     }
     page.table(&table);
     if let Some(coordinate) = &next.coordinate {
-        page.text(&format!("It passes again and again over the {coordinate} of the force that no law explains."));
+        page.text(&format!(
+            "It passes again and again over the {coordinate} of the force that no law explains."
+        ));
     }
     let columns = |what: &'static str| {
         Table::new(&[
@@ -245,14 +274,16 @@ fn next_experiment(page: &mut Page, next: &NextExperiment) {
             ]);
         }
         page.table(&table.captioned(
-            "Rms of the force that one of the two has and the other, refitted, cannot imitate, in floors of the sensors\u{2019} noise.",
+            "Rms of the force that one of the two has and the other, refitted, cannot imitate, in \
+             floors of the sensors\u{2019} noise.",
         ));
     }
     if !next.parameters.is_empty() {
         let mut table = columns("parameter, half width of its 95 % interval");
         for parameter in &next.parameters {
-            let reach =
-                |value: Option<f64>| value.map_or_else(|| "\u{2013}".to_owned(), |value| format!("{value:.3e}"));
+            let reach = |value: Option<f64>| {
+                value.map_or_else(|| "\u{2013}".to_owned(), |value| format!("{value:.3e}"))
+            };
             table.row([
                 Cell::code(&parameter.name),
                 Cell::text(reach(parameter.before)),
@@ -273,7 +304,8 @@ fn next_experiment(page: &mut Page, next: &NextExperiment) {
             ]);
         }
         page.table(&table.captioned(
-            "Rms of what it would leave that the model cannot imitate, in floors of the sensors\u{2019} noise: these the present record shows least.",
+            "Rms of what it would leave that the model cannot imitate, in floors of the \
+             sensors\u{2019} noise: these the present record shows least.",
         ));
     }
 }
@@ -283,9 +315,18 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         page.text("No effect was added to the declared model.");
         return;
     }
-    let added = selection.after.fitted.hypothesis.effects.iter().skip(selection.before.hypothesis.effects.len());
+    let added = selection
+        .after
+        .fitted
+        .hypothesis
+        .effects
+        .iter()
+        .skip(selection.before.hypothesis.effects.len());
     for (effect, part) in summary.effects.iter().zip(added) {
-        let over = effect.coordinate.as_ref().map_or_else(String::new, |coordinate| format!(" over {coordinate}"));
+        let over = effect
+            .coordinate
+            .as_ref()
+            .map_or_else(String::new, |coordinate| format!(" over {coordinate}"));
         let place = match part.parameters().curve.map(|curve| curve.side) {
             Some(CurveSide::Friction) => "change of Coulomb friction".to_owned(),
             Some(CurveSide::Viscous) => "change of viscous friction".to_owned(),
@@ -294,7 +335,11 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         };
         page.subsection(&format!("{}{over}, {place}", effect.name.replace('_', " ")));
         if let Ok(descriptor) = EffectDescriptor::find(&effect.name) {
-            page.facts([("law", descriptor.law), ("source", descriptor.source), ("telltale", descriptor.telltale)]);
+            page.facts([
+                ("law", descriptor.law),
+                ("source", descriptor.source),
+                ("telltale", descriptor.telltale),
+            ]);
         }
         let mut table = Table::new(&[
             ("parameter", Align::Left),
@@ -320,7 +365,14 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         }
     }
     for Inseparable { effect, rival, correlation } in &selection.inseparable {
-        page.note(Mark::Warning, &format!("{effect} and {rival} explain these data equally, what they take out is correlated by {correlation:.4}: all values, the mass among them, hold if it is {effect}."));
+        page.note(
+            Mark::Warning,
+            &format!(
+                "{effect} and {rival} explain these data equally, what \
+            they take out is correlated by {correlation:.4}: all values, the mass among them, hold \
+            if it is {effect}."
+            ),
+        );
     }
 }
 
@@ -333,7 +385,9 @@ fn errors(page: &mut Page, summary: &Summary) {
         ("change", Align::Right),
         ("", Align::Left),
     ]);
-    for (record, errors) in [("train", &summary.errors.train), ("hold-out", &summary.errors.holdout)] {
+    for (record, errors) in
+        [("train", &summary.errors.train), ("hold-out", &summary.errors.holdout)]
+    {
         let rows = [
             ("force residual, N rms", errors.force_rms, 1.0, 4),
             ("force residual, % of the force", errors.force_relative, 1.0, 3),
@@ -365,7 +419,8 @@ fn errors(page: &mut Page, summary: &Summary) {
         }
     }
     page.table(&table.captioned(
-        "Before: the declared model, refitted. After: the identified model. No fit has seen the hold-out record.",
+        "Before: the declared model, refitted. After: the identified model. No fit has seen the \
+         hold-out record.",
     ));
     page.text(&format!(
         "The declared sensor noise alone leaves a force residual of {:.4} N rms.",
@@ -401,7 +456,9 @@ fn parameters(
             Cell::text(interval(parameter.ci95)),
         ]);
     }
-    for (name, parameter) in summary.declared_parameters.iter().filter(|(name, _)| name.contains('.')) {
+    for (name, parameter) in
+        summary.declared_parameters.iter().filter(|(name, _)| name.contains('.'))
+    {
         table.row([
             Cell::code(name),
             Cell::text(""),
@@ -412,19 +469,23 @@ fn parameters(
         ]);
     }
     page.table(&table.captioned(
-        "Of the guides: the mean over all of them. sensor_shift is the time by which the force readings lag the encoder; it is no part of the model.",
+        "Of the guides: the mean over all of them. sensor_shift is the time by which the force \
+         readings lag the encoder; it is no part of the model.",
     ));
     Ok(())
 }
 
 fn candidates(page: &mut Page, selection: &Selection) {
     if selection.evidence.is_empty() {
-        page.text("No candidate proposed itself: the residual shows nothing of any law in the list.");
+        page.text(
+            "No candidate proposed itself: the residual shows nothing of any law in the list.",
+        );
         return;
     }
     let rounds = selection.evidence.iter().map(|one| one.round).max().map_or(0, |last| last + 1);
     for round in 0..rounds {
-        let mut tried: Vec<&Evidence> = selection.evidence.iter().filter(|one| one.round == round).collect();
+        let mut tried: Vec<&Evidence> =
+            selection.evidence.iter().filter(|one| one.round == round).collect();
         tried.sort_by(|a, b| b.holdout_gain.total_cmp(&a.holdout_gain));
         page.subsection(&format!("Round {}", round + 1));
         let mut table = Table::new(&[
@@ -459,8 +520,10 @@ fn candidates(page: &mut Page, selection: &Selection) {
         page.table(&table);
     }
     page.text(&format!(
-        "Candidates that are not in a round saw nothing of their kind in the residual. The gain is the fall of the mean square of the \
-         missing force with the candidate; it is too little where it is within chance, below the sensors' floor, less than {LEAST_SHARE} or in one place of the train record alone. \
-         Ripples of several guides that were chosen together stand with the gain of all of them.",
+        "Candidates that are not in a round saw nothing of their kind in the residual. The gain is \
+         the fall of the mean square of the missing force with the candidate; it is too little \
+         where it is within chance, below the sensors' floor, less than {LEAST_SHARE} or in one \
+         place of the train record alone. Ripples of several guides that were chosen together \
+         stand with the gain of all of them.",
     ));
 }

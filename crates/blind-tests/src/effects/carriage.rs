@@ -69,8 +69,8 @@ impl Law for ConstantForce {
     }
 }
 
-/// Cable chain: a spring and a hysteresis of Bouc-Wen form (Wen 1976, n = 2), F = -k (x - x0) - H h with
-/// L dh/dt = v - |v| h |h|.
+/// Cable chain: a spring and a hysteresis of Bouc-Wen form (Wen 1976, n = 2), F = -k (x - x0) - H h
+/// with L dh/dt = v - |v| h |h|.
 #[derive(Debug, Clone)]
 pub struct CableChain {
     /// k, N/m.
@@ -106,7 +106,11 @@ impl Law for CableChain {
         ]
     }
     fn scaled(&self, factor: f64) -> Effect {
-        Box::new(Self { stiffness: factor * self.stiffness, hysteresis: factor * self.hysteresis, ..self.clone() })
+        Box::new(Self {
+            stiffness: factor * self.stiffness,
+            hysteresis: factor * self.hysteresis,
+            ..self.clone()
+        })
     }
     fn states(&self) -> usize {
         1
@@ -146,8 +150,9 @@ impl Law for QuadraticDrag {
     }
 }
 
-/// Balls that enter and leave the loaded zone: one sine over position per guide. Balls that roll keep their phase over the
-/// position; where they slip, it walks at random with the distance travelled and starts anew in each record.
+/// Balls that enter and leave the loaded zone: one sine over position per guide. Balls that roll
+/// keep their phase over the position; where they slip, it walks at random with the distance
+/// travelled and starts anew in each record.
 #[derive(Debug, Clone)]
 pub struct BallPassage {
     /// N, per guide.
@@ -166,13 +171,17 @@ impl BallPassage {
         Self { amplitudes, periods, wander, phases: [0.0; GUIDES], last: 0.0 }
     }
 
-    /// 0.2 to 1 N at 8 to 10 mm, equal within 20 % and 2 %; on every second stage the balls slip, by 0 to 0.5 rad rms over a metre.
+    /// 0.2 to 1 N at 8 to 10 mm, equal within 20 % and 2 %; on every second stage the balls slip,
+    /// by 0 to 0.5 rad rms over a metre.
     pub fn draw(noise: &mut Noise) -> Effect {
         let (amplitude, period) = (noise.log_between(0.2, 1.0), noise.between(8e-3, 10e-3));
         let amplitudes = [(); GUIDES].map(|()| amplitude * noise.between(0.8, 1.2));
         let periods = [(); GUIDES].map(|()| period * noise.between(0.98, 1.02));
         let wander = if noise.unit() < 0.5 { noise.between(0.0, 0.5) } else { 0.0 };
-        Box::new(Self { phases: [(); GUIDES].map(|()| noise.angle()), ..Self::new(amplitudes, periods, wander) })
+        Box::new(Self {
+            phases: [(); GUIDES].map(|()| noise.angle()),
+            ..Self::new(amplitudes, periods, wander)
+        })
     }
 }
 
@@ -202,7 +211,9 @@ impl Law for BallPassage {
         }
     }
     fn carriage(&self, now: &Now<'_>, _state: &[f64]) -> f64 {
-        (0..GUIDES).map(|g| self.amplitudes[g] * (TAU * now.x / self.periods[g] + self.phases[g]).sin()).sum()
+        (0..GUIDES)
+            .map(|g| self.amplitudes[g] * (TAU * now.x / self.periods[g] + self.phases[g]).sin())
+            .sum()
     }
 }
 

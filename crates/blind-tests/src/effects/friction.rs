@@ -75,7 +75,10 @@ impl PositionDependentFriction {
     pub fn draw(noise: &mut Noise) -> Effect {
         let fraction = noise.log_between(0.05, 0.3);
         let shape = if noise.unit() < 0.5 {
-            Shape::Bump { center: noise.between(-0.08, 0.06), width: noise.log_between(0.005, 0.02) }
+            Shape::Bump {
+                center: noise.between(-0.08, 0.06),
+                width: noise.log_between(0.005, 0.02),
+            }
         } else {
             Shape::Wave { period: noise.log_between(0.05, 0.2), phase: noise.angle() }
         };
@@ -108,8 +111,8 @@ impl Law for PositionDependentFriction {
     }
 }
 
-/// Contacts of unequal strength in parallel in each guide (Iwan 1966): equal shares of sigma0, slip deflections in
-/// geometric progression, so that their strengths sum to g(v).
+/// Contacts of unequal strength in parallel in each guide (Iwan 1966): equal shares of sigma0, slip
+/// deflections in geometric progression, so that their strengths sum to g(v).
 #[derive(Debug, Clone)]
 pub struct DistributedBristles {
     /// Logarithm of largest over smallest slip deflection; 0 is one bristle.
@@ -155,8 +158,8 @@ impl Law for DistributedBristles {
     }
 }
 
-/// Static friction that grows with the age of the contact: Fs (1 + b ln(1 + theta/tau)), d theta/dt = 1 - |v| theta/D
-/// (aging law of Dieterich 1979 and Ruina 1983).
+/// Static friction that grows with the age of the contact: Fs (1 + b ln(1 + theta/tau)), d
+/// theta/dt = 1 - |v| theta/D (aging law of Dieterich 1979 and Ruina 1983).
 #[derive(Debug, Clone)]
 pub struct StictionAging {
     /// b.
@@ -181,7 +184,11 @@ impl StictionAging {
 impl Law for StictionAging {
     identity!("stiction_aging", Carriage);
     fn parameters(&self) -> Vec<(&'static str, f64)> {
-        vec![("fraction", self.rise), ("time_constant", self.time_constant), ("length", self.length)]
+        vec![
+            ("fraction", self.rise),
+            ("time_constant", self.time_constant),
+            ("length", self.length),
+        ]
     }
     fn scaled(&self, factor: f64) -> Effect {
         Box::new(Self { rise: factor * self.rise, ..self.clone() })
@@ -200,7 +207,8 @@ impl Law for StictionAging {
     }
 }
 
-/// Grease that warms with the work done on it: sigma2 (1 - q (1 - exp(-W/W0))), dW/dt = friction power. Each record starts cold.
+/// Grease that warms with the work done on it: sigma2 (1 - q (1 - exp(-W/W0))), dW/dt = friction
+/// power. Each record starts cold.
 #[derive(Debug, Clone)]
 pub struct ViscousWarmUp {
     /// q: share of sigma2 lost when warm.
@@ -212,7 +220,10 @@ pub struct ViscousWarmUp {
 impl ViscousWarmUp {
     /// 15 to 50 % over 20 to 120 J.
     pub fn draw(noise: &mut Noise) -> Effect {
-        Box::new(Self { fraction: noise.log_between(0.15, 0.5), work: noise.log_between(20.0, 120.0) })
+        Box::new(Self {
+            fraction: noise.log_between(0.15, 0.5),
+            work: noise.log_between(20.0, 120.0),
+        })
     }
 }
 

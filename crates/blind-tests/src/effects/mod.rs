@@ -1,8 +1,10 @@
-//! Laws of the hidden effects: what a stage has beyond four LuGre guides, a rigid carriage and an ideal motor.
+//! Laws of the hidden effects: what a stage has beyond four LuGre guides, a rigid carriage and an
+//! ideal motor.
 //!
-//! Each is one [`Law`], in the file of the place where it acts. [`CATALOGUE`] lists them with the way to draw one of usual
-//! size. "Listed" effects have the names of the library's candidates, "unlisted" ones are in nobody's list. Forces are in N,
-//! positive along +x on the carriage; the laws are written here from the literature and share nothing with the library.
+//! Each is one [`Law`], in the file of the place where it acts. [`CATALOGUE`] lists them with the
+//! way to draw one of usual size. "Listed" effects have the names of the library's candidates,
+//! "unlisted" ones are in nobody's list. Forces are in N, positive along +x on the carriage; the
+//! laws are written here from the literature and share nothing with the library.
 
 mod carriage;
 mod friction;
@@ -10,14 +12,19 @@ mod motor;
 mod sensor;
 mod unlisted;
 
-pub use carriage::{BallPassage, CableChain, ConstantForce, ExternalVibration, Payload, QuadraticDrag, StructuralMode};
+pub use carriage::{
+    BallPassage, CableChain, ConstantForce, ExternalVibration, Payload, QuadraticDrag,
+    StructuralMode,
+};
 pub use friction::{
-    AsymmetricFriction, DistributedBristles, PositionDependentFriction, Shape, StictionAging, ViscousWarmUp,
+    AsymmetricFriction, DistributedBristles, PositionDependentFriction, Shape, StictionAging,
+    ViscousWarmUp,
 };
 pub use motor::{ActuatorLag, Cogging, ForceRipple, MotorGain};
 pub use sensor::{EncoderScale, EncoderSde, ForceCellDrift, ForceCellGain};
 pub use unlisted::{
-    Backlash, ForceStep, FrictionStep, PayloadStep, PositionVelocity, RailJoint, SaturatingBrake, SealMemory,
+    Backlash, ForceStep, FrictionStep, PayloadStep, PositionVelocity, RailJoint, SaturatingBrake,
+    SealMemory,
 };
 
 use super::guides::{Change, Elements};
@@ -124,7 +131,8 @@ pub trait Law: std::fmt::Debug + Send + Sync {
     fn added_mass(&self) -> f64 {
         0.0
     }
-    /// The same of a mass that is not always there: what joins the carriage moves as it does already, kg.
+    /// The same of a mass that is not always there: what joins the carriage moves as it does
+    /// already, kg.
     fn added_mass_now(&self, _now: &Now<'_>) -> f64 {
         0.0
     }
@@ -160,7 +168,8 @@ impl Clone for Effect {
 /// Draws an effect of usual size.
 pub type Draw = fn(&mut Noise) -> Effect;
 
-/// Every effect with the way to draw one of usual size: first those that the library lists, then the others.
+/// Every effect with the way to draw one of usual size: first those that the library lists, then
+/// the others.
 pub const CATALOGUE: [(&str, Draw); 28] = [
     ("cogging", Cogging::draw),
     ("force_ripple", ForceRipple::draw),

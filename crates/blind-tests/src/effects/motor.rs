@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 use super::super::noise::Noise;
 use super::{Drive, Effect, Law, Now, Side, identity};
 
-/// Detent force: sum over k of A_k cos(2 pi k (x - x0)/p - phi_k), independent of the current (Gieras, Piech, Tomczuk, "Linear
-/// Synchronous Motors", 2nd ed. 2012, chapter 3).
+/// Detent force: sum over k of A_k cos(2 pi k (x - x0)/p - phi_k), independent of the current
+/// (Gieras, Piech, Tomczuk, "Linear Synchronous Motors", 2nd ed. 2012, chapter 3).
 #[derive(Debug, Clone)]
 pub struct Cogging {
     /// p, m.
@@ -23,9 +23,12 @@ impl Cogging {
 
     /// 1 to 8 N at 10 to 32 mm, in half of the cases with a second harmonic of 10 to 35 %.
     pub fn draw(noise: &mut Noise) -> Effect {
-        let mut cogging = Self::new(noise.log_between(1.0, 8.0), noise.between(0.010, 0.032), noise.angle());
+        let mut cogging =
+            Self::new(noise.log_between(1.0, 8.0), noise.between(0.010, 0.032), noise.angle());
         if noise.unit() < 0.5 {
-            cogging.harmonics.push((cogging.harmonics[0].0 * noise.between(0.1, 0.35), noise.angle()));
+            cogging
+                .harmonics
+                .push((cogging.harmonics[0].0 * noise.between(0.1, 0.35), noise.angle()));
         }
         Box::new(cogging)
     }
@@ -43,17 +46,21 @@ impl Law for Cogging {
         ]
     }
     fn scaled(&self, factor: f64) -> Effect {
-        let harmonics = self.harmonics.iter().map(|&(amplitude, phase)| (factor * amplitude, phase)).collect();
+        let harmonics =
+            self.harmonics.iter().map(|&(amplitude, phase)| (factor * amplitude, phase)).collect();
         Box::new(Self { harmonics, ..self.clone() })
     }
     fn motor(&self, now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
         let angle = TAU * now.x / self.period;
-        let wave = |(k, &(amplitude, phase)): (usize, &(f64, f64))| amplitude * ((k + 1) as f64 * angle - phase).cos();
+        let wave = |(k, &(amplitude, phase)): (usize, &(f64, f64))| {
+            amplitude * ((k + 1) as f64 * angle - phase).cos()
+        };
         force + self.harmonics.iter().enumerate().map(wave).sum::<f64>()
     }
 }
 
-/// Force constant that depends on position: F (1 + r cos(2 pi x/p - phi)) (Rohrig and Jochheim 2002).
+/// Force constant that depends on position: F (1 + r cos(2 pi x/p - phi)) (Rohrig and Jochheim
+/// 2002).
 #[derive(Debug, Clone)]
 pub struct ForceRipple {
     /// r.
@@ -131,10 +138,11 @@ pub struct ActuatorLag {
 }
 
 impl ActuatorLag {
-    /// A first order of 0.15 to 0.8 ms, a delay of 0.55 to 1.2 ms, or half of both. A delay below one tick alone would
-    /// not show at the end of an interval, where the cell is read.
+    /// A first order of 0.15 to 0.8 ms, a delay of 0.55 to 1.2 ms, or half of both. A delay below
+    /// one tick alone would not show at the end of an interval, where the cell is read.
     pub fn draw(noise: &mut Noise) -> Effect {
-        let (time_constant, delay) = (noise.log_between(0.15e-3, 0.8e-3), noise.log_between(0.55e-3, 1.2e-3));
+        let (time_constant, delay) =
+            (noise.log_between(0.15e-3, 0.8e-3), noise.log_between(0.55e-3, 1.2e-3));
         Box::new(match noise.index(3) {
             0 => Self { time_constant, delay: 0.0 },
             1 => Self { time_constant: 0.0, delay },

@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 use super::super::noise::Noise;
 use super::{Effect, Law, Now, Side, identity};
 
-/// Interpolation error of an encoder: d cos(2 pi x/p - phi) + d/4 cos(4 pi x/p), the offset and gain errors of its two signals
-/// (Heydemann 1981).
+/// Interpolation error of an encoder: d cos(2 pi x/p - phi) + d/4 cos(4 pi x/p), the offset and
+/// gain errors of its two signals (Heydemann 1981).
 #[derive(Debug, Clone)]
 pub struct EncoderSde {
     /// d, m.
@@ -21,7 +21,11 @@ impl EncoderSde {
     /// 0.3 to 1.5 % of a period of 4 to 40 um.
     pub fn draw(noise: &mut Noise) -> Effect {
         let period = noise.log_between(4e-6, 40e-6);
-        Box::new(Self { amplitude: period * noise.log_between(0.003, 0.015), period, phase: noise.angle() })
+        Box::new(Self {
+            amplitude: period * noise.log_between(0.003, 0.015),
+            period,
+            phase: noise.angle(),
+        })
     }
 }
 

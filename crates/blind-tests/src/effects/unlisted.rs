@@ -1,4 +1,5 @@
-//! Effects that are in nobody's list: the honest answer to them is "unknown", with the coordinate that they follow.
+//! Effects that are in nobody's list: the honest answer to them is "unknown", with the coordinate
+//! that they follow.
 
 use super::super::guides::Change;
 use super::super::noise::Noise;
@@ -17,7 +18,8 @@ macro_rules! unlisted {
     };
 }
 
-/// Joint of two rails: a dip of force over a short way, F = -A exp(-((x - c)/w)^4) in both directions.
+/// Joint of two rails: a dip of force over a short way, F = -A exp(-((x - c)/w)^4) in both
+/// directions.
 #[derive(Debug, Clone)]
 pub struct RailJoint {
     /// A, N.
@@ -64,7 +66,10 @@ pub struct ForceStep {
 impl ForceStep {
     /// 1 to 6 N after 4 to 12 s.
     pub fn draw(noise: &mut Noise) -> Effect {
-        Box::new(Self { force: noise.sign() * noise.log_between(1.0, 6.0), time: noise.between(4.0, 12.0) })
+        Box::new(Self {
+            force: noise.sign() * noise.log_between(1.0, 6.0),
+            time: noise.between(4.0, 12.0),
+        })
     }
 }
 
@@ -82,7 +87,8 @@ impl Law for ForceStep {
     }
 }
 
-/// Friction that changes at a time in the record (a seal that comes loose): Fc and Fs times 1 + f from then on.
+/// Friction that changes at a time in the record (a seal that comes loose): Fc and Fs times 1 + f
+/// from then on.
 #[derive(Debug, Clone)]
 pub struct FrictionStep {
     /// f.
@@ -94,7 +100,10 @@ pub struct FrictionStep {
 impl FrictionStep {
     /// 8 to 30 %, up or down, after 4 to 12 s.
     pub fn draw(noise: &mut Noise) -> Effect {
-        Box::new(Self { fraction: noise.sign() * noise.log_between(0.08, 0.3), time: noise.between(4.0, 12.0) })
+        Box::new(Self {
+            fraction: noise.sign() * noise.log_between(0.08, 0.3),
+            time: noise.between(4.0, 12.0),
+        })
     }
 }
 
@@ -114,7 +123,8 @@ impl Law for FrictionStep {
     }
 }
 
-/// A workpiece that is taken off, or put on, at a time in the record: the mass changes by m from then on.
+/// A workpiece that is taken off, or put on, at a time in the record: the mass changes by m from
+/// then on.
 #[derive(Debug, Clone)]
 pub struct PayloadStep {
     /// m, kg.
@@ -126,7 +136,10 @@ pub struct PayloadStep {
 impl PayloadStep {
     /// 0.5 to 3 kg, more or less, after 4 to 12 s.
     pub fn draw(noise: &mut Noise) -> Effect {
-        Box::new(Self { mass: noise.sign() * noise.log_between(0.5, 3.0), time: noise.between(4.0, 12.0) })
+        Box::new(Self {
+            mass: noise.sign() * noise.log_between(0.5, 3.0),
+            time: noise.between(4.0, 12.0),
+        })
     }
 }
 
@@ -173,8 +186,8 @@ impl Law for SaturatingBrake {
     }
 }
 
-/// Seal that sticks: a lip with drag S (1 + m q) p; p follows the direction over 0.1 mm, the freshness q grows at rest within
-/// tau and is rubbed off over a travel L.
+/// Seal that sticks: a lip with drag S (1 + m q) p; p follows the direction over 0.1 mm, the
+/// freshness q grows at rest within tau and is rubbed off over a travel L.
 #[derive(Debug, Clone)]
 pub struct SealMemory {
     /// S, N.
@@ -225,8 +238,8 @@ impl Law for SealMemory {
     }
 }
 
-/// A dog dragged along with play: it presses with a spring k outside a gap of +-w and slides at a force A, so after each
-/// reversal it is silent over 2 w.
+/// A dog dragged along with play: it presses with a spring k outside a gap of +-w and slides at a
+/// force A, so after each reversal it is silent over 2 w.
 #[derive(Debug, Clone)]
 pub struct Backlash {
     /// A, N.
@@ -240,7 +253,11 @@ pub struct Backlash {
 impl Backlash {
     /// 2 to 8 N, +-1 to 6 mm, 20 kN/m.
     pub fn draw(noise: &mut Noise) -> Effect {
-        Box::new(Self { force: noise.log_between(2.0, 8.0), gap: noise.log_between(0.001, 0.006), stiffness: 2e4 })
+        Box::new(Self {
+            force: noise.log_between(2.0, 8.0),
+            gap: noise.log_between(0.001, 0.006),
+            stiffness: 2e4,
+        })
     }
 
     fn press(&self, x: f64, dog: f64) -> f64 {
@@ -255,13 +272,18 @@ impl Law for Backlash {
         vec![("amplitude", self.force), ("gap", self.gap), ("stiffness", self.stiffness)]
     }
     fn scaled(&self, factor: f64) -> Effect {
-        Box::new(Self { force: factor * self.force, stiffness: factor * self.stiffness, ..self.clone() })
+        Box::new(Self {
+            force: factor * self.force,
+            stiffness: factor * self.stiffness,
+            ..self.clone()
+        })
     }
     fn states(&self) -> usize {
         1
     }
     fn rate(&self, now: &Now<'_>, _drive: &Drive, state: &[f64], rate: &mut [f64]) {
-        // Sliding begins gradually, as in LuGre without a Stribeck curve, at the rate at which the spring is pressed.
+        // Sliding begins gradually, as in LuGre without a Stribeck curve, at the rate at which the
+        // spring is pressed.
         let pressed = self.press(now.x, state[0]) / self.force;
         rate[0] = if pressed * now.v > 0.0 { now.v * pressed.abs().min(1.0).powi(4) } else { 0.0 };
     }

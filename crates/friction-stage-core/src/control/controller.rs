@@ -59,7 +59,8 @@ pub struct Controller {
 }
 
 impl ControllerSettings {
-    /// The controller of the paper's section 4 for a stage of `mass` kg: 60 Hz PID with lowpass, ideal mass feedforward.
+    /// The controller of the paper's section 4 for a stage of `mass` kg: 60 Hz PID with lowpass,
+    /// ideal mass feedforward.
     pub fn paper(mass: f64, rate: f64, force_limit: f64) -> ControllerSettings {
         ControllerSettings {
             rate,
@@ -72,7 +73,8 @@ impl ControllerSettings {
     }
 
     pub fn check(&self) -> Result<(), ControllerError> {
-        let refuse = |name, value, limit: String| Err(ControllerError::Value { name, value, limit });
+        let refuse =
+            |name, value, limit: String| Err(ControllerError::Value { name, value, limit });
         let not_negative = [
             ("gains.stage.p", self.gains.p),
             ("gains.stage.i", self.gains.i),
@@ -101,7 +103,8 @@ impl ControllerSettings {
             );
         }
         if !(self.limits.0 < 0.0 && self.limits.1 > 0.0) {
-            let limit = format!("be greater than 0, with the lower limit ({}) below 0", self.limits.0);
+            let limit =
+                format!("be greater than 0, with the lower limit ({}) below 0", self.limits.0);
             return refuse("gains.stage.u_clamp_max", self.limits.1, limit);
         }
         Ok(())
@@ -116,16 +119,20 @@ impl Controller {
             period,
             period_ns: (period * 1e9).round() as i64,
             pid: Pid::new(settings.gains, settings.anti_windup, period),
-            lowpass: Lowpass::new(settings.gains.lowpass_frequency, settings.gains.lowpass_damping, settings.rate),
+            lowpass: Lowpass::new(
+                settings.gains.lowpass_frequency,
+                settings.gains.lowpass_damping,
+                settings.rate,
+            ),
             settings,
         })
     }
 
     /// The force for the sample at `time` (ns) with the measured `position` (m).
     ///
-    /// Mass feedforward takes the mean acceleration of the reference over the coming sample where a trajectory is followed:
-    /// a force held over the sample then gives the mass the reference's velocity at its end. A streamed setpoint brings its
-    /// own acceleration.
+    /// Mass feedforward takes the mean acceleration of the reference over the coming sample where a
+    /// trajectory is followed: a force held over the sample then gives the mass the reference's
+    /// velocity at its end. A streamed setpoint brings its own acceleration.
     #[inline]
     pub fn update(&mut self, time: i64, position: f64, follower: &mut Follower) -> Terms {
         follower.advance(time);
@@ -168,7 +175,11 @@ impl Controller {
         }
         self.pid.retune(settings.gains, settings.anti_windup);
         let gains = &settings.gains;
-        self.lowpass.retune(&Lowpass::new(gains.lowpass_frequency, gains.lowpass_damping, settings.rate));
+        self.lowpass.retune(&Lowpass::new(
+            gains.lowpass_frequency,
+            gains.lowpass_damping,
+            settings.rate,
+        ));
         self.settings = settings;
         Ok(())
     }
@@ -202,13 +213,15 @@ mod tests {
             x += v * 2.5e-4 + 0.5 * a * 2.5e-4 * 2.5e-4;
             v += a * 2.5e-4;
         }
-        // What remains is the shape of the acceleration within a sample: a T^2 / 12 = 0.15 um at the most.
+        // What remains is the shape of the acceleration within a sample: a T^2 / 12 = 0.15 um at
+        // the most.
         assert!((x - 0.05).abs() < 2e-7 && v.abs() < 1e-9, "{x} {v}");
     }
 
     #[test]
     fn output_is_the_sum_of_its_terms_within_the_limits() {
-        let mut controller = Controller::new(ControllerSettings::paper(40.0, 4000.0, 50.0)).unwrap();
+        let mut controller =
+            Controller::new(ControllerSettings::paper(40.0, 4000.0, 50.0)).unwrap();
         let mut follower = Follower::new(1e-3);
         let small = controller.update(0, 1e-9, &mut follower);
         assert!(!small.saturated && small.output == small.feedback && small.error == -1e-9);

@@ -2,7 +2,8 @@
 
 use std::f64::consts::PI;
 
-/// H(s) = w^2 / (s^2 + 2 zeta w s + w^2) by the bilinear transform with prewarping at w; zero initial state.
+/// H(s) = w^2 / (s^2 + 2 zeta w s + w^2) by the bilinear transform with prewarping at w; zero
+/// initial state.
 #[derive(Clone, Debug)]
 pub struct Lowpass {
     input_gain: f64,
@@ -56,11 +57,15 @@ mod tests {
     fn gain(frequency: f64, cutoff: f64, rate: f64) -> f64 {
         let mut lowpass = Lowpass::new(cutoff, std::f64::consts::FRAC_1_SQRT_2, rate);
         let period = (rate / frequency).round() as usize;
-        let output: Vec<f64> =
-            (0..60 * period).map(|k| lowpass.filter((2.0 * PI * k as f64 / period as f64).sin())).collect();
+        let output: Vec<f64> = (0..60 * period)
+            .map(|k| lowpass.filter((2.0 * PI * k as f64 / period as f64).sin()))
+            .collect();
         let tail = &output[50 * period..];
         let project = |f: fn(f64) -> f64| -> f64 {
-            tail.iter().enumerate().map(|(k, y)| y * f(2.0 * PI * k as f64 / period as f64)).sum::<f64>()
+            tail.iter()
+                .enumerate()
+                .map(|(k, y)| y * f(2.0 * PI * k as f64 / period as f64))
+                .sum::<f64>()
         };
         2.0 * project(f64::sin).hypot(project(f64::cos)) / tail.len() as f64
     }

@@ -1,7 +1,7 @@
 //! How a stage is driven: PID with lowpass, feedforward, and the motion that it follows.
 //!
-//! In come references and measured positions at a fixed rate, out goes a force with every term that it is made of. Time is
-//! an argument in nanoseconds; nothing here allocates while controlling.
+//! In come references and measured positions at a fixed rate, out goes a force with every term that
+//! it is made of. Time is an argument in nanoseconds; nothing here allocates while controlling.
 
 mod controller;
 mod lowpass;

@@ -30,7 +30,8 @@ pub enum AntiWindup {
     BackCalculation,
 }
 
-/// One PID. I is updated before it is used (backward Euler); D is the backward difference, 0 at the first sample.
+/// One PID. I is updated before it is used (backward Euler); D is the backward difference, 0 at the
+/// first sample.
 #[derive(Clone, Debug)]
 pub struct Pid {
     gains: Gains,
@@ -51,9 +52,10 @@ pub struct PidTerms {
 impl Gains {
     /// Gains for a free mass (kg) so that the open loop crosses 1 at `bandwidth` (Hz).
     ///
-    /// Corner frequencies by the rule of thumb for motion systems: integrator at 1/10, differentiator at 1/3 of the bandwidth
-    /// (Munnig Schmidt, Schitter, Rankers, van Eijk, "The Design of High Performance Mechatronics", 2nd ed. 2014, section
-    /// 4.2); the lowpass, second order at 6 times the bandwidth with damping 1/sqrt 2, stands for its taming pole and costs
+    /// Corner frequencies by the rule of thumb for motion systems: integrator at 1/10,
+    /// differentiator at 1/3 of the bandwidth (Munnig Schmidt, Schitter, Rankers, van Eijk, "The
+    /// Design of High Performance Mechatronics", 2nd ed. 2014, section 4.2); the lowpass, second
+    /// order at 6 times the bandwidth with damping 1/sqrt 2, stands for its taming pole and costs
     /// 14 degrees. Open loop: C(s) / (m s^2).
     pub fn from_bandwidth(bandwidth: f64, mass: f64) -> Gains {
         let crossover = 2.0 * PI * bandwidth;
@@ -144,7 +146,8 @@ mod tests {
         let gains = Gains::from_bandwidth(bandwidth, mass);
         let w = 2.0 * PI * bandwidth;
         let (real, imaginary) = (gains.p, gains.d * w - gains.i / w);
-        let (gain, phase) = Lowpass::response(bandwidth / gains.lowpass_frequency, gains.lowpass_damping);
+        let (gain, phase) =
+            Lowpass::response(bandwidth / gains.lowpass_frequency, gains.lowpass_damping);
         let magnitude = real.hypot(imaginary) * gain / (mass * w * w);
         assert!((magnitude - 1.0).abs() < 1e-12, "{magnitude}");
         let margin = (imaginary.atan2(real) + phase).to_degrees();
@@ -153,7 +156,8 @@ mod tests {
 
     #[test]
     fn integral_goes_on_stands_or_bleeds_under_saturation() {
-        let gains = Gains { p: 10.0, i: 100.0, d: 0.0, lowpass_frequency: 1.0, lowpass_damping: 1.0 };
+        let gains =
+            Gains { p: 10.0, i: 100.0, d: 0.0, lowpass_frequency: 1.0, lowpass_damping: 1.0 };
         let run = |strategy| {
             let mut pid = Pid::new(gains, strategy, 1e-3);
             (0..100)

@@ -1,4 +1,5 @@
-//! The motion that a controller follows: streamed setpoints and trajectories, interpolated between their points.
+//! The motion that a controller follows: streamed setpoints and trajectories, interpolated between
+//! their points.
 
 /// Where the stage should be: m, m/s, m/s^2; `effort` is a force feedforward of the sender, N.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -9,7 +10,8 @@ pub struct Reference {
     pub effort: f64,
 }
 
-/// A point of a trajectory, `time` ns after its start. Absent velocity or acceleration lowers the order of interpolation.
+/// A point of a trajectory, `time` ns after its start. Absent velocity or acceleration lowers the
+/// order of interpolation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Point {
     pub time: i64,
@@ -21,8 +23,9 @@ pub struct Point {
 
 /// A checked list of points with its start, ns on the clock of the samples.
 ///
-/// Between two points as joint_trajectory_controller does: quintic where both give velocity and acceleration, cubic where
-/// both give velocity, linear else. Before the first point the motion comes from where the reference was at the start.
+/// Between two points as joint_trajectory_controller does: quintic where both give velocity and
+/// acceleration, cubic where both give velocity, linear else. Before the first point the motion
+/// comes from where the reference was at the start.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     start: i64,
@@ -36,10 +39,14 @@ pub enum TrajectoryError {
     Empty,
     #[error("point {index}: {quantity} is {value}, must be finite")]
     NotFinite { index: usize, quantity: &'static str, value: f64 },
-    #[error("point {index}: time_from_start {time} ns does not come after {previous} ns of the point before")]
+    #[error(
+        "point {index}: time_from_start {time} ns does not come after {previous} ns of the point \
+         before"
+    )]
     TimeOrder { index: usize, time: i64, previous: i64 },
     #[error(
-        "setpoint jumps by {jump:.3e} m from {from:.6e} m, at most {limit:.3e} m without a motion: send a trajectory"
+        "setpoint jumps by {jump:.3e} m from {from:.6e} m, at most {limit:.3e} m without a motion: \
+         send a trajectory"
     )]
     Jump { jump: f64, from: f64, limit: f64 },
     #[error("the trajectory ends at {end} ns, before now ({now} ns)")]
@@ -93,7 +100,13 @@ impl Trajectory {
 
     /// A rest-to-rest move: quintic from where the reference is to `position`, over `duration` ns.
     pub fn rest_to_rest(start: i64, position: f64, duration: i64) -> Trajectory {
-        let point = Point { time: duration, position, velocity: Some(0.0), acceleration: Some(0.0), effort: 0.0 };
+        let point = Point {
+            time: duration,
+            position,
+            velocity: Some(0.0),
+            acceleration: Some(0.0),
+            effort: 0.0,
+        };
         Trajectory { start, points: vec![point] }
     }
 
@@ -132,8 +145,10 @@ fn interpolate(a: &Point, b: &Point, time: i64) -> Reference {
             let c5 = 6.0 * delta - 3.0 * (va + vb) - 0.5 * (aa - ab);
             Reference {
                 position: a.position + u * (va + u * (c2 + u * (c3 + u * (c4 + u * c5)))),
-                velocity: (va + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / span,
-                acceleration: (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (span * span),
+                velocity: (va + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5))))
+                    / span,
+                acceleration: (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5)))
+                    / (span * span),
                 effort,
             }
         }
@@ -148,19 +163,26 @@ fn interpolate(a: &Point, b: &Point, time: i64) -> Reference {
                 effort,
             }
         }
-        (None, _) => Reference { position: a.position + u * delta, velocity: delta / span, acceleration: 0.0, effort },
+        (None, _) => Reference {
+            position: a.position + u * delta,
+            velocity: delta / span,
+            acceleration: 0.0,
+            effort,
+        },
     }
 }
 
 impl Follower {
-    /// Holds position 0 from time 0 on; [`Follower::hold`] the measured position before the first reference is used.
+    /// Holds position 0 from time 0 on; [`Follower::hold`] the measured position before the first
+    /// reference is used.
     pub fn new(jump_limit: f64) -> Follower {
         Follower { held: Reference::default(), held_since: 0, active: None, jump_limit }
     }
 
     /// A setpoint of now. It ends a trajectory that is being followed.
     ///
-    /// Refused where it jumps: by more than the limit beyond what the velocity of both setpoints explains since the last one.
+    /// Refused where it jumps: by more than the limit beyond what the velocity of both setpoints
+    /// explains since the last one.
     pub fn set(&mut self, now: i64, setpoint: Reference) -> Result<(), TrajectoryError> {
         let point = Point {
             position: setpoint.position,
@@ -173,7 +195,8 @@ impl Follower {
         let current = self.at(now);
         let elapsed = (now - self.held_since).max(0) as f64 * 1e-9;
         let speed = setpoint.velocity.abs().max(current.velocity.abs());
-        let (jump, limit) = ((setpoint.position - current.position).abs(), self.jump_limit + speed * elapsed);
+        let (jump, limit) =
+            ((setpoint.position - current.position).abs(), self.jump_limit + speed * elapsed);
         if jump > limit {
             return Err(TrajectoryError::Jump { jump, from: current.position, limit });
         }
@@ -181,7 +204,8 @@ impl Follower {
         Ok(())
     }
 
-    /// Follows a trajectory from its start on; what was followed before goes on until then only through its reference then.
+    /// Follows a trajectory from its start on; what was followed before goes on until then only
+    /// through its reference then.
     pub fn follow(&mut self, now: i64, trajectory: Trajectory) -> Result<(), TrajectoryError> {
         if trajectory.end() < now {
             return Err(TrajectoryError::Past { end: trajectory.end(), now });
@@ -190,9 +214,14 @@ impl Follower {
         let first = trajectory.points[0];
         let jump = (first.position - from.position).abs();
         if first.time == 0 && jump > self.jump_limit {
-            return Err(TrajectoryError::Jump { jump, from: from.position, limit: self.jump_limit });
+            return Err(TrajectoryError::Jump {
+                jump,
+                from: from.position,
+                limit: self.jump_limit,
+            });
         }
-        // Where the first segment starts, the reference has a velocity and an acceleration of its own.
+        // Where the first segment starts, the reference has a velocity and an acceleration of its
+        // own.
         let origin = Point {
             time: 0,
             position: from.position,
@@ -225,11 +254,14 @@ impl Follower {
                 interpolate(from, point, since)
             }
             // Past the end the last position is held, at rest.
-            None => Reference { position: points[points.len() - 1].position, ..Reference::default() },
+            None => {
+                Reference { position: points[points.len() - 1].position, ..Reference::default() }
+            }
         }
     }
 
-    /// Moves on to `now`: forgets segments that lie behind, so that the search in [`Follower::at`] stays short.
+    /// Moves on to `now`: forgets segments that lie behind, so that the search in [`Follower::at`]
+    /// stays short.
     #[inline]
     pub fn advance(&mut self, now: i64) {
         if let Some(active) = &mut self.active {
@@ -241,12 +273,14 @@ impl Follower {
         }
     }
 
-    /// Whether a trajectory is being followed at `time`: its mean acceleration over the next sample is then known.
+    /// Whether a trajectory is being followed at `time`: its mean acceleration over the next sample
+    /// is then known.
     pub fn is_moving(&self, time: i64) -> bool {
         self.active.as_ref().is_some_and(|active| time < active.trajectory.end())
     }
 
-    /// Whether the velocity ahead is known at `time`, ns: a trajectory was given, so that one can look ahead.
+    /// Whether the velocity ahead is known at `time`, ns: a trajectory was given, so that one can
+    /// look ahead.
     pub fn can_look_ahead(&self) -> bool {
         self.active.is_some()
     }
@@ -258,7 +292,8 @@ impl Follower {
 
     /// Gives up what is followed and holds `position`, m.
     pub fn hold(&mut self, now: i64, position: f64) {
-        (self.held, self.held_since, self.active) = (Reference { position, ..Reference::default() }, now, None);
+        (self.held, self.held_since, self.active) =
+            (Reference { position, ..Reference::default() }, now, None);
     }
 }
 
@@ -277,14 +312,23 @@ mod tests {
             let expected = 0.05 * tau.powi(3) * (10.0 - 15.0 * tau + 6.0 * tau * tau);
             let velocity = 0.05 / 0.1 * 30.0 * tau * tau * (1.0 - tau) * (1.0 - tau);
             let found = follower.at(ms * MS);
-            assert!((found.position - expected).abs() < 1e-16 && (found.velocity - velocity).abs() < 1e-14, "{ms} ms");
+            assert!(
+                (found.position - expected).abs() < 1e-16
+                    && (found.velocity - velocity).abs() < 1e-14,
+                "{ms} ms"
+            );
         }
     }
 
     #[test]
     fn interpolation_meets_the_points_with_the_order_that_they_give() {
-        let point =
-            |time, position, velocity, acceleration| Point { time, position, velocity, acceleration, effort: 0.0 };
+        let point = |time, position, velocity, acceleration| Point {
+            time,
+            position,
+            velocity,
+            acceleration,
+            effort: 0.0,
+        };
         let points = vec![
             point(100 * MS, 0.01, Some(0.1), Some(0.0)),
             point(200 * MS, 0.02, Some(0.05), Some(-1.0)),
@@ -296,14 +340,19 @@ mod tests {
         for (index, point) in points.iter().enumerate().take(3) {
             let before = follower.at(point.time - 1);
             assert!((before.position - point.position).abs() < 1e-9, "{index}: {before:?}");
-            assert!((before.velocity - point.velocity.unwrap()).abs() < 1e-6, "{index}: {before:?}");
+            assert!(
+                (before.velocity - point.velocity.unwrap()).abs() < 1e-6,
+                "{index}: {before:?}"
+            );
         }
         // Linear between the last two.
         let middle = follower.at(350 * MS);
         assert!((middle.position - 0.02).abs() < 1e-12 && (middle.velocity + 0.2).abs() < 1e-12);
-        // Velocity is the derivative of position, acceleration that of velocity, wherever it is smooth.
+        // Velocity is the derivative of position, acceleration that of velocity, wherever it is
+        // smooth.
         for time in [33 * MS, 150 * MS, 250 * MS] {
-            let (a, b, c) = (follower.at(time - MS / 10), follower.at(time), follower.at(time + MS / 10));
+            let (a, b, c) =
+                (follower.at(time - MS / 10), follower.at(time), follower.at(time + MS / 10));
             assert!(((c.position - a.position) / 2e-4 - b.velocity).abs() < 1e-4);
             assert!(((c.velocity - a.velocity) / 2e-4 - b.acceleration).abs() < 1e-2);
         }
@@ -314,8 +363,18 @@ mod tests {
         let good = Point { time: MS, position: 0.0, ..Point::default() };
         assert_eq!(Trajectory::new(0, vec![]), Err(TrajectoryError::Empty));
         let nan = Point { position: f64::NAN, ..good };
-        assert!(Trajectory::new(0, vec![good, nan]).unwrap_err().to_string().contains("point 1: position is NaN"));
-        assert!(Trajectory::new(0, vec![good, good]).unwrap_err().to_string().contains("does not come after"));
+        assert!(
+            Trajectory::new(0, vec![good, nan])
+                .unwrap_err()
+                .to_string()
+                .contains("point 1: position is NaN")
+        );
+        assert!(
+            Trajectory::new(0, vec![good, good])
+                .unwrap_err()
+                .to_string()
+                .contains("does not come after")
+        );
     }
 
     #[test]
@@ -325,7 +384,8 @@ mod tests {
         assert!(matches!(follower.set(MS, jump), Err(TrajectoryError::Jump { .. })));
         assert_eq!(follower.at(MS).position, 0.0);
         for k in 1..100 {
-            let setpoint = Reference { position: 0.01 * k as f64, velocity: 0.6, ..Reference::default() };
+            let setpoint =
+                Reference { position: 0.01 * k as f64, velocity: 0.6, ..Reference::default() };
             follower.set(k * 16_666_667, setpoint).unwrap();
         }
         assert!(matches!(

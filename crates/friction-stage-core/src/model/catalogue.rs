@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::error::ModelError;
 use super::{EffectParameters, Guide};
 
-/// Guides by name. The built-in catalogue holds the three guides of the paper; a user's own stand beside them.
+/// Guides by name. The built-in catalogue holds the three guides of the paper; a user's own stand
+/// beside them.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Catalogue {
@@ -95,7 +96,8 @@ impl Catalogue {
     /// The guides of the paper: `guide_1`, `guide_2`, `guide_3`.
     pub fn builtin() -> Catalogue {
         static BUILTIN: std::sync::LazyLock<Catalogue> = std::sync::LazyLock::new(|| {
-            serde_saphyr::from_str(include_str!("catalogue.yaml")).expect("the built-in catalogue is checked by a test")
+            serde_saphyr::from_str(include_str!("catalogue.yaml"))
+                .expect("the built-in catalogue is checked by a test")
         });
         BUILTIN.clone()
     }
@@ -105,17 +107,27 @@ impl Catalogue {
     /// Refused are a text without entries, units other than SI and guides that cannot be.
     pub fn from_yaml(text: &str, origin: &str) -> Result<Catalogue, ModelError> {
         // A text of comments only is no map, yet it is what an empty database looks like.
-        if text.lines().all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"..." | b"{}")) {
+        if text
+            .lines()
+            .all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"..." | b"{}"))
+        {
             return Err(ModelError::EmptyCatalogue { origin: origin.to_owned() });
         }
-        let catalogue: Catalogue = serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
+        let catalogue: Catalogue =
+            serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
         for (name, entry) in &catalogue.entries {
             let key = format!("{origin}: {name}");
             let bristles = entry.distributed_bristles.as_ref().map(DistributedBristles::quantities);
-            for (quantity, name, unit) in entry.quantities().into_iter().chain(bristles.into_iter().flatten()) {
+            for (quantity, name, unit) in
+                entry.quantities().into_iter().chain(bristles.into_iter().flatten())
+            {
                 if quantity.unit != unit {
                     let key = format!("{key}.{name}");
-                    return Err(ModelError::Unit { key, found: quantity.unit.clone(), expected: unit });
+                    return Err(ModelError::Unit {
+                        key,
+                        found: quantity.unit.clone(),
+                        expected: unit,
+                    });
                 }
             }
             entry.guide().check(&key)?;
@@ -125,17 +137,21 @@ impl Catalogue {
 
     /// Reads a file of a user's entries.
     pub fn load(path: &Path) -> Result<Catalogue, ModelError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|source| ModelError::ReadCatalogue { path: path.display().to_string(), source })?;
+        let text = std::fs::read_to_string(path).map_err(|source| ModelError::ReadCatalogue {
+            path: path.display().to_string(),
+            source,
+        })?;
         Catalogue::from_yaml(&text, &path.display().to_string())
     }
 
     /// The entries as YAML that [`Catalogue::from_yaml`] reads back.
     pub fn to_yaml(&self) -> Result<String, ModelError> {
-        serde_saphyr::to_string(self).map_err(|error| ModelError::Write { message: error.to_string() })
+        serde_saphyr::to_string(self)
+            .map_err(|error| ModelError::Write { message: error.to_string() })
     }
 
-    /// Puts the entries of `other` beside these; a name that is taken is refused. `origin` names where `other` comes from.
+    /// Puts the entries of `other` beside these; a name that is taken is refused. `origin` names
+    /// where `other` comes from.
     pub fn add(&mut self, other: Catalogue, origin: &str) -> Result<(), ModelError> {
         for (name, entry) in other.entries {
             self.insert(name, entry, origin)?;
@@ -144,7 +160,12 @@ impl Catalogue {
     }
 
     /// Puts one entry beside the others; a name that is taken is refused.
-    pub fn insert(&mut self, name: String, entry: CatalogueEntry, origin: &str) -> Result<(), ModelError> {
+    pub fn insert(
+        &mut self,
+        name: String,
+        entry: CatalogueEntry,
+        origin: &str,
+    ) -> Result<(), ModelError> {
         if self.entries.contains_key(&name) {
             return Err(ModelError::DuplicateGuide { origin: origin.to_owned(), name });
         }
@@ -169,12 +190,15 @@ impl Catalogue {
         self.entries.get(name)
     }
 
-    /// A guide with its parallel bristles: its parameters and the effect that belongs to them. `None` where the catalogue has
-    /// no such guide or none for it.
+    /// A guide with its parallel bristles: its parameters and the effect that belongs to them.
+    /// `None` where the catalogue has no such guide or none for it.
     pub fn distributed_bristles(&self, name: &str) -> Option<(Guide, EffectParameters)> {
         let of = self.entry(name)?.distributed_bristles.as_ref()?;
-        let guide =
-            Guide { stiffness: of.stiffness.value, bristle_damping: of.bristle_damping.value, ..self.guide(name)? };
+        let guide = Guide {
+            stiffness: of.stiffness.value,
+            bristle_damping: of.bristle_damping.value,
+            ..self.guide(name)?
+        };
         let values = [
             ("stiffness_share_1", &of.stiffness_share_1),
             ("strength_share_1", &of.strength_share_1),
@@ -182,7 +206,11 @@ impl Catalogue {
             ("strength_share_2", &of.strength_share_2),
         ];
         let values = values.map(|(key, quantity)| (key.to_owned(), quantity.value));
-        let effect = EffectParameters { name: "distributed_bristles".to_owned(), values: values.into(), curve: None };
+        let effect = EffectParameters {
+            name: "distributed_bristles".to_owned(),
+            values: values.into(),
+            curve: None,
+        };
         Some((guide, effect))
     }
 
@@ -246,13 +274,15 @@ mod tests {
         }
     }
 
-    /// Sum of b Fs tanh(a sigma0 A / (b Fs)) / A over the three elements: the closed form of the effect's slow loop.
+    /// Sum of b Fs tanh(a sigma0 A / (b Fs)) / A over the three elements: the closed form of the
+    /// effect's slow loop.
     #[test]
     fn distributed_bristles_of_guide_1_meet_its_three_stiffnesses() {
         let catalogue = Catalogue::builtin();
         let (guide, effect) = catalogue.distributed_bristles("guide_1").unwrap();
-        let [a1, b1, a2, b2] = ["stiffness_share_1", "strength_share_1", "stiffness_share_2", "strength_share_2"]
-            .map(|key| effect.values[key]);
+        let [a1, b1, a2, b2] =
+            ["stiffness_share_1", "strength_share_1", "stiffness_share_2", "strength_share_2"]
+                .map(|key| effect.values[key]);
         let elements = [(a1, b1), (a2, b2), (1.0 - a1 - a2, 1.0 - b1 - b2)];
         let stated = &catalogue.entry("guide_1").unwrap().effective_stiffness;
         assert_eq!(stated.len(), 3);
@@ -273,7 +303,8 @@ mod tests {
     #[test]
     fn catalogue_meets_the_statements_of_the_paper() {
         let catalogue = Catalogue::builtin();
-        let [one, two, three] = ["guide_1", "guide_2", "guide_3"].map(|name| catalogue.guide(name).unwrap());
+        let [one, two, three] =
+            ["guide_1", "guide_2", "guide_3"].map(|name| catalogue.guide(name).unwrap());
         let close = |found: f64, stated: f64| (found / stated - 1.0).abs() < 0.01;
         assert!(close(one.effective_stiffness(1e-6), 4.5e5), "{}", one.effective_stiffness(1e-6));
         assert!(close(two.effective_stiffness(1e-6), 2.6e5), "{}", two.effective_stiffness(1e-6));
@@ -281,14 +312,25 @@ mod tests {
             close(three.effective_stiffness(1e-6), one.effective_stiffness(1e-6)),
             "lubricant hardly matters at 1 um"
         );
-        assert!((one.static_force - two.static_force - 12.0).abs() < 0.5, "12 N lower break-away without seals");
-        // A guide has broken away where the bristle force of a sliding-free loop would exceed its static friction.
+        assert!(
+            (one.static_force - two.static_force - 12.0).abs() < 0.5,
+            "12 N lower break-away without seals"
+        );
+        // A guide has broken away where the bristle force of a sliding-free loop would exceed its
+        // static friction.
         let broken_away = |guide: &Guide| guide.stiffness * 40e-6 > 1.5 * guide.static_force;
         assert!(broken_away(&two) && !broken_away(&one) && !broken_away(&three));
         assert_eq!(one.viscous_friction, two.viscous_friction, "roughly similar slopes");
-        assert!(three.viscous_friction < one.viscous_friction && three.static_force > one.static_force);
-        let falls = |guide: &Guide| guide.steady_force(2.0 * guide.stribeck_velocity) < guide.steady_force(1e-6);
-        assert!(falls(&one) && falls(&three) && !falls(&two), "1 and 3 have a falling F(v), 2 has not");
+        assert!(
+            three.viscous_friction < one.viscous_friction && three.static_force > one.static_force
+        );
+        let falls = |guide: &Guide| {
+            guide.steady_force(2.0 * guide.stribeck_velocity) < guide.steady_force(1e-6)
+        };
+        assert!(
+            falls(&one) && falls(&three) && !falls(&two),
+            "1 and 3 have a falling F(v), 2 has not"
+        );
     }
 
     const OWN: &str = include_str!("../../../../launch_config/own_guide_catalogue.yaml");
@@ -302,8 +344,10 @@ mod tests {
         for name in catalogue.names() {
             assert_eq!(again.guide(name), catalogue.guide(name), "{name}");
         }
-        let message =
-            catalogue.add(Catalogue::from_yaml(OWN, "own.yaml").unwrap(), "own.yaml").unwrap_err().to_string();
+        let message = catalogue
+            .add(Catalogue::from_yaml(OWN, "own.yaml").unwrap(), "own.yaml")
+            .unwrap_err()
+            .to_string();
         assert!(message.contains("own.yaml") && message.contains("a name of its own"), "{message}");
     }
 
@@ -314,13 +358,24 @@ mod tests {
             assert!(bad(empty).contains("own.yaml holds no guide"), "{}", bad(empty));
         }
         let message = bad(&OWN.replace("unit: N/m,", "unit: N/um,"));
-        assert!(message.contains("stiffness") && message.contains("N/um") && message.contains("`N/m`"), "{message}");
+        assert!(
+            message.contains("stiffness") && message.contains("N/um") && message.contains("`N/m`"),
+            "{message}"
+        );
         let builtin = include_str!("catalogue.yaml");
-        let message =
-            bad(&builtin.replace("stiffness: {value: 7.511e5, unit: N/m", "stiffness: {value: 0.7511, unit: N/um"));
-        assert!(message.contains("guide_1.distributed_bristles.stiffness") && message.contains("N/um"), "{message}");
+        let message = bad(&builtin.replace(
+            "stiffness: {value: 7.511e5, unit: N/m",
+            "stiffness: {value: 0.7511, unit: N/um",
+        ));
+        assert!(
+            message.contains("guide_1.distributed_bristles.stiffness") && message.contains("N/um"),
+            "{message}"
+        );
         let message = bad(&OWN.replace("static_force: {value: ", "static_force: {value: -"));
-        assert!(message.contains("static_force") && message.contains("greater than 0"), "{message}");
+        assert!(
+            message.contains("static_force") && message.contains("greater than 0"),
+            "{message}"
+        );
         let message = bad(&OWN.replace("stiffness:", "stifness:"));
         assert!(message.contains("did you mean `stiffness`"), "{message}");
     }

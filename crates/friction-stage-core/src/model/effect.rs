@@ -7,9 +7,11 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 /// Canonical name of the empirical curve, the one effect that takes a [`Curve`].
 const CURVE: &str = "map";
 
-/// An effect by its canonical name with its parameters by name, SI units. The plant's effect of that name knows the bounds.
+/// An effect by its canonical name with its parameters by name, SI units. The plant's effect of
+/// that name knows the bounds.
 ///
-/// In a file: `cogging: {amplitude: 5.0, period: 0.024}`, or `map: {coordinate: position, from: 0.0, to: 0.3, values: [0.1, -0.2]}`.
+/// In a file: `cogging: {amplitude: 5.0, period: 0.024}`, or
+/// `map: {coordinate: position, from: 0.0, to: 0.3, values: [0.1, -0.2]}`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EffectParameters {
     pub name: String,
@@ -18,7 +20,8 @@ pub struct EffectParameters {
     pub curve: Option<Curve>,
 }
 
-/// An empirical curve of force along +x, N, over one coordinate: equidistant knots, the first at `from`, the last at `to`.
+/// An empirical curve of force along +x, N, over one coordinate: equidistant knots, the first at
+/// `from`, the last at `to`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Curve {
@@ -38,20 +41,28 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// The knot before a coordinate, and the part of the way from there to the next; the first and the last one beyond the ends.
+    /// The knot before a coordinate, and the part of the way from there to the next; the first and
+    /// the last one beyond the ends.
     pub fn locate(&self, coordinate: f64) -> (usize, f64) {
         locate(coordinate, self.from, self.to, self.values.len())
     }
 
-    /// Places between which the curve is straight, with the values there: the knots, and both ends of the jump.
+    /// Places between which the curve is straight, with the values there: the knots, and both ends
+    /// of the jump.
     pub fn corners(&self) -> Vec<(f64, f64)> {
         let step = (self.to - self.from) / (self.values.len().max(2) - 1) as f64;
-        let mut corners: Vec<(f64, f64)> =
-            self.values.iter().enumerate().map(|(knot, value)| (self.from + knot as f64 * step, *value)).collect();
+        let mut corners: Vec<(f64, f64)> = self
+            .values
+            .iter()
+            .enumerate()
+            .map(|(knot, value)| (self.from + knot as f64 * step, *value))
+            .collect();
         if let Some(Jump { at, height }) = self.jump {
             let before = corners.iter().take_while(|(place, _)| *place < at).count();
             corners[before..].iter_mut().for_each(|(_, value)| *value += height);
-            if let (Some(&(from, low)), Some(&(_, high))) = (corners[..before].last(), corners.get(before)) {
+            if let (Some(&(from, low)), Some(&(_, high))) =
+                (corners[..before].last(), corners.get(before))
+            {
                 let value = low + (at - from) / step * (high - height - low);
                 corners.splice(before..before, [(at, value), (at, value + height)]);
             }
@@ -147,7 +158,10 @@ impl Coordinate {
 
 impl EffectParameters {
     /// An effect with these parameters.
-    pub fn new<'a>(name: &str, values: impl IntoIterator<Item = (&'a str, f64)>) -> EffectParameters {
+    pub fn new<'a>(
+        name: &str,
+        values: impl IntoIterator<Item = (&'a str, f64)>,
+    ) -> EffectParameters {
         let values = values.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
         EffectParameters { name: name.to_owned(), values, curve: None }
     }
@@ -175,10 +189,16 @@ impl<'de> Deserialize<'de> for EffectParameters {
             type Value = EffectParameters;
 
             fn expecting(&self, formatter: &mut std::fmt::Formatter) -> std::fmt::Result {
-                formatter.write_str("an effect with its parameters, such as `cogging: {amplitude: 5.0, period: 0.024}`")
+                formatter.write_str(
+                    "an effect with its parameters, such as `cogging: {amplitude: \
+                                     5.0, period: 0.024}`",
+                )
             }
 
-            fn visit_map<A: de::MapAccess<'de>>(self, mut map: A) -> Result<EffectParameters, A::Error> {
+            fn visit_map<A: de::MapAccess<'de>>(
+                self,
+                mut map: A,
+            ) -> Result<EffectParameters, A::Error> {
                 use de::Error;
                 let Some(name) = map.next_key::<String>()? else {
                     return Err(A::Error::custom(
@@ -193,7 +213,8 @@ impl<'de> Deserialize<'de> for EffectParameters {
                 match map.next_key::<String>()? {
                     None => Ok(effect),
                     Some(second) => Err(A::Error::custom(format!(
-                        "one list entry holds one effect, found `{}` and `{second}`: begin each with a dash",
+                        "one list entry holds one effect, found `{}` and `{second}`: begin each \
+                         with a dash",
                         effect.name
                     ))),
                 }
@@ -218,8 +239,11 @@ mod tests {
             values: vec![1.0, -0.25, 1.0 / 3.0],
             jump: None,
         };
-        let falls =
-            Curve { coordinate: Coordinate::Time, jump: Some(Jump { at: 7.5, height: -0.1 - 0.2 }), ..curve.clone() };
+        let falls = Curve {
+            coordinate: Coordinate::Time,
+            jump: Some(Jump { at: 7.5, height: -0.1 - 0.2 }),
+            ..curve.clone()
+        };
         let mut model = StageModel::default();
         model.effects.push(EffectParameters::map(curve.clone()));
         model.effects.push(EffectParameters::new("cogging", [("amplitude", 6.0)]));
@@ -239,7 +263,10 @@ mod tests {
             values: vec![1.0, 3.0, 4.0],
             jump: Some(Jump { at, height: -5.0 }),
         };
-        assert_eq!(curve(1.5).corners(), [(1.0, 1.0), (1.5, 2.0), (1.5, -3.0), (2.0, -2.0), (3.0, -1.0)]);
+        assert_eq!(
+            curve(1.5).corners(),
+            [(1.0, 1.0), (1.5, 2.0), (1.5, -3.0), (2.0, -2.0), (3.0, -1.0)]
+        );
         assert_eq!(curve(0.5).corners(), [(1.0, -4.0), (2.0, -2.0), (3.0, -1.0)]);
         assert_eq!(curve(3.5).corners(), [(1.0, 1.0), (2.0, 3.0), (3.0, 4.0)]);
         assert_eq!(Curve { values: vec![], ..curve(1.5) }.corners(), []);

@@ -24,14 +24,24 @@ pub enum ModelError {
     #[error("effects.{effect}: unknown parameter `{name}`{hint}; it takes {known}")]
     UnknownEffectParameter { effect: &'static str, name: String, hint: String, known: String },
     #[error("effects.{effect}: parameter `{name}` is missing ({description}, {unit})")]
-    MissingEffectParameter { effect: &'static str, name: &'static str, description: &'static str, unit: &'static str },
-    #[error("{origin} holds no guide: a catalogue has one entry per guide, as the built-in one has")]
+    MissingEffectParameter {
+        effect: &'static str,
+        name: &'static str,
+        description: &'static str,
+        unit: &'static str,
+    },
+    #[error(
+        "{origin} holds no guide: a catalogue has one entry per guide, as the built-in one has"
+    )]
     EmptyCatalogue { origin: String },
     #[error("{origin}: `{name}` is in the catalogue already; give it a name of its own")]
     DuplicateGuide { origin: String, name: String },
     #[error("{key}: the unit is `{found}`, must be `{expected}`")]
     Unit { key: String, found: String, expected: &'static str },
-    #[error("the step is {step} s: must be positive and at most {limit} s, so that the carriage stays stable")]
+    #[error(
+        "the step is {step} s: must be positive and at most {limit} s, so that the carriage stays \
+         stable"
+    )]
     Step { step: f64, limit: f64 },
 }
 
@@ -44,7 +54,11 @@ impl ModelError {
             }
             _ => String::new(),
         };
-        ModelError::Yaml { origin: origin.to_owned(), message: error.without_snippet().to_string(), hint }
+        ModelError::Yaml {
+            origin: origin.to_owned(),
+            message: error.without_snippet().to_string(),
+            hint,
+        }
     }
 }
 

@@ -5,10 +5,11 @@ use serde::{Deserialize, Serialize, de};
 use super::Catalogue;
 use super::error::{self, ModelError, nearest};
 
-/// LuGre parameters of one guide (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40(3), 1995, eqs. 1 to 4).
+/// LuGre parameters of one guide (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40(3), 1995,
+/// eqs. 1 to 4).
 ///
-/// dz/dt = v - sigma0 |v| z / g(v), g(v) = Fc + (Fs - Fc) exp(-(v/vs)^2), F = sigma0 z + sigma1 dz/dt + sigma2 v.
-/// F opposes the motion of the carriage; v is positive along +x.
+/// dz/dt = v - sigma0 |v| z / g(v), g(v) = Fc + (Fs - Fc) exp(-(v/vs)^2), F = sigma0 z + sigma1
+/// dz/dt + sigma2 v. F opposes the motion of the carriage; v is positive along +x.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Guide {
@@ -50,18 +51,21 @@ impl Guide {
         self.level(velocity) * velocity.signum() + self.viscous_friction * velocity
     }
 
-    /// Effective stiffness of a slow symmetric loop of amplitude A, N/m: Fs tanh(sigma0 A / Fs) / A.
+    /// Effective stiffness of a slow symmetric loop of amplitude A, N/m: Fs tanh(sigma0 A / Fs) /
+    /// A.
     ///
-    /// The bristle of a slow loop obeys dz/dx = 1 - sigma0 z sign(v) / Fs; between reversals at +-A its tips are at
-    /// +-(Fs/sigma0) tanh(sigma0 A / Fs). Total force difference over total position difference, as the paper defines it.
+    /// The bristle of a slow loop obeys dz/dx = 1 - sigma0 z sign(v) / Fs; between reversals at +-A
+    /// its tips are at +-(Fs/sigma0) tanh(sigma0 A / Fs). Total force difference over total
+    /// position difference, as the paper defines it.
     pub fn effective_stiffness(&self, amplitude: f64) -> f64 {
         self.static_force * (self.stiffness * amplitude / self.static_force).tanh() / amplitude
     }
 
-    /// Area of a slow symmetric loop of amplitude A, J: 4 A Fs - 4 (Fs^2/sigma0) tanh(sigma0 A / Fs), lost per cycle.
+    /// Area of a slow symmetric loop of amplitude A, J: 4 A Fs - 4 (Fs^2/sigma0) tanh(sigma0 A /
+    /// Fs), lost per cycle.
     ///
-    /// Twice the integral of the branch F = Fs (1 - c exp(-sigma0 (x + A)/Fs)) that starts at the tip of
-    /// [`Guide::effective_stiffness`]. Far from break-away it is 4/3 sigma0^2 A^3 / Fs.
+    /// Twice the integral of the branch F = Fs (1 - c exp(-sigma0 (x + A)/Fs)) that starts at the
+    /// tip of [`Guide::effective_stiffness`]. Far from break-away it is 4/3 sigma0^2 A^3 / Fs.
     pub fn loop_area(&self, amplitude: f64) -> f64 {
         let bristle_length = self.static_force / self.stiffness;
         4.0 * self.static_force * (amplitude - bristle_length * (amplitude / bristle_length).tanh())
@@ -87,14 +91,18 @@ impl Guide {
 
     /// A warning if this guide can give out energy.
     ///
-    /// With constant sigma1 the map from velocity to force is passive only if sigma2 > sigma1 (Fs - Fc) / Fc
-    /// (Barabanov, Ortega, IEEE TAC 45(4), 2000). A `damping_velocity` removes the condition's cause.
+    /// With constant sigma1 the map from velocity to force is passive only if sigma2 > sigma1 (Fs -
+    /// Fc) / Fc (Barabanov, Ortega, IEEE TAC 45(4), 2000). A `damping_velocity` removes the
+    /// condition's cause.
     pub fn passivity_warning(&self, key: &str) -> Option<String> {
-        let needed = self.bristle_damping * (self.static_force - self.coulomb_force) / self.coulomb_force;
-        (self.damping_velocity.is_none() && self.viscous_friction <= needed && needed > 0.0).then(|| {
+        let needed =
+            self.bristle_damping * (self.static_force - self.coulomb_force) / self.coulomb_force;
+        let passive = self.damping_velocity.is_some() || self.viscous_friction > needed;
+        (!passive && needed > 0.0).then(|| {
             format!(
-                "{key} is not passive: viscous_friction is {} N s/m, passive above {needed:.1} N s/m \
-                 (bristle_damping (Fs - Fc) / Fc); give it a damping_velocity, for example {} m/s, to let the bristle damping fade with speed",
+                "{key} is not passive: viscous_friction is {} N s/m, passive above {needed:.1} N \
+                 s/m (bristle_damping (Fs - Fc) / Fc); give it a damping_velocity, for example {} \
+                 m/s, to let the bristle damping fade with speed",
                 self.viscous_friction, self.stribeck_velocity
             )
         })
@@ -102,16 +110,19 @@ impl Guide {
 }
 
 impl GuideSource {
-    /// The parameters behind a name, or those given inline; `key` says where it stands in the model.
+    /// The parameters behind a name, or those given inline; `key` says where it stands in the
+    /// model.
     pub fn resolve(&self, key: &str, catalogue: &Catalogue) -> Result<Guide, ModelError> {
         match self {
             GuideSource::Inline(guide) => Ok(guide.clone()),
-            GuideSource::Catalogue(name) => catalogue.guide(name).ok_or_else(|| ModelError::UnknownGuide {
-                key: key.to_owned(),
-                name: name.clone(),
-                hint: nearest(name, catalogue.names()),
-                known: catalogue.names().collect::<Vec<_>>().join(", "),
-            }),
+            GuideSource::Catalogue(name) => {
+                catalogue.guide(name).ok_or_else(|| ModelError::UnknownGuide {
+                    key: key.to_owned(),
+                    name: name.clone(),
+                    hint: nearest(name, catalogue.names()),
+                    known: catalogue.names().collect::<Vec<_>>().join(", "),
+                })
+            }
         }
     }
 }
@@ -123,7 +134,8 @@ impl<'de> Deserialize<'de> for GuideSource {
             type Value = GuideSource;
 
             fn expecting(&self, formatter: &mut std::fmt::Formatter) -> std::fmt::Result {
-                formatter.write_str("the name of a guide in the catalogue, or a map of guide parameters")
+                formatter
+                    .write_str("the name of a guide in the catalogue, or a map of guide parameters")
             }
 
             fn visit_str<E: de::Error>(self, name: &str) -> Result<GuideSource, E> {
@@ -131,7 +143,8 @@ impl<'de> Deserialize<'de> for GuideSource {
             }
 
             fn visit_map<A: de::MapAccess<'de>>(self, map: A) -> Result<GuideSource, A::Error> {
-                Guide::deserialize(de::value::MapAccessDeserializer::new(map)).map(GuideSource::Inline)
+                Guide::deserialize(de::value::MapAccessDeserializer::new(map))
+                    .map(GuideSource::Inline)
             }
         }
         deserializer.deserialize_any(Visitor)

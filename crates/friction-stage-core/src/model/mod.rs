@@ -1,7 +1,8 @@
 //! What a stage is: [`StageModel`] says everything about it and is what every other room reads.
 //!
-//! In comes YAML, out goes a checked description: mass, guides (by catalogue name or inline), effects, motor, force cell,
-//! encoder and, for the measuring rig, the flexure coupling. Nothing moves here and nothing reads a clock.
+//! In comes YAML, out goes a checked description: mass, guides (by catalogue name or inline),
+//! effects, motor, force cell, encoder and, for the measuring rig, the flexure coupling. Nothing
+//! moves here and nothing reads a clock.
 
 mod catalogue;
 mod effect;
@@ -12,7 +13,9 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-pub use catalogue::{Catalogue, CatalogueEntry, DistributedBristles, EffectiveStiffness, Provenance, Quantity};
+pub use catalogue::{
+    Catalogue, CatalogueEntry, DistributedBristles, EffectiveStiffness, Provenance, Quantity,
+};
 pub use effect::locate;
 pub use effect::{Coordinate, Curve, CurveSide, EffectParameters, Jump};
 pub use error::{ModelError, nearest};
@@ -21,7 +24,8 @@ pub use guide::{Guide, GuideSource};
 /// Most guides that one stage may have: the plant integrates this many lanes at once.
 pub const MAX_GUIDES: usize = 4;
 
-/// A positioning stage: what the plant integrates, the node runs and identification reads and writes.
+/// A positioning stage: what the plant integrates, the node runs and identification reads and
+/// writes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StageModel {
@@ -34,10 +38,11 @@ pub struct StageModel {
     /// One to four guides, each by catalogue name or with its own parameters.
     #[serde(default = "default_guides")]
     pub guides: Vec<GuideSource>,
-    /// File with guides of one's own that `guides` may name beside the built-in ones, relative to the model file.
+    /// File with guides of one's own that `guides` may name beside the built-in ones, relative to
+    /// the model file.
     ///
-    /// Reading a model puts their parameters in the place of their names, and nothing here: a model in memory, in a bag or written
-    /// by identification needs no other file.
+    /// Reading a model puts their parameters in the place of their names, and nothing here: a model
+    /// in memory, in a bag or written by identification needs no other file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub catalogue: Option<PathBuf>,
     /// Effects beyond the LuGre guides, in the order in which they are reported.
@@ -58,7 +63,8 @@ pub struct StageModel {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Motor {
-    /// Largest force in either direction, N. Assumed: the 50 mm move in 100 ms of 40 kg needs 1155 N at its peak.
+    /// Largest force in either direction, N. Assumed: the 50 mm move in 100 ms of 40 kg needs 1155
+    /// N at its peak.
     pub force_limit: f64,
 }
 
@@ -66,7 +72,8 @@ pub struct Motor {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ForceCell {
-    /// Standard deviation of the reading, N (paper, section 1.2: 0.05 N repeatability; white and Gaussian is assumed).
+    /// Standard deviation of the reading, N (paper, section 1.2: 0.05 N repeatability; white and
+    /// Gaussian is assumed).
     pub noise: f64,
 }
 
@@ -84,7 +91,8 @@ pub struct Encoder {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Coupling {
-    /// Stiffness in driving direction, N/m (paper, section 1.2: about two orders of magnitude above the guide's Dahl stiffness).
+    /// Stiffness in driving direction, N/m (paper, section 1.2: about two orders of magnitude above
+    /// the guide's Dahl stiffness).
     pub stiffness: f64,
     /// Damping, N s/m. Assumed.
     pub damping: f64,
@@ -140,7 +148,8 @@ impl Default for StageModel {
 }
 
 impl StageModel {
-    /// The stage of the paper (40 kg, four guides) on one guide type of the catalogue, such as `guide_2`.
+    /// The stage of the paper (40 kg, four guides) on one guide type of the catalogue, such as
+    /// `guide_2`.
     pub fn on_guides(guide: &str) -> StageModel {
         StageModel {
             name: format!("stage on {guide}"),
@@ -149,9 +158,11 @@ impl StageModel {
         }
     }
 
-    /// The measuring rig of the paper's section 1.2: one guide, a flexure 100 times as stiff as the guide.
+    /// The measuring rig of the paper's section 1.2: one guide, a flexure 100 times as stiff as the
+    /// guide.
     ///
-    /// Masses and flexure damping are assumed: a size-25 carriage with its adapter weighs about 1 kg, the motor's slider 5 kg.
+    /// Masses and flexure damping are assumed: a size-25 carriage with its adapter weighs about 1
+    /// kg, the motor's slider 5 kg.
     pub fn measuring_rig(guide: &str) -> Result<StageModel, ModelError> {
         let source = GuideSource::Catalogue(guide.to_owned());
         let stiffness = 100.0 * source.resolve("guides[0]", &Catalogue::builtin())?.stiffness;
@@ -164,7 +175,8 @@ impl StageModel {
         })
     }
 
-    /// Reads and checks a model; `origin` names the text in errors (a path, a parameter). Its catalogue is relative to the working directory.
+    /// Reads and checks a model; `origin` names the text in errors (a path, a parameter). Its
+    /// catalogue is relative to the working directory.
     pub fn from_yaml(text: &str, origin: &str) -> Result<StageModel, ModelError> {
         StageModel::read(text, origin, Path::new(""))
     }
@@ -177,11 +189,16 @@ impl StageModel {
     }
 
     fn read(text: &str, origin: &str, directory: &Path) -> Result<StageModel, ModelError> {
-        // Every key has a default, but a file that was cut off to nothing is no wish for all of them.
-        if text.lines().all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"...")) {
+        // Every key has a default, but a file that was cut off to nothing is no wish for all of
+        // them.
+        if text
+            .lines()
+            .all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"..."))
+        {
             return Err(ModelError::Empty { origin: origin.to_owned() });
         }
-        let mut model: StageModel = serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
+        let mut model: StageModel =
+            serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
         if let Some(path) = model.catalogue.take() {
             model.guides_from(&directory.join(path))?;
         }
@@ -205,7 +222,8 @@ impl StageModel {
 
     /// The model as YAML that [`StageModel::from_yaml`] reads back to the same model.
     pub fn to_yaml(&self) -> Result<String, ModelError> {
-        serde_saphyr::to_string(self).map_err(|error| ModelError::Write { message: error.to_string() })
+        serde_saphyr::to_string(self)
+            .map_err(|error| ModelError::Write { message: error.to_string() })
     }
 
     /// The model without sensor noise and without quantisation, for comparisons with an oracle.
@@ -225,7 +243,8 @@ impl StageModel {
             .collect()
     }
 
-    /// Refuses impossible values, with key, value and limit. Effects are checked by the plant, which knows their bounds.
+    /// Refuses impossible values, with key, value and limit. Effects are checked by the plant,
+    /// which knows their bounds.
     pub fn check(&self) -> Result<(), ModelError> {
         error::positive("mass", self.mass)?;
         if self.guides.is_empty() || self.guides.len() > MAX_GUIDES {
@@ -249,7 +268,8 @@ impl StageModel {
     /// What is allowed but deserves a word: guides that are not passive, each kind once.
     pub fn warnings(&self) -> Result<Vec<String>, ModelError> {
         let guides = self.resolved_guides()?;
-        let first_of_its_kind = |(index, guide): &(usize, &Guide)| !guides[..*index].contains(guide);
+        let first_of_its_kind =
+            |(index, guide): &(usize, &Guide)| !guides[..*index].contains(guide);
         Ok(guides
             .iter()
             .enumerate()
@@ -275,7 +295,9 @@ mod tests {
     fn model_survives_a_round_trip_through_yaml() {
         let mut model = StageModel::measuring_rig("guide_2").unwrap();
         model.guides = vec![GuideSource::Inline(model.resolved_guides().unwrap()[0].clone())];
-        model.effects.push(EffectParameters::new("cogging", [("amplitude", 6.0), ("period", 0.1 + 0.2)]));
+        model
+            .effects
+            .push(EffectParameters::new("cogging", [("amplitude", 6.0), ("period", 0.1 + 0.2)]));
         let text = model.to_yaml().unwrap();
         assert_eq!(StageModel::from_yaml(&text, "round trip").unwrap(), model, "{text}");
     }
@@ -291,7 +313,8 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             StageModel::load(&path)
         };
-        let model = load("catalogue: guides/own.yaml\nguides: [my_guide, guide_2, my_guide]\n").unwrap();
+        let model =
+            load("catalogue: guides/own.yaml\nguides: [my_guide, guide_2, my_guide]\n").unwrap();
         let mine = Catalogue::from_yaml(own, "own.yaml").unwrap().guide("my_guide").unwrap();
         let two = Catalogue::builtin().guide("guide_2").unwrap();
         assert_eq!(model.resolved_guides().unwrap(), [mine.clone(), two, mine]);
@@ -300,10 +323,14 @@ mod tests {
 
         let message = |text: &str| load(text).unwrap_err().to_string();
         let unknown = message("catalogue: guides/own.yaml\nguides: [my_gide]\n");
-        assert!(unknown.contains("did you mean `my_guide`") && unknown.contains("guide_1"), "{unknown}");
+        assert!(
+            unknown.contains("did you mean `my_guide`") && unknown.contains("guide_1"),
+            "{unknown}"
+        );
         let nowhere = message("catalogue: own.yaml\n");
         assert!(nowhere.contains("catalogue") && nowhere.contains("own.yaml"), "{nowhere}");
-        std::fs::write(directory.path().join("taken.yaml"), own.replace("my_guide", "guide_1")).unwrap();
+        std::fs::write(directory.path().join("taken.yaml"), own.replace("my_guide", "guide_1"))
+            .unwrap();
         let taken = message("catalogue: taken.yaml\n");
         assert!(taken.contains("taken.yaml") && taken.contains("`guide_1`"), "{taken}");
     }
@@ -321,12 +348,16 @@ mod tests {
             ("guides: [guide_1, guide_1, guide_1, guide_1, guide_1]", &["1 to 4 guides", "5"]),
             ("guides: [{stifness: 1e5}]", &["stifness", "did you mean `stiffness`"]),
             (
-                "guides: [{stiffness: 1e5, bristle_damping: 1, viscous_friction: 1, coulomb_force: 5, static_force: 4, stribeck_velocity: 1e-3}]",
+                "guides: [{stiffness: 1e5, bristle_damping: 1, viscous_friction: 1, coulomb_force: \
+                 5, static_force: 4, stribeck_velocity: 1e-3}]",
                 &["guides[0].static_force", "4", "coulomb_force", "5"],
             ),
             ("encoder: {resolution: -1e-9}", &["encoder.resolution", "not be negative"]),
             ("motor: {force_limit: 0}", &["motor.force_limit", "greater than 0"]),
-            ("effects: [{cogging: {amplitude: 1}, cable_chain: {}}]", &["one list entry holds one effect"]),
+            (
+                "effects: [{cogging: {amplitude: 1}, cable_chain: {}}]",
+                &["one list entry holds one effect"],
+            ),
             ("", &["test.yaml", "is empty", "`{}`"]),
             ("# only this\n---\n", &["is empty"]),
             ("guides: [guide_1", &["line 1"]),

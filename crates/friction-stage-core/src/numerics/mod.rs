@@ -6,5 +6,7 @@ pub const TWO_SIDED_95: f64 = 1.959_963_984_540_054;
 
 /// Least and largest of some values; infinite, the wrong way round, where there are none.
 pub fn range(values: &[f64]) -> (f64, f64) {
-    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| (least.min(*value), most.max(*value)))
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), value| {
+        (least.min(*value), most.max(*value))
+    })
 }

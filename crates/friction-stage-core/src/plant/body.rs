@@ -1,19 +1,22 @@
-//! The moving bodies: the carriage on its guides and, on the measuring rig, the motor behind a flexure.
+//! The moving bodies: the carriage on its guides and, on the measuring rig, the motor behind a
+//! flexure.
 
 use crate::model::{Coupling, Guide, MAX_GUIDES, ModelError, StageModel};
 
 use super::effects::{Effects, Motion};
 use super::guides::{GuideBank, MAX_STEP_DAMPING};
 
-/// Largest product of step and highest natural frequency of the flexure, rad; the explicit step is stable below 2.
+/// Largest product of step and highest natural frequency of the flexure, rad; the explicit step is
+/// stable below 2.
 const MAX_STEP_PHASE: f64 = 1.0;
 
 /// The mechanics of a stage, advanced in fixed steps under a held motor force.
 ///
-/// One step is second order: the velocity of the step's middle comes from the forces at its start; the bristles move with it
-/// over the whole step, exactly; the velocity at the end takes the mean elastic force of start and end, the exact impulse
-/// of the bristle damping, and everything else at the middle; the position takes Simpson's rule over the three
-/// velocities. A step in which the carriage reverses is done in two parts. Eight exponentials per step.
+/// One step is second order: the velocity of the step's middle comes from the forces at its start;
+/// the bristles move with it over the whole step, exactly; the velocity at the end takes the mean
+/// elastic force of start and end, the exact impulse of the bristle damping, and everything else at
+/// the middle; the position takes Simpson's rule over the three velocities. A step in which the
+/// carriage reverses is done in two parts. Eight exponentials per step.
 #[derive(Debug)]
 pub struct Body {
     step: f64,
@@ -33,7 +36,8 @@ pub struct Body {
     steps: u64,
     position: f64,
     velocity: f64,
-    /// Force on the carriage from the motor side at the end of the last step, N: what the cell reads.
+    /// Force on the carriage from the motor side at the end of the last step, N: what the cell
+    /// reads.
     cell_force: f64,
     motor_force: f64,
 }
@@ -99,10 +103,13 @@ impl Body {
             rest_mass: mass,
             mass,
             inverse_mass: mass.recip(),
-            guide_viscous: std::array::from_fn(|lane| guides.get(lane).map_or(0.0, |guide| guide.viscous_friction)),
-            guides: effects
-                .bristle_elements()
-                .map_or_else(|| GuideBank::new(&guides), |elements| GuideBank::with_elements(&guides, &elements)),
+            guide_viscous: std::array::from_fn(|lane| {
+                guides.get(lane).map_or(0.0, |guide| guide.viscous_friction)
+            }),
+            guides: effects.bristle_elements().map_or_else(
+                || GuideBank::new(&guides),
+                |elements| GuideBank::with_elements(&guides, &elements),
+            ),
             shapes_friction: effects.shapes_friction(),
             changes_mass: effects.changes_mass(),
             effects,
@@ -139,10 +146,15 @@ impl Body {
         }
     }
 
-    /// Takes the mass as it is at the start of a step. What joins it moves as the carriage does already.
+    /// Takes the mass as it is at the start of a step. What joins it moves as the carriage does
+    /// already.
     fn weigh(&mut self) {
-        let motion =
-            Motion { time: self.time(), position: self.position, velocity: self.velocity, ..Motion::default() };
+        let motion = Motion {
+            time: self.time(),
+            position: self.position,
+            velocity: self.velocity,
+            ..Motion::default()
+        };
         self.mass = self.rest_mass + self.effects.mass_along(&motion);
         self.inverse_mass = self.mass.recip();
     }
@@ -153,16 +165,22 @@ impl Body {
         let acceleration = (push - self.guides.start_force(self.velocity)) * self.inverse_mass;
         let end_velocity = self.velocity + self.step * acceleration;
         if self.velocity * end_velocity < 0.0 {
-            self.reverse(motor_force, push, acceleration, self.step * self.velocity / (self.velocity - end_velocity));
+            self.reverse(
+                motor_force,
+                push,
+                acceleration,
+                self.step * self.velocity / (self.velocity - end_velocity),
+            );
         } else {
             self.move_rigid(motor_force, acceleration, 0.0, self.step);
         }
     }
 
-    /// A step in which the velocity changes its sign `before` seconds after its start, in two parts.
+    /// A step in which the velocity changes its sign `before` seconds after its start, in two
+    /// parts.
     ///
-    /// The bristle's law has a corner at v = 0; a step across it leaves an error of second order whose size depends on where
-    /// in the step the reversal falls.
+    /// The bristle's law has a corner at v = 0; a step across it leaves an error of second order
+    /// whose size depends on where in the step the reversal falls.
     #[cold]
     fn reverse(&mut self, motor_force: f64, push: f64, acceleration: f64, before: f64) {
         self.move_rigid(motor_force, acceleration, 0.0, before);
@@ -170,7 +188,8 @@ impl Body {
         self.move_rigid(motor_force, acceleration, before, self.step - before);
     }
 
-    /// Moves the carriage over `span` seconds that begin `since` seconds after the start of the step.
+    /// Moves the carriage over `span` seconds that begin `since` seconds after the start of the
+    /// step.
     #[inline]
     fn move_rigid(&mut self, motor_force: f64, acceleration: f64, since: f64, span: f64) {
         let start_velocity = self.velocity;
@@ -183,7 +202,8 @@ impl Body {
         let StepForces { friction_impulse, viscous_friction, motor_side, carriage_side } = step;
         let force = motor_force + motor_side + carriage_side - viscous_friction * middle_velocity;
         // The impulse of the guides comes last: everything else is there before it.
-        self.velocity = start_velocity + self.inverse_mass * span * force - self.inverse_mass * friction_impulse;
+        self.velocity = start_velocity + self.inverse_mass * span * force
+            - self.inverse_mass * friction_impulse;
         // Simpson's rule over start, middle and end.
         self.position += span / 6.0 * (start_velocity + 4.0 * middle_velocity + self.velocity);
         self.cell_force = motor_force + motor_side;
@@ -194,7 +214,8 @@ impl Body {
         let half = 0.5 * self.step;
         let pull = flexure.stiffness * flexure.stretch + flexure.damping * flexure.rate;
         let (motor_side, carriage_side) = self.effects.last();
-        let carriage_start = (pull + carriage_side - self.guides.start_force(self.velocity)) * self.inverse_mass;
+        let carriage_start =
+            (pull + carriage_side - self.guides.start_force(self.velocity)) * self.inverse_mass;
         let motor_start = (motor_force + motor_side - pull) * flexure.inverse_motor_mass;
         let middle_velocity = self.velocity + half * carriage_start;
         let middle_rate = flexure.rate + half * (motor_start - carriage_start);
@@ -202,9 +223,11 @@ impl Body {
         let StepForces { friction_impulse, viscous_friction, motor_side, carriage_side } =
             self.step_with_effects(middle_velocity, carriage_start, motor_force, 0.0, self.step);
         let stretch = flexure.stretch + self.step * middle_rate;
-        let pull = 0.5 * flexure.stiffness * (flexure.stretch + stretch) + flexure.damping * middle_rate;
-        let carriage_impulse =
-            self.step * (pull + carriage_side - viscous_friction * middle_velocity) - friction_impulse;
+        let pull =
+            0.5 * flexure.stiffness * (flexure.stretch + stretch) + flexure.damping * middle_rate;
+        let carriage_impulse = self.step
+            * (pull + carriage_side - viscous_friction * middle_velocity)
+            - friction_impulse;
         let motor_impulse = self.step * (motor_force + motor_side - pull);
 
         self.position += self.step * middle_velocity;
@@ -216,7 +239,8 @@ impl Body {
         self.flexure = Some(flexure);
     }
 
-    /// Moves guides and effects over a span of `span` seconds that begins `since` seconds after the start of the step.
+    /// Moves guides and effects over a span of `span` seconds that begins `since` seconds after the
+    /// start of the step.
     #[inline(never)]
     fn step_with_effects(
         &mut self,
@@ -283,7 +307,8 @@ impl Body {
         self.steps as f64 * self.step
     }
 
-    /// Force in the coupling between motor and carriage, N, positive where it pushes the carriage along +x.
+    /// Force in the coupling between motor and carriage, N, positive where it pushes the carriage
+    /// along +x.
     pub fn cell_force(&self) -> f64 {
         self.cell_force
     }
@@ -296,7 +321,8 @@ impl Body {
     /// Acceleration of the carriage at the end of the last step, m/s^2.
     pub fn acceleration(&self) -> f64 {
         let (motor_side, carriage_side) = self.effects.last();
-        let push = if self.flexure.is_some() { self.cell_force } else { self.motor_force + motor_side };
+        let push =
+            if self.flexure.is_some() { self.cell_force } else { self.motor_force + motor_side };
         (push + carriage_side - self.guides.force(self.velocity)) * self.inverse_mass
     }
 
@@ -304,7 +330,8 @@ impl Body {
         &self.guides
     }
 
-    /// Friction of each guide on the carriage, N, positive against positive motion; zero in lanes without a guide.
+    /// Friction of each guide on the carriage, N, positive against positive motion; zero in lanes
+    /// without a guide.
     pub fn guide_forces(&self) -> [f64; MAX_GUIDES] {
         self.guides.forces(self.velocity, &self.guide_viscous)
     }
@@ -321,12 +348,17 @@ impl Body {
                 0.5 * flexure.motor_mass * motor_velocity * motor_velocity
                     + 0.5 * flexure.stiffness * flexure.stretch * flexure.stretch
             });
-        bodies + self.guides.stored_energy() + self.effects.stored_energy(self.time(), self.position)
+        bodies
+            + self.guides.stored_energy()
+            + self.effects.stored_energy(self.time(), self.position)
     }
 
     /// Power turned into heat by guides and flexure, W.
     pub fn dissipated_power(&self) -> f64 {
-        let flexure = self.flexure.as_ref().map_or(0.0, |flexure| flexure.damping * flexure.rate * flexure.rate);
+        let flexure = self
+            .flexure
+            .as_ref()
+            .map_or(0.0, |flexure| flexure.damping * flexure.rate * flexure.rate);
         self.guides.dissipated_power(self.velocity) + flexure
     }
 
@@ -336,9 +368,11 @@ impl Body {
     }
 }
 
-/// Largest step for which the explicit carriage and flexure steps are stable with a margin, s; `effects` is their stiffness, N/m.
+/// Largest step for which the explicit carriage and flexure steps are stable with a margin, s;
+/// `effects` is their stiffness, N/m.
 fn largest_step(mass: f64, effects: f64, guides: &[Guide], coupling: Option<&Coupling>) -> f64 {
-    let damping: f64 = guides.iter().map(|guide| guide.bristle_damping + guide.viscous_friction).sum();
+    let damping: f64 =
+        guides.iter().map(|guide| guide.bristle_damping + guide.viscous_friction).sum();
     let stiffness: f64 = effects + guides.iter().map(|guide| guide.stiffness).sum::<f64>();
     let flexure = coupling.map_or((0.0, 0.0), |coupling| {
         let inverse_mass = mass.recip() + coupling.motor_mass.recip();

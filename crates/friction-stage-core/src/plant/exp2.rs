@@ -1,7 +1,9 @@
-//! The power of two of four numbers that are not positive: the exponentials of the guides, eight of them per step.
+//! The power of two of four numbers that are not positive: the exponentials of the guides, eight of
+//! them per step.
 //!
-//! The guides are bound by latency: each step waits for two exponentials in a row. `f64x4::exp` of `wide` also handles
-//! infinities, overflow and subnormal results; with it a step took 71 ns instead of 51 (AMD Zen 5).
+//! The guides are bound by latency: each step waits for two exponentials in a row. `f64x4::exp` of
+//! `wide` also handles infinities, overflow and subnormal results; with it a step took 71 ns
+//! instead of 51 (AMD Zen 5).
 
 use wide::{bytemuck, f64x4, i64x4};
 
@@ -22,11 +24,11 @@ const SERIES: [f64; TERMS] = {
     series
 };
 
-/// 2^x for x <= 0, within 2 units in the last place (5e-16) of the standard library's down to x = -1021, exact at whole
-/// numbers; beneath it is 2^-1021 instead of less. NaN stays NaN.
+/// 2^x for x <= 0, within 2 units in the last place (5e-16) of the standard library's down to x =
+/// -1021, exact at whole numbers; beneath it is 2^-1021 instead of less. NaN stays NaN.
 ///
-/// x = n + f with whole n and |f| <= 1/2; 2^f by its series, 2^n by adding n to the exponent. Only IEEE additions and
-/// multiplications, none of them fused: the same bits on every processor.
+/// x = n + f with whole n and |f| <= 1/2; 2^f by its series, 2^n by adding n to the exponent. Only
+/// IEEE additions and multiplications, none of them fused: the same bits on every processor.
 #[inline(always)]
 pub(super) fn exp2_of_negative(x: f64x4) -> f64x4 {
     // In this order a NaN in x comes through.

@@ -22,18 +22,22 @@ const ROUNDING: f64 = 1e-9;
 /// Halvings that leave nothing of a force beside others of its size.
 const NOTHING_LEFT: f64 = 64.0;
 
-/// Largest sum of bristle damping and viscous friction times step over mass: the explicit carriage step is stable below 1.
+/// Largest sum of bristle damping and viscous friction times step over mass: the explicit carriage
+/// step is stable below 1.
 pub const MAX_STEP_DAMPING: f64 = 0.5;
 
 /// The guides of one stage with their bristles. Lanes without a guide stay at zero force.
 ///
-/// Law (Canudas de Wit et al., IEEE TAC 40(3), 1995): dz/dt = v - sigma0 |v| z / g(v), F = sigma0 z + sigma1 dz/dt + sigma2 v.
+/// Law (Canudas de Wit et al., IEEE TAC 40(3), 1995): dz/dt = v - sigma0 |v| z / g(v), F = sigma0
+/// z + sigma1 dz/dt + sigma2 v.
 ///
-/// Two users: the plant, which solves for the velocity, and identification, which drives the bank along a measured motion ([`GuideBank::drive`]).
+/// Two users: the plant, which solves for the velocity, and identification, which drives the bank
+/// along a measured motion ([`GuideBank::drive`]).
 #[derive(Clone, Debug)]
 pub struct GuideBank {
     count: usize,
-    /// sigma0, N/m; its inverse; -log2(e) sigma0, which times |v| t / g is the power of two of the bristle's decay over t.
+    /// sigma0, N/m; its inverse; -log2(e) sigma0, which times |v| t / g is the power of two of the
+    /// bristle's decay over t.
     stiffness: f64x4,
     compliance: f64x4,
     relaxation: f64x4,
@@ -49,7 +53,8 @@ pub struct GuideBank {
     /// -log2(e)/vd^2, s^2/m^2; 0 where the bristle damping is constant.
     damping_exponent: f64x4,
     damping_fades: bool,
-    /// Bristle deflection z, m; with several elements their mean, weighted by the shares of stiffness.
+    /// Bristle deflection z, m; with several elements their mean, weighted by the shares of
+    /// stiffness.
     bristle: f64x4,
     /// Several bristle elements per guide in place of one.
     elements: Option<Elements>,
@@ -74,10 +79,12 @@ impl FrictionScale {
     pub const ONE: FrictionScale = FrictionScale { coulomb: 1.0, stat: 1.0, viscous: 1.0 };
 }
 
-/// Shares of one bristle element in its guide: element i is a bristle of stiffness a sigma0, damping d sigma1 and level b g(v).
+/// Shares of one bristle element in its guide: element i is a bristle of stiffness a sigma0,
+/// damping d sigma1 and level b g(v).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BristleShare {
-    /// a, of the stiffness; not negative. Their sum may differ from 1: that is the stiffness at the smallest motion over sigma0.
+    /// a, of the stiffness; not negative. Their sum may differ from 1: that is the stiffness at the
+    /// smallest motion over sigma0.
     pub stiffness: f64,
     /// d, of the damping; 0 to 1.
     pub damping: f64,
@@ -91,7 +98,8 @@ pub enum Slip {
     /// As LuGre's bristle: dz/dt = v - |v| z / zs.
     #[default]
     Gradual,
-    /// As a spring with a slider (Iwan, J. Appl. Mech. 33, 1966): dz/dt = v up to zs, where z stays.
+    /// As a spring with a slider (Iwan, J. Appl. Mech. 33, 1966): dz/dt = v up to zs, where z
+    /// stays.
     Sudden,
 }
 
@@ -108,7 +116,8 @@ pub struct BristleElements {
 struct Elements {
     /// How they slip.
     law: Slip,
-    /// a, a / b, d and d / b; all 0 for an element without stiffness or without strength, which holds no force.
+    /// a, a / b, d and d / b; all 0 for an element without stiffness or without strength, which
+    /// holds no force.
     share: [f64; MAX_ELEMENTS],
     ratio: [f64; MAX_ELEMENTS],
     damping: [f64; MAX_ELEMENTS],
@@ -117,15 +126,17 @@ struct Elements {
 }
 
 impl Elements {
-    /// On which of its limits an element lies, -1 or 1, or 0 between them; `single` is the limit of a single bristle, m.
+    /// On which of its limits an element lies, -1 or 1, or 0 between them; `single` is the limit of
+    /// a single bristle, m.
     fn end(&self, index: usize, single: f64x4) -> f64x4 {
-        let reached = self.bristle[index].abs() * f64x4::splat(self.ratio[index] * (1.0 + ROUNDING));
+        let reached =
+            self.bristle[index].abs() * f64x4::splat(self.ratio[index] * (1.0 + ROUNDING));
         reached.simd_ge(single).select(f64x4::splat(1.0).copysign(self.bristle[index]), f64x4::ZERO)
     }
 }
 
-/// Friction of all guides over velocity at the present deflections, with g and sigma1 as of the middle of the last step:
-/// elastic + damping v - slip |v|.
+/// Friction of all guides over velocity at the present deflections, with g and sigma1 as of the
+/// middle of the last step: elastic + damping v - slip |v|.
 #[derive(Clone, Copy, Debug, Default)]
 struct StartFriction {
     /// Sum of sigma0 z, N.
@@ -137,7 +148,8 @@ struct StartFriction {
 }
 
 impl GuideBank {
-    /// Bristles start unloaded. The guides must have passed [`Guide::check`]; at most [`MAX_GUIDES`].
+    /// Bristles start unloaded. The guides must have passed [`Guide::check`]; at most
+    /// [`MAX_GUIDES`].
     pub fn new(guides: &[Guide]) -> GuideBank {
         assert!(guides.len() <= MAX_GUIDES, "{} guides, at most {MAX_GUIDES}", guides.len());
         let lanes = |absent: f64, value: &dyn Fn(&Guide) -> f64| {
@@ -174,9 +186,11 @@ impl GuideBank {
         bank.elements = Some(Elements {
             law: elements.slip,
             share: shares.map(|share| if carries(&share) { share.stiffness } else { 0.0 }),
-            ratio: shares.map(|share| if carries(&share) { share.stiffness / share.strength } else { 0.0 }),
+            ratio: shares
+                .map(|share| if carries(&share) { share.stiffness / share.strength } else { 0.0 }),
             damping: shares.map(|share| if carries(&share) { share.damping } else { 0.0 }),
-            slip: shares.map(|share| if carries(&share) { share.damping / share.strength } else { 0.0 }),
+            slip: shares
+                .map(|share| if carries(&share) { share.damping / share.strength } else { 0.0 }),
             bristle: [f64x4::ZERO; MAX_ELEMENTS],
         });
         bank.refresh(0.0);
@@ -187,13 +201,14 @@ impl GuideBank {
         self.count
     }
 
-    /// Bristle deflections z, m, one per guide; times sigma0 they are the elastic force, also with several elements.
+    /// Bristle deflections z, m, one per guide; times sigma0 they are the elastic force, also with
+    /// several elements.
     pub fn bristles(&self) -> &[f64] {
         &self.bristle.as_array()[..self.count]
     }
 
-    /// Sets the bristle deflections, m, for a stage that moves at `velocity`, those of all elements alike; lanes beyond `bristles` stay
-    /// as they are. Factors on the laws go back to 1.
+    /// Sets the bristle deflections, m, for a stage that moves at `velocity`, those of all elements
+    /// alike; lanes beyond `bristles` stay as they are. Factors on the laws go back to 1.
     pub fn set_bristles(&mut self, bristles: &[f64], velocity: f64) {
         for (lane, bristle) in self.bristle.as_mut_array().iter_mut().zip(bristles) {
             *lane = *bristle;
@@ -256,7 +271,8 @@ impl GuideBank {
                 Slip::Sudden => {
                     // At its limit it moves in one direction only: (v - |v|) / 2 at the upper one.
                     let end = elements.end(index, level * self.compliance);
-                    start.damping += (damped * (f64x4::splat(1.0) - f64x4::splat(0.5) * end * end)).reduce_add();
+                    start.damping +=
+                        (damped * (f64x4::splat(1.0) - f64x4::splat(0.5) * end * end)).reduce_add();
                     start.slip += (damped * f64x4::splat(0.5) * end).reduce_add();
                 }
             }
@@ -273,7 +289,8 @@ impl GuideBank {
     #[inline]
     fn stribeck_part(&self, velocity_squared: f64x4) -> f64x4 {
         let exponent = self.stribeck_exponent * velocity_squared;
-        // At most speeds nothing is left of the Stribeck curve, and to see that costs less than the power.
+        // At most speeds nothing is left of the Stribeck curve, and to see that costs less than the
+        // power.
         let is_over = exponent.simd_lt(f64x4::splat(-NOTHING_LEFT)).all();
         if is_over { f64x4::ZERO } else { exp2_of_negative(exponent) }
     }
@@ -283,12 +300,14 @@ impl GuideBank {
     fn level_with(&self, stribeck_part: f64x4) -> f64x4 {
         let FrictionScale { coulomb, stat, .. } = self.scale;
         // In this form factors of 1 leave every bit as it is.
-        let stribeck = self.stribeck_force * f64x4::splat(stat) + self.coulomb_force * f64x4::splat(stat - coulomb);
+        let stribeck = self.stribeck_force * f64x4::splat(stat)
+            + self.coulomb_force * f64x4::splat(stat - coulomb);
         self.coulomb_force * f64x4::splat(coulomb) + stribeck * stribeck_part
     }
 
     fn level(&self, velocity_squared: f64x4) -> f64x4 {
-        self.coulomb_force + self.stribeck_force * exp2_of_negative(self.stribeck_exponent * velocity_squared)
+        self.coulomb_force
+            + self.stribeck_force * exp2_of_negative(self.stribeck_exponent * velocity_squared)
     }
 
     fn damping_at(&self, velocity_squared: f64x4) -> f64x4 {
@@ -299,8 +318,9 @@ impl GuideBank {
         }
     }
 
-    /// Bristle velocities dz/dt at velocity v, m/s (of several elements: the mean, weighted by the shares of damping), bristle damping
-    /// there, N s/m, and the power that loads the bristles of each guide, W.
+    /// Bristle velocities dz/dt at velocity v, m/s (of several elements: the mean, weighted by the
+    /// shares of damping), bristle damping there, N s/m, and the power that loads the bristles of
+    /// each guide, W.
     fn bristle_velocities(&self, velocity: f64) -> (f64x4, f64x4, f64x4) {
         let v = f64x4::splat(velocity);
         let squared = v * v;
@@ -325,7 +345,8 @@ impl GuideBank {
         (mean, damping, power)
     }
 
-    /// Friction of each guide on the carriage at velocity v, N, from each guide's sigma2; positive against positive motion.
+    /// Friction of each guide on the carriage at velocity v, N, from each guide's sigma2; positive
+    /// against positive motion.
     pub fn forces(&self, velocity: f64, viscous: &[f64; MAX_GUIDES]) -> [f64; MAX_GUIDES] {
         let (rate, damping, _) = self.bristle_velocities(velocity);
         let viscous = f64x4::new(*viscous) * f64x4::splat(self.scale.viscous * velocity);
@@ -347,12 +368,15 @@ impl GuideBank {
                 .bristle
                 .iter()
                 .zip(elements.share)
-                .fold(f64x4::ZERO, |sum, (bristle, share)| sum + f64x4::splat(share) * *bristle * *bristle),
+                .fold(f64x4::ZERO, |sum, (bristle, share)| {
+                    sum + f64x4::splat(share) * *bristle * *bristle
+                }),
         };
         (self.stiffness * squares).reduce_add() / 2.0
     }
 
-    /// Power that the guides turn into heat at velocity v, W: friction power less the power that loads the bristles.
+    /// Power that the guides turn into heat at velocity v, W: friction power less the power that
+    /// loads the bristles.
     pub fn dissipated_power(&self, velocity: f64) -> f64 {
         let (_, _, loading) = self.bristle_velocities(velocity);
         self.force(velocity) * velocity - loading.reduce_add()
@@ -363,19 +387,22 @@ impl GuideBank {
         self.viscous_friction
     }
 
-    /// Friction at the start of a step, N, with the Stribeck level of the last step's middle in place of a new exponential.
+    /// Friction at the start of a step, N, with the Stribeck level of the last step's middle in
+    /// place of a new exponential.
     ///
-    /// First order in the level, which enters the carriage's velocity in second order only: half a step times sigma1/m.
+    /// First order in the level, which enters the carriage's velocity in second order only: half a
+    /// step times sigma1/m.
     #[inline]
     pub(super) fn start_force(&self, velocity: f64) -> f64 {
         self.start.elastic + self.start.damping * velocity - self.start.slip * velocity.abs()
     }
 
-    /// Moves the bristles over `step` seconds at the constant velocity v, exactly:
-    /// z' = zs + (z - zs) exp(-sigma0 |v| step / g), zs = g sign(v) / sigma0. Stable at any speed and step.
+    /// Moves the bristles over `step` seconds at the constant velocity v, exactly: z' = zs + (z -
+    /// zs) exp(-sigma0 |v| step / g), zs = g sign(v) / sigma0. Stable at any speed and step.
     ///
-    /// Returns the momentum that bristles and their damping take from the carriage, N s: the sum over the guides of
-    /// step sigma0 (z + z')/2 + sigma1 (z' - z), of which the second part is exact.
+    /// Returns the momentum that bristles and their damping take from the carriage, N s: the sum
+    /// over the guides of step sigma0 (z + z')/2 + sigma1 (z' - z), of which the second part is
+    /// exact.
     #[inline]
     pub(super) fn advance(&mut self, velocity: f64, step: f64) -> f64 {
         let squared = f64x4::splat(velocity * velocity);
@@ -384,25 +411,34 @@ impl GuideBank {
         let decay = exp2_of_negative(self.relaxation * f64x4::splat(velocity.abs() * step) / level);
         let steady = level * self.compliance * f64x4::splat(1f64.copysign(velocity));
         let excess = self.bristle - steady;
-        // The impulse is linear in z and z': what does not need the decay is added up while that is on its way.
+        // The impulse is linear in z and z': what does not need the decay is added up while that is
+        // on its way.
         let half = self.stiffness * f64x4::splat(0.5 * step);
         let (of_start, of_end) = (half - damping, half + damping);
-        let impulse = (of_start * self.bristle + of_end * steady).reduce_add() + (of_end * excess * decay).reduce_add();
+        let impulse = (of_start * self.bristle + of_end * steady).reduce_add()
+            + (of_end * excess * decay).reduce_add();
         self.bristle = steady + excess * decay;
         self.prepare_start(level, damping);
         impulse
     }
 
-    /// As [`GuideBank::advance`], with factors on the laws over this step and with several elements where there are some. The viscous part
-    /// is left to the caller, who has to apply `scale.viscous` to it.
-    pub(super) fn advance_scaled(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
+    /// As [`GuideBank::advance`], with factors on the laws over this step and with several elements
+    /// where there are some. The viscous part is left to the caller, who has to apply
+    /// `scale.viscous` to it.
+    pub(super) fn advance_scaled(
+        &mut self,
+        velocity: f64,
+        step: f64,
+        scale: &FrictionScale,
+    ) -> f64 {
         let (impulse, level, damping) = self.step_bristles::<false>(velocity, step, scale, &mut ());
         self.prepare_scaled_start(level, damping);
         impulse.reduce_add()
     }
 
-    /// Moves the guides over `step` seconds (greater than 0) at the constant velocity v and returns their mean friction over the step, N,
-    /// positive against positive motion, viscous part included. Exact for this motion at any step.
+    /// Moves the guides over `step` seconds (greater than 0) at the constant velocity v and returns
+    /// their mean friction over the step, N, positive against positive motion, viscous part
+    /// included. Exact for this motion at any step.
     ///
     /// What the plant starts its next step from is left as it was: nobody solves for this motion.
     pub fn drive(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> f64 {
@@ -410,15 +446,22 @@ impl GuideBank {
         of_bristles + scale.viscous * self.viscous_friction * velocity
     }
 
-    /// As [`GuideBank::drive`]: the mean friction of the bristles of each guide, N, without the viscous part; 0 where there is no guide.
+    /// As [`GuideBank::drive`]: the mean friction of the bristles of each guide, N, without the
+    /// viscous part; 0 where there is no guide.
     #[inline]
-    pub fn drive_each(&mut self, velocity: f64, step: f64, scale: &FrictionScale) -> [f64; MAX_GUIDES] {
+    pub fn drive_each(
+        &mut self,
+        velocity: f64,
+        step: f64,
+        scale: &FrictionScale,
+    ) -> [f64; MAX_GUIDES] {
         let (impulse, ..) = self.step_bristles::<true>(velocity, step, scale, &mut ());
         (impulse * f64x4::splat(step.recip())).to_array()
     }
 
-    /// One step of all bristles at constant velocity: momentum that each guide takes from the carriage, N s, with g and sigma1. The mean deflection of the
-    /// step is that of its ends, or with `EXACT` that of the exponential between them.
+    /// One step of all bristles at constant velocity: momentum that each guide takes from the
+    /// carriage, N s, with g and sigma1. The mean deflection of the step is that of its ends, or
+    /// with `EXACT` that of the exponential between them.
     #[inline]
     fn step_bristles<const EXACT: bool>(
         &mut self,
@@ -438,7 +481,12 @@ impl GuideBank {
         let (stiffness, time) = (self.stiffness, f64x4::splat(step));
         let mut impulse = f64x4::ZERO;
         let path = f64x4::splat(velocity * step);
-        let mut element = |index: usize, bristle: &mut f64x4, slip: Slip, share: f64, ratio: f64, damped: f64| {
+        let mut element = |index: usize,
+                           bristle: &mut f64x4,
+                           slip: Slip,
+                           share: f64,
+                           ratio: f64,
+                           damped: f64| {
             if ratio == 0.0 {
                 return;
             }
@@ -459,7 +507,11 @@ impl GuideBank {
                     let mean = if EXACT { mean_of_decay(power, decay) } else { decay };
                     *bristle = steady + excess * decay;
                     let force = force(*bristle, steady + excess * mean);
-                    along.gradual(index, &GradualStep { steady, excess, power, decay, mean }, &force);
+                    along.gradual(
+                        index,
+                        &GradualStep { steady, excess, power, decay, mean },
+                        &force,
+                    );
                     force
                 }
                 Slip::Sudden => {
@@ -527,7 +579,10 @@ mod tests {
                 viscous_friction: 0.5 * guide.viscous_friction,
                 ..guide.clone()
             };
-            assert!((force / scaled.steady_force(velocity) - 1.0).abs() < 1e-9, "{velocity} m/s: {force}");
+            assert!(
+                (force / scaled.steady_force(velocity) - 1.0).abs() < 1e-9,
+                "{velocity} m/s: {force}"
+            );
             assert!((bank.force(velocity) / force - 1.0).abs() < 1e-9, "{}", bank.force(velocity));
         }
     }
@@ -538,12 +593,16 @@ mod tests {
         let halves = [BristleShare { stiffness: 0.5, damping: 0.5, strength: 0.5 }; 2];
         let shares = [halves[0], halves[1], BristleShare::default(), BristleShare::default()];
         let sudden = BristleElements { shares, slip: Slip::Sudden };
-        let banks = [GuideBank::new(&[guide(), guide()]), GuideBank::with_elements(&[guide(), guide()], &sudden)];
+        let banks = [
+            GuideBank::new(&[guide(), guide()]),
+            GuideBank::with_elements(&[guide(), guide()], &sudden),
+        ];
         for (bank, velocity) in banks.iter().flat_map(|bank| [(bank, 0.02), (bank, -0.5)]) {
             let mut coarse = bank.clone();
             let mut fine = bank.clone();
             let long = coarse.drive(velocity, 1e-3, &FrictionScale::ONE);
-            let short: f64 = (0..1000).map(|_| fine.drive(velocity, 1e-6, &FrictionScale::ONE) / 1000.0).sum();
+            let short: f64 =
+                (0..1000).map(|_| fine.drive(velocity, 1e-6, &FrictionScale::ONE) / 1000.0).sum();
             assert!((long / short - 1.0).abs() < 1e-9, "{long} {short}");
             assert!((coarse.bristles()[0] / fine.bristles()[0] - 1.0).abs() < 1e-9);
         }
@@ -560,11 +619,18 @@ mod tests {
             let mut parallel = GuideBank::with_elements(&[guide()], &elements);
             for k in 0..2000 {
                 let velocity = 0.01 * (0.01 * f64::from(k)).sin();
-                let forces = [&mut single, &mut parallel].map(|bank| bank.drive(velocity, 1e-4, &FrictionScale::ONE));
-                assert!((forces[0] - forces[1]).abs() < 1e-12 * forces[0].abs().max(1.0), "{k}: {forces:?}");
+                let forces = [&mut single, &mut parallel]
+                    .map(|bank| bank.drive(velocity, 1e-4, &FrictionScale::ONE));
+                assert!(
+                    (forces[0] - forces[1]).abs() < 1e-12 * forces[0].abs().max(1.0),
+                    "{k}: {forces:?}"
+                );
             }
             assert!((single.stored_energy() / parallel.stored_energy() - 1.0).abs() < 1e-12);
-            assert!((single.dissipated_power(0.01) / parallel.dissipated_power(0.01) - 1.0).abs() < 1e-12);
+            assert!(
+                (single.dissipated_power(0.01) / parallel.dissipated_power(0.01) - 1.0).abs()
+                    < 1e-12
+            );
         }
     }
 
@@ -583,12 +649,15 @@ mod tests {
             // Half a step back: the mean of the step.
             let deflection = velocity * step * (f64::from(k) + 0.5);
             let sticking = guide.stiffness * deflection + guide.bristle_damping * velocity;
-            let near_limit = (guide.stiffness * deflection - level).abs() < guide.stiffness * velocity * step;
+            let near_limit =
+                (guide.stiffness * deflection - level).abs() < guide.stiffness * velocity * step;
             let expected = if guide.stiffness * deflection < level { sticking } else { level };
             assert!(near_limit || (force / expected - 1.0).abs() < 1e-9, "{k}: {force} {expected}");
         }
         assert!((bank.dissipated_power(velocity) / (level * velocity) - 1.0).abs() < 1e-9);
-        assert!((bank.stored_energy() / (0.5 * level * level / guide.stiffness) - 1.0).abs() < 1e-9);
+        assert!(
+            (bank.stored_energy() / (0.5 * level * level / guide.stiffness) - 1.0).abs() < 1e-9
+        );
         // Turned back it springs: what heats is the damping alone.
         let damping = guide.bristle_damping * velocity * velocity;
         assert!((bank.dissipated_power(-velocity) / damping - 1.0).abs() < 1e-9);

@@ -34,12 +34,17 @@ impl Sensors {
         }
     }
 
-    /// Reads the true position (m) and coupling force (N). Always draws twice, so that noise levels do not shift the sequence.
+    /// Reads the true position (m) and coupling force (N). Always draws twice, so that noise levels
+    /// do not shift the sequence.
     pub fn read(&mut self, position: f64, force: f64) -> Reading {
         let mut normal = || -> f64 { StandardNormal.sample(&mut self.random) };
         let noisy = position + self.position_noise * normal();
         let force_cell = force + self.force_noise * normal();
-        let position = if self.resolution > 0.0 { (noisy / self.resolution).round() * self.resolution } else { noisy };
+        let position = if self.resolution > 0.0 {
+            (noisy / self.resolution).round() * self.resolution
+        } else {
+            noisy
+        };
         Reading { position, force_cell }
     }
 }
@@ -55,12 +60,18 @@ mod tests {
         let mut sensors = Sensors::new(&model, 7);
         let count = 20_000;
         let readings: Vec<Reading> = (0..count).map(|_| sensors.read(0.012_345, 3.0)).collect();
-        let rms = |values: &mut dyn Iterator<Item = f64>| (values.map(|x| x * x).sum::<f64>() / count as f64).sqrt();
+        let rms = |values: &mut dyn Iterator<Item = f64>| {
+            (values.map(|x| x * x).sum::<f64>() / count as f64).sqrt()
+        };
         let force_noise = rms(&mut readings.iter().map(|reading| reading.force_cell - 3.0));
         let position_noise = rms(&mut readings.iter().map(|reading| reading.position - 0.012_345));
-        // Standard error of an rms over 20,000 samples is 0.5 %; rounding to counts adds 1/sqrt(12) nm.
+        // Standard error of an rms over 20,000 samples is 0.5 %; rounding to counts adds 1/sqrt(12)
+        // nm.
         assert!((force_noise / 0.05 - 1.0).abs() < 0.02, "{force_noise}");
-        assert!((position_noise / (25.0f64 + 1.0 / 12.0).sqrt() / 1e-9 - 1.0).abs() < 0.02, "{position_noise}");
+        assert!(
+            (position_noise / (25.0f64 + 1.0 / 12.0).sqrt() / 1e-9 - 1.0).abs() < 0.02,
+            "{position_noise}"
+        );
         for reading in &readings {
             let counts = reading.position / 1e-9;
             assert!((counts - counts.round()).abs() < 1e-6, "{counts}");

@@ -6,7 +6,8 @@ use super::body::Body;
 use super::effects::MAX_EFFECTS;
 use super::sensors::Sensors;
 
-/// Control rate and internal rate of the plant. The internal rate is an integer multiple of the control rate.
+/// Control rate and internal rate of the plant. The internal rate is an integer multiple of the
+/// control rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates {
     control: f64,
@@ -19,7 +20,8 @@ pub enum RatesError {
     #[error("{name} is {value} Hz, must be between {min} and {max} Hz")]
     Range { name: &'static str, value: f64, min: f64, max: f64 },
     #[error(
-        "physics_rate {physics} Hz is {ratio:.6} times control_rate {control} Hz, must be a whole multiple: {below} or {above} Hz"
+        "physics_rate {physics} Hz is {ratio:.6} times control_rate {control} Hz, must be a whole \
+         multiple: {below} or {above} Hz"
     )]
     NotAMultiple { physics: f64, control: f64, ratio: f64, below: f64, above: f64 },
 }
@@ -55,7 +57,8 @@ pub struct StageState {
     pub effect_force: [f64; MAX_EFFECTS],
 }
 
-/// Plant and sensors at a control rate. Two stages of the same model, rates, seed and forces give the same bits.
+/// Plant and sensors at a control rate. Two stages of the same model, rates, seed and forces give
+/// the same bits.
 #[derive(Debug)]
 pub struct Stage {
     body: Body,
@@ -77,7 +80,10 @@ impl Rates {
 
     /// Both in Hz.
     pub fn new(control: f64, physics: f64) -> Result<Rates, RatesError> {
-        let ranges = [("control_rate", control, Self::CONTROL_RANGE), ("physics_rate", physics, Self::PHYSICS_RANGE)];
+        let ranges = [
+            ("control_rate", control, Self::CONTROL_RANGE),
+            ("physics_rate", physics, Self::PHYSICS_RANGE),
+        ];
         for (name, value, (min, max)) in ranges {
             if !(min..=max).contains(&value) {
                 return Err(RatesError::Range { name, value, min, max });
@@ -87,12 +93,19 @@ impl Rates {
         let substeps = ratio.round();
         if substeps < 1.0 || (ratio - substeps).abs() > 1e-9 * ratio {
             let below = (ratio.floor().max(1.0)) * control;
-            return Err(RatesError::NotAMultiple { physics, control, ratio, below, above: ratio.ceil() * control });
+            return Err(RatesError::NotAMultiple {
+                physics,
+                control,
+                ratio,
+                below,
+                above: ratio.ceil() * control,
+            });
         }
         Ok(Rates { control, substeps: substeps as u32 })
     }
 
-    /// Physics at the default rate, or above it by as little as a whole multiple of the control rate allows; Hz.
+    /// Physics at the default rate, or above it by as little as a whole multiple of the control
+    /// rate allows; Hz.
     pub fn of_control(control: f64) -> Result<Rates, RatesError> {
         Rates::new(control, control * (Self::DEFAULT.physics() / control).ceil().max(1.0))
     }
@@ -133,10 +146,14 @@ impl Stage {
 
     /// Reads the sensors. Once per sample: each call draws noise.
     pub fn sample(&mut self) -> Sample {
-        let (position, cell_force) =
-            self.body.effects().read(self.body.time(), self.body.position(), self.body.cell_force());
+        let (position, cell_force) = self.body.effects().read(
+            self.body.time(),
+            self.body.position(),
+            self.body.cell_force(),
+        );
         let reading = self.sensors.read(position, cell_force);
-        let velocity = self.last_position.map_or(0.0, |last| (reading.position - last) * self.rates.control);
+        let velocity =
+            self.last_position.map_or(0.0, |last| (reading.position - last) * self.rates.control);
         self.last_position = Some(reading.position);
         Sample {
             index: self.index,
@@ -147,9 +164,11 @@ impl Stage {
         }
     }
 
-    /// Holds a motor force, N, until the next sample. Beyond the motor's limit it is clamped and counted; NaN counts as zero.
+    /// Holds a motor force, N, until the next sample. Beyond the motor's limit it is clamped and
+    /// counted; NaN counts as zero.
     pub fn advance(&mut self, force: f64) {
-        let held = if force.is_nan() { 0.0 } else { force.clamp(-self.force_limit, self.force_limit) };
+        let held =
+            if force.is_nan() { 0.0 } else { force.clamp(-self.force_limit, self.force_limit) };
         if held != force {
             self.clamped += 1;
         }
@@ -179,12 +198,14 @@ impl Stage {
         &self.body
     }
 
-    /// Sets position (m), velocity (m/s) and bristle deflections (m); the state of effects and the time go on.
+    /// Sets position (m), velocity (m/s) and bristle deflections (m); the state of effects and the
+    /// time go on.
     pub fn set_state(&mut self, position: f64, velocity: f64, bristles: &[f64]) {
         self.body.set_state(position, velocity, bristles);
     }
 
-    /// Position 0, at rest, bristles unloaded, effects as at the start; time, noise and counters go on.
+    /// Position 0, at rest, bristles unloaded, effects as at the start; time, noise and counters go
+    /// on.
     pub fn reset(&mut self) {
         self.body.reset();
         self.last_position = None;

@@ -1,6 +1,8 @@
-//! Says what a recording holds and what is wrong with it: per topic rate, gaps and bad values, and what the motion covers.
+//! Says what a recording holds and what is wrong with it: per topic rate, gaps and bad values, and
+//! what the motion covers.
 //!
-//! One pass over all messages, in bounded memory: intervals between stamps are kept as counts, to four digits.
+//! One pass over all messages, in bounded memory: intervals between stamps are kept as counts, to
+//! four digits.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -17,7 +19,8 @@ use crate::message::*;
 
 /// An interval of more than this many usual ones is a gap.
 const GAP: f64 = 1.5;
-/// The carriage has turned round when it has gone back by this much, m: a hundred counts of the encoder.
+/// The carriage has turned round when it has gone back by this much, m: a hundred counts of the
+/// encoder.
 const REVERSAL: f64 = 1e-7;
 /// Velocity is taken over at least this time, s, so that a count of the encoder is 1 um/s.
 const VELOCITY_BASE: f64 = 1e-3;
@@ -99,11 +102,12 @@ pub struct CheckReport {
     pub warnings: Vec<String>,
 }
 
-/// Checks a rosbag2 directory or an MCAP file. An error means that nothing of it can be read; everything else that is wrong is
-/// in the report.
+/// Checks a rosbag2 directory or an MCAP file. An error means that nothing of it can be read;
+/// everything else that is wrong is in the report.
 pub fn check(path: &Path) -> Result<CheckReport, BagError> {
     let reader = BagReader::open(path)?;
-    let mut topics: Vec<Watch> = reader.topics().iter().map(|t| Watch::new(&t.name, &t.type_name)).collect();
+    let mut topics: Vec<Watch> =
+        reader.topics().iter().map(|t| Watch::new(&t.name, &t.type_name)).collect();
     let mut damage = reader.damage();
     damage.extend(reader.verify_checksums()?);
     let mut joints = BTreeSet::new();
@@ -115,7 +119,13 @@ pub fn check(path: &Path) -> Result<CheckReport, BagError> {
             Ok(message) => message,
             Err(BagError::Broken { path, offset, expected, found }) => {
                 if !damage.iter().any(|d| d.path == path && d.offset == offset) {
-                    damage.push(Damage { bytes: reader.span_length(&path, offset), path, offset, expected, found });
+                    damage.push(Damage {
+                        bytes: reader.span_length(&path, offset),
+                        path,
+                        offset,
+                        expected,
+                        found,
+                    });
                 }
                 continue;
             }
@@ -135,9 +145,11 @@ pub fn check(path: &Path) -> Result<CheckReport, BagError> {
     let complete = reader.is_complete();
     let mut warnings = Vec::new();
     if !complete {
-        warnings.push("it is cut off or damaged: `friction-stage recover` keeps what is whole".into());
+        warnings
+            .push("it is cut off or damaged: `friction-stage recover` keeps what is whole".into());
     } else if !damage.is_empty() {
-        warnings.push("parts of it are damaged: `friction-stage recover` keeps what is whole".into());
+        warnings
+            .push("parts of it are damaged: `friction-stage recover` keeps what is whole".into());
     }
     match reader.declared_count() {
         Some(declared) if declared != count => {
@@ -182,8 +194,15 @@ impl Facts {
 }
 
 /// Looks into a message; `None` if the type is not one of ours.
-fn facts(message: &BagMessage, joints: &mut BTreeSet<String>, motion: &mut Motion) -> Option<Result<Facts, CdrError>> {
-    fn decode<M: RosMessage>(message: &BagMessage, facts: impl FnOnce(M) -> Facts) -> Option<Result<Facts, CdrError>> {
+fn facts(
+    message: &BagMessage,
+    joints: &mut BTreeSet<String>,
+    motion: &mut Motion,
+) -> Option<Result<Facts, CdrError>> {
+    fn decode<M: RosMessage>(
+        message: &BagMessage,
+        facts: impl FnOnce(M) -> Facts,
+    ) -> Option<Result<Facts, CdrError>> {
         Some(from_cdr::<M>(message).map(facts))
     }
     match message.topic.type_name.as_str() {
@@ -192,7 +211,10 @@ fn facts(message: &BagMessage, joints: &mut BTreeSet<String>, motion: &mut Motio
             if message.topic.name == topics::ENCODER {
                 motion.take(&m);
             }
-            Facts::new(Some(m.header.stamp)).values(&m.position).values(&m.velocity).values(&m.effort)
+            Facts::new(Some(m.header.stamp))
+                .values(&m.position)
+                .values(&m.velocity)
+                .values(&m.effort)
         }),
         "geometry_msgs/msg/WrenchStamped" => decode(message, |m: WrenchStamped| {
             let (f, t) = (m.wrench.force, m.wrench.torque);
@@ -201,12 +223,20 @@ fn facts(message: &BagMessage, joints: &mut BTreeSet<String>, motion: &mut Motio
         "trajectory_msgs/msg/JointTrajectory" => decode(message, |m: JointTrajectory| {
             joints.extend(m.joint_names.iter().cloned());
             m.points.iter().fold(Facts::new(Some(m.header.stamp)), |facts, p| {
-                facts.values(&p.positions).values(&p.velocities).values(&p.accelerations).values(&p.effort)
+                facts
+                    .values(&p.positions)
+                    .values(&p.velocities)
+                    .values(&p.accelerations)
+                    .values(&p.effort)
             })
         }),
-        "std_msgs/msg/Float64MultiArray" => decode(message, |m: Float64MultiArray| Facts::new(None).values(&m.data)),
+        "std_msgs/msg/Float64MultiArray" => {
+            decode(message, |m: Float64MultiArray| Facts::new(None).values(&m.data))
+        }
         "rosgraph_msgs/msg/Clock" => decode(message, |m: Clock| Facts::new(Some(m.clock))),
-        "diagnostic_msgs/msg/DiagnosticArray" => decode(message, |m: DiagnosticArray| Facts::new(Some(m.header.stamp))),
+        "diagnostic_msgs/msg/DiagnosticArray" => {
+            decode(message, |m: DiagnosticArray| Facts::new(Some(m.header.stamp)))
+        }
         "friction_stage/msg/StageState" => decode(message, |m: StageState| {
             Facts::new(Some(m.header.stamp))
                 .values(&[m.position, m.velocity, m.acceleration, m.motor_force])
@@ -282,7 +312,8 @@ impl Watch {
         };
         report.non_finite += facts.non_finite;
         report.by_stamp = facts.stamp.is_some();
-        let time = facts.stamp.unwrap_or_else(|| i64::try_from(message.log_time).unwrap_or(i64::MAX));
+        let time =
+            facts.stamp.unwrap_or_else(|| i64::try_from(message.log_time).unwrap_or(i64::MAX));
         if let Some(last) = self.last {
             match time.saturating_sub(last) {
                 0 => report.repeated_stamps += 1,
@@ -333,7 +364,8 @@ fn four_digits(value: u64) -> u64 {
 
 /// Topics that are sent when there is something to say, not at a rate.
 fn is_occasional(topic: &str) -> bool {
-    topic == topics::SETPOINT || !(topic.starts_with("/stage/") || topic.starts_with("/controller/"))
+    topic == topics::SETPOINT
+        || !(topic.starts_with("/stage/") || topic.starts_with("/controller/"))
 }
 
 impl TopicCheck {
@@ -450,7 +482,11 @@ impl fmt::Display for CheckReport {
             self.duration_s,
             self.bytes as f64 * 1e-6,
             if self.complete { "complete" } else { "cut off or damaged" },
-            if self.has_provenance { "with model, seed, version and arguments" } else { "without provenance" },
+            if self.has_provenance {
+                "with model, seed, version and arguments"
+            } else {
+                "without provenance"
+            },
         )?;
         let header = [
             "topic",
@@ -503,7 +539,8 @@ impl fmt::Display for CheckReport {
         if let Some(c) = &self.coverage {
             writeln!(
                 f,
-                "motion of joint {}: {:.6} to {:.6} m (stroke {:.6} m), {:.6} to {:.6} m/s, {} reversals",
+                "motion of joint {}: {:.6} to {:.6} m (stroke {:.6} m), {:.6} to {:.6} m/s, {} \
+                 reversals",
                 c.joint,
                 c.lowest_position,
                 c.highest_position,

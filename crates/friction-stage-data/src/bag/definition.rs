@@ -1,12 +1,13 @@
 //! Single fields of messages whose type is known only from the definition that the bag carries.
 //!
-//! What comes in is the text of a `ros2msg` schema, a path such as `points[only].positions[joint]` and messages as CDR
-//! bytes; what goes out is a number per message. Fields before the wanted one are skipped, those behind it not looked at;
-//! no memory is taken for what a message claims to hold. Source of the layout: OMG DDS-XTypes 1.3, 7.4.1 (plain CDR,
-//! version 1) and the message definitions of ROS 2.
+//! What comes in is the text of a `ros2msg` schema, a path such as `points[only].positions[joint]`
+//! and messages as CDR bytes; what goes out is a number per message. Fields before the wanted one
+//! are skipped, those behind it not looked at; no memory is taken for what a message claims to
+//! hold. Source of the layout: OMG DDS-XTypes 1.3, 7.4.1 (plain CDR, version 1) and the message
+//! definitions of ROS 2.
 //!
-//! Not read: schemas in `ros2idl`, and fields that stand behind a `wstring`, whose characters are of two or four bytes
-//! depending on the middleware that wrote them.
+//! Not read: schemas in `ros2idl`, and fields that stand behind a `wstring`, whose characters are
+//! of two or four bytes depending on the middleware that wrote them.
 
 use std::collections::HashMap;
 
@@ -137,7 +138,8 @@ impl Value {
 }
 
 impl Definition {
-    /// Reads the text that a bag stores with encoding `ros2msg`. The error says what is wrong with it.
+    /// Reads the text that a bag stores with encoding `ros2msg`. The error says what is wrong with
+    /// it.
     pub fn parse(type_name: &str, text: &str) -> Result<Self, String> {
         let mut sections = vec![(short_name(type_name), Vec::new())];
         let mut between = false;
@@ -163,7 +165,9 @@ impl Definition {
             for line in lines {
                 let mut words = line.split_whitespace();
                 let (Some(kind), Some(field)) = (words.next(), words.next()) else {
-                    return Err(format!("{name}: `{line}` is no field: it needs a type and a name"));
+                    return Err(format!(
+                        "{name}: `{line}` is no field: it needs a type and a name"
+                    ));
                 };
                 // a constant takes no place in the message; a default value neither
                 if field.contains('=') || words.next().is_some_and(|word| word.starts_with('=')) {
@@ -172,21 +176,35 @@ impl Definition {
                 let (kind, many) = match kind.split_once('[') {
                     None => (kind, Many::One),
                     Some((kind, "]")) => (kind, Many::Sequence),
-                    Some((kind, bound)) if bound.starts_with("<=") && bound.ends_with(']') => (kind, Many::Sequence),
-                    Some((base, length)) => match length.strip_suffix(']').and_then(|n| n.parse().ok()) {
-                        Some(length) => (base, Many::Fixed(length)),
-                        None => return Err(format!("{name}: `{kind}` is no array type")),
-                    },
+                    Some((kind, bound)) if bound.starts_with("<=") && bound.ends_with(']') => {
+                        (kind, Many::Sequence)
+                    }
+                    Some((base, length)) => {
+                        match length.strip_suffix(']').and_then(|n| n.parse().ok()) {
+                            Some(length) => (base, Many::Fixed(length)),
+                            None => return Err(format!("{name}: `{kind}` is no array type")),
+                        }
+                    }
                 };
                 let kind = match Kind::of(kind) {
                     Some(kind) => kind,
                     None => {
-                        let full = if kind.contains('/') { short_name(kind) } else { format!("{package}/{kind}") };
+                        let full = if kind.contains('/') {
+                            short_name(kind)
+                        } else {
+                            format!("{package}/{kind}")
+                        };
                         // `Header` alone is an old way to write std_msgs/Header
-                        let found = index.get(full.as_str()).or_else(|| index.get(format!("std_msgs/{kind}").as_str()));
+                        let found = index
+                            .get(full.as_str())
+                            .or_else(|| index.get(format!("std_msgs/{kind}").as_str()));
                         match found {
                             Some(&message) => Kind::Message(message),
-                            None => return Err(format!("{name}: type `{kind}` of `{field}` is not defined")),
+                            None => {
+                                return Err(format!(
+                                    "{name}: type `{kind}` of `{field}` is not defined"
+                                ));
+                            }
                         }
                     }
                 };
@@ -203,7 +221,9 @@ impl Definition {
     fn check_finite(&self, message: usize, visits: &mut [Visit]) -> Result<(), String> {
         match visits[message] {
             Visit::Done => return Ok(()),
-            Visit::Inside => return Err(format!("{} contains itself", self.messages[message].name)),
+            Visit::Inside => {
+                return Err(format!("{} contains itself", self.messages[message].name));
+            }
             Visit::Not => visits[message] = Visit::Inside,
         }
         for field in &self.messages[message].fields {
@@ -215,8 +235,8 @@ impl Definition {
         Ok(())
     }
 
-    /// Finds a path such as `wrench.force.x`, `data[2]`, `position[joint]` or `points[only].positions[joint]`. The error
-    /// says what is there instead.
+    /// Finds a path such as `wrench.force.x`, `data[2]`, `position[joint]` or
+    /// `points[only].positions[joint]`. The error says what is there instead.
     pub fn path(&self, text: &str) -> Result<FieldPath, String> {
         let mut steps = Vec::new();
         let mut kind = Kind::Message(0);
@@ -230,7 +250,9 @@ impl Definition {
                 return Err(format!("`{name}` cannot stand behind a number"));
             };
             if many != Many::One {
-                return Err(format!("`{name}` stands behind an array: say which element, as in `[0]`"));
+                return Err(format!(
+                    "`{name}` stands behind an array: say which element, as in `[0]`"
+                ));
             }
             let message = &self.messages[message];
             let Some(index) = message.fields.iter().position(|f| f.name == name) else {
@@ -247,7 +269,9 @@ impl Definition {
             many = message.fields[index].many;
             let mut rest = brackets;
             while !rest.is_empty() {
-                let Some((element, behind)) = rest.strip_prefix('[').and_then(|r| r.split_once(']')) else {
+                let Some((element, behind)) =
+                    rest.strip_prefix('[').and_then(|r| r.split_once(']'))
+                else {
                     return Err(format!("`{part}`: an element is written as in `{name}[0]`"));
                 };
                 if many == Many::One {
@@ -257,7 +281,9 @@ impl Definition {
                     "joint" => Step::Joint,
                     "only" => Step::Only,
                     number => Step::Element(number.parse().map_err(|_| {
-                        format!("`[{number}]` is no element: give its number from 0, `joint` or `only`")
+                        format!(
+                            "`[{number}]` is no element: give its number from 0, `joint` or `only`"
+                        )
                     })?),
                 });
                 many = Many::One;
@@ -265,7 +291,9 @@ impl Definition {
             }
         }
         if many != Many::One {
-            return Err(format!("`{text}` is an array: say which element, as in `{text}[0]` or `{text}[joint]`"));
+            return Err(format!(
+                "`{text}` is an array: say which element, as in `{text}[0]` or `{text}[joint]`"
+            ));
         }
         match kind {
             Kind::Text | Kind::WideText => return Err(format!("`{text}` is text, not a number")),
@@ -273,7 +301,12 @@ impl Definition {
                 return Err(format!(
                     "`{text}` is a {}, not a number: its fields are {}",
                     self.messages[message].name,
-                    self.messages[message].fields.iter().map(|f| f.name.as_str()).collect::<Vec<_>>().join(", ")
+                    self.messages[message]
+                        .fields
+                        .iter()
+                        .map(|f| f.name.as_str())
+                        .collect::<Vec<_>>()
+                        .join(", ")
                 ));
             }
             _ => {}
@@ -286,7 +319,8 @@ impl Definition {
             });
             if names.is_none() {
                 return Err(format!(
-                    "{} has no list `name`, `names` or `joint_names` that `[joint]` could be found in: give the number",
+                    "{} has no list `name`, `names` or `joint_names` that `[joint]` could be found \
+                     in: give the number",
                     self.messages[0].name
                 ));
             }
@@ -298,14 +332,23 @@ impl Definition {
     }
 
     fn is_time(&self, message: usize) -> bool {
-        let fields: Vec<(&str, Kind, Many)> =
-            self.messages[message].fields.iter().map(|f| (f.name.as_str(), f.kind, f.many)).collect();
+        let fields: Vec<(&str, Kind, Many)> = self.messages[message]
+            .fields
+            .iter()
+            .map(|f| (f.name.as_str(), f.kind, f.many))
+            .collect();
         fields == [("sec", Kind::I32, Many::One), ("nanosec", Kind::U32, Many::One)]
     }
 
-    /// The value at `path` in a message (CDR with encapsulation); none if the message lacks it: an empty or shorter
-    /// array, or a joint that is not in it. The error says where the message ends too early.
-    pub fn value(&self, path: &FieldPath, joint: &str, message: &[u8]) -> Result<Option<Value>, String> {
+    /// The value at `path` in a message (CDR with encapsulation); none if the message lacks it: an
+    /// empty or shorter array, or a joint that is not in it. The error says where the message ends
+    /// too early.
+    pub fn value(
+        &self,
+        path: &FieldPath,
+        joint: &str,
+        message: &[u8],
+    ) -> Result<Option<Value>, String> {
         let joint_index = match path.names {
             None => None,
             Some(names) => match self.index_of(names, joint, message)? {
@@ -378,13 +421,20 @@ impl Definition {
         self.skip_elements(cursor, field.kind, count)
     }
 
-    fn skip_elements(&self, cursor: &mut Cursor<'_>, kind: Kind, count: usize) -> Result<(), String> {
+    fn skip_elements(
+        &self,
+        cursor: &mut Cursor<'_>,
+        kind: Kind,
+        count: usize,
+    ) -> Result<(), String> {
         if count == 0 {
             return Ok(());
         }
         match kind {
             Kind::Text => (0..count).try_for_each(|_| cursor.text().map(drop)),
-            Kind::WideText => Err("it stands behind a wstring, whose length in bytes is not known".into()),
+            Kind::WideText => {
+                Err("it stands behind a wstring, whose length in bytes is not known".into())
+            }
             Kind::Message(message) => (0..count).try_for_each(|_| {
                 let fields = &self.messages[message].fields;
                 if fields.is_empty() {
@@ -427,7 +477,10 @@ impl<'a> Cursor<'a> {
                 "it is in CDR representation {:#06x}, supported are 0x0000 and 0x0001",
                 u16::from_be_bytes([*high, *low])
             )),
-            short => Err(format!("it has {} bytes, a CDR message begins with 4 bytes of encapsulation", short.len())),
+            short => Err(format!(
+                "it has {} bytes, a CDR message begins with 4 bytes of encapsulation",
+                short.len()
+            )),
         }
     }
 
@@ -435,7 +488,10 @@ impl<'a> Cursor<'a> {
         let from = self.at.next_multiple_of(alignment);
         let bytes = from.checked_add(length).and_then(|to| self.body.get(from..to));
         let bytes = bytes.ok_or_else(|| {
-            format!("it ends after {} bytes, {length} more were expected at byte {from}", self.body.len())
+            format!(
+                "it ends after {} bytes, {length} more were expected at byte {from}",
+                self.body.len()
+            )
         })?;
         self.at = from + length;
         Ok(bytes)
@@ -450,7 +506,8 @@ impl<'a> Cursor<'a> {
         Ok(bytes)
     }
 
-    /// Length of a sequence; not more than there are bytes left, since every element takes one at least.
+    /// Length of a sequence; not more than there are bytes left, since every element takes one at
+    /// least.
     fn count(&mut self) -> Result<usize, String> {
         let count = u32::from_le_bytes(self.array()?) as usize;
         let left = self.body.len() - self.at;
@@ -491,7 +548,8 @@ impl<'a> Cursor<'a> {
 mod tests {
     use super::*;
     use crate::message::{
-        Float64MultiArray, Header, JointState, JointTrajectory, JointTrajectoryPoint, RosMessage, WrenchStamped, to_cdr,
+        Float64MultiArray, Header, JointState, JointTrajectory, JointTrajectoryPoint, RosMessage,
+        WrenchStamped, to_cdr,
     };
     use proptest::prelude::*;
 
@@ -534,9 +592,16 @@ mod tests {
 
     #[test]
     fn only_takes_a_list_of_one() {
-        let point = JointTrajectoryPoint { positions: vec![0.5], accelerations: vec![-2.0], ..Default::default() };
-        let mut trajectory =
-            JointTrajectory { joint_names: vec!["stage".into()], points: vec![point.clone()], ..Default::default() };
+        let point = JointTrajectoryPoint {
+            positions: vec![0.5],
+            accelerations: vec![-2.0],
+            ..Default::default()
+        };
+        let mut trajectory = JointTrajectory {
+            joint_names: vec!["stage".into()],
+            points: vec![point.clone()],
+            ..Default::default()
+        };
         assert_eq!(read(&trajectory, "points[only].positions[joint]"), Some(Value::Number(0.5)));
         assert_eq!(read(&trajectory, "points[only].accelerations[0]"), Some(Value::Number(-2.0)));
         assert_eq!(read(&trajectory, "points[only].velocities[0]"), None);
@@ -550,7 +615,10 @@ mod tests {
         let error = |path: &str| definition::<JointState>().path(path).unwrap_err();
         assert!(error("positon[0]").contains("did you mean `position`"));
         assert!(error("position").contains("position[joint]"));
-        assert!(error("header").contains("std_msgs/Header") && error("header").contains("stamp, frame_id"));
+        assert!(
+            error("header").contains("std_msgs/Header")
+                && error("header").contains("stamp, frame_id")
+        );
         assert!(error("header.frame_id").contains("text"));
         assert!(error("header[0].stamp").contains("no array"));
         assert!(error("position[x]").contains("`[x]`"));
@@ -562,8 +630,10 @@ mod tests {
 
     #[test]
     fn definitions_of_others_are_read() {
-        let text = "# Comment\nint32 KIND_A=1\nstring lower_case = \"a # b\"\nuint8 flags 3\nbool[3] switches\n\
-                    string<=10[<=2] words\nInner[] inner\nfloat32 value 1.5 # default\nempty/Empty nothing\nuint16 after\n\
+        let text = "# Comment\nint32 KIND_A=1\nstring lower_case = \"a # b\"\nuint8 flags \
+                    3\nbool[3] switches\n\
+                    string<=10[<=2] words\nInner[] inner\nfloat32 value 1.5 # default\nempty/Empty \
+                    nothing\nuint16 after\n\
                     ===\nMSG: other/Inner\nuint8 a\nint64 b\n===\nMSG: empty/Empty\n";
         let definition = Definition::parse("other/msg/Outer", text).unwrap();
         let mut bytes = vec![0, 1, 0, 0, 9, 1, 0, 1];
@@ -575,7 +645,8 @@ mod tests {
         bytes.extend(2.5f32.to_le_bytes()); // to 52
         bytes.extend([0, 0xff]); // empty message, pad to 54
         bytes.extend(513u16.to_le_bytes());
-        let value = |path: &str| definition.value(&definition.path(path).unwrap(), "", &bytes).unwrap();
+        let value =
+            |path: &str| definition.value(&definition.path(path).unwrap(), "", &bytes).unwrap();
         assert_eq!(value("flags"), Some(Value::Whole(9)));
         assert_eq!(value("switches[2]"), Some(Value::Whole(1)));
         assert_eq!(value("inner[1].b"), Some(Value::Whole(6)));
@@ -595,7 +666,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn garbage_never_panics(body in proptest::collection::vec(any::<u8>(), 0..200), text in "[a-z0-9 =<\\[\\]\\n/#]{0,80}") {
+        fn garbage_never_panics(
+            body in proptest::collection::vec(any::<u8>(), 0..200),
+            text in "[a-z0-9 =<\\[\\]\\n/#]{0,80}",
+        ) {
             let definition = definition::<JointTrajectory>();
             let path = definition.path("points[only].positions[joint]").unwrap();
             let mut bytes = vec![0, 1, 0, 0];

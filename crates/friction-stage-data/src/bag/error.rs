@@ -11,7 +11,10 @@ use crate::message::CdrError;
 #[derive(Debug, Error)]
 pub enum BagError {
     /// The directory to record into exists.
-    #[error("{} exists; a recording never overwrites: choose another name or remove it", path.display())]
+    #[error(
+        "{} exists; a recording never overwrites: choose another name or remove it",
+        path.display()
+    )]
     Exists {
         /// The directory.
         path: PathBuf,
@@ -26,7 +29,8 @@ pub enum BagError {
     },
     /// No space is left, or a limit on file size or quota is reached.
     #[error(
-        "no space left for {}: {source}, {written} bytes are written; free space, then run `friction-stage recover` on it",
+        "no space left for {}: {source}, {written} bytes are written; free space, then run \
+         `friction-stage recover` on it",
         path.display()
     )]
     Full {
@@ -56,7 +60,10 @@ pub enum BagError {
         source: mcap::McapError,
     },
     /// A write after an earlier one failed.
-    #[error("recording to {} stopped after an earlier error: nothing more is written", path.display())]
+    #[error(
+        "recording to {} stopped after an earlier error: nothing more is written",
+        path.display()
+    )]
     Stopped {
         /// The file.
         path: PathBuf,
@@ -88,7 +95,8 @@ pub enum BagError {
         reason: String,
     },
     /// A file that is not MCAP at all.
-    #[error("{} is not an MCAP file: expected {} at byte 0, found {found}", path.display(), "89 4d 43 41 50 30 0d 0a")]
+    #[error("{} is not an MCAP file: expected {} at byte 0, found {found}", path.display(), "89 4d \
+        43 41 50 30 0d 0a")]
     NotMcap {
         /// The file.
         path: PathBuf,
@@ -96,7 +104,8 @@ pub enum BagError {
         found: String,
     },
     /// A place in a file that is not as it should be.
-    #[error("{} is damaged at byte {offset}: expected {expected}, found {found}; `friction-stage recover` keeps what is whole", path.display())]
+    #[error("{} is damaged at byte {offset}: expected {expected}, found {found}; `friction-stage \
+             recover` keeps what is whole", path.display())]
     Broken {
         /// The file.
         path: PathBuf,
@@ -181,7 +190,8 @@ pub enum BagError {
     },
     /// Too few samples for a rate.
     #[error(
-        "{} has {samples} usable samples of {signal} (a value, at a time of its own), of {total} in all; 2 are needed for a rate",
+        "{} has {samples} usable samples of {signal} (a value, at a time of its own), of {total} \
+         in all; 2 are needed for a rate",
         path.display()
     )]
     TooFewSamples {
@@ -211,7 +221,11 @@ impl BagError {
     pub(crate) fn writing(path: &Path, written: u64, source: io::Error) -> Self {
         let path = path.to_owned();
         let full = matches!(source.raw_os_error(), Some(libc::ENOSPC | libc::EFBIG | libc::EDQUOT));
-        if full { Self::Full { path, written, source } } else { Self::Write { path, written, source } }
+        if full {
+            Self::Full { path, written, source }
+        } else {
+            Self::Write { path, written, source }
+        }
     }
 
     pub(crate) fn reading(path: &Path, source: io::Error) -> Self {

@@ -1,8 +1,10 @@
-//! What a recording can identify and what not: the motion that it covers, the noise that is in it, and what is wrong with it.
+//! What a recording can identify and what not: the motion that it covers, the noise that is in it,
+//! and what is wrong with it.
 //!
-//! What comes in is a [`Recording`] and, if there is one, the declared model; what goes out is an [`Excitation`] with figures,
-//! [`DataProblem`]s and a [`Judgement`] per kind of parameter. Nothing is fitted finely here: one linear regression of the
-//! force on acceleration, direction and velocity shows signs, units and sizes.
+//! What comes in is a [`Recording`] and, if there is one, the declared model; what goes out is an
+//! [`Excitation`] with figures, [`DataProblem`]s and a [`Judgement`] per kind of parameter. Nothing
+//! is fitted finely here: one linear regression of the force on acceleration, direction and
+//! velocity shows signs, units and sizes.
 
 use std::fmt;
 use std::ops::Range;
@@ -18,21 +20,25 @@ use friction_stage_core::model::{Guide, StageModel};
 
 /// Least rows in one piece. Assumed: some fifty parameters' worth of filtered samples.
 const LEAST_ROWS: usize = 500;
-/// Half of the time over which velocity and acceleration are taken, s. Assumed: short against a 60 Hz loop's 17 ms period,
-/// long enough that 1 nm of noise is 0.1 mm/s² of acceleration.
+/// Half of the time over which velocity and acceleration are taken, s. Assumed: short against a 60
+/// Hz loop's 17 ms period, long enough that 1 nm of noise is 0.1 mm/s² of acceleration.
 const HALF_BASE: f64 = 5e-3;
-/// Stribeck velocity, m/s, where no model declares one. Assumed: the low end of the usual 1 to 10 mm/s.
+/// Stribeck velocity, m/s, where no model declares one. Assumed: the low end of the usual 1 to 10
+/// mm/s.
 const USUAL_STRIBECK_VELOCITY: f64 = 1e-3;
-/// Slower than this, m/s, the carriage rests. Assumed: a hundredth of a usual Stribeck velocity of 1 mm/s and more.
+/// Slower than this, m/s, the carriage rests. Assumed: a hundredth of a usual Stribeck velocity of
+/// 1 mm/s and more.
 const REST_SPEED: f64 = 1e-5;
-/// Longest time, s, for which a signal that changes from row to row elsewhere may have one value while the stage is driven; and share
-/// of the rows elsewhere that may repeat the one before. Assumed: noise repeats no number of seven digits, let alone for so long.
+/// Longest time, s, for which a signal that changes from row to row elsewhere may have one value
+/// while the stage is driven; and share of the rows elsewhere that may repeat the one before.
+/// Assumed: noise repeats no number of seven digits, let alone for so long.
 const STUCK: (f64, f64) = (0.25, 0.1);
 /// Shortest stretch of one speed, and of rest, s. Assumed.
 const SHORTEST_STRETCH: f64 = 0.05;
 /// Speeds within this ratio are the same. Assumed.
 const SAME_SPEED: f64 = 1.1;
-/// Part of what a cell is off the command before it that it must be off the one behind it for the two to be swapped. Assumed: what a motor adds is as far from either.
+/// Part of what a cell is off the command before it that it must be off the one behind it for the
+/// two to be swapped. Assumed: what a motor adds is as far from either.
 const SWAPPED: f64 = 0.3;
 /// Break-away distances that a stage has to span for its Coulomb friction to be seen. Assumed.
 const SLIDES: f64 = 50.0;
@@ -58,7 +64,8 @@ pub struct NoiseFound {
     pub smallest_step: f64,
 }
 
-/// Force regressed on the motion: F = mass a + coulomb sign(v) + viscous v + offset, while the carriage moves.
+/// Force regressed on the motion: F = mass a + coulomb sign(v) + viscous v + offset, while the
+/// carriage moves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct RoughFit {
     /// Mass, kg.
@@ -80,10 +87,12 @@ pub struct RoughFit {
 }
 
 impl RoughFit {
-    /// Whether the mass is known well enough to say that a sign, a unit or the machine is another: where the acceleration explains less than the fit leaves, what the
-    /// fit lacks passes for a mass.
+    /// Whether the mass is known well enough to say that a sign, a unit or the machine is another:
+    /// where the acceleration explains less than the fit leaves, what the fit lacks passes for a
+    /// mass.
     fn knows_the_mass(&self) -> bool {
-        self.mass_deviation < 0.1 * self.mass.abs() && self.by_acceleration_alone >= 1.0 - self.explained
+        self.mass_deviation < 0.1 * self.mass.abs()
+            && self.by_acceleration_alone >= 1.0 - self.explained
     }
 }
 
@@ -115,7 +124,8 @@ pub struct Excitation {
     pub reversals: usize,
     /// Distance travelled, m.
     pub distance: f64,
-    /// Speeds that were held for at least 50 ms, m/s, both directions taken together, slowest first.
+    /// Speeds that were held for at least 50 ms, m/s, both directions taken together, slowest
+    /// first.
     pub speeds: Vec<f64>,
     /// Time at rest, s: slower than 10 um/s, or than the noise allows to tell.
     pub rest_s: f64,
@@ -214,7 +224,9 @@ impl<'a> Examiner<'a> {
         let noise = encoder_noise.map_or(0.0, |n| n.present);
         let moments = self.moments();
         let range = |values: &mut dyn Iterator<Item = f64>| {
-            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
+                [low.min(v), high.max(v)]
+            })
         };
         let known = |[low, high]: [f64; 2]| if low <= high { [low, high] } else { [0.0, 0.0] };
         let position_range = known(range(&mut x.iter().copied().filter(|v| v.is_finite())));
@@ -222,8 +234,11 @@ impl<'a> Examiner<'a> {
         let largest_acceleration = moments.iter().map(|m| m.acceleration.abs()).fold(0.0, f64::max);
         let stroke = position_range[1] - position_range[0];
         // five standard deviations of the velocity's noise
-        let rest_speed = REST_SPEED.max(5.0 * noise * 0.5f64.sqrt() / (self.half as f64 * self.step));
-        let moves = stroke > 20.0 * noise && stroke > 0.0 && moments.iter().any(|m| m.velocity.abs() > rest_speed);
+        let rest_speed =
+            REST_SPEED.max(5.0 * noise * 0.5f64.sqrt() / (self.half as f64 * self.step));
+        let moves = stroke > 20.0 * noise
+            && stroke > 0.0
+            && moments.iter().any(|m| m.velocity.abs() > rest_speed);
         let (amplitudes, reversals, distance) = self.travel((20.0 * noise).max(1e-7));
         let (speeds, held) = self.speeds(&moments, rest_speed);
         let rests = self.rests(&moments, rest_speed);
@@ -329,10 +344,14 @@ impl<'a> Examiner<'a> {
                 });
             }
             if signal.conflicting > 0 {
-                self.problems.push(DataProblem::Conflicting { signal: signal.signal, samples: signal.conflicting });
+                self.problems.push(DataProblem::Conflicting {
+                    signal: signal.signal,
+                    samples: signal.conflicting,
+                });
             }
             if !self.recording.has(signal.signal) {
-                self.problems.push(DataProblem::Sparse { signal: signal.signal, share: signal.coverage });
+                self.problems
+                    .push(DataProblem::Sparse { signal: signal.signal, share: signal.coverage });
             }
         }
         let share = 1.0 - quality.valid_rows as f64 / quality.rows.max(1) as f64;
@@ -344,9 +363,12 @@ impl<'a> Examiner<'a> {
         let jitter = quality.signal(Signal::Position).and_then(|q| q.jitter_s).unwrap_or(0.0);
         let treatment = match quality.clock {
             ClockKind::UniformBehindJitter => {
-                "the positions are smoother without it, so the samples count as uniform and are left as they are"
+                "the positions are smoother without it, so the samples count as uniform and are \
+                 left as they are"
             }
-            ClockKind::AtStamps => "the positions follow it, so they are interpolated from their stamps",
+            ClockKind::AtStamps => {
+                "the positions follow it, so they are interpolated from their stamps"
+            }
             ClockKind::Regular | ClockKind::OtherRate => "",
         };
         // a thousandth of a period moves a carriage at 1 m/s by less than 1 um (assumed)
@@ -366,7 +388,8 @@ impl<'a> Examiner<'a> {
     fn encoder_noise(&self) -> Option<NoiseFound> {
         let x = self.column(Signal::Position);
         let present = self.is_raw().then(|| noise(&self.segments, |row| x[row]))??;
-        let declared = self.model.map(|m| m.encoder.noise.hypot(m.encoder.resolution / 12f64.sqrt()));
+        let declared =
+            self.model.map(|m| m.encoder.noise.hypot(m.encoder.resolution / 12f64.sqrt()));
         Some(NoiseFound { present, declared, smallest_step: self.smallest_step(x) })
     }
 
@@ -392,17 +415,23 @@ impl<'a> Examiner<'a> {
     }
 
     fn smallest_step(&self, column: &[f64]) -> f64 {
-        let steps = self.segments.iter().flat_map(|s| column[s.clone()].windows(2)).map(|p| (p[1] - p[0]).abs());
+        let steps = self
+            .segments
+            .iter()
+            .flat_map(|s| column[s.clone()].windows(2))
+            .map(|p| (p[1] - p[0]).abs());
         let least = steps.filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
         if least.is_finite() { least } else { 0.0 }
     }
 
-    /// Travel between reversals, number of reversals and distance; a turn by less than `least` is noise.
+    /// Travel between reversals, number of reversals and distance; a turn by less than `least` is
+    /// noise.
     fn travel(&self, least: f64) -> (Vec<f64>, usize, f64) {
         let x = self.column(Signal::Position);
         let (mut amplitudes, mut reversals, mut distance) = (Vec::new(), 0, 0.0);
         for segment in &self.segments {
-            let (mut direction, mut turned, mut farthest) = (0.0, x[segment.start], x[segment.start]);
+            let (mut direction, mut turned, mut farthest) =
+                (0.0, x[segment.start], x[segment.start]);
             for &here in &x[segment.clone()] {
                 let moved = here - farthest;
                 if direction == 0.0 {
@@ -438,15 +467,21 @@ impl<'a> Examiner<'a> {
                 from += 1;
                 continue;
             }
-            let near =
-                |m: &Moment| (m.velocity - start.velocity).abs() <= 0.02 * start.velocity.abs() + 0.5 * rest_speed;
+            let near = |m: &Moment| {
+                (m.velocity - start.velocity).abs()
+                    <= 0.02 * start.velocity.abs() + 0.5 * rest_speed
+            };
             let mut to = from + 1;
-            while to < moments.len() && moments[to].row - moments[to - 1].row == self.half && near(&moments[to]) {
+            while to < moments.len()
+                && moments[to].row - moments[to - 1].row == self.half
+                && near(&moments[to])
+            {
                 to += 1;
             }
             let time = (to - from) as f64 * moment_s;
             if time >= SHORTEST_STRETCH {
-                let mean = moments[from..to].iter().map(|m| m.velocity).sum::<f64>() / (to - from) as f64;
+                let mean =
+                    moments[from..to].iter().map(|m| m.velocity).sum::<f64>() / (to - from) as f64;
                 stretches.push((mean.abs(), time));
                 from = to;
             } else {
@@ -503,11 +538,17 @@ impl<'a> Examiner<'a> {
         let rows = self.recording.outliers(signal);
         if let Some(&first) = rows.first() {
             let (value, seconds) = (self.column(signal)[first], first as f64 * self.step);
-            self.problems.push(DataProblem::Outliers { signal, samples: rows.len(), value, seconds });
+            self.problems.push(DataProblem::Outliers {
+                signal,
+                samples: rows.len(),
+                value,
+                seconds,
+            });
         }
     }
 
-    /// Whether a signal that changes with every row elsewhere stops to, although another one shows that the stage is driven.
+    /// Whether a signal that changes with every row elsewhere stops to, although another one shows
+    /// that the stage is driven.
     fn stuck(&mut self, signal: Signal) {
         let column = self.column(signal);
         let least = (STUCK.0 * self.recording.rate) as usize;
@@ -533,20 +574,37 @@ impl<'a> Examiner<'a> {
             let [low, high] = values
                 .iter()
                 .filter(|value| value.is_finite())
-                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(*value), high.max(*value)]);
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
+                    [low.min(*value), high.max(*value)]
+                });
             if low < high { high - low } else { 0.0 }
         };
-        let recorded = others.iter().filter(|other| self.recording.has(**other)).map(|other| self.column(*other));
+        let recorded = others
+            .iter()
+            .filter(|other| self.recording.has(**other))
+            .map(|other| self.column(*other));
         let recorded: Vec<(&[f64], f64)> =
             recorded.map(|other| (other, 0.1 * span(other).max(f64::MIN_POSITIVE))).collect();
-        let driven = |run: &Range<usize>| recorded.iter().any(|(other, least)| span(&other[run.clone()]) > *least);
+        let driven = |run: &Range<usize>| {
+            recorded.iter().any(|(other, least)| span(&other[run.clone()]) > *least)
+        };
         let stuck: Vec<Range<usize>> = runs.into_iter().filter(driven).collect();
         for run in stuck {
             let (value, rows) = (column[run.start], run.len());
             // an extreme is told as such
-            let told = |problem: &DataProblem| matches!(problem, DataProblem::Clipped { signal: other, value: at, .. } if *other == signal && *at == value);
+            let told = |problem: &DataProblem| match problem {
+                DataProblem::Clipped { signal: other, value: at, .. } => {
+                    *other == signal && *at == value
+                }
+                _ => false,
+            };
             if !self.problems.iter().any(told) {
-                self.problems.push(DataProblem::Stuck { signal, value, seconds: rows as f64 * self.step, rows });
+                self.problems.push(DataProblem::Stuck {
+                    signal,
+                    value,
+                    seconds: rows as f64 * self.step,
+                    rows,
+                });
             }
         }
     }
@@ -558,7 +616,8 @@ impl<'a> Examiner<'a> {
             let limit = model.motor.force_limit;
             let rows = column.iter().filter(|f| f.abs() >= limit).count();
             if rows > 0 {
-                let largest = column.iter().filter(|f| f.is_finite()).fold(0.0f64, |m, f| m.max(f.abs()));
+                let largest =
+                    column.iter().filter(|f| f.is_finite()).fold(0.0f64, |m, f| m.max(f.abs()));
                 self.problems.push(DataProblem::Saturated { largest, limit, rows });
                 return;
             }
@@ -571,13 +630,16 @@ impl<'a> Examiner<'a> {
         }
     }
 
-    /// Whether the position stops dead at an extreme: from full speed to the very same value within one row.
+    /// Whether the position stops dead at an extreme: from full speed to the very same value within
+    /// one row.
     fn clipped_position(&mut self, noise: f64) {
         let x = self.column(Signal::Position);
         // Who reads coarse counts sees one or two at once at any end of a motion.
         let least = (20.0 * noise).max(3.0 * self.smallest_step(x)).max(1e-9);
         for (value, rows) in extremes(x) {
-            let arrivals = x.windows(4).filter(|w| w[1..].iter().all(|v| *v == value) && (w[1] - w[0]).abs() > least);
+            let arrivals = x
+                .windows(4)
+                .filter(|w| w[1..].iter().all(|v| *v == value) && (w[1] - w[0]).abs() > least);
             if rows >= CLIPPED_RUN && arrivals.count() > 0 {
                 self.problems.push(DataProblem::Clipped { signal: Signal::Position, value, rows });
             }
@@ -603,7 +665,9 @@ impl<'a> Examiner<'a> {
         // scaled, so that the matrix is well conditioned
         let scale_a = moving().map(|m| m.acceleration.abs()).fold(f64::MIN_POSITIVE, f64::max);
         let scale_v = moving().map(|m| m.velocity.abs()).fold(f64::MIN_POSITIVE, f64::max);
-        let row = |m: &Moment| Vector4::new(m.acceleration / scale_a, m.velocity.signum(), m.velocity / scale_v, 1.0);
+        let row = |m: &Moment| {
+            Vector4::new(m.acceleration / scale_a, m.velocity.signum(), m.velocity / scale_v, 1.0)
+        };
         for moment in moving() {
             let force = self.force_at(column, moment.row);
             let row = row(moment);
@@ -637,11 +701,15 @@ impl<'a> Examiner<'a> {
         })
     }
 
-    /// Slope of one column over another, through zero after means are taken off, and how well it explains the first.
+    /// Slope of one column over another, through zero after means are taken off, and how well it
+    /// explains the first.
     fn slope(&self, of: &[f64], over: impl Fn(usize) -> f64) -> Option<(f64, f64)> {
         let rows = || {
             let segments = self.segments.iter().cloned().flatten();
-            segments.skip(1).map(|row| (of[row], over(row))).filter(|(y, x)| y.is_finite() && x.is_finite())
+            segments
+                .skip(1)
+                .map(|row| (of[row], over(row)))
+                .filter(|(y, x)| y.is_finite() && x.is_finite())
         };
         let count = rows().count() as f64;
         let (y0, x0) = rows().fold((0.0, 0.0), |(a, b), (y, x)| (a + y, b + x));
@@ -655,15 +723,27 @@ impl<'a> Examiner<'a> {
         (xx > 0.0 && yy > 0.0).then(|| (xy / xx, xy * xy / (xx * yy)))
     }
 
-    /// Signs and units, by whatever can be compared: reference and position, cell and command, force and acceleration.
-    fn signs_and_units(&mut self, cell: Option<RoughFit>, command: Option<RoughFit>, moments: &[Moment]) {
+    /// Signs and units, by whatever can be compared: reference and position, cell and command,
+    /// force and acceleration.
+    fn signs_and_units(
+        &mut self,
+        cell: Option<RoughFit>,
+        command: Option<RoughFit>,
+        moments: &[Moment],
+    ) {
         let declared = self.model.map(|m| {
-            let payload = m.effects.iter().filter(|e| e.name == "payload").filter_map(|e| e.values.get("mass"));
+            let payload = m
+                .effects
+                .iter()
+                .filter(|e| e.name == "payload")
+                .filter_map(|e| e.values.get("mass"));
             m.mass + payload.sum::<f64>()
         });
         let guides = self.model.and_then(|model| model.resolved_guides().ok());
-        let of_guides = |value: fn(&Guide) -> f64| Some(guides.as_ref()?.iter().map(value).sum::<f64>());
-        let (coulomb, viscous) = (of_guides(|guide| guide.coulomb_force), of_guides(|guide| guide.viscous_friction));
+        let of_guides =
+            |value: fn(&Guide) -> f64| Some(guides.as_ref()?.iter().map(value).sum::<f64>());
+        let (coulomb, viscous) =
+            (of_guides(|guide| guide.coulomb_force), of_guides(|guide| guide.viscous_friction));
         let fits: Vec<(Signal, RoughFit)> = [(Signal::ForceCell, cell), (Signal::Force, command)]
             .into_iter()
             .filter_map(|(s, f)| Some((s, f?)))
@@ -671,32 +751,47 @@ impl<'a> Examiner<'a> {
         // an explained share below a half is no fit to draw conclusions from (assumed)
         for (signal, fit) in &fits {
             if fit.explained < 0.5 {
-                self.problems.push(DataProblem::Unrelated { signal: *signal, share: fit.explained });
+                self.problems
+                    .push(DataProblem::Unrelated { signal: *signal, share: fit.explained });
             }
         }
-        // at one speed all acceleration is where the motion begins and ends, and what the bristles do there passes for a mass
-        let one_speed = self.problems.iter().any(|problem| matches!(problem, DataProblem::OneSpeed { .. }));
+        // at one speed all acceleration is where the motion begins and ends, and what the bristles
+        // do there passes for a mass
+        let one_speed =
+            self.problems.iter().any(|problem| matches!(problem, DataProblem::OneSpeed { .. }));
         let is_clear = |fit: &RoughFit| !one_speed && fit.knows_the_mass() && fit.explained >= 0.5;
-        let clear: Vec<(Signal, RoughFit)> = fits.into_iter().filter(|(_, fit)| is_clear(fit)).collect();
+        let clear: Vec<(Signal, RoughFit)> =
+            fits.into_iter().filter(|(_, fit)| is_clear(fit)).collect();
         let all = !clear.is_empty();
         let mut told = false;
         // signs
-        let negative: Vec<&(Signal, RoughFit)> = clear.iter().filter(|(_, f)| f.mass < 0.0).collect();
+        let negative: Vec<&(Signal, RoughFit)> =
+            clear.iter().filter(|(_, f)| f.mass < 0.0).collect();
         let reference = self.reference_slope();
         let against = |fit: &RoughFit| format!("force over acceleration gives {:.4} kg", fit.mass);
-        if all && negative.len() == clear.len() && (clear.len() == 2 || reference.is_some_and(|s| s < 0.0)) {
-            let alone = if reference.is_some_and(|s| s < 0.0) { "" } else { ", unless it is every force that has it" };
+        if all
+            && negative.len() == clear.len()
+            && (clear.len() == 2 || reference.is_some_and(|s| s < 0.0))
+        {
+            let alone = if reference.is_some_and(|s| s < 0.0) {
+                ""
+            } else {
+                ", unless it is every force that has it"
+            };
             let evidence = against(&negative[0].1) + alone;
             self.problems.push(DataProblem::SwappedSign { signal: Signal::Position, evidence });
             told = true;
         } else {
             for (signal, fit) in &negative {
-                self.problems.push(DataProblem::SwappedSign { signal: *signal, evidence: against(fit) });
+                self.problems
+                    .push(DataProblem::SwappedSign { signal: *signal, evidence: against(fit) });
                 told = true;
             }
         }
-        // units of the forces and of the position against the declared mass; a signal that is cut off has another mass for that
-        let cut = self.problems.iter().any(|problem| matches!(problem, DataProblem::Clipped { .. }));
+        // units of the forces and of the position against the declared mass; a signal that is cut
+        // off has another mass for that
+        let cut =
+            self.problems.iter().any(|problem| matches!(problem, DataProblem::Clipped { .. }));
         if let Some(declared) = declared {
             let ratios: Vec<(Signal, RoughFit, f64)> =
                 clear.iter().map(|(s, f)| (*s, *f, f.mass.abs() / declared)).collect();
@@ -711,7 +806,8 @@ impl<'a> Examiner<'a> {
             });
             if let Some((unit, signal, fit)) = position_unit {
                 let evidence = format!(
-                    "force over acceleration gives {:.4e} kg where {declared:.4} kg is declared, and Coulomb friction is right",
+                    "force over acceleration gives {:.4e} kg where {declared:.4} kg is declared, \
+                     and Coulomb friction is right",
                     fit.mass.abs()
                 );
                 self.problems.push(DataProblem::WrongUnit { signal, unit: unit.into(), evidence });
@@ -719,13 +815,19 @@ impl<'a> Examiner<'a> {
             } else {
                 for (signal, fit, ratio) in &ratios {
                     if let Some(unit) = force_unit(*ratio).filter(|_| {
-                        !cut && !coulomb.is_some_and(|coulomb| is_as_declared(fit.coulomb, coulomb, *ratio))
+                        !cut && !coulomb
+                            .is_some_and(|coulomb| is_as_declared(fit.coulomb, coulomb, *ratio))
                     }) {
                         let evidence = format!(
-                            "force over acceleration gives {:.4e} kg where {declared:.4} kg is declared",
+                            "force over acceleration gives {:.4e} kg where {declared:.4} kg is \
+                             declared",
                             fit.mass.abs()
                         );
-                        self.problems.push(DataProblem::WrongUnit { signal: *signal, unit: unit.into(), evidence });
+                        self.problems.push(DataProblem::WrongUnit {
+                            signal: *signal,
+                            unit: unit.into(),
+                            evidence,
+                        });
                         told = true;
                     }
                 }
@@ -744,19 +846,25 @@ impl<'a> Examiner<'a> {
                     && !told
                     && !(0.4..2.5).contains(&(fit.coulomb / friction))
                 {
-                    self.problems.push(DataProblem::OtherFriction { declared: friction, measured: fit.coulomb });
+                    self.problems.push(DataProblem::OtherFriction {
+                        declared: friction,
+                        measured: fit.coulomb,
+                    });
                 }
             }
         }
         self.cell_and_command(told, moments);
     }
 
-    /// Whether the stage goes so far that its guides slide most of the way: within their break-away distances they only spring.
+    /// Whether the stage goes so far that its guides slide most of the way: within their break-away
+    /// distances they only spring.
     fn slides(&self) -> bool {
         let guides = self.model.and_then(|model| model.resolved_guides().ok()).unwrap_or_default();
-        let longest = guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
+        let longest =
+            guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
         let finite = || self.column(Signal::Position).iter().copied().filter(|x| x.is_finite());
-        let span = finite().fold(f64::NEG_INFINITY, f64::max) - finite().fold(f64::INFINITY, f64::min);
+        let span =
+            finite().fold(f64::NEG_INFINITY, f64::max) - finite().fold(f64::INFINITY, f64::min);
         span > SLIDES * longest
     }
 
@@ -769,29 +877,40 @@ impl<'a> Examiner<'a> {
         (explained > 0.9).then_some(slope)
     }
 
-    /// Signals that should be the same: cell and command, position and reference, and the references among themselves.
+    /// Signals that should be the same: cell and command, position and reference, and the
+    /// references among themselves.
     fn cell_and_command(&mut self, told: bool, _moments: &[Moment]) {
         let mut disagree = |first: Signal, second: Signal, slope: f64| {
             if (0.5..2.0).contains(&slope) {
                 return;
             }
-            let evidence =
-                format!("{first} goes with {slope:.4e} times {second}; a sign or a unit of one of them is wrong");
+            let evidence = format!(
+                "{first} goes with {slope:.4e} times {second}; a sign or a unit of one of them is \
+                 wrong"
+            );
             self.problems.push(DataProblem::Disagree { first, second, evidence });
         };
         let trace = &self.recording.trace;
         let examiner = Examiner { problems: Vec::new(), segments: self.segments.clone(), ..*self };
-        if !told && examiner.recording.has(Signal::ForceCell) && examiner.recording.has(Signal::Force) {
+        if !told
+            && examiner.recording.has(Signal::ForceCell)
+            && examiner.recording.has(Signal::Force)
+        {
             // the cell shows a command one row later
             let apart = |ahead: usize, behind: usize| {
                 let pairs = trace.force_cell[ahead..].iter().zip(&trace.force[behind..]);
-                pairs.map(|(cell, command)| (cell - command).powi(2)).filter(|square| square.is_finite()).sum::<f64>()
+                pairs
+                    .map(|(cell, command)| (cell - command).powi(2))
+                    .filter(|square| square.is_finite())
+                    .sum::<f64>()
             };
             let (behind, ahead) = (apart(1, 0).sqrt(), apart(0, 1).sqrt());
             if ahead < SWAPPED * behind {
                 let (first, second) = (Signal::ForceCell, Signal::Force);
                 let evidence = format!(
-                    "the cell shows each command a sample before it is given, {:.1} times as well as a sample behind it: they are swapped, or the stamps of the command are late",
+                    "the cell shows each command a sample before it is given, {:.1} times as well \
+                     as a sample behind it: they are swapped, or the stamps of the command are \
+                     late",
                     behind / ahead
                 );
                 self.problems.push(DataProblem::Disagree { first, second, evidence });
@@ -818,7 +937,8 @@ impl<'a> Examiner<'a> {
                 (Some(before), Some(after)) => (after - column[before]) / (2.0 * examiner.step),
                 _ => f64::NAN,
             };
-            if let Some((slope, _)) = examiner.slope(rate_column, derivative).filter(|(_, explained)| *explained > 0.9)
+            if let Some((slope, _)) =
+                examiner.slope(rate_column, derivative).filter(|(_, explained)| *explained > 0.9)
                 && !(0.8..1.25).contains(&slope)
             {
                 disagree(rate, of, slope);
@@ -835,7 +955,8 @@ impl<'a> Examiner<'a> {
             let consequence = if present > 2.0 * declared {
                 "the noise floor is higher than the model says; small effects are hidden"
             } else if present < 0.5 * declared {
-                "the signal is filtered, or the declaration is too careful; residuals may be overlooked"
+                "the signal is filtered, or the declaration is too careful; residuals may be \
+                 overlooked"
             } else {
                 continue;
             };
@@ -844,8 +965,9 @@ impl<'a> Examiner<'a> {
     }
 }
 
-/// Standard deviation of white noise, from sixth differences: the median over blocks of their mean squares, so that edges of
-/// the motion do not count. The sum of squares of the binomial coefficients of order 6 is 924.
+/// Standard deviation of white noise, from sixth differences: the median over blocks of their mean
+/// squares, so that edges of the motion do not count. The sum of squares of the binomial
+/// coefficients of order 6 is 924.
 fn noise(segments: &[Range<usize>], value: impl Fn(usize) -> f64) -> Option<f64> {
     const BLOCK: usize = 64;
     let mut blocks = Vec::new();
@@ -871,11 +993,13 @@ fn noise(segments: &[Range<usize>], value: impl Fn(usize) -> f64) -> Option<f64>
     Some(blocks.select_nth_unstable_by(middle, f64::total_cmp).1.sqrt())
 }
 
-/// Lowest and highest value with the rows that have it in runs of at least [`CLIPPED_RUN`] times those that half of the other rows are in: a signal of a lower
-/// rate stays with each of its values for some rows, one in coarse counts for many.
+/// Lowest and highest value with the rows that have it in runs of at least [`CLIPPED_RUN`] times
+/// those that half of the other rows are in: a signal of a lower rate stays with each of its values
+/// for some rows, one in coarse counts for many.
 fn extremes(column: &[f64]) -> [(f64, usize); 2] {
     let finite = || column.iter().copied().filter(|v| v.is_finite());
-    let extremes = [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)];
+    let extremes =
+        [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)];
     let others = column.chunk_by(|a, b| a == b).filter(|run| !extremes.contains(&run[0]));
     let mut lengths: Vec<usize> = others.map(<[f64]>::len).collect();
     lengths.sort_unstable();
@@ -895,9 +1019,16 @@ fn extremes(column: &[f64]) -> [(f64, usize); 2] {
 /// Unit of a force whose apparent mass is `ratio` times the declared one.
 fn force_unit(ratio: f64) -> Option<&'static str> {
     // a factor of a thousand leaves room for a wrong model, a small factor does not
-    let units =
-        [("kN", 1e-3, 2.0), ("mN", 1e3, 2.0), ("lbf", 1.0 / 4.448_221_615_260_5, 1.08), ("kgf", 1.0 / 9.80665, 1.08)];
-    units.into_iter().find(|(_, factor, tolerance)| within(ratio, *factor, *tolerance)).map(|(unit, ..)| unit)
+    let units = [
+        ("kN", 1e-3, 2.0),
+        ("mN", 1e3, 2.0),
+        ("lbf", 1.0 / 4.448_221_615_260_5, 1.08),
+        ("kgf", 1.0 / 9.80665, 1.08),
+    ];
+    units
+        .into_iter()
+        .find(|(_, factor, tolerance)| within(ratio, *factor, *tolerance))
+        .map(|(unit, ..)| unit)
 }
 
 /// Unit of a position, or of the time, whose apparent mass is `ratio` times the declared one.
@@ -909,11 +1040,13 @@ fn position_unit(ratio: f64) -> Option<(&'static str, Signal)> {
         ("ms", Signal::Time, 1e6, 2.0),
         ("us", Signal::Time, 1e12, 2.0),
     ];
-    let found = units.into_iter().find(|(_, _, factor, tolerance)| within(ratio, *factor, *tolerance));
+    let found =
+        units.into_iter().find(|(_, _, factor, tolerance)| within(ratio, *factor, *tolerance));
     found.map(|(unit, signal, ..)| (unit, signal))
 }
 
-/// Whether friction is nearer to what is declared than to what a wrong unit would make of that, a factor: then the mass is not the declared one, and the unit right.
+/// Whether friction is nearer to what is declared than to what a wrong unit would make of that, a
+/// factor: then the mass is not the declared one, and the unit right.
 fn is_as_declared(measured: f64, declared: f64, by_unit: f64) -> bool {
     let ratio = measured.abs() / declared;
     // Where none is declared it says nothing.
@@ -958,7 +1091,8 @@ fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
         inertial > 0.01,
         match fit {
             Some(f) => format!(
-                "acceleration reaches {:.3} m/s^2 and brings {:.1} % of the force; a rough fit gives {:.4} +- {:.4} kg",
+                "acceleration reaches {:.3} m/s^2 and brings {:.1} % of the force; a rough fit \
+                 gives {:.4} +- {:.4} kg",
                 found.largest_acceleration,
                 100.0 * f.inertial,
                 f.mass,
@@ -968,9 +1102,17 @@ fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
         },
     );
     let speeds: Vec<String> = found.speeds.iter().copied().map(short).collect();
-    let speeds = if speeds.is_empty() { "none held".to_owned() } else { format!("{} m/s", speeds.join(", ")) };
+    let speeds = if speeds.is_empty() {
+        "none held".to_owned()
+    } else {
+        format!("{} m/s", speeds.join(", "))
+    };
     let one_speed = problem(|p| matches!(p, DataProblem::OneSpeed { .. }));
-    say("Coulomb friction", fit.is_some() && !one_direction, format!("{} reversals", found.reversals));
+    say(
+        "Coulomb friction",
+        fit.is_some() && !one_direction,
+        format!("{} reversals", found.reversals),
+    );
     say(
         "viscous friction",
         fit.is_some() && !one_speed,
@@ -987,10 +1129,14 @@ fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
         fit.is_some() && slow.is_some() && fastest > 3.0 * stribeck,
         match slow {
             Some(slow) => {
-                format!("it is held at {slow:.2e} m/s, below the Stribeck velocity of {stribeck:.1e} m/s{source}")
+                format!(
+                    "it is held at {slow:.2e} m/s, below the Stribeck velocity of {stribeck:.1e} \
+                     m/s{source}"
+                )
             }
             None => format!(
-                "no speed below the Stribeck velocity of {stribeck:.1e} m/s{source} is held, so only reversals pass through it"
+                "no speed below the Stribeck velocity of {stribeck:.1e} m/s{source} is held, so \
+                 only reversals pass through it"
             ),
         },
     );
@@ -1002,15 +1148,23 @@ fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
     say(
         "difference between directions",
         fit.is_some() && !one_direction,
-        format!("velocities from {:.4} to {:.4} m/s", found.velocity_range[0], found.velocity_range[1]),
+        format!(
+            "velocities from {:.4} to {:.4} m/s",
+            found.velocity_range[0], found.velocity_range[1]
+        ),
     );
     say(
         "motor-side effects (cogging, force ripple, gain, lag)",
-        has(Signal::ForceCell) && has(Signal::Force) && found.cell_fit.is_some() && found.command_fit.is_some(),
+        has(Signal::ForceCell)
+            && has(Signal::Force)
+            && found.cell_fit.is_some()
+            && found.command_fit.is_some(),
         match (has(Signal::ForceCell), has(Signal::Force)) {
             (true, true) => "force cell and command are there".into(),
             (true, false) => "there is no command".into(),
-            (false, _) => "there is no force cell: they cannot be told from carriage-side effects".into(),
+            (false, _) => {
+                "there is no force cell: they cannot be told from carriage-side effects".into()
+            }
         },
     );
     let stroke = found.position_range[1] - found.position_range[0];
@@ -1029,7 +1183,9 @@ fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
         "stiction that grows at rest",
         fit.is_some() && rests.is_some() && found.rest_count >= 4,
         match found.rests {
-            Some(r) => format!("{} rests of {:.2} to {:.2} s", found.rest_count, r.least, r.largest),
+            Some(r) => {
+                format!("{} rests of {:.2} to {:.2} s", found.rest_count, r.least, r.largest)
+            }
             None => "the carriage never rests".into(),
         },
     );
@@ -1041,7 +1197,12 @@ fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
     say(
         "closed loop",
         has(Signal::ReferencePosition),
-        if has(Signal::ReferencePosition) { "the setpoint is there" } else { "there is no setpoint" }.into(),
+        if has(Signal::ReferencePosition) {
+            "the setpoint is there"
+        } else {
+            "there is no setpoint"
+        }
+        .into(),
     );
     judgements
 }
@@ -1053,7 +1214,8 @@ impl fmt::Display for Excitation {
         writeln!(f, "signals: {}; {:.3} s of usable rows", names.join(", "), self.duration_s)?;
         writeln!(
             f,
-            "motion: {} to {} m, {} to {} m/s, up to {} m/s^2; {} reversals, {} m travelled, {:.2} s at rest",
+            "motion: {} to {} m, {} to {} m/s, up to {} m/s^2; {} reversals, {} m travelled, {:.2} \
+             s at rest",
             short(self.position_range[0]),
             short(self.position_range[1]),
             short(self.velocity_range[0]),
@@ -1067,7 +1229,11 @@ impl fmt::Display for Excitation {
         writeln!(
             f,
             "speeds held for 50 ms or more: {}",
-            if speeds.is_empty() { "none".into() } else { format!("{} ({} m/s)", speeds.len(), speeds.join(", ")) }
+            if speeds.is_empty() {
+                "none".into()
+            } else {
+                format!("{} ({} m/s)", speeds.len(), speeds.join(", "))
+            }
         )?;
         if let Some(a) = self.amplitude {
             writeln!(
@@ -1078,18 +1244,24 @@ impl fmt::Display for Excitation {
                 short(a.median)
             )?;
         }
-        let noises = [("encoder", "m", self.encoder_noise), ("force cell", "N", self.force_cell_noise)];
+        let noises =
+            [("encoder", "m", self.encoder_noise), ("force cell", "N", self.force_cell_noise)];
         for (name, unit, found) in noises {
             if let Some(found) = found {
                 let declared = found.declared.map_or_else(
                     || "no model declares how much it should be".into(),
                     |declared| format!("{} {unit} is declared", short(declared)),
                 );
-                writeln!(f, "noise of the {name}: {} {unit} rms, {declared}", short(found.present))?;
+                writeln!(
+                    f,
+                    "noise of the {name}: {} {unit} rms, {declared}",
+                    short(found.present)
+                )?;
             }
         }
         for judgement in &self.judgements {
-            let verdict = if judgement.possible { "can be identified" } else { "cannot be identified" };
+            let verdict =
+                if judgement.possible { "can be identified" } else { "cannot be identified" };
             writeln!(f, "{}: {verdict} ({})", judgement.subject, judgement.because)?;
         }
         for problem in &self.problems {

@@ -1,7 +1,9 @@
-//! The records of one MCAP file, found one by one with their offsets, so that whatever is wrong has a place.
+//! The records of one MCAP file, found one by one with their offsets, so that whatever is wrong has
+//! a place.
 //!
-//! [`scan`] hops from record to record without reading the messages. Where the chain breaks it goes on at the next
-//! chunk that the file's own index knows, if the index survived. Message data are read later, a chunk at a time.
+//! [`scan`] hops from record to record without reading the messages. Where the chain breaks it goes
+//! on at the next chunk that the file's own index knows, if the index survived. Message data are
+//! read later, a chunk at a time.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
@@ -153,7 +155,8 @@ struct Window<'a> {
 
 impl Window<'_> {
     fn get(&mut self, offset: u64, length: u64) -> Result<&[u8], BagError> {
-        let inside = offset >= self.start && offset + length <= self.start + self.bytes.len() as u64;
+        let inside =
+            offset >= self.start && offset + length <= self.start + self.bytes.len() as u64;
         if !inside {
             let wanted = length.max(WINDOW);
             self.bytes.resize(wanted as usize, 0);
@@ -214,8 +217,12 @@ struct Summary {
     chunks: Vec<ChunkIndex>,
 }
 
-/// Reads the index at the end, if the end of the file is whole; `Err` in the inner result says what is not.
-fn read_summary(window: &mut Window<'_>, size: u64) -> Result<Option<Result<Summary, Damage>>, BagError> {
+/// Reads the index at the end, if the end of the file is whole; `Err` in the inner result says what
+/// is not.
+fn read_summary(
+    window: &mut Window<'_>,
+    size: u64,
+) -> Result<Option<Result<Summary, Damage>>, BagError> {
     let path = window.path.to_owned();
     let magic = MAGIC.len() as u64;
     if size < 2 * magic + FOOTER {
@@ -247,7 +254,10 @@ fn read_summary(window: &mut Window<'_>, size: u64) -> Result<Option<Result<Summ
     }
     let length = at - footer.summary_start;
     if length > LARGEST {
-        return Ok(Some(Err(damage(format!("an index of at most {LARGEST} bytes"), format!("{length} bytes")))));
+        return Ok(Some(Err(damage(
+            format!("an index of at most {LARGEST} bytes"),
+            format!("{length} bytes"),
+        ))));
     }
     let bytes = window.get(footer.summary_start, length)?.to_vec();
     if footer.summary_crc != 0 {
@@ -262,8 +272,12 @@ fn read_summary(window: &mut Window<'_>, size: u64) -> Result<Option<Result<Summ
             ))));
         }
     }
-    let mut summary =
-        Summary { start: footer.summary_start, directory: Directory::default(), statistics: None, chunks: Vec::new() };
+    let mut summary = Summary {
+        start: footer.summary_start,
+        directory: Directory::default(),
+        statistics: None,
+        chunks: Vec::new(),
+    };
     let mut at = 0usize;
     while at < bytes.len() {
         let body = u64_at(&bytes, at + 1)
@@ -438,7 +452,10 @@ impl Scanner<'_> {
                 // start, end, size, checksum, length of the name of the compression
                 const FIXED: u64 = 8 + 8 + 8 + 4 + 4;
                 if length < FIXED {
-                    return Ok(Err((format!("a chunk record of at least {FIXED} bytes"), format!("{length} bytes"))));
+                    return Ok(Err((
+                        format!("a chunk record of at least {FIXED} bytes"),
+                        format!("{length} bytes"),
+                    )));
                 }
                 let bytes = self.window.get(body, FIXED)?;
                 self.spans.push(Span {
@@ -458,17 +475,27 @@ impl Scanner<'_> {
                 }
                 let time = u64_at(self.window.get(body, MESSAGE_HEAD)?, 6).unwrap_or(0);
                 match self.spans.last_mut() {
-                    Some(span) if !span.is_chunk && span.offset + span.length == offset && span.length < LOOSE => {
+                    Some(span)
+                        if !span.is_chunk
+                            && span.offset + span.length == offset
+                            && span.length < LOOSE =>
+                    {
                         span.length += HEAD + length;
                         span.start = span.start.min(time);
                         span.end = span.end.max(time);
                     }
-                    _ => {
-                        self.spans.push(Span { offset, length: HEAD + length, is_chunk: false, start: time, end: time })
-                    }
+                    _ => self.spans.push(Span {
+                        offset,
+                        length: HEAD + length,
+                        is_chunk: false,
+                        start: time,
+                        end: time,
+                    }),
                 }
             }
-            op::SCHEMA | op::CHANNEL | op::METADATA | op::ATTACHMENT | op::DATA_END if length <= LARGEST => {
+            op::SCHEMA | op::CHANNEL | op::METADATA | op::ATTACHMENT | op::DATA_END
+                if length <= LARGEST =>
+            {
                 match mcap::parse_record(opcode, self.window.get(body, length)?) {
                     Ok(Record::Metadata(m)) => self.metadata.push((m.name, m.metadata)),
                     Ok(Record::Attachment { header, data, .. }) => {
@@ -533,7 +560,8 @@ impl Layout {
             expected,
             found,
         };
-        let nothing = |damage| Unpacked { bytes: Arc::default(), messages: Vec::new(), damage: Some(damage) };
+        let nothing =
+            |damage| Unpacked { bytes: Arc::default(), messages: Vec::new(), damage: Some(damage) };
         if span.length > LARGEST {
             return Ok(nothing(damage(
                 format!("a chunk of at most {LARGEST} bytes"),
@@ -541,7 +569,9 @@ impl Layout {
             )));
         }
         let mut raw = vec![0; span.length as usize];
-        self.file.read_exact_at(&mut raw, span.offset).map_err(|e| BagError::reading(&self.path, e))?;
+        self.file
+            .read_exact_at(&mut raw, span.offset)
+            .map_err(|e| BagError::reading(&self.path, e))?;
         let bytes = if span.is_chunk {
             match unpack_chunk(&raw[HEAD as usize..]) {
                 Ok(bytes) => bytes,
@@ -559,13 +589,17 @@ impl Layout {
                 .and_then(|length| (at + 9).checked_add(length))
                 .filter(|&end| end <= bytes.len());
             let Some(end) = body else {
-                problem =
-                    Some(damage("whole records in the chunk".into(), format!("one cut short {at} bytes into it")));
+                problem = Some(damage(
+                    "whole records in the chunk".into(),
+                    format!("one cut short {at} bytes into it"),
+                ));
                 break;
             };
             let from = at + HEAD as usize + MESSAGE_HEAD as usize;
             match mcap::parse_record(bytes[at], &bytes[at + 9..end]) {
-                Ok(Record::Message { header, .. }) if directory.channels.contains_key(&header.channel_id) => {
+                Ok(Record::Message { header, .. })
+                    if directory.channels.contains_key(&header.channel_id) =>
+                {
                     messages.push(Located { header, from, to: end });
                 }
                 Ok(Record::Message { header, .. }) => {
@@ -579,7 +613,10 @@ impl Layout {
                 Ok(record) => directory.note(record),
                 Err(e) => {
                     problem.get_or_insert_with(|| {
-                        damage(format!("a {} record in the chunk", record_name(bytes[at])), e.to_string())
+                        damage(
+                            format!("a {} record in the chunk", record_name(bytes[at])),
+                            e.to_string(),
+                        )
                     });
                 }
             }
@@ -603,7 +640,9 @@ impl Layout {
         let mut at = 0;
         while at < end {
             let n = buffer.len().min((end - at) as usize);
-            self.file.read_exact_at(&mut buffer[..n], at).map_err(|e| BagError::reading(&self.path, e))?;
+            self.file
+                .read_exact_at(&mut buffer[..n], at)
+                .map_err(|e| BagError::reading(&self.path, e))?;
             crc.update(&buffer[..n]);
             at += n as u64;
         }
@@ -639,8 +678,10 @@ fn unpack_chunk(body: &[u8]) -> Result<Vec<u8>, (String, String)> {
             bytes.extend_from_slice(&data);
             Ok(data.len())
         }
-        "zstd" => zstd::Decoder::new(&data[..]).and_then(|decoder| decoder.take(limit).read_to_end(&mut bytes)),
-        "lz4" => lz4::Decoder::new(&data[..]).and_then(|decoder| decoder.take(limit).read_to_end(&mut bytes)),
+        "zstd" => zstd::Decoder::new(&data[..])
+            .and_then(|decoder| decoder.take(limit).read_to_end(&mut bytes)),
+        "lz4" => lz4::Decoder::new(&data[..])
+            .and_then(|decoder| decoder.take(limit).read_to_end(&mut bytes)),
         other => {
             return Err(("compression zstd, lz4 or none".into(), format!("{other:?}")));
         }

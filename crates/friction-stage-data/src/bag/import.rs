@@ -1,7 +1,8 @@
 //! A CSV file as a bag of our own layout, which plays, replays and is identified like any other.
 //!
-//! Every row becomes the messages of one sample, with the time of the row as stamp and log time and with the values in SI;
-//! nothing is resampled. A value that a row lacks is a message that is not written.
+//! Every row becomes the messages of one sample, with the time of the row as stamp and log time and
+//! with the values in SI; nothing is resampled. A value that a row lacks is a message that is not
+//! written.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -34,8 +35,14 @@ pub struct ImportReport {
     pub moved_s: f64,
 }
 
-/// Writes the bag `out` from a CSV file; `mapping_text` is kept in it. Row by row, in bounded memory.
-pub fn import(csv: &Path, mapping: &Mapping, mapping_text: &str, out: &Path) -> Result<ImportReport, BagError> {
+/// Writes the bag `out` from a CSV file; `mapping_text` is kept in it. Row by row, in bounded
+/// memory.
+pub fn import(
+    csv: &Path,
+    mapping: &Mapping,
+    mapping_text: &str,
+    out: &Path,
+) -> Result<ImportReport, BagError> {
     let mut table = CsvTable::open(csv, &mapping.csv)?;
     let mut columns = Vec::new();
     for (signal, sources) in &mapping.signals {
@@ -61,8 +68,9 @@ pub fn import(csv: &Path, mapping: &Mapping, mapping_text: &str, out: &Path) -> 
         });
     }
     let has = |signal: Signal| columns.iter().any(|(s, ..)| *s == signal);
-    let has_reference =
-        has(Signal::ReferencePosition) || has(Signal::ReferenceVelocity) || has(Signal::ReferenceAcceleration);
+    let has_reference = has(Signal::ReferencePosition)
+        || has(Signal::ReferenceVelocity)
+        || has(Signal::ReferenceAcceleration);
     let mut bag = BagWriter::create(out, &BagOptions::default())?;
     bag.write_metadata(
         METADATA_NAME,
@@ -80,8 +88,18 @@ pub fn import(csv: &Path, mapping: &Mapping, mapping_text: &str, out: &Path) -> 
     };
     let cell = topic(&mut bag, topics::FORCE_CELL, has(Signal::ForceCell))?;
     let force = topic(&mut bag, topics::FORCE, has(Signal::Force))?;
-    let setpoint = if has_reference { Some(bag.add_topic::<JointTrajectory>(topics::SETPOINT, &qos)?) } else { None };
-    let mut report = ImportReport { rows: 0, messages: BTreeMap::new(), without_time: 0, not_later: 0, moved_s: 0.0 };
+    let setpoint = if has_reference {
+        Some(bag.add_topic::<JointTrajectory>(topics::SETPOINT, &qos)?)
+    } else {
+        None
+    };
+    let mut report = ImportReport {
+        rows: 0,
+        messages: BTreeMap::new(),
+        without_time: 0,
+        not_later: 0,
+        moved_s: 0.0,
+    };
     let (mut moved, mut last): (Option<i64>, Option<i64>) = (None, None);
     let mut written = |topic: &str| *report.messages.entry(topic.to_owned()).or_insert(0) += 1;
     while table.next()? {
@@ -124,7 +142,8 @@ pub fn import(csv: &Path, mapping: &Mapping, mapping_text: &str, out: &Path) -> 
             bag.write(encoder, log_time, &state)?;
             written(topics::ENCODER);
         }
-        let forces = [(cell, Signal::ForceCell, topics::FORCE_CELL), (force, Signal::Force, topics::FORCE)];
+        let forces =
+            [(cell, Signal::ForceCell, topics::FORCE_CELL), (force, Signal::Force, topics::FORCE)];
         for (topic, signal, name) in forces {
             if let Some(topic) = topic.filter(|_| value(signal).is_finite()) {
                 bag.write(topic, log_time, &WrenchStamped::along_x(header.clone(), value(signal)))?;
@@ -137,9 +156,15 @@ pub fn import(csv: &Path, mapping: &Mapping, mapping_text: &str, out: &Path) -> 
             accelerations: list(value(Signal::ReferenceAcceleration)),
             ..JointTrajectoryPoint::default()
         };
-        let empty = point.positions.is_empty() && point.velocities.is_empty() && point.accelerations.is_empty();
+        let empty = point.positions.is_empty()
+            && point.velocities.is_empty()
+            && point.accelerations.is_empty();
         if let Some(topic) = setpoint.filter(|_| !empty) {
-            let setpoint = JointTrajectory { header, joint_names: vec![topics::JOINT.into()], points: vec![point] };
+            let setpoint = JointTrajectory {
+                header,
+                joint_names: vec![topics::JOINT.into()],
+                points: vec![point],
+            };
             bag.write(topic, log_time, &setpoint)?;
             written(topics::SETPOINT);
         }

@@ -4,7 +4,8 @@
 //!
 //! ```yaml
 //! joint: x_axis                  # which joint `[joint]` means; without it "stage"
-//! stamp: header.stamp            # or log_time, publish_time, any field; without it the header's where it is filled
+//! stamp: header.stamp            # or log_time, publish_time, any field; without it the header's
+//!                                # where it is filled
 //! signals:
 //!   position: {topic: /joint_states, field: "position[joint]", unit: mm}
 //!   force: {topic: /drive/current, field: "data[0]", scale: 12.4}    # N per A
@@ -21,7 +22,8 @@
 //!   force: {column: 4}           # the fourth
 //! ```
 //!
-//! A value in SI is `scale * (value * unit) + offset`, the offset in SI units. Signals that a recording lacks are left out.
+//! A value in SI is `scale * (value * unit) + offset`, the offset in SI units. Signals that a
+//! recording lacks are left out.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -78,8 +80,12 @@ impl Signal {
                 &[("m", 1.0), ("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9), ("in", 0.0254)]
             }
             Self::ReferenceVelocity => &[("m/s", 1.0), ("mm/s", 1e-3), ("um/s", 1e-6)],
-            Self::ReferenceAcceleration => &[("m/s^2", 1.0), ("mm/s^2", 1e-3), ("um/s^2", 1e-6), ("g", 9.80665)],
-            Self::ForceCell | Self::Force => &[("N", 1.0), ("mN", 1e-3), ("kN", 1e3), ("lbf", 4.448_221_615_260_5)],
+            Self::ReferenceAcceleration => {
+                &[("m/s^2", 1.0), ("mm/s^2", 1e-3), ("um/s^2", 1e-6), ("g", 9.80665)]
+            }
+            Self::ForceCell | Self::Force => {
+                &[("N", 1.0), ("mN", 1e-3), ("kN", 1e3), ("lbf", 4.448_221_615_260_5)]
+            }
         }
     }
 }
@@ -186,9 +192,9 @@ impl Default for CsvLayout {
 
 /// Which topic and field, or column, is which signal.
 ///
-/// A field is a path through the message: `wrench.force.x`, `data[2]`; `position[joint]` is the element of the joint that
-/// the message names so in `name` or `joint_names` (or its only one); `points[only]` is the element of a list of one, and a
-/// message with several of them has no value.
+/// A field is a path through the message: `wrench.force.x`, `data[2]`; `position[joint]` is the
+/// element of the joint that the message names so in `name` or `joint_names` (or its only one);
+/// `points[only]` is the element of a list of one, and a message with several of them has no value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mapping {
     /// Name of the joint that `[joint]` stands for.
@@ -244,7 +250,11 @@ impl Mapping {
 
     /// Reads a mapping; `origin` names the text in errors.
     pub fn from_yaml(text: &str, origin: &str) -> Result<Self, BagError> {
-        let wrong = |key: &str, reason: String| BagError::Mapping { origin: origin.into(), key: key.into(), reason };
+        let wrong = |key: &str, reason: String| BagError::Mapping {
+            origin: origin.into(),
+            key: key.into(),
+            reason,
+        };
         let file: MappingFile = serde_saphyr::from_str(text).map_err(|error| {
             let hint = match error.without_snippet() {
                 serde_saphyr::Error::SerdeUnknownField { field, expected, .. } => {
@@ -273,7 +283,8 @@ impl Mapping {
             if let Some(text) = &csv.delimiter {
                 mapping.csv.delimiter = byte("csv.delimiter", text)?;
             }
-            mapping.csv.comment = csv.comment.as_deref().map(|text| byte("csv.comment", text)).transpose()?;
+            mapping.csv.comment =
+                csv.comment.as_deref().map(|text| byte("csv.comment", text)).transpose()?;
             mapping.csv.header = csv.header.unwrap_or(true);
             mapping.csv.decimal_comma = csv.decimal_comma.unwrap_or(false);
             if mapping.csv.decimal_comma && mapping.csv.delimiter == b',' {
@@ -290,29 +301,42 @@ impl Mapping {
                 let names = || Signal::ALL.iter().map(|s| s.name());
                 wrong(
                     &key,
-                    format!("signals are {}{}", names().collect::<Vec<_>>().join(", "), nearest(&name, names())),
+                    format!(
+                        "signals are {}{}",
+                        names().collect::<Vec<_>>().join(", "),
+                        nearest(&name, names())
+                    ),
                 )
             })?;
             let place = match (entry.topic, entry.field, entry.column) {
-                (Some(topic), Some(field), None) if signal != Signal::Time => {
-                    Place::Topic { topic, field, stamp: entry.stamp.as_deref().map_or(stamp.clone(), self::stamp) }
-                }
+                (Some(topic), Some(field), None) if signal != Signal::Time => Place::Topic {
+                    topic,
+                    field,
+                    stamp: entry.stamp.as_deref().map_or(stamp.clone(), self::stamp),
+                },
                 (None, None, Some(column)) => match column.parse::<usize>() {
                     Ok(0) => return Err(wrong(&key, "columns are counted from 1".into())),
                     Ok(number) => Place::Column(Column::Number(number)),
                     Err(_) if mapping.csv.header => Place::Column(Column::Name(column)),
                     Err(_) => {
-                        let reason = format!("column {column:?}: without a line of names give its number, from 1");
+                        let reason = format!(
+                            "column {column:?}: without a line of names give its number, from 1"
+                        );
                         return Err(wrong(&key, reason));
                     }
                 },
                 (Some(_), _, None) if signal == Signal::Time => {
-                    return Err(wrong(&key, "the messages of a bag have stamps: say which with `stamp`".into()));
+                    return Err(wrong(
+                        &key,
+                        "the messages of a bag have stamps: say which with `stamp`".into(),
+                    ));
                 }
                 _ => {
                     return Err(wrong(
                         &key,
-                        "it needs `topic` and `field` (in a bag) or `column` (a name, or a number from 1)".into(),
+                        "it needs `topic` and `field` (in a bag) or `column` (a name, or a number \
+                         from 1)"
+                            .into(),
                     ));
                 }
             };
@@ -321,18 +345,29 @@ impl Mapping {
                 Some(unit) => {
                     let known = signal.units();
                     let plain = unit.replace(['µ', 'μ'], "u").replace('²', "^2");
-                    known.iter().find(|(name, _)| *name == plain).map(|(_, size)| *size).ok_or_else(|| {
-                        let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
-                        wrong(
-                            &key,
-                            format!("unit `{unit}`: for {name} it is one of {}; others with `scale`", names.join(", ")),
-                        )
-                    })?
+                    known
+                        .iter()
+                        .find(|(name, _)| *name == plain)
+                        .map(|(_, size)| *size)
+                        .ok_or_else(|| {
+                            let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
+                            wrong(
+                                &key,
+                                format!(
+                                    "unit `{unit}`: for {name} it is one of {}; others with \
+                                     `scale`",
+                                    names.join(", ")
+                                ),
+                            )
+                        })?
                 }
             };
             let (scale, offset) = (entry.scale.unwrap_or(1.0), entry.offset.unwrap_or(0.0));
             if !scale.is_finite() || scale == 0.0 || !offset.is_finite() {
-                return Err(wrong(&key, format!("scale {scale} and offset {offset}: both finite, scale not 0")));
+                return Err(wrong(
+                    &key,
+                    format!("scale {scale} and offset {offset}: both finite, scale not 0"),
+                ));
             }
             mapping.signals.insert(signal, vec![SignalSource { place, unit, scale, offset }]);
         }
@@ -342,11 +377,17 @@ impl Mapping {
                 "it is missing: without a position there is nothing to look at".into(),
             ));
         }
-        let columns = mapping.signals.values().flatten().filter(|s| matches!(s.place, Place::Column(_))).count();
+        let columns = mapping
+            .signals
+            .values()
+            .flatten()
+            .filter(|s| matches!(s.place, Place::Column(_)))
+            .count();
         if columns != 0 && columns != mapping.signals.len() {
             return Err(wrong(
                 "signals",
-                "some are topics and some columns: a recording is either a bag or a CSV file".into(),
+                "some are topics and some columns: a recording is either a bag or a CSV file"
+                    .into(),
             ));
         }
         Ok(mapping)
@@ -367,20 +408,30 @@ impl Mapping {
         self.signals.values().flatten().any(|s| matches!(s.place, Place::Column(_)))
     }
 
-    /// The topics of our own bags. The command is looked for where any of our inputs takes it; the reference of a row is the
-    /// setpoint, or what the controller says it made of one.
+    /// The topics of our own bags. The command is looked for where any of our inputs takes it; the
+    /// reference of a row is the setpoint, or what the controller says it made of one.
     pub fn own_bag() -> Self {
         let from = |topic: &str, field: &str| {
-            SignalSource::plain(Place::Topic { topic: topic.into(), field: field.into(), stamp: Stamp::Auto })
+            SignalSource::plain(Place::Topic {
+                topic: topic.into(),
+                field: field.into(),
+                stamp: Stamp::Auto,
+            })
         };
         let reference = |point: &str, state: &str| {
-            vec![from(topics::SETPOINT, &format!("points[only].{point}[joint]")), from(topics::CONTROLLER_STATE, state)]
+            vec![
+                from(topics::SETPOINT, &format!("points[only].{point}[joint]")),
+                from(topics::CONTROLLER_STATE, state),
+            ]
         };
         let signals = [
             (Signal::Position, vec![from(topics::ENCODER, "position[joint]")]),
             (
                 Signal::ForceCell,
-                vec![from(topics::FORCE_CELL, "wrench.force.x"), from(topics::ENCODER, "effort[joint]")],
+                vec![
+                    from(topics::FORCE_CELL, "wrench.force.x"),
+                    from(topics::ENCODER, "effort[joint]"),
+                ],
             ),
             (
                 Signal::Force,
@@ -400,8 +451,9 @@ impl Mapping {
 
     /// CSV files with the columns of a [`Trace`](super::Trace) by their names.
     pub fn own_csv() -> Self {
-        let signals =
-            Signal::ALL.map(|s| (s, vec![SignalSource::plain(Place::Column(Column::Name(s.name().to_owned())))]));
+        let signals = Signal::ALL.map(|s| {
+            (s, vec![SignalSource::plain(Place::Column(Column::Name(s.name().to_owned())))])
+        });
         Self { signals: signals.into(), ..Self::empty() }
     }
 }
@@ -422,7 +474,8 @@ mod tests {
     #[test]
     fn a_mapping_says_place_unit_scale_and_offset() {
         let mapping = Mapping::from_yaml(
-            "joint: x\nstamp: log_time\nsignals:\n  position: {topic: /j, field: 'position[joint]', unit: mm, scale: -1, offset: 0.5}\n\
+            "joint: x\nstamp: log_time\nsignals:\n  position: {topic: /j, field: \
+             'position[joint]', unit: mm, scale: -1, offset: 0.5}\n\
              \x20 force: {topic: /f, field: data, stamp: header.stamp}\n",
             "m.yaml",
         )
@@ -435,11 +488,19 @@ mod tests {
             Place::Column(_) => panic!("a topic was mapped"),
         };
         assert_eq!(stamp_of(position), Stamp::LogTime);
-        assert_eq!(stamp_of(&mapping.signals[&Signal::Force][0]), Stamp::Field("header.stamp".into()));
+        assert_eq!(
+            stamp_of(&mapping.signals[&Signal::Force][0]),
+            Stamp::Field("header.stamp".into())
+        );
         assert!(!mapping.is_for_csv());
         // y and n are truth values of old YAML, and good names of columns
-        let columns = Mapping::from_yaml("signals: {position: {column: y}, force: {column: 3}}", "m.yaml").unwrap();
-        assert_eq!(columns.signals[&Signal::Position][0].place, Place::Column(Column::Name("y".into())));
+        let columns =
+            Mapping::from_yaml("signals: {position: {column: y}, force: {column: 3}}", "m.yaml")
+                .unwrap();
+        assert_eq!(
+            columns.signals[&Signal::Position][0].place,
+            Place::Column(Column::Name("y".into()))
+        );
         assert_eq!(columns.signals[&Signal::Force][0].place, Place::Column(Column::Number(3)));
         assert!(Mapping::own_csv().is_for_csv());
     }
@@ -454,9 +515,18 @@ mod tests {
             ("signals: {position: {topic: /j}}", &["`topic` and `field`"]),
             ("signals: {position: {column: x, unit: kN}}", &["unit `kN`", "m, mm"]),
             ("signals: {position: {column: x, scale: 0}}", &["scale 0"]),
-            ("signals: {position: {column: x}, force: {topic: /f, field: x}}", &["either a bag or a CSV"]),
-            ("signals: {position: {topic: /j, field: x}, time: {topic: /j, field: t}}", &["signals.time", "`stamp`"]),
-            ("csv: {delimiter: ab}\nsignals: {position: {column: x}}", &["csv.delimiter", "\"ab\""]),
+            (
+                "signals: {position: {column: x}, force: {topic: /f, field: x}}",
+                &["either a bag or a CSV"],
+            ),
+            (
+                "signals: {position: {topic: /j, field: x}, time: {topic: /j, field: t}}",
+                &["signals.time", "`stamp`"],
+            ),
+            (
+                "csv: {delimiter: ab}\nsignals: {position: {column: x}}",
+                &["csv.delimiter", "\"ab\""],
+            ),
             ("csv: {header: false}\nsignals: {position: {column: x}}", &["number"]),
             ("csv: {decimal_comma: true}\nsignals: {position: {column: x}}", &["delimiter"]),
             ("rate: -1\nsignals: {position: {column: x}}", &["rate", "-1"]),

@@ -16,7 +16,8 @@ pub(crate) struct Document {
     pub rosbag2_bagfile_information: Information,
 }
 
-/// The keys of version 5 in the order in which rosbag2 writes them; later versions add keys, which are ignored.
+/// The keys of version 5 in the order in which rosbag2 writes them; later versions add keys, which
+/// are ignored.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Information {
     pub version: u32,
@@ -114,7 +115,8 @@ impl Information {
         }
     }
 
-    /// Writes `metadata.yaml` into `directory`; a reader sees the old one or the new one, never half of it.
+    /// Writes `metadata.yaml` into `directory`; a reader sees the old one or the new one, never
+    /// half of it.
     pub fn write(self, directory: &Path) -> Result<(), BagError> {
         let path = directory.join(FILE_NAME);
         let fail = |source| BagError::writing(&path, 0, source);
@@ -141,7 +143,10 @@ impl Information {
         };
         serde_saphyr::from_str::<Document>(&text)
             .map(|d| Some(d.rosbag2_bagfile_information))
-            .map_err(|e| BagError::NotABag { path, reason: format!("it does not read as rosbag2 metadata: {e}") })
+            .map_err(|e| BagError::NotABag {
+                path,
+                reason: format!("it does not read as rosbag2 metadata: {e}"),
+            })
     }
 
     /// The data files, inside `directory`.

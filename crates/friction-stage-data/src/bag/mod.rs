@@ -1,7 +1,8 @@
 //! Recordings: rosbag2 directories with MCAP, written, read, checked and repaired.
 //!
-//! What comes in are messages as CDR bytes with a time; what goes out is a directory that `ros2 bag play` takes
-//! from Humble on, or the messages of one in the order of time. [`Trace`] is a recording as columns of numbers.
+//! What comes in are messages as CDR bytes with a time; what goes out is a directory that
+//! `ros2 bag play` takes from Humble on, or the messages of one in the order of time. [`Trace`] is
+//! a recording as columns of numbers.
 
 pub mod check;
 mod definition;

@@ -1,22 +1,27 @@
 //! Samples that no machine made: single ones, or two in a row, far from those around them.
 //!
-//! A sample is compared with the range of those around it without the two that are furthest out: a motion, turned or braked however sharply, stays within a part
-//! of that range of it, and noise within a few times the range where the signal is calm. A sensor that drops out, or a line that loses a bit, does not. What a
-//! force does for a sample or two may be real: it counts as one only where the other force shows nothing of it.
+//! A sample is compared with the range of those around it without the two that are furthest out: a
+//! motion, turned or braked however sharply, stays within a part of that range of it, and noise
+//! within a few times the range where the signal is calm. A sensor that drops out, or a line that
+//! loses a bit, does not. What a force does for a sample or two may be real: it counts as one only
+//! where the other force shows nothing of it.
 
-/// Samples around one, itself included, and how many of them may be out. Assumed: a line drops out for one or two.
+/// Samples around one, itself included, and how many of them may be out. Assumed: a line drops out
+/// for one or two.
 const AROUND: usize = 7;
 const OUT: usize = 2;
 /// How many ranges away one must be. Assumed: noise reaches two or three of them.
 const TIMES: f64 = 20.0;
-/// Part of the samples around which a signal is as calm as it gets. Assumed: a record rests, or moves evenly, for so long.
+/// Part of the samples around which a signal is as calm as it gets. Assumed: a record rests, or
+/// moves evenly, for so long.
 const CALM: f64 = 0.1;
 
 /// Rows of the outliers, in order. `beside` is what shows the same, if it must.
 pub(crate) fn outliers(column: &[f64], beside: Option<&[f64]>) -> Vec<usize> {
     let half = AROUND / 2;
     let window = |values: &[f64], row: usize| -> Option<[f64; AROUND]> {
-        let mut sorted: [f64; AROUND] = values.get(row.checked_sub(half)?..=row + half)?.try_into().ok()?;
+        let mut sorted: [f64; AROUND] =
+            values.get(row.checked_sub(half)?..=row + half)?.try_into().ok()?;
         sorted.sort_by(f64::total_cmp);
         sorted.iter().all(|value| value.is_finite()).then_some(sorted)
     };
@@ -56,7 +61,8 @@ pub(crate) fn outliers(column: &[f64], beside: Option<&[f64]>) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    /// A motion there and back in counts of a nanometre, with a rest and a sharp turn, then a dropout of one and one of two samples.
+    /// A motion there and back in counts of a nanometre, with a rest and a sharp turn, then a
+    /// dropout of one and one of two samples.
     #[test]
     fn what_drops_out_is_found_and_a_motion_is_not() {
         let position = |k: i32| match k {
@@ -64,8 +70,9 @@ mod tests {
             2500..10_000 => 1e-5 * f64::from((k - 6250).abs() - 3750),
             _ => 0.05 * (f64::from(k - 10_000) * 1e-3).sin(),
         };
-        let mut column: Vec<f64> =
-            (0..20_000).map(|k| ((position(k) + 2e-9 * f64::from(k).sin()) * 1e9).round() * 1e-9).collect();
+        let mut column: Vec<f64> = (0..20_000)
+            .map(|k| ((position(k) + 2e-9 * f64::from(k).sin()) * 1e9).round() * 1e-9)
+            .collect();
         assert_eq!(outliers(&column, None), Vec::<usize>::new());
         column[1000] += 1e-6;
         column[7000] += 0.01;
@@ -77,8 +84,9 @@ mod tests {
     /// A pulse of the motor, which cell and command show, and one of the cell alone.
     #[test]
     fn a_pulse_that_both_forces_show_is_no_outlier() {
-        let mut command: Vec<f64> =
-            (0..5000).map(|k| 50.0 * (f64::from(k) * 1e-2).sin() + (7.0 * f64::from(k)).sin()).collect();
+        let mut command: Vec<f64> = (0..5000)
+            .map(|k| 50.0 * (f64::from(k) * 1e-2).sin() + (7.0 * f64::from(k)).sin())
+            .collect();
         let mut cell: Vec<f64> = command.iter().map(|force| force + 0.1).collect();
         (command[2000], cell[2001]) = (900.0, 900.0);
         cell[3000] = 900.0;

@@ -1,6 +1,8 @@
-//! What is wrong with data for identification, each as a sentence with its numbers and what would be right.
+//! What is wrong with data for identification, each as a sentence with its numbers and what would
+//! be right.
 //!
-//! A fatal problem means that nothing can be identified; a warning says what cannot, or what to look at first.
+//! A fatal problem means that nothing can be identified; a warning says what cannot, or what to
+//! look at first.
 
 use serde::Serialize;
 use thiserror::Error;
@@ -22,7 +24,10 @@ pub enum Severity {
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum DataProblem {
     /// Too few rows in one piece.
-    #[error("the longest stretch without a gap has {rows} rows ({seconds:.3} s), {needed} are needed: record longer")]
+    #[error(
+        "the longest stretch without a gap has {rows} rows ({seconds:.3} s), {needed} are needed: \
+         record longer"
+    )]
     TooShort {
         /// Rows of the longest stretch.
         rows: usize,
@@ -33,7 +38,8 @@ pub enum DataProblem {
     },
     /// Much of the recording is missing.
     #[error(
-        "{:.1} % of the rows lack the position or a force, in {gaps} gaps; what is left is used in {segments} pieces", 100.0 * share
+        "{:.1} % of the rows lack the position or a force, in {gaps} gaps; what is left is used in \
+         {segments} pieces", 100.0 * share
     )]
     Holes {
         /// Share of the rows that are not valid.
@@ -45,14 +51,14 @@ pub enum DataProblem {
     },
     /// Neither a force cell nor a command.
     #[error(
-        "there is no force: neither force cell nor command has values; friction cannot be told from the motion alone: \
-         record /stage/force_cell or /stage/force, or name them in a mapping"
+        "there is no force: neither force cell nor command has values; friction cannot be told \
+         from the motion alone: record /stage/force_cell or /stage/force, or name them in a mapping"
     )]
     NoForce,
     /// The carriage does not move.
     #[error(
-        "nothing moves: the position stays within {range:.3e} m, of which its noise of {noise:.3e} m explains all: \
-         record a motion"
+        "nothing moves: the position stays within {range:.3e} m, of which its noise of {noise:.3e} \
+         m explains all: record a motion"
     )]
     NoMotion {
         /// Highest minus lowest position, m.
@@ -62,7 +68,8 @@ pub enum DataProblem {
     },
     /// A signal that never changes.
     #[error(
-        "{signal} is constant ({value}) although the position moves: it is not connected, or another field carries it"
+        "{signal} is constant ({value}) although the position moves: it is not connected, or \
+         another field carries it"
     )]
     Constant {
         /// The signal.
@@ -71,7 +78,10 @@ pub enum DataProblem {
         value: f64,
     },
     /// A signal that stays at its largest or smallest value.
-    #[error("{signal} stays at its extreme {value} in {rows} rows and is cut off there: a range or limit is reached")]
+    #[error(
+        "{signal} stays at its extreme {value} in {rows} rows and is cut off there: a range or \
+         limit is reached"
+    )]
     Clipped {
         /// The signal.
         signal: Signal,
@@ -82,8 +92,8 @@ pub enum DataProblem {
     },
     /// A signal that stops changing on the way.
     #[error(
-        "{signal} stays at {value} for {seconds:.2} s ({rows} rows) while the stage is driven, and changes from row to row elsewhere: \
-         it was cut off there"
+        "{signal} stays at {value} for {seconds:.2} s ({rows} rows) while the stage is driven, and \
+         changes from row to row elsewhere: it was cut off there"
     )]
     Stuck {
         /// The signal.
@@ -97,7 +107,8 @@ pub enum DataProblem {
     },
     /// Samples far from those around them.
     #[error(
-        "{signal} is {value:.6e} at {seconds:.4} s, far from what is around it, in {samples} of the samples in all: a sensor or a line dropped out there"
+        "{signal} is {value:.6e} at {seconds:.4} s, far from what is around it, in {samples} of \
+         the samples in all: a sensor or a line dropped out there"
     )]
     Outliers {
         /// The signal.
@@ -110,7 +121,10 @@ pub enum DataProblem {
         seconds: f64,
     },
     /// The command reaches the motor's limit.
-    #[error("the command reaches {largest:.1} N, the declared motor limits the force to {limit:.1} N in {rows} rows")]
+    #[error(
+        "the command reaches {largest:.1} N, the declared motor limits the force to {limit:.1} N \
+         in {rows} rows"
+    )]
     Saturated {
         /// Largest command, N.
         largest: f64,
@@ -120,7 +134,9 @@ pub enum DataProblem {
         rows: usize,
     },
     /// NaN or infinite samples.
-    #[error("{samples} of {total} samples of {signal} are NaN or infinite; they are taken as missing")]
+    #[error(
+        "{samples} of {total} samples of {signal} are NaN or infinite; they are taken as missing"
+    )]
     NotFinite {
         /// The signal.
         signal: Signal,
@@ -131,8 +147,9 @@ pub enum DataProblem {
     },
     /// Samples with the same stamp and different values.
     #[error(
-        "{samples} samples of {signal} have a stamp that another sample with another value has; the first counts: \
-         two sources on one topic, or stamps that are too coarse (try `stamp: log_time` in a mapping)"
+        "{samples} samples of {signal} have a stamp that another sample with another value has; \
+         the first counts: two sources on one topic, or stamps that are too coarse (try `stamp: \
+         log_time` in a mapping)"
     )]
     Conflicting {
         /// The signal.
@@ -141,7 +158,10 @@ pub enum DataProblem {
         samples: u64,
     },
     /// A signal with a few values only.
-    #[error("{signal} has values in {:.1} % of the rows only and does not count as recorded", 100.0 * share)]
+    #[error(
+        "{signal} has values in {:.1} % of the rows only and does not count as recorded",
+        100.0 * share
+    )]
     Sparse {
         /// The signal.
         signal: Signal,
@@ -150,7 +170,8 @@ pub enum DataProblem {
     },
     /// No force cell.
     #[error(
-        "there is no force cell: the command counts as the force, and motor-side effects cannot be told from carriage-side ones"
+        "there is no force cell: the command counts as the force, and motor-side effects cannot be \
+         told from carriage-side ones"
     )]
     NoForceCell,
     /// No command.
@@ -161,9 +182,10 @@ pub enum DataProblem {
     NoSetpoint,
     /// All motion at one speed.
     #[error(
-        "the carriage moves at one speed only ({speed:.4} m/s for {:.0} % of the time that it moves): viscous friction cannot be \
-         told from Coulomb friction, nor a force periodic in position from one periodic in time; record at least two speeds, a \
-         factor of 2 apart", 100.0 * share
+        "the carriage moves at one speed only ({speed:.4} m/s for {:.0} % of the time that it \
+         moves): viscous friction cannot be told from Coulomb friction, nor a force periodic in \
+         position from one periodic in time; record at least two speeds, a factor of 2 apart",
+        100.0 * share
     )]
     OneSpeed {
         /// The speed, m/s.
@@ -173,7 +195,8 @@ pub enum DataProblem {
     },
     /// All motion in one direction.
     #[error(
-        "the carriage moves in one direction only: friction cannot be told from a constant force; record both directions"
+        "the carriage moves in one direction only: friction cannot be told from a constant force; \
+         record both directions"
     )]
     OneDirection,
     /// A sign that is swapped.
@@ -206,8 +229,8 @@ pub enum DataProblem {
     },
     /// The data are of another machine than the model.
     #[error(
-        "the model declares {declared:.4} kg, force over acceleration shows {measured:.4} +- {deviation:.4} kg: \
-         another machine, a payload, or a wrong unit (the model's mass is in kg)"
+        "the model declares {declared:.4} kg, force over acceleration shows {measured:.4} +- \
+         {deviation:.4} kg: another machine, a payload, or a wrong unit (the model's mass is in kg)"
     )]
     OtherMachine {
         /// Declared mass, kg.
@@ -219,7 +242,8 @@ pub enum DataProblem {
     },
     /// Friction of another size than the model declares.
     #[error(
-        "the model declares {declared:.2} N of Coulomb friction, a rough fit shows {measured:.2} N: another machine?"
+        "the model declares {declared:.2} N of Coulomb friction, a rough fit shows {measured:.2} \
+         N: another machine?"
     )]
     OtherFriction {
         /// Declared, N.
@@ -229,8 +253,8 @@ pub enum DataProblem {
     },
     /// The force does not follow the motion.
     #[error(
-        "mass, Coulomb and viscous friction explain only {:.0} % of {signal} while moving: it is not the force on this carriage, \
-         or much is missing from the model", 100.0 * share
+        "mass, Coulomb and viscous friction explain only {:.0} % of {signal} while moving: it is \
+         not the force on this carriage, or much is missing from the model", 100.0 * share
     )]
     Unrelated {
         /// The signal.
@@ -239,7 +263,10 @@ pub enum DataProblem {
         share: f64,
     },
     /// Noise that is not as declared.
-    #[error("{signal} has {present:.3e} {unit} of noise where {declared:.3e} {unit} is declared: {consequence}")]
+    #[error(
+        "{signal} has {present:.3e} {unit} of noise where {declared:.3e} {unit} is declared: \
+         {consequence}"
+    )]
     Noise {
         /// The signal.
         signal: Signal,
@@ -262,7 +289,8 @@ pub enum DataProblem {
     },
     /// A rate that no stage is sampled at.
     #[error(
-        "the position is sampled at {rate:.3e} Hz: friction needs 100 Hz to 100 kHz; is the unit of the time right?"
+        "the position is sampled at {rate:.3e} Hz: friction needs 100 Hz to 100 kHz; is the unit \
+         of the time right?"
     )]
     OddRate {
         /// Rows per second, Hz.
@@ -275,9 +303,13 @@ impl DataProblem {
     pub fn severity(&self) -> Severity {
         match self {
             Self::TooShort { .. } | Self::NoForce | Self::NoMotion { .. } => Severity::Fatal,
-            Self::SwappedSign { .. } | Self::WrongUnit { .. } | Self::Disagree { .. } => Severity::Fatal,
+            Self::SwappedSign { .. } | Self::WrongUnit { .. } | Self::Disagree { .. } => {
+                Severity::Fatal
+            }
             // a payload may double the mass, more is no payload; 0.5 to 2 is assumed
-            Self::OtherMachine { declared, measured, .. } if !(0.5..=2.0).contains(&(measured / declared)) => {
+            Self::OtherMachine { declared, measured, .. }
+                if !(0.5..=2.0).contains(&(measured / declared)) =>
+            {
                 Severity::Fatal
             }
             _ => Severity::Warning,

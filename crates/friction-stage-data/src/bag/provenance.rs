@@ -37,6 +37,12 @@ impl Provenance {
 
     pub(crate) fn from_map(mut map: BTreeMap<String, String>, model_yaml: String) -> Self {
         let mut take = |key: &str| map.remove(key).unwrap_or_default();
-        Self { model_yaml, seed: take("seed"), version: take("version"), arguments: take("arguments"), extra: map }
+        Self {
+            model_yaml,
+            seed: take("seed"),
+            version: take("version"),
+            arguments: take("arguments"),
+            extra: map,
+        }
     }
 }

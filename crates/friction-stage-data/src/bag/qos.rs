@@ -1,7 +1,7 @@
 //! Quality of service that a topic was offered with, as rosbag2 keeps it beside the topic.
 //!
-//! `ros2 bag play` publishes with this profile. The text is the one of rosbag2's metadata version 5 (Humble),
-//! with numbers as in `rmw/types.h`, which later distributions read as well.
+//! `ros2 bag play` publishes with this profile. The text is the one of rosbag2's metadata version 5
+//! (Humble), with numbers as in `rmw/types.h`, which later distributions read as well.
 
 /// Whether samples are sent again until they arrive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,7 +51,11 @@ impl Default for OfferedQos {
 impl OfferedQos {
     /// Reliable, volatile, keep last `depth`.
     pub const fn reliable(depth: u32) -> Self {
-        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, history: History::KeepLast(depth) }
+        Self {
+            reliability: Reliability::Reliable,
+            durability: Durability::Volatile,
+            history: History::KeepLast(depth),
+        }
     }
 
     /// Best effort, volatile, keep last `depth`.
@@ -80,8 +84,8 @@ impl OfferedQos {
             Durability::Volatile => 2,
         };
         format!(
-            "- history: {history}\n  depth: {depth}\n  reliability: {reliability}\n  durability: {durability}\n  \
-             deadline:\n{INFINITE}\n  lifespan:\n{INFINITE}\n  liveliness: 1\n  \
+            "- history: {history}\n  depth: {depth}\n  reliability: {reliability}\n  durability: \
+             {durability}\n  deadline:\n{INFINITE}\n  lifespan:\n{INFINITE}\n  liveliness: 1\n  \
              liveliness_lease_duration:\n{INFINITE}\n  avoid_ros_namespace_conventions: false"
         )
     }

@@ -1,7 +1,8 @@
-//! Reads recordings: rosbag2 directories (any version, MCAP) and single MCAP files, whole or cut off.
+//! Reads recordings: rosbag2 directories (any version, MCAP) and single MCAP files, whole or cut
+//! off.
 //!
-//! Messages come in the order of log time, over all files of the bag. In memory are only the chunks whose times
-//! overlap at the place that is being read.
+//! Messages come in the order of log time, over all files of the bag. In memory are only the chunks
+//! whose times overlap at the place that is being read.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
@@ -118,12 +119,13 @@ impl std::fmt::Debug for BagReader {
 }
 
 impl BagReader {
-    /// Opens a rosbag2 directory or an MCAP file. A cut-off recording opens: [`damage`](Self::damage) says where it
-    /// ends. An error means that nothing of it can be read.
+    /// Opens a rosbag2 directory or an MCAP file. A cut-off recording opens:
+    /// [`damage`](Self::damage) says where it ends. An error means that nothing of it can be read.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, BagError> {
         let path = path.as_ref();
         let kind = std::fs::metadata(path).map_err(|e| BagError::reading(path, e))?;
-        let (paths, metadata_count) = if kind.is_dir() { data_files(path)? } else { (vec![path.to_owned()], None) };
+        let (paths, metadata_count) =
+            if kind.is_dir() { data_files(path)? } else { (vec![path.to_owned()], None) };
         let mut files = Vec::new();
         let mut missing = Vec::new();
         let several = paths.len() > 1;
@@ -162,7 +164,8 @@ impl BagReader {
                 }
             }
             for (id, channel) in &file.directory.channels {
-                *counts.entry(channel.topic.clone()).or_insert(0) += per_channel.get(id).copied().unwrap_or(0);
+                *counts.entry(channel.topic.clone()).or_insert(0) +=
+                    per_channel.get(id).copied().unwrap_or(0);
             }
         }
         let mut topics: Vec<Arc<Topic>> = Vec::new();
@@ -171,11 +174,10 @@ impl BagReader {
                 if topics.iter().any(|t| t.name == channel.topic) {
                     continue;
                 }
-                let schema = file.directory.schemas.get(&channel.schema_id).cloned().unwrap_or_else(|| Schema {
-                    name: String::new(),
-                    encoding: String::new(),
-                    data: Vec::new(),
-                });
+                let schema =
+                    file.directory.schemas.get(&channel.schema_id).cloned().unwrap_or_else(|| {
+                        Schema { name: String::new(), encoding: String::new(), data: Vec::new() }
+                    });
                 topics.push(Arc::new(Topic {
                     messages: counts.get(&channel.topic).copied().unwrap_or(0),
                     name: channel.topic.clone(),
@@ -190,7 +192,8 @@ impl BagReader {
         let provenance = files.iter().find_map(|f| {
             let (_, map) = f.layout.metadata.iter().find(|(n, _)| n == METADATA_NAME)?;
             let model = f.layout.attachments.iter().find(|a| a.name == MODEL_NAME);
-            let model = model.map_or_else(String::new, |a| String::from_utf8_lossy(&a.data).into_owned());
+            let model =
+                model.map_or_else(String::new, |a| String::from_utf8_lossy(&a.data).into_owned());
             Some(Provenance::from_map(map.clone(), model))
         });
         Ok(Self { path: path.to_owned(), files, topics, provenance, metadata_count, missing })
@@ -220,7 +223,9 @@ impl BagReader {
     pub fn model(&self) -> Result<Option<StageModel>, ModelError> {
         let text = self.provenance.as_ref().map(|provenance| provenance.model_yaml.as_str());
         text.filter(|text| !text.is_empty())
-            .map(|text| StageModel::from_yaml(text, &format!("{MODEL_NAME} in {}", self.path.display())))
+            .map(|text| {
+                StageModel::from_yaml(text, &format!("{MODEL_NAME} in {}", self.path.display()))
+            })
             .transpose()
     }
 
@@ -244,14 +249,21 @@ impl BagReader {
 
     /// Places that are not as they should be, as far as they show without reading the messages.
     pub fn damage(&self) -> Vec<Damage> {
-        self.missing.iter().chain(self.files.iter().flat_map(|f| &f.layout.damage)).cloned().collect()
+        self.missing
+            .iter()
+            .chain(self.files.iter().flat_map(|f| &f.layout.damage))
+            .cloned()
+            .collect()
     }
 
-    /// Whether every file ends with its index and nothing is known to be damaged. What is inside the chunks shows only
-    /// when the messages are read.
+    /// Whether every file ends with its index and nothing is known to be damaged. What is inside
+    /// the chunks shows only when the messages are read.
     pub fn is_complete(&self) -> bool {
         self.missing.is_empty()
-            && self.files.iter().all(|f| f.layout.damage.is_empty() && f.layout.statistics.is_some())
+            && self
+                .files
+                .iter()
+                .all(|f| f.layout.damage.is_empty() && f.layout.statistics.is_some())
     }
 
     /// Messages that `metadata.yaml` counts, if there is one.
@@ -288,19 +300,27 @@ impl BagReader {
         self.files.iter().flat_map(|f| &f.layout.attachments)
     }
 
-    /// All messages in the order of log time; messages of the same time as they stand in the file. A damaged place is an
-    /// error in the sequence: those that follow an error are the messages after the place. Damage that
-    /// [`damage`](Self::damage) lists comes last.
+    /// All messages in the order of log time; messages of the same time as they stand in the file.
+    /// A damaged place is an error in the sequence: those that follow an error are the messages
+    /// after the place. Damage that [`damage`](Self::damage) lists comes last.
     pub fn messages(&self) -> Messages<'_> {
-        let mut spans: Vec<(usize, Span)> =
-            self.files.iter().enumerate().flat_map(|(i, f)| f.layout.spans.iter().map(move |s| (i, *s))).collect();
+        let mut spans: Vec<(usize, Span)> = self
+            .files
+            .iter()
+            .enumerate()
+            .flat_map(|(i, f)| f.layout.spans.iter().map(move |s| (i, *s)))
+            .collect();
         // the earliest is taken from the end
         spans.sort_by_key(|&(file, s)| Reverse((s.start, file, s.offset)));
         let by_channel = self
             .files
             .iter()
             .map(|f| {
-                f.directory.channels.values().filter_map(|c| Some((c.id, Arc::clone(self.topic(&c.topic)?)))).collect()
+                f.directory
+                    .channels
+                    .values()
+                    .filter_map(|c| Some((c.id, Arc::clone(self.topic(&c.topic)?))))
+                    .collect()
             })
             .collect();
         Messages {
@@ -315,22 +335,25 @@ impl BagReader {
     }
 }
 
-/// The data files of a rosbag2 directory and the message count of its `metadata.yaml`. A directory without
-/// `metadata.yaml`, or with a broken one, is its `*.mcap` files.
+/// The data files of a rosbag2 directory and the message count of its `metadata.yaml`. A directory
+/// without `metadata.yaml`, or with a broken one, is its `*.mcap` files.
 fn data_files(directory: &Path) -> Result<(Vec<PathBuf>, Option<u64>), BagError> {
     let not_a_bag = |reason: String| BagError::NotABag { path: directory.to_owned(), reason };
     let information = Information::read(directory);
     if let Ok(Some(information)) = &information {
         if information.storage_identifier != "mcap" {
             return Err(not_a_bag(format!(
-                "its storage is {:?}, read is \"mcap\"; `ros2 bag convert` makes one from the other",
+                "its storage is {:?}, read is \"mcap\"; `ros2 bag convert` makes one from the \
+                 other",
                 information.storage_identifier
             )));
         }
-        if !information.compression_mode.is_empty() && !information.compression_mode.eq_ignore_ascii_case("none") {
+        if !information.compression_mode.is_empty()
+            && !information.compression_mode.eq_ignore_ascii_case("none")
+        {
             return Err(not_a_bag(format!(
-                "it is compressed by {} ({}), read are bags that are compressed by chunk inside the MCAP; \
-                 `ros2 bag convert` makes one from the other",
+                "it is compressed by {} ({}), read are bags that are compressed by chunk inside \
+                 the MCAP; `ros2 bag convert` makes one from the other",
                 information.compression_mode, information.compression_format
             )));
         }

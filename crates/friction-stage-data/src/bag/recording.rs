@@ -1,7 +1,9 @@
-//! A recording of any origin, ready for identification: every signal on one uniform grid, with what was done to get there.
+//! A recording of any origin, ready for identification: every signal on one uniform grid, with what
+//! was done to get there.
 //!
-//! What comes in is a bag of our own, a foreign bag or a CSV file with a [`Mapping`]; what goes out is a [`Recording`].
-//! Only one topic at a time is in memory besides the result, or several while they are small.
+//! What comes in is a bag of our own, a foreign bag or a CSV file with a [`Mapping`]; what goes out
+//! is a [`Recording`]. Only one topic at a time is in memory besides the result, or several while
+//! they are small.
 
 use std::fmt;
 use std::ops::Range;
@@ -24,7 +26,8 @@ const LEAST_COVERAGE: f64 = 0.5;
 /// A uniform trace with the rows that can be used and the account of the data.
 #[derive(Debug, Clone)]
 pub struct Recording {
-    /// Columns on a uniform grid. NaN where a signal is not known: absent, or in a gap of more than three samples.
+    /// Columns on a uniform grid. NaN where a signal is not known: absent, or in a gap of more than
+    /// three samples.
     pub trace: Trace,
     /// Rows per second, Hz.
     pub rate: f64,
@@ -37,8 +40,8 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Takes the forces of the rows that were filled in as missing, so that nothing is compared there; the position stays as it was filled, since the guides
-    /// are to be driven along it.
+    /// Takes the forces of the rows that were filled in as missing, so that nothing is compared
+    /// there; the position stays as it was filled, since the guides are to be driven along it.
     pub fn leave_out_filled(&mut self) {
         for (row, _) in self.filled.iter().enumerate().filter(|(_, filled)| **filled) {
             (self.trace.force_cell[row], self.trace.force[row]) = (f64::NAN, f64::NAN);
@@ -48,7 +51,8 @@ impl Recording {
 
     /// Share of the rows in which a position or a force was filled in.
     pub fn share_filled(&self) -> f64 {
-        self.filled.iter().filter(|filled| **filled).count() as f64 / self.filled.len().max(1) as f64
+        self.filled.iter().filter(|filled| **filled).count() as f64
+            / self.filled.len().max(1) as f64
     }
 
     /// Rows in which a position or a force is none that the stage can have had.
@@ -110,20 +114,27 @@ impl Recording {
         stretches(&self.valid)
     }
 
-    /// Takes the values of a signal for which `unusable` holds as missing, as if they had not been recorded.
+    /// Takes the values of a signal for which `unusable` holds as missing, as if they had not been
+    /// recorded.
     pub fn leave_out(&mut self, signal: Signal, unusable: impl Fn(f64) -> bool) {
         let Some(column) = self.column_mut(signal) else { return };
         column.iter_mut().filter(|value| unusable(**value)).for_each(|value| *value = f64::NAN);
-        let coverage = column.iter().filter(|value| value.is_finite()).count() as f64 / column.len().max(1) as f64;
+        let coverage = column.iter().filter(|value| value.is_finite()).count() as f64
+            / column.len().max(1) as f64;
         let quality = &mut self.quality;
-        quality.signals.iter_mut().filter(|found| found.signal == signal).for_each(|found| found.coverage = coverage);
+        quality
+            .signals
+            .iter_mut()
+            .filter(|found| found.signal == signal)
+            .for_each(|found| found.coverage = coverage);
         quality.signals.retain(|found| found.signal != signal || coverage > 0.0);
         self.count_valid();
     }
 
     /// Whether a signal is recorded, in at least half of the rows.
     pub fn has(&self, signal: Signal) -> bool {
-        signal == Signal::Time || self.quality.signal(signal).is_some_and(|q| q.coverage >= LEAST_COVERAGE)
+        signal == Signal::Time
+            || self.quality.signal(signal).is_some_and(|q| q.coverage >= LEAST_COVERAGE)
     }
 }
 
@@ -153,11 +164,12 @@ impl DataQuality {
     }
 }
 
-/// Reads a rosbag2 directory, an MCAP file or a CSV file onto a uniform grid. Without a mapping the topics are those of our own
-/// bags, and the columns those of a [`Trace`].
+/// Reads a rosbag2 directory, an MCAP file or a CSV file onto a uniform grid. Without a mapping the
+/// topics are those of our own bags, and the columns those of a [`Trace`].
 ///
-/// The grid is that of the position, or `rate` of the mapping. Errors: no position, a mapping that does not fit, a damaged
-/// place, a clock that is set back. Gaps, jitter, repeated and missing samples are no errors: [`DataQuality`] counts them.
+/// The grid is that of the position, or `rate` of the mapping. Errors: no position, a mapping that
+/// does not fit, a damaged place, a clock that is set back. Gaps, jitter, repeated and missing
+/// samples are no errors: [`DataQuality`] counts them.
 pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recording, BagError> {
     let path = path.as_ref();
     let (source, mapping) = Source::open(path, mapping)?;
@@ -187,7 +199,12 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
             total,
         });
     }
-    let grid = resample::grid(&stamps, &values[0], mapping.rate.filter(|_| !is_clock(&mapping)), &quality[0].place)?;
+    let grid = resample::grid(
+        &stamps,
+        &values[0],
+        mapping.rate.filter(|_| !is_clock(&mapping)),
+        &quality[0].place,
+    )?;
     let mut trace = Trace { origin_ns: grid.origin_ns, ..Trace::default() };
     quality[0].jitter_s = Some(grid.jitter_s);
     let Placed { column, filled: positions, .. } =
@@ -219,17 +236,24 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
 fn same_place(mapping: &Mapping) -> Vec<String> {
     let first = |signal: &Signal| mapping.signals.get(signal).and_then(|sources| sources.first());
     let signals: Vec<&Signal> = mapping.signals.keys().collect();
-    let pairs =
-        signals.iter().enumerate().flat_map(|(index, one)| signals[index + 1..].iter().map(move |two| (*one, *two)));
+    let pairs = signals
+        .iter()
+        .enumerate()
+        .flat_map(|(index, one)| signals[index + 1..].iter().map(move |two| (*one, *two)));
     pairs
-        .filter(|(one, two)| first(one).zip(first(two)).is_some_and(|(one, two)| one.place == two.place))
-        .map(|(one, two)| format!("the mapping takes {one} and {two} from the same place: is one of them meant?"))
+        .filter(|(one, two)| {
+            first(one).zip(first(two)).is_some_and(|(one, two)| one.place == two.place)
+        })
+        .map(|(one, two)| {
+            format!("the mapping takes {one} and {two} from the same place: is one of them meant?")
+        })
         .collect()
 }
 
 /// Per row whether the position and every recorded force are known.
 fn valid_rows(trace: &Trace, quality: &[SignalQuality]) -> Vec<bool> {
-    let has = |signal: Signal| quality.iter().any(|q| q.signal == signal && q.coverage >= LEAST_COVERAGE);
+    let has =
+        |signal: Signal| quality.iter().any(|q| q.signal == signal && q.coverage >= LEAST_COVERAGE);
     let (has_cell, has_force) = (has(Signal::ForceCell), has(Signal::Force));
     (0..trace.len())
         .map(|row| {
@@ -246,8 +270,13 @@ fn is_clock(mapping: &Mapping) -> bool {
 }
 
 fn needs(mapping: &Mapping) -> String {
-    let places: Vec<String> =
-        mapping.signals.get(&Signal::Position).into_iter().flatten().map(|s| s.place.to_string()).collect();
+    let places: Vec<String> = mapping
+        .signals
+        .get(&Signal::Position)
+        .into_iter()
+        .flatten()
+        .map(|s| s.place.to_string())
+        .collect();
     let other = if mapping.asked_for { "" } else { "; for other names give a mapping" };
     format!("{}{other}", places.join(" or "))
 }
@@ -256,13 +285,15 @@ struct Loading<'a> {
     source: &'a Source,
     mapping: &'a Mapping,
     notes: Vec<String>,
-    /// Rows of the forces that stand in place of missing samples, and those between samples of the cell.
+    /// Rows of the forces that stand in place of missing samples, and those between samples of the
+    /// cell.
     filled: Vec<usize>,
     between: Vec<usize>,
 }
 
 impl Loading<'_> {
-    /// The places of a signal that the recording has; those that somebody asked for in any case, so that a missing one shows.
+    /// The places of a signal that the recording has; those that somebody asked for in any case, so
+    /// that a missing one shows.
     fn candidates(&self, signal: Signal) -> impl Iterator<Item = SignalSource> {
         let asked_for = self.mapping.asked_for;
         let places = self.mapping.signals.get(&signal).into_iter().flatten();
@@ -270,7 +301,8 @@ impl Loading<'_> {
     }
 
     fn read(&mut self, groups: &[Vec<(Signal, SignalSource)>]) -> Result<Vec<Stream>, BagError> {
-        let requests: Vec<Request> = groups.iter().map(|signals| Request { signals: signals.clone() }).collect();
+        let requests: Vec<Request> =
+            groups.iter().map(|signals| Request { signals: signals.clone() }).collect();
         let mut streams = self.source.read(&requests, &self.mapping.joint)?;
         for stream in &mut streams {
             self.notes.append(&mut stream.notes);
@@ -279,13 +311,19 @@ impl Loading<'_> {
     }
 
     /// Reads every signal but the position and puts it into the trace.
-    fn others(&mut self, grid: &Grid, trace: &mut Trace, quality: &mut Vec<SignalQuality>) -> Result<(), BagError> {
+    fn others(
+        &mut self,
+        grid: &Grid,
+        trace: &mut Trace,
+        quality: &mut Vec<SignalQuality>,
+    ) -> Result<(), BagError> {
         let mut wanted: Vec<(Signal, Vec<SignalSource>)> = Signal::ALL
             .into_iter()
             .filter(|signal| ![Signal::Time, Signal::Position].contains(signal))
             .map(|signal| (signal, self.candidates(signal).collect()))
             .collect();
-        // each turn reads the first places, then the second ones of signals that the first did not have
+        // each turn reads the first places, then the second ones of signals that the first did not
+        // have
         while wanted.iter().any(|(_, sources)| !sources.is_empty()) {
             let mut groups: Vec<Vec<(Signal, SignalSource)>> = Vec::new();
             for (signal, sources) in &mut wanted {
@@ -293,9 +331,15 @@ impl Loading<'_> {
                     continue;
                 }
                 let source = sources.remove(0);
-                let same = |group: &&mut Vec<(Signal, SignalSource)>| {
-                    matches!((&group[0].1.place, &source.place),
-                        (Place::Topic { topic: a, stamp: s, .. }, Place::Topic { topic: b, stamp: t, .. }) if a == b && s == t)
+                let same = |group: &&mut Vec<(Signal, SignalSource)>| match (
+                    &group[0].1.place,
+                    &source.place,
+                ) {
+                    (
+                        Place::Topic { topic: a, stamp: s, .. },
+                        Place::Topic { topic: b, stamp: t, .. },
+                    ) => a == b && s == t,
+                    _ => false,
                 };
                 match groups.iter_mut().find(same) {
                     Some(group) => group.push((*signal, source)),
@@ -305,7 +349,8 @@ impl Loading<'_> {
             while !groups.is_empty() {
                 // as many groups in one pass as fit, one at least
                 let bytes = |group: &Vec<(Signal, SignalSource)>| {
-                    let samples = self.source.expected(&group[0].1).unwrap_or(0).max(grid.rows as u64);
+                    let samples =
+                        self.source.expected(&group[0].1).unwrap_or(0).max(grid.rows as u64);
                     samples * 8 * (1 + group.len() as u64)
                 };
                 let (mut total, mut count) = (0, 0);
@@ -389,7 +434,9 @@ impl fmt::Display for DataQuality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let clock = match self.clock {
             ClockKind::Regular => "uniform as recorded",
-            ClockKind::UniformBehindJitter => "uniform behind stamps that jitter, values as recorded",
+            ClockKind::UniformBehindJitter => {
+                "uniform behind stamps that jitter, values as recorded"
+            }
             ClockKind::AtStamps => "not uniform, interpolated from the stamps",
             ClockKind::OtherRate => "interpolated to the rate that was asked for",
         };
@@ -405,8 +452,11 @@ impl fmt::Display for DataQuality {
                 (q.not_finite, "not finite"),
                 (q.missing, "missing"),
             ];
-            let mut told: Vec<String> =
-                counts.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+            let mut told: Vec<String> = counts
+                .iter()
+                .filter(|(n, _)| *n > 0)
+                .map(|(n, what)| format!("{n} {what}"))
+                .collect();
             if q.filled > 0 {
                 told.push(format!("{} rows filled from neighbours", q.filled));
             }
@@ -418,7 +468,14 @@ impl fmt::Display for DataQuality {
                 told.push(format!("one sample every {:.6} s", q.interval_s));
             }
             if !told.is_empty() {
-                writeln!(f, "data: {} from {}: {} samples, {}", q.signal, q.place, q.samples, told.join(", "))?;
+                writeln!(
+                    f,
+                    "data: {} from {}: {} samples, {}",
+                    q.signal,
+                    q.place,
+                    q.samples,
+                    told.join(", ")
+                )?;
             }
         }
         for note in &self.notes {

@@ -1,7 +1,7 @@
 //! Makes a whole recording from one that was cut off, lacks its index or is damaged in places.
 //!
-//! The original is only read. Every message that can be read is copied, with its times and number, into a new
-//! directory beside it, together with everything else that the file holds.
+//! The original is only read. Every message that can be read is copied, with its times and number,
+//! into a new directory beside it, together with everything else that the file holds.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -46,13 +46,14 @@ pub struct RecoverReport {
     pub bytes_dropped: u64,
     /// Longest step between two messages across a damaged place inside the recording, s.
     pub longest_hole_s: Option<f64>,
-    /// At most this much wall time before the end is missing if the recorder was killed, s; known for recordings of this
-    /// program, which bring their messages to the file at least that often. A file that was cut afterwards can lack more.
+    /// At most this much wall time before the end is missing if the recorder was killed, s; known
+    /// for recordings of this program, which bring their messages to the file at least that often.
+    /// A file that was cut afterwards can lack more.
     pub lost_at_end_s: Option<f64>,
 }
 
-/// Copies what is whole in `path` into `out`, by default `<path>_recovered`. A recording that is whole already is left
-/// alone and reported without `output`.
+/// Copies what is whole in `path` into `out`, by default `<path>_recovered`. A recording that is
+/// whole already is left alone and reported without `output`.
 pub fn recover(path: &Path, out: Option<&Path>) -> Result<RecoverReport, BagError> {
     let reader = BagReader::open(path)?;
     if out.is_none() && is_whole(&reader)? {
@@ -97,8 +98,15 @@ pub fn recover(path: &Path, out: Option<&Path>) -> Result<RecoverReport, BagErro
             }
             Err(error) => return Err(error),
         };
-        let index = reader.topics().iter().position(|t| t.name == message.topic.name).unwrap_or_default();
-        writer.write_numbered(ids[index], message.sequence, message.log_time, message.publish_time, &message)?;
+        let index =
+            reader.topics().iter().position(|t| t.name == message.topic.name).unwrap_or_default();
+        writer.write_numbered(
+            ids[index],
+            message.sequence,
+            message.log_time,
+            message.publish_time,
+            &message,
+        )?;
         tally.count(index, message.log_time);
     }
     writer.finish()?;
@@ -128,7 +136,8 @@ fn default_output(path: &Path) -> Result<PathBuf, BagError> {
     let mut name = stem.unwrap_or_default().to_os_string();
     name.push("_recovered");
     // beside the bag, not inside it
-    let inside = absolute.is_file() && absolute.parent().is_some_and(|p| p.join(super::metadata::FILE_NAME).exists());
+    let inside = absolute.is_file()
+        && absolute.parent().is_some_and(|p| p.join(super::metadata::FILE_NAME).exists());
     let beside = if inside { absolute.parent().unwrap_or(&absolute).to_owned() } else { absolute };
     Ok(beside.with_file_name(name))
 }
@@ -195,7 +204,10 @@ fn report(reader: &BagReader, output: Option<PathBuf>, tally: Tally) -> RecoverR
             damage.push(Damage { bytes, ..found });
         }
     }
-    let flush_interval = reader.provenance().and_then(|p| p.extra.get(FLUSH_INTERVAL_KEY)).and_then(|s| s.parse().ok());
+    let flush_interval = reader
+        .provenance()
+        .and_then(|p| p.extra.get(FLUSH_INTERVAL_KEY))
+        .and_then(|s| s.parse().ok());
     RecoverReport {
         source: reader.path().to_owned(),
         topics: reader
@@ -222,7 +234,12 @@ fn report(reader: &BagReader, output: Option<PathBuf>, tally: Tally) -> RecoverR
 impl fmt::Display for RecoverReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(output) = &self.output else {
-            return write!(f, "{} is whole: {} messages, nothing to recover", self.source.display(), self.messages);
+            return write!(
+                f,
+                "{} is whole: {} messages, nothing to recover",
+                self.source.display(),
+                self.messages
+            );
         };
         writeln!(f, "{} -> {}", self.source.display(), output.display())?;
         for damage in &self.damage {

@@ -1,12 +1,15 @@
-//! Irregular samples onto one uniform grid, with an account of everything that was not as it should be.
+//! Irregular samples onto one uniform grid, with an account of everything that was not as it should
+//! be.
 //!
-//! What comes in are the samples of each signal with their own stamps: out of order, repeated, missing, jittering, at other
-//! rates. What goes out is a column per signal on the grid that the position defines. Nothing is invented silently: what was
-//! filled in is counted, and where more than [`MOST_MISSING`] samples in a row are missing the column is NaN.
+//! What comes in are the samples of each signal with their own stamps: out of order, repeated,
+//! missing, jittering, at other rates. What goes out is a column per signal on the grid that the
+//! position defines. Nothing is invented silently: what was filled in is counted, and where more
+//! than [`MOST_MISSING`] samples in a row are missing the column is NaN.
 //!
-//! A position between samples lies on the cubic through its four neighbours: at 20 m/s² a straight line is off by 0.6 um
-//! between samples at 2 kHz, which a second difference turns into 100 N. A force reading is interpolated linearly. A command
-//! is held until the next one, so its value in a row is its mean from that row to the next.
+//! A position between samples lies on the cubic through its four neighbours: at 20 m/s² a straight
+//! line is off by 0.6 um between samples at 2 kHz, which a second difference turns into 100 N. A
+//! force reading is interpolated linearly. A command is held until the next one, so its value in a
+//! row is its mean from that row to the next.
 
 use std::ops::Range;
 
@@ -15,8 +18,8 @@ use serde::Serialize;
 use super::error::BagError;
 use super::mapping::Signal;
 
-/// Samples missing in a row that are filled from their neighbours; more of them are a gap. Assumed: at 2 kHz this is 2 ms,
-/// well within the 17 ms period of a 60 Hz position loop.
+/// Samples missing in a row that are filled from their neighbours; more of them are a gap. Assumed:
+/// at 2 kHz this is 2 ms, well within the 17 ms period of a 60 Hz position loop.
 pub const MOST_MISSING: usize = 3;
 /// Stamps within this of the grid, ns, are on it: they are rounded to 1 ns, and so is the grid.
 const ON_GRID_NS: f64 = 2.0;
@@ -28,11 +31,12 @@ const LARGEST_NS: u64 = 1 << 62;
 const ROWS_ALLOWED: u64 = 5_000_000;
 /// Rows per sample beyond which a recording is mostly holes.
 const MOST_ROWS_PER_SAMPLE: u64 = 3;
-/// Part by which a rate that is asked for may differ from that of the samples and be the same: between it and a clock that is off by as much, or stamps that
-/// jitter, nothing is to be interpolated. Assumed: ten times what a quartz is off.
+/// Part by which a rate that is asked for may differ from that of the samples and be the same:
+/// between it and a clock that is off by as much, or stamps that jitter, nothing is to be
+/// interpolated. Assumed: ten times what a quartz is off.
 const SAME_RATE: f64 = 1e-3;
-/// How fast the phase of a sampling clock behind jittering stamps is followed, per sample. Assumed: slow against jitter,
-/// fast against the drift of a quartz (100 ppm).
+/// How fast the phase of a sampling clock behind jittering stamps is followed, per sample. Assumed:
+/// slow against jitter, fast against the drift of a quartz (100 ppm).
 const PHASE_GAIN: f64 = 0.01;
 
 /// How the samples of the position lie in time.
@@ -41,10 +45,11 @@ const PHASE_GAIN: f64 = 0.01;
 pub enum ClockKind {
     /// All stamps are on a uniform grid: values are as recorded.
     Regular,
-    /// Stamps jitter, and the positions are smoother if taken as uniform: the samples were uniform, only their stamps
-    /// jitter. Values are as recorded, in the row of their number.
+    /// Stamps jitter, and the positions are smoother if taken as uniform: the samples were uniform,
+    /// only their stamps jitter. Values are as recorded, in the row of their number.
     UniformBehindJitter,
-    /// Stamps jitter, and the positions are smoother if taken at their stamps: sampling itself jitters. Values are interpolated.
+    /// Stamps jitter, and the positions are smoother if taken at their stamps: sampling itself
+    /// jitters. Values are interpolated.
     AtStamps,
     /// Another rate was asked for. Values are interpolated.
     OtherRate,
@@ -121,8 +126,9 @@ pub(crate) fn order(stream: super::source::Stream) -> Result<Ordered, BagError> 
         }
         if latest > i64::MIN && latest.saturating_sub(stamp) > LATEST_NS {
             return Err(clock(format!(
-                "they go back by {:.3} s at sample {} of {samples}: these are several runs, or the clock was set; \
-                 split the recording, or take the time of recording (`stamp: log_time` in a mapping)",
+                "they go back by {:.3} s at sample {} of {samples}: these are several runs, or the \
+                 clock was set; split the recording, or take the time of recording (`stamp: \
+                 log_time` in a mapping)",
                 latest.saturating_sub(stamp) as f64 * 1e-9,
                 index + 1
             )));
@@ -165,7 +171,8 @@ pub(crate) fn order(stream: super::source::Stream) -> Result<Ordered, BagError> 
             for (column, quality) in values.iter_mut().zip(&mut quality) {
                 quality.repeated += 1;
                 let (first, again) = (column[kept - 1], column[index]);
-                quality.conflicting += u64::from(first.is_finite() && again.is_finite() && first != again);
+                quality.conflicting +=
+                    u64::from(first.is_finite() && again.is_finite() && first != again);
                 if !first.is_finite() {
                     column[kept - 1] = again;
                 }
@@ -198,8 +205,9 @@ pub(crate) fn usual_interval(stamps: &[i64]) -> Option<f64> {
     Some(*intervals.select_nth_unstable(middle).1 as f64)
 }
 
-/// Numbers samples along a clock of period `step` (ns) whose phase is followed; a sample that comes too early to be another
-/// one has the number of the one before. `visit` gets index, number and how far the stamp is from the clock, ns.
+/// Numbers samples along a clock of period `step` (ns) whose phase is followed; a sample that comes
+/// too early to be another one has the number of the one before. `visit` gets index, number and how
+/// far the stamp is from the clock, ns.
 fn follow(stamps: &[i64], step: f64, mut visit: impl FnMut(usize, u64, f64)) {
     let (mut number, mut phase) = (0u64, first_phase(stamps, step));
     for (index, &stamp) in stamps.iter().enumerate() {
@@ -219,7 +227,8 @@ fn follow(stamps: &[i64], step: f64, mut visit: impl FnMut(usize, u64, f64)) {
     }
 }
 
-/// How far the first stamp is from the clock, ns: against the circular mean of the first ones, since any may jitter.
+/// How far the first stamp is from the clock, ns: against the circular mean of the first ones,
+/// since any may jitter.
 fn first_phase(stamps: &[i64], step: f64) -> f64 {
     let (mut sine, mut cosine) = (0.0, 0.0);
     for &stamp in stamps.iter().take((1.0 / PHASE_GAIN) as usize) {
@@ -231,9 +240,20 @@ fn first_phase(stamps: &[i64], step: f64) -> f64 {
 }
 
 /// The grid that the stamps of the position define, or that `rate` (Hz) asks for.
-pub(crate) fn grid(stamps: &[i64], position: &[f64], rate: Option<f64>, place: &str) -> Result<Grid, BagError> {
-    let clock = |reason: String| BagError::Clock { signal: Signal::Position.name(), place: place.to_owned(), reason };
-    let (Some(usual), Some(&first), Some(&last)) = (usual_interval(stamps), stamps.first(), stamps.last()) else {
+pub(crate) fn grid(
+    stamps: &[i64],
+    position: &[f64],
+    rate: Option<f64>,
+    place: &str,
+) -> Result<Grid, BagError> {
+    let clock = |reason: String| BagError::Clock {
+        signal: Signal::Position.name(),
+        place: place.to_owned(),
+        reason,
+    };
+    let (Some(usual), Some(&first), Some(&last)) =
+        (usual_interval(stamps), stamps.first(), stamps.last())
+    else {
         return Err(clock("at least two different ones are needed".into()));
     };
     // the period, from the ends of every stretch without a gap
@@ -285,8 +305,8 @@ pub(crate) fn grid(stamps: &[i64], position: &[f64], rate: Option<f64>, place: &
     let samples = stamps.len() as u64;
     if rows > ROWS_ALLOWED.max(MOST_ROWS_PER_SAMPLE * samples) as f64 {
         return Err(clock(format!(
-            "{samples} samples every {:.6} s reach over {:.3} s, so most of it is holes: a stamp is wrong, or several \
-             runs are in one recording",
+            "{samples} samples every {:.6} s reach over {:.3} s, so most of it is holes: a stamp \
+             is wrong, or several runs are in one recording",
             step * 1e-9,
             (last - first) as f64 * 1e-9
         )));
@@ -301,7 +321,8 @@ pub(crate) fn grid(stamps: &[i64], position: &[f64], rate: Option<f64>, place: &
         ticks: None,
     };
     if kind == ClockKind::UniformBehindJitter {
-        let (mut kept, mut numbers) = (Vec::with_capacity(stamps.len()), Vec::with_capacity(stamps.len()));
+        let (mut kept, mut numbers) =
+            (Vec::with_capacity(stamps.len()), Vec::with_capacity(stamps.len()));
         follow(stamps, step, |index, number, _| {
             if numbers.last() != Some(&(number as u32)) {
                 kept.push(stamps[index]);
@@ -321,14 +342,18 @@ fn on_grid(stamps: &[i64], step: f64) -> bool {
     })
 }
 
-/// Whether the positions are smoother if taken as uniform than if taken at their stamps: by the fourth difference, and the
-/// fourth divided difference scaled to the same gain for white noise.
+/// Whether the positions are smoother if taken as uniform than if taken at their stamps: by the
+/// fourth difference, and the fourth divided difference scaled to the same gain for white noise.
 fn smoother_as_uniform(stamps: &[i64], position: &[f64], step: f64) -> bool {
     let mut numbers = Vec::with_capacity(stamps.len());
     follow(stamps, step, |_, number, _| numbers.push(number));
     let (mut uniform, mut stamped) = (0.0, 0.0);
-    for ((numbers, stamps), x) in numbers.windows(5).zip(stamps.windows(5)).zip(position.windows(5)) {
-        if numbers[4] - numbers[0] != 4 || numbers.windows(2).any(|n| n[0] == n[1]) || x.iter().any(|x| x.is_nan()) {
+    for ((numbers, stamps), x) in numbers.windows(5).zip(stamps.windows(5)).zip(position.windows(5))
+    {
+        if numbers[4] - numbers[0] != 4
+            || numbers.windows(2).any(|n| n[0] == n[1])
+            || x.iter().any(|x| x.is_nan())
+        {
             continue;
         }
         let times: [f64; 5] = std::array::from_fn(|i| (stamps[i] - stamps[0]) as f64 / step);
@@ -384,7 +409,11 @@ impl Places<'_> {
                 self.cursor += 1;
             }
             let (at, row) = (stamps[self.cursor], f64::from(rows[self.cursor]));
-            return if at == stamp { row } else { row + (stamp - at) as f64 * 1e-9 / self.grid.step };
+            return if at == stamp {
+                row
+            } else {
+                row + (stamp - at) as f64 * 1e-9 / self.grid.step
+            };
         }
         let row = (stamp - self.grid.origin_ns) as f64 * 1e-9 / self.grid.step;
         let near = row.round();
@@ -422,7 +451,8 @@ pub(crate) fn place(
     let longest = spacing * (MOST_MISSING as f64 + 1.5);
     let mut places = Places { grid, cursor: 0 };
     let mut samples = finite().map(|(&stamp, &value)| (places.row(stamp), value));
-    // the last four samples; intervals are filled one sample late, so that a cubic has its four neighbours
+    // the last four samples; intervals are filled one sample late, so that a cubic has its four
+    // neighbours
     let mut window: [Option<(f64, f64)>; 4] = [None; 4];
     quality.longest_interval_s = 0.0;
     let mut held = Held::default();
@@ -461,7 +491,8 @@ pub(crate) fn place(
             held.piece(a.0, until, a.1, &mut column);
             if let Some(b) = b.filter(|b| !is_gap && b.0 - a.0 > 1.5 * spacing) {
                 quality.filled += (b.0 - a.0 - spacing).round().max(0.0) as u64;
-                let rows = (a.0 + spacing).floor().max(0.0) as usize..(b.0.ceil().max(0.0) as usize).min(grid.rows);
+                let rows = (a.0 + spacing).floor().max(0.0) as usize
+                    ..(b.0.ceil().max(0.0) as usize).min(grid.rows);
                 filled.extend(rows);
             }
             continue;
@@ -497,16 +528,19 @@ pub(crate) fn place(
             apart.extend(rows.filter(|row| *row as f64 != b.0));
         }
     }
-    quality.coverage = column.iter().filter(|v| v.is_finite()).count() as f64 / grid.rows.max(1) as f64;
+    quality.coverage =
+        column.iter().filter(|v| v.is_finite()).count() as f64 / grid.rows.max(1) as f64;
     Placed { column, filled, between: apart }
 }
 
-/// A force cell between its samples: a straight line beside the command, which it shows one row later. What the motor makes of its command changes slowly, the
-/// command itself with every row.
+/// A force cell between its samples: a straight line beside the command, which it shows one row
+/// later. What the motor makes of its command changes slowly, the command itself with every row.
 pub(crate) fn along_command(cell: &mut [f64], between: &[usize], command: &[f64]) {
     for run in between.chunk_by(|a, b| *b == a + 1) {
         let (before, after) = (run[0].wrapping_sub(1), run[run.len() - 1] + 1);
-        let commanded = |row: usize| row.checked_sub(1).and_then(|row| command.get(row)).copied().unwrap_or(f64::NAN);
+        let commanded = |row: usize| {
+            row.checked_sub(1).and_then(|row| command.get(row)).copied().unwrap_or(f64::NAN)
+        };
         let (start, end) = (commanded(before), commanded(after));
         for &row in run {
             let share = (row - run[0] + 1) as f64 / (run.len() + 1) as f64;
@@ -518,7 +552,8 @@ pub(crate) fn along_command(cell: &mut [f64], between: &[usize], command: &[f64]
     }
 }
 
-/// Lagrange's cubic through four points; a straight line if two of them are too close to say anything together.
+/// Lagrange's cubic through four points; a straight line if two of them are too close to say
+/// anything together.
 fn cubic(points: [(f64, f64); 4], at: f64) -> f64 {
     let [_, a, b, _] = points;
     let width = b.0 - a.0;
@@ -572,7 +607,8 @@ impl Held {
                 };
                 let (sum, covered) = (sum + width * value, covered + width);
                 self.open = Some((row, sum, covered));
-                // most of a row is enough: the first command may come a moment after its row, the last is held for one interval
+                // most of a row is enough: the first command may come a moment after its row, the
+                // last is held for one interval
                 if covered > 0.5 {
                     column[row] = sum / covered;
                 }

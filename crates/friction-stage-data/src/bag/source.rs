@@ -1,7 +1,8 @@
-//! The raw samples of signals, as a bag or a CSV file has them: with their own stamps, in SI units, not yet on one grid.
+//! The raw samples of signals, as a bag or a CSV file has them: with their own stamps, in SI units,
+//! not yet on one grid.
 //!
-//! What comes in is an open recording and where each signal stands; what goes out are [`Stream`]s. A caller who asks for a
-//! few signals at a time keeps only those in memory.
+//! What comes in is an open recording and where each signal stands; what goes out are [`Stream`]s.
+//! A caller who asks for a few signals at a time keeps only those in memory.
 
 use std::path::{Path, PathBuf};
 
@@ -67,7 +68,9 @@ impl Source {
                     .signals
                     .get(&Signal::Time)
                     .and_then(|sources| sources.first().cloned())
-                    .filter(|_| mapping.asked_for || has_column(path, &mapping.csv, Signal::Time.name())),
+                    .filter(|_| {
+                        mapping.asked_for || has_column(path, &mapping.csv, Signal::Time.name())
+                    }),
                 rate: mapping.rate,
             }
         } else {
@@ -76,7 +79,8 @@ impl Source {
         Ok((source, mapping))
     }
 
-    /// How many samples a place has, as far as that is known without reading them; none if it is not there.
+    /// How many samples a place has, as far as that is known without reading them; none if it is
+    /// not there.
     pub fn expected(&self, source: &SignalSource) -> Option<u64> {
         match (self, &source.place) {
             (Self::Bag(reader), Place::Topic { topic, .. }) => {
@@ -94,8 +98,11 @@ impl Source {
         match self {
             Self::Bag(reader) if reader.topics().is_empty() => "no topics".into(),
             Self::Bag(reader) => {
-                let names: Vec<String> =
-                    reader.topics().iter().map(|t| format!("{} ({})", t.name, t.type_name)).collect();
+                let names: Vec<String> = reader
+                    .topics()
+                    .iter()
+                    .map(|t| format!("{} ({})", t.name, t.type_name))
+                    .collect();
                 names.join(", ")
             }
             Self::Csv { path, layout, .. } => match CsvTable::open(path, layout) {
@@ -109,7 +116,9 @@ impl Source {
     pub fn read(&self, requests: &[Request], joint: &str) -> Result<Vec<Stream>, BagError> {
         match self {
             Self::Bag(reader) => read_bag(reader, requests, joint),
-            Self::Csv { path, layout, time, rate, .. } => read_csv(path, layout, time.as_ref(), *rate, requests),
+            Self::Csv { path, layout, time, rate, .. } => {
+                read_csv(path, layout, time.as_ref(), *rate, requests)
+            }
         }
     }
 }
@@ -183,7 +192,9 @@ impl Extraction {
                 field: field.clone(),
                 reason,
             };
-            let topic = reader.topic(name).ok_or_else(|| unknown(None, "the bag has no such topic".into()))?;
+            let topic = reader
+                .topic(name)
+                .ok_or_else(|| unknown(None, "the bag has no such topic".into()))?;
             if topic.message_encoding != "cdr" {
                 return Err(unknown(
                     Some(topic),
@@ -191,7 +202,8 @@ impl Extraction {
                 ));
             }
             if found.is_none() {
-                let definition = definition(topic).map_err(|reason| unknown(Some(topic), reason))?;
+                let definition =
+                    definition(topic).map_err(|reason| unknown(Some(topic), reason))?;
                 let (path, publish_time, automatic) = match stamp {
                     Stamp::Auto => match definition.path("header.stamp") {
                         Ok(path) => (Some(path), false, true),
@@ -219,7 +231,10 @@ impl Extraction {
                 });
             }
             if let Some(extraction) = &mut found {
-                let path = extraction.definition.path(field).map_err(|reason| unknown(Some(topic), reason))?;
+                let path = extraction
+                    .definition
+                    .path(field)
+                    .map_err(|reason| unknown(Some(topic), reason))?;
                 extraction.sources.push((path, source.clone()));
             }
         }
@@ -231,12 +246,17 @@ impl Extraction {
     }
 }
 
-fn read_bag(reader: &BagReader, requests: &[Request], joint: &str) -> Result<Vec<Stream>, BagError> {
+fn read_bag(
+    reader: &BagReader,
+    requests: &[Request],
+    joint: &str,
+) -> Result<Vec<Stream>, BagError> {
     let mut extractions = Vec::new();
     let mut streams = Vec::new();
     for request in requests {
         let extraction = Extraction::new(reader, request)?;
-        streams.push(Stream::new(request, reader.topic(&extraction.topic).map_or(0, |t| t.messages)));
+        streams
+            .push(Stream::new(request, reader.topic(&extraction.topic).map_or(0, |t| t.messages)));
         extractions.push(extraction);
     }
     let mut row = Vec::new();
@@ -261,13 +281,19 @@ fn read_bag(reader: &BagReader, requests: &[Request], joint: &str) -> Result<Vec
                 continue;
             }
             let stamp = match &extraction.stamp {
-                Some(path) => match extraction.definition.value(path, joint, &message).map_err(failed)? {
-                    Some(Value::Nanoseconds(stamp)) => stamp,
-                    Some(value) => seconds_to_nanos(value.as_f64()),
-                    None => continue,
-                },
+                Some(path) => {
+                    match extraction.definition.value(path, joint, &message).map_err(failed)? {
+                        Some(Value::Nanoseconds(stamp)) => stamp,
+                        Some(value) => seconds_to_nanos(value.as_f64()),
+                        None => continue,
+                    }
+                }
                 None => {
-                    let time = if extraction.publish_time { message.publish_time } else { message.log_time };
+                    let time = if extraction.publish_time {
+                        message.publish_time
+                    } else {
+                        message.log_time
+                    };
                     i64::try_from(time).unwrap_or(i64::MAX)
                 }
             };
@@ -322,7 +348,9 @@ fn read_csv(
         return Err(BagError::MissingSignal {
             path: path.to_owned(),
             signal: Signal::Time.name(),
-            needs: "a column `time`, or a mapping that says which column it is, or the `rate` of the rows".into(),
+            needs: "a column `time`, or a mapping that says which column it is, or the `rate` of \
+                    the rows"
+                .into(),
             has: table.names(),
         });
     }
@@ -342,7 +370,9 @@ fn read_csv(
         row += 1;
         for ((request, columns), stream) in requests.iter().zip(&columns).zip(&mut streams) {
             stream.stamps.push(stamp);
-            for (((_, source), column), values) in request.signals.iter().zip(columns).zip(&mut stream.values) {
+            for (((_, source), column), values) in
+                request.signals.iter().zip(columns).zip(&mut stream.values)
+            {
                 values.push(source.to_si(table.number(*column)?));
             }
         }
@@ -370,12 +400,23 @@ impl CsvTable {
             .map_err(|e| csv_error(path, e))?;
         let names = reader.headers().map_err(|e| csv_error(path, e))?;
         // an editor's byte order mark is no part of the first name
-        let names = names.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
-        Ok(Self { path: path.to_owned(), layout: layout.clone(), names, reader, record: csv::StringRecord::new() })
+        let names =
+            names.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+        Ok(Self {
+            path: path.to_owned(),
+            layout: layout.clone(),
+            names,
+            reader,
+            record: csv::StringRecord::new(),
+        })
     }
 
     fn names(&self) -> String {
-        if self.layout.header { self.names.join(", ") } else { format!("{} columns without names", self.names.len()) }
+        if self.layout.header {
+            self.names.join(", ")
+        } else {
+            format!("{} columns without names", self.names.len())
+        }
     }
 
     /// Index of a column.
@@ -386,11 +427,18 @@ impl CsvTable {
             Place::Column(Column::Number(number)) => {
                 Err(missing(format!("no column {number}, there are {}", self.names.len())))
             }
-            Place::Column(Column::Name(name)) => self.names.iter().position(|n| n == name).ok_or_else(|| {
-                let hint = friction_stage_core::model::nearest(name, self.names.iter().map(String::as_str));
-                missing(format!("no column {name:?}; columns are {:?}{hint}", self.names))
-            }),
-            place @ Place::Topic { .. } => Err(missing(format!("{place} is a topic, not a column"))),
+            Place::Column(Column::Name(name)) => {
+                self.names.iter().position(|n| n == name).ok_or_else(|| {
+                    let hint = friction_stage_core::model::nearest(
+                        name,
+                        self.names.iter().map(String::as_str),
+                    );
+                    missing(format!("no column {name:?}; columns are {:?}{hint}", self.names))
+                })
+            }
+            place @ Place::Topic { .. } => {
+                Err(missing(format!("{place} is a topic, not a column")))
+            }
         }
     }
 
@@ -408,7 +456,11 @@ impl CsvTable {
         BagError::Csv {
             path: self.path.clone(),
             line: self.record.position().map_or(0, csv::Position::line),
-            reason: format!("{:?} in column {} ({name}) is not a number", self.field(column), column + 1),
+            reason: format!(
+                "{:?} in column {} ({name}) is not a number",
+                self.field(column),
+                column + 1
+            ),
         }
     }
 
@@ -418,7 +470,8 @@ impl CsvTable {
         if field.is_empty() {
             return Ok(f64::NAN);
         }
-        let parsed = if self.layout.decimal_comma { field.replace(',', ".").parse() } else { field.parse() };
+        let parsed =
+            if self.layout.decimal_comma { field.replace(',', ".").parse() } else { field.parse() };
         parsed.map_err(|_| self.wrong(column))
     }
 

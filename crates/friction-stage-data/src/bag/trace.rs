@@ -1,6 +1,8 @@
-//! A run as columns of numbers: one row per sample of the encoder, joined with the other signals by time stamp.
+//! A run as columns of numbers: one row per sample of the encoder, joined with the other signals by
+//! time stamp.
 //!
-//! What comes in are bags with the topics of the stage, or CSV; what goes out is what a fit or a figure needs.
+//! What comes in are bags with the topics of the stage, or CSV; what goes out is what a fit or a
+//! figure needs.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -10,7 +12,8 @@ use super::reader::{BagMessage, BagReader};
 use super::topics;
 use crate::message::{ControllerState, Header, JointState, JointTrajectory, WrenchStamped};
 
-/// Columns of one run, all of the same length, in SI units. A value that the recording lacks is NaN.
+/// Columns of one run, all of the same length, in SI units. A value that the recording lacks is
+/// NaN.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Trace {
     /// Time stamp of the first row, ns: on the clock of the recording.
@@ -32,8 +35,15 @@ pub struct Trace {
 }
 
 /// Names of the columns in a CSV file, in the order of [`Trace::columns`].
-pub const COLUMNS: [&str; 7] =
-    ["time", "reference_position", "reference_velocity", "reference_acceleration", "position", "force_cell", "force"];
+pub const COLUMNS: [&str; 7] = [
+    "time",
+    "reference_position",
+    "reference_velocity",
+    "reference_acceleration",
+    "position",
+    "force_cell",
+    "force",
+];
 
 impl Trace {
     /// Number of rows.
@@ -73,9 +83,10 @@ impl Trace {
 
     /// Reads the topics of the stage from a bag.
     ///
-    /// Rows are the samples of `/stage/encoder`. The reference of a row comes from the one-point `/stage/setpoint` of its
-    /// stamp, else from the `/controller/state` of its stamp. Of several messages with one stamp the first counts.
-    /// A bag without encoder, or with a damaged place, is an error.
+    /// Rows are the samples of `/stage/encoder`. The reference of a row comes from the one-point
+    /// `/stage/setpoint` of its stamp, else from the `/controller/state` of its stamp. Of several
+    /// messages with one stamp the first counts. A bag without encoder, or with a damaged place, is
+    /// an error.
     pub fn from_bag(path: impl AsRef<Path>) -> Result<Self, BagError> {
         Self::from_reader(&BagReader::open(path)?)
     }
@@ -146,14 +157,21 @@ impl Trace {
             }
         }
         if rows.is_empty() {
-            return Err(missing("encoder position", format!("sensor_msgs/msg/JointState on {}", topics::ENCODER)));
+            return Err(missing(
+                "encoder position",
+                format!("sensor_msgs/msg/JointState on {}", topics::ENCODER),
+            ));
         }
         rows.sort_by_key(|&(stamp, _)| stamp);
         rows.dedup_by_key(|&mut (stamp, _)| stamp);
         let origin_ns = rows[0].0;
         let mut trace = Self { origin_ns, ..Self::default() };
         for (stamp, position) in rows {
-            let reference = setpoint.get(&stamp).or_else(|| controller.get(&stamp)).copied().unwrap_or([f64::NAN; 3]);
+            let reference = setpoint
+                .get(&stamp)
+                .or_else(|| controller.get(&stamp))
+                .copied()
+                .unwrap_or([f64::NAN; 3]);
             let row = [
                 (stamp - origin_ns) as f64 * 1e-9,
                 reference[0],
@@ -170,7 +188,8 @@ impl Trace {
         Ok(trace)
     }
 
-    /// Writes a CSV file with a header line; numbers in the shortest form that reads back exactly, NaN as an empty field.
+    /// Writes a CSV file with a header line; numbers in the shortest form that reads back exactly,
+    /// NaN as an empty field.
     pub fn write_csv(&self, path: impl AsRef<Path>) -> Result<(), BagError> {
         let path = path.as_ref();
         let mut writer = csv::Writer::from_path(path).map_err(|e| csv_error(path, e))?;
@@ -186,13 +205,15 @@ impl Trace {
         writer.flush().map_err(|e| BagError::writing(path, 0, e))
     }
 
-    /// Reads a CSV file with a header line that names the columns as [`COLUMNS`] does, in any order. `time` and `position`
-    /// are needed, other columns that are not there are NaN.
+    /// Reads a CSV file with a header line that names the columns as [`COLUMNS`] does, in any
+    /// order. `time` and `position` are needed, other columns that are not there are NaN.
     pub fn read_csv(path: impl AsRef<Path>) -> Result<Self, BagError> {
         let path = path.as_ref();
         let wrong = |line, reason| BagError::Csv { path: path.to_owned(), line, reason };
-        let mut reader =
-            csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(path).map_err(|e| csv_error(path, e))?;
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .from_path(path)
+            .map_err(|e| csv_error(path, e))?;
         let headers = reader.headers().map_err(|e| csv_error(path, e))?.clone();
         let places = COLUMNS.map(|name| headers.iter().position(|h| h == name));
         for (name, place) in COLUMNS.iter().zip(places) {
@@ -210,14 +231,21 @@ impl Trace {
         let mut record = csv::StringRecord::new();
         while reader.read_record(&mut record).map_err(|e| csv_error(path, e))? {
             let line = record.position().map_or(0, csv::Position::line);
-            for ((column, place), name) in trace.columns_mut().into_iter().zip(places).zip(COLUMNS) {
+            for ((column, place), name) in trace.columns_mut().into_iter().zip(places).zip(COLUMNS)
+            {
                 let field = place.and_then(|p| record.get(p)).unwrap_or("");
                 let value = if field.is_empty() {
                     f64::NAN
                 } else {
-                    field.parse().map_err(|_| wrong(line, format!("{field:?} in column {name:?} is not a number")))?
+                    field.parse().map_err(|_| {
+                        wrong(line, format!("{field:?} in column {name:?} is not a number"))
+                    })?
                 };
-                if name == "time" && column.last().map_or(!f64::is_finite(value), |&l| value.is_nan() || value <= l) {
+                if name == "time"
+                    && column
+                        .last()
+                        .map_or(!f64::is_finite(value), |&l| value.is_nan() || value <= l)
+                {
                     return Err(wrong(
                         line,
                         format!(
@@ -303,7 +331,10 @@ mod tests {
         let error = read("time,position\n0,1\n0.1,1,7\n").unwrap_err().to_string();
         assert!(error.contains("line 3"), "{error}");
         let error = read("time,position\n0,1\n0.1,abc\n").unwrap_err().to_string();
-        assert!(error.contains("line 3") && error.contains("\"abc\"") && error.contains("position"), "{error}");
+        assert!(
+            error.contains("line 3") && error.contains("\"abc\"") && error.contains("position"),
+            "{error}"
+        );
         let error = read("time,position\n0.2,1\n0.1,1\n").unwrap_err().to_string();
         assert!(error.contains("does not come after 0.2"), "{error}");
         let error = read("time,speed\n0.2,1\n").unwrap_err().to_string();

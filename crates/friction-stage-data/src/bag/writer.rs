@@ -1,8 +1,9 @@
 //! Writes a rosbag2 directory with one MCAP file.
 //!
-//! Messages gather in a chunk in memory; a full chunk is compressed and goes to the file as a whole. A chunk is also
-//! closed when half a second has passed, so that a process that is killed loses less than a second. Only the
-//! operating system's cache stands between the file and a loss of power: nothing is synced.
+//! Messages gather in a chunk in memory; a full chunk is compressed and goes to the file as a
+//! whole. A chunk is also closed when half a second has passed, so that a process that is killed
+//! loses less than a second. Only the operating system's cache stands between the file and a loss
+//! of power: nothing is synced.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -80,8 +81,8 @@ pub(crate) struct TopicDescription<'a> {
 pub(crate) const QOS_KEY: &str = "offered_qos_profiles";
 pub(crate) const HASH_KEY: &str = "topic_type_hash";
 
-/// A recording in progress. Call [`finish`](Self::finish) in the end, which tells whether all is in the file; a writer that
-/// is dropped closes the file as well, but cannot say so.
+/// A recording in progress. Call [`finish`](Self::finish) in the end, which tells whether all is in
+/// the file; a writer that is dropped closes the file as well, but cannot say so.
 pub struct BagWriter {
     directory: PathBuf,
     file_name: String,
@@ -97,7 +98,8 @@ pub struct BagWriter {
 }
 
 impl BagWriter {
-    /// Makes `directory` (and those above it) and starts `<name>_0.mcap` in it. An existing directory is refused.
+    /// Makes `directory` (and those above it) and starts `<name>_0.mcap` in it. An existing
+    /// directory is refused.
     pub fn create(directory: impl AsRef<Path>, options: &BagOptions) -> Result<Self, BagError> {
         let mut writer = Self::create_bare(directory.as_ref(), options)?;
         if let Some(provenance) = &options.provenance {
@@ -122,17 +124,20 @@ impl BagWriter {
         let name = match directory.file_name() {
             Some(name) => name.to_string_lossy().into_owned(),
             None => {
-                let source = std::io::Error::other("the path has no last part to name the bag after");
+                let source =
+                    std::io::Error::other("the path has no last part to name the bag after");
                 return Err(create_error(directory, source));
             }
         };
         if let Some(parent) = directory.parent().filter(|p| !p.as_os_str().is_empty()) {
-            fs::create_dir_all(parent).map_err(|e| match parent.ancestors().find(|p| p.is_file()) {
-                Some(file) => {
-                    let reason = format!("{} is a file, not a directory", file.display());
-                    create_error(directory, std::io::Error::other(reason))
+            fs::create_dir_all(parent).map_err(|e| {
+                match parent.ancestors().find(|p| p.is_file()) {
+                    Some(file) => {
+                        let reason = format!("{} is a file, not a directory", file.display());
+                        create_error(directory, std::io::Error::other(reason))
+                    }
+                    None => create_error(parent, e),
                 }
-                None => create_error(parent, e),
             })?;
         }
         fs::create_dir(directory).map_err(|e| match e.kind() {
@@ -190,9 +195,15 @@ impl BagWriter {
     }
 
     /// Adds a topic of type `M`, offered with `qos`. A topic that exists is returned as it is.
-    pub fn add_topic<M: RosMessage>(&mut self, name: &str, qos: &OfferedQos) -> Result<TopicId, BagError> {
-        let metadata =
-            BTreeMap::from([(QOS_KEY.to_owned(), qos.yaml()), (HASH_KEY.to_owned(), M::TYPE_HASH.to_owned())]);
+    pub fn add_topic<M: RosMessage>(
+        &mut self,
+        name: &str,
+        qos: &OfferedQos,
+    ) -> Result<TopicId, BagError> {
+        let metadata = BTreeMap::from([
+            (QOS_KEY.to_owned(), qos.yaml()),
+            (HASH_KEY.to_owned(), M::TYPE_HASH.to_owned()),
+        ]);
         self.add_described(&TopicDescription {
             name,
             type_name: &M::type_name(),
@@ -203,7 +214,10 @@ impl BagWriter {
         })
     }
 
-    pub(crate) fn add_described(&mut self, topic: &TopicDescription<'_>) -> Result<TopicId, BagError> {
+    pub(crate) fn add_described(
+        &mut self,
+        topic: &TopicDescription<'_>,
+    ) -> Result<TopicId, BagError> {
         if let Some(index) = self.topics.iter().position(|t| t.recorded.name == topic.name) {
             let known = &self.topics[index].recorded.kind;
             if known != topic.type_name {
@@ -216,7 +230,8 @@ impl BagWriter {
             return Ok(TopicId(index));
         }
         let channel = self.with(|mcap| {
-            let schema = mcap.add_schema(topic.type_name, topic.schema_encoding, topic.definition)?;
+            let schema =
+                mcap.add_schema(topic.type_name, topic.schema_encoding, topic.definition)?;
             mcap.add_channel(schema, topic.name, topic.message_encoding, topic.metadata)
         })?;
         self.topics.push(OpenTopic {
@@ -253,7 +268,12 @@ impl BagWriter {
         publish_time: u64,
         cdr: &[u8],
     ) -> Result<(), BagError> {
-        let header = MessageHeader { channel_id: self.topics[topic.0].channel, sequence, log_time, publish_time };
+        let header = MessageHeader {
+            channel_id: self.topics[topic.0].channel,
+            sequence,
+            log_time,
+            publish_time,
+        };
         self.with(|mcap| mcap.write_to_known_channel(&header, cdr))?;
         let open = &mut self.topics[topic.0];
         open.sequence = sequence.wrapping_add(1);
@@ -267,18 +287,25 @@ impl BagWriter {
     }
 
     /// Encodes and writes a message; log and publish time are the same.
-    pub fn write<M: RosMessage>(&mut self, topic: TopicId, time_ns: u64, message: &M) -> Result<(), BagError> {
+    pub fn write<M: RosMessage>(
+        &mut self,
+        topic: TopicId,
+        time_ns: u64,
+        message: &M,
+    ) -> Result<(), BagError> {
         let mut buffer = std::mem::take(&mut self.buffer);
         let result = match to_cdr_into(message, &mut buffer) {
             Ok(()) => self.write_cdr(topic, time_ns, time_ns, &buffer),
-            Err(source) => Err(BagError::Encode { topic: self.topics[topic.0].recorded.name.clone(), source }),
+            Err(source) => {
+                Err(BagError::Encode { topic: self.topics[topic.0].recorded.name.clone(), source })
+            }
         };
         self.buffer = buffer;
         result
     }
 
-    /// Brings everything written so far to the file if the flush interval has passed. Every write does this; a recorder
-    /// whose messages can stop coming calls it while it waits.
+    /// Brings everything written so far to the file if the flush interval has passed. Every write
+    /// does this; a recorder whose messages can stop coming calls it while it waits.
     pub fn flush_if_due(&mut self) -> Result<(), BagError> {
         if self.unflushed && self.last_flush.elapsed() >= self.flush_interval {
             self.flush()?;
@@ -294,7 +321,11 @@ impl BagWriter {
         Ok(())
     }
 
-    pub(crate) fn write_metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> Result<(), BagError> {
+    pub(crate) fn write_metadata(
+        &mut self,
+        name: &str,
+        metadata: BTreeMap<String, String>,
+    ) -> Result<(), BagError> {
         let record = Metadata { name: name.into(), metadata };
         self.with(|mcap| mcap.write_metadata(&record))
     }
@@ -337,7 +368,8 @@ impl BagWriter {
         })
     }
 
-    /// Drops the MCAP writer without letting it write a summary over a file that already lacks something.
+    /// Drops the MCAP writer without letting it write a summary over a file that already lacks
+    /// something.
     fn abandon(&mut self) {
         if let Some(mcap) = self.mcap.take() {
             let (_file, _unwritten) = mcap.into_inner().into_parts();

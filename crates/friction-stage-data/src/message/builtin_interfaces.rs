@@ -6,8 +6,8 @@ use super::{Definition, RosMessage};
 
 const NANOS: i64 = 1_000_000_000;
 
-/// Splits nanoseconds into whole seconds (rounded down) and the rest in 0..1e9; beyond the range of `i32`
-/// seconds the nearest representable value.
+/// Splits nanoseconds into whole seconds (rounded down) and the rest in 0..1e9; beyond the range of
+/// `i32` seconds the nearest representable value.
 fn split(nanos: i64) -> (i32, u32) {
     match i32::try_from(nanos.div_euclid(NANOS)) {
         Ok(sec) => (sec, nanos.rem_euclid(NANOS) as u32),
@@ -21,7 +21,9 @@ fn join(sec: i32, nanosec: u32) -> i64 {
 }
 
 /// A point in time: seconds since the epoch of its clock (0 at start for simulated time).
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
 pub struct Time {
     /// Whole seconds, rounded down: -1.7 s is `sec: -2, nanosec: 300_000_000`.
     pub sec: i32,
@@ -45,13 +47,16 @@ impl Time {
 impl RosMessage for Time {
     const PACKAGE: &'static str = "builtin_interfaces";
     const NAME: &'static str = "Time";
-    const TYPE_HASH: &'static str = "RIHS01_b106235e25a4c5ed35098aa0a61a3ee9c9b18d197f398b0e4206cea9acf9c197";
+    const TYPE_HASH: &'static str =
+        "RIHS01_b106235e25a4c5ed35098aa0a61a3ee9c9b18d197f398b0e4206cea9acf9c197";
     const TEXT: &'static str = "int32 sec\nuint32 nanosec";
     const DEPENDENCIES: &'static [Definition] = &[];
 }
 
 /// A span of time, split as [`Time`].
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
 pub struct Duration {
     /// Whole seconds, rounded down.
     pub sec: i32,
@@ -75,7 +80,8 @@ impl Duration {
 impl RosMessage for Duration {
     const PACKAGE: &'static str = "builtin_interfaces";
     const NAME: &'static str = "Duration";
-    const TYPE_HASH: &'static str = "RIHS01_e8d009f659816f758b75334ee1a9ca5b5c0b859843261f14c7f937349599d93b";
+    const TYPE_HASH: &'static str =
+        "RIHS01_e8d009f659816f758b75334ee1a9ca5b5c0b859843261f14c7f937349599d93b";
     const TEXT: &'static str = "int32 sec\nuint32 nanosec";
     const DEPENDENCIES: &'static [Definition] = &[];
 }

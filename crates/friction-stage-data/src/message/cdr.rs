@@ -1,6 +1,7 @@
 //! Messages to and from CDR, the byte format of ROS 2 on the wire and in bags.
 //!
-//! Four bytes of encapsulation (representation and options), then plain CDR (XCDR1), aligned from the byte after them.
+//! Four bytes of encapsulation (representation and options), then plain CDR (XCDR1), aligned from
+//! the byte after them.
 
 use byteorder::{BigEndian, LittleEndian};
 use serde::{Serialize, de::DeserializeOwned};
@@ -27,7 +28,10 @@ pub enum CdrError {
         length: usize,
     },
     /// An encapsulation other than plain CDR.
-    #[error("CDR representation {found:#06x}, supported are 0x0000 (big endian) and 0x0001 (little endian)")]
+    #[error(
+        "CDR representation {found:#06x}, supported are 0x0000 (big endian) and 0x0001 (little \
+         endian)"
+    )]
     Representation {
         /// The representation identifier of the message.
         found: u16,
@@ -59,7 +63,8 @@ pub fn to_cdr_into<M: Serialize>(message: &M, bytes: &mut Vec<u8>) -> Result<(),
         .map_err(|source| CdrError::Encode { kind: std::any::type_name::<M>(), source })
 }
 
-/// Decodes a message from plain CDR of either endianness. Bytes after the message (padding) are ignored.
+/// Decodes a message from plain CDR of either endianness. Bytes after the message (padding) are
+/// ignored.
 pub fn from_cdr<M: DeserializeOwned>(bytes: &[u8]) -> Result<M, CdrError> {
     let Some((head, body)) = bytes.split_first_chunk::<4>() else {
         return Err(CdrError::NoEncapsulation { length: bytes.len() });
@@ -71,7 +76,9 @@ pub fn from_cdr<M: DeserializeOwned>(bytes: &[u8]) -> Result<M, CdrError> {
     };
     match decoded {
         Ok((message, _)) => Ok(message),
-        Err(source) => Err(CdrError::Content { length: bytes.len(), kind: std::any::type_name::<M>(), source }),
+        Err(source) => {
+            Err(CdrError::Content { length: bytes.len(), kind: std::any::type_name::<M>(), source })
+        }
     }
 }
 
@@ -148,7 +155,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn garbage_never_panics(body in proptest::collection::vec(any::<u8>(), 0..300), little in any::<bool>()) {
+        fn garbage_never_panics(
+            body in proptest::collection::vec(any::<u8>(), 0..300),
+            little in any::<bool>(),
+        ) {
             let mut bytes = vec![0, u8::from(little), 0, 0];
             bytes.extend(body);
             let _ = from_cdr::<JointState>(&bytes);

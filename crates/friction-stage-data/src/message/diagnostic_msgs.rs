@@ -23,7 +23,8 @@ impl KeyValue {
 impl RosMessage for KeyValue {
     const PACKAGE: &'static str = "diagnostic_msgs";
     const NAME: &'static str = "KeyValue";
-    const TYPE_HASH: &'static str = "RIHS01_d68081eaa540288c5440753baecef0c4e16e81a5f78ad68902ded5100413bb42";
+    const TYPE_HASH: &'static str =
+        "RIHS01_d68081eaa540288c5440753baecef0c4e16e81a5f78ad68902ded5100413bb42";
     const TEXT: &'static str = "string key\nstring value";
     const DEPENDENCIES: &'static [Definition] = &[];
 }
@@ -57,7 +58,8 @@ impl DiagnosticStatus {
 impl RosMessage for DiagnosticStatus {
     const PACKAGE: &'static str = "diagnostic_msgs";
     const NAME: &'static str = "DiagnosticStatus";
-    const TYPE_HASH: &'static str = "RIHS01_b0e3e692ea2d54a8af2f4ef1930e81556a2db55216b771f8a7d2724ed47bf0e4";
+    const TYPE_HASH: &'static str =
+        "RIHS01_b0e3e692ea2d54a8af2f4ef1930e81556a2db55216b771f8a7d2724ed47bf0e4";
     const TEXT: &'static str = "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\n\nbyte level\n\
                                 string name\nstring message\nstring hardware_id\nKeyValue[] values";
     const DEPENDENCIES: &'static [Definition] = &[Definition::of::<KeyValue>()];
@@ -75,7 +77,8 @@ pub struct DiagnosticArray {
 impl RosMessage for DiagnosticArray {
     const PACKAGE: &'static str = "diagnostic_msgs";
     const NAME: &'static str = "DiagnosticArray";
-    const TYPE_HASH: &'static str = "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e";
+    const TYPE_HASH: &'static str =
+        "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e";
     const TEXT: &'static str = "std_msgs/Header header\nDiagnosticStatus[] status";
     const DEPENDENCIES: &'static [Definition] = &[
         Definition::of::<Header>(),

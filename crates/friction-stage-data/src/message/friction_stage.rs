@@ -17,7 +17,8 @@ pub struct StageState {
     pub velocity: f64,
     /// m/s², at the end of the interval that ends at this sample.
     pub acceleration: f64,
-    /// N, command of the interval that ends at this sample, after the motor's limit, without effects.
+    /// N, command of the interval that ends at this sample, after the motor's limit, without
+    /// effects.
     pub motor_force: f64,
     /// m, one per guide.
     pub bristle_deflection: Vec<f64>,
@@ -32,9 +33,11 @@ pub struct StageState {
 impl RosMessage for StageState {
     const PACKAGE: &'static str = "friction_stage";
     const NAME: &'static str = "StageState";
-    const TYPE_HASH: &'static str = "RIHS01_720ba5ed56a9124921945ef073debc9a4b277614343e2b3ef27b893e3f188ae3";
+    const TYPE_HASH: &'static str =
+        "RIHS01_720ba5ed56a9124921945ef073debc9a4b277614343e2b3ef27b893e3f188ae3";
     const TEXT: &'static str = include_str!("../../msg/StageState.msg");
-    const DEPENDENCIES: &'static [Definition] = &[Definition::of::<Header>(), Definition::of::<Time>()];
+    const DEPENDENCIES: &'static [Definition] =
+        &[Definition::of::<Header>(), Definition::of::<Time>()];
 }
 
 /// Everything that the controller adds up for one sample.
@@ -83,9 +86,11 @@ pub struct ControllerState {
 impl RosMessage for ControllerState {
     const PACKAGE: &'static str = "friction_stage";
     const NAME: &'static str = "ControllerState";
-    const TYPE_HASH: &'static str = "RIHS01_acc9f7b22c1a2d9c0fe8d2f91d772a8380b1d7381db6078f9a4600b1e8fda677";
+    const TYPE_HASH: &'static str =
+        "RIHS01_acc9f7b22c1a2d9c0fe8d2f91d772a8380b1d7381db6078f9a4600b1e8fda677";
     const TEXT: &'static str = include_str!("../../msg/ControllerState.msg");
-    const DEPENDENCIES: &'static [Definition] = &[Definition::of::<Header>(), Definition::of::<Time>()];
+    const DEPENDENCIES: &'static [Definition] =
+        &[Definition::of::<Header>(), Definition::of::<Time>()];
 }
 
 #[cfg(test)]
@@ -105,8 +110,12 @@ mod tests {
     fn members<M: RosMessage + Default>() -> Vec<String> {
         let text = serde_json::to_string(&M::default()).unwrap();
         let value: serde_json::Value = serde_json::from_str(&text).unwrap();
-        let mut names: Vec<(usize, String)> =
-            value.as_object().unwrap().keys().map(|k| (text.find(&format!("\"{k}\":")).unwrap(), k.clone())).collect();
+        let mut names: Vec<(usize, String)> = value
+            .as_object()
+            .unwrap()
+            .keys()
+            .map(|k| (text.find(&format!("\"{k}\":")).unwrap(), k.clone()))
+            .collect();
         names.sort();
         names.into_iter().map(|(_, k)| k).collect()
     }

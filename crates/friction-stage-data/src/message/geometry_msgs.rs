@@ -18,7 +18,8 @@ pub struct Vector3 {
 impl RosMessage for Vector3 {
     const PACKAGE: &'static str = "geometry_msgs";
     const NAME: &'static str = "Vector3";
-    const TYPE_HASH: &'static str = "RIHS01_cc12fe83e4c02719f1ce8070bfd14aecd40f75a96696a67a2a1f37f7dbb0765d";
+    const TYPE_HASH: &'static str =
+        "RIHS01_cc12fe83e4c02719f1ce8070bfd14aecd40f75a96696a67a2a1f37f7dbb0765d";
     const TEXT: &'static str = "float64 x\nfloat64 y\nfloat64 z";
     const DEPENDENCIES: &'static [Definition] = &[];
 }
@@ -35,7 +36,8 @@ pub struct Wrench {
 impl RosMessage for Wrench {
     const PACKAGE: &'static str = "geometry_msgs";
     const NAME: &'static str = "Wrench";
-    const TYPE_HASH: &'static str = "RIHS01_018e8519d57c16adbe97c9fe1460ef21fec7e31bc541de3d653a35895677ce52";
+    const TYPE_HASH: &'static str =
+        "RIHS01_018e8519d57c16adbe97c9fe1460ef21fec7e31bc541de3d653a35895677ce52";
     const TEXT: &'static str = "Vector3 force\nVector3 torque";
     const DEPENDENCIES: &'static [Definition] = &[Definition::of::<Vector3>()];
 }
@@ -61,7 +63,8 @@ impl WrenchStamped {
 impl RosMessage for WrenchStamped {
     const PACKAGE: &'static str = "geometry_msgs";
     const NAME: &'static str = "WrenchStamped";
-    const TYPE_HASH: &'static str = "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77";
+    const TYPE_HASH: &'static str =
+        "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77";
     const TEXT: &'static str = "std_msgs/Header header\nWrench wrench";
     const DEPENDENCIES: &'static [Definition] = &[
         Definition::of::<Header>(),

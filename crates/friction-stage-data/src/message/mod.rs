@@ -1,7 +1,8 @@
 //! ROS 2 messages as plain serde structs, one file per ROS package.
 //!
-//! Each message carries its definition text, its type name and its type hash, so that a recording made from it
-//! can be read anywhere. Nothing here knows of DDS: [`cdr`] turns messages into the bytes that travel and back.
+//! Each message carries its definition text, its type name and its type hash, so that a recording
+//! made from it can be read anywhere. Nothing here knows of DDS: [`cdr`] turns messages into the
+//! bytes that travel and back.
 
 pub mod builtin_interfaces;
 pub mod cdr;
@@ -43,8 +44,8 @@ pub trait RosMessage: Serialize + DeserializeOwned + Clone + Send + 'static {
         format!("{}/msg/{}", Self::PACKAGE, Self::NAME)
     }
 
-    /// The text that a bag stores as schema with encoding `ros2msg`: this definition, then each dependency
-    /// after a line of 80 `=` and a line `MSG: package/Name`.
+    /// The text that a bag stores as schema with encoding `ros2msg`: this definition, then each
+    /// dependency after a line of 80 `=` and a line `MSG: package/Name`.
     fn definition() -> String {
         let mut text = Self::TEXT.trim_end().to_owned();
         text.push('\n');
@@ -83,7 +84,8 @@ impl Definition {
 mod tests {
     use super::*;
 
-    /// Every field type that the definition names is a built-in type or is defined in the same text.
+    /// Every field type that the definition names is a built-in type or is defined in the same
+    /// text.
     fn definition_is_closed<M: RosMessage>() {
         let text = M::definition();
         let mut defined = vec![format!("{}/{}", M::PACKAGE, M::NAME)];
@@ -102,7 +104,8 @@ mod tests {
             fields += 1;
             let kind = line.split_whitespace().next().unwrap().trim_end_matches("[]");
             let basic = ["bool", "byte", "int32", "uint32", "uint64", "float64", "string"];
-            let full = if kind.contains('/') { kind.to_owned() } else { format!("{package}/{kind}") };
+            let full =
+                if kind.contains('/') { kind.to_owned() } else { format!("{package}/{kind}") };
             assert!(
                 basic.contains(&kind) || defined.contains(&full),
                 "{}: type {kind} is neither built in nor defined",

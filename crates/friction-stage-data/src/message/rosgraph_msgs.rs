@@ -14,7 +14,8 @@ pub struct Clock {
 impl RosMessage for Clock {
     const PACKAGE: &'static str = "rosgraph_msgs";
     const NAME: &'static str = "Clock";
-    const TYPE_HASH: &'static str = "RIHS01_692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564";
+    const TYPE_HASH: &'static str =
+        "RIHS01_692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564";
     const TEXT: &'static str = "builtin_interfaces/Time clock";
     const DEPENDENCIES: &'static [Definition] = &[Definition::of::<Time>()];
 }

@@ -23,7 +23,8 @@ impl Header {
 impl RosMessage for Header {
     const PACKAGE: &'static str = "std_msgs";
     const NAME: &'static str = "Header";
-    const TYPE_HASH: &'static str = "RIHS01_f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01";
+    const TYPE_HASH: &'static str =
+        "RIHS01_f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01";
     const TEXT: &'static str = "builtin_interfaces/Time stamp\nstring frame_id";
     const DEPENDENCIES: &'static [Definition] = &[Definition::of::<Time>()];
 }
@@ -42,7 +43,8 @@ pub struct MultiArrayDimension {
 impl RosMessage for MultiArrayDimension {
     const PACKAGE: &'static str = "std_msgs";
     const NAME: &'static str = "MultiArrayDimension";
-    const TYPE_HASH: &'static str = "RIHS01_5e773a60a4c7fc8a54985f307c7837aa2994252a126c301957a24e31282c9cbe";
+    const TYPE_HASH: &'static str =
+        "RIHS01_5e773a60a4c7fc8a54985f307c7837aa2994252a126c301957a24e31282c9cbe";
     const TEXT: &'static str = "string label\nuint32 size\nuint32 stride";
     const DEPENDENCIES: &'static [Definition] = &[];
 }
@@ -59,7 +61,8 @@ pub struct MultiArrayLayout {
 impl RosMessage for MultiArrayLayout {
     const PACKAGE: &'static str = "std_msgs";
     const NAME: &'static str = "MultiArrayLayout";
-    const TYPE_HASH: &'static str = "RIHS01_4c66e6f78e740ac103a94cf63259f968e48c617e7699e829b63c21a5cb50dac6";
+    const TYPE_HASH: &'static str =
+        "RIHS01_4c66e6f78e740ac103a94cf63259f968e48c617e7699e829b63c21a5cb50dac6";
     const TEXT: &'static str = "MultiArrayDimension[] dim\nuint32 data_offset";
     const DEPENDENCIES: &'static [Definition] = &[Definition::of::<MultiArrayDimension>()];
 }
@@ -76,7 +79,8 @@ pub struct Float64MultiArray {
 impl RosMessage for Float64MultiArray {
     const PACKAGE: &'static str = "std_msgs";
     const NAME: &'static str = "Float64MultiArray";
-    const TYPE_HASH: &'static str = "RIHS01_1025ddc6b9552d191f89ef1a8d2f60f3d373e28b283d8891ddcc974e8c55397f";
+    const TYPE_HASH: &'static str =
+        "RIHS01_1025ddc6b9552d191f89ef1a8d2f60f3d373e28b283d8891ddcc974e8c55397f";
     const TEXT: &'static str = "MultiArrayLayout layout\nfloat64[] data";
     const DEPENDENCIES: &'static [Definition] =
         &[Definition::of::<MultiArrayLayout>(), Definition::of::<MultiArrayDimension>()];

@@ -22,8 +22,10 @@ pub struct JointTrajectoryPoint {
 impl RosMessage for JointTrajectoryPoint {
     const PACKAGE: &'static str = "trajectory_msgs";
     const NAME: &'static str = "JointTrajectoryPoint";
-    const TYPE_HASH: &'static str = "RIHS01_de8907036d8bd45aac6f30cc9044a3d4a329c42cbf719aff7d95a584cfa532d7";
-    const TEXT: &'static str = "float64[] positions\nfloat64[] velocities\nfloat64[] accelerations\n\
+    const TYPE_HASH: &'static str =
+        "RIHS01_de8907036d8bd45aac6f30cc9044a3d4a329c42cbf719aff7d95a584cfa532d7";
+    const TEXT: &'static str = "float64[] positions\nfloat64[] velocities\nfloat64[] \
+                                accelerations\n\
                                 float64[] effort\nbuiltin_interfaces/Duration time_from_start";
     const DEPENDENCIES: &'static [Definition] = &[Definition::of::<Duration>()];
 }
@@ -42,8 +44,10 @@ pub struct JointTrajectory {
 impl RosMessage for JointTrajectory {
     const PACKAGE: &'static str = "trajectory_msgs";
     const NAME: &'static str = "JointTrajectory";
-    const TYPE_HASH: &'static str = "RIHS01_179b33eba59d676f6d967ac71fe35e7ca2f64b2f3928f4a018cec115e213796e";
-    const TEXT: &'static str = "std_msgs/Header header\nstring[] joint_names\nJointTrajectoryPoint[] points";
+    const TYPE_HASH: &'static str =
+        "RIHS01_179b33eba59d676f6d967ac71fe35e7ca2f64b2f3928f4a018cec115e213796e";
+    const TEXT: &'static str =
+        "std_msgs/Header header\nstring[] joint_names\nJointTrajectoryPoint[] points";
     const DEPENDENCIES: &'static [Definition] = &[
         Definition::of::<Header>(),
         Definition::of::<Time>(),

@@ -1,4 +1,5 @@
-//! What a record leaves open, which pieces of motion tell most of it in the time that there is, and what they are expected to tell.
+//! What a record leaves open, which pieces of motion tell most of it in the time that there is, and
+//! what they are expected to tell.
 
 use rayon::prelude::*;
 
@@ -29,7 +30,10 @@ pub(super) struct Candidate {
 }
 
 /// Pieces that keep to the limits, each run with the identified model.
-pub(super) fn candidates(layout: &Layout, questions: &Questions) -> Result<Vec<Candidate>, NextExperimentError> {
+pub(super) fn candidates(
+    layout: &Layout,
+    questions: &Questions,
+) -> Result<Vec<Candidate>, NextExperimentError> {
     let tried = |segment: Segment| -> Result<Option<Candidate>, NextExperimentError> {
         let mut path = layout.approach(layout.middle(), segment.start(layout.limits.stroke));
         let from = path.seconds();
@@ -94,10 +98,16 @@ impl<'a> Agenda<'a> {
             let told = questions.rival(*effect, rival, &present, &present);
             let name = selection.after.fitted.hypothesis.effects[*effect].descriptor.name;
             told < questions.needed(*effect, &present, &present, selection.floor.carriage)
-                || selection.inseparable.iter().any(|pair| (pair.effect, pair.rival) == (name, *rival))
+                || selection
+                    .inseparable
+                    .iter()
+                    .any(|pair| (pair.effect, pair.rival) == (name, *rival))
         });
         let asked = questions
-            .of(|subject| matches!(subject, Subject::Rival { effect, rival } if rivals.contains(&(effect, rival))))
+            .of(|subject| match subject {
+                Subject::Rival { effect, rival } => rivals.contains(&(effect, rival)),
+                _ => false,
+            })
             .collect();
         let mut untested: Vec<Untested> = Vec::new();
         for (question, one) in questions.questions.iter().enumerate() {
@@ -111,16 +121,38 @@ impl<'a> Agenda<'a> {
         let deviations = questions.deviations(&present);
         let vague = questions.vague(&deviations);
         let floor = selection.floor.total().max(f64::MIN_POSITIVE);
-        Ok(Agenda { selection, questions, present, deviations, rivals, asked, vague, untested, floor })
+        Ok(Agenda {
+            selection,
+            questions,
+            present,
+            deviations,
+            rivals,
+            asked,
+            vague,
+            untested,
+            floor,
+        })
     }
 
-    /// Pieces behind those that have to be there, the one that tells most per second first; none where none tells anything.
-    pub(super) fn choose(&self, candidates: &[Candidate], forced: &[Segment], layout: &Layout) -> Vec<Segment> {
-        self.greedy(candidates, forced, layout, |all| self.evidence(all, &self.asked) + self.knowledge(all))
+    /// Pieces behind those that have to be there, the one that tells most per second first; none
+    /// where none tells anything.
+    pub(super) fn choose(
+        &self,
+        candidates: &[Candidate],
+        forced: &[Segment],
+        layout: &Layout,
+    ) -> Vec<Segment> {
+        self.greedy(candidates, forced, layout, |all| {
+            self.evidence(all, &self.asked) + self.knowledge(all)
+        })
     }
 
     /// The same for what the record would not have shown.
-    pub(super) fn choose_for_untested(&self, candidates: &[Candidate], layout: &Layout) -> Vec<Segment> {
+    pub(super) fn choose_for_untested(
+        &self,
+        candidates: &[Candidate],
+        layout: &Layout,
+    ) -> Vec<Segment> {
         let asked: Vec<usize> = self.untested.iter().map(|one| one.question).collect();
         self.greedy(candidates, &[], layout, |all| self.evidence(all, &asked))
     }
@@ -129,7 +161,8 @@ impl<'a> Agenda<'a> {
     fn evidence(&self, all: &Sums, asked: &[usize]) -> f64 {
         let unit = self.present.rows as f64 * self.floor * self.floor;
         let told = |question: usize| {
-            (self.questions.left(question, all, &self.questions.adapted(question, all)) / unit).ln_1p()
+            (self.questions.left(question, all, &self.questions.adapted(question, all)) / unit)
+                .ln_1p()
         };
         asked.iter().map(|question| told(*question)).sum()
     }
@@ -152,7 +185,8 @@ impl<'a> Agenda<'a> {
     ) -> Vec<Segment> {
         let mut pieces = forced.to_vec();
         let mut all = self.present.clone();
-        let mut left = layout.limits.duration - forced.iter().map(|piece| layout.duration(piece)).sum::<f64>();
+        let mut left =
+            layout.limits.duration - forced.iter().map(|piece| layout.duration(piece)).sum::<f64>();
         let mut best_rate = 0.0;
         let mut value = worth(&all);
         while pieces.len() < MOST_PIECES {
@@ -186,7 +220,10 @@ impl<'a> Agenda<'a> {
             let after = questions.rival(*effect, rival, new, all);
             let needed = questions.needed(*effect, new, all, self.selection.floor.carriage);
             Separation {
-                effect: self.selection.after.fitted.hypothesis.effects[*effect].descriptor.name.to_owned(),
+                effect: self.selection.after.fitted.hypothesis.effects[*effect]
+                    .descriptor
+                    .name
+                    .to_owned(),
                 rival: (*rival).to_owned(),
                 before: self.floors(questions.rival(*effect, rival, present, present)),
                 after: self.floors(after),
@@ -204,15 +241,21 @@ impl<'a> Agenda<'a> {
             let one = &self.questions.alternatives[0].coordinates[*index];
             let (name, unit) = match one.place {
                 Place::Effect { effect, value } => {
-                    let descriptor = self.selection.after.fitted.hypothesis.effects[effect].descriptor;
+                    let descriptor =
+                        self.selection.after.fitted.hypothesis.effects[effect].descriptor;
                     let parameter = descriptor.parameters.get(value);
                     let name = parameter.map_or("", |parameter| parameter.name);
-                    (format!("{}.{name}", descriptor.name), parameter.map_or("", |parameter| parameter.unit))
+                    (
+                        format!("{}.{name}", descriptor.name),
+                        parameter.map_or("", |parameter| parameter.unit),
+                    )
                 }
                 Place::Declared(declared) => (declared.name().to_owned(), "1"),
                 Place::Spread { .. } => ("difference between guides".to_owned(), "1"),
             };
-            let reach = |deviation: f64| Some(TWO_SIDED_95 * deviation * one.scale).filter(|reach| reach.is_finite());
+            let reach = |deviation: f64| {
+                Some(TWO_SIDED_95 * deviation * one.scale).filter(|reach| reach.is_finite())
+            };
             let (before, after) = (reach(self.deviations[*index]), reach(deviations[*index]));
             Sharpened { name, unit: unit.to_owned(), before, after }
         };

@@ -11,14 +11,16 @@ use friction_stage_core::plant::effects::Effects;
 use friction_stage_core::plant::{Rates, Stage};
 use friction_stage_data::bag::Trace;
 
-/// Part of the force beyond friction that a piece is laid out for: the rest is for the controller and the effects.
+/// Part of the force beyond friction that a piece is laid out for: the rest is for the controller
+/// and the effects.
 pub(super) const FORCE_SHARE: f64 = 0.8;
 /// Part of that with which runs of constant speed start and stop.
 pub(super) const GENTLE: f64 = 0.3;
 /// Bandwidth of the simulated controller, Hz, and its largest share of the rate.
 pub(super) const BANDWIDTH: (f64, f64) = (60.0, 1.0 / 14.0);
 
-/// What the carriage may be beyond the stroke, m: what it overshoots by where it reverses on a stroke of a few break-away distances. Assumed.
+/// What the carriage may be beyond the stroke, m: what it overshoots by where it reverses on a
+/// stroke of a few break-away distances. Assumed.
 const SLACK: f64 = 1e-6;
 
 /// A motion run with the identified model.
@@ -123,7 +125,8 @@ impl<'a> Layout<'a> {
         }
         for part in [0.02, 0.1, 0.4] {
             let amplitude = part * span;
-            let fastest = (speed / amplitude).min((self.acceleration / amplitude).sqrt()) / std::f64::consts::TAU;
+            let fastest = (speed / amplitude).min((self.acceleration / amplitude).sqrt())
+                / std::f64::consts::TAU;
             for share in [0.95, 0.4] {
                 // Slow enough for the controller to follow.
                 let frequency = (share * fastest).min(0.25 * self.bandwidth());
@@ -149,13 +152,20 @@ impl<'a> Layout<'a> {
         if selection.verdict != Verdict::Unknown {
             return Vec::new();
         }
-        let curve = selection.after.fitted.hypothesis.effects.iter().find_map(|part| part.parameters().curve);
+        let curve = selection
+            .after
+            .fitted
+            .hypothesis
+            .effects
+            .iter()
+            .find_map(|part| part.parameters().curve);
         let (low, high) = self.limits.stroke;
         let (kind, from, to) = match &curve {
             Some(curve) if curve.coordinate == Over::Position => {
                 let (from, to) = (curve.from.max(low), curve.to.min(high));
                 // A map that lies outside the stroke: then all of the stroke.
-                let (from, to) = if to - from >= 4.0 * self.forget { (from, to) } else { (low, high) };
+                let (from, to) =
+                    if to - from >= 4.0 * self.forget { (from, to) } else { (low, high) };
                 (Over::Position, from, to)
             }
             Some(curve) => (curve.coordinate, low, high),
@@ -166,8 +176,8 @@ impl<'a> Layout<'a> {
             Over::Velocity => (5, 1),
             Over::Time => (2, 2),
         };
-        // No faster than the way to get up to speed and down again allows, and so slow that the slowest takes half of the time, or a
-        // third of the fastest where there is time for less.
+        // No faster than the way to get up to speed and down again allows, and so slow that the
+        // slowest takes half of the time, or a third of the fastest where there is time for less.
         let reachable = (0.5 * (to - from) * self.gentle / RAMP_PEAK).sqrt();
         let fastest = reachable.min(0.9 * self.limits.speed);
         let time = 0.9 * self.limits.duration;
@@ -176,12 +186,18 @@ impl<'a> Layout<'a> {
             .map(|run| {
                 let share = run as f64 / (runs - 1) as f64;
                 // Over time the same motion again: what has changed is not the motion.
-                let speed = if kind == Over::Time { fastest / 3.0 } else { slowest * (fastest / slowest).powf(share) };
+                let speed = if kind == Over::Time {
+                    fastest / 3.0
+                } else {
+                    slowest * (fastest / slowest).powf(share)
+                };
                 Segment::Passes { speed, from, to, count }
             })
             .collect();
         // What does not fit goes, the slow ones first.
-        while pieces.len() > 1 && pieces.iter().map(|piece| self.duration(piece)).sum::<f64>() > self.limits.duration {
+        while pieces.len() > 1
+            && pieces.iter().map(|piece| self.duration(piece)).sum::<f64>() > self.limits.duration
+        {
             pieces.remove(0);
         }
         pieces
@@ -198,11 +214,16 @@ impl<'a> Layout<'a> {
         BANDWIDTH.0.min(BANDWIDTH.1 * self.rate)
     }
 
-    /// A path from anywhere in the stroke to `start`, the last bit of it always the same way, so that the guides know where they are.
+    /// A path from anywhere in the stroke to `start`, the last bit of it always the same way, so
+    /// that the guides know where they are.
     pub(super) fn approach(&self, from: f64, start: f64) -> Path {
         let mut path = Path::at(from);
         let excursion = self.forget.min(0.25 * self.span());
-        let before = if start - excursion >= self.limits.stroke.0 { start - excursion } else { start + excursion };
+        let before = if start - excursion >= self.limits.stroke.0 {
+            start - excursion
+        } else {
+            start + excursion
+        };
         path.to(self.time_for(self.span(), 0.5).max(0.5), before - from, 0.0, 0.0);
         path.rest(REST);
         path.to(self.time_for(excursion, 0.1).max(0.2), start - before, 0.0, 0.0);
@@ -225,7 +246,8 @@ impl<'a> Layout<'a> {
         path
     }
 
-    /// Runs the motion in closed loop, without noise; `from` s on the rows count. `None`: it goes beyond the limits.
+    /// Runs the motion in closed loop, without noise; `from` s on the rows count. `None`: it goes
+    /// beyond the limits.
     pub(super) fn simulate(
         &self,
         path: &Path,
@@ -236,7 +258,8 @@ impl<'a> Layout<'a> {
         let quiet = self.model.clone().without_noise();
         let mut stage = Stage::new(&quiet, rates, 0)?;
         stage.set_state(start, 0.0, &vec![0.0; quiet.guides.len()]);
-        let mut settings = ControllerSettings::paper(self.mass, self.rate, self.model.motor.force_limit);
+        let mut settings =
+            ControllerSettings::paper(self.mass, self.rate, self.model.motor.force_limit);
         settings.gains = Gains::from_bandwidth(self.bandwidth(), self.mass);
         let mut controller = Controller::new(settings)?;
         let mut follower = Follower::new(f64::INFINITY);
@@ -263,7 +286,8 @@ impl<'a> Layout<'a> {
             stage.advance(terms.output);
         }
         let ways = trace.reference_position.iter().chain(&trace.position);
-        let range = ways.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
+        let range = ways
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(*x), high.max(*x)));
         let (low, high) = self.hard.stroke;
         if range.0 < low - SLACK
             || range.1 > high + SLACK
@@ -274,7 +298,12 @@ impl<'a> Layout<'a> {
         }
         let mut measured = Measured::new(&trace, self.declared, "the simulated motion")?;
         let (time, until) = (&measured.time, path.seconds());
-        let rows = measured.rows.iter().copied().filter(|row| (from..=until).contains(&time[*row])).collect();
+        let rows = measured
+            .rows
+            .iter()
+            .copied()
+            .filter(|row| (from..=until).contains(&time[*row]))
+            .collect();
         measured.rows = rows;
         Ok(Some(Simulated { measured, peak_force, peak_speed, range }))
     }

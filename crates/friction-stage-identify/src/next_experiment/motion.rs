@@ -1,8 +1,10 @@
-//! Motions that a next experiment is made of: pieces that begin and end at rest, and the trajectory that they add up to.
+//! Motions that a next experiment is made of: pieces that begin and end at rest, and the trajectory
+//! that they add up to.
 
 use friction_stage_core::control::Point;
 
-/// Peak of the acceleration of the quintic rest-to-rest move over distance / duration^2, and of its speed over distance / duration.
+/// Peak of the acceleration of the quintic rest-to-rest move over distance / duration^2, and of its
+/// speed over distance / duration.
 pub(super) const QUINTIC: (f64, f64) = (5.773_502_691_896_258, 1.875);
 /// Peak acceleration of the start of a run at speed v in time T, over v / T.
 pub(super) const RAMP_PEAK: f64 = 1.5;
@@ -61,7 +63,11 @@ impl Segment {
 
     pub(super) fn description(&self) -> String {
         let mm = |metres: f64| {
-            if metres.abs() < 1e-3 { format!("{:.0} um", metres * 1e6) } else { format!("{:.1} mm", metres * 1e3) }
+            if metres.abs() < 1e-3 {
+                format!("{:.0} um", metres * 1e6)
+            } else {
+                format!("{:.1} mm", metres * 1e3)
+            }
         };
         match *self {
             Segment::ConstantSpeed { speed, distance } => {
@@ -74,10 +80,18 @@ impl Segment {
                 format!("sinusoid of {} at {frequency:.2} Hz, {count} periods", mm(amplitude))
             }
             Segment::RestAndBreakAway { rest, distance, speed } => {
-                format!("rest of {rest:.1} s, then {} at {:.1} mm/s, both ways", mm(distance), speed * 1e3)
+                format!(
+                    "rest of {rest:.1} s, then {} at {:.1} mm/s, both ways",
+                    mm(distance),
+                    speed * 1e3
+                )
             }
             Segment::FastMoves { distance, duration, count } => {
-                format!("{} in {:.0} ms, there and back, {count} times", mm(distance), duration * 1e3)
+                format!(
+                    "{} in {:.0} ms, there and back, {count} times",
+                    mm(distance),
+                    duration * 1e3
+                )
             }
         }
     }
@@ -86,7 +100,9 @@ impl Segment {
     pub(super) fn start(&self, stroke: (f64, f64)) -> f64 {
         let middle = 0.5 * (stroke.0 + stroke.1);
         match *self {
-            Segment::ConstantSpeed { distance, .. } | Segment::FastMoves { distance, .. } => middle - 0.5 * distance,
+            Segment::ConstantSpeed { distance, .. } | Segment::FastMoves { distance, .. } => {
+                middle - 0.5 * distance
+            }
             Segment::Passes { from, .. } => from,
             Segment::Oscillation { amplitude, .. } => middle - amplitude,
             Segment::RestAndBreakAway { distance, .. } => middle - 0.5 * distance,
@@ -110,7 +126,9 @@ impl Segment {
                     }
                 }
             }
-            Segment::Oscillation { amplitude, frequency, count } => path.oscillate(amplitude, frequency, count),
+            Segment::Oscillation { amplitude, frequency, count } => {
+                path.oscillate(amplitude, frequency, count)
+            }
             Segment::RestAndBreakAway { rest, distance, speed } => {
                 for way in [distance, -distance] {
                     path.rest(rest);
@@ -214,8 +232,11 @@ mod tests {
             let mut path = Path::at(0.01);
             path.run(way, speed, 5.0);
             assert!((path.position - 0.01 - way).abs() < 1e-12);
-            let fastest =
-                path.points.iter().filter_map(|point| point.velocity).fold(0.0, |most: f64, v| most.max(v.abs()));
+            let fastest = path
+                .points
+                .iter()
+                .filter_map(|point| point.velocity)
+                .fold(0.0, |most: f64, v| most.max(v.abs()));
             assert!(fastest <= speed * 1.000_001, "{fastest} {speed}");
             assert!(way.abs() < 0.01 || fastest > 0.98 * speed, "{fastest} {speed}");
             assert!(path.points.windows(2).all(|pair| pair[1].time > pair[0].time));

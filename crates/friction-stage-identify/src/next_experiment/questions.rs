@@ -1,4 +1,5 @@
-//! What a record leaves to ask, and how well a motion answers: how far the forces of two laws differ that may both adapt themselves.
+//! What a record leaves to ask, and how well a motion answers: how far the forces of two laws
+//! differ that may both adapt themselves.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -15,11 +16,14 @@ use friction_stage_core::model::ModelError;
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::plant::EffectDescriptor;
 
-/// Weight of what is declared in the squares of a motion: what counts is what the motion itself would show.
+/// Weight of what is declared in the squares of a motion: what counts is what the motion itself
+/// would show.
 const DATA_ALONE: f64 = 0.0;
-/// Half width of the 95 % interval of an effect's parameter, as a part of its value, above which it counts as open.
+/// Half width of the 95 % interval of an effect's parameter, as a part of its value, above which it
+/// counts as open.
 pub(super) const VAGUE: f64 = 0.2;
-/// Standard deviation of a declared parameter, in its tolerance, above which the data have told hardly anything about it.
+/// Standard deviation of a declared parameter, in its tolerance, above which the data have told
+/// hardly anything about it.
 pub(super) const UNTOLD: f64 = 0.5;
 
 /// Effects at a usual size, values in the order of their parameters: sizes as in their files.
@@ -102,7 +106,10 @@ pub(super) struct Questions {
 }
 
 impl Questions {
-    pub(super) fn new(selection: &Selection, train: &Measured) -> Result<Questions, NextExperimentError> {
+    pub(super) fn new(
+        selection: &Selection,
+        train: &Measured,
+    ) -> Result<Questions, NextExperimentError> {
         let after = &selection.after.fitted.hypothesis;
         let sides = Sides { motor: train.cell.is_some(), carriage: true };
         let has_cell = train.cell.is_some();
@@ -117,20 +124,29 @@ impl Questions {
             .filter_map(|(effect, part)| {
                 let name = part.descriptor.name;
                 // A rival whose values do not go together with the rest is none.
-                let fitted = fit(&after.without(effect).with(part), train, sides, Effort::COMPARED).ok()?;
+                let fitted =
+                    fit(&after.without(effect).with(part), train, sides, Effort::COMPARED).ok()?;
                 Some((effect, name, fitted.hypothesis))
             })
             .collect();
         let mut asked = Vec::new();
         for (effect, rival, hypothesis) in refitted {
             let subject = Subject::Rival { effect, rival };
-            questions.push(Question { subject, truth: after.clone(), alternative: alternatives.len() });
+            questions.push(Question {
+                subject,
+                truth: after.clone(),
+                alternative: alternatives.len(),
+            });
             alternatives.push(alternative(hypothesis.clone()));
             questions.push(Question { subject, truth: hypothesis, alternative: 0 });
             if !asked.contains(&effect) {
                 asked.push(effect);
                 let subject = Subject::Without { effect };
-                questions.push(Question { subject, truth: after.clone(), alternative: alternatives.len() });
+                questions.push(Question {
+                    subject,
+                    truth: after.clone(),
+                    alternative: alternatives.len(),
+                });
                 alternatives.push(alternative(after.without(effect)));
             }
         }
@@ -162,8 +178,20 @@ impl Questions {
         let (mut own, mut jacobians) = (Vec::new(), Vec::new());
         for Alternative { hypothesis, coordinates, .. } in &self.alternatives {
             let driven = hypothesis.driven(measured, self.sides, &Driven::default())?;
-            let left = stacked(&hypothesis.missing_of(&driven, measured, self.sides), coordinates, DATA_ALONE);
-            jacobians.push(derivatives(hypothesis, coordinates, &driven, measured, self.sides, &left, DATA_ALONE)?);
+            let left = stacked(
+                &hypothesis.missing_of(&driven, measured, self.sides),
+                coordinates,
+                DATA_ALONE,
+            );
+            jacobians.push(derivatives(
+                hypothesis,
+                coordinates,
+                &driven,
+                measured,
+                self.sides,
+                &left,
+                DATA_ALONE,
+            )?);
             own.push(left);
         }
         let sums: Vec<(DVector<f64>, f64)> = self
@@ -171,7 +199,11 @@ impl Questions {
             .par_iter()
             .map(|question| {
                 let coordinates = &self.alternatives[question.alternative].coordinates;
-                let truth = stacked(&question.truth.missing(measured, self.sides)?, coordinates, DATA_ALONE);
+                let truth = stacked(
+                    &question.truth.missing(measured, self.sides)?,
+                    coordinates,
+                    DATA_ALONE,
+                );
                 let difference = truth - &own[question.alternative];
                 let slope = jacobians[question.alternative].tr_mul(&difference);
                 Ok((slope, difference.norm_squared()))
@@ -192,7 +224,9 @@ impl Questions {
         let bounds: Vec<(f64, f64)> = self.alternatives[alternative]
             .coordinates
             .iter()
-            .map(|one| ((one.bounds.0 - one.value) / one.scale, (one.bounds.1 - one.value) / one.scale))
+            .map(|one| {
+                ((one.bounds.0 - one.value) / one.scale, (one.bounds.1 - one.value) / one.scale)
+            })
             .collect();
         within_bounds(&sums.gram[alternative], &sums.slope[question], &bounds)
     }
@@ -200,7 +234,9 @@ impl Questions {
     /// Sum of squares that is left over `part` with this adaptation.
     pub(super) fn left(&self, question: usize, part: &Sums, adapted: &DVector<f64>) -> f64 {
         let gram = &part.gram[self.questions[question].alternative];
-        (part.square[question] - 2.0 * part.slope[question].dot(adapted) + adapted.dot(&(gram * adapted))).max(0.0)
+        (part.square[question] - 2.0 * part.slope[question].dot(adapted)
+            + adapted.dot(&(gram * adapted)))
+        .max(0.0)
     }
 
     /// Mean square over `part` that an alternative adapted to `all` cannot imitate, N^2.
@@ -208,16 +244,20 @@ impl Questions {
         self.left(question, part, &self.adapted(question, all)) / part.rows.max(1) as f64
     }
 
-    /// Standard deviations of the coordinates of the identified model, in their scales: from the data and their tolerance.
+    /// Standard deviations of the coordinates of the identified model, in their scales: from the
+    /// data and their tolerance.
     pub(super) fn deviations(&self, sums: &Sums) -> Vec<f64> {
         let coordinates = &self.alternatives[0].coordinates;
         let mut information = &sums.gram[0] / self.variance;
         for (index, one) in coordinates.iter().enumerate() {
             // A tolerance is knowledge; the bounds of an effect are not.
-            information[(index, index)] += if matches!(one.place, Place::Effect { .. }) { 1e-9 } else { 1.0 };
+            information[(index, index)] +=
+                if matches!(one.place, Place::Effect { .. }) { 1e-9 } else { 1.0 };
         }
         match information.cholesky().map(|factors| factors.inverse()) {
-            Some(inverse) => inverse.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect(),
+            Some(inverse) => {
+                inverse.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect()
+            }
             None => vec![1.0; coordinates.len()],
         }
     }
@@ -242,15 +282,25 @@ impl Questions {
             .collect()
     }
 
-    /// The larger of both ways round: of two laws of which one contains the other, only the richer one can be recognised.
+    /// The larger of both ways round: of two laws of which one contains the other, only the richer
+    /// one can be recognised.
     pub(super) fn rival(&self, effect: usize, rival: &str, part: &Sums, all: &Sums) -> f64 {
-        self.of(|subject| matches!(subject, Subject::Rival { effect: of, rival: by } if of == effect && by == rival))
-            .map(|question| self.separable(question, part, all))
-            .fold(0.0, f64::max)
+        self.of(|subject| match subject {
+            Subject::Rival { effect: of, rival: by } => of == effect && by == rival,
+            _ => false,
+        })
+        .map(|question| self.separable(question, part, all))
+        .fold(0.0, f64::max)
     }
 
     /// Mean square below which the search would take the rival for as good.
-    pub(super) fn needed(&self, effect: usize, part: &Sums, all: &Sums, carriage_floor: f64) -> f64 {
+    pub(super) fn needed(
+        &self,
+        effect: usize,
+        part: &Sums,
+        all: &Sums,
+        carriage_floor: f64,
+    ) -> f64 {
         let gain = self
             .of(|subject| subject == Subject::Without { effect })
             .map(|question| self.separable(question, part, all))
@@ -269,21 +319,29 @@ pub(super) fn rivals(selection: &Selection) -> Vec<(usize, Part)> {
     let declared = selection.before.hypothesis.effects.len();
     let mut rivals: Vec<(usize, Part)> = Vec::new();
     let mut rounds = Vec::new();
-    let mut chosen: Vec<_> = selection.evidence.iter().filter(|one| one.outcome == Outcome::Chosen).collect();
-    for (effect, part) in selection.after.fitted.hypothesis.effects.iter().enumerate().skip(declared) {
+    let mut chosen: Vec<_> =
+        selection.evidence.iter().filter(|one| one.outcome == Outcome::Chosen).collect();
+    for (effect, part) in
+        selection.after.fitted.hypothesis.effects.iter().enumerate().skip(declared)
+    {
         if part.descriptor.name == "map" {
             continue;
         }
         // Of several of a name the first one is the one that was added first.
-        let Some(place) = chosen.iter().position(|one| one.name == part.descriptor.name) else { continue };
+        let Some(place) = chosen.iter().position(|one| one.name == part.descriptor.name) else {
+            continue;
+        };
         let won = chosen.remove(place);
         // Of ripples that were chosen together the first stands for all.
         if rounds.contains(&won.round) {
             continue;
         }
         rounds.push(won.round);
-        let mut others: Vec<_> =
-            selection.evidence.iter().filter(|one| one.round == won.round && one.outcome != Outcome::Chosen).collect();
+        let mut others: Vec<_> = selection
+            .evidence
+            .iter()
+            .filter(|one| one.round == won.round && one.outcome != Outcome::Chosen)
+            .collect();
         others.sort_by(|a, b| b.holdout_gain.total_cmp(&a.holdout_gain));
         let close = |(rank, one): &(usize, &&Evidence)| {
             one.outcome == Outcome::Equal || (*rank == 0 && one.outcome == Outcome::Beaten)
@@ -295,9 +353,14 @@ pub(super) fn rivals(selection: &Selection) -> Vec<(usize, Part)> {
     rivals
 }
 
-/// The p within `bounds`, which hold 0, that makes p'Gp - 2 g'p least: Newton steps on the free coordinates up to the first bound, which is
-/// then held until its slope points inwards (active set; Nocedal, Wright, "Numerical Optimization", ch. 16.5).
-pub(super) fn within_bounds(gram: &DMatrix<f64>, slope: &DVector<f64>, bounds: &[(f64, f64)]) -> DVector<f64> {
+/// The p within `bounds`, which hold 0, that makes p'Gp - 2 g'p least: Newton steps on the free
+/// coordinates up to the first bound, which is then held until its slope points inwards (active
+/// set; Nocedal, Wright, "Numerical Optimization", ch. 16.5).
+pub(super) fn within_bounds(
+    gram: &DMatrix<f64>,
+    slope: &DVector<f64>,
+    bounds: &[(f64, f64)],
+) -> DVector<f64> {
     let count = slope.len();
     let mut p = DVector::zeros(count);
     let mut held = vec![false; count];
@@ -312,7 +375,8 @@ pub(super) fn within_bounds(gram: &DMatrix<f64>, slope: &DVector<f64>, bounds: &
             for index in 0..free.len() {
                 matrix[(index, index)] += ridge;
             }
-            let right = DVector::from_iterator(free.len(), free.iter().map(|index| downhill[*index]));
+            let right =
+                DVector::from_iterator(free.len(), free.iter().map(|index| downhill[*index]));
             let Some(step) = matrix.cholesky().map(|factors| factors.solve(&right)) else { break };
             let mut reach = 1.0;
             for (step, index) in step.iter().zip(&free) {
@@ -334,7 +398,8 @@ pub(super) fn within_bounds(gram: &DMatrix<f64>, slope: &DVector<f64>, bounds: &
                 let inwards = |index: &usize| {
                     let (lower, upper) = bounds[*index];
                     let at_upper = (upper - p[*index]).abs() <= (p[*index] - lower).abs();
-                    held[*index] && (if at_upper { -downhill[*index] } else { downhill[*index] }) > scale
+                    held[*index]
+                        && (if at_upper { -downhill[*index] } else { downhill[*index] }) > scale
                 };
                 match (0..count).find(inwards) {
                     Some(index) => held[index] = false,
@@ -377,7 +442,8 @@ mod tests {
         let mut known: Vec<&str> = USUAL.iter().map(|(name, _)| *name).collect();
         known.push("map");
         known.sort_unstable();
-        let all: Vec<&str> = friction_stage_core::plant::effects::ALL.iter().map(|effect| effect.name).collect();
+        let all: Vec<&str> =
+            friction_stage_core::plant::effects::ALL.iter().map(|effect| effect.name).collect();
         assert_eq!(known, all);
         for (name, values) in USUAL {
             let descriptor = EffectDescriptor::find(name).unwrap();

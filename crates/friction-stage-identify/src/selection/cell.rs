@@ -8,28 +8,39 @@ use friction_stage_core::plant::Side;
 use super::worth::{HALF_OF_THE_REST, NOISE_LIKE};
 use super::{Errors, Search};
 
-/// Share of the explainable residual that the zero of a cell may wander by beside a drift that was found. Assumed: the law explains at least nine tenths.
+/// Share of the explainable residual that the zero of a cell may wander by beside a drift that was
+/// found. Assumed: the law explains at least nine tenths.
 const WANDERS_AT_MOST: f64 = 0.1;
-/// Span over which a zero that wanders hardly changes, s, and share of its square that means over such spans show at least. Assumed.
+/// Span over which a zero that wanders hardly changes, s, and share of its square that means over
+/// such spans show at least. Assumed.
 const SLOW: f64 = 1.0;
 const SHOWN_BY_MEANS: f64 = 0.9;
 
 impl Search<'_> {
-    /// Whether what comes to `before` takes out force that the stage lacks, and not what the cell reads wrong. A zero may wander by more than the drift that was
-    /// found, both sides miss that with opposite signs, and any law or curve that is slow enough follows it. The sum of both sides, from the command to the
-    /// motion, is free of it: there a force of motor or carriage takes out at least half of what it does on the sides.
+    /// Whether what comes to `before` takes out force that the stage lacks, and not what the cell
+    /// reads wrong. A zero may wander by more than the drift that was found, both sides miss that
+    /// with opposite signs, and any law or curve that is slow enough follows it. The sum of both
+    /// sides, from the command to the motion, is free of it: there a force of motor or carriage
+    /// takes out at least half of what it does on the sides.
     pub(super) fn shows_without_cell(
         &self,
         (before, errors_before): (&Hypothesis, &Errors),
         (with, errors_with): (&Hypothesis, &Errors),
     ) -> Result<bool, IdentifyError> {
-        if !self.has_cell() || !before.effects.iter().any(is_of_cell) || with.effects.last().is_some_and(is_of_cell) {
+        if !self.has_cell()
+            || !before.effects.iter().any(is_of_cell)
+            || with.effects.last().is_some_and(is_of_cell)
+        {
             return Ok(true);
         }
-        let takes =
-            |before: &Hypothesis, with: &Hypothesis, measured: &Measured, gain: f64| -> Result<bool, IdentifyError> {
-                Ok(without_cell(before, measured)? - without_cell(with, measured)? >= HALF_OF_THE_REST * gain)
-            };
+        let takes = |before: &Hypothesis,
+                     with: &Hypothesis,
+                     measured: &Measured,
+                     gain: f64|
+         -> Result<bool, IdentifyError> {
+            Ok(without_cell(before, measured)? - without_cell(with, measured)?
+                >= HALF_OF_THE_REST * gain)
+        };
         let holdout = self.holdout;
         Ok(takes(before, with, self.train, errors_before.train() - errors_with.train())?
             && takes(
@@ -40,14 +51,17 @@ impl Search<'_> {
             )?)
     }
 
-    /// How far the zero of the cell is off on the hold-out beyond the law that was found for it, N rms. `None` unless that is all that is left: from the command
-    /// to the motion nothing but noise is missing, and what the cell reads wrong is slow and little against what was found.
+    /// How far the zero of the cell is off on the hold-out beyond the law that was found for it, N
+    /// rms. `None` unless that is all that is left: from the command to the motion nothing but
+    /// noise is missing, and what the cell reads wrong is slow and little against what was found.
     pub(super) fn wander_of_zero(&self) -> Result<Option<f64>, IdentifyError> {
-        let of_cell = self.best.hypothesis.effects[self.declared_effects()..].iter().any(is_of_cell);
+        let of_cell =
+            self.best.hypothesis.effects[self.declared_effects()..].iter().any(is_of_cell);
         if !self.has_cell() || !of_cell || self.is_noise(&self.best_errors) {
             return Ok(None);
         }
-        let little = self.beyond_noise(&self.best_errors) <= WANDERS_AT_MOST * self.beyond_noise(&self.errors_before);
+        let little = self.beyond_noise(&self.best_errors)
+            <= WANDERS_AT_MOST * self.beyond_noise(&self.errors_before);
         let here = self.best.hypothesis.in_record(self.holdout)?;
         let elsewhere = without_cell(&here, self.holdout)?.sqrt() > NOISE_LIKE * self.floor.total();
         let missing = here.missing(self.holdout, Sides::MOTOR)?.motor;
@@ -62,7 +76,8 @@ impl Search<'_> {
 fn square_of_means(time: &[f64], signal: &[f64], span: f64) -> f64 {
     let rows: Vec<(f64, f64)> = time.iter().copied().zip(signal.iter().copied()).collect();
     let spans = rows.chunk_by(|(one, _), (next, _)| (one / span).floor() == (next / span).floor());
-    let squares = spans.map(|rows| rows.iter().map(|(_, value)| value).sum::<f64>().powi(2) / rows.len() as f64);
+    let squares = spans
+        .map(|rows| rows.iter().map(|(_, value)| value).sum::<f64>().powi(2) / rows.len() as f64);
     squares.sum::<f64>() / signal.len() as f64
 }
 
@@ -73,7 +88,9 @@ fn is_of_cell(part: &Part) -> bool {
 /// Mean square of the force that is missing from the command to the motion, N^2.
 fn without_cell(hypothesis: &Hypothesis, measured: &Measured) -> Result<f64, IdentifyError> {
     let missing = hypothesis.missing(measured, Sides::BOTH)?;
-    Ok(mean_square(missing.motor.iter().zip(&missing.carriage).map(|(motor, carriage)| motor + carriage)))
+    Ok(mean_square(
+        missing.motor.iter().zip(&missing.carriage).map(|(motor, carriage)| motor + carriage),
+    ))
 }
 
 #[cfg(test)]
@@ -88,7 +105,8 @@ mod tests {
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
 
-    /// A vibration of 0.5 N at 4 Hz on the carriage, and a cell whose zero goes as far: half of it on the carriage takes as much out of either residual.
+    /// A vibration of 0.5 N at 4 Hz on the carriage, and a cell whose zero goes as far: half of it
+    /// on the carriage takes as much out of either residual.
     #[test]
     fn what_wanders_in_the_cell_is_no_force_though_a_law_takes_it_out() {
         let (amplitude, frequency) = (0.5, 4.0);
@@ -100,10 +118,16 @@ mod tests {
         let drift = Part { descriptor: drift, values: vec![0.0, 0.0, 0.0, 10.0] };
         for in_cell in [true, false] {
             let declared = StageModel::default();
-            let shaken = StageModel { effects: vec![vibration(amplitude, 0.0).parameters()], ..declared.clone() };
+            let shaken = StageModel {
+                effects: vec![vibration(amplitude, 0.0).parameters()],
+                ..declared.clone()
+            };
             let record = |seed, moves| {
-                let mut trace = recording(if in_cell { &declared } else { &shaken }, seed, 0.0, moves);
-                for (time, reading) in trace.time.iter().zip(&mut trace.force_cell).filter(|_| in_cell) {
+                let mut trace =
+                    recording(if in_cell { &declared } else { &shaken }, seed, 0.0, moves);
+                for (time, reading) in
+                    trace.time.iter().zip(&mut trace.force_cell).filter(|_| in_cell)
+                {
                     *reading += amplitude * (TAU * frequency * time).sin();
                 }
                 Measured::new(&trace, &declared, "the record").unwrap()
@@ -113,18 +137,24 @@ mod tests {
             let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
             search.best.hypothesis = start.with(drift.clone());
             search.best_errors = errors(&search.best.hypothesis, &train, &holdout).unwrap();
-            let part = if in_cell { vibration(0.5 * amplitude, PI) } else { vibration(amplitude, 0.0) };
+            let part =
+                if in_cell { vibration(0.5 * amplitude, PI) } else { vibration(amplitude, 0.0) };
             let with = search.best.hypothesis.with(part.clone());
             let found = errors(&with, &train, &holdout).unwrap();
             let before = &search.best_errors;
-            assert!(before.train() - found.train() > 0.02 && before.holdout() - found.holdout() > 0.02, "{in_cell}");
-            let shows = search.shows_without_cell((&search.best.hypothesis, before), (&with, &found)).unwrap();
+            assert!(
+                before.train() - found.train() > 0.02 && before.holdout() - found.holdout() > 0.02,
+                "{in_cell}"
+            );
+            let shows = search
+                .shows_without_cell((&search.best.hypothesis, before), (&with, &found))
+                .unwrap();
             assert_eq!(shows, !in_cell);
         }
     }
 
-    /// Beside a drift of 0.5 N/s: a zero that moves by 0.1 N over ten seconds, one by half of the drift, a reading that shakes three times a second, and
-    /// a force of the motor that is as slow.
+    /// Beside a drift of 0.5 N/s: a zero that moves by 0.1 N over ten seconds, one by half of the
+    /// drift, a reading that shakes three times a second, and a force of the motor that is as slow.
     #[test]
     fn only_a_slow_and_small_rest_of_the_cell_is_a_zero_that_wanders() {
         let model = StageModel::default();
@@ -139,16 +169,24 @@ mod tests {
             Measured::new(&trace, &model, "the record").unwrap()
         };
         let drift = part("force_cell_drift", &[("rate", 0.5)]);
-        for (size, frequency, in_cell, expected) in
-            [(0.15, 0.1, true, true), (1.0, 0.1, true, false), (0.15, 3.0, true, false), (0.15, 0.1, false, false)]
-        {
-            let (train, holdout) = (record(3, 6, size, frequency, in_cell), record(4, 4, size, frequency, in_cell));
+        for (size, frequency, in_cell, expected) in [
+            (0.15, 0.1, true, true),
+            (1.0, 0.1, true, false),
+            (0.15, 3.0, true, false),
+            (0.15, 0.1, false, false),
+        ] {
+            let (train, holdout) =
+                (record(3, 6, size, frequency, in_cell), record(4, 4, size, frequency, in_cell));
             let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
             let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
             search.best.hypothesis = start.with(drift.clone());
             search.best_errors = errors(&search.best.hypothesis, &train, &holdout).unwrap();
             let wander = search.wander_of_zero().unwrap();
-            assert_eq!(wander.is_some(), expected, "{size} N at {frequency} Hz, in the cell: {in_cell}, {wander:?}");
+            assert_eq!(
+                wander.is_some(),
+                expected,
+                "{size} N at {frequency} Hz, in the cell: {in_cell}, {wander:?}"
+            );
             assert!(wander.is_none_or(|wander| (0.05..size).contains(&wander)), "{wander:?}");
         }
     }

@@ -26,7 +26,10 @@ pub(super) struct Columns {
 }
 
 impl Columns {
-    pub(super) fn new(hypothesis: &Hypothesis, measured: &Measured) -> Result<Columns, IdentifyError> {
+    pub(super) fn new(
+        hypothesis: &Hypothesis,
+        measured: &Measured,
+    ) -> Result<Columns, IdentifyError> {
         let driven = hypothesis.driven(measured, Sides::BOTH, &Driven::default())?;
         let missing = hypothesis.missing_of(&driven, measured, Sides::BOTH);
         let motor = if measured.cell.is_some() { missing.motor } else { missing.carriage.clone() };

@@ -13,15 +13,19 @@ use super::columns::Columns;
 use super::worth::HALF_OF_THE_REST;
 use super::{Errors, Evidence, Outcome, SEVERAL, Search, errors};
 
-/// How many times that a curve must take: it says less than a law, and of a law that is just too small a curve would tell.
+/// How many times that a curve must take: it says less than a law, and of a law that is just too
+/// small a curve would tell.
 const CURVE_GAIN: f64 = 2.0;
-/// Share of the explainable residual that a map must take out beyond the laws for the verdict to become unknown; where it is so already, of what they leave.
+/// Share of the explainable residual that a map must take out beyond the laws for the verdict to
+/// become unknown; where it is so already, of what they leave.
 pub(super) const UNEXPLAINED: f64 = 0.1;
-/// Part of what laws leave unexplained that a curve in their place may leave at most: a law says more than a curve of many knots.
+/// Part of what laws leave unexplained that a curve in their place may leave at most: a law says
+/// more than a curve of many knots.
 pub(super) const CURVE_ALONE: f64 = 0.5;
 /// Periods within the travel from which on a ripple has shown that it is one. Assumed.
 const LEAST_PERIODS: f64 = 3.0;
-/// Part of what a curve must take out of the hold-out that it must come to on the train record, or its fit is given up. Assumed.
+/// Part of what a curve must take out of the hold-out that it must come to on the train record, or
+/// its fit is given up. Assumed.
 const SHOWN_ON_TRAIN: f64 = 0.5;
 /// First and last step with which the place of a jump is sought around where it stands, s. Assumed.
 const COARSE_PLACE: f64 = 16e-3;
@@ -44,23 +48,30 @@ impl Search<'_> {
     /// What is left over one coordinate that no law has?
     pub(super) fn add_curve(&mut self) -> Result<(), IdentifyError> {
         self.watch.progress("curves over position, velocity and time", 0.9);
-        // Where laws leave more than noise, half of that is worth a curve, however little it is of the whole; where they are no answer, less is.
+        // Where laws leave more than noise, half of that is worth a curve, however little it is of
+        // the whole; where they are no answer, less is.
         let rest = self.beyond_noise(&self.best_errors).max(0.0);
-        let of_the_rest = match (self.is_noise(&self.best_errors), self.is_explained(&self.best_errors)) {
-            (true, _) => f64::INFINITY,
-            (false, true) => HALF_OF_THE_REST,
-            (false, false) => UNEXPLAINED,
-        };
-        let least = (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(of_the_rest * rest);
-        if let Some((with, over)) = self.with_curve(&self.best.hypothesis, &self.best_errors, least, Effort::KEPT)? {
+        let of_the_rest =
+            match (self.is_noise(&self.best_errors), self.is_explained(&self.best_errors)) {
+                (true, _) => f64::INFINITY,
+                (false, true) => HALF_OF_THE_REST,
+                (false, false) => UNEXPLAINED,
+            };
+        let least =
+            (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(of_the_rest * rest);
+        if let Some((with, over)) =
+            self.with_curve(&self.best.hypothesis, &self.best_errors, least, Effort::KEPT)?
+        {
             self.runners_up.push(Vec::new());
             self.coordinate = Some(over);
             self.take(with)?;
         }
-        // Laws that explain a part each bend towards what is none of them: one curve alone may say it better.
+        // Laws that explain a part each bend towards what is none of them: one curve alone may say
+        // it better.
         let added = self.best.hypothesis.effects.len() - self.declared_effects();
         let laws = added - usize::from(self.curve().is_some());
-        let unexplained = !self.is_noise(&self.best_errors) && !self.is_explained(&self.best_errors);
+        let unexplained =
+            !self.is_noise(&self.best_errors) && !self.is_explained(&self.best_errors);
         if laws > 0
             && (unexplained || !self.unproven_ripples().is_empty())
             && let Some((alone, over)) =
@@ -69,7 +80,8 @@ impl Search<'_> {
             let found = errors(&alone.hypothesis, self.train, self.holdout)?;
             if self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(&self.best_errors) {
                 (self.best, self.best_errors, self.coordinate) = (alone, found, Some(over));
-                let kept = |one: &&mut Evidence| matches!(one.outcome, Outcome::Chosen | Outcome::Equal);
+                let kept =
+                    |one: &&mut Evidence| matches!(one.outcome, Outcome::Chosen | Outcome::Equal);
                 self.evidence.iter_mut().filter(kept).for_each(|one| one.outcome = Outcome::Pruned);
                 self.inseparable.clear();
                 self.runners_up.truncate(self.declared_effects());
@@ -79,13 +91,15 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Laws that were added which repeat over the position, and hardly do so in this record, with how often they do: a few of these add up to any curve.
+    /// Laws that were added which repeat over the position, and hardly do so in this record, with
+    /// how often they do: a few of these add up to any curve.
     pub(super) fn unproven_ripples(&self) -> Vec<(&'static str, f64)> {
         let (from, to) = friction_stage_core::numerics::range(&self.train.position);
         let added = self.best.hypothesis.effects[self.declared_effects()..].iter();
-        let ripples = added
-            .filter(|part| SEVERAL.contains(&part.descriptor.name))
-            .filter_map(|part| Some((part.descriptor.name, (to - from) / part.value_of("period")?)));
+        let ripples =
+            added.filter(|part| SEVERAL.contains(&part.descriptor.name)).filter_map(|part| {
+                Some((part.descriptor.name, (to - from) / part.value_of("period")?))
+            });
         ripples.filter(|(_, periods)| *periods < LEAST_PERIODS).collect()
     }
 
@@ -99,14 +113,22 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Where the curve stands that the search has added; one that the model declares is not for it to change.
+    /// Where the curve stands that the search has added; one that the model declares is not for it
+    /// to change.
     pub(super) fn curve(&self) -> Option<usize> {
-        let last = self.best.hypothesis.effects.iter().rposition(|part| part.descriptor.name == "map");
+        let last =
+            self.best.hypothesis.effects.iter().rposition(|part| part.descriptor.name == "map");
         last.filter(|index| *index >= self.declared_effects())
     }
 
-    /// Takes a fit with another curve, which stands last there, in place of the one that stands at `index`.
-    pub(super) fn replace_curve(&mut self, index: usize, with: Fitted, over: Coordinate) -> Result<(), IdentifyError> {
+    /// Takes a fit with another curve, which stands last there, in place of the one that stands at
+    /// `index`.
+    pub(super) fn replace_curve(
+        &mut self,
+        index: usize,
+        with: Fitted,
+        over: Coordinate,
+    ) -> Result<(), IdentifyError> {
         self.runners_up.remove(index);
         self.runners_up.push(Vec::new());
         self.coordinate = Some(over);
@@ -119,7 +141,9 @@ impl Search<'_> {
         self.watch.progress("the curve once more", 0.92);
         let without = self.best.hypothesis.without(index);
         let left = errors(&without, self.train, self.holdout)?;
-        let Some((with, over)) = self.with_curve(&without, &left, 0.0, Effort::KEPT)? else { return Ok(false) };
+        let Some((with, over)) = self.with_curve(&without, &left, 0.0, Effort::KEPT)? else {
+            return Ok(false);
+        };
         let found = errors(&with.hypothesis, self.train, self.holdout)?;
         let (now, before) = (self.beyond_noise(&found), self.beyond_noise(&self.best_errors));
         if now < before {
@@ -128,7 +152,8 @@ impl Search<'_> {
         Ok(now < (1.0 - UNEXPLAINED) * before && !self.is_noise(&found))
     }
 
-    /// The curve over position, velocity or time that takes most out of the hold-out, if that is more than chance, and with everything refitted more than `least` (N^2).
+    /// The curve over position, velocity or time that takes most out of the hold-out, if that is
+    /// more than chance, and with everything refitted more than `least` (N^2).
     pub(super) fn with_curve(
         &self,
         start: &Hypothesis,
@@ -137,32 +162,43 @@ impl Search<'_> {
         effort: Effort,
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
         let drawn = self.drawn_curves(start, start_errors)?;
-        let effort = effort.worth_below(self.train.rows.len() as f64 * (start_errors.train() - SHOWN_ON_TRAIN * least));
-        // The best one of each damping: moves are far from linear, so that one that is better at first need not be the better one.
-        // A curve that the train record does not show is drawn through what it says nothing of, and fits the hold-out by chance.
+        let effort = effort.worth_below(
+            self.train.rows.len() as f64 * (start_errors.train() - SHOWN_ON_TRAIN * least),
+        );
+        // The best one of each damping: moves are far from linear, so that one that is better at
+        // first need not be the better one. A curve that the train record does not show is drawn
+        // through what it says nothing of, and fits the hold-out by chance.
         let gain = |fitted: &Fitted| -> Result<f64, IdentifyError> {
             let left = errors(&fitted.hypothesis, self.train, self.holdout)?;
             let side = fitted.hypothesis.effects.last().map_or(Side::Carriage, Part::side);
             let is_shown = start_errors.train() - left.train() > CURVE_GAIN * self.threshold(side);
-            let is_shown = is_shown && self.shows_without_cell((start, start_errors), (&fitted.hypothesis, &left))?;
+            let is_shown = is_shown
+                && self.shows_without_cell((start, start_errors), (&fitted.hypothesis, &left))?;
             Ok(if is_shown { start_errors.holdout() - left.holdout() } else { f64::NEG_INFINITY })
         };
         let fitted = curve::DAMPINGS.par_iter().filter_map(|damping| {
             let alike = drawn.iter().filter(|one| one.damping == *damping);
             let one = alike.max_by(|one, other| one.gain.total_cmp(&other.gain))?;
             let fitted = || -> Result<_, IdentifyError> {
-                let fitted =
-                    self.with_jump_in_place(fit(&one.with, self.train, Sides::BOTH, effort)?, false, effort)?;
+                let fitted = self.with_jump_in_place(
+                    fit(&one.with, self.train, Sides::BOTH, effort)?,
+                    false,
+                    effort,
+                )?;
                 let gain = gain(&fitted)?;
                 Ok((fitted, gain, one.over))
             };
             Some(fitted())
         });
         let fitted = fitted.collect::<Result<Vec<_>, _>>()?.into_iter();
-        let best = fitted.filter(|(_, gain, _)| *gain > least).max_by(|one, other| one.1.total_cmp(&other.1));
+        let best = fitted
+            .filter(|(_, gain, _)| *gain > least)
+            .max_by(|one, other| one.1.total_cmp(&other.1));
         let Some((held, by_held, over)) = best else { return Ok(None) };
-        // A change of friction multiplies what the guides have, and these were bent when it was drawn.
-        let of_friction = |part: &Part| part.parameters().curve.is_some_and(|curve| curve.side.is_of_friction());
+        // A change of friction multiplies what the guides have, and these were bent when it was
+        // drawn.
+        let of_friction =
+            |part: &Part| part.parameters().curve.is_some_and(|curve| curve.side.is_of_friction());
         if !held.hypothesis.effects.last().is_some_and(of_friction) {
             return Ok(Some((held, over)));
         }
@@ -172,7 +208,11 @@ impl Search<'_> {
     }
 
     /// The heights of a curve fitted with everything else, with a jump if what it leaves shows one.
-    fn with_heights_fitted(&self, held: &Hypothesis, effort: Effort) -> Result<Fitted, IdentifyError> {
+    fn with_heights_fitted(
+        &self,
+        held: &Hypothesis,
+        effort: Effort,
+    ) -> Result<Fitted, IdentifyError> {
         let fitted = |start: &Hypothesis| -> Result<Fitted, IdentifyError> {
             let fitted = fit(start, self.train, Sides::BOTH, effort)?;
             // With the guides as they were bent to where it stood, and then as they are.
@@ -189,7 +229,8 @@ impl Search<'_> {
         Ok(best.holding_curves())
     }
 
-    /// The same with a jump in its curve, that stands last, where what it leaves shows one; `None` where there may be none, or is one.
+    /// The same with a jump in its curve, that stands last, where what it leaves shows one; `None`
+    /// where there may be none, or is one.
     fn with_a_jump(&self, hypothesis: &Hypothesis) -> Result<Option<Hypothesis>, IdentifyError> {
         let Some(place) = hypothesis.effects.len().checked_sub(1) else { return Ok(None) };
         let Part { descriptor, values } = &hypothesis.effects[place];
@@ -199,22 +240,37 @@ impl Search<'_> {
         }
         let columns = Columns::new(hypothesis, self.train)?;
         let beside = Beside::of(hypothesis, self.train)?;
-        curve.jump = curve::jump(&columns.residual(curve.side == CurveSide::Motor), curve.side, &beside);
+        curve.jump =
+            curve::jump(&columns.residual(curve.side == CurveSide::Motor), curve.side, &beside);
         if curve.jump.is_none() {
             return Ok(None);
         }
         // Values that do not go together are no curve.
-        let Ok(values) = descriptor.values_of(&EffectParameters::map(curve)) else { return Ok(None) };
+        let Ok(values) = descriptor.values_of(&EffectParameters::map(curve)) else {
+            return Ok(None);
+        };
         let mut jumping = hypothesis.clone();
         jumping.effects[place].values = values;
         Ok(Some(jumping))
     }
 
-    /// The same with the jump of its curve where it leaves least, fitted anew if that is another place: sought around where it stands, or everywhere.
-    fn with_jump_in_place(&self, fitted: Fitted, everywhere: bool, effort: Effort) -> Result<Fitted, IdentifyError> {
+    /// The same with the jump of its curve where it leaves least, fitted anew if that is another
+    /// place: sought around where it stands, or everywhere.
+    fn with_jump_in_place(
+        &self,
+        fitted: Fitted,
+        everywhere: bool,
+        effort: Effort,
+    ) -> Result<Fitted, IdentifyError> {
         let has_jump = |part: &Part| part.value_of("jump").is_some_and(|height| height != 0.0);
-        let Some(curve) = fitted.hypothesis.effects.iter().rposition(has_jump) else { return Ok(fitted) };
-        let at = fitted.hypothesis.effects[curve].descriptor.parameters.iter().position(|one| one.name == "jump_at");
+        let Some(curve) = fitted.hypothesis.effects.iter().rposition(has_jump) else {
+            return Ok(fitted);
+        };
+        let at = fitted.hypothesis.effects[curve]
+            .descriptor
+            .parameters
+            .iter()
+            .position(|one| one.name == "jump_at");
         let (Some(at), false) = (at, curve < self.declared_effects()) else { return Ok(fitted) };
         let moved = |stands: &Hypothesis, aside: f64| {
             let mut moved = stands.clone();
@@ -235,12 +291,15 @@ impl Search<'_> {
             best = best_of([best.clone()].into_iter().chain(elsewhere).collect()).unwrap_or(best);
             // Where a stage hardly moves bristles forget nothing.
             let count = (HARDLY_MOVES / COARSE_PLACE) as i32;
-            let around = (-count..=count).map(|place| moved(&best, f64::from(place) * COARSE_PLACE)).collect();
+            let around = (-count..=count)
+                .map(|place| moved(&best, f64::from(place) * COARSE_PLACE))
+                .collect();
             best = best_of(around).unwrap_or(best);
         }
         let mut step = 0.5 * COARSE_PLACE;
         while step >= FINE_PLACE {
-            best = best_of(vec![best.clone(), moved(&best, -step), moved(&best, step)]).unwrap_or(best);
+            best = best_of(vec![best.clone(), moved(&best, -step), moved(&best, step)])
+                .unwrap_or(best);
             step *= 0.5;
         }
         let stands = best.effects[curve].values[at] == fitted.hypothesis.effects[curve].values[at];
@@ -248,36 +307,54 @@ impl Search<'_> {
     }
 
     /// Curves over everything that there is, those that take more than chance out of the hold-out.
-    fn drawn_curves(&self, start: &Hypothesis, start_errors: &Errors) -> Result<Vec<DrawnCurve>, IdentifyError> {
+    fn drawn_curves(
+        &self,
+        start: &Hypothesis,
+        start_errors: &Errors,
+    ) -> Result<Vec<DrawnCurve>, IdentifyError> {
         let columns = Columns::new(start, self.train)?;
-        let (nothing, moving) = (Beside::nothing(self.train.rows.len()), Beside::of(start, self.train)?);
-        let sides = [CurveSide::Carriage, CurveSide::Motor, CurveSide::Friction, CurveSide::Viscous, CurveSide::Mass];
-        let mut sought: Vec<(Coordinate, CurveSide)> = [Coordinate::Position, Coordinate::Velocity, Coordinate::Time]
-            .into_iter()
-            .flat_map(|over| sides.map(|side| (over, side)))
-            .collect();
+        let (nothing, moving) =
+            (Beside::nothing(self.train.rows.len()), Beside::of(start, self.train)?);
+        let sides = [
+            CurveSide::Carriage,
+            CurveSide::Motor,
+            CurveSide::Friction,
+            CurveSide::Viscous,
+            CurveSide::Mass,
+        ];
+        let mut sought: Vec<(Coordinate, CurveSide)> =
+            [Coordinate::Position, Coordinate::Velocity, Coordinate::Time]
+                .into_iter()
+                .flat_map(|over| sides.map(|side| (over, side)))
+                .collect();
         sought.retain(|(over, side)| match side {
             CurveSide::Motor => self.has_cell(),
             // Friction over velocity is what the guides are fitted for, and no mass hangs on it.
-            CurveSide::Friction | CurveSide::Viscous | CurveSide::Mass => *over != Coordinate::Velocity,
+            CurveSide::Friction | CurveSide::Viscous | CurveSide::Mass => {
+                *over != Coordinate::Velocity
+            }
             CurveSide::Carriage => true,
         });
-        let drawn = sought.into_par_iter().map(|(over, side)| -> Result<Vec<DrawnCurve>, IdentifyError> {
-            // Behind the cell nothing of the carriage moves.
-            let on_motor = side == CurveSide::Motor;
-            let (beside, at) = if on_motor { (&nothing, Side::Motor) } else { (&moving, Side::Carriage) };
-            let drawn = curve::propose(&columns.residual(on_motor), over, side, beside)?;
-            let worth = drawn.into_iter().filter_map(|one| {
-                let mut with = start.with(one.part);
-                one.moved.iter().for_each(|coordinate| with.set(coordinate.place, coordinate.value));
-                // Values that do not go together are no curve.
-                let left = errors(&with, self.train, self.holdout).ok()?.holdout();
-                let gain = start_errors.holdout() - left;
-                let worth = gain > CURVE_GAIN * self.threshold(at);
-                worth.then_some(DrawnCurve { with, over, damping: one.damping, gain })
+        let drawn =
+            sought.into_par_iter().map(|(over, side)| -> Result<Vec<DrawnCurve>, IdentifyError> {
+                // Behind the cell nothing of the carriage moves.
+                let on_motor = side == CurveSide::Motor;
+                let (beside, at) =
+                    if on_motor { (&nothing, Side::Motor) } else { (&moving, Side::Carriage) };
+                let drawn = curve::propose(&columns.residual(on_motor), over, side, beside)?;
+                let worth = drawn.into_iter().filter_map(|one| {
+                    let mut with = start.with(one.part);
+                    one.moved
+                        .iter()
+                        .for_each(|coordinate| with.set(coordinate.place, coordinate.value));
+                    // Values that do not go together are no curve.
+                    let left = errors(&with, self.train, self.holdout).ok()?.holdout();
+                    let gain = start_errors.holdout() - left;
+                    let worth = gain > CURVE_GAIN * self.threshold(at);
+                    worth.then_some(DrawnCurve { with, over, damping: one.damping, gain })
+                });
+                Ok(worth.collect())
             });
-            Ok(worth.collect())
-        });
         Ok(drawn.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
     }
 }
@@ -302,27 +379,45 @@ mod tests {
     #[test]
     fn a_curve_that_the_model_declares_stays_as_it_is() {
         let with_curve = |height: f64| {
-            with_force_over_position((0..41).map(|knot| height * (0.4 * f64::from(knot)).sin()).collect())
+            with_force_over_position(
+                (0..41).map(|knot| height * (0.4 * f64::from(knot)).sin()).collect(),
+            )
         };
         // Off by so little that it does not matter, and so much that another one would be nearer.
         let (model, real) = (with_curve(2.0), with_curve(2.02));
-        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
-        let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
+        let record = |seed, moves| {
+            Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap()
+        };
+        let found =
+            search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
         assert_eq!((found.verdict, found.coordinate), (Verdict::None, None));
         assert_eq!(found.after.fitted.hypothesis.model().effects, model.effects);
     }
 
-    /// A force that steps in time is nobody's law; one that is constant, or a spring, takes a part of it.
+    /// A force that steps in time is nobody's law; one that is constant, or a spring, takes a part
+    /// of it.
     #[test]
     fn beside_a_curve_laws_stay_that_are_there_and_no_others() {
         let values = (0..41).map(|knot| if knot < 10 { 0.0 } else { 3.0 }).collect();
-        let curve =
-            Curve { coordinate: Coordinate::Time, side: CurveSide::Carriage, from: 0.0, to: 8.0, values, jump: None };
+        let curve = Curve {
+            coordinate: Coordinate::Time,
+            side: CurveSide::Carriage,
+            from: 0.0,
+            to: 8.0,
+            values,
+            jump: None,
+        };
         let cogging = EffectDescriptor::find("cogging").unwrap().parameters_of(&[3.0, 4e-3, 0.3]);
-        let real = StageModel { effects: vec![cogging, EffectParameters::map(curve)], ..StageModel::default() };
+        let real = StageModel {
+            effects: vec![cogging, EffectParameters::map(curve)],
+            ..StageModel::default()
+        };
         let model = StageModel::default();
-        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
-        let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
+        let record = |seed, moves| {
+            Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap()
+        };
+        let found =
+            search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
         let effects: Vec<String> =
             found.after.fitted.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
         assert_eq!(effects, ["cogging", "map"], "{:?}", found.verdict);
@@ -336,13 +431,21 @@ mod tests {
         let jump = Some(Jump { at: 3.8 + 0.5, height: -0.25 });
         let (coordinate, side) = (Coordinate::Time, CurveSide::Friction);
         let curve = Curve { coordinate, side, from: 0.0, to: 9.0, values: vec![0.0; 2], jump };
-        let real = StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() };
+        let real =
+            StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() };
         let model = StageModel::default();
-        let record = |seed| Measured::new(&recording(&real, seed, 0.0, 4), &model, "the record").unwrap();
+        let record =
+            |seed| Measured::new(&recording(&real, seed, 0.0, 4), &model, "the record").unwrap();
         let found = search(&model, Tolerances::default(), &record(3), &record(4), &Silent).unwrap();
         let effects = found.after.fitted.hypothesis.model().effects;
-        assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Time)), "{effects:?}");
-        let [EffectParameters { curve: Some(curve), .. }] = &effects[..] else { panic!("{effects:?}") };
+        assert_eq!(
+            (found.verdict, found.coordinate),
+            (Verdict::Unknown, Some(Coordinate::Time)),
+            "{effects:?}"
+        );
+        let [EffectParameters { curve: Some(curve), .. }] = &effects[..] else {
+            panic!("{effects:?}")
+        };
         let jump = curve.jump.expect("a jump");
         let before = curve.corners().into_iter().rfind(|(place, _)| *place < jump.at).unwrap().1;
         assert!((jump.at - 3.8).abs() < 1e-3, "{jump:?}");
@@ -358,13 +461,21 @@ mod tests {
         let jump = Some(Jump { at: 3.8 + 0.5, height: -3.0 });
         let (coordinate, side) = (Coordinate::Time, CurveSide::Mass);
         let curve = Curve { coordinate, side, from: 0.0, to: 9.0, values: vec![0.0; 2], jump };
-        let real = StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() };
+        let real =
+            StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() };
         let model = StageModel::default();
-        let record = |seed| Measured::new(&recording(&real, seed, 0.0, 4), &model, "the record").unwrap();
+        let record =
+            |seed| Measured::new(&recording(&real, seed, 0.0, 4), &model, "the record").unwrap();
         let found = search(&model, Tolerances::default(), &record(3), &record(4), &Silent).unwrap();
         let effects = found.after.fitted.hypothesis.model().effects;
-        assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Time)), "{effects:?}");
-        let [EffectParameters { curve: Some(curve), .. }] = &effects[..] else { panic!("{effects:?}") };
+        assert_eq!(
+            (found.verdict, found.coordinate),
+            (Verdict::Unknown, Some(Coordinate::Time)),
+            "{effects:?}"
+        );
+        let [EffectParameters { curve: Some(curve), .. }] = &effects[..] else {
+            panic!("{effects:?}")
+        };
         let jump = curve.jump.expect("a jump");
         assert_eq!(curve.side, CurveSide::Mass);
         assert!((jump.at - 3.8).abs() < 0.01 && (jump.height + 3.0).abs() < 0.1, "{curve:?}");
@@ -372,7 +483,8 @@ mod tests {
         assert!(left < 1.5 * floor, "{left} N over {floor} N");
     }
 
-    /// In one record it comes loose on the way, at the same or another instant, in others before it begins or never.
+    /// In one record it comes loose on the way, at the same or another instant, in others before it
+    /// begins or never.
     #[test]
     fn what_comes_loose_does_so_at_an_instant_of_each_record() {
         let loose_at = |at: f64| {
@@ -388,11 +500,15 @@ mod tests {
             StageModel { effects: vec![EffectParameters::map(curve)], ..StageModel::default() }
         };
         let model = loose_at(3.8);
-        let (hypothesis, step) = (Hypothesis::new(&model, Tolerances::default()).unwrap(), 1.0 / 2000.0);
-        for (real, expected) in [(3.8, 3.8..3.8), (2.3, 2.3 - step..2.3 + step), (-1.0, -step..0.0), (99.0, 4.0..99.0)]
+        let (hypothesis, step) =
+            (Hypothesis::new(&model, Tolerances::default()).unwrap(), 1.0 / 2000.0);
+        for (real, expected) in
+            [(3.8, 3.8..3.8), (2.3, 2.3 - step..2.3 + step), (-1.0, -step..0.0), (99.0, 4.0..99.0)]
         {
             // A record begins half a second after the stage.
-            let measured = Measured::new(&recording(&loose_at(real + 0.5), 3, 0.0, 4), &model, "the record").unwrap();
+            let measured =
+                Measured::new(&recording(&loose_at(real + 0.5), 3, 0.0, 4), &model, "the record")
+                    .unwrap();
             let here = hypothesis.in_record(&measured).unwrap();
             let found = here.effects[0].value_of("jump_at").unwrap();
             assert!(expected.contains(&found) || found == expected.start, "{real} s: {found} s");
@@ -409,11 +525,17 @@ mod tests {
         let bump = |knot: i32| 4.0 * (-(f64::from(knot) - 20.0).powi(2) / 8.0).exp();
         let real = with_force_over_position((0..41).map(bump).collect());
         let model = StageModel::default();
-        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
-        let found = search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
+        let record = |seed, moves| {
+            Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap()
+        };
+        let found =
+            search(&model, Tolerances::default(), &record(3, 4), &record(4, 2), &Silent).unwrap();
         let effects: Vec<String> =
             found.after.fitted.hypothesis.model().effects.iter().map(|e| e.name.clone()).collect();
-        assert_eq!((found.verdict, found.coordinate), (Verdict::Unknown, Some(Coordinate::Position)));
+        assert_eq!(
+            (found.verdict, found.coordinate),
+            (Verdict::Unknown, Some(Coordinate::Position))
+        );
         assert_eq!(effects, ["map"]);
     }
 }

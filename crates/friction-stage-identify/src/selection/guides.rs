@@ -12,18 +12,23 @@ use super::{Search, errors};
 
 /// Tolerance of a guide of which nothing is known.
 const ANY_GUIDE: f64 = 9.0;
-/// Tolerances beyond which a parameter of sliding is another guide's, whatever else there may be. Assumed.
+/// Tolerances beyond which a parameter of sliding is another guide's, whatever else there may be.
+/// Assumed.
 const FAR: f64 = 3.0;
 
 impl Search<'_> {
-    /// Guides whose friction is beyond its tolerance are no effect that a model lacks. Where the declared ones leave more than noise and end on a bound, and
-    /// others explain everything, these are the answer, and the search would dress them up as laws.
+    /// Guides whose friction is beyond its tolerance are no effect that a model lacks. Where the
+    /// declared ones leave more than noise and end on a bound, and others explain everything, these
+    /// are the answer, and the search would dress them up as laws.
     pub(super) fn refuse_other_guides(
         &self,
         declared: &StageModel,
         tolerances: Tolerances,
     ) -> Result<(), IdentifyError> {
-        let of_friction = |place: Place| matches!(place, Place::Declared(one) if Declared::SLIDING.contains(&one));
+        let of_friction = |place: Place| match place {
+            Place::Declared(one) => Declared::SLIDING.contains(&one),
+            _ => false,
+        };
         let bent = self
             .before
             .coordinates
@@ -34,7 +39,8 @@ impl Search<'_> {
             return Ok(());
         }
         let wide = Tolerances { guides: ANY_GUIDE, presliding: ANY_GUIDE, ..tolerances };
-        let other = fit(&Hypothesis::new(declared, wide)?, self.train, Sides::BOTH, Effort::KEPT)?.hypothesis;
+        let other = fit(&Hypothesis::new(declared, wide)?, self.train, Sides::BOTH, Effort::KEPT)?
+            .hypothesis;
         // Parameters that make no guide are no answer.
         let Ok(stated) = Hypothesis::new(&other.model(), tolerances) else { return Ok(()) };
         let again = fit(&stated, self.train, Sides::BOTH, Effort::COMPARED)?;
@@ -44,11 +50,14 @@ impl Search<'_> {
         let beyond: Vec<String> = Declared::SLIDING
             .into_iter()
             .filter_map(|one| {
-                let value = |hypothesis: &Hypothesis| hypothesis.declared_value(one, self.train.rate);
+                let value =
+                    |hypothesis: &Hypothesis| hypothesis.declared_value(one, self.train.rate);
                 let (name, unit) = (one.name(), one.unit());
-                let (is, was) = (value(&again), value(&Hypothesis::new(declared, tolerances).ok()?));
+                let (is, was) =
+                    (value(&again), value(&Hypothesis::new(declared, tolerances).ok()?));
                 let factor = (is / was).max(was / is);
-                // The others show only where a stage hardly moves: what a law does there bends them far.
+                // The others show only where a stage hardly moves: what a law does there bends them
+                // far.
                 if matches!(one, Declared::CoulombForce | Declared::ViscousFriction) {
                     farthest = farthest.max(factor);
                 }
@@ -56,9 +65,11 @@ impl Search<'_> {
                     .then(|| format!("{name} is {is:.4} {unit}, declared {was:.4} {unit}"))
             })
             .collect();
-        // A law may bend a parameter a little beyond its tolerance, and leaves something then; no law bends it far.
+        // A law may bend a parameter a little beyond its tolerance, and leaves something then; no
+        // law bends it far.
         let all = self.is_all_but_noise(&left);
-        let nearly = self.beyond_noise(&left) < UNEXPLAINED * self.beyond_noise(&self.errors_before);
+        let nearly =
+            self.beyond_noise(&left) < UNEXPLAINED * self.beyond_noise(&self.errors_before);
         let other = all || (nearly && farthest > 1.0 + FAR * tolerances.guides);
         if beyond.is_empty() || !other {
             return Ok(());
@@ -73,21 +84,26 @@ impl Search<'_> {
     }
 }
 
-/// The fit with guides that differ from each other, from the differences that there are and afresh: the sum of the guides depends
-/// on the products of their differences, and what an effect not yet known bent them to is no good start. Guides that are all the same are
-/// none either: there no direction is better than its opposite.
+/// The fit with guides that differ from each other, from the differences that there are and afresh:
+/// the sum of the guides depends on the products of their differences, and what an effect not yet
+/// known bent them to is no good start. Guides that are all the same are none either: there no
+/// direction is better than its opposite.
 pub(super) fn with_different_guides(
     start: &Hypothesis,
     train: &Measured,
     effort: Effort,
 ) -> Result<Fitted, IdentifyError> {
-    let Some(afresh) = start.different_guides() else { return Ok(fit(start, train, Sides::BOTH, effort)?) };
+    let Some(afresh) = start.different_guides() else {
+        return Ok(fit(start, train, Sides::BOTH, effort)?);
+    };
     if start.guides_are_alike() {
         return Ok(fit(&afresh, train, Sides::BOTH, effort)?);
     }
     let fitted = race(&[start.holding_guides(false), afresh], train, Sides::BOTH, effort, 1.0);
     let fitted = fitted.into_iter().collect::<Result<Vec<_>, _>>()?;
     // Of equals the first one.
-    let best = fitted.into_iter().reduce(|best, other| if other.squares() < best.squares() { other } else { best });
+    let best = fitted
+        .into_iter()
+        .reduce(|best, other| if other.squares() < best.squares() { other } else { best });
     Ok(best.expect("two fits"))
 }

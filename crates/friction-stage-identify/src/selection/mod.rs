@@ -1,4 +1,5 @@
-//! Which effects are there? Forward selection with a refit of everything at each step, judged on held-out data, pruned backwards.
+//! Which effects are there? Forward selection with a refit of everything at each step, judged on
+//! held-out data, pruned backwards.
 
 mod alternatives;
 mod cell;
@@ -32,14 +33,17 @@ pub use worth::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
 /// Most laws that are added.
 pub const MOST_LAWS: usize = 4;
 /// Effects of which there may be several: harmonics of a period, lines of a spectrum.
-pub(super) const SEVERAL: [&str; 5] = ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
+pub(super) const SEVERAL: [&str; 5] =
+    ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
 /// Most effects of such a law.
 const MOST_OF_ONE: usize = 4;
 
-/// Part of a force beyond which the noise of the sensors hides it: a friction that is a part of it would be nothing but noise. Assumed.
+/// Part of a force beyond which the noise of the sensors hides it: a friction that is a part of it
+/// would be nothing but noise. Assumed.
 const HIDDEN: f64 = 0.5;
 
-/// Parts of a record of which one alone is not to speak for a law. Assumed: a rest, or a move, is within one or two of them.
+/// Parts of a record of which one alone is not to speak for a law. Assumed: a rest, or a move, is
+/// within one or two of them.
 const TENTHS: usize = 10;
 
 /// Errors of a hypothesis: mean squares of the missing force, N^2.
@@ -78,7 +82,8 @@ pub struct Evidence {
     pub train_gain_elsewhere: f64,
     /// That of the hold-out by itself, with everything else as it is beside it, N^2.
     pub holdout_gain_alone: f64,
-    /// Fall of the mean square of train that as many parameters would take out of what is left by chance, N^2.
+    /// Fall of the mean square of train that as many parameters would take out of what is left by
+    /// chance, N^2.
     pub chance: f64,
     pub outcome: Outcome,
 }
@@ -133,9 +138,11 @@ pub struct Selection {
     pub inseparable: Vec<Inseparable>,
     /// Ripples over the position that go through few periods within the travel, with how many.
     pub unproven: Vec<(&'static str, f64)>,
-    /// How far the zero of the cell is off on the hold-out beyond the law that was found for it, where that is all that is left, N rms.
+    /// How far the zero of the cell is off on the hold-out beyond the law that was found for it,
+    /// where that is all that is left, N rms.
     pub wander_of_zero: Option<f64>,
-    /// Against which everything is judged: of the declared noise, or of what the hold-out shows where that is more.
+    /// Against which everything is judged: of the declared noise, or of what the hold-out shows
+    /// where that is more.
     pub floor: Floor,
     /// Of the declared noise.
     pub declared_floor: Floor,
@@ -149,7 +156,8 @@ impl Selection {
         different_laws(&effects[self.before.hypothesis.effects.len()..])
     }
 
-    /// Share of the held-out residual above the floor of the declared noise that the added effects take out; 0 where there is nothing to explain.
+    /// Share of the held-out residual above the floor of the declared noise that the added effects
+    /// take out; 0 where there is nothing to explain.
     pub fn explained_share(&self) -> f64 {
         let floor = self.declared_floor.total().powi(2);
         let explainable = self.errors_before.holdout() - floor;
@@ -202,8 +210,8 @@ pub fn search(
     if !search.stopped {
         search.choose_forms_anew()?;
         search.add_curve()?;
-        // Beside a curve laws show, or change, that what it stands for had hidden; beside these it is another curve. It settles first:
-        // a round of all laws costs far more.
+        // Beside a curve laws show, or change, that what it stands for had hidden; beside these it
+        // is another curve. It settles first: a round of all laws costs far more.
         let mut turns = 0;
         while search.coordinate.is_some() {
             search.settle_curve()?;
@@ -241,7 +249,8 @@ struct Search<'a> {
     rounds: usize,
     evidence: Vec<Evidence>,
     coordinate: Option<Coordinate>,
-    /// For each effect the other candidates of its round, the best first, with their held-out rms, N.
+    /// For each effect the other candidates of its round, the best first, with their held-out rms,
+    /// N.
     runners_up: Vec<Vec<(&'static str, f64)>>,
     inseparable: Vec<Inseparable>,
     /// Number of effects whose forms were chosen anew before a further one was added.
@@ -325,7 +334,8 @@ impl<'a> Search<'a> {
         self.go_on_fitting(Effort::KEPT)
     }
 
-    /// Fits what was found to the end and prunes it. What goes makes room for laws that there was none for.
+    /// Fits what was found to the end and prunes it. What goes makes room for laws that there was
+    /// none for.
     fn conclude(&mut self) -> Result<(), IdentifyError> {
         self.finish()?;
         let was_full = self.is_full();
@@ -337,8 +347,8 @@ impl<'a> Search<'a> {
         self.weigh_alternatives()
     }
 
-    /// Sides that a fit with this effect has to look at beside those that were found before: what a sensor reads wrong moves with the fit of
-    /// either side, and one side alone would bend it.
+    /// Sides that a fit with this effect has to look at beside those that were found before: what a
+    /// sensor reads wrong moves with the fit of either side, and one side alone would bend it.
     fn sides_of(&self, side: Side) -> Sides {
         let has_cell = self.has_cell();
         let sensors = self.best.hypothesis.effects.iter().any(|part| part.side() == Side::Sensor);
@@ -352,22 +362,34 @@ impl<'a> Search<'a> {
     }
 
     fn selection(mut self) -> Result<Selection, IdentifyError> {
-        self.best.hypothesis = self.best.hypothesis.with_own_amplitudes(self.declared_effects(), self.train)?;
-        let there = |name: &str| self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name);
-        // Two laws that are both there are no rivals: each has taken out what the other one could not.
+        self.best.hypothesis =
+            self.best.hypothesis.with_own_amplitudes(self.declared_effects(), self.train)?;
+        let there = |name: &str| {
+            self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name)
+        };
+        // Two laws that are both there are no rivals: each has taken out what the other one could
+        // not.
         self.inseparable.retain(|pair| !there(pair.rival));
         if !there("map") {
             self.coordinate = None;
         }
         // Nor is what came later a runner-up.
-        let runners_up =
-            self.runners_up.iter().map(|others| others.iter().find(|(name, _)| !there(name)).copied()).collect();
+        let runners_up = self
+            .runners_up
+            .iter()
+            .map(|others| others.iter().find(|(name, _)| !there(name)).copied())
+            .collect();
         let added = self.best.hypothesis.effects.len() - self.declared_effects();
-        // Nothing is `none`, and little is `found`, while what is left is not noise, or while not everything was tried.
+        // Nothing is `none`, and little is `found`, while what is left is not noise, or while not
+        // everything was tried.
         let wander_of_zero = self.wander_of_zero()?;
         let settled = match added {
             0 => self.is_noise(&self.best_errors) && !self.stopped,
-            _ => self.is_noise(&self.best_errors) || self.is_explained(&self.best_errors) || wander_of_zero.is_some(),
+            _ => {
+                self.is_noise(&self.best_errors)
+                    || self.is_explained(&self.best_errors)
+                    || wander_of_zero.is_some()
+            }
         };
         let verdict = if self.coordinate.is_some() || !settled {
             Verdict::Unknown
@@ -404,9 +426,14 @@ impl<'a> Search<'a> {
     }
 }
 
-fn errors(hypothesis: &Hypothesis, train: &Measured, holdout: &Measured) -> Result<Errors, IdentifyError> {
+fn errors(
+    hypothesis: &Hypothesis,
+    train: &Measured,
+    holdout: &Measured,
+) -> Result<Errors, IdentifyError> {
     let (train_motor, train_carriage) = hypothesis.missing(train, Sides::BOTH)?.squares();
-    let (holdout_motor, holdout_carriage) = hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
+    let (holdout_motor, holdout_carriage) =
+        hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
     Ok(Errors { train_motor, train_carriage, holdout_motor, holdout_carriage })
 }
 
@@ -422,14 +449,17 @@ fn different_laws(effects: &[Part]) -> usize {
     names.iter().filter(|name| **name != "map").count()
 }
 
-/// What a law of `free` parameters that leads from one residual to another takes out of the mean square by chance, N^2, twice over: for each the share of the
-/// values that are independent of each other for what is as fast as what the law takes. Of what drifts or wanders a slow law finds few of them.
+/// What a law of `free` parameters that leads from one residual to another takes out of the mean
+/// square by chance, N^2, twice over: for each the share of the values that are independent of each
+/// other for what is as fast as what the law takes. Of what drifts or wanders a slow law finds few
+/// of them.
 fn by_chance(before: &Missing, after: &Missing, free: usize) -> f64 {
     let of_side = |before: &[f64], after: &[f64]| {
         let squares: f64 = after.iter().map(|left| left * left).sum();
         squares * correlation_length_along(after, &difference(before, after))
     };
-    let per_parameter = of_side(&before.motor, &after.motor) + of_side(&before.carriage, &after.carriage);
+    let per_parameter =
+        of_side(&before.motor, &after.motor) + of_side(&before.carriage, &after.carriage);
     2.0 * free as f64 * per_parameter / (after.carriage.len() as f64).powi(2)
 }
 
@@ -437,10 +467,12 @@ fn difference(before: &[f64], after: &[f64]) -> Vec<f64> {
     before.iter().zip(after).map(|(before, after)| before - after).collect()
 }
 
-/// Correlation of what two fits take out of a residual of both sides; 0 where one takes out nothing.
+/// Correlation of what two fits take out of a residual of both sides; 0 where one takes out
+/// nothing.
 fn correlation_of_taken(before: &Missing, one: &Missing, other: &Missing) -> f64 {
     let taken = |after: &Missing| -> Vec<f64> {
-        [difference(&before.motor, &after.motor), difference(&before.carriage, &after.carriage)].concat()
+        [difference(&before.motor, &after.motor), difference(&before.carriage, &after.carriage)]
+            .concat()
     };
     let (one, other) = (taken(one), taken(other));
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
@@ -448,16 +480,24 @@ fn correlation_of_taken(before: &Missing, one: &Missing, other: &Missing) -> f64
     if size > 0.0 { product(&one, &other) / size } else { 0.0 }
 }
 
-/// Fall of the mean square from one residual of a record to another without the tenth of the record that shows most of it, N^2.
+/// Fall of the mean square from one residual of a record to another without the tenth of the record
+/// that shows most of it, N^2.
 fn gain_elsewhere(before: &Missing, after: &Missing) -> f64 {
     let rows = before.carriage.len();
     let fall = |before: &[f64], after: &[f64], tenth: usize| -> f64 {
         let tenth = tenth * before.len() / TENTHS..(tenth + 1) * before.len() / TENTHS;
-        before[tenth.clone()].iter().zip(&after[tenth]).map(|(before, after)| before * before - after * after).sum()
+        before[tenth.clone()]
+            .iter()
+            .zip(&after[tenth])
+            .map(|(before, after)| before * before - after * after)
+            .sum()
     };
-    let of_tenth = |tenth| fall(&before.motor, &after.motor, tenth) + fall(&before.carriage, &after.carriage, tenth);
+    let of_tenth = |tenth| {
+        fall(&before.motor, &after.motor, tenth) + fall(&before.carriage, &after.carriage, tenth)
+    };
     let falls: Vec<f64> = (0..TENTHS).map(of_tenth).collect();
-    (falls.iter().sum::<f64>() - falls.iter().copied().fold(f64::NEG_INFINITY, f64::max)) / rows as f64
+    (falls.iter().sum::<f64>() - falls.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+        / rows as f64
 }
 
 #[cfg(test)]
@@ -477,7 +517,8 @@ pub(super) mod tests {
     fn ripples_of_one_law_are_one_law_and_a_curve_is_none() {
         let ripple = |period: f64| part("cogging", &[("amplitude", 1.0), ("period", period)]);
         let knots = EffectDescriptor::find("map").unwrap();
-        let curve = Part { descriptor: knots, values: vec![0.0, 2.0, 0.0, 0.1, 0.0, 0.0, 1.0, 2.0] };
+        let curve =
+            Part { descriptor: knots, values: vec![0.0, 2.0, 0.0, 0.1, 0.0, 0.0, 1.0, 2.0] };
         let drag = part("quadratic_drag", &[("coefficient", 1.0)]);
         assert_eq!(different_laws(&[ripple(0.024), drag.clone(), curve, ripple(0.012)]), 2);
         assert_eq!(different_laws(&[]), 0);
@@ -503,7 +544,10 @@ pub(super) mod tests {
     /// Of what is missing on both sides: the same, the opposite, half of it elsewhere, and nothing.
     #[test]
     fn laws_that_take_out_the_same_are_correlated() {
-        let missing = |motor: [f64; 2], carriage: [f64; 2]| Missing { motor: motor.into(), carriage: carriage.into() };
+        let missing = |motor: [f64; 2], carriage: [f64; 2]| Missing {
+            motor: motor.into(),
+            carriage: carriage.into(),
+        };
         let before = missing([3.0, 3.0], [3.0, 3.0]);
         let one = missing([2.0, 3.0], [1.0, 3.0]);
         for (other, expected) in [
@@ -513,7 +557,10 @@ pub(super) mod tests {
             (missing([3.0, 3.0], [1.0, 2.0]), 0.8),
             (before.clone(), 0.0),
         ] {
-            assert!((correlation_of_taken(&before, &one, &other) - expected).abs() < 1e-12, "{other:?}");
+            assert!(
+                (correlation_of_taken(&before, &one, &other) - expected).abs() < 1e-12,
+                "{other:?}"
+            );
         }
     }
 
@@ -521,10 +568,15 @@ pub(super) mod tests {
     #[test]
     fn what_pruning_takes_out_makes_room() {
         let model = StageModel::default();
-        let hidden =
-            [part("constant_force", &[("amplitude", 2.0)]), part("cogging", &[("amplitude", 1.0), ("period", 0.006)])];
-        let real = StageModel { effects: hidden.iter().map(Part::parameters).collect(), ..model.clone() };
-        let record = |seed, moves| Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap();
+        let hidden = [
+            part("constant_force", &[("amplitude", 2.0)]),
+            part("cogging", &[("amplitude", 1.0), ("period", 0.006)]),
+        ];
+        let real =
+            StageModel { effects: hidden.iter().map(Part::parameters).collect(), ..model.clone() };
+        let record = |seed, moves| {
+            Measured::new(&recording(&real, seed, 0.0, moves), &model, "the record").unwrap()
+        };
         let (train, holdout) = (record(3, 6), record(4, 4));
         let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
         let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
@@ -533,12 +585,14 @@ pub(super) mod tests {
             part("cable_chain", &[("stiffness", 1.0)]),
             part("motor_gain", &[("fraction", 0.001)]),
         ];
-        let four = with.into_iter().fold(start.with(hidden[0].clone()), |four, part| four.with(part));
+        let four =
+            with.into_iter().fold(start.with(hidden[0].clone()), |four, part| four.with(part));
         search.take(fit(&four, &train, Sides::BOTH, Effort::KEPT).unwrap()).unwrap();
         search.runners_up.resize(4, Vec::new());
         assert!(search.is_full());
         search.conclude().unwrap();
-        let mut names: Vec<&str> = search.best.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
+        let mut names: Vec<&str> =
+            search.best.hypothesis.effects.iter().map(|part| part.descriptor.name).collect();
         names.sort_unstable();
         assert_eq!(names, ["cogging", "constant_force"]);
     }

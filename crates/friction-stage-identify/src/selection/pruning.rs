@@ -9,8 +9,9 @@ use super::guides::with_different_guides;
 use super::worth::HALF_OF_THE_REST;
 use super::{Errors, Evidence, Outcome, Search, errors};
 
-/// How many times the noise above what was found a fit without one of its effects may leave on the train record while it is worth going on, and how many times
-/// that one with another curve in place of an effect: to pass they may leave half of the noise more on the hold-out, or twice as much.
+/// How many times the noise above what was found a fit without one of its effects may leave on the
+/// train record while it is worth going on, and how many times that one with another curve in place
+/// of an effect: to pass they may leave half of the noise more on the hold-out, or twice as much.
 const MANY_TIMES: f64 = 3.0;
 
 impl Search<'_> {
@@ -49,7 +50,8 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Of a fit that says the same with less: one that leaves far more on the train record is given up.
+    /// Of a fit that says the same with less: one that leaves far more on the train record is given
+    /// up.
     pub(super) fn in_place_of_best(&self) -> Effort {
         Effort::KEPT.worth_below(self.best.squares() + MANY_TIMES * self.noise_squares())
     }
@@ -70,8 +72,10 @@ impl Search<'_> {
         Ok((fewer, left))
     }
 
-    /// A curve stands for what a law beside it has left: without that law it is another one. The fit with that one in place of both, if the law does not take
-    /// as much of what it leaves as one that comes beside a curve must, and the laws alone leave far more: such a law was bent towards what none of them is.
+    /// A curve stands for what a law beside it has left: without that law it is another one. The
+    /// fit with that one in place of both, if the law does not take as much of what it leaves as
+    /// one that comes beside a curve must, and the laws alone leave far more: such a law was bent
+    /// towards what none of them is.
     fn with_curve_in_place_of(
         &self,
         law: usize,
@@ -80,22 +84,29 @@ impl Search<'_> {
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
         let bare = self.best.hypothesis.without(law.max(curve)).without(law.min(curve));
         let left = errors(&bare, self.train, self.holdout)?;
-        let effort = Effort::KEPT.worth_below(MANY_TIMES * (self.best.squares() + self.noise_squares()));
-        let Some((with, over)) = self.with_curve(&bare, &left, 0.0, effort)? else { return Ok(None) };
+        let effort =
+            Effort::KEPT.worth_below(MANY_TIMES * (self.best.squares() + self.noise_squares()));
+        let Some((with, over)) = self.with_curve(&bare, &left, 0.0, effort)? else {
+            return Ok(None);
+        };
         let found = errors(&with.hypothesis, self.train, self.holdout)?;
-        let least = self.least_gain(&found, &self.best_errors).max(HALF_OF_THE_REST * self.beyond_noise(&found));
+        let least = self
+            .least_gain(&found, &self.best_errors)
+            .max(HALF_OF_THE_REST * self.beyond_noise(&found));
         let is_bent = found.holdout() - self.best_errors.holdout() < least
             && self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(alone);
         Ok(is_bent.then_some((with, over)))
     }
 
-    /// Row of the evidence that says when an effect was added. Of several of a name they were added in the order in which they stand.
+    /// Row of the evidence that says when an effect was added. Of several of a name they were added
+    /// in the order in which they stand.
     pub(super) fn row_of(&self, index: usize) -> Option<usize> {
         let added = &self.best.hypothesis.effects[self.declared_effects()..=index];
         let name = self.best.hypothesis.effects[index].descriptor.name;
         let before = added.iter().filter(|part| part.descriptor.name == name).count() - 1;
-        let is_chosen =
-            |row: &usize| self.evidence[*row].name == name && self.evidence[*row].outcome == Outcome::Chosen;
+        let is_chosen = |row: &usize| {
+            self.evidence[*row].name == name && self.evidence[*row].outcome == Outcome::Chosen
+        };
         (0..self.evidence.len()).filter(is_chosen).nth(before)
     }
 
@@ -105,7 +116,8 @@ impl Search<'_> {
         if let Some(row) = self.row_of(index) {
             self.evidence[row].outcome = Outcome::Pruned;
             let round = self.evidence[row].round;
-            let in_round = |one: &Evidence, outcome: Outcome| one.round == round && one.outcome == outcome;
+            let in_round =
+                |one: &Evidence, outcome: Outcome| one.round == round && one.outcome == outcome;
             // Of ripples that came together others may stay.
             if !self.evidence.iter().any(|one| in_round(one, Outcome::Chosen)) {
                 let equals = self.evidence.iter_mut().filter(|one| in_round(one, Outcome::Equal));

@@ -1,4 +1,5 @@
-//! Rounds of candidates: each law proposes itself from the residual and is fitted with everything that was found before.
+//! Rounds of candidates: each law proposes itself from the residual and is fitted with everything
+//! that was found before.
 
 use std::mem;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -17,11 +18,12 @@ use super::forms::{Forms, starts};
 use super::guides::with_different_guides;
 use super::worth::{HALF_OF_THE_REST, RIVAL, SIMPLER};
 use super::{
-    Errors, Evidence, Inseparable, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance, correlation_of_taken, errors,
-    errors_on, gain_elsewhere,
+    Errors, Evidence, Inseparable, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance,
+    correlation_of_taken, errors, errors_on, gain_elsewhere,
 };
 
-/// Share of what laws have taken out of the hold-out below which the next one may be what they leave in other forms. Assumed.
+/// Share of what laws have taken out of the hold-out below which the next one may be what they
+/// leave in other forms. Assumed.
 const SMALL_REST: f64 = 0.05;
 /// Part by which the periods of guides of one type differ at most. Assumed.
 const OF_ONE_TYPE: f64 = 0.1;
@@ -56,7 +58,10 @@ impl Search<'_> {
         }
         for Tried { one, with, .. } in &mut tried {
             if !self.is_enough(one)
-                || !self.shows_without_cell((&self.best.hypothesis, &self.best_errors), (with, &one.errors))?
+                || !self.shows_without_cell(
+                    (&self.best.hypothesis, &self.best_errors),
+                    (with, &one.errors),
+                )?
             {
                 one.outcome = Outcome::TooSmall;
             }
@@ -86,7 +91,8 @@ impl Search<'_> {
         Ok(true)
     }
 
-    /// Those that the data do not tell from the winner of a round: as much of a gain with no more parameters.
+    /// Those that the data do not tell from the winner of a round: as much of a gain with no more
+    /// parameters.
     fn name_rivals(&mut self, winner: &Tried, others: &mut [Tried]) -> Result<(), IdentifyError> {
         let gain = winner.one.holdout_gain;
         let missing_with = |with: &Hypothesis| with.missing(self.train, Sides::BOTH);
@@ -94,9 +100,16 @@ impl Search<'_> {
             let closeness = (one.holdout_gain / gain).min(gain / one.holdout_gain);
             if one.outcome == Outcome::Beaten && closeness >= RIVAL && one.free <= winner.one.free {
                 one.outcome = Outcome::Equal;
-                let correlation =
-                    correlation_of_taken(&self.best.missing, &missing_with(&winner.with)?, &missing_with(with)?);
-                self.inseparable.push(Inseparable { effect: winner.one.name, rival: one.name, correlation });
+                let correlation = correlation_of_taken(
+                    &self.best.missing,
+                    &missing_with(&winner.with)?,
+                    &missing_with(with)?,
+                );
+                self.inseparable.push(Inseparable {
+                    effect: winner.one.name,
+                    rival: one.name,
+                    correlation,
+                });
             }
         }
         Ok(())
@@ -107,30 +120,37 @@ impl Search<'_> {
         let one = Evidence { outcome: Outcome::Chosen, ..winner.one };
         let chosen = winner.with.holding_guides(false);
         let added = &chosen.effects[self.best.hypothesis.effects.len()..];
-        let left_by_others: Vec<(&'static str, f64)> =
-            others.iter().map(|other| (other.one.name, other.one.errors.holdout().sqrt())).collect();
+        let left_by_others: Vec<(&'static str, f64)> = others
+            .iter()
+            .map(|other| (other.one.name, other.one.errors.holdout().sqrt()))
+            .collect();
         self.runners_up.extend(added.iter().map(|_| left_by_others.clone()));
         // Ripples that came together are each a row, with what all of them do.
         let together = added.iter().filter(|part| **part != one.part);
-        let together: Vec<Evidence> = together.map(|part| Evidence { part: part.clone(), ..one.clone() }).collect();
+        let together: Vec<Evidence> =
+            together.map(|part| Evidence { part: part.clone(), ..one.clone() }).collect();
         let effort = self.on_the_way(&one.errors);
         self.evidence.push(one);
         self.evidence.extend(others.into_iter().map(|other| other.one).chain(together));
         self.take(with_different_guides(&chosen, self.train, effort)?)
     }
 
-    /// Whether what a law would take out is little of what those before it have: it may be what these leave in forms that are not right.
+    /// Whether what a law would take out is little of what those before it have: it may be what
+    /// these leave in forms that are not right.
     fn is_small_rest(&self, gain: f64) -> bool {
         gain < SMALL_REST * (self.errors_before.holdout() - self.best_errors.holdout())
     }
 
-    /// A law that takes half of what is left out of the train record and nothing out of the hold-out may be right beside laws in forms that are not: adds
-    /// the strongest of these where it is worth it once the forms are chosen anew beside it. Whether it was.
+    /// A law that takes half of what is left out of the train record and nothing out of the
+    /// hold-out may be right beside laws in forms that are not: adds the strongest of these where
+    /// it is worth it once the forms are chosen anew beside it. Whether it was.
     fn add_beside_other_forms(&mut self, tried: &mut [Tried]) -> Result<bool, IdentifyError> {
         let half = HALF_OF_THE_REST * (self.best_errors.train() - self.floor.total().powi(2));
         let strong = |one: &Evidence| one.train_gain >= self.least_on_train(one).max(half);
         let strong = tried.iter_mut().filter(|tried| strong(&tried.one));
-        let Some(Tried { one, with, .. }) = strong.max_by(|a, b| a.one.train_gain.total_cmp(&b.one.train_gain)) else {
+        let Some(Tried { one, with, .. }) =
+            strong.max_by(|a, b| a.one.train_gain.total_cmp(&b.one.train_gain))
+        else {
             return Ok(false);
         };
         let effort = self.on_the_way(&one.errors);
@@ -142,11 +162,15 @@ impl Search<'_> {
         let Some(part) = with.hypothesis.effects.last().cloned() else { return Ok(false) };
         let found = self.evidence_of(one.round, part, one.side, 1, &with.hypothesis, errors)?;
         let best = (&self.best.hypothesis, &self.best_errors);
-        if !changed || !self.is_enough(&found) || !self.shows_without_cell(best, (&with.hypothesis, &errors))? {
+        if !changed
+            || !self.is_enough(&found)
+            || !self.shows_without_cell(best, (&with.hypothesis, &errors))?
+        {
             return Ok(false);
         }
         *one = Evidence { outcome: Outcome::Chosen, ..found };
-        let others = tried.iter().map(|tried| &tried.one).filter(|other| other.outcome != Outcome::Chosen);
+        let others =
+            tried.iter().map(|tried| &tried.one).filter(|other| other.outcome != Outcome::Chosen);
         let others = others.map(|other| (other.name, other.errors.holdout().sqrt())).collect();
         self.runners_up.push(others);
         (self.best, self.best_errors) = (with, errors);
@@ -156,9 +180,13 @@ impl Search<'_> {
     /// Every candidate beside what was found, refitted, the best on the hold-out first.
     fn try_all(&self, round: usize) -> Result<Vec<Tried>, IdentifyError> {
         let columns = Columns::new(&self.best.hypothesis, self.train)?;
-        let there = |name: &str| self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name);
+        let there = |name: &str| {
+            self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name)
+        };
         let may_be_added = |name: &str| match SEVERAL.contains(&name) {
-            true => self.added_of(name) < MOST_OF_ONE && (self.added_of(name) > 0 || !self.is_full()),
+            true => {
+                self.added_of(name) < MOST_OF_ONE && (self.added_of(name) > 0 || !self.is_full())
+            }
             false => !there(name) && !self.is_full(),
         };
         let candidates: Vec<&'static EffectDescriptor> =
@@ -181,13 +209,16 @@ impl Search<'_> {
         Ok(tried)
     }
 
-    /// A candidate in the form that is best with the guides fitted anew; `None` where there is no other, or it does not explain enough.
+    /// A candidate in the form that is best with the guides fitted anew; `None` where there is no
+    /// other, or it does not explain enough.
     fn in_best_form(&self, tried: &Tried) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
         if tried.forms.len() < 2 {
             return Ok(None);
         }
         let sides = self.sides_beside(&tried.one.part);
-        let Some(best) = self.best_form(tried.forms.clone(), sides, Forms::Thorough) else { return Ok(None) };
+        let Some(best) = self.best_form(tried.forms.clone(), sides, Forms::Thorough) else {
+            return Ok(None);
+        };
         let found = self.as_fitted(tried.one.round, best)?;
         Ok(found.filter(|(one, _)| self.is_enough(one)))
     }
@@ -199,14 +230,16 @@ impl Search<'_> {
         descriptor: &'static EffectDescriptor,
         columns: &Columns,
     ) -> Result<Option<Tried>, IdentifyError> {
-        // Differences between the guides stay as they are while candidates are tried: the joint refit moves them.
+        // Differences between the guides stay as they are while candidates are tried: the joint
+        // refit moves them.
         let held = self.best.hypothesis.holding_guides(true);
         let mut best: Option<Tried> = None;
         for on_motor in looks(descriptor.side, is_late(descriptor), self.has_cell()) {
             let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
             let part = Part { descriptor, values };
             let sides = self.sides_beside(&part);
-            let starts: Vec<_> = starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
+            let starts: Vec<_> =
+                starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
             let effort = Effort::COMPARED.worth_below(self.worth_on_train(sides));
             let forms = self.fitted_forms(&starts, sides, effort);
             let Some(fitted) = self.best_form(forms.clone(), sides, Forms::Quick) else { continue };
@@ -227,14 +260,19 @@ impl Search<'_> {
     }
 
     /// A fit whose last effect is a candidate.
-    fn as_fitted(&self, round: usize, fitted: Fitted) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
+    fn as_fitted(
+        &self,
+        round: usize,
+        fitted: Fitted,
+    ) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
         let with = fitted.hypothesis;
         let Some(part) = with.effects.last().cloned() else { return Ok(None) };
         let (side, found) = (part.side(), errors(&with, self.train, self.holdout)?);
         Ok(Some((self.evidence_of(round, part, side, 1, &with, found)?, with)))
     }
 
-    /// Evidence of a candidate that adds the last `count` effects of a hypothesis, all of the same law.
+    /// Evidence of a candidate that adds the last `count` effects of a hypothesis, all of the same
+    /// law.
     pub(super) fn evidence_of(
         &self,
         round: usize,
@@ -247,7 +285,8 @@ impl Search<'_> {
         let free = hypothesis.effects.iter().rev().take(count).map(Part::free).sum();
         let missing = hypothesis.missing(self.train, Sides::BOTH)?;
         let last = hypothesis.effects.len();
-        let bare = (last - count..last).rev().fold(hypothesis.clone(), |bare, index| bare.without(index));
+        let bare =
+            (last - count..last).rev().fold(hypothesis.clone(), |bare, index| bare.without(index));
         Ok(Evidence {
             round,
             name: part.descriptor.name,
@@ -264,10 +303,17 @@ impl Search<'_> {
         })
     }
 
-    /// Guides whose periods differ a little beat, and the ripple of one of them that fits the train record does not fit the hold-out. Where it is so, the
-    /// fewest ripples at once that do, as far as effects may be added.
-    fn of_all_guides(&self, one: Evidence, with: Hypothesis) -> Result<(Evidence, Hypothesis), IdentifyError> {
-        if one.train_gain < self.least_on_train(&one) || one.holdout_gain >= self.least_on_holdout(&one) {
+    /// Guides whose periods differ a little beat, and the ripple of one of them that fits the train
+    /// record does not fit the hold-out. Where it is so, the fewest ripples at once that do, as far
+    /// as effects may be added.
+    fn of_all_guides(
+        &self,
+        one: Evidence,
+        with: Hypothesis,
+    ) -> Result<(Evidence, Hypothesis), IdentifyError> {
+        if one.train_gain < self.least_on_train(&one)
+            || one.holdout_gain >= self.least_on_holdout(&one)
+        {
             return Ok((one, with));
         }
         let (descriptor, round, side) = (one.part.descriptor, one.round, one.side);
@@ -278,9 +324,13 @@ impl Search<'_> {
                 break;
             }
             let columns = Columns::new(&last, self.train)?;
-            let Some(values) = (descriptor.propose)(&columns.residual(side == Side::Motor)) else { break };
+            let Some(values) = (descriptor.propose)(&columns.residual(side == Side::Motor)) else {
+                break;
+            };
             let next = last.with(Part { descriptor, values });
-            let Ok(fitted) = fit(&next, self.train, self.sides_of(side), Effort::COMPARED) else { break };
+            let Ok(fitted) = fit(&next, self.train, self.sides_of(side), Effort::COMPARED) else {
+                break;
+            };
             last = fitted.hypothesis;
             let group = &last.effects[last.effects.len() - count..];
             if !are_of_one_type(group) {
@@ -310,18 +360,23 @@ fn are_of_one_type(ripples: &[Part]) -> bool {
     periods.len() == ripples.len() && longest <= (1.0 + OF_ONE_TYPE) * shortest
 }
 
-/// The simplest law among those that explain about as much as the strongest, of several the one that explains most.
+/// The simplest law among those that explain about as much as the strongest, of several the one
+/// that explains most.
 fn winner(tried: &[Tried], strongest: f64) -> usize {
     let explains = |index: &usize| {
         let one = &tried[*index].one;
         one.outcome != Outcome::TooSmall && one.holdout_gain >= SIMPLER * strongest
     };
     let fewest = (0..tried.len()).filter(explains).map(|index| tried[index].one.free).min();
-    let simplest: Vec<usize> =
-        (0..tried.len()).filter(explains).filter(|index| Some(tried[*index].one.free) == fewest).collect();
+    let simplest: Vec<usize> = (0..tried.len())
+        .filter(explains)
+        .filter(|index| Some(tried[*index].one.free) == fewest)
+        .collect();
     let most = simplest.iter().map(|index| tried[*index].one.holdout_gain).fold(0.0, f64::max);
-    // Of equals first what acts, then what only reads wrong: the answer must not hang on the last digit.
-    let equals = simplest.into_iter().filter(|index| tried[*index].one.holdout_gain >= RIVAL * most);
+    // Of equals first what acts, then what only reads wrong: the answer must not hang on the last
+    // digit.
+    let equals =
+        simplest.into_iter().filter(|index| tried[*index].one.holdout_gain >= RIVAL * most);
     let order = |index: &usize| {
         let one = &tried[*index].one;
         (one.side == Side::Sensor, ALL.iter().position(|listed| listed.name == one.name))
@@ -329,8 +384,8 @@ fn winner(tried: &[Tried], strongest: f64) -> usize {
     equals.min_by_key(order).unwrap_or(0)
 }
 
-/// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false). What is late by less than a cycle is there
-/// when the cell reads: the carriage alone shows it.
+/// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false). What
+/// is late by less than a cycle is there when the cell reads: the carriage alone shows it.
 fn looks(side: Side, late: bool, has_cell: bool) -> &'static [bool] {
     match side {
         Side::Motor if late && has_cell => &[true, false],
@@ -357,7 +412,11 @@ pub(super) mod tests {
         let hypothesis = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
         let one = |&(name, free, holdout_gain): &(&str, usize, f64)| {
             let descriptor = EffectDescriptor::find(name).unwrap();
-            let values = descriptor.parameters.iter().map(|parameter| parameter.default.unwrap_or(0.0)).collect();
+            let values = descriptor
+                .parameters
+                .iter()
+                .map(|parameter| parameter.default.unwrap_or(0.0))
+                .collect();
             let evidence = Evidence {
                 round: 0,
                 name: descriptor.name,
@@ -404,7 +463,8 @@ pub(super) mod tests {
         assert_eq!(tried[winner(&tried, 1.0)].one.name, "cable_chain");
     }
 
-    /// Two guides whose ripples beat over 30 mm: one ripple that fits the first 20 mm does not fit the next ones, two do.
+    /// Two guides whose ripples beat over 30 mm: one ripple that fits the first 20 mm does not fit
+    /// the next ones, two do.
     #[test]
     fn ripples_that_beat_are_named_together() {
         let model = StageModel::default();
@@ -412,7 +472,9 @@ pub(super) mod tests {
         let record = |from: f64, seed, moves| {
             let passages = periods.map(|period| {
                 let phase = (TAU * from / period) % TAU;
-                EffectDescriptor::find("ball_passage").unwrap().parameters_of(&[3.0, period, phase, 0.0, 0.0, 0.0])
+                EffectDescriptor::find("ball_passage")
+                    .unwrap()
+                    .parameters_of(&[3.0, period, phase, 0.0, 0.0, 0.0])
             });
             let real = StageModel { effects: passages.to_vec(), ..StageModel::default() };
             let mut trace = recording(&real, seed, 0.0, moves);
@@ -421,19 +483,29 @@ pub(super) mod tests {
             }
             Measured::new(&trace, &model, "the record").unwrap()
         };
-        let found = search(&model, Tolerances::default(), &record(0.0, 3, 6), &record(0.02, 4, 4), &Silent).unwrap();
+        let found =
+            search(&model, Tolerances::default(), &record(0.0, 3, 6), &record(0.02, 4, 4), &Silent)
+                .unwrap();
         let effects = &found.after.fitted.hypothesis.effects;
         assert_eq!(found.verdict, Verdict::Found, "{effects:?}");
-        assert!(effects.iter().all(|part| part.descriptor.name == "ball_passage" && !part.slips()), "{effects:?}");
-        let mut named: Vec<f64> = effects.iter().filter_map(|part| part.value_of("period")).collect();
+        assert!(
+            effects.iter().all(|part| part.descriptor.name == "ball_passage" && !part.slips()),
+            "{effects:?}"
+        );
+        let mut named: Vec<f64> =
+            effects.iter().filter_map(|part| part.value_of("period")).collect();
         named.sort_by(f64::total_cmp);
         assert_eq!(named.len(), 2, "{effects:?}");
         for (period, expected) in named.iter().zip(periods) {
             assert!((period / expected - 1.0).abs() < 1e-3, "{named:?}");
         }
         // A row for each, of one round.
-        let rows: Vec<&Evidence> = found.evidence.iter().filter(|one| one.outcome == Outcome::Chosen).collect();
-        assert!(rows.len() == 2 && rows[0].round == rows[1].round && rows[0].part != rows[1].part, "{rows:?}");
+        let rows: Vec<&Evidence> =
+            found.evidence.iter().filter(|one| one.outcome == Outcome::Chosen).collect();
+        assert!(
+            rows.len() == 2 && rows[0].round == rows[1].round && rows[0].part != rows[1].part,
+            "{rows:?}"
+        );
         assert_eq!(found.runners_up.len(), 2);
     }
 }

@@ -10,17 +10,21 @@ use super::guides::with_different_guides;
 use super::worth::{HALF_OF_THE_REST, LEAST_SHARE, SIMPLER};
 use super::{Evidence, MOST_OF_ONE, Outcome, Search, by_chance, errors, errors_on, gain_elsewhere};
 
-/// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one that turns the phase within a few strokes.
+/// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one
+/// that turns the phase within a few strokes.
 const SLIPS: [f64; 5] = [0.1, 0.25, 0.35, 0.5, 1.0];
 
 impl Search<'_> {
-    /// Where more than noise is left: is it a ripple on the carriage whose phase each record has for itself? Such a ripple is granted more than any law, so
-    /// that it comes after all of them and after the curves. Whether there is one. Without a cell nobody could tell it from a ripple of the motor on a machine that was homed anew.
+    /// Where more than noise is left: is it a ripple on the carriage whose phase each record has
+    /// for itself? Such a ripple is granted more than any law, so that it comes after all of them
+    /// and after the curves. Whether there is one. Without a cell nobody could tell it from a
+    /// ripple of the motor on a machine that was homed anew.
     pub(super) fn let_balls_slip(&mut self) -> Result<bool, IdentifyError> {
         if !self.has_cell() || self.is_noise(&self.best_errors) {
             return Ok(false);
         }
-        // What passed for one with a fixed phase, or for a curve, goes: this would be in their place.
+        // What passed for one with a fixed phase, or for a curve, goes: this would be in their
+        // place.
         let goes = |part: &Part| ["map", slipping::LAW].contains(&part.descriptor.name);
         let mut with = self.best.hypothesis.holding_guides(true);
         for index in (self.declared_effects()..with.effects.len()).rev() {
@@ -41,7 +45,12 @@ impl Search<'_> {
             let Some((part, slip, share)) = self.slipping_ripple(&with, &slips)? else { break };
             // The guides are of one type.
             slips = vec![slip];
-            let fitted = fit(&with.with(part.clone()), self.train, self.sides_of(Side::Carriage), Effort::COMPARED)?;
+            let fitted = fit(
+                &with.with(part.clone()),
+                self.train,
+                self.sides_of(Side::Carriage),
+                Effort::COMPARED,
+            )?;
             let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
             let before = with.own_numbers(self.train);
             let free = 1 + fitted.hypothesis.own_numbers(self.train).saturating_sub(before);
@@ -57,13 +66,17 @@ impl Search<'_> {
                 train_gain: left.train() - found.train(),
                 holdout_gain: left.holdout() - found.holdout(),
                 train_gain_elsewhere: gain_elsewhere(&missing_before, &missing),
-                holdout_gain_alone: errors_on(&fitted.hypothesis.without(with.effects.len()), self.holdout)?
-                    - found.holdout(),
+                holdout_gain_alone: errors_on(
+                    &fitted.hypothesis.without(with.effects.len()),
+                    self.holdout,
+                )? - found.holdout(),
                 chance: by_chance(&missing_before, &missing, free),
                 outcome: Outcome::Chosen,
             };
-            let least_of =
-                |left: f64| (LEAST_SHARE * (left - self.floor.total().powi(2))).max(self.threshold(Side::Carriage));
+            let least_of = |left: f64| {
+                (LEAST_SHARE * (left - self.floor.total().powi(2)))
+                    .max(self.threshold(Side::Carriage))
+            };
             let is_enough = share >= LEAST_SHARE
                 && one.holdout_gain >= least_of(left.holdout())
                 && one.train_gain >= least_of(left.train()).max(one.chance);
@@ -79,7 +92,8 @@ impl Search<'_> {
         if with.effects.len() == others {
             return Ok(false);
         }
-        let fitted = with_different_guides(&with.holding_guides(false), self.train, self.on_the_way(&left))?;
+        let fitted =
+            with_different_guides(&with.holding_guides(false), self.train, self.on_the_way(&left))?;
         let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
         if self.beyond_noise(&found) > HALF_OF_THE_REST * self.beyond_noise(&self.best_errors) {
             return Ok(false);
@@ -98,11 +112,17 @@ impl Search<'_> {
         Ok(true)
     }
 
-    /// The ripple with a phase of each record's own that takes most out of the hold-out along the way, with the smallest of `slips` that does about as well, that, and the share
-    /// it takes; its period is that of the train record.
-    fn slipping_ripple(&self, beside: &Hypothesis, slips: &[f64]) -> Result<Option<(Part, f64, f64)>, IdentifyError> {
+    /// The ripple with a phase of each record's own that takes most out of the hold-out along the
+    /// way, with the smallest of `slips` that does about as well, that, and the share it takes; its
+    /// period is that of the train record.
+    fn slipping_ripple(
+        &self,
+        beside: &Hypothesis,
+        slips: &[f64],
+    ) -> Result<Option<(Part, f64, f64)>, IdentifyError> {
         let train = beside.missing(self.train, Sides::CARRIAGE)?.carriage;
-        let holdout = beside.in_record(self.holdout)?.missing(self.holdout, Sides::CARRIAGE)?.carriage;
+        let holdout =
+            beside.in_record(self.holdout)?.missing(self.holdout, Sides::CARRIAGE)?.carriage;
         let mut best: Option<(Part, f64, f64)> = None;
         for slip in slips {
             if self.watch.stopped() {
@@ -127,7 +147,8 @@ mod tests {
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
 
-    /// Balls that slip show the train record and the hold-out other phases: with that of the train record the hold-out becomes worse.
+    /// Balls that slip show the train record and the hold-out other phases: with that of the train
+    /// record the hold-out becomes worse.
     #[test]
     fn balls_that_slip_are_named_though_each_record_has_its_own_phase() {
         let model = StageModel::default();
@@ -141,7 +162,10 @@ mod tests {
         let found = search(&model, Tolerances::default(), &train, &holdout, &Silent).unwrap();
         let effects = &found.after.fitted.hypothesis.effects;
         assert_eq!(found.verdict, Verdict::Found, "{effects:?}");
-        assert!(effects.iter().all(|part| part.descriptor.name == "ball_passage" && part.slips()), "{effects:?}");
+        assert!(
+            effects.iter().all(|part| part.descriptor.name == "ball_passage" && part.slips()),
+            "{effects:?}"
+        );
         assert!(found.explained_share() > 0.9, "{}", found.explained_share());
         let (amplitude, period) = (effects[0].values[0], effects[0].values[1]);
         assert!((period / 1.3e-3 - 1.0).abs() < 0.01, "{period}");

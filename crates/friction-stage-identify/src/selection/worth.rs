@@ -6,33 +6,40 @@ use friction_stage_core::plant::Side;
 
 use super::{Errors, Evidence, Search};
 
-/// What an effect must take off the mean square of train and of hold-out, in squares of the floor of its side. Behind the force cell the
-/// model of the motor is exact; on the carriage the measured motion stands for the true one, and guides of which no two are alike leave up to a fifth of a square.
+/// What an effect must take off the mean square of train and of hold-out, in squares of the floor
+/// of its side. Behind the force cell the model of the motor is exact; on the carriage the measured
+/// motion stands for the true one, and guides of which no two are alike leave up to a fifth of a
+/// square.
 const MOTOR_GAIN: f64 = 0.02;
 pub const CARRIAGE_GAIN: f64 = 0.5;
-/// Share of what is still explainable on each record that an effect must take out: below it the law only bends towards what it is not.
+/// Share of what is still explainable on each record that an effect must take out: below it the law
+/// only bends towards what it is not.
 pub(super) const LEAST_SHARE: f64 = 0.1;
-/// The same on the carriage beside laws that explain nearly all: what is left there is what these are not quite, or nearly all of other effects, of which
-/// there are three at most.
+/// The same on the carriage beside laws that explain nearly all: what is left there is what these
+/// are not quite, or nearly all of other effects, of which there are three at most.
 const LEAST_SHARE_OF_LITTLE: f64 = 0.25;
-/// Share of what laws leave, where that is no noise, that a map must take out for the same, and share of what a map leaves that a law beside
-/// it must: the rest of a curve of few knots has a shape that many a law bends towards.
+/// Share of what laws leave, where that is no noise, that a map must take out for the same, and
+/// share of what a map leaves that a law beside it must: the rest of a curve of few knots has a
+/// shape that many a law bends towards.
 pub(super) const HALF_OF_THE_REST: f64 = 0.5;
 /// Share of the best gain that a law with fewer parameters must reach to be preferred.
 pub(super) const SIMPLER: f64 = 0.97;
-/// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to be separable.
+/// Share of the winner's gain that a rival must reach, with no more parameters, for the two not to
+/// be separable.
 pub const RIVAL: f64 = 0.985;
-/// Share of the explainable residual, and floors of noise, that laws which are the answer may leave, where it is more than noise: right ones left 0.02
-/// and 6 floors at most, false ones 0.03 and 38, or 0.09 and 103.
+/// Share of the explainable residual, and floors of noise, that laws which are the answer may
+/// leave, where it is more than noise: right ones left 0.02 and 6 floors at most, false ones 0.03
+/// and 38, or 0.09 and 103.
 pub const LEFT_AT_MOST: f64 = 0.05;
 const FLOORS_AT_MOST: f64 = 15.0;
-/// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2: friction driven along a measured
-/// motion costs the rest; a real machine is worth more.
+/// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2:
+/// friction driven along a measured motion costs the rest; a real machine is worth more.
 pub const NOISE_LIKE: f64 = 2.0;
 /// Floors that a recording leaves at most when nothing is hidden in it: 1.0 to 1.2 were seen.
 pub(super) const ALL_BUT_NOISE: f64 = 1.3;
 
-/// Part of what the next effect must take off that a step of a fit between rounds must bring: the rest passes for no effect. Assumed.
+/// Part of what the next effect must take off that a step of a fit between rounds must bring: the
+/// rest passes for no effect. Assumed.
 const PART_OF_THE_NEXT: f64 = 0.01;
 
 impl Search<'_> {
@@ -44,10 +51,15 @@ impl Search<'_> {
         }
     }
 
-    /// Least fall of the mean square that is worth an effect with whose arrival the errors fall so, N^2. Wherever it acts: what the cell shows is judged as
-    /// exactly as the motor, the rest as the carriage.
+    /// Least fall of the mean square that is worth an effect with whose arrival the errors fall so,
+    /// N^2. Wherever it acts: what the cell shows is judged as exactly as the motor, the rest as
+    /// the carriage.
     pub(super) fn least_gain(&self, without: &Errors, with: &Errors) -> f64 {
-        self.threshold(if self.is_shown_by_cell(without, with) { Side::Motor } else { Side::Carriage })
+        self.threshold(if self.is_shown_by_cell(without, with) {
+            Side::Motor
+        } else {
+            Side::Carriage
+        })
     }
 
     fn is_shown_by_cell(&self, without: &Errors, with: &Errors) -> bool {
@@ -66,10 +78,12 @@ impl Search<'_> {
         }
     }
 
-    /// What a candidate must take off the mean square of train or hold-out where this is what is left, N^2.
+    /// What a candidate must take off the mean square of train or hold-out where this is what is
+    /// left, N^2.
     fn least_of(&self, one: &Evidence, left: f64) -> f64 {
         let share = self.least_share(self.is_shown_by_cell(&self.best_errors, &one.errors));
-        self.least_gain(&self.best_errors, &one.errors).max(share * (left - self.floor.total().powi(2)))
+        self.least_gain(&self.best_errors, &one.errors)
+            .max(share * (left - self.floor.total().powi(2)))
     }
 
     pub(super) fn least_on_train(&self, one: &Evidence) -> f64 {
@@ -80,9 +94,10 @@ impl Search<'_> {
         self.least_of(one, self.best_errors.holdout())
     }
 
-    /// Whether a candidate takes enough out of both records, out of more than one place of the train record, and out of the hold-out by itself. A bump that is
-    /// as narrow as can be, at the place where the stage rested once, takes out whatever was missing during that rest, and lets the guides go where they fit
-    /// the hold-out better.
+    /// Whether a candidate takes enough out of both records, out of more than one place of the
+    /// train record, and out of the hold-out by itself. A bump that is as narrow as can be, at the
+    /// place where the stage rested once, takes out whatever was missing during that rest, and lets
+    /// the guides go where they fit the hold-out better.
     pub(super) fn is_enough(&self, one: &Evidence) -> bool {
         one.train_gain >= self.least_on_train(one)
             && one.train_gain_elsewhere >= one.chance
@@ -98,11 +113,15 @@ impl Search<'_> {
 
     /// Squares of the train record that what was found leaves on these sides, N^2.
     pub(super) fn squares_left(&self, sides: Sides) -> f64 {
-        let squares = |side: &[f64], counts: bool| if counts { side.iter().map(|left| left * left).sum() } else { 0.0 };
-        squares(&self.best.missing.motor, sides.motor) + squares(&self.best.missing.carriage, sides.carriage)
+        let squares = |side: &[f64], counts: bool| {
+            if counts { side.iter().map(|left| left * left).sum() } else { 0.0 }
+        };
+        squares(&self.best.missing.motor, sides.motor)
+            + squares(&self.best.missing.carriage, sides.carriage)
     }
 
-    /// Squares of the train record that a candidate on these sides must come below, N^2: one whose fit will not is too small, however it ends.
+    /// Squares of the train record that a candidate on these sides must come below, N^2: one whose
+    /// fit will not is too small, however it ends.
     pub(super) fn worth_on_train(&self, sides: Sides) -> f64 {
         let shown_by_cell = sides.motor && self.has_cell();
         let least = self.threshold(if shown_by_cell { Side::Motor } else { Side::Carriage });
@@ -136,7 +155,8 @@ impl Search<'_> {
     }
 }
 
-/// Whether laws that leave a mean square on the hold-out, of one before, both N^2, over a floor of noise, N, are the answer though more than noise is left.
+/// Whether laws that leave a mean square on the hold-out, of one before, both N^2, over a floor of
+/// noise, N, are the answer though more than noise is left.
 fn leaves_little(left: f64, before: f64, floor: f64) -> bool {
     let share = left - floor.powi(2) <= LEFT_AT_MOST * (before - floor.powi(2)).max(0.0);
     // Sensors without any noise say nothing of sizes.
@@ -153,21 +173,24 @@ mod tests {
     use crate::selection::Silent;
     use friction_stage_core::model::StageModel;
 
-    /// Of 100 N^2 on both records a law takes a half, by chance it would take 1 N^2: what it does beside the place that shows it most decides, and
-    /// what it does to the hold-out by itself.
+    /// Of 100 N^2 on both records a law takes a half, by chance it would take 1 N^2: what it does
+    /// beside the place that shows it most decides, and what it does to the hold-out by itself.
     #[test]
     fn a_law_must_show_in_more_than_one_place() {
         let model = StageModel::default();
-        let record = |seed| Measured::new(&recording(&model, seed, 0.0, 2), &model, "the record").unwrap();
+        let record =
+            |seed| Measured::new(&recording(&model, seed, 0.0, 2), &model, "the record").unwrap();
         let (train, holdout) = (record(3), record(4));
         let declared = Hypothesis::new(&model, Tolerances::default()).unwrap();
         let mut search = Search::new(&declared, &train, &holdout, &Silent).unwrap();
-        search.best_errors = Errors { train_carriage: 100.0, holdout_carriage: 100.0, ..Errors::default() };
+        search.best_errors =
+            Errors { train_carriage: 100.0, holdout_carriage: 100.0, ..Errors::default() };
         for (elsewhere, alone, expected) in
             [(20.0, 60.0, true), (0.5, 60.0, false), (-10.0, 60.0, false), (20.0, 0.0, false)]
         {
             let mut one = tried(&[("position_dependent_friction", 3, 50.0)]).remove(0).one;
-            (one.chance, one.train_gain_elsewhere, one.holdout_gain_alone) = (1.0, elsewhere, alone);
+            (one.chance, one.train_gain_elsewhere, one.holdout_gain_alone) =
+                (1.0, elsewhere, alone);
             assert_eq!(search.is_enough(&one), expected, "{elsewhere} N^2, by itself {alone} N^2");
         }
     }
@@ -175,7 +198,8 @@ mod tests {
     /// In floors: what is left, and what was before.
     #[test]
     fn laws_are_the_answer_where_they_leave_little_in_shares_and_in_floors() {
-        let over_a_floor = |left: f64, before: f64| leaves_little(left * left, before * before, 1.0);
+        let over_a_floor =
+            |left: f64, before: f64| leaves_little(left * left, before * before, 1.0);
         assert!(over_a_floor(6.0, 50.0));
         // A seal that remembers, taken for a hysteresis, and for four laws at once.
         assert!(!over_a_floor(103.0, 341.0) && !over_a_floor(38.0, 211.0));
@@ -184,12 +208,14 @@ mod tests {
         assert!(leaves_little(1e-4, 1.0, 0.0) && !leaves_little(0.1, 1.0, 0.0));
     }
 
-    /// Of 100 N^2 over a floor of 0.1 N: laws that leave a half ask the next one for a tenth of that, laws that leave nearly nothing for a quarter, unless
-    /// the cell shows it.
+    /// Of 100 N^2 over a floor of 0.1 N: laws that leave a half ask the next one for a tenth of
+    /// that, laws that leave nearly nothing for a quarter, unless the cell shows it.
     #[test]
     fn beside_laws_that_explain_nearly_all_the_next_one_must_take_more() {
         let model = StageModel::default();
-        let record = |seed, moves| Measured::new(&recording(&model, seed, 0.0, moves), &model, "the record").unwrap();
+        let record = |seed, moves| {
+            Measured::new(&recording(&model, seed, 0.0, moves), &model, "the record").unwrap()
+        };
         let (train, holdout) = (record(3, 4), record(4, 2));
         let declared = Hypothesis::new(&model, Tolerances::default()).unwrap();
         let mut search = Search::new(&declared, &train, &holdout, &Silent).unwrap();
@@ -203,13 +229,19 @@ mod tests {
         search.errors_before = on_both(0.0, 100.0);
         let mut is_enough = |before: Errors, after: Errors| {
             search.best_errors = before;
-            let mut one = tried(&[("cable_chain", 2, before.holdout() - after.holdout())]).remove(0).one;
+            let mut one =
+                tried(&[("cable_chain", 2, before.holdout() - after.holdout())]).remove(0).one;
             one.errors = after;
             let enough = one.holdout_gain >= search.least_on_holdout(&one);
             assert_eq!(enough, one.train_gain >= search.least_on_train(&one));
             // Its fit is given up where it will not come to just that.
-            let sides = if search.is_shown_by_cell(&before, &after) { Sides::MOTOR } else { Sides::CARRIAGE };
-            let asked = (search.squares_left(sides) - search.worth_on_train(sides)) / train.rows.len() as f64;
+            let sides = if search.is_shown_by_cell(&before, &after) {
+                Sides::MOTOR
+            } else {
+                Sides::CARRIAGE
+            };
+            let asked = (search.squares_left(sides) - search.worth_on_train(sides))
+                / train.rows.len() as f64;
             assert!((asked / search.least_on_train(&one) - 1.0).abs() < 1e-12, "{asked} N^2");
             enough
         };

@@ -1,20 +1,26 @@
-//! Actuator lag: the motor's force follows its command late, by a first-order lag, a pure delay, or both.
+//! Actuator lag: the motor's force follows its command late, by a first-order lag, a pure delay, or
+//! both.
 //!
-//! F = y - u on the motor side, T dy/dt = u(t - d) - y: u commanded force (N), T time_constant (s), d delay (s); either may be 0.
-//! Exact for a held command, which is delayed in pieces: under each, y is an exponential, integrated in closed form.
-//! Source: current loop as first-order lag, bus and drive cycle as delay (assumed). Sizes: EMPS 0.5 to 0.75 ms in all.
-//! Not modelled: slew rate, a second-order current loop. Before the first step the command was 0.
+//! F = y - u on the motor side, T dy/dt = u(t - d) - y: u commanded force (N), T time_constant (s),
+//! d delay (s); either may be 0. Exact for a held command, which is delayed in pieces: under each,
+//! y is an exponential, integrated in closed form. Source: current loop as first-order lag, bus and
+//! drive cycle as delay (assumed). Sizes: EMPS 0.5 to 0.75 ms in all. Not modelled: slew rate, a
+//! second-order current loop. Before the first step the command was 0.
 
 use super::regression::{along, largest_over_decades, least_squares};
-use super::{Drive, Effect, EffectDescriptor, EffectParameter, ForceOverStep, Motion, Residual, Side};
+use super::{
+    Drive, Effect, EffectDescriptor, EffectParameter, ForceOverStep, Motion, Residual, Side,
+};
 
 /// Longest time constant and delay, s.
 const LONGEST: f64 = 0.05;
-/// Held commands that the delay keeps: 50 ms at the highest control rate of 20 kHz, which are 1000, and some.
+/// Held commands that the delay keeps: 50 ms at the highest control rate of 20 kHz, which are 1000,
+/// and some.
 const KEPT: usize = 1024;
 /// Shortest lag of a proposal, s: a tenth of a sample at 20 kHz.
 const SHORTEST: f64 = 5e-6;
-/// A short lag that a fit starts from, and how long before a tick the delay ends that it is behind, samples. Assumed: a cell sees half of what such a lag holds back.
+/// A short lag that a fit starts from, and how long before a tick the delay ends that it is behind,
+/// samples. Assumed: a cell sees half of what such a lag holds back.
 const SHORT_LAG: f64 = 0.15;
 const BEFORE_A_TICK: f64 = 0.1;
 /// Times closer than this are the same, s.
@@ -25,9 +31,17 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     side: Side::Motor,
     law: "F = y - command, time_constant dy/dt = command(t - delay) - y",
     source: "first-order current loop, pure delay of bus and drive (assumed)",
-    telltale: "proportional to the rate of the command: peaks at the edges of acceleration, seen by the force cell",
+    telltale: "proportional to the rate of the command: peaks at the edges of acceleration, seen \
+               by the force cell",
     parameters: &[
-        EffectParameter::optional("time_constant", "s", "first-order lag", (0.0, LONGEST), 1e-4, 0.0),
+        EffectParameter::optional(
+            "time_constant",
+            "s",
+            "first-order lag",
+            (0.0, LONGEST),
+            1e-4,
+            0.0,
+        ),
         EffectParameter::optional("delay", "s", "pure delay", (0.0, LONGEST), 1e-4, 0.0),
     ],
     check: super::any,
@@ -109,7 +123,8 @@ impl ActuatorLag {
         ForceOverStep { mean: area / step, moment: moment / (step * step) }
     }
 
-    /// Leads y through a time, s, under one force, N: its integral, N s, and its first moment about the middle of the time, N s^2.
+    /// Leads y through a time, s, under one force, N: its integral, N s, and its first moment about
+    /// the middle of the time, N s^2.
     fn under(&mut self, force: f64, time: f64) -> (f64, f64) {
         let lag = self.time_constant;
         if lag <= 0.0 {
@@ -147,28 +162,36 @@ impl Effect for ActuatorLag {
 
 /// The lag or the delay, whichever explains more, by a search over its length.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
-    let nothing: f64 = residual.force.iter().filter(|force| force.is_finite()).map(|force| force * force).sum();
+    let nothing: f64 =
+        residual.force.iter().filter(|force| force.is_finite()).map(|force| force * force).sum();
     let forms: [fn(f64) -> Vec<f64>; 2] = [|length| vec![length, 0.0], |length| vec![0.0, length]];
     forms
         .into_iter()
         .filter_map(|form| {
-            let column = |length: f64| along(ActuatorLag::new(form(length)[0], form(length)[1]), residual);
+            let column =
+                |length: f64| along(ActuatorLag::new(form(length)[0], form(length)[1]), residual);
             let explained = |length: f64| {
-                let rest = residual.force.iter().zip(column(length)).map(|(force, lag)| (force - lag) * (force - lag));
+                let rest = residual
+                    .force
+                    .iter()
+                    .zip(column(length))
+                    .map(|(force, lag)| (force - lag) * (force - lag));
                 nothing - rest.filter(|rest| rest.is_finite()).sum::<f64>()
             };
             let length = largest_over_decades(SHORTEST, LONGEST, explained);
             let column = column(length);
             let fit = least_squares(residual.force, |k| [column[k]])?;
             // A coefficient far from 1 is no lag of this length.
-            (fit.is_something() && (0.5..2.0).contains(&fit.coefficients[0])).then(|| (explained(length), form(length)))
+            (fit.is_something() && (0.5..2.0).contains(&fit.coefficients[0]))
+                .then(|| (explained(length), form(length)))
         })
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, values)| values)
 }
 
-/// A lag may be of first order, a delay or both, which a proposal hardly tells apart. A force cell that is sampled at the ticks shows a delay in whole
-/// ticks, and behind one that ends shortly before a tick little of a lag: a fit cannot step from one tick to the next.
+/// A lag may be of first order, a delay or both, which a proposal hardly tells apart. A force cell
+/// that is sampled at the ticks shows a delay in whole ticks, and behind one that ends shortly
+/// before a tick little of a lag: a fit cannot step from one tick to the next.
 fn lag_or_delay(values: &[f64], step: f64) -> Vec<Vec<f64>> {
     let length: f64 = values.iter().sum();
     let ticks = (length / step).round();
@@ -186,7 +209,9 @@ fn lag_or_delay(values: &[f64], step: f64) -> Vec<Vec<f64>> {
     ]
     .into_iter()
     .chain([before_a_tick(ticks), before_a_tick(ticks + 1.0)])
-    .filter(|start| start.iter().all(|value| *value >= 0.0) && start.iter().any(|value| *value > 0.0))
+    .filter(|start| {
+        start.iter().all(|value| *value >= 0.0) && start.iter().any(|value| *value > 0.0)
+    })
     .collect()
 }
 
@@ -200,7 +225,11 @@ mod tests {
         let mut lag = ActuatorLag::new(time_constant, delay);
         (0..count)
             .map(|k| {
-                let motion = Motion { time: (k as f64 + 0.5) * step, motor_force: 100.0, ..Motion::default() };
+                let motion = Motion {
+                    time: (k as f64 + 0.5) * step,
+                    motor_force: 100.0,
+                    ..Motion::default()
+                };
                 100.0 + lag.force(&motion, step)
             })
             .collect()
@@ -219,9 +248,15 @@ mod tests {
         let (time_constant, end) = (2e-3, 8e-3);
         for count in [2usize, 8, 800] {
             let step = end / count as f64;
-            let impulse: f64 = step_response(time_constant, 0.0, step, count).iter().map(|force| force * step).sum();
+            let impulse: f64 = step_response(time_constant, 0.0, step, count)
+                .iter()
+                .map(|force| force * step)
+                .sum();
             let expected = 100.0 * (end - time_constant * (1.0 - (-end / time_constant).exp()));
-            assert!((impulse / expected - 1.0).abs() < 1e-12, "{count} steps: {impulse} {expected}");
+            assert!(
+                (impulse / expected - 1.0).abs() < 1e-12,
+                "{count} steps: {impulse} {expected}"
+            );
         }
     }
 
@@ -232,12 +267,15 @@ mod tests {
         assert!((missing / (100.0 * 1.5e-3) - 1.0).abs() < 1e-6, "{missing}");
     }
 
-    /// Against a first-order lag that is integrated in steps of 0.1 us under a command that is looked up in the past.
+    /// Against a first-order lag that is integrated in steps of 0.1 us under a command that is
+    /// looked up in the past.
     #[test]
     fn where_in_a_step_the_force_acts_is_exact_however_the_command_jumps_in_it() {
         let (cycle, fine) = (5e-4, 1e-7);
         let command = |cycle: i64| if cycle < 0 { 0.0 } else { 80.0 * (1.3 * cycle as f64).sin() };
-        for (time_constant, delay) in [(0.0, 2.3e-4), (3e-4, 0.0), (2e-4, 1.7e-4), (5e-3, 1.22e-3), (5e-5, 5e-4)] {
+        for (time_constant, delay) in
+            [(0.0, 2.3e-4), (3e-4, 0.0), (2e-4, 1.7e-4), (5e-3, 1.22e-3), (5e-5, 5e-4)]
+        {
             let mut lag = ActuatorLag::new(time_constant, delay);
             let mut output = 0.0;
             for k in 0..12 {
@@ -246,18 +284,26 @@ mod tests {
                     let aside = (f64::from(part) + 0.5) / 5000.0;
                     let arrived = command((f64::from(k) + aside - delay / cycle).floor() as i64);
                     let before = output;
-                    let decay = if time_constant > 0.0 { (-fine / time_constant).exp() } else { 0.0 };
+                    let decay =
+                        if time_constant > 0.0 { (-fine / time_constant).exp() } else { 0.0 };
                     output = arrived + (output - arrived) * decay;
                     let force = if time_constant > 0.0 { 0.5 * (before + output) } else { arrived };
                     mean += force / 5000.0;
                     moment += force * (aside - 0.5) / 5000.0;
                 }
-                let motion =
-                    Motion { time: (f64::from(k) + 0.5) * cycle, motor_force: command(k.into()), ..Motion::default() };
+                let motion = Motion {
+                    time: (f64::from(k) + 0.5) * cycle,
+                    motor_force: command(k.into()),
+                    ..Motion::default()
+                };
                 let over = lag.force_over(&motion, cycle);
-                let (found, expected) = ([over.mean + motion.motor_force, over.moment], [mean, moment]);
+                let (found, expected) =
+                    ([over.mean + motion.motor_force, over.moment], [mean, moment]);
                 for (found, expected) in found.iter().zip(expected) {
-                    assert!((found - expected).abs() < 1e-4, "{time_constant} {delay} cycle {k}: {found} {expected}");
+                    assert!(
+                        (found - expected).abs() < 1e-4,
+                        "{time_constant} {delay} cycle {k}: {found} {expected}"
+                    );
                 }
             }
         }
@@ -267,11 +313,16 @@ mod tests {
     fn more_commands_than_the_ring_holds_do_no_harm() {
         let mut lag = ActuatorLag::new(0.0, 0.05);
         for k in 0..10_000 {
-            let motion = Motion { time: 1e-5 * (f64::from(k) + 0.5), motor_force: f64::from(k), ..Motion::default() };
+            let motion = Motion {
+                time: 1e-5 * (f64::from(k) + 0.5),
+                motor_force: f64::from(k),
+                ..Motion::default()
+            };
             let force = lag.force(&motion, 1e-5) + f64::from(k);
             assert!(force.is_finite() && (0.0..=f64::from(k)).contains(&force), "{k}: {force}");
         }
-        // 50 ms are 5000 changes, of which the ring has the last 1024: the oldest of them stands for all before it.
+        // 50 ms are 5000 changes, of which the ring has the last 1024: the oldest of them stands
+        // for all before it.
         assert_eq!(lag.entry(0).1, (10_000 - KEPT) as f64);
     }
 

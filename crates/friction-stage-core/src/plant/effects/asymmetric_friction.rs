@@ -1,20 +1,23 @@
 //! Asymmetric friction: the guides rub more in one direction than in the other.
 //!
-//! Fc and Fs times 1 + f sign(v), sigma2 times 1 + h sign(v): f fraction, h viscous_fraction; both above -1 and below 1. At v = 0 nothing
-//! changes. A bristle turns over its usual distance to the level of the new direction.
-//! Source: separate Coulomb and viscous friction per direction (Janot, Gautier, Brunot, EMPS benchmark, 2019: viscous 167 against 240 N s/m).
-//! It only takes energy.
-//! Not modelled: bristle stiffness that depends on direction.
+//! Fc and Fs times 1 + f sign(v), sigma2 times 1 + h sign(v): f fraction, h viscous_fraction; both
+//! above -1 and below 1. At v = 0 nothing changes. A bristle turns over its usual distance to the
+//! level of the new direction. Source: separate Coulomb and viscous friction per direction (Janot,
+//! Gautier, Brunot, EMPS benchmark, 2019: viscous 167 against 240 N s/m). It only takes energy. Not
+//! modelled: bristle stiffness that depends on direction.
 
 use super::regression::{least_squares, viscous_friction};
-use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side};
+use super::{
+    Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side,
+};
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "asymmetric_friction",
     side: Side::Carriage,
     law: "Fc, Fs (1 + fraction sign(v)); sigma2 (1 + viscous_fraction sign(v))",
     source: "Janot, Gautier, Brunot 2019 (EMPS): friction per direction",
-    telltale: "residual of the same sign in both directions, gone at rest, not seen by the force cell",
+    telltale: "residual of the same sign in both directions, gone at rest, not seen by the force \
+               cell",
     parameters: &[
         EffectParameter::required(
             "fraction",
@@ -23,11 +26,20 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             LIMITS,
             0.05,
         ),
-        EffectParameter::optional("viscous_fraction", "1", "the same for sigma2", LIMITS, 0.05, 0.0),
+        EffectParameter::optional(
+            "viscous_fraction",
+            "1",
+            "the same for sigma2",
+            LIMITS,
+            0.05,
+            0.0,
+        ),
     ],
     check: super::any,
     free: super::all_free,
-    build: |values| Box::new(AsymmetricFriction { fraction: values[0], viscous_fraction: values[1] }),
+    build: |values| {
+        Box::new(AsymmetricFriction { fraction: values[0], viscous_fraction: values[1] })
+    },
     propose,
     starts: super::as_proposed,
 };
@@ -54,7 +66,8 @@ impl Effect for AsymmetricFriction {
     }
 }
 
-/// What of the residual goes with the size of the friction and with the size of the velocity, whatever their sign.
+/// What of the residual goes with the size of the friction and with the size of the velocity,
+/// whatever their sign.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let viscous = viscous_friction(residual)?;
     let base = least_squares(residual.force, |_| [1.0])?;
@@ -63,8 +76,9 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         [1.0, -(residual.friction[k].abs() - viscous * speed), -speed]
     })?;
     let [_, fraction, slope] = fit.coefficients;
-    fit.improves_on(&base)
-        .then(|| vec![fraction.clamp(LIMITS.0, LIMITS.1), (slope / viscous).clamp(LIMITS.0, LIMITS.1)])
+    fit.improves_on(&base).then(|| {
+        vec![fraction.clamp(LIMITS.0, LIMITS.1), (slope / viscous).clamp(LIMITS.0, LIMITS.1)]
+    })
 }
 
 #[cfg(test)]
@@ -89,14 +103,20 @@ mod tests {
             let direction = velocity.signum();
             let expected = guide.level(velocity) * direction * (1.0 + 0.1 * direction)
                 + guide.viscous_friction * velocity * (1.0 - 0.2 * direction);
-            assert!((force / expected - 1.0).abs() < 1e-9, "{velocity} m/s: {force} N, expected {expected} N");
+            assert!(
+                (force / expected - 1.0).abs() < 1e-9,
+                "{velocity} m/s: {force} N, expected {expected} N"
+            );
         }
     }
 
     #[test]
     fn proposal_finds_both_fractions_under_noise_and_nothing_in_noise() {
         let found = proposal(&DESCRIPTOR, &[0.05, -0.15]);
-        assert!((found[0] / 0.05 - 1.0).abs() < 0.15 && (found[1] / -0.15 - 1.0).abs() < 0.15, "{found:?}");
+        assert!(
+            (found[0] / 0.05 - 1.0).abs() < 0.15 && (found[1] / -0.15 - 1.0).abs() < 0.15,
+            "{found:?}"
+        );
         assert_silent_on_noise(&DESCRIPTOR);
     }
 }

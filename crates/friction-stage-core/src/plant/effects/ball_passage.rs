@@ -1,13 +1,17 @@
 //! Ball passage: as balls enter and leave the loaded zone, they push the carriage to and fro.
 //!
-//! F = A / 4 sum over the guides g of sin(2 pi x / p_g + phi + W_g(x) + S_g(s)) along +x on the carriage: A amplitude (N) with all four in phase,
-//! p_g = p (1 + r (g - 1.5) / 3) with g = 0 to 3, p period (m), r spread, phi phase at x = 0 (rad). W_g is a random walk of the phase over position, of
-//! standard deviation q sqrt(|x|), q wander (rad/sqrt(m)), zero at x = 0, one fixed walk per guide, linear between points a quarter of a period
-//! apart, constant beyond 1000 periods. S_g is the phase of balls that slip: anything at first, then a random walk of standard deviation
-//! z sqrt(s) over the distance travelled s (m), z slip (rad/sqrt(m)), linear between points a quarter of a period apart; 0 without slip.
-//! Source: assumed form. A carriage moves twice as far as its balls, so the period is about twice the ball pitch, 8 to 10 mm at size 25. Sizes:
-//! assumed, 0.1 to 1 N. Without slip it is a function of position and has a potential.
-//! Of balls that slip a real stage shows other phases in each record: those here are one example, the same in each run.
+//! F = A / 4 sum over the guides g of sin(2 pi x / p_g + phi + W_g(x) + S_g(s)) along +x on the
+//! carriage: A amplitude (N) with all four in phase, p_g = p (1 + r (g - 1.5) / 3) with g = 0 to 3,
+//! p period (m), r spread, phi phase at x = 0 (rad). W_g is a random walk of the phase over
+//! position, of standard deviation q sqrt(|x|), q wander (rad/sqrt(m)), zero at x = 0, one fixed
+//! walk per guide, linear between points a quarter of a period apart, constant beyond 1000 periods.
+//! S_g is the phase of balls that slip: anything at first, then a random walk of standard deviation
+//! z sqrt(s) over the distance travelled s (m), z slip (rad/sqrt(m)), linear between points a
+//! quarter of a period apart; 0 without slip. Source: assumed form. A carriage moves twice as far
+//! as its balls, so the period is about twice the ball pitch, 8 to 10 mm at size 25. Sizes:
+//! assumed, 0.1 to 1 N. Without slip it is a function of position and has a potential. Of balls
+//! that slip a real stage shows other phases in each record: those here are one example, the same
+//! in each run.
 
 use std::f64::consts::{PI, TAU};
 
@@ -33,12 +37,26 @@ const FARTHEST: f64 = 5.0;
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "ball_passage",
     side: Side::Carriage,
-    law: "F = amplitude / 4 sum sin(2 pi x / period_g + phase + W_g(x) + S_g(distance)), periods within spread, W_g and S_g random walks of wander and slip",
+    law: "F = amplitude / 4 sum sin(2 pi x / period_g + phase + W_g(x) + S_g(distance)), periods \
+          within spread, W_g and S_g random walks of wander and slip",
     source: "assumed; period of twice the ball pitch",
-    telltale: "narrow band over position at twice the ball pitch, phase wanders, not seen by the force cell",
+    telltale: "narrow band over position at twice the ball pitch, phase wanders, not seen by the \
+               force cell",
     parameters: &[
-        EffectParameter::required("amplitude", "N", "peak force with all guides in phase", (0.0, 100.0), 0.5),
-        EffectParameter::required("period", "m", "mean distance after which the force repeats", PERIODS, 1e-3),
+        EffectParameter::required(
+            "amplitude",
+            "N",
+            "peak force with all guides in phase",
+            (0.0, 100.0),
+            0.5,
+        ),
+        EffectParameter::required(
+            "period",
+            "m",
+            "mean distance after which the force repeats",
+            PERIODS,
+            1e-3,
+        ),
         EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
         EffectParameter::optional(
             "wander",
@@ -66,7 +84,8 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         ),
     ],
     check: super::any,
-    // The walk of a real stage is another one: its size cannot be fitted by a fixed walk. Of balls that slip each record has its own force.
+    // The walk of a real stage is another one: its size cannot be fitted by a fixed walk. Of balls
+    // that slip each record has its own force.
     free: |values, index| match values[5] > 0.0 {
         true => index == 1,
         false => index < 3 || (index == 4 && values[4] > 0.0),
@@ -107,7 +126,8 @@ struct Slip {
 impl Slip {
     fn new(size: f64, period: f64) -> Slip {
         let mut random = ChaCha8Rng::seed_from_u64(0);
-        let phases = std::array::from_fn(|_| random.random_range(-PI..PI)).map(|phase| (phase, phase));
+        let phases =
+            std::array::from_fn(|_| random.random_range(-PI..PI)).map(|phase| (phase, phase));
         let mut slip = Slip { period, size, random, phases, way: 0.0, position: 0.0 };
         slip.pass_point();
         slip
@@ -128,7 +148,8 @@ impl Slip {
     fn move_to(&mut self, position: f64) {
         self.way += (position - self.position).abs() / self.between_points();
         self.position = position;
-        // Where the stage was set elsewhere, no balls have rolled: nothing is lost by forgetting it.
+        // Where the stage was set elsewhere, no balls have rolled: nothing is lost by forgetting
+        // it.
         self.way = self.way.min(REACH as f64);
         while self.way >= 1.0 {
             self.way -= 1.0;
@@ -157,14 +178,19 @@ struct GuidePassage {
 
 impl BallPassage {
     fn new(values: &[f64]) -> BallPassage {
-        let [amplitude, period, phase, wander, spread, slip] = std::array::from_fn(|index| values[index]);
+        let [amplitude, period, phase, wander, spread, slip] =
+            std::array::from_fn(|index| values[index]);
         let density = POINTS_PER_PERIOD as f64 / period;
         let distinct = if wander == 0.0 && spread == 0.0 && slip == 0.0 { 1 } else { GUIDES };
         let slip = (slip > 0.0).then(|| Slip::new(slip, period));
         let guides = std::array::from_fn(|guide| GuidePassage {
             wave_number: TAU / (period * (1.0 + spread * (guide as f64 - 1.5) / 3.0)),
             phase,
-            walk: if wander > 0.0 { walk(guide as u64, wander * density.recip().sqrt()) } else { Vec::new() },
+            walk: if wander > 0.0 {
+                walk(guide as u64, wander * density.recip().sqrt())
+            } else {
+                Vec::new()
+            },
         });
         BallPassage { amplitude: amplitude / distinct as f64, density, guides, distinct, slip }
     }
@@ -223,16 +249,20 @@ impl Effect for BallPassage {
 
     fn stiffness(&self) -> f64 {
         let slope = |guide: &GuidePassage| {
-            let steepest = guide.walk.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
+            let steepest =
+                guide.walk.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max);
             guide.wave_number + steepest * self.density
         };
         let slip = self.slip.as_ref().map_or(0.0, Slip::steepest);
-        self.amplitude * self.guides[..self.distinct].iter().map(|guide| slope(guide) + slip).sum::<f64>()
+        self.amplitude
+            * self.guides[..self.distinct].iter().map(|guide| slope(guide) + slip).sum::<f64>()
     }
 
-    /// Exact without a walk; with one, exact between its points, with jumps at them. Balls that slip have no potential: that of their present phases.
+    /// Exact without a walk; with one, exact between its points, with jumps at them. Balls that
+    /// slip have no potential: that of their present phases.
     fn stored_energy(&self, _time: f64, position: f64) -> f64 {
-        self.amplitude * self.phases(position).map(|(phase, slope)| phase.cos() / slope).sum::<f64>()
+        self.amplitude
+            * self.phases(position).map(|(phase, slope)| phase.cos() / slope).sum::<f64>()
     }
 
     fn reset(&mut self) {
@@ -269,10 +299,13 @@ mod tests {
     fn guides_of_different_periods_beat() {
         let mut passage = BallPassage::new(&[0.8, 8e-3, 0.0, 0.0, 0.06, 0.0]);
         let peak = |passage: &mut BallPassage, from: f64| {
-            (0..400).map(|k| at(passage, from + 8e-3 * f64::from(k) / 400.0).abs()).fold(0.0, f64::max)
+            (0..400)
+                .map(|k| at(passage, from + 8e-3 * f64::from(k) / 400.0).abs())
+                .fold(0.0, f64::max)
         };
         let (near, far) = (peak(&mut passage, 0.0), peak(&mut passage, 0.1));
-        // Neighbours differ by 2 %: after 12.5 periods four guides are a quarter turn apart each and cancel.
+        // Neighbours differ by 2 %: after 12.5 periods four guides are a quarter turn apart each
+        // and cancel.
         assert!(near > 0.75 && far < 0.15, "{near} {far}");
     }
 
@@ -283,8 +316,9 @@ mod tests {
             // Away from the points of the walk, 2 mm apart.
             for position in [-0.0311, 0.0007, 0.0213] {
                 let h = 1e-7;
-                let slope =
-                    (passage.stored_energy(0.0, position + h) - passage.stored_energy(0.0, position - h)) / (2.0 * h);
+                let slope = (passage.stored_energy(0.0, position + h)
+                    - passage.stored_energy(0.0, position - h))
+                    / (2.0 * h);
                 let force = at(&mut passage, position);
                 assert!((force + slope).abs() < 1e-5, "{position} m: {force} {slope}");
             }
@@ -326,10 +360,9 @@ mod tests {
             phases.push(passage.slip.as_ref().unwrap().phases.map(|(last, _)| last));
         }
         // Over 1 m: 50 times.
-        let squares = phases
-            .windows(51)
-            .step_by(50)
-            .flat_map(|piece| (0..GUIDES).map(|guide| (piece[50][guide] - piece[0][guide]).powi(2)));
+        let squares = phases.windows(51).step_by(50).flat_map(|piece| {
+            (0..GUIDES).map(|guide| (piece[50][guide] - piece[0][guide]).powi(2))
+        });
         let squares: Vec<f64> = squares.collect();
         let deviation = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
         // 1600 pieces: standard error 2 %.
@@ -340,7 +373,10 @@ mod tests {
     fn balls_that_slip_do_so_alike_at_any_step_and_after_a_reset() {
         let values = [0.8, 1e-2, 0.4, 0.0, 0.0, 1.5];
         let end = |passage: &mut BallPassage, steps: i32| {
-            (1..=steps).map(|k| at(passage, 0.137 * f64::from(k) / f64::from(steps))).last().unwrap()
+            (1..=steps)
+                .map(|k| at(passage, 0.137 * f64::from(k) / f64::from(steps)))
+                .last()
+                .unwrap()
         };
         let mut passage = BallPassage::new(&values);
         let coarse = end(&mut passage, 100);
@@ -357,7 +393,10 @@ mod tests {
     #[test]
     fn proposal_finds_amplitude_period_and_phase_under_noise_and_nothing_in_noise() {
         let found = proposal(&DESCRIPTOR, &[0.4, 9e-3, 2.0, 0.0, 0.0, 0.0]);
-        assert!((found[0] / 0.4 - 1.0).abs() < 0.1 && (found[1] / 9e-3 - 1.0).abs() < 0.002, "{found:?}");
+        assert!(
+            (found[0] / 0.4 - 1.0).abs() < 0.1 && (found[1] / 9e-3 - 1.0).abs() < 0.002,
+            "{found:?}"
+        );
         assert!((found[2] - 2.0).abs() < 0.2, "{found:?}");
         assert_silent_on_noise(&DESCRIPTOR);
     }

@@ -1,21 +1,24 @@
-//! Cable chain: the cables of the carriage pull it towards where they hang free, with some hysteresis.
+//! Cable chain: the cables of the carriage pull it towards where they hang free, with some
+//! hysteresis.
 //!
-//! F = -k (x - xc) - A h, along +x on the carriage: k stiffness (N/m), xc center (m), A amplitude of the hysteresis (N).
-//! h runs from -1 to 1 with the path, w width of the transition (m), in one of three forms: with u = h sign(v) and s the path,
+//! F = -k (x - xc) - A h, along +x on the carriage: k stiffness (N/m), xc center (m), A amplitude
+//! of the hysteresis (N). h runs from -1 to 1 with the path, w width of the transition (m), in one
+//! of three forms: with u = h sign(v) and s the path,
 //! - 0: du/ds = (1 - u) / w, 1: du/ds = (1 - u |u|) / w, 2: du/ds = 1 / w up to u = 1.
 //!
-//! Exact for each step.
-//! Source of the hysteresis: form 0: Dahl's model with exponent 1 (P. Dahl, "A solid friction model", 1968); 1: that of Bouc and Wen with exponent 2 (Wen, J. Eng. Mech.
-//! Div. ASCE 102(2), 1976) and equal parts in loading and unloading; 2: spring and slider (Iwan, J. Appl. Mech. 33, 1966). Of the spring: assumed
-//! linear over the stroke. Sizes: assumed, 1 to 10 N over the stroke.
-//! Not modelled: bumps of single links, dwell-time creep of the cables.
+//! Exact for each step. Source of the hysteresis: form 0: Dahl's model with exponent 1 (P. Dahl, "A
+//! solid friction model", 1968); 1: that of Bouc and Wen with exponent 2 (Wen, J. Eng. Mech. Div.
+//! ASCE 102(2), 1976) and equal parts in loading and unloading; 2: spring and slider (Iwan, J.
+//! Appl. Mech. 33, 1966). Of the spring: assumed linear over the stroke. Sizes: assumed, 1 to 10 N
+//! over the stroke. Not modelled: bumps of single links, dwell-time creep of the cables.
 
 use super::regression::{along, largest_over_decades, least_squares};
 use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
 
 /// Path over which the hysteresis turns where a model does not say it, m. Assumed.
 const WIDTH: f64 = 1e-3;
-/// Shortest and longest one of a proposal, m: shorter is what the bristles of the guides do, longer a spring on any stroke.
+/// Shortest and longest one of a proposal, m: shorter is what the bristles of the guides do, longer
+/// a spring on any stroke.
 const WIDTHS: (f64, f64) = (1e-4, 0.3);
 /// Least stiffness of a proposal, N/m: with less, a fit cannot find the center.
 const SOFTEST: f64 = 0.1;
@@ -23,14 +26,43 @@ const SOFTEST: f64 = 0.1;
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "cable_chain",
     side: Side::Carriage,
-    law: "F = -stiffness (x - center) - amplitude h, u = h sign(v); form 0: du/ds = (1 - u) / width, 1: (1 - u |u|) / width, 2: 1 / width up to u = 1",
-    source: "linear spring (assumed) and hysteresis of Dahl 1968 (0), Bouc and Wen 1976 (1), Iwan 1966 (2)",
+    law: "F = -stiffness (x - center) - amplitude h, u = h sign(v); form 0: du/ds = (1 - u) / \
+          width, 1: (1 - u |u|) / width, 2: 1 / width up to u = 1",
+    source: "linear spring (assumed) and hysteresis of Dahl 1968 (0), Bouc and Wen 1976 (1), Iwan \
+             1966 (2)",
     telltale: "low-order polynomial in position at every speed, not seen by the force cell",
     parameters: &[
-        EffectParameter::required("stiffness", "N/m", "spring stiffness of the cables", (0.0, 1e5), 10.0),
-        EffectParameter::optional("center", "m", "position at which the cables do not pull", (-10.0, 10.0), 0.05, 0.0),
-        EffectParameter::optional("amplitude", "N", "force of the hysteresis", (0.0, 1000.0), 1.0, 0.0),
-        EffectParameter::optional("width", "m", "path over which the hysteresis turns", (1e-6, 1.0), 1e-3, WIDTH),
+        EffectParameter::required(
+            "stiffness",
+            "N/m",
+            "spring stiffness of the cables",
+            (0.0, 1e5),
+            10.0,
+        ),
+        EffectParameter::optional(
+            "center",
+            "m",
+            "position at which the cables do not pull",
+            (-10.0, 10.0),
+            0.05,
+            0.0,
+        ),
+        EffectParameter::optional(
+            "amplitude",
+            "N",
+            "force of the hysteresis",
+            (0.0, 1000.0),
+            1.0,
+            0.0,
+        ),
+        EffectParameter::optional(
+            "width",
+            "m",
+            "path over which the hysteresis turns",
+            (1e-6, 1.0),
+            1e-3,
+            WIDTH,
+        ),
         EffectParameter::optional(
             "form",
             "1",
@@ -121,7 +153,8 @@ impl Effect for CableChain {
 
     fn stored_energy(&self, _time: f64, position: f64) -> f64 {
         let stretch = position - self.center;
-        0.5 * self.stiffness * stretch * stretch + 0.5 * self.amplitude * self.width * self.hysteresis * self.hysteresis
+        0.5 * self.stiffness * stretch * stretch
+            + 0.5 * self.amplitude * self.width * self.hysteresis * self.hysteresis
     }
 
     fn reset(&mut self) {
@@ -129,14 +162,17 @@ impl Effect for CableChain {
     }
 }
 
-/// Spring from the slope of the residual over position, hysteresis from its loop, at the width at which both explain most.
+/// Spring from the slope of the residual over position, hysteresis from its loop, at the width at
+/// which both explain most.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let base = least_squares(residual.force, |_| [1.0])?;
     let fit = |width: f64| {
         let hysteresis = along(CableChain::new(&[0.0, 0.0, 1.0, width, 0.0]), residual);
         least_squares(residual.force, |k| [1.0, residual.position[k], hysteresis[k]])
     };
-    let width = largest_over_decades(WIDTHS.0, WIDTHS.1, |width| fit(width).map_or(0.0, |fit| fit.explained));
+    let width = largest_over_decades(WIDTHS.0, WIDTHS.1, |width| {
+        fit(width).map_or(0.0, |fit| fit.explained)
+    });
     let fit = fit(width)?;
     let [offset, slope, amplitude] = fit.coefficients;
     let (stiffness, amplitude) = ((-slope).max(SOFTEST), amplitude.max(0.0));
@@ -144,7 +180,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         .then(|| vec![stiffness, (offset / stiffness).clamp(-10.0, 10.0), amplitude, width, 0.0])
 }
 
-/// A loop that is small beside the spring does not show its width while the guides are bent by both: also the one that is assumed.
+/// A loop that is small beside the spring does not show its width while the guides are bent by
+/// both: also the one that is assumed.
 fn forms_and_widths(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let mut assumed = values.to_vec();
     assumed[WIDTH_AT] = WIDTH;
@@ -187,11 +224,14 @@ mod tests {
                 for path in [0.0, 0.2, 0.9, 3.0] {
                     let steps = 100_000;
                     let small = path / f64::from(steps);
-                    let expected =
-                        (0..steps).fold(start, |u, _| (u + small * rate(u + 0.5 * small * rate(u))).min(1.0));
+                    let expected = (0..steps)
+                        .fold(start, |u, _| (u + small * rate(u + 0.5 * small * rate(u))).min(1.0));
                     let at_once = form.after(start, path);
                     let in_two = form.after(form.after(start, 0.4 * path), 0.6 * path);
-                    assert!((at_once - expected).abs() < 1e-4, "{form:?} {start} {path}: {at_once} {expected}");
+                    assert!(
+                        (at_once - expected).abs() < 1e-4,
+                        "{form:?} {start} {path}: {at_once} {expected}"
+                    );
                     assert!((at_once - in_two).abs() < 1e-12, "{form:?} {start} {path}");
                 }
             }
@@ -203,7 +243,8 @@ mod tests {
         let mut chain = chain();
         let step = 1e-5;
         let mut work = 0.0;
-        // Two round trips of +-10 mm at 0.1 m/s; the second is the closed loop: 2 A x 20 mm less the two turns (2 A w each).
+        // Two round trips of +-10 mm at 0.1 m/s; the second is the closed loop: 2 A x 20 mm less
+        // the two turns (2 A w each).
         for k in 0..80_000u32 {
             let phase = k % 40_000;
             let (position, velocity) = if phase < 20_000 {
@@ -225,8 +266,14 @@ mod tests {
     fn proposal_finds_spring_center_and_hysteresis_under_noise_and_nothing_in_noise() {
         for width in [1e-3, 0.02] {
             let found = proposal(&DESCRIPTOR, &[80.0, 0.06, 1.5, width, 0.0]);
-            assert!((found[0] / 80.0 - 1.0).abs() < 0.02 && (found[1] - 0.06).abs() < 3e-3, "{found:?}");
-            assert!((found[2] / 1.5 - 1.0).abs() < 0.05 && (found[3] / width - 1.0).abs() < 0.5, "{found:?}");
+            assert!(
+                (found[0] / 80.0 - 1.0).abs() < 0.02 && (found[1] - 0.06).abs() < 3e-3,
+                "{found:?}"
+            );
+            assert!(
+                (found[2] / 1.5 - 1.0).abs() < 0.05 && (found[3] / width - 1.0).abs() < 0.5,
+                "{found:?}"
+            );
         }
         let none = Record::motion().with_noise(0.3, 3);
         assert!(propose(&none.residual()).is_none());

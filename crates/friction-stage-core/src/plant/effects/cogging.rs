@@ -1,10 +1,11 @@
 //! Cogging: the magnets of the motor pull the slider towards the iron teeth.
 //!
-//! F = A sin(2 pi x / p + phi), along +x on the motor side: A amplitude (N), p period (m), phi phase at x = 0 (rad).
-//! The force depends on position alone, not on current and not on speed, and does no work over a period.
-//! Source: first harmonic of the detent force of iron-core linear motors (Gieras, Piech, Tomczuk, "Linear Synchronous
-//! Motors", 2nd ed. 2011). Sizes: assumed, 1 to 2 % of rated force at a magnet pitch of 24 to 32 mm.
-//! Not modelled: higher harmonics, end effects of the slider.
+//! F = A sin(2 pi x / p + phi), along +x on the motor side: A amplitude (N), p period (m), phi
+//! phase at x = 0 (rad). The force depends on position alone, not on current and not on speed, and
+//! does no work over a period. Source: first harmonic of the detent force of iron-core linear
+//! motors (Gieras, Piech, Tomczuk, "Linear Synchronous Motors", 2nd ed. 2011). Sizes: assumed, 1 to
+//! 2 % of rated force at a magnet pitch of 24 to 32 mm. Not modelled: higher harmonics, end effects
+//! of the slider.
 
 use std::f64::consts::TAU;
 
@@ -19,15 +20,24 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     side: Side::Motor,
     law: "F = amplitude sin(2 pi x / period + phase)",
     source: "Gieras, Piech, Tomczuk 2011, first harmonic of the detent force",
-    telltale: "periodic in position at every speed, independent of the force, seen by the force cell",
+    telltale: "periodic in position at every speed, independent of the force, seen by the force \
+               cell",
     parameters: &[
         EffectParameter::required("amplitude", "N", "peak force", (0.0, 1000.0), 1.0),
-        EffectParameter::required("period", "m", "distance after which the force repeats", PERIODS, 1e-3),
+        EffectParameter::required(
+            "period",
+            "m",
+            "distance after which the force repeats",
+            PERIODS,
+            1e-3,
+        ),
         EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
     ],
     check: super::any,
     free: super::all_free,
-    build: |values| Box::new(Cogging { amplitude: values[0], wave_number: TAU / values[1], phase: values[2] }),
+    build: |values| {
+        Box::new(Cogging { amplitude: values[0], wave_number: TAU / values[1], phase: values[2] })
+    },
     propose,
     starts: super::as_proposed,
 };
@@ -69,8 +79,9 @@ mod tests {
         let mut cogging = Cogging { amplitude: 6.0, wave_number: TAU / 0.024, phase: 0.4 };
         for position in [-0.03, 0.0, 0.007, 0.021] {
             let h = 1e-6;
-            let slope =
-                (cogging.stored_energy(0.0, position + h) - cogging.stored_energy(0.0, position - h)) / (2.0 * h);
+            let slope = (cogging.stored_energy(0.0, position + h)
+                - cogging.stored_energy(0.0, position - h))
+                / (2.0 * h);
             let motion = Motion { position, ..Motion::default() };
             assert!((cogging.force(&motion, 1e-5) + slope).abs() < 1e-6);
         }
@@ -79,7 +90,10 @@ mod tests {
     #[test]
     fn proposal_finds_amplitude_period_and_phase_under_noise_and_nothing_in_noise() {
         let found = proposal(&DESCRIPTOR, &[1.5, 0.0123, 1.1]);
-        assert!((found[0] - 1.5).abs() < 0.1 && (found[1] / 0.0123 - 1.0).abs() < 0.002, "{found:?}");
+        assert!(
+            (found[0] - 1.5).abs() < 0.1 && (found[1] / 0.0123 - 1.0).abs() < 0.002,
+            "{found:?}"
+        );
         assert!((found[2] - 1.1).abs() < 0.1, "{found:?}");
         assert_silent_on_noise(&DESCRIPTOR);
     }

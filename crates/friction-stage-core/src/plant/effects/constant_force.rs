@@ -1,8 +1,8 @@
 //! Constant force: a tilted rail, a hanging cable or a weight pulls the carriage one way.
 //!
-//! F = A along +x on the carriage: A amplitude (N), of either sign. On a rail that falls by the angle a towards +x, A = m g sin(a).
-//! Source: weight on an incline. Sizes: 0.4 N per mrad at 40 kg. It has the potential -A x.
-//! Not modelled: tilt that changes along the rail.
+//! F = A along +x on the carriage: A amplitude (N), of either sign. On a rail that falls by the
+//! angle a towards +x, A = m g sin(a). Source: weight on an incline. Sizes: 0.4 N per mrad at 40
+//! kg. It has the potential -A x. Not modelled: tilt that changes along the rail.
 
 use super::regression::least_squares;
 use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
@@ -13,7 +13,13 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "F = amplitude",
     source: "weight on an incline, m g sin(a)",
     telltale: "the same at every position, speed and direction, not seen by the force cell",
-    parameters: &[EffectParameter::required("amplitude", "N", "force along +x", (-1000.0, 1000.0), 1.0)],
+    parameters: &[EffectParameter::required(
+        "amplitude",
+        "N",
+        "force along +x",
+        (-1000.0, 1000.0),
+        1.0,
+    )],
     check: super::any,
     free: super::all_free,
     build: |values| Box::new(ConstantForce { amplitude: values[0] }),
@@ -68,7 +74,11 @@ mod tests {
         let mut body = Body::new(&model, 25e-6).unwrap();
         body.advance(0.0, 40_000);
         let held = 4.0 * stiffness * body.guides().bristles()[0];
-        assert!((held / 2.0 - 1.0).abs() < 1e-3 && body.position() > 0.0, "{held} N at {} m", body.position());
+        assert!(
+            (held / 2.0 - 1.0).abs() < 1e-3 && body.position() > 0.0,
+            "{held} N at {} m",
+            body.position()
+        );
         assert_eq!(body.cell_force(), 0.0);
     }
 

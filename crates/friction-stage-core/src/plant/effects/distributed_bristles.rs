@@ -1,41 +1,97 @@
-//! Distributed bristles: each guide has several bristle elements in parallel, which slip one after another.
+//! Distributed bristles: each guide has several bristle elements in parallel, which slip one after
+//! another.
 //!
-//! F = sum of a_i (c sigma0 z_i + sigma1 dz_i/dt) + sigma2 v, i = 1 to 4, where z_i slips at the deflection l_i = b_i g(v) / (c a_i sigma0), in one of two forms:
+//! F = sum of a_i (c sigma0 z_i + sigma1 dz_i/dt) + sigma2 v, i = 1 to 4, where z_i slips at the
+//! deflection l_i = b_i g(v) / (c a_i sigma0), in one of two forms:
 //! - 0: gradually, dz_i/dt = v - |v| z_i / l_i, as LuGre's bristle;
 //! - 1: suddenly (Maxwell slip), dz_i/dt = v up to |z_i| = l_i, where it stays.
 //!
-//! a_i stiffness_share_i, b_i strength_share_i, of which the fourth element has what the others leave (each kind sums to 1); c stiffness, the stiffness at the smallest
-//! motion over sigma0. A share of 0 takes an element away. The same shares in every guide.
-//! Effective stiffness of a slow loop of amplitude A: form 0: sum of b_i Fs tanh(c a_i sigma0 A / (b_i Fs)) / A, 1: sum of min(c a_i sigma0, b_i Fs / A): it falls over a
-//! wider range of A than one bristle's.
-//! Source: parallel elements of a spring and a slider (W. Iwan, J. Appl. Mech. 33, 1966), of the level of the Stribeck curve (generalized Maxwell slip: Al-Bender,
-//! Lampaert, Swevers, IEEE TAC 50(11), 2005); form 0 with LuGre's bristles in their place. Sizes: assumed.
-//! Stored energy: that of the bristles. Memory of loops within loops is exact with form 1; with form 0 as good as the elements are many: each forgets over its own
-//! break-away distance.
-//! Not modelled: shares that differ between guides, elements of their own damping.
+//! a_i stiffness_share_i, b_i strength_share_i, of which the fourth element has what the others
+//! leave (each kind sums to 1); c stiffness, the stiffness at the smallest motion over sigma0. A
+//! share of 0 takes an element away. The same shares in every guide. Effective stiffness of a slow
+//! loop of amplitude A: form 0: sum of b_i Fs tanh(c a_i sigma0 A / (b_i Fs)) / A, 1: sum of min(c
+//! a_i sigma0, b_i Fs / A): it falls over a wider range of A than one bristle's. Source: parallel
+//! elements of a spring and a slider (W. Iwan, J. Appl. Mech. 33, 1966), of the level of the
+//! Stribeck curve (generalized Maxwell slip: Al-Bender, Lampaert, Swevers, IEEE TAC 50(11), 2005);
+//! form 0 with LuGre's bristles in their place. Sizes: assumed. Stored energy: that of the
+//! bristles. Memory of loops within loops is exact with form 1; with form 0 as good as the elements
+//! are many: each forgets over its own break-away distance. Not modelled: shares that differ
+//! between guides, elements of their own damping.
 
 use nalgebra::{DMatrix, DVector};
 
 use super::regression::{beyond_chance, break_away, sliding_loop, slow_loop};
 use super::{
-    BristleElements, BristleShare, Effect, EffectDescriptor, EffectParameter, MAX_ELEMENTS, Residual, Side, Slip,
+    BristleElements, BristleShare, Effect, EffectDescriptor, EffectParameter, MAX_ELEMENTS,
+    Residual, Side, Slip,
 };
 use crate::model::ModelError;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "distributed_bristles",
     side: Side::Carriage,
-    law: "up to four bristles in parallel per guide: stiffness c a_i sigma0, damping a_i sigma1, level b_i g(v); they slip gradually (form 0, LuGre) or suddenly (1, Maxwell slip)",
+    law: "up to four bristles in parallel per guide: stiffness c a_i sigma0, damping a_i sigma1, \
+          level b_i g(v); they slip gradually (form 0, LuGre) or suddenly (1, Maxwell slip)",
     source: "Iwan 1966; Al-Bender, Lampaert, Swevers 2005; form 0 with LuGre elements",
-    telltale: "stiffer at the smallest loops and softer at larger ones than one bristle, loops within loops",
+    telltale: "stiffer at the smallest loops and softer at larger ones than one bristle, loops \
+               within loops",
     parameters: &[
-        EffectParameter::optional("stiffness_share_1", "1", "part of the stiffness in element 1", (0.0, 1.0), 0.1, 1.0),
-        EffectParameter::optional("strength_share_1", "1", "part of g in element 1", (0.0, 1.0), 0.1, 1.0),
-        EffectParameter::optional("stiffness_share_2", "1", "part of the stiffness in element 2", (0.0, 1.0), 0.1, 0.0),
-        EffectParameter::optional("strength_share_2", "1", "part of g in element 2", (0.0, 1.0), 0.1, 0.0),
-        EffectParameter::optional("stiffness_share_3", "1", "part of the stiffness in element 3", (0.0, 1.0), 0.1, 0.0),
-        EffectParameter::optional("strength_share_3", "1", "part of g in element 3", (0.0, 1.0), 0.1, 0.0),
-        EffectParameter::optional("stiffness", "1", "stiffness of all elements over sigma0", (0.2, 5.0), 0.5, 1.0),
+        EffectParameter::optional(
+            "stiffness_share_1",
+            "1",
+            "part of the stiffness in element 1",
+            (0.0, 1.0),
+            0.1,
+            1.0,
+        ),
+        EffectParameter::optional(
+            "strength_share_1",
+            "1",
+            "part of g in element 1",
+            (0.0, 1.0),
+            0.1,
+            1.0,
+        ),
+        EffectParameter::optional(
+            "stiffness_share_2",
+            "1",
+            "part of the stiffness in element 2",
+            (0.0, 1.0),
+            0.1,
+            0.0,
+        ),
+        EffectParameter::optional(
+            "strength_share_2",
+            "1",
+            "part of g in element 2",
+            (0.0, 1.0),
+            0.1,
+            0.0,
+        ),
+        EffectParameter::optional(
+            "stiffness_share_3",
+            "1",
+            "part of the stiffness in element 3",
+            (0.0, 1.0),
+            0.1,
+            0.0,
+        ),
+        EffectParameter::optional(
+            "strength_share_3",
+            "1",
+            "part of g in element 3",
+            (0.0, 1.0),
+            0.1,
+            0.0,
+        ),
+        EffectParameter::optional(
+            "stiffness",
+            "1",
+            "stiffness of all elements over sigma0",
+            (0.2, 5.0),
+            0.5,
+            1.0,
+        ),
         EffectParameter::optional(
             "form",
             "1",
@@ -49,7 +105,9 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     free: |_, index| index != FORM,
     build: |values| Box::new(DistributedBristles { elements: elements(values) }),
     propose,
-    starts: |values, _| super::every_form(values, FORM, 2).into_iter().chain([evenly_spread(values)]).collect(),
+    starts: |values, _| {
+        super::every_form(values, FORM, 2).into_iter().chain([evenly_spread(values)]).collect()
+    },
 };
 
 /// Where these values stand.
@@ -60,11 +118,14 @@ const FORM: usize = 7;
 const ROUNDING: f64 = 1e-9;
 
 fn check(values: &[f64]) -> Result<(), ModelError> {
-    for (kind, sum) in
-        [("stiffness", values[0] + values[2] + values[4]), ("strength", values[1] + values[3] + values[5])]
-    {
+    for (kind, sum) in [
+        ("stiffness", values[0] + values[2] + values[4]),
+        ("strength", values[1] + values[3] + values[5]),
+    ] {
         if sum > 1.0 + ROUNDING {
-            let key = format!("effects.distributed_bristles: {kind}_share_1 + {kind}_share_2 + {kind}_share_3");
+            let key = format!(
+                "effects.distributed_bristles: {kind}_share_1 + {kind}_share_2 + {kind}_share_3"
+            );
             return Err(ModelError::Value {
                 key,
                 value: sum,
@@ -75,8 +136,9 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
     Ok(())
 }
 
-/// As stiff at the smallest motion, with elements of one stiffness that slip suddenly, one after another at even distances. With sudden slips the squares are
-/// rugged: from few widths a fit does not come to these by itself.
+/// As stiff at the smallest motion, with elements of one stiffness that slip suddenly, one after
+/// another at even distances. With sudden slips the squares are rugged: from few widths a fit does
+/// not come to these by itself.
 fn evenly_spread(values: &[f64]) -> Vec<f64> {
     vec![0.25, 0.1, 0.25, 0.2, 0.25, 0.3, values[STIFFNESS], 1.0]
 }
@@ -86,7 +148,9 @@ fn shares(values: &[f64]) -> [BristleShare; MAX_ELEMENTS] {
     let complete = |given: [f64; MAX_ELEMENTS - 1]| -> [f64; MAX_ELEMENTS] {
         let sum: f64 = given.iter().sum();
         let over = sum.max(1.0);
-        std::array::from_fn(|element| given.get(element).map_or((1.0 - sum / over).max(0.0), |share| share / over))
+        std::array::from_fn(|element| {
+            given.get(element).map_or((1.0 - sum / over).max(0.0), |share| share / over)
+        })
     };
     let stiffness = complete([values[0], values[2], values[4]]);
     let strength = complete([values[1], values[3], values[5]]);
@@ -98,7 +162,10 @@ fn shares(values: &[f64]) -> [BristleShare; MAX_ELEMENTS] {
 }
 
 fn elements(values: &[f64]) -> BristleElements {
-    BristleElements { shares: shares(values), slip: if values[FORM] < 0.5 { Slip::Gradual } else { Slip::Sudden } }
+    BristleElements {
+        shares: shares(values),
+        slip: if values[FORM] < 0.5 { Slip::Gradual } else { Slip::Sudden },
+    }
 }
 
 #[derive(Debug)]
@@ -127,10 +194,12 @@ struct Combination {
     strengths: Vec<f64>,
 }
 
-/// Elements that turn over two to four different distances, from what they would add to one bristle.
+/// Elements that turn over two to four different distances, from what they would add to one
+/// bristle.
 ///
-/// The modelled friction gives the distance w of the single bristle, whose slow loops are dh/dx = (sign(v) - h) / w. The residual is
-/// then F0 h_w less the sum of B_i h_wi, h of the form that is tried: b_i is B_i, a_i is B_i / w_i, each over its sum, and c the sum of B_i / w_i over F0 / w.
+/// The modelled friction gives the distance w of the single bristle, whose slow loops are dh/dx =
+/// (sign(v) - h) / w. The residual is then F0 h_w less the sum of B_i h_wi, h of the form that is
+/// tried: b_i is B_i, a_i is B_i / w_i, each over its sum, and c the sum of B_i / w_i over F0 / w.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let count = residual.force.len();
     if count < 100 {
@@ -139,7 +208,11 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let (width, strength) = break_away(residual)?;
     let widths: Vec<f64> = (-WIDTHS..=WIDTHS).map(|index| width * WIDTH_STEP.powi(index)).collect();
     let single = slow_loop(residual, width);
-    let target: Vec<f64> = single.iter().zip(residual.force).map(|(column, force)| strength * column - force).collect();
+    let target: Vec<f64> = single
+        .iter()
+        .zip(residual.force)
+        .map(|(column, force)| strength * column - force)
+        .collect();
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let target_square = dot(&target, &target);
     let total = dot(residual.force, residual.force);
@@ -147,27 +220,36 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let mut tried = 0;
     for (form, turning) in [slow_loop, sliding_loop].into_iter().enumerate() {
         let columns: Vec<Vec<f64>> = widths.iter().map(|width| turning(residual, *width)).collect();
-        let normal = DMatrix::from_fn(columns.len(), columns.len(), |i, j| dot(&columns[i], &columns[j]));
+        let normal =
+            DMatrix::from_fn(columns.len(), columns.len(), |i, j| dot(&columns[i], &columns[j]));
         let right = DVector::from_fn(columns.len(), |i, _| dot(&columns[i], &target));
         // `None` unless all strengths are positive.
         let fit = |widths: Vec<usize>| -> Option<Combination> {
-            let left = DMatrix::from_fn(widths.len(), widths.len(), |i, j| normal[(widths[i], widths[j])]);
+            let left =
+                DMatrix::from_fn(widths.len(), widths.len(), |i, j| normal[(widths[i], widths[j])]);
             let side = DVector::from_fn(widths.len(), |i, _| right[widths[i]]);
             let strengths = left.cholesky()?.solve(&side);
             let rest = target_square - strengths.dot(&side);
             let positive = strengths.iter().all(|strength| *strength > 0.0);
-            positive.then(|| Combination { rest, form, widths, strengths: strengths.as_slice().to_vec() })
+            positive.then(|| Combination {
+                rest,
+                form,
+                widths,
+                strengths: strengths.as_slice().to_vec(),
+            })
         };
         for i in 0..widths.len() {
             for j in i + 1..widths.len() {
                 let triples = (j + 1..widths.len()).map(|k| vec![i, j, k]);
-                let quadruples =
-                    (j + 1..widths.len()).flat_map(|k| (k + 1..widths.len()).map(move |l| vec![i, j, k, l]));
+                let quadruples = (j + 1..widths.len())
+                    .flat_map(|k| (k + 1..widths.len()).map(move |l| vec![i, j, k, l]));
                 for set in std::iter::once(vec![i, j]).chain(triples).chain(quadruples) {
                     tried += 1;
                     let place = &mut best[set.len() - 2];
                     let found = fit(set);
-                    if found.as_ref().is_some_and(|found| place.as_ref().is_none_or(|best| found.rest < best.rest)) {
+                    if found.as_ref().is_some_and(|found| {
+                        place.as_ref().is_none_or(|best| found.rest < best.rest)
+                    }) {
                         *place = found;
                     }
                 }
@@ -185,14 +267,20 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     }
     let Combination { form, widths: set, strengths, .. } = chosen?;
     let strength_sum: f64 = strengths.iter().sum();
-    let stiffnesses: Vec<f64> = strengths.iter().zip(&set).map(|(strength, index)| strength / widths[*index]).collect();
+    let stiffnesses: Vec<f64> =
+        strengths.iter().zip(&set).map(|(strength, index)| strength / widths[*index]).collect();
     let stiffness_sum: f64 = stiffnesses.iter().sum();
-    let share = |values: &[f64], element: usize, sum: f64| values.get(element).map_or(0.0, |value| value / sum);
+    let share = |values: &[f64], element: usize, sum: f64| {
+        values.get(element).map_or(0.0, |value| value / sum)
+    };
     // Two elements: the second has what the first leaves, and is the fourth.
     let given = set.len() - 1;
     let mut values: Vec<f64> = (0..MAX_ELEMENTS - 1)
         .flat_map(|element| match element < given {
-            true => [share(&stiffnesses, element, stiffness_sum), share(&strengths, element, strength_sum)],
+            true => [
+                share(&stiffnesses, element, stiffness_sum),
+                share(&strengths, element, strength_sum),
+            ],
             false => [0.0, 0.0],
         })
         .collect();
@@ -215,7 +303,8 @@ mod tests {
         Catalogue::builtin().guide("guide_1").unwrap()
     }
 
-    /// Drives a bank to and fro between positions in steps of 1/400 of the way at 0.1 mm/s; friction at the end of each way, N.
+    /// Drives a bank to and fro between positions in steps of 1/400 of the way at 0.1 mm/s;
+    /// friction at the end of each way, N.
     fn visit(bank: &mut GuideBank, from: f64, places: &[f64]) -> Vec<f64> {
         let mut position = from;
         places
@@ -239,7 +328,8 @@ mod tests {
         {
             let elements = BristleElements { slip, ..elements(&SHARES) };
             let mut bank = GuideBank::with_elements(std::slice::from_ref(&guide), &elements);
-            let ways: Vec<f64> = (0..60).map(|way| if way % 2 == 0 { amplitude } else { -amplitude }).collect();
+            let ways: Vec<f64> =
+                (0..60).map(|way| if way % 2 == 0 { amplitude } else { -amplitude }).collect();
             let forces = visit(&mut bank, 0.0, &ways);
             let found = (forces[58] - forces[59]) / (2.0 * amplitude);
             let expected: f64 = shares(&SHARES)
@@ -255,11 +345,15 @@ mod tests {
                 })
                 .sum();
             // At 2 % of the Stribeck velocity the level is Fs to within 4e-4.
-            assert!((found / expected - 1.0).abs() < 1e-3, "{amplitude} m: {found} N/m, expected {expected} N/m");
+            assert!(
+                (found / expected - 1.0).abs() < 1e-3,
+                "{amplitude} m: {found} N/m, expected {expected} N/m"
+            );
         }
     }
 
-    /// Force by which a branch is missed after a loop within it, as a part of the force that the loop turns.
+    /// Force by which a branch is missed after a loop within it, as a part of the force that the
+    /// loop turns.
     fn missed(mut bank: GuideBank) -> f64 {
         // A long way, back, then a branch on which a small loop closes.
         let mut straight = bank.clone();
@@ -271,15 +365,22 @@ mod tests {
 
     #[test]
     fn after_an_inner_loop_closes_the_force_returns_onto_the_outer_branch() {
-        // Elements that turn over 0.05, 23 and 1000 times the single bristle's distance: the loop turns the first and hardly moves the others.
+        // Elements that turn over 0.05, 23 and 1000 times the single bristle's distance: the loop
+        // turns the first and hardly moves the others.
         let share = |stiffness, strength| BristleShare { stiffness, damping: stiffness, strength };
-        let shares = [share(0.98, 0.05), share(0.0195, 0.45), share(0.0005, 0.5), BristleShare::default()];
+        let shares =
+            [share(0.98, 0.05), share(0.0195, 0.45), share(0.0005, 0.5), BristleShare::default()];
         let apart = BristleElements { shares, slip: Slip::Gradual };
-        let (single, distributed) =
-            (missed(GuideBank::new(&[guide()])), missed(GuideBank::with_elements(&[guide()], &apart)));
+        let (single, distributed) = (
+            missed(GuideBank::new(&[guide()])),
+            missed(GuideBank::with_elements(&[guide()], &apart)),
+        );
         assert!(single > 0.1, "one bristle forgets: {single}");
         assert!(distributed < 0.1 * single, "{distributed} against {single} of one bristle");
-        let sudden = missed(GuideBank::with_elements(&[guide()], &BristleElements { slip: Slip::Sudden, ..apart }));
+        let sudden = missed(GuideBank::with_elements(
+            &[guide()],
+            &BristleElements { slip: Slip::Sudden, ..apart },
+        ));
         assert!(sudden < 1e-9, "those that slip suddenly forget nothing: {sudden}");
     }
 
@@ -287,12 +388,20 @@ mod tests {
     #[test]
     fn a_driven_bank_stores_less_than_the_work_done() {
         for slip in [Slip::Gradual, Slip::Sudden] {
-            let mut bank = GuideBank::with_elements(&[guide()], &BristleElements { slip, ..elements(&SHARES) });
+            let mut bank = GuideBank::with_elements(
+                &[guide()],
+                &BristleElements { slip, ..elements(&SHARES) },
+            );
             let mut work = 0.0;
             for k in 0..20_000 {
-                let velocity = 1e-3 * ((0.003 * f64::from(k)).sin() + 0.7 * (0.0071 * f64::from(k)).sin());
+                let velocity =
+                    1e-3 * ((0.003 * f64::from(k)).sin() + 0.7 * (0.0071 * f64::from(k)).sin());
                 work += bank.drive(velocity, 1e-4, &FrictionScale::ONE) * velocity * 1e-4;
-                assert!(bank.stored_energy() <= work + 1e-12, "{k}: {} J of {work} J", bank.stored_energy());
+                assert!(
+                    bank.stored_energy() <= work + 1e-12,
+                    "{k}: {} J of {work} J",
+                    bank.stored_energy()
+                );
             }
             assert!(work > 0.0);
         }
@@ -322,7 +431,8 @@ mod tests {
     fn a_stage_with_one_share_moves_as_the_stage_without() {
         let effects = vec![EffectParameters::new("distributed_bristles", [])];
         let [plain, single] = [Vec::new(), effects].map(|effects| {
-            let mut body = Body::new(&StageModel { effects, ..StageModel::default() }, 25e-6).unwrap();
+            let mut body =
+                Body::new(&StageModel { effects, ..StageModel::default() }, 25e-6).unwrap();
             body.advance(60.0, 4000);
             body.advance(-60.0, 4000);
             body.position()
@@ -332,31 +442,41 @@ mod tests {
 
     #[test]
     fn shares_beyond_one_are_refused_with_their_sum() {
-        let effect =
-            EffectParameters::new("distributed_bristles", [("stiffness_share_1", 0.7), ("stiffness_share_2", 0.5)]);
+        let effect = EffectParameters::new(
+            "distributed_bristles",
+            [("stiffness_share_1", 0.7), ("stiffness_share_2", 0.5)],
+        );
         let message = Effects::new(&[effect]).unwrap_err().to_string();
         assert!(
-            message.contains("stiffness_share_1") && message.contains("1.2") && message.contains("above 1"),
+            message.contains("stiffness_share_1")
+                && message.contains("1.2")
+                && message.contains("above 1"),
             "{message}"
         );
     }
 
-    /// Loops from 2 to 300 um within each other: the shares found give the effective stiffness at every amplitude.
+    /// Loops from 2 to 300 um within each other: the shares found give the effective stiffness at
+    /// every amplitude.
     #[test]
     fn proposal_gives_the_effective_stiffness_under_noise_and_nothing_in_noise() {
         let mut position = Vec::new();
         for amplitude in [2e-6, 8e-6, 30e-6, 100e-6, 300e-6] {
-            position.extend((0..4000).map(|k| amplitude * (std::f64::consts::TAU * f64::from(k) / 2000.0).sin()));
+            position.extend(
+                (0..4000)
+                    .map(|k| amplitude * (std::f64::consts::TAU * f64::from(k) / 2000.0).sin()),
+            );
         }
         let truth = SHARES;
-        let record = Record::along(position.clone()).with_effect(&DESCRIPTOR, &truth).with_noise(0.3, 8);
+        let record =
+            Record::along(position.clone()).with_effect(&DESCRIPTOR, &truth).with_noise(0.3, 8);
         let found = propose(&record.residual()).unwrap();
         let guide = guide();
         let stiffness = |values: &[f64], amplitude: f64| -> f64 {
             let element = |share: &BristleShare| {
                 let strength = share.strength * guide.static_force;
                 if strength > 0.0 {
-                    strength * (share.stiffness * guide.stiffness * amplitude / strength).tanh() / amplitude
+                    strength * (share.stiffness * guide.stiffness * amplitude / strength).tanh()
+                        / amplitude
                 } else {
                     0.0
                 }

@@ -1,10 +1,10 @@
 //! Encoder scale: the encoder's metre is longer or shorter than a metre.
 //!
-//! Reading x (1 + g) at the true position x: g fraction. In a residual it shows as m g a along +x, as the encoder sees an acceleration that does
-//! not happen; the friction hardly changes.
-//! Source: thermal expansion of the scale, linear (assumed). Sizes: 8 to 11 ppm per kelvin for glass and steel (assumed); errors of the declared
-//! pitch are larger.
-//! Not modelled: scale error that changes along the scale.
+//! Reading x (1 + g) at the true position x: g fraction. In a residual it shows as m g a along +x,
+//! as the encoder sees an acceleration that does not happen; the friction hardly changes. Source:
+//! thermal expansion of the scale, linear (assumed). Sizes: 8 to 11 ppm per kelvin for glass and
+//! steel (assumed); errors of the declared pitch are larger. Not modelled: scale error that changes
+//! along the scale.
 
 use super::regression::least_squares;
 use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
@@ -17,7 +17,8 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     side: Side::Sensor,
     law: "reading = x (1 + fraction), in a residual F = m fraction a",
     source: "linear scale error (assumed)",
-    telltale: "proportional to the acceleration, as a payload of the opposite sign; distances differ from those of another gauge",
+    telltale: "proportional to the acceleration, as a payload of the opposite sign; distances \
+               differ from those of another gauge",
     parameters: &[EffectParameter::required(
         "fraction",
         "1",

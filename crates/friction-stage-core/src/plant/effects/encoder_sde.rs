@@ -1,10 +1,12 @@
-//! Encoder subdivision error: within each signal period the encoder reads a little to the left and to the right.
+//! Encoder subdivision error: within each signal period the encoder reads a little to the left and
+//! to the right.
 //!
-//! Reading x + A sin(2 pi x / p + phi): A amplitude (m), p signal period (m), phi phase at x = 0 (rad). In a residual it shows as m d2(reading - x)/dt2 =
-//! m A (k a cos(k x + phi) - k^2 v^2 sin(k x + phi)) along +x, k = 2 pi / p: it grows with v^2.
-//! Source: offset of the sine and cosine signals before interpolation (R. Heydemann, Applied Optics 20(19), 1981), first harmonic. Sizes: assumed, 1 to
-//! 2 % of the signal period at worst, p = 2 to 20 um.
-//! Not modelled: second harmonic (unequal amplitudes, quadrature error), change along the scale.
+//! Reading x + A sin(2 pi x / p + phi): A amplitude (m), p signal period (m), phi phase at x = 0
+//! (rad). In a residual it shows as m d2(reading - x)/dt2 = m A (k a cos(k x + phi) - k^2 v^2 sin(k
+//! x + phi)) along +x, k = 2 pi / p: it grows with v^2. Source: offset of the sine and cosine
+//! signals before interpolation (R. Heydemann, Applied Optics 20(19), 1981), first harmonic. Sizes:
+//! assumed, 1 to 2 % of the signal period at worst, p = 2 to 20 um. Not modelled: second harmonic
+//! (unequal amplitudes, quadrature error), change along the scale.
 
 use std::f64::consts::TAU;
 
@@ -23,13 +25,25 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     source: "Heydemann 1981, first harmonic",
     telltale: "apparent force of micrometre period over position that grows with v^2",
     parameters: &[
-        EffectParameter::required("amplitude", "m", "largest error of the reading", (0.0, 1e-3), 1e-8),
+        EffectParameter::required(
+            "amplitude",
+            "m",
+            "largest error of the reading",
+            (0.0, 1e-3),
+            1e-8,
+        ),
         EffectParameter::required("period", "m", "signal period of the scale", PERIODS, 1e-7),
         EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
     ],
     check: super::any,
     free: super::all_free,
-    build: |values| Box::new(EncoderSde { amplitude: values[0], wave_number: TAU / values[1], phase: values[2] }),
+    build: |values| {
+        Box::new(EncoderSde {
+            amplitude: values[0],
+            wave_number: TAU / values[1],
+            phase: values[2],
+        })
+    },
     propose,
     starts: super::as_proposed,
 };
@@ -59,19 +73,21 @@ const SHORTEST: f64 = 1e-6;
 const BINS_PER_PERIOD: f64 = 8.0;
 const MOST_BINS: usize = 1 << 21;
 
-/// The wave over position whose second difference over time takes most out of the residual: octave by octave of the period a spectrum
-/// over position; then refined with the whole law.
+/// The wave over position whose second difference over time takes most out of the residual: octave
+/// by octave of the period a spectrum over position; then refined with the whole law.
 ///
-/// At every sample and before the lowpass: the error is a function of the position however fast the carriage passes, and between samples
-/// it may well run through more than one period.
+/// At every sample and before the lowpass: the error is a function of the position however fast the
+/// carriage passes, and between samples it may well run through more than one period.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let samples = residual.samples;
     let count = samples.force.len();
     if count < 100 || samples.position.iter().chain(samples.force).any(|value| !value.is_finite()) {
         return None;
     }
-    // The sum over k of force_k D2 exp(i q x_k), with D2 the second difference, is that of D2 force_k exp(i q x_k).
-    let bends: Vec<f64> = samples.force.windows(3).map(|three| three[2] - 2.0 * three[1] + three[0]).collect();
+    // The sum over k of force_k D2 exp(i q x_k), with D2 the second difference, is that of D2
+    // force_k exp(i q x_k).
+    let bends: Vec<f64> =
+        samples.force.windows(3).map(|three| three[2] - 2.0 * three[1] + three[0]).collect();
     let along = &samples.position[1..count - 1];
     let lowest = along.iter().copied().fold(f64::INFINITY, f64::min);
     let highest = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -81,7 +97,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let mut shortest = SHORTEST;
     while shortest < LONGEST && highest - lowest > 4.0 * shortest {
         let width = shortest / BINS_PER_PERIOD;
-        let bins = ((((highest - lowest) / width) as usize + 2).next_power_of_two()).clamp(256, MOST_BINS);
+        let bins =
+            ((((highest - lowest) / width) as usize + 2).next_power_of_two()).clamp(256, MOST_BINS);
         let mut spectrum = vec![Complex::new(0.0, 0.0); bins];
         for (position, bend) in along.iter().zip(&bends) {
             let bin = ((position - lowest) / width) as usize;
@@ -91,7 +108,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         }
         planner.plan_fft_forward(bins).process(&mut spectrum);
         // Cycles over all bins of the octave from 2 `shortest` down to `shortest`.
-        let cycles = (bins as f64 / (2.0 * BINS_PER_PERIOD)) as usize..=(bins as f64 / BINS_PER_PERIOD) as usize;
+        let cycles = (bins as f64 / (2.0 * BINS_PER_PERIOD)) as usize
+            ..=(bins as f64 / BINS_PER_PERIOD) as usize;
         tried += cycles.end() - cycles.start() + 1;
         for cycle in cycles {
             let power = spectrum[cycle].norm_sqr();
@@ -105,10 +123,14 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let (_, coarse, spacing) = best?;
     let inertia = residual.mass / (samples.step * samples.step);
     let fit = |wave_number: f64| -> Option<Fit<2>> {
-        let waves: Vec<(f64, f64)> = samples.position.iter().map(|x| (wave_number * x).sin_cos()).collect();
+        let waves: Vec<(f64, f64)> =
+            samples.position.iter().map(|x| (wave_number * x).sin_cos()).collect();
         least_squares(&samples.force[1..count - 1], |index| {
             let (before, here, after) = (waves[index], waves[index + 1], waves[index + 2]);
-            [inertia * (after.0 - 2.0 * here.0 + before.0), inertia * (after.1 - 2.0 * here.1 + before.1)]
+            [
+                inertia * (after.0 - 2.0 * here.0 + before.0),
+                inertia * (after.1 - 2.0 * here.1 + before.1),
+            ]
         })
     };
     let explained = |wave_number: f64| fit(wave_number).map_or(0.0, |fit| fit.explained);
@@ -140,7 +162,8 @@ mod tests {
 
     #[test]
     fn proposal_finds_amplitude_and_period_under_noise_and_nothing_in_noise() {
-        let record = slow_motion().with_effect(&DESCRIPTOR, &[20e-9, 4.1e-6, 0.8]).with_noise(0.3, 6);
+        let record =
+            slow_motion().with_effect(&DESCRIPTOR, &[20e-9, 4.1e-6, 0.8]).with_noise(0.3, 6);
         let found = propose(&record.residual()).unwrap();
         assert!((found[1] / 4.1e-6 - 1.0).abs() < 1e-4, "{found:?}");
         // The second difference over 0.5 ms reads up to 5 % less than the acceleration.

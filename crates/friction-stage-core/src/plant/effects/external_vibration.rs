@@ -1,9 +1,10 @@
 //! External vibration: a machine nearby shakes the stage at its own frequency.
 //!
-//! F = A sin(2 pi f t + phi) along +x on the carriage, also at rest: A amplitude (N), f frequency (Hz), t time since the start (s), phi phase (rad).
-//! Source: inertia force of a base that moves harmonically, m times its acceleration (assumed harmonic).
-//! A force from outside: it can give energy and has no potential.
-//! Not modelled: several lines, drift of the frequency, the base's own resonances.
+//! F = A sin(2 pi f t + phi) along +x on the carriage, also at rest: A amplitude (N), f frequency
+//! (Hz), t time since the start (s), phi phase (rad). Source: inertia force of a base that moves
+//! harmonically, m times its acceleration (assumed harmonic). A force from outside: it can give
+//! energy and has no potential. Not modelled: several lines, drift of the frequency, the base's own
+//! resonances.
 
 use std::f64::consts::TAU;
 
@@ -12,8 +13,9 @@ use rustfft::{FftPlanner, num_complex::Complex};
 use super::regression::{beyond_chance, evenly, golden_maximum, least_squares, step_of};
 use super::{Effect, EffectDescriptor, EffectParameter, ForceOverStep, Motion, Residual, Side};
 
-/// Half angle of a step, rad, below which its mean and moment are taken from their series: what that leaves out is below 1e-9 of the amplitude, and so is
-/// what the difference in the closed form loses above it.
+/// Half angle of a step, rad, below which its mean and moment are taken from their series: what
+/// that leaves out is below 1e-9 of the amplitude, and so is what the difference in the closed form
+/// loses above it.
 const SMALL_ANGLE: f64 = 2e-3;
 /// Lowest and highest frequency, Hz.
 const FREQUENCIES: (f64, f64) = (0.1, 1000.0);
@@ -31,7 +33,13 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     ],
     check: super::any,
     free: super::all_free,
-    build: |values| Box::new(ExternalVibration { amplitude: values[0], rate: TAU * values[1], phase: values[2] }),
+    build: |values| {
+        Box::new(ExternalVibration {
+            amplitude: values[0],
+            rate: TAU * values[1],
+            phase: values[2],
+        })
+    },
     propose,
     starts: super::as_proposed,
 };
@@ -51,7 +59,8 @@ impl Effect for ExternalVibration {
 
     fn force_over(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
         let (sine, cosine) = (self.rate * motion.time + self.phase).sin_cos();
-        // Integrals of sin(w t + phi) and of t sin(w t + phi) over a step about its middle, with h = w step / 2.
+        // Integrals of sin(w t + phi) and of t sin(w t + phi) over a step about its middle, with
+        // h = w step / 2.
         let half = 0.5 * self.rate * step;
         let (mean, moment) = if half < SMALL_ANGLE {
             (1.0 - half * half / 6.0, half / 6.0)
@@ -59,7 +68,10 @@ impl Effect for ExternalVibration {
             let (sine, cosine) = half.sin_cos();
             (sine / half, (sine - half * cosine) / (2.0 * half * half))
         };
-        ForceOverStep { mean: self.amplitude * sine * mean, moment: self.amplitude * cosine * moment }
+        ForceOverStep {
+            mean: self.amplitude * sine * mean,
+            moment: self.amplitude * cosine * moment,
+        }
     }
 }
 
@@ -81,7 +93,9 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let mut spectrum: Vec<Complex<f64>> = force
         .iter()
         .enumerate()
-        .map(|(k, force)| Complex::new(force * (0.5 - 0.5 * (TAU * k as f64 / count as f64).cos()), 0.0))
+        .map(|(k, force)| {
+            Complex::new(force * (0.5 - 0.5 * (TAU * k as f64 / count as f64).cos()), 0.0)
+        })
         .collect();
     FftPlanner::new().plan_fft_forward(count).process(&mut spectrum);
     let power: Vec<f64> = spectrum[..count / 2].iter().map(|line| line.norm_sqr()).collect();
@@ -102,9 +116,16 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
             (bin, power[bin] / median.max(f64::MIN_POSITIVE))
         })
         .max_by(|a, b| a.1.total_cmp(&b.1))?;
-    // The power of noise in a bin is exponentially distributed, with its median at ln 2 of the mean: twice its ratio to the mean is a
-    // chi-squared variable of two degrees, of a variance that counts as known.
-    if !beyond_chance(2.0 * ratio * std::f64::consts::LN_2, count as f64 - 2.0, count, 2, last - first) {
+    // The power of noise in a bin is exponentially distributed, with its median at ln 2 of the
+    // mean: twice its ratio to the mean is a chi-squared variable of two degrees, of a variance
+    // that counts as known.
+    if !beyond_chance(
+        2.0 * ratio * std::f64::consts::LN_2,
+        count as f64 - 2.0,
+        count,
+        2,
+        last - first,
+    ) {
         return None;
     }
     let fit = |frequency: f64| {
@@ -114,7 +135,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         })
     };
     let explained = |frequency: f64| fit(frequency).map_or(f64::NEG_INFINITY, |fit| fit.explained);
-    let frequency = golden_maximum((bin as f64 - 1.0) * per_bin, (bin as f64 + 1.0) * per_bin, explained);
+    let frequency =
+        golden_maximum((bin as f64 - 1.0) * per_bin, (bin as f64 + 1.0) * per_bin, explained);
     let [_, sine, cosine] = fit(frequency)?.coefficients;
     Some(vec![sine.hypot(cosine), frequency, cosine.atan2(sine)])
 }
@@ -134,13 +156,16 @@ mod tests {
         )])
         .unwrap();
         for (time, expected) in [(0.0, 2.0), (0.05, 0.0), (0.1, -2.0), (0.2, 2.0)] {
-            let (motor, carriage) =
-                effects.advance(&Motion { time, velocity: 3.0, position: time, ..Motion::default() }, 1e-4);
+            let (motor, carriage) = effects.advance(
+                &Motion { time, velocity: 3.0, position: time, ..Motion::default() },
+                1e-4,
+            );
             assert!(motor == 0.0 && (carriage - expected).abs() < 1e-12, "{time} s: {carriage} N");
         }
     }
 
-    /// The closed form of a step, and its series for a slow vibration, against the force in many pieces of it.
+    /// The closed form of a step, and its series for a slow vibration, against the force in many
+    /// pieces of it.
     #[test]
     fn over_a_long_step_it_is_the_force_of_its_pieces() {
         let (step, pieces) = (5e-4, 10_000);
@@ -152,13 +177,20 @@ mod tests {
                 for piece in 0..pieces {
                     let aside = (f64::from(piece) + 0.5) / f64::from(pieces) - 0.5;
                     let there = Motion { time: time + aside * step, ..motion };
-                    let force = vibration.force(&there, step / f64::from(pieces)) / f64::from(pieces);
+                    let force =
+                        vibration.force(&there, step / f64::from(pieces)) / f64::from(pieces);
                     expected.mean += force;
                     expected.moment += aside * force;
                 }
                 let found = vibration.force_over(&motion, step);
-                assert!((found.mean - expected.mean).abs() < 1e-8, "{frequency} Hz: {found:?}, {expected:?}");
-                assert!((found.moment - expected.moment).abs() < 1e-8, "{frequency} Hz: {found:?}, {expected:?}");
+                assert!(
+                    (found.mean - expected.mean).abs() < 1e-8,
+                    "{frequency} Hz: {found:?}, {expected:?}"
+                );
+                assert!(
+                    (found.moment - expected.moment).abs() < 1e-8,
+                    "{frequency} Hz: {found:?}, {expected:?}"
+                );
             }
         }
     }
@@ -173,7 +205,8 @@ mod tests {
 
     #[test]
     fn rows_that_are_left_out_do_not_move_the_line() {
-        let record = Record::motion().with_effect(&DESCRIPTOR, &[0.3, 48.7, 0.6]).with_noise(0.3, 5);
+        let record =
+            Record::motion().with_effect(&DESCRIPTOR, &[0.3, 48.7, 0.6]).with_noise(0.3, 5);
         let found = propose(&record.without_rows(2000..5000).residual()).unwrap();
         assert!((found[1] - 48.7).abs() < 0.005, "{found:?}");
     }

@@ -1,8 +1,9 @@
 //! Force cell drift: the zero of the cell moves with time.
 //!
-//! Reading F + b + r t + A (1 - exp(-t / T)): b offset (N), r rate (N/s), t time since the start (s), A amplitude (N) and T time_constant (s) of a warm-up.
-//! Source: assumed form: zero error, linear drift, and one thermal mode. Sizes: assumed, some 0.1 N over minutes.
-//! Not modelled: drift that follows the load.
+//! Reading F + b + r t + A (1 - exp(-t / T)): b offset (N), r rate (N/s), t time since the start
+//! (s), A amplitude (N) and T time_constant (s) of a warm-up. Source: assumed form: zero error,
+//! linear drift, and one thermal mode. Sizes: assumed, some 0.1 N over minutes. Not modelled: drift
+//! that follows the load.
 
 use super::regression::{largest_over_decades, least_squares};
 use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
@@ -15,18 +16,45 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     side: Side::Sensor,
     law: "reading = F + offset + rate t + amplitude (1 - exp(-t / time_constant))",
     source: "assumed: zero error, linear drift and one thermal mode",
-    telltale: "cell less command follows slow time alone, and so does the carriage's residual, with the opposite sign",
+    telltale: "cell less command follows slow time alone, and so does the carriage's residual, \
+               with the opposite sign",
     parameters: &[
-        EffectParameter::optional("rate", "N/s", "drift of the reading", (-100.0, 100.0), 0.01, 0.0),
-        EffectParameter::optional("offset", "N", "reading without force at time 0", (-1000.0, 1000.0), 0.1, 0.0),
-        EffectParameter::optional("amplitude", "N", "change of the reading by warm-up", (-1000.0, 1000.0), 0.1, 0.0),
+        EffectParameter::optional(
+            "rate",
+            "N/s",
+            "drift of the reading",
+            (-100.0, 100.0),
+            0.01,
+            0.0,
+        ),
+        EffectParameter::optional(
+            "offset",
+            "N",
+            "reading without force at time 0",
+            (-1000.0, 1000.0),
+            0.1,
+            0.0,
+        ),
+        EffectParameter::optional(
+            "amplitude",
+            "N",
+            "change of the reading by warm-up",
+            (-1000.0, 1000.0),
+            0.1,
+            0.0,
+        ),
         EffectParameter::optional("time_constant", "s", "time of the warm-up", TIMES, 1.0, 10.0),
     ],
     check: super::any,
     // A warm-up that is not there stays away.
     free: |values, index| index < 2 || values[2] != 0.0,
     build: |values| {
-        Box::new(ForceCellDrift { rate: values[0], offset: values[1], amplitude: values[2], time_constant: values[3] })
+        Box::new(ForceCellDrift {
+            rate: values[0],
+            offset: values[1],
+            amplitude: values[2],
+            time_constant: values[3],
+        })
     },
     propose,
     starts: line_and_warm_up,
@@ -42,7 +70,8 @@ struct ForceCellDrift {
 
 impl Effect for ForceCellDrift {
     fn force_cell(&self, time: f64, force: f64) -> f64 {
-        force + self.offset + self.rate * time - self.amplitude * (-time / self.time_constant).exp_m1()
+        force + self.offset + self.rate * time
+            - self.amplitude * (-time / self.time_constant).exp_m1()
     }
 }
 
@@ -51,12 +80,16 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let line = least_squares(residual.force, |k| [1.0, residual.time[k]])?;
     let duration = residual.time.last()? - residual.time.first()?;
     let warm_up = |time_constant: f64| {
-        least_squares(residual.force, |k| [1.0, residual.time[k], -(-residual.time[k] / time_constant).exp_m1()])
+        least_squares(residual.force, |k| {
+            [1.0, residual.time[k], -(-residual.time[k] / time_constant).exp_m1()]
+        })
     };
     // Beyond half the record a warm-up is hard to tell from a line.
     let (shortest, longest) = ((duration / 300.0).max(TIMES.0), 0.5 * duration);
     if longest > shortest {
-        let explained = |time_constant: f64| warm_up(time_constant).map_or(f64::NEG_INFINITY, |fit| fit.explained);
+        let explained = |time_constant: f64| {
+            warm_up(time_constant).map_or(f64::NEG_INFINITY, |fit| fit.explained)
+        };
         let time_constant = largest_over_decades(shortest, longest, explained);
         if let Some(fit) = warm_up(time_constant).filter(|fit| fit.improves_on(&line)) {
             let [offset, rate, amplitude] = fit.coefficients;
@@ -90,10 +123,16 @@ mod tests {
     #[test]
     fn proposal_finds_line_and_warm_up_under_noise_and_nothing_in_noise() {
         let found = proposal(&DESCRIPTOR, &[0.05, -0.3, 0.0, 10.0]);
-        assert!((found[0] / 0.05 - 1.0).abs() < 0.1 && (found[1] / -0.3 - 1.0).abs() < 0.1, "{found:?}");
+        assert!(
+            (found[0] / 0.05 - 1.0).abs() < 0.1 && (found[1] / -0.3 - 1.0).abs() < 0.1,
+            "{found:?}"
+        );
         assert_eq!(found[2], 0.0);
         let found = proposal(&DESCRIPTOR, &[0.0, 0.2, 1.0, 1.5]);
-        assert!((found[2] / 1.0 - 1.0).abs() < 0.2 && (found[3] / 1.5 - 1.0).abs() < 0.2, "{found:?}");
+        assert!(
+            (found[2] / 1.0 - 1.0).abs() < 0.2 && (found[3] / 1.5 - 1.0).abs() < 0.2,
+            "{found:?}"
+        );
         assert_silent_on_noise(&DESCRIPTOR);
     }
 

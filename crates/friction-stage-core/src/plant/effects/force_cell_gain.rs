@@ -12,7 +12,8 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     side: Side::Sensor,
     law: "reading = F (1 + fraction)",
     source: "linear calibration error (assumed)",
-    telltale: "cell less command proportional to the command, and mass and friction seem larger by the same part",
+    telltale: "cell less command proportional to the command, and mass and friction seem larger by \
+               the same part",
     parameters: &[EffectParameter::required(
         "fraction",
         "1",

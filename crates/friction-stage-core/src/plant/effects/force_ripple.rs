@@ -1,10 +1,12 @@
-//! Force ripple: the force of the motor per current changes with where the windings stand over the magnets.
+//! Force ripple: the force of the motor per current changes with where the windings stand over the
+//! magnets.
 //!
-//! F = u g sin(2 pi x / p + phi), along +x on the motor side: u commanded force (N), with what an `actuator_lag` and a `motor_gain` make of it,
-//! g fraction, p period (m), phi phase at x = 0 (rad). Proportional to the commanded force; without command there is none. It is no potential: the motor pays for it.
-//! Source: first harmonic of the force constant over position (Gieras, Piech, Tomczuk, "Linear Synchronous Motors", 2nd ed. 2011).
-//! Sizes: assumed, 1 to 5 %.
-//! Not modelled: higher harmonics, saturation of the iron.
+//! F = u g sin(2 pi x / p + phi), along +x on the motor side: u commanded force (N), with what an
+//! `actuator_lag` and a `motor_gain` make of it, g fraction, p period (m), phi phase at x = 0
+//! (rad). Proportional to the commanded force; without command there is none. It is no potential:
+//! the motor pays for it. Source: first harmonic of the force constant over position (Gieras,
+//! Piech, Tomczuk, "Linear Synchronous Motors", 2nd ed. 2011). Sizes: assumed, 1 to 5 %. Not
+//! modelled: higher harmonics, saturation of the iron.
 
 use std::f64::consts::TAU;
 
@@ -21,13 +23,31 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     source: "Gieras, Piech, Tomczuk 2011, first harmonic of the force constant",
     telltale: "periodic in position and proportional to the force, seen by the force cell",
     parameters: &[
-        EffectParameter::required("fraction", "1", "peak, as a part of the commanded force", (0.0, 1.0), 0.01),
-        EffectParameter::required("period", "m", "distance after which the ripple repeats", PERIODS, 1e-3),
+        EffectParameter::required(
+            "fraction",
+            "1",
+            "peak, as a part of the commanded force",
+            (0.0, 1.0),
+            0.01,
+        ),
+        EffectParameter::required(
+            "period",
+            "m",
+            "distance after which the ripple repeats",
+            PERIODS,
+            1e-3,
+        ),
         EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
     ],
     check: super::any,
     free: super::all_free,
-    build: |values| Box::new(ForceRipple { fraction: values[0], wave_number: TAU / values[1], phase: values[2] }),
+    build: |values| {
+        Box::new(ForceRipple {
+            fraction: values[0],
+            wave_number: TAU / values[1],
+            phase: values[2],
+        })
+    },
     propose,
     starts: super::as_proposed,
 };
@@ -51,7 +71,12 @@ impl Effect for ForceRipple {
 
 /// The sinusoid over position whose product with the command takes most out of the residual.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
-    let wave = strongest_wave(residual.position, |k| residual.command[k], residual.force, PERIODS.0..=PERIODS.1)?;
+    let wave = strongest_wave(
+        residual.position,
+        |k| residual.command[k],
+        residual.force,
+        PERIODS.0..=PERIODS.1,
+    )?;
     Some(vec![wave.amplitude().min(1.0), wave.period, wave.phase()])
 }
 
@@ -73,7 +98,10 @@ mod tests {
     #[test]
     fn proposal_finds_fraction_period_and_phase_under_noise_and_nothing_in_noise() {
         let found = proposal(&DESCRIPTOR, &[0.02, 0.03, -0.7]);
-        assert!((found[0] / 0.02 - 1.0).abs() < 0.05 && (found[1] / 0.03 - 1.0).abs() < 0.005, "{found:?}");
+        assert!(
+            (found[0] / 0.02 - 1.0).abs() < 0.05 && (found[1] / 0.03 - 1.0).abs() < 0.005,
+            "{found:?}"
+        );
         assert!((found[2] + 0.7).abs() < 0.1, "{found:?}");
         assert_silent_on_noise(&DESCRIPTOR);
     }

@@ -1,20 +1,23 @@
 //! Map: an empirical curve of force over position, velocity or time, for what no law explains.
 //!
-//! F(c) along +x on the carriage side (or, where the model says so, on the motor side): linear between equidistant knots, constant
-//! beyond the ends; c position (m), velocity (m/s) or time (s since the start). Where the model says `side: friction`, the curve is instead the part by
-//! which Coulomb and static friction of all guides are higher, and with `side: viscous` that by which their viscous friction is: no less than -1. With
-//! `side: mass` it is the mass that moves with the carriage beyond its own, kg: F = -m(c) a. What is picked up moves as the carriage does already, and what is
-//! put down takes its momentum with it (assumed).
-//! Source: none, which is the point. Piecewise linear, so that each knot is the force there and a fit is linear in the knots.
-//! Over the time it may jump by a height at one place: from there on it is higher than its knots say.
-//! Over position the force has a potential; over velocity and time it has none.
-//! Not modelled: dependence on two coordinates at once, a second jump.
+//! F(c) along +x on the carriage side (or, where the model says so, on the motor side): linear
+//! between equidistant knots, constant beyond the ends; c position (m), velocity (m/s) or time (s
+//! since the start). Where the model says `side: friction`, the curve is instead the part by which
+//! Coulomb and static friction of all guides are higher, and with `side: viscous` that by which
+//! their viscous friction is: no less than -1. With `side: mass` it is the mass that moves with the
+//! carriage beyond its own, kg: F = -m(c) a. What is picked up moves as the carriage does already,
+//! and what is put down takes its momentum with it (assumed). Source: none, which is the point.
+//! Piecewise linear, so that each knot is the force there and a fit is linear in the knots. Over
+//! the time it may jump by a height at one place: from there on it is higher than its knots say.
+//! Over position the force has a potential; over velocity and time it has none. Not modelled:
+//! dependence on two coordinates at once, a second jump.
 
 use crate::model::{Coordinate, Curve, CurveSide, Jump, ModelError};
 
 use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Scaled, Side};
 
-/// Values before the knots: coordinate, side, from, to, and the height and the place of the jump, both 0 where there is none.
+/// Values before the knots: coordinate, side, from, to, and the height and the place of the jump,
+/// both 0 where there is none.
 const HEAD: usize = 6;
 const HEIGHT: usize = 4;
 const AT: usize = 5;
@@ -22,11 +25,19 @@ const AT: usize = 5;
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "map",
     side: Side::Carriage,
-    law: "F, or a change of friction or mass, is values[(c - from) / (to - from)], linear between equidistant knots, constant beyond; c position, velocity or time",
+    law: "F, or a change of friction or mass, is values[(c - from) / (to - from)], linear between \
+          equidistant knots, constant beyond; c position, velocity or time",
     source: "none: an empirical curve",
-    telltale: "a force, a friction or a mass that repeats over one coordinate and follows no law of the list",
+    telltale: "a force, a friction or a mass that repeats over one coordinate and follows no law \
+               of the list",
     parameters: &[
-        EffectParameter::required("coordinate", "", "0 position, 1 velocity, 2 time", (0.0, 2.0), 1.0),
+        EffectParameter::required(
+            "coordinate",
+            "",
+            "0 position, 1 velocity, 2 time",
+            (0.0, 2.0),
+            1.0,
+        ),
         EffectParameter::optional(
             "side",
             "",
@@ -37,7 +48,14 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         ),
         EffectParameter::required("from", "m, m/s or s", "first knot", (-1e6, 1e6), 0.1),
         EffectParameter::required("to", "m, m/s or s", "last knot", (-1e6, 1e6), 0.1),
-        EffectParameter::optional("jump", "N or 1", "height of a jump; over the time only", (-1e6, 1e6), 1.0, 0.0),
+        EffectParameter::optional(
+            "jump",
+            "N or 1",
+            "height of a jump; over the time only",
+            (-1e6, 1e6),
+            1.0,
+            0.0,
+        ),
         EffectParameter::optional("jump_at", "s", "its place", (-1e6, 1e6), 1.0, 0.0),
     ],
     check,
@@ -63,10 +81,14 @@ pub(super) fn values(curve: &Curve) -> Vec<f64> {
         CurveSide::Mass => 4.0,
     };
     let Jump { at, height } = curve.jump.unwrap_or(Jump { at: 0.0, height: 0.0 });
-    [coordinate, side, curve.from, curve.to, height, at].into_iter().chain(curve.values.iter().copied()).collect()
+    [coordinate, side, curve.from, curve.to, height, at]
+        .into_iter()
+        .chain(curve.values.iter().copied())
+        .collect()
 }
 
-/// Places in a vector of values of the heights that make the curve: that of its jump, where there is one, and those of its knots.
+/// Places in a vector of values of the heights that make the curve: that of its jump, where there
+/// is one, and those of its knots.
 pub fn heights(values: &[f64]) -> impl Iterator<Item = usize> + use<> {
     (values[HEIGHT] != 0.0).then_some(HEIGHT).into_iter().chain(HEAD..values.len())
 }
@@ -86,7 +108,14 @@ pub(super) fn curve(values: &[f64]) -> Curve {
         _ => CurveSide::Mass,
     };
     let jump = (values[HEIGHT] != 0.0).then_some(Jump { at: values[AT], height: values[HEIGHT] });
-    Curve { coordinate, side, from: values[2], to: values[3], values: values[HEAD..].to_vec(), jump }
+    Curve {
+        coordinate,
+        side,
+        from: values[2],
+        to: values[3],
+        values: values[HEAD..].to_vec(),
+        jump,
+    }
 }
 
 /// Where a motion is on a coordinate.
@@ -99,24 +128,42 @@ pub fn along(coordinate: Coordinate, motion: &Motion) -> f64 {
 }
 
 fn check(values: &[f64]) -> Result<(), ModelError> {
-    let refuse = |key: &str, value: f64, limit: String| Err(ModelError::Value { key: key.to_owned(), value, limit });
+    let refuse = |key: &str, value: f64, limit: String| {
+        Err(ModelError::Value { key: key.to_owned(), value, limit })
+    };
     if values.len() <= HEAD {
-        return refuse("effects.map (number of values)", 0.0, "be at least 2, from and to finite".to_owned());
+        return refuse(
+            "effects.map (number of values)",
+            0.0,
+            "be at least 2, from and to finite".to_owned(),
+        );
     }
     let (from, to, knots) = (values[2], values[3], &values[HEAD..]);
     if !from.is_finite() {
         return refuse("effects.map.from", from, "be finite".to_owned());
     }
     if !(to.is_finite() && to > from) {
-        return refuse("effects.map.to", to, format!("be finite and above `from`, which is {from}"));
+        return refuse(
+            "effects.map.to",
+            to,
+            format!("be finite and above `from`, which is {from}"),
+        );
     }
     if knots.len() < 2 {
-        return refuse("effects.map.values (their number)", knots.len() as f64, "be at least 2".to_owned());
+        return refuse(
+            "effects.map.values (their number)",
+            knots.len() as f64,
+            "be at least 2".to_owned(),
+        );
     }
     let curve = curve(values);
     if let Some(Jump { at, height }) = curve.jump {
         if !(at.is_finite() && height.is_finite()) {
-            return refuse("effects.map.jump", if at.is_finite() { height } else { at }, "be finite".to_owned());
+            return refuse(
+                "effects.map.jump",
+                if at.is_finite() { height } else { at },
+                "be finite".to_owned(),
+            );
         }
         if curve.coordinate != Coordinate::Time {
             return refuse("effects.map.jump.at", at, "be given over the time only".to_owned());
@@ -128,14 +175,21 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
             return refuse(&format!("effects.map.values[{index}]"), knots[index], limit());
         }
         if let Some(Jump { height, .. }) = curve.jump {
-            let least = curve.corners().iter().map(|(_, value)| *value).fold(f64::INFINITY, f64::min);
+            let least =
+                curve.corners().iter().map(|(_, value)| *value).fold(f64::INFINITY, f64::min);
             if least < -1.0 {
-                return refuse("effects.map.jump.height", height, format!("{}: there it comes to {least}", limit()));
+                return refuse(
+                    "effects.map.jump.height",
+                    height,
+                    format!("{}: there it comes to {least}", limit()),
+                );
             }
         }
     }
     match knots.iter().position(|value| !value.is_finite()) {
-        Some(index) => refuse(&format!("effects.map.values[{index}]"), knots[index], "be finite".to_owned()),
+        Some(index) => {
+            refuse(&format!("effects.map.values[{index}]"), knots[index], "be finite".to_owned())
+        }
         None => Ok(()),
     }
 }
@@ -170,7 +224,8 @@ impl Map {
     fn at(&self, coordinate: f64) -> f64 {
         let (knot, part) = self.curve.locate(coordinate);
         let values = &self.curve.values;
-        let jump = self.curve.jump.filter(|jump| coordinate >= jump.at).map_or(0.0, |jump| jump.height);
+        let jump =
+            self.curve.jump.filter(|jump| coordinate >= jump.at).map_or(0.0, |jump| jump.height);
         values[knot] + part * (values[knot + 1] - values[knot]) + jump
     }
 }
@@ -217,7 +272,9 @@ impl Effect for Map {
     fn side(&self) -> Option<Side> {
         Some(match self.curve.side {
             CurveSide::Motor => Side::Motor,
-            CurveSide::Carriage | CurveSide::Friction | CurveSide::Viscous | CurveSide::Mass => Side::Carriage,
+            CurveSide::Carriage | CurveSide::Friction | CurveSide::Viscous | CurveSide::Mass => {
+                Side::Carriage
+            }
         })
     }
 
@@ -234,7 +291,8 @@ impl Effect for Map {
         if !self.is_force_over_position() {
             return 0.0;
         }
-        self.density * self.curve.values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
+        self.density
+            * self.curve.values.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
     }
 
     /// Minus the integral of the force over position from the first knot.
@@ -243,7 +301,8 @@ impl Effect for Map {
             return 0.0;
         }
         let (knot, part) = self.curve.locate(position);
-        let inside = self.integral[knot] + 0.5 * part * (self.curve.values[knot] + self.at(position)) / self.density;
+        let inside = self.integral[knot]
+            + 0.5 * part * (self.curve.values[knot] + self.at(position)) / self.density;
         let beyond = position - position.clamp(self.curve.from, self.curve.to);
         -(inside + beyond * self.at(position))
     }
@@ -257,7 +316,14 @@ mod tests {
     use crate::plant::Body;
 
     fn tent(coordinate: Coordinate) -> Curve {
-        Curve { coordinate, side: CurveSide::Carriage, from: -0.1, to: 0.1, values: vec![1.0, 4.0, -2.0], jump: None }
+        Curve {
+            coordinate,
+            side: CurveSide::Carriage,
+            from: -0.1,
+            to: 0.1,
+            values: vec![1.0, 4.0, -2.0],
+            jump: None,
+        }
     }
 
     #[test]
@@ -274,10 +340,17 @@ mod tests {
     #[test]
     fn force_is_linear_between_the_knots_and_constant_beyond() {
         let mut map = Map::new(tent(Coordinate::Velocity));
-        for (velocity, force) in
-            [(-0.5, 1.0), (-0.1, 1.0), (-0.05, 2.5), (0.0, 4.0), (0.05, 1.0), (0.1, -2.0), (3.0, -2.0)]
-        {
-            let found = map.force(&Motion { velocity, position: 7.0, time: 9.0, ..Motion::default() }, 1e-4);
+        for (velocity, force) in [
+            (-0.5, 1.0),
+            (-0.1, 1.0),
+            (-0.05, 2.5),
+            (0.0, 4.0),
+            (0.05, 1.0),
+            (0.1, -2.0),
+            (3.0, -2.0),
+        ] {
+            let found = map
+                .force(&Motion { velocity, position: 7.0, time: 9.0, ..Motion::default() }, 1e-4);
             assert!((found - force).abs() < 1e-12, "{velocity} m/s: {found} N, expected {force} N");
         }
     }
@@ -303,8 +376,13 @@ mod tests {
             );
             assert_eq!((scale.viscous, map.force(&motion, 1e-4)), (1.0, 0.0));
         }
-        let message = Effects::new(&[EffectParameters::map(Curve { values: vec![0.0, -1.5], ..given })]).unwrap_err();
-        assert!(message.to_string().contains("-1.5") && message.to_string().contains("at least -1"), "{message}");
+        let message =
+            Effects::new(&[EffectParameters::map(Curve { values: vec![0.0, -1.5], ..given })])
+                .unwrap_err();
+        assert!(
+            message.to_string().contains("-1.5") && message.to_string().contains("at least -1"),
+            "{message}"
+        );
     }
 
     #[test]
@@ -337,9 +415,13 @@ mod tests {
         let body = |mass: f64, effects: Vec<EffectParameters>| {
             Body::new(&StageModel { mass, effects, ..StageModel::default() }, step)
         };
-        let mut put_down =
-            body(40.0, vec![load(vec![10.0; 2], Some(Jump { at: 0.5 - 0.5 * step, height: -10.0 }))]).unwrap();
-        let (mut with, mut without) = (body(50.0, Vec::new()).unwrap(), body(40.0, Vec::new()).unwrap());
+        let mut put_down = body(
+            40.0,
+            vec![load(vec![10.0; 2], Some(Jump { at: 0.5 - 0.5 * step, height: -10.0 }))],
+        )
+        .unwrap();
+        let (mut with, mut without) =
+            (body(50.0, Vec::new()).unwrap(), body(40.0, Vec::new()).unwrap());
         put_down.advance(300.0, 10_000);
         with.advance(300.0, 10_000);
         assert_eq!((put_down.position(), put_down.velocity()), (with.position(), with.velocity()));
@@ -348,8 +430,12 @@ mod tests {
         without.advance(-200.0, 4_000);
         let (is, expected) = (put_down.position(), without.position());
         assert!((is - expected).abs() < 1e-9, "{is} m, {expected} m");
-        let message = body(40.0, vec![load(vec![-30.0; 2], Some(Jump { at: 0.5, height: -11.0 }))]).unwrap_err();
-        assert!(message.to_string().contains("41 kg") && message.to_string().contains("40 kg"), "{message}");
+        let message = body(40.0, vec![load(vec![-30.0; 2], Some(Jump { at: 0.5, height: -11.0 }))])
+            .unwrap_err();
+        assert!(
+            message.to_string().contains("41 kg") && message.to_string().contains("40 kg"),
+            "{message}"
+        );
     }
 
     #[test]
@@ -357,7 +443,9 @@ mod tests {
         let mut map = Map::new(tent(Coordinate::Position));
         for position in [-0.15, -0.07, 0.03, 0.099, 0.2] {
             let h = 1e-6;
-            let slope = (map.stored_energy(0.0, position + h) - map.stored_energy(0.0, position - h)) / (2.0 * h);
+            let slope = (map.stored_energy(0.0, position + h)
+                - map.stored_energy(0.0, position - h))
+                / (2.0 * h);
             let force = map.force(&Motion { position, ..Motion::default() }, 1e-4);
             assert!((force + slope).abs() < 1e-4, "{position} m: {force} {slope}");
         }
@@ -365,7 +453,8 @@ mod tests {
 
     #[test]
     fn values_are_the_curve_and_back() {
-        let given = EffectParameters::map(Curve { side: CurveSide::Motor, ..tent(Coordinate::Time) });
+        let given =
+            EffectParameters::map(Curve { side: CurveSide::Motor, ..tent(Coordinate::Time) });
         let values = DESCRIPTOR.values_of(&given).unwrap();
         assert_eq!(DESCRIPTOR.parameters_of(&values), given);
         assert_eq!((DESCRIPTOR.build)(&values).side(), Some(Side::Motor));
@@ -374,15 +463,31 @@ mod tests {
     #[test]
     fn impossible_curves_are_refused_with_the_numbers() {
         let jump = |height| Some(Jump { at: 0.05, height });
-        let friction = Curve { side: CurveSide::Friction, values: vec![0.0, 0.4], ..tent(Coordinate::Time) };
+        let friction =
+            Curve { side: CurveSide::Friction, values: vec![0.0, 0.4], ..tent(Coordinate::Time) };
         let cases: [(Curve, &[&str]); 7] = [
-            (Curve { jump: jump(1.0), ..tent(Coordinate::Position) }, &["effects.map.jump", "0.05", "time"]),
-            (Curve { jump: jump(f64::NAN), ..tent(Coordinate::Time) }, &["effects.map.jump", "NaN"]),
-            (Curve { jump: jump(-1.5), ..friction }, &["effects.map.jump.height", "-1.5", "at least -1", "-1.2"]),
+            (
+                Curve { jump: jump(1.0), ..tent(Coordinate::Position) },
+                &["effects.map.jump", "0.05", "time"],
+            ),
+            (
+                Curve { jump: jump(f64::NAN), ..tent(Coordinate::Time) },
+                &["effects.map.jump", "NaN"],
+            ),
+            (
+                Curve { jump: jump(-1.5), ..friction },
+                &["effects.map.jump.height", "-1.5", "at least -1", "-1.2"],
+            ),
             (Curve { to: -0.2, ..tent(Coordinate::Position) }, &["effects.map.to", "-0.2", "-0.1"]),
             (Curve { from: f64::NAN, ..tent(Coordinate::Position) }, &["effects.map.from", "NaN"]),
-            (Curve { values: vec![1.0], ..tent(Coordinate::Position) }, &["values", "1", "at least 2"]),
-            (Curve { values: vec![1.0, f64::INFINITY], ..tent(Coordinate::Position) }, &["values[1]", "inf"]),
+            (
+                Curve { values: vec![1.0], ..tent(Coordinate::Position) },
+                &["values", "1", "at least 2"],
+            ),
+            (
+                Curve { values: vec![1.0, f64::INFINITY], ..tent(Coordinate::Position) },
+                &["values[1]", "inf"],
+            ),
         ];
         for (curve, expected) in cases {
             let message = Effects::new(&[EffectParameters::map(curve)]).unwrap_err().to_string();
@@ -392,7 +497,10 @@ mod tests {
         }
         let bare = EffectParameters::new("map", [("coordinate", 0.0), ("from", 0.0), ("to", 1.0)]);
         assert!(Effects::new(&[bare]).unwrap_err().to_string().contains("at least 2"));
-        let law = EffectParameters { curve: Some(tent(Coordinate::Time)), ..EffectParameters::new("cogging", []) };
+        let law = EffectParameters {
+            curve: Some(tent(Coordinate::Time)),
+            ..EffectParameters::new("cogging", [])
+        };
         assert!(Effects::new(&[law]).is_err());
     }
 }

@@ -1,8 +1,9 @@
 //! Effects beyond the LuGre guides: one file each, named in the two lists below.
 //!
-//! A file holds everything about its effect: law with symbols, units and source; parameters with bounds; the side it acts
-//! on; its force and its energy; how to guess its parameters from a residual. The model
-//! file, the plant, the node and identification know an effect through its [`EffectDescriptor`] alone.
+//! A file holds everything about its effect: law with symbols, units and source; parameters with
+//! bounds; the side it acts on; its force and its energy; how to guess its parameters from a
+//! residual. The model file, the plant, the node and identification know an effect through its
+//! [`EffectDescriptor`] alone.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -76,7 +77,8 @@ pub enum Side {
     Sensor,
 }
 
-/// The motion that an effect sees: middle of a step (of each part of a step in which the carriage reverses).
+/// The motion that an effect sees: middle of a step (of each part of a step in which the carriage
+/// reverses).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Motion {
     /// s since the start
@@ -87,23 +89,27 @@ pub struct Motion {
     pub velocity: f64,
     /// Of the carriage, m/s^2, at the start of the step.
     pub acceleration: f64,
-    /// Commanded motor force over the step, N; for an effect of the chain ([`Effect::drive`]) as it arrives there.
+    /// Commanded motor force over the step, N; for an effect of the chain ([`Effect::drive`]) as it
+    /// arrives there.
     pub motor_force: f64,
-    /// Friction of the guides as the step begins, N, positive against positive motion. For laws of friction: forces are not told it.
+    /// Friction of the guides as the step begins, N, positive against positive motion. For laws of
+    /// friction: forces are not told it.
     pub friction: f64,
 }
 
-/// A force along +x over a step: what comes early and what comes late in it move the samples on either side unequally.
+/// A force along +x over a step: what comes early and what comes late in it move the samples on
+/// either side unequally.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ForceOverStep {
     /// N
     pub mean: f64,
-    /// Mean of the force times the time since the middle of the step, N times steps: between -1/4 and 1/4 of the largest force.
+    /// Mean of the force times the time since the middle of the step, N times steps: between -1/4
+    /// and 1/4 of the largest force.
     pub moment: f64,
 }
 
-/// Place of an effect in the chain that makes the motor's force of its command. What it takes for the command is what the places before it pass on; those of one
-/// place stand side by side.
+/// Place of an effect in the chain that makes the motor's force of its command. What it takes for
+/// the command is what the places before it pass on; those of one place stand side by side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Drive {
     /// The command arrives late.
@@ -137,7 +143,8 @@ impl ForceOverStep {
     }
 }
 
-/// A ripple over the position whose amplitude and phase change with the distance travelled, otherwise in each record.
+/// A ripple over the position whose amplitude and phase change with the distance travelled,
+/// otherwise in each record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlippingRipple {
     /// m
@@ -148,16 +155,19 @@ pub struct SlippingRipple {
 
 /// What the model of guides, mass, motor and sensors lacks.
 ///
-/// The plant and identification drive the same object: `friction` once per step, then `force` once per step, with the steps in
-/// order. A step of 0 s (after a reset) asks for the force of a state and leaves it as it is.
+/// The plant and identification drive the same object: `friction` once per step, then `force` once
+/// per step, with the steps in order. A step of 0 s (after a reset) asks for the force of a state
+/// and leaves it as it is.
 pub trait Effect: Debug + Send + Sync {
-    /// Mean force along +x on the side of the effect over a step of `step` seconds, N. On the motor side it adds to the
-    /// command, before the force cell; on the carriage side it acts behind the cell.
+    /// Mean force along +x on the side of the effect over a step of `step` seconds, N. On the motor
+    /// side it adds to the command, before the force cell; on the carriage side it acts behind the
+    /// cell.
     fn force(&mut self, _motion: &Motion, _step: f64) -> f64 {
         0.0
     }
 
-    /// As [`Effect::force`], over a step as long as a control cycle, with where in it the force acts.
+    /// As [`Effect::force`], over a step as long as a control cycle, with where in it the force
+    /// acts.
     fn force_over(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
         ForceOverStep { mean: self.force(motion, step), moment: 0.0 }
     }
@@ -175,8 +185,8 @@ pub trait Effect: Debug + Send + Sync {
         Scaled::NOTHING
     }
 
-    /// Whether what `friction` does hangs on the friction of all guides ([`Motion::friction`]). Only of what scales the viscous friction alone: bristles know
-    /// nothing of it.
+    /// Whether what `friction` does hangs on the friction of all guides ([`Motion::friction`]).
+    /// Only of what scales the viscous friction alone: bristles know nothing of it.
     fn feels_friction(&self) -> bool {
         false
     }
@@ -186,12 +196,14 @@ pub trait Effect: Debug + Send + Sync {
         None
     }
 
-    /// The ripple of balls that slip, whose phase is each record's own: what a record shows of it is found in that record, not by the law.
+    /// The ripple of balls that slip, whose phase is each record's own: what a record shows of it
+    /// is found in that record, not by the law.
     fn slipping_ripple(&self) -> Option<SlippingRipple> {
         None
     }
 
-    /// Mass that moves rigidly with the carriage beyond that of the model, kg; negative for a part of it that does not.
+    /// Mass that moves rigidly with the carriage beyond that of the model, kg; negative for a part
+    /// of it that does not.
     fn added_mass(&self) -> f64 {
         0.0
     }
@@ -279,11 +291,12 @@ impl EffectParameter {
     }
 }
 
-/// What is left of a measured force after the declared model, sample by sample at a uniform rate; all slices of one length.
+/// What is left of a measured force after the declared model, sample by sample at a uniform rate;
+/// all slices of one length.
 ///
-/// `force` has the sign of [`Effect::force`]: what the effect would have to add along +x on its side. Motor side: force cell
-/// less command. Carriage side and encoder: mass times acceleration plus friction less force cell. Readings of the force cell: cell
-/// less command.
+/// `force` has the sign of [`Effect::force`]: what the effect would have to add along +x on its
+/// side. Motor side: force cell less command. Carriage side and encoder: mass times acceleration
+/// plus friction less force cell. Readings of the force cell: cell less command.
 #[derive(Clone, Copy, Debug)]
 pub struct Residual<'a> {
     /// Since the start of the record, s.
@@ -302,7 +315,8 @@ pub struct Residual<'a> {
     pub force: &'a [f64],
     /// Moving mass as modelled, kg.
     pub mass: f64,
-    /// The carriage side before the lowpass and at every sample: what is too fast for the rows above shows here.
+    /// The carriage side before the lowpass and at every sample: what is too fast for the rows
+    /// above shows here.
     pub samples: Samples<'a>,
 }
 
@@ -329,18 +343,21 @@ pub struct EffectDescriptor {
     pub source: &'static str,
     /// What gives the effect away in a residual.
     pub telltale: &'static str,
-    /// In the order of all slices of values. A `map` has knots behind them, see [`EffectDescriptor::values_of`].
+    /// In the order of all slices of values. A `map` has knots behind them, see
+    /// [`EffectDescriptor::values_of`].
     pub parameters: &'static [EffectParameter],
     /// Refuses values within their bounds that do not go together.
     pub check: fn(&[f64]) -> Result<(), ModelError>,
-    /// Whether a fit that starts at these values may change the value of this index: some choose between forms of a law.
+    /// Whether a fit that starts at these values may change the value of this index: some choose
+    /// between forms of a law.
     pub free: fn(&[f64], usize) -> bool,
     /// Builds the effect from checked values, in the order of `parameters`.
     pub build: fn(&[f64]) -> Box<dyn Effect>,
-    /// Guesses values from a residual, for a joint refit to start from; `None` where it shows nothing of this kind.
+    /// Guesses values from a residual, for a joint refit to start from; `None` where it shows
+    /// nothing of this kind.
     pub propose: fn(&Residual) -> Option<Vec<f64>>,
-    /// From a proposal and the time between samples, s, the values that fits start from: one for each form of a law that has several, and for
-    /// each place that a fit does not leave by itself.
+    /// From a proposal and the time between samples, s, the values that fits start from: one for
+    /// each form of a law that has several, and for each place that a fit does not leave by itself.
     pub starts: fn(&[f64], f64) -> Vec<Vec<f64>>,
 }
 
@@ -400,7 +417,8 @@ impl Chain {
 #[derive(Debug)]
 pub struct Effects {
     list: Vec<Entry>,
-    /// Places in `list`: first those of the chain that makes the motor's force, as they follow each other.
+    /// Places in `list`: first those of the chain that makes the motor's force, as they follow each
+    /// other.
     order: Vec<usize>,
     forces: Vec<f64>,
     scales: Scaled,
@@ -432,15 +450,19 @@ impl EffectDescriptor {
 
     /// The descriptor of a canonical name.
     pub fn find(name: &str) -> Result<&'static EffectDescriptor, ModelError> {
-        ALL.iter().copied().find(|effect| effect.name == name).ok_or_else(|| ModelError::UnknownEffect {
-            name: name.to_owned(),
-            hint: nearest(name, ALL.iter().map(|effect| effect.name)),
-            known: ALL.iter().map(|effect| effect.name).collect::<Vec<_>>().join(", "),
+        ALL.iter().copied().find(|effect| effect.name == name).ok_or_else(|| {
+            ModelError::UnknownEffect {
+                name: name.to_owned(),
+                hint: nearest(name, ALL.iter().map(|effect| effect.name)),
+                known: ALL.iter().map(|effect| effect.name).collect::<Vec<_>>().join(", "),
+            }
         })
     }
 
-    /// Values of an effect of a model, in the order of `parameters`, checked. Of a `map`: coordinate (0 position, 1 velocity, 2 time), side
-    /// (0 carriage, 1 motor, 2 Coulomb friction, 3 viscous friction, 4 mass), from, to, height and place of its jump (0 where there is none), then the force at the knots.
+    /// Values of an effect of a model, in the order of `parameters`, checked. Of a `map`:
+    /// coordinate (0 position, 1 velocity, 2 time), side (0 carriage, 1 motor, 2 Coulomb friction,
+    /// 3 viscous friction, 4 mass), from, to, height and place of its jump (0 where there is none),
+    /// then the force at the knots.
     pub fn values_of(&self, given: &EffectParameters) -> Result<Vec<f64>, ModelError> {
         let values = match &given.curve {
             Some(curve) if self.name == map::DESCRIPTOR.name => map::values(curve),
@@ -461,10 +483,13 @@ impl EffectDescriptor {
         )
     }
 
-    /// Values in the order of `parameters`: defaults filled in, unknown names, missing and impossible values refused.
+    /// Values in the order of `parameters`: defaults filled in, unknown names, missing and
+    /// impossible values refused.
     pub fn values(&self, given: &BTreeMap<String, f64>) -> Result<Vec<f64>, ModelError> {
         let names = || self.parameters.iter().map(|parameter| parameter.name);
-        if let Some(unknown) = given.keys().find(|name| !names().any(|known| known == name.as_str())) {
+        if let Some(unknown) =
+            given.keys().find(|name| !names().any(|known| known == name.as_str()))
+        {
             return Err(ModelError::UnknownEffectParameter {
                 effect: self.name,
                 name: unknown.clone(),
@@ -487,8 +512,13 @@ impl EffectDescriptor {
                 if (min..=max).contains(&value) {
                     return Ok(value);
                 }
-                let (key, unit) = (format!("effects.{}.{}", self.name, parameter.name), parameter.unit);
-                Err(ModelError::Value { key, value, limit: format!("be between {min} and {max} {unit}") })
+                let (key, unit) =
+                    (format!("effects.{}.{}", self.name, parameter.name), parameter.unit);
+                Err(ModelError::Value {
+                    key,
+                    value,
+                    limit: format!("be between {min} and {max} {unit}"),
+                })
             })
             .collect()
     }
@@ -498,7 +528,11 @@ impl Effects {
     pub fn new(given: &[EffectParameters]) -> Result<Effects, ModelError> {
         if given.len() > MAX_EFFECTS {
             let (key, value) = ("effects (their number)".to_owned(), given.len() as f64);
-            return Err(ModelError::Value { key, value, limit: format!("not be above {MAX_EFFECTS}") });
+            return Err(ModelError::Value {
+                key,
+                value,
+                limit: format!("not be above {MAX_EFFECTS}"),
+            });
         }
         let list = given
             .iter()
@@ -510,16 +544,29 @@ impl Effects {
             })
             .collect::<Result<Vec<_>, ModelError>>()?;
         let forces = vec![0.0; list.len()];
-        let scales = list.iter().map(|entry| entry.effect.scales()).fold(Scaled::NOTHING, |all, one| Scaled {
-            bristles: all.bristles || one.bristles,
-            viscous: all.viscous || one.viscous,
-        });
+        let scales =
+            list.iter().map(|entry| entry.effect.scales()).fold(Scaled::NOTHING, |all, one| {
+                Scaled {
+                    bristles: all.bristles || one.bristles,
+                    viscous: all.viscous || one.viscous,
+                }
+            });
         let reads = list.iter().any(|entry| entry.side == Side::Sensor);
         let mut order: Vec<usize> = (0..list.len()).collect();
-        order.sort_by_key(|index| list[*index].drive.map_or((true, None), |drive| (false, Some(drive))));
+        order.sort_by_key(|index| {
+            list[*index].drive.map_or((true, None), |drive| (false, Some(drive)))
+        });
         let changes_mass = list.iter().any(|entry| entry.effect.least_mass().is_some());
-        let mut effects =
-            Effects { list, order, forces, scales, changes_mass, reads, motor_side: 0.0, carriage_side: 0.0 };
+        let mut effects = Effects {
+            list,
+            order,
+            forces,
+            scales,
+            changes_mass,
+            reads,
+            motor_side: 0.0,
+            carriage_side: 0.0,
+        };
         effects.reset(0.0);
         Ok(effects)
     }
@@ -533,7 +580,8 @@ impl Effects {
         self.list.iter().map(|entry| entry.descriptor.name)
     }
 
-    /// Forces of the last step along +x, N, in the order of the model; 0 for those that act through friction, mass or sensors.
+    /// Forces of the last step along +x, N, in the order of the model; 0 for those that act through
+    /// friction, mass or sensors.
     pub fn forces(&self) -> &[f64] {
         &self.forces
     }
@@ -563,7 +611,8 @@ impl Effects {
         self.list.iter().map(|entry| entry.effect.stiffness()).sum()
     }
 
-    /// Shares of the bristle elements of each guide, of the last effect that has some; `None`: one bristle.
+    /// Shares of the bristle elements of each guide, of the last effect that has some; `None`: one
+    /// bristle.
     pub fn bristle_elements(&self) -> Option<BristleElements> {
         self.list.iter().rev().find_map(|entry| entry.effect.bristle_elements())
     }
@@ -636,10 +685,12 @@ impl Effects {
                 continue;
             };
             let arriving = chain.arriving(place);
-            let mut over = effect.force_over(&Motion { motor_force: arriving.mean, ..*motion }, step);
+            let mut over =
+                effect.force_over(&Motion { motor_force: arriving.mean, ..*motion }, step);
             if place > Drive::Lag {
                 // Proportional to the force that arrives, and so is where in the step it acts.
-                over.moment += effect.force(&Motion { motor_force: arriving.moment, ..*motion }, step);
+                over.moment +=
+                    effect.force(&Motion { motor_force: arriving.moment, ..*motion }, step);
             }
             chain.pass_on(over);
             sum.add(over);
@@ -664,7 +715,8 @@ impl Effects {
         }
         // Each is wrong about the truth, none about what another makes of it.
         self.list.iter().fold((position, force), |(read_position, read_force), entry| {
-            let (x, f) = (entry.effect.encoder(time, position), entry.effect.force_cell(time, force));
+            let (x, f) =
+                (entry.effect.encoder(time, position), entry.effect.force_cell(time, force));
             (read_position + (x - position), read_force + (f - force))
         })
     }
@@ -687,19 +739,31 @@ mod tests {
     #[test]
     fn what_reads_wrong_says_of_which_sensor_it_is() {
         for descriptor in ALL.iter().filter(|descriptor| descriptor.side == Side::Sensor) {
-            let values: Vec<f64> =
-                descriptor.parameters.iter().map(|one| one.scale.clamp(one.bounds.0, one.bounds.1)).collect();
+            let values: Vec<f64> = descriptor
+                .parameters
+                .iter()
+                .map(|one| one.scale.clamp(one.bounds.0, one.bounds.1))
+                .collect();
             let effect = (descriptor.build)(&values);
-            let wrong = (effect.encoder(0.37, 1.23e-3) != 1.23e-3, effect.force_cell(0.37, 5.0) != 5.0);
-            assert_eq!(wrong, (effect.is_of_encoder(), !effect.is_of_encoder()), "{}", descriptor.name);
+            let wrong =
+                (effect.encoder(0.37, 1.23e-3) != 1.23e-3, effect.force_cell(0.37, 5.0) != 5.0);
+            assert_eq!(
+                wrong,
+                (effect.is_of_encoder(), !effect.is_of_encoder()),
+                "{}",
+                descriptor.name
+            );
         }
     }
 
-    /// A first-order lag of 1 ms under a command that steps to 100 N, in closed form: y = u (1 - exp(-t / T)), its mean over a cycle of h
-    /// u (1 - T / h (1 - exp(-h / T))), its moment u T / h (1/2 (1 + exp(-h / T)) - T / h (1 - exp(-h / T))).
+    /// A first-order lag of 1 ms under a command that steps to 100 N, in closed form: y = u (1 -
+    /// exp(-t / T)), its mean over a cycle of h u (1 - T / h (1 - exp(-h / T))), its moment u T / h
+    /// (1/2 (1 + exp(-h / T)) - T / h (1 - exp(-h / T))).
     #[test]
     fn gain_and_ripple_make_their_part_of_the_force_that_arrives_late() {
-        let named = |name: &str, values: &[(&'static str, f64)]| EffectParameters::new(name, values.iter().copied());
+        let named = |name: &str, values: &[(&'static str, f64)]| {
+            EffectParameters::new(name, values.iter().copied())
+        };
         let (lag, cycle, command) = (1e-3, 5e-4, 100.0);
         // In any order of the model.
         let mut effects = Effects::new(&[
@@ -710,7 +774,12 @@ mod tests {
         ])
         .unwrap();
         // A quarter of a period: the peak of ripple and cogging.
-        let motion = Motion { time: 0.5 * cycle, position: 0.005, motor_force: command, ..Motion::default() };
+        let motion = Motion {
+            time: 0.5 * cycle,
+            position: 0.005,
+            motor_force: command,
+            ..Motion::default()
+        };
         let (ratio, rest) = (lag / cycle, (-cycle / lag).exp());
         let mean = command * (1.0 - ratio * (1.0 - rest));
         let moment = command * ratio * (0.5 * (1.0 + rest) - ratio * (1.0 - rest));
@@ -722,16 +791,26 @@ mod tests {
         let (motor_side, _) = effects.advance(&motion, cycle);
         assert!((motor_side - over.mean).abs() < 1e-9);
         let expected = [0.05 * 1.2 * mean, 2.0, 0.2 * mean, mean - command];
-        assert!(effects.forces().iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-9));
+        assert!(
+            effects
+                .forces()
+                .iter()
+                .zip(expected)
+                .all(|(found, expected)| (found - expected).abs() < 1e-9)
+        );
     }
 
     #[test]
     fn each_reading_error_is_about_the_truth_whatever_the_others_make_of_it() {
         let sde = |amplitude: f64, period: f64| {
-            EffectParameters::new("encoder_sde", [("amplitude", amplitude), ("period", period), ("phase", 0.0)])
+            EffectParameters::new(
+                "encoder_sde",
+                [("amplitude", amplitude), ("period", period), ("phase", 0.0)],
+            )
         };
         let (first, second) = (sde(2e-7, 15e-6), sde(5e-8, 7.5e-6));
-        let error = |all: &[EffectParameters]| Effects::new(all).unwrap().read(0.0, 2e-6, 0.0).0 - 2e-6;
+        let error =
+            |all: &[EffectParameters]| Effects::new(all).unwrap().read(0.0, 2e-6, 0.0).0 - 2e-6;
         let alone = [error(std::slice::from_ref(&first)), error(std::slice::from_ref(&second))];
         let both = error(&[first, second]);
         assert!((both - alone[0] - alone[1]).abs() < 1e-18, "{alone:?} {both}");

@@ -1,8 +1,8 @@
 //! Motor gain: the motor makes more or less force than its command by a fixed part.
 //!
-//! F = u g, along +x on the motor side: u commanded force as it arrives behind an `actuator_lag` (N), g fraction.
-//! Source: error of the declared force constant, linear (assumed). Sizes: assumed, 1 to 5 %.
-//! Not modelled: saturation, change with temperature.
+//! F = u g, along +x on the motor side: u commanded force as it arrives behind an `actuator_lag`
+//! (N), g fraction. Source: error of the declared force constant, linear (assumed). Sizes: assumed,
+//! 1 to 5 %. Not modelled: saturation, change with temperature.
 
 use super::regression::least_squares;
 use super::{Drive, Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};

@@ -1,8 +1,9 @@
 //! Payload: the carriage carries more mass than the model says, or less.
 //!
-//! Moving mass m + M: M mass (kg), negative where the model's mass is too large. In a residual it is a force -M a along +x.
-//! Source: Newton's second law. Rigidly fixed; the friction of the guides does not change with the load (assumed: preloaded guides).
-//! Not modelled: load that slides, swings or changes during the run.
+//! Moving mass m + M: M mass (kg), negative where the model's mass is too large. In a residual it
+//! is a force -M a along +x. Source: Newton's second law. Rigidly fixed; the friction of the guides
+//! does not change with the load (assumed: preloaded guides). Not modelled: load that slides,
+//! swings or changes during the run.
 
 use super::regression::least_squares;
 use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
@@ -13,7 +14,13 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     law: "moving mass m + mass, in a residual F = -mass a",
     source: "Newton's second law",
     telltale: "proportional to the acceleration and not to the jerk, not seen by the force cell",
-    parameters: &[EffectParameter::required("mass", "kg", "mass beyond that of the model", (-1000.0, 1000.0), 1.0)],
+    parameters: &[EffectParameter::required(
+        "mass",
+        "kg",
+        "mass beyond that of the model",
+        (-1000.0, 1000.0),
+        1.0,
+    )],
     check: super::any,
     free: super::all_free,
     build: |values| Box::new(Payload { mass: values[0] }),
@@ -48,8 +55,10 @@ mod tests {
 
     #[test]
     fn a_stage_with_payload_moves_as_a_heavier_stage() {
-        let loaded =
-            StageModel { effects: vec![EffectParameters::new("payload", [("mass", 5.0)])], ..StageModel::default() };
+        let loaded = StageModel {
+            effects: vec![EffectParameters::new("payload", [("mass", 5.0)])],
+            ..StageModel::default()
+        };
         let heavier = StageModel { mass: 45.0, ..StageModel::default() };
         let [loaded, heavier] = [loaded, heavier].map(|model| {
             let mut body = Body::new(&model, 25e-6).unwrap();
@@ -62,8 +71,10 @@ mod tests {
 
     #[test]
     fn a_carriage_without_mass_is_refused() {
-        let model =
-            StageModel { effects: vec![EffectParameters::new("payload", [("mass", -40.0)])], ..StageModel::default() };
+        let model = StageModel {
+            effects: vec![EffectParameters::new("payload", [("mass", -40.0)])],
+            ..StageModel::default()
+        };
         let message = Body::new(&model, 25e-6).unwrap_err().to_string();
         assert!(message.contains("40 kg") && message.contains("greater than 0"), "{message}");
     }

@@ -1,9 +1,9 @@
 //! Quadratic drag: air that the carriage or its cover pushes aside.
 //!
 //! F = -c v |v| along +x on the carriage: c coefficient (N s^2/m^2). It only takes energy: c |v|^3.
-//! Source: drag of a bluff body at high Reynolds number, c = rho Cd S / 2. Sizes: assumed, 0.1 N s^2/m^2 for a plate of 0.1 m^2, far more where
-//! bellows pump air through gaps.
-//! Not modelled: the air's inertia, laminar gaps (those are viscous).
+//! Source: drag of a bluff body at high Reynolds number, c = rho Cd S / 2. Sizes: assumed, 0.1 N
+//! s^2/m^2 for a plate of 0.1 m^2, far more where bellows pump air through gaps. Not modelled: the
+//! air's inertia, laminar gaps (those are viscous).
 
 use super::regression::least_squares;
 use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};

@@ -21,9 +21,12 @@ pub(super) struct Fit<const N: usize> {
     pub count: usize,
 }
 
-/// Fits `values` by the columns that `row` gives for each index; rows with a NaN are left out. `None` where the columns
-/// cannot be told apart.
-pub(super) fn least_squares<const N: usize>(values: &[f64], row: impl Fn(usize) -> [f64; N]) -> Option<Fit<N>> {
+/// Fits `values` by the columns that `row` gives for each index; rows with a NaN are left out.
+/// `None` where the columns cannot be told apart.
+pub(super) fn least_squares<const N: usize>(
+    values: &[f64],
+    row: impl Fn(usize) -> [f64; N],
+) -> Option<Fit<N>> {
     let mut normal = SMatrix::<f64, N, N>::zeros();
     let mut right = SVector::<f64, N>::zeros();
     let (mut total, mut count) = (0.0, 0);
@@ -37,12 +40,15 @@ pub(super) fn least_squares<const N: usize>(values: &[f64], row: impl Fn(usize) 
         total += value * value;
         count += 1;
     }
-    // Columns of unit length: the units of the columns then do not decide what is too close to tell apart.
+    // Columns of unit length: the units of the columns then do not decide what is too close to tell
+    // apart.
     let length = SVector::<f64, N>::from_fn(|index, _| normal[(index, index)].sqrt());
     if count <= N || length.iter().any(|length| *length <= 0.0 || !length.is_finite()) {
         return None;
     }
-    let scaled = SMatrix::<f64, N, N>::from_fn(|row, column| normal[(row, column)] / (length[row] * length[column]));
+    let scaled = SMatrix::<f64, N, N>::from_fn(|row, column| {
+        normal[(row, column)] / (length[row] * length[column])
+    });
     let cholesky = scaled.cholesky()?;
     // A pivot below 1e-6: this column is the others to within 1e-6 of its length.
     if (0..N).any(|index| cholesky.l_dirty()[(index, index)] < 1e-6) {
@@ -53,9 +59,16 @@ pub(super) fn least_squares<const N: usize>(values: &[f64], row: impl Fn(usize) 
 }
 
 impl<const N: usize> Fit<N> {
-    /// Whether the columns take out more than those of `base` by more than white noise would give by chance.
+    /// Whether the columns take out more than those of `base` by more than white noise would give
+    /// by chance.
     pub fn improves_on<const M: usize>(&self, base: &Fit<M>) -> bool {
-        beyond_chance(self.explained - base.explained, self.total - self.explained, self.count, N - M, 1)
+        beyond_chance(
+            self.explained - base.explained,
+            self.total - self.explained,
+            self.count,
+            N - M,
+            1,
+        )
     }
 
     /// Whether the columns take out more than white noise would give by chance.
@@ -64,24 +77,34 @@ impl<const N: usize> Fit<N> {
     }
 }
 
-/// Whether `columns` columns, the best of `tried` sets, that take out `explained` and leave `rest` of `count` samples, take
-/// out more than white noise would give with probability [`CHANCE`].
+/// Whether `columns` columns, the best of `tried` sets, that take out `explained` and leave `rest`
+/// of `count` samples, take out more than white noise would give with probability [`CHANCE`].
 ///
-/// Upper bound of a chi-squared variable of d degrees: d + 2 sqrt(d t) + 2 t with probability above 1 - exp(-t)
-/// (Laurent, Massart, Annals of Statistics 28(5), 2000, lemma 1); t = ln(tried / chance).
-pub(super) fn beyond_chance(explained: f64, rest: f64, count: usize, columns: usize, tried: usize) -> bool {
+/// Upper bound of a chi-squared variable of d degrees: d + 2 sqrt(d t) + 2 t with probability above
+/// 1 - exp(-t) (Laurent, Massart, Annals of Statistics 28(5), 2000, lemma 1); t = ln(tried /
+/// chance).
+pub(super) fn beyond_chance(
+    explained: f64,
+    rest: f64,
+    count: usize,
+    columns: usize,
+    tried: usize,
+) -> bool {
     let (degrees, t) = (columns as f64, (tried as f64 / CHANCE).ln());
     let variance = rest.max(0.0) / (count as f64 - degrees).max(1.0);
     explained > variance * (degrees + 2.0 * (degrees * t).sqrt() + 2.0 * t)
 }
 
-/// Part of the highest speed above which friction counts as Coulomb and viscous friction: no Stribeck effect, no bristles that turn.
+/// Part of the highest speed above which friction counts as Coulomb and viscous friction: no
+/// Stribeck effect, no bristles that turn.
 const FAST: f64 = 0.1;
 
-/// Viscous friction in the modelled friction of a residual, N s/m: its slope over velocity beside a constant of the sign of v, at more
-/// than a tenth of the highest speed. `None` where the motion does not tell them apart or the slope is not positive.
+/// Viscous friction in the modelled friction of a residual, N s/m: its slope over velocity beside a
+/// constant of the sign of v, at more than a tenth of the highest speed. `None` where the motion
+/// does not tell them apart or the slope is not positive.
 pub fn viscous_friction(residual: &Residual) -> Option<f64> {
-    let highest = residual.velocity.iter().fold(0.0f64, |highest, velocity| highest.max(velocity.abs()));
+    let highest =
+        residual.velocity.iter().fold(0.0f64, |highest, velocity| highest.max(velocity.abs()));
     let fit = least_squares(residual.friction, |k| {
         let velocity = residual.velocity[k];
         if velocity.abs() > FAST * highest { [velocity.signum(), velocity] } else { [f64::NAN; 2] }
@@ -89,7 +112,8 @@ pub fn viscous_friction(residual: &Residual) -> Option<f64> {
     (fit.coefficients[1] > 0.0).then_some(fit.coefficients[1])
 }
 
-/// A bristle's slow loop along the motion of a residual, -1 to 1: dh/dx = (sign(v) - h) / width (Dahl 1968), mean of each step's ends.
+/// A bristle's slow loop along the motion of a residual, -1 to 1: dh/dx = (sign(v) - h) / width
+/// (Dahl 1968), mean of each step's ends.
 pub(super) fn slow_loop(residual: &Residual, width: f64) -> Vec<f64> {
     along_travel(residual, |state, travel| {
         let target = travel.signum();
@@ -97,12 +121,14 @@ pub(super) fn slow_loop(residual: &Residual, width: f64) -> Vec<f64> {
     })
 }
 
-/// The same of a spring with a slider: dh/dx = 1 / width up to 1 (Iwan 1966), mean of each step's ends.
+/// The same of a spring with a slider: dh/dx = 1 / width up to 1 (Iwan 1966), mean of each step's
+/// ends.
 pub(super) fn sliding_loop(residual: &Residual, width: f64) -> Vec<f64> {
     along_travel(residual, |state, travel| (state + travel / width).clamp(-1.0, 1.0))
 }
 
-/// A state that `advance(state, travel)` carries through the travel of each step, from 0: mean of each step's ends.
+/// A state that `advance(state, travel)` carries through the travel of each step, from 0: mean of
+/// each step's ends.
 fn along_travel(residual: &Residual, advance: impl Fn(f64, f64) -> f64) -> Vec<f64> {
     let step = step_of(residual);
     let mut state = 0.0;
@@ -117,7 +143,8 @@ fn along_travel(residual: &Residual, advance: impl Fn(f64, f64) -> f64) -> Vec<f
         .collect()
 }
 
-/// Distance over which one bristle turns that moves as the modelled friction does, m, and its strength, N.
+/// Distance over which one bristle turns that moves as the modelled friction does, m, and its
+/// strength, N.
 pub(super) fn break_away(residual: &Residual) -> Option<(f64, f64)> {
     let fit = |width: f64| {
         let column = slow_loop(residual, width);
@@ -134,7 +161,8 @@ const DISTANCES: (f64, f64) = (1e-7, 1e-2);
 
 /// Distance of the rows, s: they lie on a grid, of which some may be left out.
 pub(super) fn step_of(residual: &Residual) -> f64 {
-    let least = residual.time.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+    let least =
+        residual.time.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
     if least.is_finite() { least } else { 0.0 }
 }
 
@@ -152,8 +180,13 @@ pub(super) fn evenly(residual: &Residual, values: &[f64]) -> Vec<f64> {
 /// Whole steps of a search over decades of a parameter, each a factor of 1.33.
 const STEPS_PER_DECADE: f64 = 8.0;
 
-/// Where a function of a positive parameter is largest between two limits: a logarithmic search, refined by golden section.
-pub(super) fn largest_over_decades(lowest: f64, highest: f64, function: impl Fn(f64) -> f64) -> f64 {
+/// Where a function of a positive parameter is largest between two limits: a logarithmic search,
+/// refined by golden section.
+pub(super) fn largest_over_decades(
+    lowest: f64,
+    highest: f64,
+    function: impl Fn(f64) -> f64,
+) -> f64 {
     let decades = (highest / lowest).log10();
     let steps = (decades * STEPS_PER_DECADE).ceil().max(1.0);
     let at = |step: f64| lowest * 10f64.powf(decades * step / steps);
@@ -164,7 +197,9 @@ pub(super) fn largest_over_decades(lowest: f64, highest: f64, function: impl Fn(
             best = (step as f64, value);
         }
     }
-    at(golden_maximum((best.0 - 1.0).max(0.0), (best.0 + 1.0).min(steps), |step| function(at(step))))
+    at(golden_maximum((best.0 - 1.0).max(0.0), (best.0 + 1.0).min(steps), |step| {
+        function(at(step))
+    }))
 }
 
 /// Force of an effect along the motion of a residual, N: a column for a fit.
@@ -185,7 +220,8 @@ pub(super) fn along(mut effect: impl Effect, residual: &Residual) -> Vec<f64> {
         .collect()
 }
 
-/// A sinusoid over position: gain (sine sin(2 pi x / period) + cosine cos(2 pi x / period)), with the gain that was asked for.
+/// A sinusoid over position: gain (sine sin(2 pi x / period) + cosine cos(2 pi x / period)), with
+/// the gain that was asked for.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wave {
     pub period: f64,
@@ -223,8 +259,9 @@ struct Bin {
     product: f64,
 }
 
-/// The sinusoid over `coordinate` whose product with `gain` takes most out of `values`, by least squares beside the gain alone, among
-/// periods within `periods`; `None` if there is none beyond chance.
+/// The sinusoid over `coordinate` whose product with `gain` takes most out of `values`, by least
+/// squares beside the gain alone, among periods within `periods`; `None` if there is none beyond
+/// chance.
 pub(super) fn strongest_wave(
     coordinate: &[f64],
     gain: impl Fn(usize) -> f64,
@@ -269,12 +306,15 @@ pub(super) fn strongest_wave(
         .map(|step| {
             (
                 step,
-                equidistant_sums(&bins, width, TAU * cycles(step as f64) / range).solve().map_or(0.0, |s| s.explained),
+                equidistant_sums(&bins, width, TAU * cycles(step as f64) / range)
+                    .solve()
+                    .map_or(0.0, |s| s.explained),
             )
         })
         .max_by(|a, b| a.1.total_cmp(&b.1))?
         .0 as f64;
-    let explained = |step: f64| sums(&filled, TAU * cycles(step) / range).solve().map_or(0.0, |s| s.explained);
+    let explained =
+        |step: f64| sums(&filled, TAU * cycles(step) / range).solve().map_or(0.0, |s| s.explained);
     let step = golden_maximum((best - 1.0).max(0.0), (best + 1.0).min(steps as f64), explained);
     let period = range / cycles(step);
     let fit = sums(&filled, TAU / period).solve()?;
@@ -349,7 +389,10 @@ impl Sums {
         let ss = self.sine_sine - self.sine * mean_sine;
         let sc = self.sine_cosine - self.sine * mean_cosine;
         let cc = (self.one - self.sine_sine) - self.cosine * mean_cosine;
-        let (vs, vc) = (self.value_sine - self.value * mean_sine, self.value_cosine - self.value * mean_cosine);
+        let (vs, vc) = (
+            self.value_sine - self.value * mean_sine,
+            self.value_cosine - self.value * mean_cosine,
+        );
         let determinant = ss * cc - sc * sc;
         // Sine, cosine and constant must differ by more than 1e-6 of their squares.
         if determinant.is_nan() || determinant <= 1e-6 * self.one * self.one {
@@ -360,14 +403,16 @@ impl Sums {
     }
 }
 
-/// Sums at a wave number, rad per unit, over bins `width` apart that stand for their centres: turned from bin to bin.
+/// Sums at a wave number, rad per unit, over bins `width` apart that stand for their centres:
+/// turned from bin to bin.
 fn equidistant_sums(bins: &[Bin], width: f64, wave_number: f64) -> Sums {
     let (turn_sine, turn_cosine) = (wave_number * width).sin_cos();
     let (mut sine, mut cosine) = (0.5 * wave_number * width).sin_cos();
     let mut sums = Sums::default();
     for bin in bins {
         sums.add(bin, sine, cosine);
-        (sine, cosine) = (sine * turn_cosine + cosine * turn_sine, cosine * turn_cosine - sine * turn_sine);
+        (sine, cosine) =
+            (sine * turn_cosine + cosine * turn_sine, cosine * turn_cosine - sine * turn_sine);
     }
     sums
 }
@@ -392,7 +437,8 @@ pub(super) mod record {
     use crate::model::Catalogue;
     use crate::plant::{FrictionScale, GuideBank};
 
-    /// 12 s at 2 kHz: moves to and fro over 0.2 m at three speeds with rests between them, on four guides.
+    /// 12 s at 2 kHz: moves to and fro over 0.2 m at three speeds with rests between them, on four
+    /// guides.
     pub struct Record {
         pub time: Vec<f64>,
         pub position: Vec<f64>,
@@ -431,12 +477,19 @@ pub(super) mod record {
             let count = position.len();
             let at = |k: isize| position[k.clamp(0, count as isize - 1) as usize];
             // As in the plant: velocity of a step from its ends, acceleration between the steps.
-            let velocity: Vec<f64> = (0..count as isize).map(|k| (at(k + 1) - at(k)) / STEP).collect();
-            let acceleration: Vec<f64> =
-                (0..count as isize).map(|k| (at(k + 1) - 2.0 * at(k) + at(k - 1)) / (STEP * STEP)).collect();
+            let velocity: Vec<f64> =
+                (0..count as isize).map(|k| (at(k + 1) - at(k)) / STEP).collect();
+            let acceleration: Vec<f64> = (0..count as isize)
+                .map(|k| (at(k + 1) - 2.0 * at(k) + at(k - 1)) / (STEP * STEP))
+                .collect();
             let mut bank = GuideBank::new(&vec![Catalogue::builtin().guide("guide_1").unwrap(); 4]);
-            let friction: Vec<f64> = velocity.iter().map(|v| bank.drive(*v, STEP, &FrictionScale::ONE)).collect();
-            let command = acceleration.iter().zip(&friction).map(|(a, friction)| MASS * a + friction).collect();
+            let friction: Vec<f64> =
+                velocity.iter().map(|v| bank.drive(*v, STEP, &FrictionScale::ONE)).collect();
+            let command = acceleration
+                .iter()
+                .zip(&friction)
+                .map(|(a, friction)| MASS * a + friction)
+                .collect();
             Record {
                 time: (0..count).map(|k| k as f64 * STEP).collect(),
                 position,
@@ -474,14 +527,16 @@ pub(super) mod record {
             self
         }
 
-        /// The residual that an effect leaves: its force, the friction that it changes, the mass that it adds, the acceleration that the encoder
-        /// sees and does not happen, and the error of the cell's reading.
+        /// The residual that an effect leaves: its force, the friction that it changes, the mass
+        /// that it adds, the acceleration that the encoder sees and does not happen, and the error
+        /// of the cell's reading.
         pub fn with_effect(mut self, descriptor: &EffectDescriptor, values: &[f64]) -> Record {
             let mut effect = (descriptor.build)(values);
             let guides = vec![Catalogue::builtin().guide("guide_1").unwrap(); 4];
-            let mut bank = effect
-                .bristle_elements()
-                .map_or_else(|| GuideBank::new(&guides), |elements| GuideBank::with_elements(&guides, &elements));
+            let mut bank = effect.bristle_elements().map_or_else(
+                || GuideBank::new(&guides),
+                |elements| GuideBank::with_elements(&guides, &elements),
+            );
             let error = |effect: &dyn super::super::Effect, k: usize| {
                 let k = k.min(self.time.len() - 1);
                 effect.encoder(self.time[k], self.position[k]) - self.position[k]
@@ -490,7 +545,8 @@ pub(super) mod record {
                 let effect = effect.as_mut();
                 let errors = [k.saturating_sub(1), k, k + 1].map(|k| error(effect, k));
                 let apparent = (errors[2] - 2.0 * errors[1] + errors[0]) / (STEP * STEP);
-                self.force[k] += MASS * apparent + effect.force_cell(self.time[k], self.command[k]) - self.command[k];
+                self.force[k] += MASS * apparent + effect.force_cell(self.time[k], self.command[k])
+                    - self.command[k];
                 let motion = Motion {
                     time: self.time[k] + 0.5 * STEP,
                     position: self.position[k] + 0.5 * STEP * self.velocity[k],
@@ -548,7 +604,9 @@ mod tests {
     fn least_squares_meets_exact_data_and_refuses_columns_that_are_alike() {
         let values: Vec<f64> = (0..50).map(|k| 3.0 - 2.0 * f64::from(k)).collect();
         let fit = least_squares(&values, |k| [1.0, k as f64]).unwrap();
-        assert!((fit.coefficients[0] - 3.0).abs() < 1e-9 && (fit.coefficients[1] + 2.0).abs() < 1e-9);
+        assert!(
+            (fit.coefficients[0] - 3.0).abs() < 1e-9 && (fit.coefficients[1] + 2.0).abs() < 1e-9
+        );
         assert!((fit.explained / fit.total - 1.0).abs() < 1e-12);
         assert!(least_squares(&values, |k| [k as f64, 2.0 * k as f64]).is_none());
         assert!(least_squares(&values, |_| [0.0]).is_none());
@@ -556,11 +614,16 @@ mod tests {
 
     #[test]
     fn the_strongest_wave_is_found_off_the_grid() {
-        let x: Vec<f64> = (0..20_000).map(|k| -0.1 + 0.3 * (k as f64 * 0.618_034).fract()).collect();
-        let values: Vec<f64> = x.iter().map(|x| 0.7 + 2.0 * (TAU * x / 0.013_337 + 0.9).sin()).collect();
+        let x: Vec<f64> =
+            (0..20_000).map(|k| -0.1 + 0.3 * (k as f64 * 0.618_034).fract()).collect();
+        let values: Vec<f64> =
+            x.iter().map(|x| 0.7 + 2.0 * (TAU * x / 0.013_337 + 0.9).sin()).collect();
         let wave = strongest_wave(&x, |_| 1.0, &values, 1e-4..=1.0).unwrap();
         assert!((wave.period / 0.013_337 - 1.0).abs() < 1e-5, "{wave:?}");
-        assert!((wave.amplitude() - 2.0).abs() < 0.01 && (wave.phase() - 0.9).abs() < 0.01, "{wave:?}");
+        assert!(
+            (wave.amplitude() - 2.0).abs() < 0.01 && (wave.phase() - 0.9).abs() < 0.01,
+            "{wave:?}"
+        );
     }
 
     #[test]
@@ -568,7 +631,8 @@ mod tests {
         let passed = (0..2000)
             .filter(|seed| {
                 let record = record_noise(*seed);
-                least_squares(&record, |k| [1.0, (k as f64 * 0.1).sin()]).is_some_and(|fit| fit.is_something())
+                least_squares(&record, |k| [1.0, (k as f64 * 0.1).sin()])
+                    .is_some_and(|fit| fit.is_something())
             })
             .count();
         // At most 1 in 1000 is promised; 2000 draws of it give 7 or more once in 200 times.

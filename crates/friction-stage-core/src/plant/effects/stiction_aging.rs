@@ -1,20 +1,26 @@
-//! Stiction aging: at rest the contacts grow together, and the stage breaks away harder the longer it has stood.
+//! Stiction aging: at rest the contacts grow together, and the stage breaks away harder the longer
+//! it has stood.
 //!
 //! Fs times 1 + f s: f fraction, T time_constant (s), w width (m), in one of two forms:
-//! - 0: ds/dt = (1 - s) / T - s |v| / w, from 0 (just moved) to 1 (rested long); at rest s = 1 - exp(-t / T);
-//! - 1: s = ln(1 + a / T) with the age a (s) of the contacts, da/dt = 1 - a |v| / w; at rest a = t, and s grows without end.
+//! - 0: ds/dt = (1 - s) / T - s |v| / w, from 0 (just moved) to 1 (rested long); at rest s = 1 -
+//!   exp(-t / T);
+//! - 1: s = ln(1 + a / T) with the age a (s) of the contacts, da/dt = 1 - a |v| / w; at rest a = t,
+//!   and s grows without end.
 //!
-//! Sliding renews the contacts over the width. Exact over a step of constant velocity. Starts at s = 0.
-//! Source: form 1: aging law of rate-and-state friction (Dieterich, J. Geophys. Res. 84, 1979; Ruina, J. Geophys. Res. 88, 1983); form 0: the same, saturating
-//! (assumed). Sizes: assumed, some 10 %, time constant about 1 s, width of about the distance over which the guides break away.
-//! It only takes energy.
-//! Not modelled: normal load.
+//! Sliding renews the contacts over the width. Exact over a step of constant velocity. Starts at
+//! s = 0. Source: form 1: aging law of rate-and-state friction (Dieterich, J. Geophys. Res. 84,
+//! 1979; Ruina, J. Geophys. Res. 88, 1983); form 0: the same, saturating (assumed). Sizes: assumed,
+//! some 10 %, time constant about 1 s, width of about the distance over which the guides break
+//! away. It only takes energy. Not modelled: normal load.
 
 use super::regression::{break_away, largest_over_decades, least_squares, step_of};
-use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side};
+use super::{
+    Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side,
+};
 
-/// Distance that renews the contacts where nothing else is known, m. Assumed: some times the 40 um at which the paper's guides 1 and 3 have
-/// not yet broken away; over less the contacts would be new before the bristles could show that they were old.
+/// Distance that renews the contacts where nothing else is known, m. Assumed: some times the 40 um
+/// at which the paper's guides 1 and 3 have not yet broken away; over less the contacts would be
+/// new before the bristles could show that they were old.
 const WIDTH: f64 = 200e-6;
 /// Shortest and longest time constant, s.
 const TIMES: (f64, f64) = (1e-2, 1e4);
@@ -22,19 +28,35 @@ const TIMES: (f64, f64) = (1e-2, 1e4);
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "stiction_aging",
     side: Side::Carriage,
-    law: "Fs (1 + fraction s); form 0: ds/dt = (1 - s) / time_constant - s |v| / width; 1: s = ln(1 + a / time_constant), da/dt = 1 - a |v| / width",
+    law: "Fs (1 + fraction s); form 0: ds/dt = (1 - s) / time_constant - s |v| / width; 1: s = \
+          ln(1 + a / time_constant), da/dt = 1 - a |v| / width",
     source: "Dieterich 1979, Ruina 1983; form 0: the same, saturating",
     telltale: "a peak at break-away that grows with the rest before it, not seen by the force cell",
     parameters: &[
         EffectParameter::required(
             "fraction",
             "1",
-            "part by which Fs has risen after a long rest (form 0), or rises for each factor of e (1)",
+            "part by which Fs has risen after a long rest (form 0), or rises for each factor of e \
+             (1)",
             (0.0, 10.0),
             0.1,
         ),
-        EffectParameter::optional("time_constant", "s", "time at rest in which it rises", TIMES, 0.5, 1.0),
-        EffectParameter::optional("width", "m", "distance of sliding over which it goes", (1e-7, 1e-1), 1e-4, WIDTH),
+        EffectParameter::optional(
+            "time_constant",
+            "s",
+            "time at rest in which it rises",
+            TIMES,
+            0.5,
+            1.0,
+        ),
+        EffectParameter::optional(
+            "width",
+            "m",
+            "distance of sliding over which it goes",
+            (1e-7, 1e-1),
+            1e-4,
+            WIDTH,
+        ),
         EffectParameter::optional(
             "form",
             "1",
@@ -70,7 +92,8 @@ struct StictionAging {
     age: f64,
 }
 
-/// Both forms; a logarithm that follows the exponential from a tenth to all of its time constant rises by 0.4 of its end within a quarter of its time.
+/// Both forms; a logarithm that follows the exponential from a tenth to all of its time constant
+/// rises by 0.4 of its end within a quarter of its time.
 fn forms(values: &[f64]) -> Vec<Vec<f64>> {
     let [mut saturating, mut logarithmic] = [values.to_vec(), values.to_vec()];
     let (fraction, time) = (0.4, 0.25);
@@ -86,7 +109,13 @@ fn forms(values: &[f64]) -> Vec<Vec<f64>> {
 impl StictionAging {
     fn new(values: &[f64]) -> StictionAging {
         let form = if values[FORM] < 0.5 { Form::Saturating } else { Form::Logarithmic };
-        StictionAging { form, fraction: values[0], time_constant: values[1], width: values[2], age: 0.0 }
+        StictionAging {
+            form,
+            fraction: values[0],
+            time_constant: values[1],
+            width: values[2],
+            age: 0.0,
+        }
     }
 
     /// s in the middle of a step; moves the age to its end.
@@ -99,7 +128,8 @@ impl StictionAging {
         let after = |age: f64, time: f64| {
             let gone = -(-rate * time).exp_m1();
             // At rest the logarithmic form has no steady age.
-            let grown = if rate * time > f64::EPSILON { growth / rate * gone } else { growth * time };
+            let grown =
+                if rate * time > f64::EPSILON { growth / rate * gone } else { growth * time };
             age - age * gone + grown
         };
         let middle = after(self.age, 0.5 * step);
@@ -127,8 +157,8 @@ impl Effect for StictionAging {
 
 /// The time constant whose peaks at break-away take most out of the residual.
 ///
-/// To first order in f a bristle that turns over the distance d has the additional friction e with de/ds = (s F - e) / d over the path, F its
-/// friction.
+/// To first order in f a bristle that turns over the distance d has the additional friction e with
+/// de/ds = (s F - e) / d over the path, F its friction.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let (distance, _) = break_away(residual)?;
     let step = step_of(residual);
@@ -143,13 +173,15 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
             .map(|(velocity, friction)| {
                 let target = aging.advance(*velocity, step) * friction;
                 let before = additional;
-                additional = target + (additional - target) * (-velocity.abs() * step / distance).exp();
+                additional =
+                    target + (additional - target) * (-velocity.abs() * step / distance).exp();
                 -0.5 * (before + additional)
             })
             .collect();
         least_squares(residual.force, |k| [residual.friction[k], column[k]])
     };
-    let explained = |time_constant: f64| fit(time_constant).map_or(f64::NEG_INFINITY, |fit| fit.explained);
+    let explained =
+        |time_constant: f64| fit(time_constant).map_or(f64::NEG_INFINITY, |fit| fit.explained);
     let duration = step * residual.time.len() as f64;
     let shortest = TIMES.0.max(10.0 * step);
     if shortest >= duration {
@@ -158,7 +190,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let time_constant = largest_over_decades(shortest, duration.min(TIMES.1), explained);
     let fit = fit(time_constant)?;
     let fraction = fit.coefficients[1];
-    (fit.improves_on(&base) && fraction > 0.0).then(|| vec![fraction.min(10.0), time_constant, WIDTH, 0.0])
+    (fit.improves_on(&base) && fraction > 0.0)
+        .then(|| vec![fraction.min(10.0), time_constant, WIDTH, 0.0])
 }
 
 #[cfg(test)]
@@ -173,7 +206,11 @@ mod tests {
         let mut scale = FrictionScale::ONE;
         for _ in 0..10_000 {
             scale = FrictionScale::ONE;
-            aging.friction(&Motion { velocity, ..Motion::default() }, duration / 10_000.0, &mut scale);
+            aging.friction(
+                &Motion { velocity, ..Motion::default() },
+                duration / 10_000.0,
+                &mut scale,
+            );
         }
         assert_eq!((scale.coulomb, scale.viscous), (1.0, 1.0));
         scale.stat

@@ -1,10 +1,13 @@
 //! Structural mode: a part of the moving mass is not rigid with the carriage but hangs on a spring.
 //!
-//! u part of mass M on the carriage at x: M d2u/dt2 = -k (u - x) - c (du/dt - dx/dt), F = k (u - x) + c (du/dt - dx/dt) along +x on the carriage, whose own mass is
-//! m - M; k = M (2 pi f)^2, c = 2 D M (2 pi f): M mass (kg), f frequency of the part on a fixed carriage (Hz), D damping ratio. The total mass
-//! stays m. Exact over a step of constant carriage velocity; F is the momentum that the part takes, so that none is lost.
-//! Source: two masses on a spring (any textbook of vibration). Free-free frequency f sqrt(m / (m - M)). Sizes: assumed, 5 to 20 % of the mass, 30 to 300 Hz, ratio 0.01 to 0.05.
-//! Stored energy: of the spring and of the part. Not modelled: several modes, modes that turn.
+//! u part of mass M on the carriage at x: M d2u/dt2 = -k (u - x) - c (du/dt - dx/dt), F = k (u -
+//! x) + c (du/dt - dx/dt) along +x on the carriage, whose own mass is m - M; k = M (2 pi f)^2, c =
+//! 2 D M (2 pi f): M mass (kg), f frequency of the part on a fixed carriage (Hz), D damping ratio.
+//! The total mass stays m. Exact over a step of constant carriage velocity; F is the momentum that
+//! the part takes, so that none is lost. Source: two masses on a spring (any textbook of
+//! vibration). Free-free frequency f sqrt(m / (m - M)). Sizes: assumed, 5 to 20 % of the mass, 30
+//! to 300 Hz, ratio 0.01 to 0.05. Stored energy: of the spring and of the part. Not modelled:
+//! several modes, modes that turn.
 
 use std::f64::consts::TAU;
 
@@ -23,12 +26,26 @@ const DAMPINGS: (f64, f64) = (0.0, 0.9);
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "structural_mode",
     side: Side::Carriage,
-    law: "mass d2u/dt2 = -k (u - x) - c (u - x)', F = k (u - x) + c (u - x)', k = mass (2 pi frequency)^2, c = 2 damping mass 2 pi frequency",
+    law: "mass d2u/dt2 = -k (u - x) - c (u - x)', F = k (u - x) + c (u - x)', k = mass (2 pi \
+          frequency)^2, c = 2 damping mass 2 pi frequency",
     source: "two masses on a spring",
-    telltale: "rings at one frequency after every change of acceleration, at any speed, dies out at rest",
+    telltale: "rings at one frequency after every change of acceleration, at any speed, dies out \
+               at rest",
     parameters: &[
-        EffectParameter::required("mass", "kg", "part of the moving mass carried by the spring", (0.0, HEAVIEST), 1.0),
-        EffectParameter::required("frequency", "Hz", "its frequency on a fixed carriage", FREQUENCIES, 10.0),
+        EffectParameter::required(
+            "mass",
+            "kg",
+            "part of the moving mass carried by the spring",
+            (0.0, HEAVIEST),
+            1.0,
+        ),
+        EffectParameter::required(
+            "frequency",
+            "Hz",
+            "its frequency on a fixed carriage",
+            FREQUENCIES,
+            10.0,
+        ),
         EffectParameter::optional("damping", "1", "damping ratio", DAMPINGS, 0.01, 0.02),
     ],
     check: super::any,
@@ -60,12 +77,14 @@ struct StructuralMode {
     swing: Swing,
 }
 
-/// What a free part does over a step: it hangs on the length of the step alone, which is nearly always that of the step before.
+/// What a free part does over a step: it hangs on the length of the step alone, which is nearly
+/// always that of the step before.
 #[derive(Debug, Default)]
 struct Swing {
     /// s
     step: f64,
-    /// Of stretch, and of its rate, how much is left, and of each how much the other one gives (s, 1/s).
+    /// Of stretch, and of its rate, how much is left, and of each how much the other one gives (s,
+    /// 1/s).
     stretch: f64,
     rate: f64,
     stretch_by_rate: f64,
@@ -90,7 +109,8 @@ impl Swing {
 }
 
 impl StructuralMode {
-    /// Lets the part swing over a step about a stretch, m, from this rate of its stretch to the one that is returned, m/s.
+    /// Lets the part swing over a step about a stretch, m, from this rate of its stretch to the one
+    /// that is returned, m/s.
     fn swing(&mut self, rate: f64, about: f64, step: f64) -> f64 {
         if self.swing.step != step {
             self.swing = Swing::over(step, self.rate, self.damping);
@@ -115,7 +135,8 @@ impl Effect for StructuralMode {
         self.mass * (start - end) / step
     }
 
-    /// Exact for a constant acceleration of the carriage, under which the part swings about where it hangs behind.
+    /// Exact for a constant acceleration of the carriage, under which the part swings about where
+    /// it hangs behind.
     fn force_over(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
         let gained = 0.5 * step * motion.acceleration;
         let start = self.velocity.unwrap_or(motion.velocity - gained);
@@ -164,20 +185,26 @@ struct Band {
     power: f64,
 }
 
-/// Frequency and damping at which acceleration, through the mode, explains most of the residual beside a payload.
+/// Frequency and damping at which acceleration, through the mode, explains most of the residual
+/// beside a payload.
 ///
-/// Residual over acceleration is M s^2 / (s^2 + 2 D w s + w^2), w = 2 pi f: M a less the force of the spring.
+/// Residual over acceleration is M s^2 / (s^2 + 2 D w s + w^2), w = 2 pi f: M a less the force of
+/// the spring.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let count = residual.force.len();
-    if count < 100 || residual.force.iter().chain(residual.acceleration).any(|value| !value.is_finite()) {
+    if count < 100
+        || residual.force.iter().chain(residual.acceleration).any(|value| !value.is_finite())
+    {
         return None;
     }
     let rate = step_of(residual).recip();
-    let [force, acceleration] = [residual.force, residual.acceleration].map(|values| evenly(residual, values));
+    let [force, acceleration] =
+        [residual.force, residual.acceleration].map(|values| evenly(residual, values));
     let count = force.len();
     let fft = FftPlanner::new().plan_fft_forward(count);
     let [force, acceleration] = [force, acceleration].map(|values| {
-        let mut spectrum: Vec<Complex<f64>> = values.into_iter().map(|value| Complex::new(value, 0.0)).collect();
+        let mut spectrum: Vec<Complex<f64>> =
+            values.into_iter().map(|value| Complex::new(value, 0.0)).collect();
         fft.process(&mut spectrum);
         spectrum
     });
@@ -208,7 +235,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         let (mut with_force, mut square, mut with_payload) = (0.0, 0.0, 0.0);
         for band in &bands {
             let ratio = band.frequency / frequency;
-            let response = Complex::new(-ratio * ratio, 0.0) / Complex::new(1.0 - ratio * ratio, 2.0 * damping * ratio);
+            let response = Complex::new(-ratio * ratio, 0.0)
+                / Complex::new(1.0 - ratio * ratio, 2.0 * damping * ratio);
             with_force += (response.conj() * band.cross).re;
             square += response.norm_sqr() * band.power;
             with_payload += response.re * band.power;
@@ -269,9 +297,15 @@ mod tests {
             stribeck_velocity: 1e-3,
             damping_velocity: None,
         };
-        let mode = EffectParameters::new("structural_mode", [("mass", 8.0), ("frequency", 50.0), ("damping", damping)]);
-        let model =
-            StageModel { guides: vec![GuideSource::Inline(slippery)], effects: vec![mode], ..StageModel::default() };
+        let mode = EffectParameters::new(
+            "structural_mode",
+            [("mass", 8.0), ("frequency", 50.0), ("damping", damping)],
+        );
+        let model = StageModel {
+            guides: vec![GuideSource::Inline(slippery)],
+            effects: vec![mode],
+            ..StageModel::default()
+        };
         Body::new(&model, 25e-6).unwrap()
     }
 
@@ -291,9 +325,13 @@ mod tests {
             }
             last = now;
         }
-        let frequency = (crossings.len() - 1) as f64 / (crossings[crossings.len() - 1] - crossings[0]);
+        let frequency =
+            (crossings.len() - 1) as f64 / (crossings[crossings.len() - 1] - crossings[0]);
         let expected = 50.0 * (40.0f64 / 32.0).sqrt();
-        assert!((frequency / expected - 1.0).abs() < 1e-4, "{frequency} Hz, expected {expected} Hz");
+        assert!(
+            (frequency / expected - 1.0).abs() < 1e-4,
+            "{frequency} Hz, expected {expected} Hz"
+        );
     }
 
     #[test]
@@ -319,19 +357,30 @@ mod tests {
         let (step, pieces) = (5e-4, 1000);
         let mut velocity = 0.1;
         for k in 0..200 {
-            let motion = Motion { velocity, acceleration: 30.0 * (0.2 * f64::from(k)).sin(), ..Motion::default() };
+            let motion = Motion {
+                velocity,
+                acceleration: 30.0 * (0.2 * f64::from(k)).sin(),
+                ..Motion::default()
+            };
             let found = whole.force_over(&motion, step);
             let mut expected = ForceOverStep::default();
             for piece in 0..pieces {
                 let aside = (f64::from(piece) + 0.5) / f64::from(pieces) - 0.5;
-                let there = Motion { velocity: velocity + aside * step * motion.acceleration, ..motion };
+                let there =
+                    Motion { velocity: velocity + aside * step * motion.acceleration, ..motion };
                 let force = in_pieces.force(&there, step / f64::from(pieces)) / f64::from(pieces);
                 expected.mean += force;
                 expected.moment += aside * force;
             }
             let largest = 8.0 * 30.0;
-            assert!((found.mean - expected.mean).abs() < 1e-5 * largest, "step {k}: {found:?}, expected {expected:?}");
-            assert!((found.moment - expected.moment).abs() < 1e-5 * largest, "step {k}: {found:?}, {expected:?}");
+            assert!(
+                (found.mean - expected.mean).abs() < 1e-5 * largest,
+                "step {k}: {found:?}, expected {expected:?}"
+            );
+            assert!(
+                (found.moment - expected.moment).abs() < 1e-5 * largest,
+                "step {k}: {found:?}, {expected:?}"
+            );
             velocity += motion.acceleration * step;
         }
     }
@@ -347,7 +396,10 @@ mod tests {
     #[test]
     fn proposal_finds_mass_frequency_and_damping_under_noise_and_nothing_in_noise() {
         let found = proposal(&DESCRIPTOR, &[4.0, 37.0, 0.02]);
-        assert!((found[0] / 4.0 - 1.0).abs() < 0.1 && (found[1] / 37.0 - 1.0).abs() < 0.01, "{found:?}");
+        assert!(
+            (found[0] / 4.0 - 1.0).abs() < 0.1 && (found[1] / 37.0 - 1.0).abs() < 0.01,
+            "{found:?}"
+        );
         assert!((found[2] / 0.02 - 1.0).abs() < 0.3, "{found:?}");
         assert_silent_on_noise(&DESCRIPTOR);
     }

@@ -1,39 +1,86 @@
 //! Viscous warm-up: grease that is worked through gets thinner.
 //!
 //! sigma2 times 1 - f g, f fraction, and g from 0 to 1 in one of five forms:
-//! - 0: min(1, s / w), 1: 1 - exp(-s / w), with the distance (m) that the grease remembers, ds/dt = |v| - s / T: w width (m), T time_constant (s) in which it recovers;
-//! - 2: 1 - exp(-t / H) with the time t since the start: H warm_up_time (s), of the machine as a whole that gets warm;
-//! - 3: 1 - exp(-W / E) with the heat (J) that friction leaves in it, dW/dt = F v - W / T: E work (J), T time_constant (s) in which it cools;
-//! - 4: dg/dt = (1 - g) |v| / w - g / T, of a structure that shear breaks and that builds up again: w width (m), T time_constant (s).
+//! - 0: min(1, s / w), 1: 1 - exp(-s / w), with the distance (m) that the grease remembers, ds/dt =
+//!   |v| - s / T: w width (m), T time_constant (s) in which it recovers;
+//! - 2: 1 - exp(-t / H) with the time t since the start: H warm_up_time (s), of the machine as a
+//!   whole that gets warm;
+//! - 3: 1 - exp(-W / E) with the heat (J) that friction leaves in it, dW/dt = F v - W / T: E work
+//!   (J), T time_constant (s) in which it cools;
+//! - 4: dg/dt = (1 - g) |v| / w - g / T, of a structure that shear breaks and that builds up again:
+//!   w width (m), T time_constant (s).
 //!
 //! A time_constant of 1e6 s is none.
 //!
-//! Source: form 4: Moore, Trans. Br. Ceram. Soc. 58, 1959, where g is the broken part of the structure; the others assumed; viscosity falls by 1 to 3 % per kelvin (assumed). It only takes energy (f below 1). Each start is a cold one.
-//! Not modelled: change of the Coulomb part, heat from elsewhere.
+//! Source: form 4: Moore, Trans. Br. Ceram. Soc. 58, 1959, where g is the broken part of the
+//! structure; the others assumed; viscosity falls by 1 to 3 % per kelvin (assumed). It only takes
+//! energy (f below 1). Each start is a cold one. Not modelled: change of the Coulomb part, heat
+//! from elsewhere.
 
 use super::regression::{largest_over_decades, least_squares, viscous_friction};
-use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side};
+use super::{
+    Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side,
+};
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "viscous_warm_up",
     side: Side::Carriage,
-    law: "sigma2 (1 - fraction g); form 0: g = min(1, s / width), 1: 1 - exp(-s / width), ds/dt = |v| - s / time_constant; 2: 1 - exp(-t / warm_up_time); 3: 1 - exp(-W / work), dW/dt = F v - W / time_constant; 4: dg/dt = (1 - g) |v| / width - g / time_constant",
-    source: "assumed forms, saturating with the distance worked through, the time or the work of friction; form 4: Moore 1959",
-    telltale: "proportional to v, sets in with the distance travelled or the time, not seen by the force cell",
+    law: "sigma2 (1 - fraction g); form 0: g = min(1, s / width), 1: 1 - exp(-s / width), ds/dt = \
+          |v| - s / time_constant; 2: 1 - exp(-t / warm_up_time); 3: 1 - exp(-W / work), dW/dt = F \
+          v - W / time_constant; 4: dg/dt = (1 - g) |v| / width - g / time_constant",
+    source: "assumed forms, saturating with the distance worked through, the time or the work of \
+             friction; form 4: Moore 1959",
+    telltale: "proportional to v, sets in with the distance travelled or the time, not seen by the \
+               force cell",
     parameters: &[
-        EffectParameter::required("fraction", "1", "part of sigma2 that goes in the end", (-5.0, 0.95), 0.1),
-        EffectParameter::optional("width", "m", "distance over which it goes", (1e-3, 1e4), 1.0, 1.0),
-        EffectParameter::optional("time_constant", "s", "time in which it recovers", (0.1, NEVER), 10.0, NEVER),
+        EffectParameter::required(
+            "fraction",
+            "1",
+            "part of sigma2 that goes in the end",
+            (-5.0, 0.95),
+            0.1,
+        ),
+        EffectParameter::optional(
+            "width",
+            "m",
+            "distance over which it goes",
+            (1e-3, 1e4),
+            1.0,
+            1.0,
+        ),
+        EffectParameter::optional(
+            "time_constant",
+            "s",
+            "time in which it recovers",
+            (0.1, NEVER),
+            10.0,
+            NEVER,
+        ),
         EffectParameter::optional(
             "form",
             "1",
-            "with the distance in proportion (0) or ever slower (1), with time (2), with work (3), as a structure breaks (4)",
+            "with the distance in proportion (0) or ever slower (1), with time (2), with work (3), \
+             as a structure breaks (4)",
             (0.0, 4.0),
             1.0,
             0.0,
         ),
-        EffectParameter::optional("warm_up_time", "s", "time over which it goes, form 2", (1e-2, 1e6), 10.0, 10.0),
-        EffectParameter::optional("work", "J", "work over which it goes, form 3", (1e-3, 1e9), 10.0, 100.0),
+        EffectParameter::optional(
+            "warm_up_time",
+            "s",
+            "time over which it goes, form 2",
+            (1e-2, 1e6),
+            10.0,
+            10.0,
+        ),
+        EffectParameter::optional(
+            "work",
+            "J",
+            "work over which it goes, form 3",
+            (1e-3, 1e9),
+            10.0,
+            100.0,
+        ),
     ],
     check: super::any,
     // One form alone, and no recovery where there is none.
@@ -116,7 +163,14 @@ impl ViscousWarmUp {
     }
 
     fn of(form: Form, fraction: f64, extent: f64, time_constant: f64) -> ViscousWarmUp {
-        ViscousWarmUp { form, fraction, extent, time_constant, gone_through: 0.0, remains: (0.0, 1.0) }
+        ViscousWarmUp {
+            form,
+            fraction,
+            extent,
+            time_constant,
+            gone_through: 0.0,
+            remains: (0.0, 1.0),
+        }
     }
 
     /// Part of s or W that is left after a step.
@@ -127,13 +181,19 @@ impl ViscousWarmUp {
         self.remains.1
     }
 
-    /// What was gone through after a step that begins with `before` of it. Exact for the step's constant velocity and friction.
+    /// What was gone through after a step that begins with `before` of it. Exact for the step's
+    /// constant velocity and friction.
     fn after(&mut self, before: f64, motion: &Motion, step: f64) -> f64 {
         let (steady, remains) = match self.form {
-            Form::Proportion | Form::Distance => (motion.velocity.abs() * self.time_constant, self.remains(step)),
+            Form::Proportion | Form::Distance => {
+                (motion.velocity.abs() * self.time_constant, self.remains(step))
+            }
             Form::Time => return before + step,
             // What bristles give back as they spring does not cool the grease.
-            Form::Work => ((motion.friction * motion.velocity).max(0.0) * self.time_constant, self.remains(step)),
+            Form::Work => (
+                (motion.friction * motion.velocity).max(0.0) * self.time_constant,
+                self.remains(step),
+            ),
             Form::Structure => {
                 let gain = motion.velocity.abs() / self.extent;
                 let loss = gain + self.time_constant.recip();
@@ -177,23 +237,36 @@ fn warm_up_forms(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     };
     let codes = [Form::Proportion, Form::Distance, Form::Work].map(|form| f64::from(form as u8));
     // A form without recovery has forgotten what was proposed for one with it.
-    let recovery =
-        if values[TIME_CONSTANT] < NEVER { values[TIME_CONSTANT] } else { DESCRIPTOR.parameters[TIME_CONSTANT].scale };
-    let recovering = codes.into_iter().chain([f64::from(Form::Structure as u8)]).map(|code| form(code, recovery));
+    let recovery = if values[TIME_CONSTANT] < NEVER {
+        values[TIME_CONSTANT]
+    } else {
+        DESCRIPTOR.parameters[TIME_CONSTANT].scale
+    };
+    let recovering = codes
+        .into_iter()
+        .chain([f64::from(Form::Structure as u8)])
+        .map(|code| form(code, recovery));
     let lasting = codes.map(|code| form(code, NEVER));
-    lasting.into_iter().chain([form(f64::from(Form::Time as u8), NEVER)]).chain(recovering).collect()
+    lasting
+        .into_iter()
+        .chain([form(f64::from(Form::Time as u8), NEVER)])
+        .chain(recovering)
+        .collect()
 }
 
-/// For each form what takes most out of the residual beside a constant error of the viscous friction; the values of all forms stand side
-/// by side, the best one is chosen. The time constant is the best one there is, though the form chosen may do without.
+/// For each form what takes most out of the residual beside a constant error of the viscous
+/// friction; the values of all forms stand side by side, the best one is chosen. The time constant
+/// is the best one there is, though the form chosen may do without.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let viscous = viscous_friction(residual)?;
     let (first, last) = (*residual.time.first()?, *residual.time.last()?);
     let step = (last - first) / residual.time.len() as f64;
     let base = least_squares(residual.force, |k| [residual.velocity[k]])?;
-    let mut values: Vec<f64> = DESCRIPTOR.parameters.iter().map(|parameter| parameter.default.unwrap_or(0.0)).collect();
+    let mut values: Vec<f64> =
+        DESCRIPTOR.parameters.iter().map(|parameter| parameter.default.unwrap_or(0.0)).collect();
     let (mut best, mut best_recovery): (Option<(f64, f64, Form)>, Option<f64>) = (None, None);
-    let recoveries = RECOVERIES.map(|part| (Form::Proportion, (part * (last - first)).clamp(0.1, NEVER)));
+    let recoveries =
+        RECOVERIES.map(|part| (Form::Proportion, (part * (last - first)).clamp(0.1, NEVER)));
     let forms = [(Form::Proportion, NEVER), (Form::Time, NEVER), (Form::Work, NEVER)];
     values[TIME_CONSTANT] = recoveries[RECOVERIES.len() - 1].1;
     for (form, time_constant) in forms.into_iter().chain(recoveries) {
@@ -201,8 +274,11 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         let mut gone_through = if matches!(form, Form::Time) { first } else { 0.0 };
         let path: Vec<f64> = (0..residual.time.len())
             .map(|k| {
-                let motion =
-                    Motion { velocity: residual.velocity[k], friction: residual.friction[k], ..Motion::default() };
+                let motion = Motion {
+                    velocity: residual.velocity[k],
+                    friction: residual.friction[k],
+                    ..Motion::default()
+                };
                 gone_through = law.after(gone_through, &motion, step);
                 gone_through
             })
@@ -224,7 +300,8 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
         };
         let explained = |extent: f64| fit(extent).map_or(f64::NEG_INFINITY, |fit| fit.explained);
         let (least, greatest) = DESCRIPTOR.parameters[index].bounds;
-        let (from, to) = ((longest / 300.0).max(least), (2.0 * longest).clamp(2.0 * least, greatest));
+        let (from, to) =
+            ((longest / 300.0).max(least), (2.0 * longest).clamp(2.0 * least, greatest));
         let extent = largest_over_decades(from, to, explained);
         let Some(fit) = fit(extent) else { continue };
         if time_constant == NEVER {
@@ -281,7 +358,8 @@ mod tests {
         assert!((scale.viscous - (1.0 - 0.4 * (1.0 - (-4.0f64).exp()))).abs() < 1e-4, "{scale:?}");
     }
 
-    /// At a constant velocity v the distance that is remembered is v T (1 - exp(-t / T)), however the time is divided into steps.
+    /// At a constant velocity v the distance that is remembered is v T (1 - exp(-t / T)), however
+    /// the time is divided into steps.
     #[test]
     fn what_is_remembered_does_not_hang_on_the_lengths_of_the_steps() {
         let mut warm_up = (DESCRIPTOR.build)(&[0.4, 1.0, 0.7, 0.0, 10.0, 100.0]);
@@ -312,8 +390,10 @@ mod tests {
         let at_rest = left(&[0.4, 1.0, 1e6, 2.0, 0.5, 100.0], Motion::default());
         assert!((at_rest - expected).abs() < 1e-4, "{at_rest}");
         // 60 N at 0.2 m/s for 2 s are 24 J.
-        let worked =
-            left(&[0.4, 1.0, 1e6, 3.0, 0.5, 6.0], Motion { velocity: -0.2, friction: -60.0, ..Motion::default() });
+        let worked = left(
+            &[0.4, 1.0, 1e6, 3.0, 0.5, 6.0],
+            Motion { velocity: -0.2, friction: -60.0, ..Motion::default() },
+        );
         assert!((worked - expected).abs() < 1e-4, "{worked}");
         let at_rest = left(&[0.4, 1.0, 1e6, 3.0, 0.5, 6.0], Motion::default());
         assert_eq!(at_rest, 1.0);
@@ -330,7 +410,8 @@ mod tests {
             }
             scale.viscous
         };
-        // 0.3 m/s over 0.5 m are 0.6 1/s against a recovery of 0.5 1/s: of the structure 0.6 / 1.1 break.
+        // 0.3 m/s over 0.5 m are 0.6 1/s against a recovery of 0.5 1/s: of the structure 0.6 / 1.1
+        // break.
         let broken = 0.6 / 1.1;
         let worked = viscous(-0.3, 30);
         assert!((worked - (1.0 - 0.4 * broken)).abs() < 1e-4, "{worked}");
@@ -361,9 +442,14 @@ mod tests {
         for time_constant in [7.0, NEVER] {
             let starts = warm_up_forms(&[0.3, 1.0, time_constant, 0.0, 10.0, 100.0], 5e-4);
             let has = |form: f64, recovers: bool| {
-                starts.iter().any(|start| start[FORM] == form && (start[TIME_CONSTANT] < NEVER) == recovers)
+                starts
+                    .iter()
+                    .any(|start| start[FORM] == form && (start[TIME_CONSTANT] < NEVER) == recovers)
             };
-            assert!([0.0, 1.0, 3.0].into_iter().all(|form| has(form, false) && has(form, true)), "{starts:?}");
+            assert!(
+                [0.0, 1.0, 3.0].into_iter().all(|form| has(form, false) && has(form, true)),
+                "{starts:?}"
+            );
             assert!(has(2.0, false) && has(4.0, true) && starts.len() == 8, "{starts:?}");
         }
     }
@@ -375,14 +461,20 @@ mod tests {
             values[index] = extent;
             let found = proposal(&DESCRIPTOR, &values);
             assert_eq!(found[FORM], form, "{found:?}");
-            assert!((found[0] / 0.6 - 1.0).abs() < 0.2 && (found[index] / extent - 1.0).abs() < 0.25, "{found:?}");
+            assert!(
+                (found[0] / 0.6 - 1.0).abs() < 0.2 && (found[index] / extent - 1.0).abs() < 0.25,
+                "{found:?}"
+            );
         }
     }
 
     #[test]
     fn proposal_finds_fraction_and_width_under_noise_and_nothing_in_noise() {
         let found = proposal(&DESCRIPTOR, &[0.4, 0.3, 1e6, 0.0, 10.0, 100.0]);
-        assert!((found[0] / 0.4 - 1.0).abs() < 0.2 && (found[1] / 0.3 - 1.0).abs() < 0.25, "{found:?}");
+        assert!(
+            (found[0] / 0.4 - 1.0).abs() < 0.2 && (found[1] / 0.3 - 1.0).abs() < 0.25,
+            "{found:?}"
+        );
         assert_silent_on_noise(&DESCRIPTOR);
     }
 }

@@ -1,8 +1,10 @@
-//! How the friction of bristles that are driven along a motion changes with the parameters of their guide: the laws differentiated step by step, all
-//! parameters in one pass.
+//! How the friction of bristles that are driven along a motion changes with the parameters of their
+//! guide: the laws differentiated step by step, all parameters in one pass.
 //!
-//! Each parameter works in three ways: on the deflection that a bristle ends on, on how fast it gets there, and on the force of a deflection. The first
-//! two are one number: where the level g grows by the part w, the deflection grows by w and the decay's exponent falls by w; sigma0 does the opposite of g.
+//! Each parameter works in three ways: on the deflection that a bristle ends on, on how fast it
+//! gets there, and on the force of a deflection. The first two are one number: where the level g
+//! grows by the part w, the deflection grows by w and the decay's exponent falls by w; sigma0 does
+//! the opposite of g.
 
 use std::f64::consts::LN_2;
 
@@ -17,7 +19,8 @@ pub const BRISTLE_PARAMETERS: usize = 5;
 /// Those that move a deflection, which are the first.
 const OF_DEFLECTION: usize = 4;
 
-/// Derivatives of the friction of bristles by the logarithms of their guides' parameters, one lane per guide.
+/// Derivatives of the friction of bristles by the logarithms of their guides' parameters, one lane
+/// per guide.
 #[derive(Clone, Debug)]
 pub struct BristleSlopes {
     /// Derivatives of the deflections, m.
@@ -34,7 +37,8 @@ impl BristleSlopes {
     pub const STATIC_FORCE: usize = 2;
     const BRISTLE_DAMPING: usize = 4;
 
-    /// Of bristles whose deflections change by so much with each parameter, m per logarithm, those of all elements alike.
+    /// Of bristles whose deflections change by so much with each parameter, m per logarithm, those
+    /// of all elements alike.
     pub fn new(bristle: [[f64; MAX_GUIDES]; BRISTLE_PARAMETERS]) -> BristleSlopes {
         let bristle = std::array::from_fn(|parameter| f64x4::new(bristle[parameter]));
         let nothing = f64x4::ZERO;
@@ -47,15 +51,22 @@ impl BristleSlopes {
 
     /// The parameters of a guide in the order of the derivatives.
     pub fn parameters(guide: &Guide) -> [f64; BRISTLE_PARAMETERS] {
-        [guide.stiffness, guide.coulomb_force, guide.static_force, guide.stribeck_velocity, guide.bristle_damping]
+        [
+            guide.stiffness,
+            guide.coulomb_force,
+            guide.static_force,
+            guide.stribeck_velocity,
+            guide.bristle_damping,
+        ]
     }
 
-    /// By how much the mean friction of all guides over the last step, of so many seconds, changes along a direction, N: by how much the logarithms grow, by
-    /// parameter and guide.
+    /// By how much the mean friction of all guides over the last step, of so many seconds, changes
+    /// along a direction, N: by how much the logarithms grow, by parameter and guide.
     #[inline]
     pub fn along(&self, direction: &[[f64; MAX_GUIDES]; BRISTLE_PARAMETERS], step: f64) -> f64 {
         let grown = self.impulse.iter().zip(direction);
-        let impulse = grown.fold(f64x4::ZERO, |sum, (impulse, grows)| sum + *impulse * f64x4::new(*grows));
+        let impulse =
+            grown.fold(f64x4::ZERO, |sum, (impulse, grows)| sum + *impulse * f64x4::new(*grows));
         impulse.reduce_add() / step
     }
 }
@@ -79,7 +90,14 @@ impl GuideBank {
 /// What is told of a step of the bristles while it is worked out.
 pub(super) trait Along {
     /// The level g, N, and the part of Fs - Fc that is in it.
-    fn level(&mut self, _bank: &GuideBank, _velocity_squared: f64x4, _level: f64x4, _stribeck: f64x4) {}
+    fn level(
+        &mut self,
+        _bank: &GuideBank,
+        _velocity_squared: f64x4,
+        _level: f64x4,
+        _stribeck: f64x4,
+    ) {
+    }
     fn gradual(&mut self, _element: usize, _step: &GradualStep, _force: &ElementForce) {}
     fn sudden(&mut self, _element: usize, _step: &SuddenStep, _force: &ElementForce) {}
 }
@@ -100,7 +118,8 @@ pub(super) struct GradualStep {
 
 /// A step of an element that slips suddenly.
 pub(super) struct SuddenStep {
-    /// Deflection before the step, what it may be at most, and what it would be if nothing slipped, m.
+    /// Deflection before the step, what it may be at most, and what it would be if nothing slipped,
+    /// m.
     pub before: f64x4,
     pub limit: f64x4,
     pub unlimited: f64x4,
@@ -121,7 +140,14 @@ pub(super) struct ElementForce {
 impl BristleSlopes {
     /// Notes what an element gives whose end and mean have these derivatives.
     #[inline]
-    fn note(&mut self, element: usize, parameter: usize, end: f64x4, mean: f64x4, force: &ElementForce) {
+    fn note(
+        &mut self,
+        element: usize,
+        parameter: usize,
+        end: f64x4,
+        mean: f64x4,
+        force: &ElementForce,
+    ) {
         let bristle = &mut self.bristle[element][parameter];
         self.impulse[parameter] += force.elastic * mean + force.damping * (end - *bristle);
         *bristle = end;
@@ -155,11 +181,13 @@ impl Along for BristleSlopes {
     fn gradual(&mut self, element: usize, step: &GradualStep, force: &ElementForce) {
         let one = f64x4::splat(1.0);
         let GradualStep { steady, excess, power, decay, mean } = step;
-        let end_per_level = *steady * (one - *decay) + *excess * *power * f64x4::splat(-LN_2) * *decay;
+        let end_per_level =
+            *steady * (one - *decay) + *excess * *power * f64x4::splat(-LN_2) * *decay;
         let mean_per_level = *steady * (one - *mean) + *excess * (*mean - *decay);
         for parameter in 0..OF_DEFLECTION {
             let (before, level) = (self.bristle[element][parameter], self.level[parameter]);
-            let (end, mean) = (*decay * before + level * end_per_level, *mean * before + level * mean_per_level);
+            let (end, mean) =
+                (*decay * before + level * end_per_level, *mean * before + level * mean_per_level);
             self.note(element, parameter, end, mean, force);
         }
         self.note_force(force);
@@ -186,13 +214,19 @@ mod tests {
     use super::*;
     use crate::model::Catalogue;
 
-    /// Of two guides that differ, along a motion that rests, creeps, turns and slides, against the symmetric difference quotient of the same motion.
+    /// Of two guides that differ, along a motion that rests, creeps, turns and slides, against the
+    /// symmetric difference quotient of the same motion.
     #[test]
     fn slopes_are_the_difference_quotients_of_the_friction() {
         let catalogue = Catalogue::builtin();
         let guides = ["guide_1", "guide_2"].map(|name| catalogue.guide(name).unwrap());
         let share = |stiffness, damping, strength| BristleShare { stiffness, damping, strength };
-        let shares = [share(0.7, 0.6, 0.3), share(0.4, 0.3, 0.5), share(0.1, 0.1, 0.2), BristleShare::default()];
+        let shares = [
+            share(0.7, 0.6, 0.3),
+            share(0.4, 0.3, 0.5),
+            share(0.1, 0.1, 0.2),
+            BristleShare::default(),
+        ];
         let scale = FrictionScale { coulomb: 1.1, stat: 1.3, viscous: 1.0 };
         let elements = [None, Some(Slip::Gradual), Some(Slip::Sudden)];
         for slip in elements {
@@ -210,7 +244,10 @@ mod tests {
             let mut told = Vec::new();
             for k in 0..3000 {
                 let friction = driven.drive_with_slopes(velocity(k), 5e-4, &scale, &mut slopes);
-                told.push((friction, slopes.impulse.map(|impulse| (impulse / f64x4::splat(5e-4)).to_array())));
+                told.push((
+                    friction,
+                    slopes.impulse.map(|impulse| (impulse / f64x4::splat(5e-4)).to_array()),
+                ));
             }
             let mut alone = bank(&guides);
             for (k, (friction, _)) in told.iter().enumerate() {
@@ -219,7 +256,9 @@ mod tests {
             for parameter in 0..BRISTLE_PARAMETERS {
                 let moved = |part: f64| {
                     let mut bank = bank(&guides.clone().map(|guide| with(&guide, parameter, part)));
-                    (0..3000).map(|k| bank.drive_each(velocity(k), 5e-4, &scale)).collect::<Vec<_>>()
+                    (0..3000)
+                        .map(|k| bank.drive_each(velocity(k), 5e-4, &scale))
+                        .collect::<Vec<_>>()
                 };
                 let (up, down) = (moved(1e-6), moved(-1e-6));
                 for guide in 0..guides.len() {
@@ -230,7 +269,11 @@ mod tests {
                         squares.1 += expected * expected;
                     }
                     let off = (squares.0 / squares.1).sqrt();
-                    assert!(off < 1e-4 && squares.1 > 0.0, "{slip:?}, parameter {parameter}: {off:e} of {}", squares.1);
+                    assert!(
+                        off < 1e-4 && squares.1 > 0.0,
+                        "{slip:?}, parameter {parameter}: {off:e} of {}",
+                        squares.1
+                    );
                 }
             }
         }
