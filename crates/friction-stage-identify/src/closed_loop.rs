@@ -11,9 +11,9 @@ use std::slice;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::IdentifyError;
-use super::driven::holding;
-use super::measured::forgetting_length;
+use crate::error::IdentifyError;
+use crate::record::measured::forgetting_length;
+use crate::residual::driven::holding;
 use friction_stage_core::model::{ModelError, StageModel};
 use friction_stage_core::plant::effects::Effects;
 use friction_stage_core::plant::{Rates, RatesError, Stage};
@@ -411,9 +411,9 @@ fn step_of(trace: &Trace) -> f64 {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
-    use super::super::measured::Measured;
+pub(crate) mod tests {
     use super::*;
+    use crate::record::measured::Measured;
     use friction_stage_core::control::{Controller, ControllerSettings, Follower, Trajectory};
 
     /// Moves of 20 mm and back under our own controller, recorded at 2 kHz; before them the guides

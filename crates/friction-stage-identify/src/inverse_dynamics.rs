@@ -15,8 +15,8 @@ use std::f64::consts::PI;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::driven::Driven;
-use super::{Hypothesis, IdentifyError, MIN_SAMPLES, Measured, Sides};
+use crate::residual::driven::Driven;
+use crate::{Hypothesis, IdentifyError, MIN_SAMPLES, Measured, Sides};
 use friction_stage_core::model::StageModel;
 use friction_stage_data::bag::Trace;
 

@@ -6,12 +6,12 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::declared::Declared;
-use super::fit::Estimate;
-use super::hypothesis::{Coordinate, Part, Place};
-use super::measured::Measured;
-use super::next_experiment::NextExperiment;
-use super::selection::{Selection, Verdict};
+use crate::fit::Estimate;
+use crate::hypothesis::nominal_parameter::Declared;
+use crate::hypothesis::{Coordinate, Part, Place};
+use crate::next_experiment::NextExperiment;
+use crate::record::measured::Measured;
+use crate::search::{Selection, Verdict};
 use friction_stage_core::model::Curve;
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::plant::{EffectDescriptor, Side};

@@ -8,8 +8,8 @@ use super::motion::{REST, Segment};
 use super::questions::{Questions, Subject, Sums};
 use super::{NextExperimentError, Separation, Sharpened, Shown};
 use crate::hypothesis::Place;
-use crate::measured::Measured;
-use crate::selection::Selection;
+use crate::record::measured::Measured;
+use crate::search::Selection;
 use friction_stage_core::numerics::TWO_SIDED_95;
 
 /// Part of the first piece's evidence per second below which a further piece is not worth its time.

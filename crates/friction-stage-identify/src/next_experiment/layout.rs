@@ -1,10 +1,10 @@
 //! Pieces of motion laid out within the limits, and run in closed loop with the identified model.
 
-use super::super::MIN_SAMPLES;
-use super::super::measured::Measured;
-use super::super::selection::{Selection, Verdict};
 use super::motion::{Path, QUINTIC, RAMP_PEAK, REST, SHORTEST_RAMP, Segment};
 use super::{Limits, NextExperimentError};
+use crate::MIN_SAMPLES;
+use crate::record::measured::Measured;
+use crate::search::{Selection, Verdict};
 use friction_stage_core::control::{Controller, ControllerSettings, Follower, Gains, Trajectory};
 use friction_stage_core::model::{Coordinate as Over, StageModel};
 use friction_stage_core::plant::effects::Effects;

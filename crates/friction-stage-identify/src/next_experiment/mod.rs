@@ -17,9 +17,9 @@ mod questions;
 
 use serde::{Deserialize, Serialize};
 
-use super::IdentifyError;
-use super::measured::{Measured, forgetting_length};
-use super::selection::{Selection, Verdict};
+use crate::error::IdentifyError;
+use crate::record::measured::{Measured, forgetting_length};
+use crate::search::{Selection, Verdict};
 use agenda::Agenda;
 use friction_stage_core::control::{ControllerError, Point, TrajectoryError};
 use friction_stage_core::model::{ModelError, StageModel};
@@ -308,13 +308,13 @@ pub fn trajectory_yaml(points: &[Point], joint: &str, comments: &[String]) -> St
 
 #[cfg(test)]
 mod tests {
-    use super::super::fit::{Effort, fit};
-    use super::super::hypothesis::{Hypothesis, Part, Sides};
-    use super::super::selection::{Inseparable, Outcome};
     use super::agenda::MOST_UNTESTED;
     use super::motion::REST;
     use super::questions::Subject;
     use super::*;
+    use crate::fit::{Effort, fit};
+    use crate::hypothesis::{Hypothesis, Part, Sides};
+    use crate::search::{Inseparable, Outcome};
     use crate::{Errors, Evidence, Selection, Tolerances};
     use friction_stage_core::control::{Controller, ControllerSettings, Follower, Trajectory};
     use friction_stage_core::plant::{EffectDescriptor, Rates, Side, Stage};

@@ -4,14 +4,14 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::super::driven::Driven;
-use super::super::fit::{Effort, fit};
-use super::super::hypothesis::{Coordinate, Hypothesis, Part, Place, Sides};
-use super::super::measured::Measured;
-use super::super::objective::{derivatives, stacked};
-use super::super::selection::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, SEVERAL, Selection};
-use super::super::uncertainty::correlation_length;
 use super::NextExperimentError;
+use crate::fit::objective::{derivatives, stacked};
+use crate::fit::uncertainty::correlation_length;
+use crate::fit::{Effort, fit};
+use crate::hypothesis::{Coordinate, Hypothesis, Part, Place, Sides};
+use crate::record::measured::Measured;
+use crate::residual::driven::Driven;
+use crate::search::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, SEVERAL, Selection};
 use friction_stage_core::model::ModelError;
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::plant::EffectDescriptor;

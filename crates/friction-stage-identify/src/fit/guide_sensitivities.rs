@@ -9,15 +9,15 @@
 use nalgebra::DVector;
 use rayon::prelude::*;
 
-use super::driven::{Driven, FrictionSlope};
-use super::hypothesis::{Coordinate, Hypothesis, Place};
-use super::measured::Measured;
-use super::objective::step_of;
+use crate::fit::objective::step_of;
+use crate::hypothesis::{Coordinate, Hypothesis, Place};
+use crate::record::measured::Measured;
+use crate::residual::driven::{Driven, FrictionSlope};
 use friction_stage_core::model::{MAX_GUIDES, ModelError};
 use friction_stage_core::plant::{BRISTLE_PARAMETERS, BristleSlopes};
 
 /// By coordinate of those asked for, N per scale at the rows of the carriage side.
-pub(super) fn guide_slopes(
+pub(crate) fn guide_slopes(
     hypothesis: &Hypothesis,
     coordinates: &[Coordinate],
     asked: &[usize],

@@ -1,10 +1,10 @@
 //! Guides that differ from each other, and guides that are not those of the model.
 
-use crate::IdentifyError;
-use crate::declared::Declared;
+use crate::error::IdentifyError;
 use crate::fit::{Effort, Fitted, fit, race};
+use crate::hypothesis::nominal_parameter::Declared;
 use crate::hypothesis::{Hypothesis, Place, Sides, Tolerances};
-use crate::measured::Measured;
+use crate::record::measured::Measured;
 use friction_stage_core::model::StageModel;
 
 use super::curves::UNEXPLAINED;

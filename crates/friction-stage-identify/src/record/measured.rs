@@ -8,8 +8,8 @@ use friction_stage_core::plant::Motion;
 use friction_stage_core::plant::effects::ForceOverStep;
 use friction_stage_data::bag::Trace;
 
-use super::IdentifyError;
-use super::lowpass::Lowpass;
+use crate::error::IdentifyError;
+use crate::record::lowpass::Lowpass;
 
 /// Corner of the lowpass on measured and modelled forces, Hz, where the rate allows it. Assumed:
 /// above the controller's bandwidth, below the band where the encoder's noise, differentiated
@@ -74,7 +74,7 @@ pub struct Step {
 impl Step {
     /// Adds the step's part of a force to its means at the nodes, N.
     #[inline]
-    pub(super) fn share_out(&self, force: f64, at_nodes: &mut [f64]) {
+    pub(crate) fn share_out(&self, force: f64, at_nodes: &mut [f64]) {
         at_nodes[self.node] += self.early * force;
         at_nodes[self.node + 1] += self.late * force;
     }
@@ -82,7 +82,7 @@ impl Step {
     /// The same of a force that changes over the step: the later it comes, the more of it the later
     /// node gets.
     #[inline]
-    pub(super) fn share_out_over(&self, force: ForceOverStep, at_nodes: &mut [f64]) {
+    pub(crate) fn share_out_over(&self, force: ForceOverStep, at_nodes: &mut [f64]) {
         self.share_out(force.mean, at_nodes);
         let share = self.early + self.late;
         let moved = share * share * force.moment;
@@ -256,7 +256,7 @@ impl Measured {
 
     /// Velocity at the nodes, m/s, and the motion in steps, where this force of the motor at the
     /// nodes, N, shakes the carriage at rest.
-    pub(super) fn moved_by(&self, push: &[f64]) -> (Vec<f64>, Vec<Step>) {
+    pub(crate) fn moved_by(&self, push: &[f64]) -> (Vec<f64>, Vec<Step>) {
         let (position, count, rate, dt, mass) =
             (&self.position, self.len(), self.rate, self.rate.recip(), self.mass);
         // A cell's noise would shake the carriage more than the controller does.
@@ -283,7 +283,7 @@ impl Measured {
 
     /// The same record had encoder (m) and cell (N) read this more, sample by sample; a cell that
     /// is not there reads nothing.
-    pub(super) fn with_noise(
+    pub(crate) fn with_noise(
         &self,
         mut encoder: impl FnMut() -> f64,
         mut cell: impl FnMut() -> f64,
@@ -452,7 +452,7 @@ fn path(position: &[f64], velocity: &[f64], k: usize, rate: f64) -> impl Fn(f64)
 }
 
 /// Distance after which the bristles of these guides have forgotten where they came from, m.
-pub(super) fn forgetting_length(guides: &[Guide]) -> f64 {
+pub(crate) fn forgetting_length(guides: &[Guide]) -> f64 {
     FORGETTING * guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max)
 }
 
@@ -625,7 +625,7 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
 }
 
 /// Mean of the squares; 0 of nothing.
-pub(super) fn mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+pub(crate) fn mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     let count = values.len().max(1);
     values.map(|value| value * value).sum::<f64>() / count as f64
 }

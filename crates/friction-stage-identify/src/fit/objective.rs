@@ -4,11 +4,11 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::driven::Driven;
-use super::guide_slopes::guide_slopes;
-use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
-use super::knot_slopes::knot_slopes;
-use super::measured::Measured;
+use crate::fit::guide_sensitivities::guide_slopes;
+use crate::fit::knot_sensitivities::knot_slopes;
+use crate::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
+use crate::record::measured::Measured;
+use crate::residual::driven::Driven;
 use friction_stage_core::model::ModelError;
 
 /// Step of the difference quotients, in scales of the coordinates.
@@ -21,7 +21,7 @@ const BLOCK: usize = 256;
 /// declared value: a row of one standard deviation of the noise per standard deviation of the
 /// tolerance, taken as a uniform distribution. It decides only where the data do not: a payload
 /// against the mass itself, a difference between guides that no motion shows.
-pub(super) fn stacked(missing: &Missing, coordinates: &[Coordinate], noise: f64) -> DVector<f64> {
+pub(crate) fn stacked(missing: &Missing, coordinates: &[Coordinate], noise: f64) -> DVector<f64> {
     let declared = coordinates
         .iter()
         .map(|coordinate| expectation(coordinate, noise) * coordinate.value / coordinate.scale);
@@ -41,13 +41,13 @@ fn expectation(coordinate: &Coordinate, noise: f64) -> f64 {
 }
 
 /// Step of a difference quotient, backward at the upper bound.
-pub(super) fn step_of(coordinate: &Coordinate) -> f64 {
+pub(crate) fn step_of(coordinate: &Coordinate) -> f64 {
     let step = DIFFERENCE * coordinate.scale;
     if coordinate.value + step > coordinate.bounds.1 { -step } else { step }
 }
 
 /// Derivatives of the residual by the scaled coordinates, by difference quotients.
-pub(super) fn derivatives(
+pub(crate) fn derivatives(
     hypothesis: &Hypothesis,
     coordinates: &[Coordinate],
     driven: &Driven,
@@ -105,7 +105,7 @@ pub(super) fn derivatives(
 
 /// J^T J, on all cores. Knots of a curve act on few rows each: blocks of a column that are all zero
 /// are passed over.
-pub(super) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
+pub(crate) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
     let (rows, count) = jacobian.shape();
     // Of so many pieces, not one for each core: the sum must not hang on the machine.
     let pieces: Vec<DMatrix<f64>> = (0..PIECES)
@@ -136,8 +136,8 @@ pub(super) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::driven::tests::{hypothesis, record};
     use super::*;
+    use crate::residual::driven::tests::{hypothesis, record};
 
     /// Of 1003 rows: a full column, one of two blocks, one of zeros.
     #[test]

@@ -10,12 +10,12 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::driven::Driven;
-use super::fit::Estimate;
-use super::hypothesis::{Hypothesis, Sides};
-use super::measured::{Floor, Measured, mean_square};
-use super::objective::{derivatives, stacked};
-use super::uncertainty::inverse_where_known;
+use crate::fit::Estimate;
+use crate::fit::objective::{derivatives, stacked};
+use crate::fit::uncertainty::inverse_where_known;
+use crate::hypothesis::{Hypothesis, Sides};
+use crate::record::measured::{Floor, Measured, mean_square};
+use crate::residual::driven::Driven;
 use friction_stage_core::model::ModelError;
 
 /// Assumed: records with noise added, each with its opposite, so that what is linear in the noise
@@ -32,7 +32,7 @@ pub const MORE_THAN_DECLARED: f64 = 1.2;
 /// What the sensors' noise leaves on a record: where it is as declared, of inertia and cell alone;
 /// where it is more, of the friction too, whose bristles follow what the encoder feigns. That is
 /// what as much noise again changes in the residual.
-pub(super) fn floor(hypothesis: &Hypothesis, measured: &Measured) -> Result<Floor, ModelError> {
+pub(crate) fn floor(hypothesis: &Hypothesis, measured: &Measured) -> Result<Floor, ModelError> {
     let floor = hypothesis.floor(measured);
     if floor.total() <= MORE_THAN_DECLARED * hypothesis.declared_floor(measured).total() {
         return Ok(floor);
@@ -65,7 +65,7 @@ fn noisy(hypothesis: &Hypothesis, measured: &Measured, seed: u64, sign: f64) -> 
 
 /// The same fit, with deviations at least as large as the spread that the noise of the sensors
 /// gives its coordinates, and with the shifts that it gives them.
-pub(super) fn widened(mut estimate: Estimate, measured: &Measured) -> Result<Estimate, ModelError> {
+pub(crate) fn widened(mut estimate: Estimate, measured: &Measured) -> Result<Estimate, ModelError> {
     let hypothesis = &estimate.fitted.hypothesis;
     // As in the fit.
     let weight = hypothesis.floor(measured).carriage;
@@ -143,9 +143,9 @@ pub(super) fn widened(mut estimate: Estimate, measured: &Measured) -> Result<Est
 
 #[cfg(test)]
 mod tests {
-    use super::super::closed_loop::tests::recording;
-    use super::super::{Coordinate, Declared, Effort, Hypothesis, Place, Tolerances, fit};
     use super::*;
+    use crate::closed_loop::tests::recording;
+    use crate::{Coordinate, Declared, Effort, Hypothesis, Place, Tolerances, fit};
     use friction_stage_core::model::StageModel;
     use friction_stage_core::numerics::TWO_SIDED_95;
 

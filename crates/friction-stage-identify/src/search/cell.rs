@@ -1,11 +1,11 @@
 //! What a force cell that reads wrong shows for itself, and no law of motor or carriage does.
 
-use crate::IdentifyError;
+use crate::error::IdentifyError;
 use crate::hypothesis::{Hypothesis, Part, Sides};
-use crate::measured::{Measured, mean_square};
+use crate::record::measured::{Measured, mean_square};
 use friction_stage_core::plant::Side;
 
-use super::worth::{HALF_OF_THE_REST, NOISE_LIKE};
+use super::gain::{HALF_OF_THE_REST, NOISE_LIKE};
 use super::{Errors, Search};
 
 /// Share of the explainable residual that the zero of a cell may wander by beside a drift that was
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
     use crate::closed_loop::tests::recording;
     use crate::hypothesis::Tolerances;
-    use crate::selection::{Silent, errors};
+    use crate::search::{Silent, errors};
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
 

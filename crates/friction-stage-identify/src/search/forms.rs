@@ -1,14 +1,14 @@
 //! Forms of a law and the values that its fit starts from: which of them is the right one?
 
-use crate::IdentifyError;
+use crate::error::IdentifyError;
 use crate::fit::{Effort, Fitted, fit, race};
 use crate::hypothesis::{Hypothesis, Part, Sides};
-use crate::measured::{Floor, Measured};
+use crate::record::measured::{Floor, Measured};
 use friction_stage_core::plant::Side;
 
 use super::columns::Columns;
+use super::gain::{ALL_BUT_NOISE, HALF_OF_THE_REST, SIMPLER};
 use super::guides::with_different_guides;
-use super::worth::{ALL_BUT_NOISE, HALF_OF_THE_REST, SIMPLER};
 use super::{Errors, Search, errors};
 
 /// How forms of a law are compared.
@@ -231,7 +231,7 @@ mod tests {
     use super::*;
     use crate::closed_loop::tests::recording;
     use crate::hypothesis::Tolerances;
-    use crate::selection::Silent;
+    use crate::search::Silent;
     use friction_stage_core::model::StageModel;
 
     /// A cell that drifts by 0.2 N/s, and by 0.8 N with a time constant of 1 s: in the train record

@@ -1,6 +1,8 @@
 //! What might be true: declared parameters within their tolerances and a list of effects, and the
 //! residual that this leaves.
 
+pub(crate) mod nominal_parameter;
+
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Vector3};
@@ -11,11 +13,10 @@ use friction_stage_core::model::{
 use friction_stage_core::plant::effects::heights;
 use friction_stage_core::plant::{Drive, EffectDescriptor, Side, SlippingRipple};
 
-use super::curve::NO_FRICTION;
-use super::declared::Declared;
-use super::driven::{self, Driven};
-use super::measured::{Floor, Measured, mean_square};
-use super::slipping::Slipping;
+use crate::hypothesis::nominal_parameter::Declared;
+use crate::record::measured::{Floor, Measured, mean_square};
+use crate::residual::driven::{self, Driven};
+use crate::residual::slipping::Slipping;
 
 /// How far the real machine may be from the declared one, as shares of the declared values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,13 +36,16 @@ impl Default for Tolerances {
     }
 }
 
+/// Least change of friction, or of mass as a part of it: nearly all of it gone.
+pub(crate) const NO_FRICTION: f64 = -0.99;
+
 /// Largest shift between the instants of encoder and force readings, in samples. Assumed: what is
 /// beyond it is a lag of its own.
 const SHIFT_LIMIT: f64 = 0.05;
 
 /// Declared parameters in which the guides may differ from each other with an effect on the
 /// friction of all. Viscous friction adds up to one number.
-pub(super) const SPREAD: [Declared; 4] = [
+pub(crate) const SPREAD: [Declared; 4] = [
     Declared::Stiffness,
     Declared::CoulombForce,
     Declared::StaticForce,
@@ -82,7 +86,7 @@ impl Part {
     }
 
     /// Parameters that a fit moves.
-    pub(super) fn free(&self) -> usize {
+    pub(crate) fn free(&self) -> usize {
         (0..self.values.len()).filter(|value| (self.descriptor.free)(&self.values, *value)).count()
     }
 
@@ -94,17 +98,17 @@ impl Part {
     }
 
     /// What each record has for itself of it: of balls that slip the whole force.
-    pub(super) fn slipping_ripple(&self) -> Option<SlippingRipple> {
+    pub(crate) fn slipping_ripple(&self) -> Option<SlippingRipple> {
         (self.descriptor.build)(&self.values).slipping_ripple()
     }
 
     /// Of what reads wrong: whether it is the encoder.
-    pub(super) fn is_of_encoder(&self) -> bool {
+    pub(crate) fn is_of_encoder(&self) -> bool {
         (self.descriptor.build)(&self.values).is_of_encoder()
     }
 
     /// Its place in the chain from the command to the motor's force, if it has one.
-    pub(super) fn drive(&self) -> Option<Drive> {
+    pub(crate) fn drive(&self) -> Option<Drive> {
         (self.descriptor.build)(&self.values).drive()
     }
 
@@ -180,7 +184,7 @@ pub enum Place {
 
 impl Place {
     /// The parameter of the bristles that it moves, of all guides or between them.
-    pub(super) fn of_bristles(self) -> Option<Declared> {
+    pub(crate) fn of_bristles(self) -> Option<Declared> {
         match self {
             Place::Declared(declared) => (SPREAD.contains(&declared)
                 || declared == Declared::BristleDamping)
@@ -319,7 +323,7 @@ impl Hypothesis {
     /// that leaves least; `None` where there is no jump, or there cannot be one at any instant.
     /// Before it is what a curve without the jump leaves, and behind it what one leaves that has
     /// jumped from the start: bristles forget the difference within micrometres.
-    pub(super) fn jumping_elsewhere(
+    pub(crate) fn jumping_elsewhere(
         &self,
         effect: usize,
         measured: &Measured,
@@ -368,7 +372,7 @@ impl Hypothesis {
     }
 
     /// Numbers that a record has for itself: of each ripple of balls that slip its knots.
-    pub(super) fn own_numbers(&self, measured: &Measured) -> usize {
+    pub(crate) fn own_numbers(&self, measured: &Measured) -> usize {
         let ripples = self.effects.iter().filter_map(Part::slipping_ripple).collect();
         Slipping::new(ripples, measured).map_or(0, |slipping| slipping.columns())
     }
@@ -376,7 +380,7 @@ impl Hypothesis {
     /// The same with the amplitudes of balls that slip, of the effects from `first` on, as this
     /// record shows them, on the mean: with all guides in phase they would be twice the root of the
     /// sum of the squares of four that are not.
-    pub(super) fn with_own_amplitudes(
+    pub(crate) fn with_own_amplitudes(
         &self,
         first: usize,
         measured: &Measured,
@@ -403,7 +407,7 @@ impl Hypothesis {
     }
 
     /// The model as declared.
-    pub(super) fn declared(&self) -> &StageModel {
+    pub(crate) fn declared(&self) -> &StageModel {
         &self.declared
     }
 
@@ -455,7 +459,7 @@ impl Hypothesis {
     }
 
     /// The same with the curves that the model does not declare held, or not.
-    pub(super) fn holding_curves(&self, hold: bool) -> Hypothesis {
+    pub(crate) fn holding_curves(&self, hold: bool) -> Hypothesis {
         Hypothesis { curves_bend: !hold, ..self.clone() }
     }
 
@@ -607,7 +611,7 @@ impl Hypothesis {
     }
 
     /// The same from what was driven already.
-    pub(super) fn missing_of(&self, driven: &Driven, measured: &Measured, sides: Sides) -> Missing {
+    pub(crate) fn missing_of(&self, driven: &Driven, measured: &Measured, sides: Sides) -> Missing {
         let Missing { motor, carriage } = self.missing_at_samples(driven, measured, sides);
         let filtered =
             |signal: Vec<f64>| if signal.is_empty() { signal } else { measured.filtered(&signal) };
@@ -618,7 +622,7 @@ impl Hypothesis {
 
     /// The same at every sample and not filtered; 0 at both ends, where there is no second
     /// difference.
-    pub(super) fn missing_at_samples(
+    pub(crate) fn missing_at_samples(
         &self,
         driven: &Driven,
         measured: &Measured,

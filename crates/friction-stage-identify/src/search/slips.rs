@@ -1,13 +1,13 @@
 //! Ripples of balls that slip: their phase is each record's own.
 
-use crate::IdentifyError;
+use crate::error::IdentifyError;
 use crate::fit::{Effort, fit};
 use crate::hypothesis::{Hypothesis, Part, Sides};
-use crate::slipping;
+use crate::residual::slipping;
 use friction_stage_core::plant::Side;
 
+use super::gain::{HALF_OF_THE_REST, LEAST_SHARE, SIMPLER};
 use super::guides::with_different_guides;
-use super::worth::{HALF_OF_THE_REST, LEAST_SHARE, SIMPLER};
 use super::{Evidence, MOST_OF_ONE, Outcome, Search, by_chance, errors, errors_on, gain_elsewhere};
 
 /// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one
@@ -142,8 +142,8 @@ impl Search<'_> {
 mod tests {
     use crate::closed_loop::tests::recording;
     use crate::hypothesis::Tolerances;
-    use crate::measured::Measured;
-    use crate::selection::{Silent, Verdict, search};
+    use crate::record::measured::Measured;
+    use crate::search::{Silent, Verdict, search};
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
 

@@ -1,9 +1,9 @@
 //! What proposals look at.
 
-use crate::IdentifyError;
-use crate::driven::Driven;
+use crate::error::IdentifyError;
 use crate::hypothesis::{Hypothesis, Sides};
-use crate::measured::Measured;
+use crate::record::measured::Measured;
+use crate::residual::driven::Driven;
 use friction_stage_core::plant::{Residual, Samples};
 
 /// Columns that proposals look at, on the train record.

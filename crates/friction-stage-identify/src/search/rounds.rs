@@ -6,17 +6,17 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
-use crate::IdentifyError;
+use crate::error::IdentifyError;
 use crate::fit::{Effort, Fitted, fit};
 use crate::hypothesis::{Hypothesis, Part, Sides};
-use crate::slipping;
+use crate::residual::slipping;
 use friction_stage_core::plant::effects::ALL;
 use friction_stage_core::plant::{EffectDescriptor, Side};
 
 use super::columns::Columns;
 use super::forms::{Forms, starts};
+use super::gain::{HALF_OF_THE_REST, RIVAL, SIMPLER};
 use super::guides::with_different_guides;
-use super::worth::{HALF_OF_THE_REST, RIVAL, SIMPLER};
 use super::{
     Errors, Evidence, Inseparable, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance,
     correlation_of_taken, errors, errors_on, gain_elsewhere,
@@ -403,12 +403,12 @@ pub(super) mod tests {
     use super::*;
     use crate::closed_loop::tests::recording;
     use crate::hypothesis::Tolerances;
-    use crate::measured::Measured;
-    use crate::selection::{Silent, Verdict, search};
+    use crate::record::measured::Measured;
+    use crate::search::{Silent, Verdict, search};
     use friction_stage_core::model::StageModel;
 
     /// Candidates of a round with the free parameters and the gains of their laws.
-    pub(in crate::selection) fn tried(candidates: &[(&str, usize, f64)]) -> Vec<Tried> {
+    pub(in crate::search) fn tried(candidates: &[(&str, usize, f64)]) -> Vec<Tried> {
         let hypothesis = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
         let one = |&(name, free, holdout_gain): &(&str, usize, f64)| {
             let descriptor = EffectDescriptor::find(name).unwrap();

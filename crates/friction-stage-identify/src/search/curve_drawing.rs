@@ -11,11 +11,11 @@ use friction_stage_core::model::{
 use friction_stage_core::plant::effects::viscous_friction;
 use friction_stage_core::plant::{EffectDescriptor, Residual};
 
-use super::declared::Declared;
-use super::driven::Driven;
-use super::hypothesis::{self, Hypothesis, Part, Place, Sides};
-use super::measured::Measured;
-use super::objective::{derivatives, stacked};
+use crate::fit::objective::{derivatives, stacked};
+use crate::hypothesis::nominal_parameter::Declared;
+use crate::hypothesis::{self, Hypothesis, NO_FRICTION, Part, Place, Sides};
+use crate::record::measured::Measured;
+use crate::residual::driven::Driven;
 
 /// Knot counts that are tried; the error that cross-validation leaves decides.
 const KNOTS: [usize; 6] = [8, 16, 32, 64, 128, 256];
@@ -41,9 +41,6 @@ pub const WITH_A_JUMP: f64 = 0.9;
 /// Part of its own squares that a jump must have which neither curve nor anything beside it has: at
 /// the ends of a record there is none. Assumed.
 const OF_ITS_OWN: f64 = 1e-3;
-
-/// Least change of friction, or of mass as a part of it: nearly all of it gone.
-pub(super) const NO_FRICTION: f64 = -0.99;
 
 /// What a fit may move while a curve is drawn: the guides were bent to what the curve is to stand
 /// for.
@@ -501,8 +498,8 @@ mod tests {
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::Samples;
 
-    use super::super::hypothesis::Tolerances;
     use super::*;
+    use crate::hypothesis::Tolerances;
 
     const COUNT: usize = 8000;
 

@@ -1,14 +1,14 @@
 //! What could stand in the place of a law beside all that was found: a simpler one, or one that
 //! says the same.
 
-use crate::IdentifyError;
+use crate::error::IdentifyError;
 use crate::fit::Fitted;
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use friction_stage_core::plant::Side;
 
 use super::columns::Columns;
+use super::gain::{HALF_OF_THE_REST, RIVAL};
 use super::guides::with_different_guides;
-use super::worth::{HALF_OF_THE_REST, RIVAL};
 use super::{Errors, Evidence, Inseparable, Outcome, Search, correlation_of_taken, errors};
 
 impl Search<'_> {
@@ -127,8 +127,8 @@ mod tests {
     use crate::closed_loop::tests::recording;
     use crate::fit::{Effort, fit};
     use crate::hypothesis::Tolerances;
-    use crate::measured::Measured;
-    use crate::selection::Silent;
+    use crate::record::measured::Measured;
+    use crate::search::Silent;
     use friction_stage_core::model::StageModel;
 
     /// A spring whose centre is far off says no more than a constant force; one whose centre is

@@ -4,31 +4,33 @@
 mod alternatives;
 mod cell;
 mod columns;
+mod curve_drawing;
 mod curves;
 mod forms;
+mod gain;
 mod guides;
+pub(crate) mod phase;
 mod pruning;
 mod rounds;
 mod slips;
-mod worth;
 
 use std::collections::BTreeSet;
 
 use friction_stage_core::model::{Coordinate, StageModel};
 use friction_stage_core::plant::Side;
 
-use super::IdentifyError;
-use super::fit::{Effort, Estimate, Fitted, fit};
-use super::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
-use super::measured::{Floor, Measured};
-use super::sensor_noise;
-use super::uncertainty::correlation_length_along;
+use crate::error::IdentifyError;
+use crate::fit::sensor_noise;
+use crate::fit::uncertainty::correlation_length_along;
+use crate::fit::{Effort, Estimate, Fitted, fit};
+use crate::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
+use crate::record::measured::{Floor, Measured};
 
 use curves::MOST_CURVES;
 use guides::with_different_guides;
 
-pub(super) use worth::RIVAL;
-pub use worth::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
+pub(super) use gain::RIVAL;
+pub use gain::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
 
 /// Most laws that are added.
 pub const MOST_LAWS: usize = 4;

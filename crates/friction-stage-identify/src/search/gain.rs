@@ -169,8 +169,8 @@ mod tests {
     use super::*;
     use crate::closed_loop::tests::recording;
     use crate::hypothesis::{Hypothesis, Tolerances};
-    use crate::measured::{Floor, Measured};
-    use crate::selection::Silent;
+    use crate::record::measured::{Floor, Measured};
+    use crate::search::Silent;
     use friction_stage_core::model::StageModel;
 
     /// Of 100 N^2 on both records a law takes a half, by chance it would take 1 N^2: what it does

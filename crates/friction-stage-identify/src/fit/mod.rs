@@ -2,16 +2,22 @@
 //! the coordinates at a bound held there while the error pulls outwards (active set; Nocedal,
 //! Wright, "Numerical Optimization", ch. 16.7).
 
+mod guide_sensitivities;
+mod knot_sensitivities;
+pub(crate) mod objective;
+pub(crate) mod sensor_noise;
+pub(crate) mod uncertainty;
+
 use std::slice;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use rayon::prelude::*;
 
-use super::driven::Driven;
-use super::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
-use super::measured::Measured;
-use super::objective::{derivatives, normal_of, stacked};
-use super::uncertainty::uncertainty;
+use crate::fit::objective::{derivatives, normal_of, stacked};
+use crate::fit::uncertainty::uncertainty;
+use crate::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
+use crate::record::measured::Measured;
+use crate::residual::driven::Driven;
 use friction_stage_core::model::ModelError;
 
 /// Part of what a fit must still fall by to be worth anything that it must come to between two
@@ -98,7 +104,7 @@ impl Fitted {
     }
 
     /// The same with its curves held.
-    pub(super) fn holding_curves(self) -> Fitted {
+    pub(crate) fn holding_curves(self) -> Fitted {
         let is_of_curve = |place: Place| match place {
             Place::Effect { effect, .. } => {
                 self.hypothesis.effects[effect].parameters().curve.is_some()
@@ -513,10 +519,10 @@ pub fn race(
 
 #[cfg(test)]
 mod tests {
-    use super::super::closed_loop::tests::recording;
-    use super::super::declared::Declared;
-    use super::super::hypothesis::{Part, Tolerances};
     use super::*;
+    use crate::closed_loop::tests::recording;
+    use crate::hypothesis::nominal_parameter::Declared;
+    use crate::hypothesis::{Part, Tolerances};
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
 

@@ -13,13 +13,13 @@ use friction_stage_core::plant::{
     BRISTLE_PARAMETERS, BristleSlopes, Drive, FrictionScale, GuideBank, Motion, Side,
 };
 
-use super::hypothesis::{Hypothesis, Part, Sides};
-use super::measured::{Measured, Step};
-use super::slipping::Slipping;
+use crate::hypothesis::{Hypothesis, Part, Sides};
+use crate::record::measured::{Measured, Step};
+use crate::residual::slipping::Slipping;
 
 /// Guides, effects and sensors of one hypothesis along one record.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Driven {
+pub(crate) struct Driven {
     moved: Arc<Moved>,
     cell: Arc<CellTruth>,
     friction: Option<Friction>,
@@ -116,7 +116,7 @@ struct Bristles {
 }
 
 /// How friction changes along a direction in the parameters of the guides.
-pub(super) struct FrictionSlope {
+pub(crate) struct FrictionSlope {
     /// Of the bristles, at the nodes and over each step, N; the latter only where a viscous
     /// friction feels them.
     pub at_nodes: Vec<f64>,
@@ -136,7 +136,7 @@ struct Viscous {
 /// Force of one effect, or of all that make the motor's force of its command: each of these hangs
 /// on those before it.
 #[derive(Debug)]
-pub(super) struct Force {
+pub(crate) struct Force {
     parts: Vec<Part>,
     side: Side,
     /// Mean over the two intervals around a sample, N.
@@ -332,7 +332,7 @@ impl Driven {
 
 impl Hypothesis {
     /// Along a record, for these sides. `before` is of the same record, or the default.
-    pub(super) fn driven(
+    pub(crate) fn driven(
         &self,
         measured: &Measured,
         sides: Sides,
@@ -409,7 +409,7 @@ fn effects_of(parts: &[Part]) -> Result<Effects, ModelError> {
 }
 
 /// Friction of the guides at the nodes without any law beside them, N.
-pub(super) fn friction(guides: &[Guide], measured: &Measured) -> Result<Vec<f64>, ModelError> {
+pub(crate) fn friction(guides: &[Guide], measured: &Measured) -> Result<Vec<f64>, ModelError> {
     Ok(Friction::new(guides, Vec::new(), Vec::new(), measured, &measured.steps, None)?.at_nodes())
 }
 
@@ -548,7 +548,7 @@ fn held_at_start(measured: &Measured) -> f64 {
 
 /// Deflections of bristles that hold this force at rest, m: each guide its part of what all can
 /// hold, and no more than that.
-pub(super) fn holding(guides: &[Guide], force: f64) -> Vec<f64> {
+pub(crate) fn holding(guides: &[Guide], force: f64) -> Vec<f64> {
     let most: f64 = guides.iter().map(|guide| guide.static_force).sum();
     let part = (force / most).clamp(-1.0, 1.0);
     guides.iter().map(|guide| part * guide.static_force / guide.stiffness).collect()
@@ -617,7 +617,7 @@ const CLOSE: f64 = 1e-14;
 const LEAST_SLOPE: f64 = 0.05;
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
@@ -638,7 +638,7 @@ pub(super) mod tests {
 
     /// Two seconds at 2 kHz over 0.1 m, as an encoder reads them, with a force that is of no
     /// importance.
-    pub(in super::super) fn record() -> Measured {
+    pub(crate) fn record() -> Measured {
         let mut trace = Trace::default();
         for k in 0..4000 {
             let time = 5e-4 * f64::from(k);
@@ -650,7 +650,7 @@ pub(super) mod tests {
         Measured::new(&trace, &StageModel::default(), "a record").unwrap()
     }
 
-    pub(in super::super) fn hypothesis(effects: &[(&str, &[f64])]) -> Hypothesis {
+    pub(crate) fn hypothesis(effects: &[(&str, &[f64])]) -> Hypothesis {
         let start = Hypothesis::new(&StageModel::default(), Default::default()).unwrap();
         effects.iter().fold(start, |with, (name, values)| {
             with.with(Part {

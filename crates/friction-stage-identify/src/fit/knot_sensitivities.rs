@@ -12,10 +12,10 @@ use std::collections::BTreeMap;
 use nalgebra::DVector;
 use rayon::prelude::*;
 
-use super::driven::Driven;
-use super::hypothesis::{Coordinate, Hypothesis, Place, Sides};
-use super::measured::Measured;
-use super::objective::step_of;
+use crate::fit::objective::step_of;
+use crate::hypothesis::{Coordinate, Hypothesis, Place, Sides};
+use crate::record::measured::Measured;
+use crate::residual::driven::Driven;
 use friction_stage_core::model::Curve;
 use friction_stage_core::plant::effects::along;
 
@@ -25,7 +25,7 @@ const APART: usize = 8;
 
 /// By coordinate, N per scale at the rows of the carriage side: of none where values do not go
 /// together, or more than the friction hangs on a height.
-pub(super) fn knot_slopes(
+pub(crate) fn knot_slopes(
     hypothesis: &Hypothesis,
     coordinates: &[Coordinate],
     driven: &Driven,
@@ -97,9 +97,9 @@ fn passed_last(
 
 #[cfg(test)]
 mod tests {
-    use super::super::driven::tests::{hypothesis, record};
-    use super::super::objective::{derivatives, stacked};
     use super::*;
+    use crate::fit::objective::{derivatives, stacked};
+    use crate::residual::driven::tests::{hypothesis, record};
 
     /// Each column against the difference quotient of the whole missing force: Coulomb friction
     /// over 64 knots along 0.1 m, viscous over 64 knots along 2 s.

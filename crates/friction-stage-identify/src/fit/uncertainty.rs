@@ -3,8 +3,8 @@
 
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
-use super::hypothesis::{Coordinate, Missing, Place};
-use super::objective::normal_of;
+use crate::fit::objective::normal_of;
+use crate::hypothesis::{Coordinate, Missing, Place};
 
 /// Eigenvalue of the normal matrix with columns of length 1 below which the data say nothing about
 /// a direction: derivatives by differences are no better than that.
@@ -32,7 +32,7 @@ const WALKS: f64 = 4.0;
 /// clusters: Bell, McCaffrey, Survey Methodology 28, 2002) and so counts what a model misses here
 /// and there, also where few pieces say most about a coordinate; of a walk it sees little, since
 /// its pieces are not independent.
-pub(super) fn uncertainty(
+pub(crate) fn uncertainty(
     jacobian: &DMatrix<f64>,
     residual: &DVector<f64>,
     missing: &Missing,
@@ -102,7 +102,7 @@ pub(super) fn uncertainty(
 
 /// Inverse of a normal matrix without the directions in which the data say nothing, and which
 /// coordinates have no part in these.
-pub(super) fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>) {
+pub(crate) fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>) {
     let count = normal.nrows();
     // Columns of length 1, so that the eigenvalues are those of correlations.
     let length: Vec<f64> = normal.diagonal().iter().map(|square| square.sqrt()).collect();

@@ -17,11 +17,11 @@ use friction_stage_core::model::{EffectParameters, ModelError};
 use friction_stage_core::plant::effects::golden_maximum;
 use friction_stage_core::plant::{EffectDescriptor, SlippingRipple};
 
-use super::hypothesis::Part;
-use super::measured::Measured;
+use crate::hypothesis::Part;
+use crate::record::measured::Measured;
 
 /// The law that has balls which slip.
-pub(super) const LAW: &str = "ball_passage";
+pub(crate) const LAW: &str = "ball_passage";
 /// Part of the largest curvature that is added to each, far above rounding and far below what a
 /// record tells: knots that the record says nothing of stay at 0.
 const RIDGE: f64 = 1e-9;
@@ -41,7 +41,7 @@ const HOLE: f64 = 0.25;
 
 /// What the ripples of a hypothesis can be on a record.
 #[derive(Clone, Debug)]
-pub(super) struct Slipping {
+pub(crate) struct Slipping {
     pub ripples: Vec<SlippingRipple>,
     /// One for each ripple; `None` for one that the record does not show.
     waves: Vec<Option<Waves>>,
@@ -251,7 +251,7 @@ impl Slipping {
 
 /// Share of the squares of a force at the rows of a record that balls which slip can take out along
 /// the way.
-pub(super) fn share_along_the_way(force: &[f64], measured: &Measured, part: &Part) -> f64 {
+pub(crate) fn share_along_the_way(force: &[f64], measured: &Measured, part: &Part) -> f64 {
     let Some(ripple) = part.slipping_ripple() else { return 0.0 };
     let way = Way::new(measured);
     if !way.shows(ripple) {
@@ -317,7 +317,7 @@ fn balls(period: f64, slip: f64) -> Result<Part, ModelError> {
 
 /// The balls whose phase walks so, rad/sqrt(m), that take most out of a force at the rows of a
 /// record, N, along the way; `None` where the travel is too short.
-pub(super) fn strongest(
+pub(crate) fn strongest(
     force: &[f64],
     measured: &Measured,
     slip: f64,
@@ -353,8 +353,8 @@ pub(super) fn strongest(
 
 #[cfg(test)]
 mod tests {
-    use super::super::driven::tests::record;
     use super::*;
+    use crate::residual::driven::tests::record;
     use friction_stage_core::plant::Side;
 
     /// Force of a ripple whose phase turns by `turn` rad per metre travelled, N, at the rows,
@@ -484,8 +484,8 @@ mod tests {
 
     #[test]
     fn what_slips_is_no_force_of_the_law_and_leaves_the_other_side_alone() {
-        use super::super::Sides;
-        use super::super::driven::tests::hypothesis;
+        use crate::Sides;
+        use crate::residual::driven::tests::hypothesis;
         let measured = record();
         let with = hypothesis(&[("ball_passage", &[0.4, 4e-3, 0.0, 0.0, 0.0, 1.0])]);
         let without = with.without(0);

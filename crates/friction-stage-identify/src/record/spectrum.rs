@@ -6,7 +6,7 @@ use std::f64::consts::{PI, TAU};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
-use super::measured::Measured;
+use crate::record::measured::Measured;
 
 /// Rows of a piece that is transformed at once.
 const PIECE: usize = 1024;

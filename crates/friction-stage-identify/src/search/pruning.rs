@@ -1,12 +1,12 @@
 //! Backwards: what the others have made superfluous goes.
 
-use crate::IdentifyError;
+use crate::error::IdentifyError;
 use crate::fit::{Effort, Fitted};
 use friction_stage_core::model::Coordinate;
 
 use super::curves::CURVE_ALONE;
+use super::gain::HALF_OF_THE_REST;
 use super::guides::with_different_guides;
-use super::worth::HALF_OF_THE_REST;
 use super::{Errors, Evidence, Outcome, Search, errors};
 
 /// How many times the noise above what was found a fit without one of its effects may leave on the

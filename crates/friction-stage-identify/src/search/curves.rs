@@ -2,15 +2,15 @@
 
 use rayon::prelude::*;
 
-use crate::IdentifyError;
-use crate::curve::{self, Beside};
+use crate::error::IdentifyError;
 use crate::fit::{Effort, Fitted, fit};
 use crate::hypothesis::{Hypothesis, Part, Sides};
+use crate::search::curve_drawing::{self, Beside};
 use friction_stage_core::model::{Coordinate, CurveSide, EffectParameters};
 use friction_stage_core::plant::Side;
 
 use super::columns::Columns;
-use super::worth::HALF_OF_THE_REST;
+use super::gain::HALF_OF_THE_REST;
 use super::{Errors, Evidence, Outcome, SEVERAL, Search, errors};
 
 /// How many times that a curve must take: it says less than a law, and of a law that is just too
@@ -176,7 +176,7 @@ impl Search<'_> {
                 && self.shows_without_cell((start, start_errors), (&fitted.hypothesis, &left))?;
             Ok(if is_shown { start_errors.holdout() - left.holdout() } else { f64::NEG_INFINITY })
         };
-        let fitted = curve::DAMPINGS.par_iter().filter_map(|damping| {
+        let fitted = curve_drawing::DAMPINGS.par_iter().filter_map(|damping| {
             let alike = drawn.iter().filter(|one| one.damping == *damping);
             let one = alike.max_by(|one, other| one.gain.total_cmp(&other.gain))?;
             let fitted = || -> Result<_, IdentifyError> {
@@ -222,7 +222,7 @@ impl Search<'_> {
         let mut best = fitted(&held.holding_curves(false))?;
         if let Some(jumping) = self.with_a_jump(&best.hypothesis)? {
             let other = fitted(&jumping)?;
-            if other.squares() < curve::WITH_A_JUMP * best.squares() {
+            if other.squares() < curve_drawing::WITH_A_JUMP * best.squares() {
                 best = other;
             }
         }
@@ -240,8 +240,11 @@ impl Search<'_> {
         }
         let columns = Columns::new(hypothesis, self.train)?;
         let beside = Beside::of(hypothesis, self.train)?;
-        curve.jump =
-            curve::jump(&columns.residual(curve.side == CurveSide::Motor), curve.side, &beside);
+        curve.jump = curve_drawing::jump(
+            &columns.residual(curve.side == CurveSide::Motor),
+            curve.side,
+            &beside,
+        );
         if curve.jump.is_none() {
             return Ok(None);
         }
@@ -341,7 +344,8 @@ impl Search<'_> {
                 let on_motor = side == CurveSide::Motor;
                 let (beside, at) =
                     if on_motor { (&nothing, Side::Motor) } else { (&moving, Side::Carriage) };
-                let drawn = curve::propose(&columns.residual(on_motor), over, side, beside)?;
+                let drawn =
+                    curve_drawing::propose(&columns.residual(on_motor), over, side, beside)?;
                 let worth = drawn.into_iter().filter_map(|one| {
                     let mut with = start.with(one.part);
                     one.moved
@@ -364,8 +368,8 @@ mod tests {
     use super::*;
     use crate::closed_loop::tests::recording;
     use crate::hypothesis::Tolerances;
-    use crate::measured::Measured;
-    use crate::selection::{Silent, Verdict, search};
+    use crate::record::measured::Measured;
+    use crate::search::{Silent, Verdict, search};
     use friction_stage_core::model::{Curve, Jump, StageModel};
     use friction_stage_core::plant::EffectDescriptor;
 

@@ -1,0 +1,37 @@
+//! Why a recording cannot be identified on.
+
+use friction_stage_core::model::ModelError;
+
+/// Why a recording cannot be identified on.
+#[derive(Debug, thiserror::Error)]
+pub enum IdentifyError {
+    #[error("{name} has {samples} samples that can be used, at least {least} are needed")]
+    TooShort { name: String, samples: usize, least: usize },
+    #[error(
+        "{name} has neither a force command nor a force-cell reading: without a force there is no \
+         residual"
+    )]
+    NoForce { name: String },
+    #[error("{name} does not move: the position stays within {travel:e} m")]
+    NoMotion { name: String, travel: f64 },
+    #[error(
+        "records at {first:.6} Hz and {other:.6} Hz do not compare sample by sample: bring both to \
+         the lower of them with `rate` in a mapping"
+    )]
+    Rates { first: f64, other: f64 },
+    #[error(
+        "these are other guides than the model declares: {beyond} (tolerance {tolerance:.0} %); \
+         with these values {left:.4} N of {before:.4} N are left. Declare them, or widen the \
+         tolerance of the guides"
+    )]
+    OtherGuides { beyond: String, tolerance: f64, before: f64, left: f64 },
+    #[error(
+        "the noise of the sensors hides the force in {name}: encoder and cell read with \
+         {encoder:.1e} m and {cell:.1e} N of noise (counts included), which leaves {floor:.1} N, \
+         the force is {force:.1} N rms; record with finer counts, or a motion with more \
+         acceleration"
+    )]
+    HiddenByNoise { name: &'static str, encoder: f64, cell: f64, floor: f64, force: f64 },
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}

@@ -1,0 +1,6 @@
+//! A recording as identification needs it: motion, forces and noise on one grid, independent of any
+//! hypothesis.
+
+pub mod lowpass;
+pub mod measured;
+pub mod spectrum;
