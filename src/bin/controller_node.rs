@@ -2,11 +2,8 @@
 
 use std::process::ExitCode;
 
-use friction_stage::cli::{Outcome, exit_code};
+use friction_stage::outcome::exit_code;
 
 fn main() -> ExitCode {
-    exit_code(
-        friction_stage::node::controller::run(std::env::args().skip(1).collect())
-            .map(|()| Outcome::Done),
-    )
+    exit_code(friction_stage::node::controller::run(std::env::args().skip(1).collect()))
 }

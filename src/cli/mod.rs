@@ -15,9 +15,10 @@ mod selection_output;
 mod variant_rows;
 
 use std::io::Write;
-use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+
+pub use crate::outcome::{Outcome, WrongArguments, exit_code};
 
 /// A positioning stage on friction-loaded guides as software: on ROS 2, recorded, and compared with
 /// recordings.
@@ -63,15 +64,6 @@ struct NodeArgs {
     arguments: Vec<String>,
 }
 
-/// How a command ended, when it did not fail; `main` makes the exit code of it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
-    /// Done: exit 0.
-    Done,
-    /// Done, with warnings that the output lists: exit 3.
-    Warnings,
-}
-
 impl Arguments {
     /// Runs the command; results go to `out`, progress and logs to stderr.
     pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Outcome> {
@@ -87,12 +79,8 @@ impl Arguments {
             Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
             Command::Recover(arguments) => recover::run(&arguments, out),
-            Command::StageNode(node) => {
-                crate::node::stage::run(node.arguments).map(|()| Outcome::Done)
-            }
-            Command::ControllerNode(node) => {
-                crate::node::controller::run(node.arguments).map(|()| Outcome::Done)
-            }
+            Command::StageNode(node) => crate::node::stage::run(node.arguments),
+            Command::ControllerNode(node) => crate::node::controller::run(node.arguments),
         }
     }
 }
@@ -132,54 +120,5 @@ impl<W: Write> Write for Printed<W> {
 
     fn flush(&mut self) -> std::io::Result<()> {
         self.tell((), Write::flush)
-    }
-}
-
-/// Arguments that are well-formed and yet wrong, found out after parsing: exit 2, as for those that
-/// clap refuses.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct WrongArguments(pub String);
-
-/// Exit code of a program that ended with `result`; a failure is told on stderr. Wrong arguments
-/// have ended it with 2 before.
-pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
-    match result {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Warnings) => ExitCode::from(3),
-        Err(error) => {
-            // Nobody may read stderr any more, and `eprintln!` would panic of that.
-            let _ = writeln!(std::io::stderr(), "error: {}", in_one_line(&error));
-            if error.is::<WrongArguments>() { ExitCode::from(2) } else { ExitCode::FAILURE }
-        }
-    }
-}
-
-/// An error with its causes, outermost first. Many an error of the library names its cause in its
-/// own text: not again then.
-fn in_one_line(error: &anyhow::Error) -> String {
-    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| {
-        match told.contains(&cause) {
-            true => told,
-            false if told.is_empty() => cause,
-            false => format!("{told}: {cause}"),
-        }
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_error_is_told_with_each_of_its_causes_once() {
-        #[derive(Debug, thiserror::Error)]
-        #[error("cannot read a.yaml: {source}")]
-        struct Read {
-            source: std::io::Error,
-        }
-        let error = anyhow::Error::new(Read { source: std::io::Error::other("no such file") })
-            .context("parameter model");
-        assert_eq!(in_one_line(&error), "parameter model: cannot read a.yaml: no such file");
     }
 }

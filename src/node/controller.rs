@@ -25,7 +25,9 @@ use super::parameters::ParameterSet;
 use super::participant::Participant;
 use super::qos::{COMMANDS, DIAGNOSTICS, FORCES, SAMPLES};
 use super::runtime::{Background, Control, End, Startup, lock};
+use super::signals::Signals;
 use super::wire::{Setpoint, controller_state, setpoint};
+use crate::outcome::Outcome;
 use friction_stage_core::control::{Controller, ControllerSettings, Follower, Terms};
 use friction_stage_data::message::{
     ControllerState, DiagnosticArray, DiagnosticStatus, Header, JointState, JointTrajectory,
@@ -93,9 +95,10 @@ impl Status {
 
 /// Runs the controller node with the given command line (without the program's name) until a signal
 /// ends it.
-pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
+pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
+    let signals = Signals::listen()?;
     if help::given(&command_line, "controller_node", ABOUT, &settings::specs()) {
-        return Ok(());
+        return Ok(Outcome::Done);
     }
     let startup = Startup::parse("controller", command_line)?;
     startup.start_logging();
@@ -128,7 +131,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         });
     }
     let parameters = Arc::new(Mutex::new(parameters));
-    let mut background = Background::new(&participant, parameters, control.clone())?;
+    let mut background = Background::new(signals, &participant, parameters, control.clone())?;
     background.serve_enable(&startup, &participant)?;
     background.serve_reset(&startup, &participant)?;
     background.spawn(diagnose(&startup, &participant, status.clone())?);
@@ -173,7 +176,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     let end = background.run(loop_ended)?;
     thread.join().map_err(|_| anyhow::anyhow!("the loop of the controller ended by a panic"))?;
     match end {
-        End::Signal => Ok(()),
+        End::Signal => Ok(Outcome::Done),
         End::WasStopped => {
             anyhow::bail!(
                 "the process was stopped and continued, which ends its DDS connections: start again"

@@ -23,6 +23,7 @@ pub mod qos;
 pub mod recorder;
 pub mod runtime;
 pub mod service;
+mod signals;
 pub mod stage;
 mod stage_inbox;
 mod stage_lockstep;

@@ -17,7 +17,7 @@ use rustdds::{
 };
 use thiserror::Error;
 
-use super::{graph_watch::GraphWatch, qos::Qos};
+use super::{graph_watch::GraphWatch, qos::Qos, signals::Threads};
 
 /// Largest domain whose UDP ports exist: 7400 + 250 * domain + 11 must stay below 65536
 /// (DDSI-RTPS 2.5, 9.6.2.3).
@@ -201,6 +201,7 @@ struct Inner {
     node_name: NodeName,
     context: Context,
     domain_participant: DomainParticipant,
+    threads: Threads,
 }
 
 impl Participant {
@@ -221,7 +222,9 @@ impl Participant {
                 source,
             })?;
         // rustdds ends its threads when a signal interrupts their wait: they must never see one.
-        let domain_participant = without_signals(|| network.domain_participant())?;
+        let (joined, threads) =
+            Threads::started_by(|| without_signals(|| network.domain_participant()));
+        let domain_participant = joined?;
         let context = Context::from_domain_participant(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
         let node =
@@ -232,7 +235,8 @@ impl Participant {
         let watch = GraphWatch::start(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
         let node = Mutex::new(node);
-        Ok(Self { inner: Arc::new(Inner { watch, node, node_name, context, domain_participant }) })
+        let inner = Inner { watch, node, node_name, context, domain_participant, threads };
+        Ok(Self { inner: Arc::new(inner) })
     }
 
     /// The ros2-client node, for services and logging. Hold it briefly, and make no spinner of it:
@@ -243,6 +247,11 @@ impl Participant {
 
     pub fn context(&self) -> &Context {
         &self.inner.context
+    }
+
+    /// The threads of the DDS library: where one has ended, the participant is dead.
+    pub fn threads(&self) -> &Threads {
+        &self.inner.threads
     }
 
     /// Who is matched with the endpoints of this node.

@@ -5,7 +5,7 @@
 //! be written any more (a full disk) is closed, the fault is reported, and the stage goes on.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
@@ -19,6 +19,7 @@ use super::inlet::Inlet;
 use super::participant::{Network, Participant};
 use super::qos::{CLOCK, COMMANDS, DIAGNOSTICS, Qos, SAMPLES};
 use super::runtime::lock;
+use super::stage_status::StageStatus;
 use super::wire::{StageNames, Tick};
 use friction_stage_data::bag::{BagError, BagOptions, BagWriter, OfferedQos, Provenance, TopicId};
 use friction_stage_data::message::{
@@ -28,17 +29,22 @@ use friction_stage_data::message::{
 
 /// Ticks that may wait for the recorder: 1.6 s at 10 kHz.
 const RING: usize = 16_384;
+/// Ticks that a loop which may wait lets the bag lag behind, those of the controller's states
+/// included: what a killed process can lose is then a number of samples and not a matter of load.
+const BACKLOG: i64 = 512;
 /// Longest sleep of the recorder between two looks at the ring.
 const NAP: Duration = Duration::from_millis(2);
 
 /// Longest wait, when a bag is opened, for a controller that is there: discovery on one machine
 /// takes 0.1 s.
 const FIND: Duration = Duration::from_millis(300);
-/// Longest wait, when a bag is closed, for the states of samples that the controller has answered.
-const LAST_STATES: Duration = Duration::from_millis(50);
-/// States of the controller that may wait for the recorder: 1 s at 10 kHz. Best effort, because an
-/// acknowledgement of each costs the controller more than the state; what is missing is counted.
-const HEARD: Qos = Qos::best_effort(10_000);
+/// Longest wait without any news of the controller, when a bag is closed or time waits in lockstep,
+/// for the states of samples that it has answered. A lost datagram is repeated within two
+/// heartbeats of 100 ms; the rest is for a machine that is busy.
+const LAST_STATES: Duration = Duration::from_secs(2);
+/// States of the controller that may wait for the recorder: 1 s at 10 kHz, and many times what
+/// lockstep lets wait.
+const HEARD: Qos = Qos::reliable(10_000);
 
 /// Absolute names of the topics in a bag.
 #[derive(Clone, Debug)]
@@ -76,6 +82,18 @@ enum Order {
 pub struct Written {
     pub directory: PathBuf,
     pub messages: u64,
+    /// Samples that it lacks.
+    pub missing: u64,
+}
+
+impl std::fmt::Display for Written {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} messages in {}", self.messages, self.directory.display())?;
+        match self.missing {
+            0 => Ok(()),
+            missing => write!(f, "; {missing} samples are missing"),
+        }
+    }
 }
 
 /// What everybody may look at while the recorder runs.
@@ -83,12 +101,35 @@ pub struct Written {
 pub struct RecorderStatus {
     /// A bag is open: ticks and messages are wanted.
     pub recording: AtomicBool,
-    /// Ticks that found the ring full, and states of the controller that did not arrive.
+    /// Samples that the recordings lack, since the start of the node: ticks for which there was no
+    /// room, and states of the controller that did not arrive.
     pub dropped: AtomicU64,
+    /// The same of the open bag, or of the last one.
+    pub dropped_of_bag: AtomicU64,
+    /// Number of the last tick that was handed over or found no room.
+    offered: AtomicU64,
     /// Why the last bag was closed early.
     pub fault: Mutex<Option<String>>,
-    /// Stamp of the last tick, ns: the time of messages without a stamp of their own.
-    latest: std::sync::atomic::AtomicI64,
+    /// Stamp of the last tick in the bag, ns.
+    written: AtomicI64,
+    /// Stamp of the controller's last state in the bag, ns; `i64::MIN` before the first.
+    heard: AtomicI64,
+    /// A loop that may wait does so for the controller's states too.
+    waits_for_states: AtomicBool,
+}
+
+impl RecorderStatus {
+    /// States of a controller have arrived in the open bag.
+    pub fn hears_controller(&self) -> bool {
+        self.heard.load(Ordering::Relaxed) > i64::MIN
+    }
+
+    /// Whether the open bag lacks what was sampled at `stamp` ns.
+    fn is_behind(&self, stamp: i64) -> bool {
+        self.written.load(Ordering::Relaxed) < stamp
+            || self.waits_for_states.load(Ordering::Relaxed)
+                && self.heard.load(Ordering::Relaxed) < stamp
+    }
 }
 
 /// Starts and stops recordings and takes messages. Cheap to clone.
@@ -99,6 +140,8 @@ pub struct RecorderHandle {
     /// for each would cost the loop more than the message.
     heard: Arc<Mutex<Vec<(i64, Heard)>>>,
     status: Arc<RecorderStatus>,
+    stage: Arc<StageStatus>,
+    start: i64,
 }
 
 /// What a recorder needs to know before it starts.
@@ -113,8 +156,12 @@ pub struct RecorderSetup {
     pub topics: RecordedTopics,
     pub names: StageNames,
     pub provenance: Provenance,
-    /// Time of messages without a stamp of their own that come before the first sample, ns.
+    /// Where the stage says which sample it is at: the time of messages without a stamp.
+    pub stage: Arc<StageStatus>,
+    /// The same before the first sample, ns.
     pub start: i64,
+    /// Between two samples, ns.
+    pub period: i64,
 }
 
 /// The recorder's thread; it ends, and closes its bag, when every handle and feed is gone.
@@ -126,26 +173,32 @@ pub struct Recorder {
 pub struct TickFeed {
     ring: rtrb::Producer<Tick>,
     status: Arc<RecorderStatus>,
+    /// What the bag may lag behind a loop that can wait, ns.
+    backlog: i64,
 }
 
 impl TickFeed {
-    /// Hands over a tick if a bag is open. Full ring: counts it as dropped.
+    /// Hands over a tick if a bag is open. The recorder counts those that found the ring full.
     #[inline]
     pub fn offer(&mut self, tick: &Tick) {
-        if self.status.recording.load(Ordering::Relaxed) && self.ring.push(*tick).is_err() {
-            self.status.dropped.fetch_add(1, Ordering::Relaxed);
+        if self.status.recording.load(Ordering::Acquire) {
+            let _ = self.ring.push(*tick);
+            self.status.offered.store(tick.sample.index, Ordering::Release);
         }
     }
 
     /// The same for a loop that may wait, because simulated time stands still meanwhile: never
-    /// drops.
+    /// drops, and comes back when the bag lags no more than [`BACKLOG`] samples behind.
     #[inline]
     pub fn insist(&mut self, tick: &Tick) {
-        while self.status.recording.load(Ordering::Relaxed) {
-            if self.ring.push(*tick).is_ok() {
-                return;
-            }
-            std::thread::sleep(Duration::from_micros(100));
+        const PAUSE: Duration = Duration::from_micros(100);
+        let is_recording = |status: &RecorderStatus| status.recording.load(Ordering::Acquire);
+        while is_recording(&self.status) && self.ring.push(*tick).is_err() {
+            std::thread::sleep(PAUSE);
+        }
+        self.status.offered.store(tick.sample.index, Ordering::Release);
+        while is_recording(&self.status) && self.status.is_behind(tick.stamp - self.backlog) {
+            std::thread::sleep(PAUSE);
         }
     }
 }
@@ -187,7 +240,8 @@ impl RecorderHandle {
     /// Hands over a message if a bag is open. `stamp` in ns; 0 takes the time of the last sample.
     pub fn hear(&self, stamp: i64, message: impl FnOnce() -> Heard) {
         if self.is_recording() {
-            let time = if stamp > 0 { stamp } else { self.status.latest.load(Ordering::Relaxed) };
+            let now = || self.stage.stamp.load(Ordering::Relaxed).max(self.start);
+            let time = if stamp > 0 { stamp } else { now() };
             lock(&self.heard).push((time, message()));
         }
     }
@@ -202,9 +256,15 @@ impl Recorder {
         let (orders, inbox) = mpsc::channel();
         let (producer, consumer) = rtrb::RingBuffer::new(RING);
         let status = Arc::new(RecorderStatus::default());
-        status.latest.store(setup.start, Ordering::Relaxed);
         let heard = Arc::new(Mutex::new(Vec::new()));
-        let handle = RecorderHandle { orders, heard: heard.clone(), status: status.clone() };
+        let handle = RecorderHandle {
+            orders,
+            heard: heard.clone(),
+            status: status.clone(),
+            stage: setup.stage.clone(),
+            start: setup.start,
+        };
+        let backlog = BACKLOG * setup.period;
         let mut work = Work {
             setup,
             ring: consumer,
@@ -213,11 +273,12 @@ impl Recorder {
             controller: None,
             heard,
             answered: i64::MIN,
+            last_tick: None,
         };
         let thread = std::thread::Builder::new()
             .name("recorder".to_owned())
             .spawn(move || work.run(&inbox))?;
-        Ok((Recorder { thread }, handle, TickFeed { ring: producer, status }))
+        Ok((Recorder { thread }, handle, TickFeed { ring: producer, status, backlog }))
     }
 
     /// Waits until the thread has closed its bag; drop every handle and feed before.
@@ -240,6 +301,8 @@ struct Work {
     heard: Arc<Mutex<Vec<(i64, Heard)>>>,
     /// Stamp of the last force, ns.
     answered: i64,
+    /// Number of the last tick in the bag.
+    last_tick: Option<u64>,
 }
 
 struct OpenBag {
@@ -340,11 +403,7 @@ impl Work {
         }
         match self.close() {
             Ok(Some(written)) => {
-                tracing::info!(
-                    "recorded {} messages in {}",
-                    written.messages,
-                    written.directory.display()
-                );
+                tracing::info!("recorded {written}");
             }
             Ok(None) => {}
             Err(error) => tracing::error!("closing the bag: {error}"),
@@ -376,6 +435,16 @@ impl Work {
             .map_err(|error| error.to_string())?;
         self.bag = Some(bag);
         *lock(&self.status.fault) = None;
+        // Of before the bag was open.
+        while self.ring.pop().is_ok() {}
+        lock(&self.heard).clear();
+        self.answered = i64::MIN;
+        self.last_tick = None;
+        self.status.dropped_of_bag.store(0, Ordering::Relaxed);
+        let status = &self.status;
+        status.heard.store(i64::MIN, Ordering::Relaxed);
+        status.waits_for_states.store(false, Ordering::Relaxed);
+        status.written.store(self.setup.stage.stamp.load(Ordering::Relaxed), Ordering::Relaxed);
         match Listener::start(&self.setup) {
             Ok(listener) => self.controller = Some(listener),
             Err(error) => tracing::error!(
@@ -391,16 +460,21 @@ impl Work {
         self.status.recording.store(false, Ordering::Release);
         self.drain();
         // The controller's last states come in a burst, a little after its last answer.
-        let deadline = Instant::now() + LAST_STATES;
-        while self.controller.as_ref().is_some_and(|listener| listener.stamp < self.answered)
-            && Instant::now() < deadline
+        while self.controller.as_ref().is_some_and(|listener| listener.owes(self.answered))
+            && self.bag.is_some()
         {
             std::thread::sleep(NAP);
             self.drain();
         }
-        self.controller = None;
+        if let Some(listener) = self.controller.take() {
+            self.miss(listener.missing_until(self.answered));
+        }
+        if let Some(last) = self.last_tick.take() {
+            self.miss(self.status.offered.load(Ordering::Acquire).saturating_sub(last));
+        }
         let Some(bag) = self.bag.take() else { return Ok(None) };
         let written = Written {
+            missing: self.status.dropped_of_bag.load(Ordering::Relaxed),
             directory: bag.writer.directory().to_owned(),
             messages: bag.writer.message_count(),
         };
@@ -411,8 +485,12 @@ impl Work {
     /// Writes everything that waits: ticks and states of the controller.
     fn drain(&mut self) {
         while let Ok(tick) = self.ring.pop() {
-            self.status.latest.store(tick.stamp, Ordering::Relaxed);
+            let index = tick.sample.index;
+            if let Some(last) = self.last_tick.replace(index) {
+                self.miss(index.saturating_sub(last + 1));
+            }
             self.write(|bag, names| bag.write_tick(&tick, names));
+            self.status.written.store(tick.stamp, Ordering::Relaxed);
         }
         let heard = std::mem::take(&mut *lock(&self.heard));
         for (time, message) in heard {
@@ -422,11 +500,38 @@ impl Work {
             self.write(|bag, _| bag.write_heard(time, &message));
         }
         while let Some((state, missing)) = self.controller.as_mut().and_then(Listener::take) {
-            self.status.dropped.fetch_add(missing, Ordering::Relaxed);
+            self.miss(missing);
             let time = state.header.stamp.to_nanos();
             self.write(|bag, _| bag.write_heard(time, &Heard::ControllerState(state)));
+            self.status.heard.store(time, Ordering::Relaxed);
+            self.status.waits_for_states.store(true, Ordering::Relaxed);
+        }
+        if let Some(listener) = &self.controller
+            && listener.is_silent()
+            && self.status.waits_for_states.load(Ordering::Relaxed)
+            && self.status.is_behind(self.answered.saturating_sub(BACKLOG * self.setup.period))
+        {
+            self.status.waits_for_states.store(false, Ordering::Relaxed);
+            tracing::warn!(
+                "{}: nothing for {LAST_STATES:?} while its forces go on; time no longer waits \
+                 for it",
+                self.setup.topics.controller_state
+            );
         }
         self.write(|bag, _| bag.writer.flush_if_due());
+    }
+
+    /// Counts samples that the bag lacks; a flood is logged at powers of two only.
+    fn miss(&self, count: u64) {
+        if count == 0 {
+            return;
+        }
+        self.status.dropped.fetch_add(count, Ordering::Relaxed);
+        let before = self.status.dropped_of_bag.fetch_add(count, Ordering::Relaxed);
+        let total = before + count;
+        if before.checked_ilog2() != total.checked_ilog2() {
+            tracing::warn!("the recording lacks {total} samples so far: the machine is too busy");
+        }
     }
 
     /// Does something to the open bag; one that fails is given up with a loud word.
@@ -454,6 +559,12 @@ struct Listener {
     last: Option<(Gid, i64)>,
     /// Stamp of the last state, ns.
     stamp: i64,
+    /// Between the last two states, ns.
+    interval: i64,
+    /// Of the stage's samples, ns.
+    period: i64,
+    /// When the last state was taken.
+    taken: Instant,
 }
 
 impl Listener {
@@ -469,7 +580,33 @@ impl Listener {
         let inlet =
             Inlet::<ControllerState>::new(&participant, &setup.topics.controller_state, &HEARD)?;
         participant.watch().wait_for_matches(inlet.guid(), 1, FIND);
-        Ok(Listener { inlet, last: None, stamp: i64::MIN })
+        Ok(Listener {
+            inlet,
+            last: None,
+            stamp: i64::MIN,
+            interval: i64::MAX,
+            period: setup.period,
+            taken: Instant::now(),
+        })
+    }
+
+    /// No state has come for a long time.
+    fn is_silent(&self) -> bool {
+        self.taken.elapsed() > LAST_STATES
+    }
+
+    /// States of samples until `answered` are still to be expected.
+    fn owes(&self, answered: i64) -> bool {
+        self.missing_until(answered) > 0 && !self.is_silent()
+    }
+
+    /// States until that of the sample `answered`, ns, of a controller that sends one for each; of
+    /// another nobody knows.
+    fn missing_until(&self, answered: i64) -> u64 {
+        if self.interval > self.period + self.period / 2 || answered <= self.stamp {
+            return 0;
+        }
+        ((answered - self.stamp) / self.period.max(1)) as u64
     }
 
     /// The next one that has come, and how many before it are missing.
@@ -484,7 +621,12 @@ impl Listener {
                         _ => 0,
                     };
                     self.last = Some((sender, number));
-                    self.stamp = state.header.stamp.to_nanos();
+                    let stamp = state.header.stamp.to_nanos();
+                    if stamp != self.stamp {
+                        self.interval = stamp.saturating_sub(self.stamp);
+                        self.stamp = stamp;
+                    }
+                    self.taken = Instant::now();
                     return Some((state, u64::try_from(missing).unwrap_or(0)));
                 }
                 Err(error) => {

@@ -19,6 +19,7 @@ use super::cpu;
 use super::parameters::{ParameterServer, ParameterSet, ParameterSpec};
 use super::participant::{Network, Participant};
 use super::service::{self, Service};
+use super::signals::{Asked, Signals};
 use super::std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
 
 /// What the rest of the process tells a node's loop.
@@ -147,6 +148,8 @@ impl Service for SetBool {
 pub struct Background {
     tasks: Vec<BoxFuture<'static, ()>>,
     control: UnboundedSender<Control>,
+    participant: Participant,
+    signals: Signals,
 }
 
 /// Why [`Background::run`] came back.
@@ -154,7 +157,7 @@ pub struct Background {
 pub enum End {
     /// SIGINT or SIGTERM.
     Signal,
-    /// SIGCONT: the process was stopped, which ends the threads of the DDS library.
+    /// The process was stopped and continued, which ends the threads of the DDS library.
     WasStopped,
     /// The node's loop ended by itself.
     Loop,
@@ -163,12 +166,14 @@ pub enum End {
 impl Background {
     /// Starts the parameter services. `control` reaches the node's loop.
     pub fn new(
+        signals: Signals,
         participant: &Participant,
         parameters: Arc<Mutex<ParameterSet>>,
         control: UnboundedSender<Control>,
     ) -> anyhow::Result<Background> {
         let server = ParameterServer::new(participant, parameters)?;
-        Ok(Background { tasks: vec![Box::pin(server.run())], control })
+        let participant = participant.clone();
+        Ok(Background { tasks: vec![Box::pin(server.run())], control, participant, signals })
     }
 
     /// Another task that runs as long as the node.
@@ -248,27 +253,26 @@ impl Background {
 
     /// Runs until a signal comes or `loop_ended` is done; then tells the loop to shut down.
     pub fn run(self, loop_ended: oneshot::Receiver<()>) -> anyhow::Result<End> {
-        let Background { tasks, control } = self;
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .context("cannot start the runtime of the services")?;
+        let Background { tasks, control, participant, signals } = self;
+        let (runtime, mut signals) = signals.split();
         let end = runtime.block_on(async move {
-            use tokio::signal::unix::{SignalKind, signal};
-            let mut interrupt = signal(SignalKind::interrupt())?;
-            let mut terminate = signal(SignalKind::terminate())?;
-            let mut continued = signal(SignalKind::from_raw(libc::SIGCONT))?;
             let everything = futures::future::join_all(tasks);
-            // In this order: `timeout` and service managers send SIGCONT right behind SIGTERM.
-            Ok::<End, std::io::Error>(tokio::select! {
-                biased;
-                _ = interrupt.recv() => End::Signal,
-                _ = terminate.recv() => End::Signal,
-                _ = continued.recv() => End::WasStopped,
-                _ = loop_ended => End::Loop,
-                _ = everything => End::Loop,
-            })
-        })?;
+            tokio::pin!(everything, loop_ended);
+            loop {
+                tokio::select! {
+                    biased;
+                    asked = signals.next() => match asked {
+                        Asked::End => return End::Signal,
+                        Asked::Continued if participant.threads().have_ended().await => {
+                            return End::WasStopped;
+                        }
+                        Asked::Continued => {}
+                    },
+                    _ = &mut loop_ended => return End::Loop,
+                    _ = &mut everything => return End::Loop,
+                }
+            }
+        });
         let _ = control.unbounded_send(Control::Shutdown);
         Ok(end)
     }

@@ -17,11 +17,13 @@ use super::recorder::{
     Heard, RecordedTopics, Recorder, RecorderHandle, RecorderSetup, TickFeed, dated_directory,
 };
 use super::runtime::{Background, Control, End, Startup, lock};
+use super::signals::Signals;
 use super::stage_inbox::Inbox;
 use super::stage_outlets::StageOutlets;
 use super::stage_settings::{self, Mode, StageSettings};
 use super::stage_status::StageStatus;
 use super::wire::StageNames;
+use crate::outcome::Outcome;
 use friction_stage_core::plant::Stage;
 use friction_stage_data::bag::Provenance;
 use friction_stage_data::message::{DiagnosticArray, Header, KeyValue};
@@ -96,9 +98,10 @@ pub struct StageLoop {
 
 /// Runs the stage node with the given command line (without the program's name) until a signal ends
 /// it.
-pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
+pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
+    let signals = Signals::listen()?;
     if help::given(&command_line, "stage_node", ABOUT, &stage_settings::specs()) {
-        return Ok(());
+        return Ok(Outcome::Done);
     }
     let startup = Startup::parse("stage", command_line)?;
     startup.start_logging();
@@ -117,7 +120,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
     let status = Arc::new(StageStatus::default());
     let live = Arc::new(LiveSettings::new(&settings));
     let (control, control_inbox) = futures::channel::mpsc::unbounded();
-    let mut background = Background::new(&participant, parameters.clone(), control.clone())?;
+    let mut background =
+        Background::new(signals, &participant, parameters.clone(), control.clone())?;
 
     refuse_a_second_stage(&startup, &participant)?;
     let names = StageNames {
@@ -132,6 +136,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         topics: recorded_topics(&startup, settings.publish_clock),
         names: names.clone(),
         provenance: provenance(&startup, &settings)?,
+        stage: status.clone(),
+        period: settings.rates.time_of(1),
         start: match settings.mode {
             Mode::Lockstep => super::stage_lockstep::EPOCH,
             Mode::Realtime => clock::system(),
@@ -190,7 +196,13 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<()> {
         End::Signal if fault.is_some() => {
             anyhow::bail!("the recording is not whole: {}", fault.unwrap_or_default())
         }
-        End::Signal => Ok(()),
+        End::Signal => {
+            let lost = recorded.dropped.load(Ordering::Relaxed);
+            if lost > 0 {
+                tracing::warn!("the recordings lack {lost} samples");
+            }
+            Ok(Outcome::warned(lost > 0))
+        }
         End::WasStopped => anyhow::bail!(
             "the process was stopped and continued, which ends its DDS connections; the bag, if \
              any, is closed: start again"
@@ -264,9 +276,7 @@ fn serve_record(
             return Ok(format!("recording to {}", directory.display()));
         }
         Ok(match handle.stop()? {
-            Some(written) => {
-                format!("{} messages in {}", written.messages, written.directory.display())
-            }
+            Some(written) => written.to_string(),
             None => "was not recording".to_owned(),
         })
     })
@@ -316,17 +326,25 @@ fn diagnose(
             let mut more = lock(&live.counts).clone();
             let recording = recorder.status();
             more.push(KeyValue::new("recording", recorder.is_recording()));
+            let dropped = recording.dropped.load(Ordering::Relaxed);
+            more.push(KeyValue::new("recording_dropped_samples", dropped));
             more.push(KeyValue::new(
-                "recording_dropped_samples",
-                recording.dropped.load(Ordering::Relaxed),
+                "recording_hears_controller",
+                recorder.is_recording() && recording.hears_controller(),
             ));
             more.push(KeyValue::new("stamp_ns", status.stamp.load(Ordering::Relaxed)));
+            let missing = recording.dropped_of_bag.load(Ordering::Relaxed);
+            let mut warnings = Vec::new();
+            if recorder.is_recording() && missing > 0 {
+                warnings.push(format!("the recording lacks {missing} samples"));
+            }
             let mut faults: Vec<String> =
                 lock(&recording.fault).iter().map(|fault| format!("recording: {fault}")).collect();
             if !is_alone {
                 faults.push(stranger);
             }
-            let diagnostic = status.diagnostic(name.clone(), hardware.clone(), more, &faults);
+            let diagnostic =
+                status.diagnostic(name.clone(), hardware.clone(), more, &faults, &warnings);
             let message = DiagnosticArray {
                 header: Header::new(clock::system(), ""),
                 status: vec![diagnostic],

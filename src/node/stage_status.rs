@@ -58,6 +58,7 @@ impl StageStatus {
         hardware: String,
         more: Vec<KeyValue>,
         faults: &[String],
+        warnings: &[String],
     ) -> DiagnosticStatus {
         let get = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         let is = |flag: &AtomicBool| flag.load(Ordering::Relaxed);
@@ -76,6 +77,9 @@ impl StageStatus {
         );
         for fault in faults {
             note(true, DiagnosticStatus::ERROR, fault.clone());
+        }
+        for warning in warnings {
+            note(true, DiagnosticStatus::WARN, warning.clone());
         }
         note(
             is(&self.is_stale),
@@ -128,8 +132,9 @@ mod tests {
     #[test]
     fn a_missing_answer_is_an_error_and_a_refused_command_a_warning() {
         let status = StageStatus::default();
-        let level =
-            |status: &StageStatus| status.diagnostic("a".into(), "b".into(), vec![], &[]).level;
+        let level = |status: &StageStatus| {
+            status.diagnostic("a".into(), "b".into(), vec![], &[], &[]).level
+        };
         assert_eq!(level(&status), DiagnosticStatus::OK);
         status.refuse("force is NaN");
         assert_eq!(level(&status), DiagnosticStatus::WARN);

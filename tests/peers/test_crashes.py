@@ -254,7 +254,6 @@ def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_h
 
     frozen.popen.send_signal(signal.SIGSTOP)
     killed.stop(signal.SIGKILL, expected=-signal.SIGKILL)
-    since = len(encoder)
     began = last = time.monotonic()
     longest = 0.0
     while last - began < seconds:
@@ -268,8 +267,11 @@ def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_h
     # The controller's commands came through as well, as those of one source.
     assert number(status, "refused_commands") == number(status, "stale_commands") == 0
     assert number(status, "refused_by_dds") == 0
-    if mode == "realtime":
-        assert len(encoder) - since == pytest.approx(seconds * rate, rel=0.2)
+    # Whatever the machine can do, the healthy one hears all that the stage has sampled.
+    ros.until(
+        lambda: stamps(encoder[-1:])[0] >= number(status, "stamp_ns"), "the newest sample"
+    )
+    assert_no_holes(encoder, period)
 
 
 def test_a_killed_controller_is_missed_and_another_takes_its_place(ros, stage, controller, start):

@@ -1,0 +1,69 @@
+//! How a program ends: the exit code of what it came to.
+
+use std::io::Write as _;
+use std::process::ExitCode;
+
+/// How a command or a node ended, when it did not fail; `main` makes the exit code of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// Done: exit 0.
+    Done,
+    /// Done, with warnings that the output or the log lists: exit 3.
+    Warnings,
+}
+
+impl Outcome {
+    /// [`Outcome::Warnings`] where there is something to warn about.
+    pub fn warned(warned: bool) -> Outcome {
+        if warned { Outcome::Warnings } else { Outcome::Done }
+    }
+}
+
+/// Arguments that are well-formed and yet wrong, found out after parsing: exit 2, as for those that
+/// clap refuses.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct WrongArguments(pub String);
+
+/// Exit code of a program that ended with `result`; a failure is reported on stderr. Wrong arguments
+/// have ended it with 2 before.
+pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
+    match result {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Warnings) => ExitCode::from(3),
+        Err(error) => {
+            // Nobody may read stderr any more, and `eprintln!` would panic of that.
+            let _ = writeln!(std::io::stderr(), "error: {}", in_one_line(&error));
+            if error.is::<WrongArguments>() { ExitCode::from(2) } else { ExitCode::FAILURE }
+        }
+    }
+}
+
+/// An error with its causes, outermost first. Many an error of the library names its cause in its
+/// own text: not again then.
+fn in_one_line(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| {
+        match told.contains(&cause) {
+            true => told,
+            false if told.is_empty() => cause,
+            false => format!("{told}: {cause}"),
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_is_told_with_each_of_its_causes_once() {
+        #[derive(Debug, thiserror::Error)]
+        #[error("cannot read a.yaml: {source}")]
+        struct Read {
+            source: std::io::Error,
+        }
+        let error = anyhow::Error::new(Read { source: std::io::Error::other("no such file") })
+            .context("parameter model");
+        assert_eq!(in_one_line(&error), "parameter model: cannot read a.yaml: no such file");
+    }
+}
