@@ -13,8 +13,8 @@ use std::process::{Command, Output};
 use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
-    Effort, Hypothesis, Measured, NOISE_LIKE, Part, Selection, Sides, Silent, Tolerances, Verdict,
-    fit, search,
+    FitBudget, Hypothesis, Measured, NOISE_LIKE, Part, Selection, Sides, Silent, Tolerances,
+    Verdict, fit, search,
 };
 use serde_json::Value;
 
@@ -120,7 +120,7 @@ fn a_rest_of_many_seconds_leaves_no_more_than_the_noise_of_the_sensors() {
         let setup = Setup { programme: Programme::Resting, guide_tolerance: 0.0, ..Setup::new(11) };
         let run = setup.with_all(hidden).generate().expect("a run");
         let [train, check] = measured(&run);
-        let fitted = fit(&start, &train, Sides::BOTH, Effort::KEPT).expect("a fit");
+        let fitted = fit(&start, &train, Sides::BOTH, FitBudget::KEPT).expect("a fit");
         let missing = fitted.hypothesis.missing(&check, Sides::BOTH).expect("a residual").rms();
         let floor = check.floor(&declared).total();
         let effects = start.effects.len();
@@ -174,7 +174,7 @@ fn laws_that_change_within_a_cycle_leave_no_more_than_the_noise_of_the_sensors()
         } else if name == "external_vibration" {
             with = with.in_record(&train).expect("a phase");
         }
-        let fitted = fit(&with, &train, Sides::BOTH, Effort::KEPT).expect("a fit");
+        let fitted = fit(&with, &train, Sides::BOTH, FitBudget::KEPT).expect("a fit");
         let (left, floor) = (fitted.missing.rms(), train.floor(&declared).total());
         assert!(left < 1.2 * floor, "{name}: {left} N rms, the noise leaves {floor} N");
         let found = fitted.hypothesis.effects[0].values[index];

@@ -18,8 +18,8 @@ use clap::{Parser, Subcommand};
 use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_identify::{
-    Declared, Estimate, Evidence, Hypothesis, IdentifyError, Measured, Outcome, Place, Selection,
-    Tolerances, Verdict, Watch, search,
+    Estimate, Evidence, Hypothesis, IdentifyError, Measured, NominalParameter, Outcome,
+    ParameterId, Selection, Tolerances, Verdict, Watch, search,
 };
 use serde::Serialize;
 
@@ -130,7 +130,7 @@ struct Report {
     floor: [f64; 2],
     /// Parameters that a truth of the same name exists for: distance in standard deviations.
     deviations: BTreeMap<String, f64>,
-    evidence: Vec<Tried>,
+    evidence: Vec<Candidate>,
     parameters: Vec<String>,
     seconds: f64,
 }
@@ -149,7 +149,7 @@ struct Hidden {
 }
 
 #[derive(Serialize)]
-struct Tried {
+struct Candidate {
     round: usize,
     name: &'static str,
     free: usize,
@@ -680,13 +680,13 @@ fn deviations(hidden: &[Hidden], mass: f64, estimate: &Estimate) -> BTreeMap<Str
         if !deviation.is_finite() || deviation <= 0.0 {
             continue;
         }
-        match coordinate.place {
-            Place::Declared(Declared::Mass) => {
+        match coordinate.id {
+            ParameterId::Nominal(NominalParameter::Mass) => {
                 let value = estimate.fitted.hypothesis.mass();
                 all.insert("mass".to_owned(), (value - mass) / (deviation * value));
             }
-            Place::Declared(_) | Place::Spread { .. } => {}
-            Place::Effect { effect, value } => {
+            ParameterId::Nominal(_) | ParameterId::Spread { .. } => {}
+            ParameterId::Effect { effect, value } => {
                 let part = &estimate.fitted.hypothesis.effects[effect];
                 let parameter = part.descriptor.parameters[value].name;
                 // Of guides that each have a period of their own none is the one that the truth
@@ -712,7 +712,7 @@ fn deviations(hidden: &[Hidden], mass: f64, estimate: &Estimate) -> BTreeMap<Str
 }
 
 /// Of each round, the three candidates with most gain.
-fn strongest(evidence: &[Evidence]) -> Vec<Tried> {
+fn strongest(evidence: &[Evidence]) -> Vec<Candidate> {
     let rounds = evidence.iter().map(|one| one.round + 1).max().unwrap_or(0);
     (0..rounds)
         .flat_map(|round| {
@@ -723,7 +723,7 @@ fn strongest(evidence: &[Evidence]) -> Vec<Tried> {
                 .iter()
                 .enumerate()
                 .filter(|(rank, one)| *rank < 3 || one.outcome == Outcome::Chosen);
-            kept.map(|(_, one)| Tried {
+            kept.map(|(_, one)| Candidate {
                 round,
                 name: one.name,
                 free: one.free,

@@ -94,7 +94,7 @@ impl Setpoint {
         }
         // Where a recording has the position only, the rest follows from it.
         let step = step_of(trace);
-        let slope = |values: &[f64]| -> Vec<f64> {
+        let derivative = |values: &[f64]| -> Vec<f64> {
             let last = values.len() - 1;
             (0..=last)
                 .map(|row| {
@@ -104,10 +104,11 @@ impl Setpoint {
                 .collect()
         };
         let position = trace.reference_position.clone();
-        let or_slope =
-            |values: &[f64], of: &[f64]| if absent(values) { slope(of) } else { values.to_vec() };
-        let velocity = or_slope(&trace.reference_velocity, &position);
-        let acceleration = or_slope(&trace.reference_acceleration, &velocity);
+        let or_derivative = |values: &[f64], of: &[f64]| {
+            if absent(values) { derivative(of) } else { values.to_vec() }
+        };
+        let velocity = or_derivative(&trace.reference_velocity, &position);
+        let acceleration = or_derivative(&trace.reference_acceleration, &velocity);
         Ok(Setpoint { position, velocity, acceleration })
     }
 

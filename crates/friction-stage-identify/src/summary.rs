@@ -7,8 +7,8 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::fit::Estimate;
-use crate::hypothesis::nominal_parameter::Declared;
-use crate::hypothesis::{Coordinate, Part, Place};
+use crate::hypothesis::nominal_parameter::NominalParameter;
+use crate::hypothesis::{FreeParameter, ParameterId, Part};
 use crate::next_experiment::NextExperiment;
 use crate::record::measured::Measured;
 use crate::search::{Selection, Verdict};
@@ -186,7 +186,7 @@ impl Summary {
     ) -> Summary {
         let estimate = &selection.after;
         let declared_effects = selection.before.hypothesis.effects.len();
-        let mut declared_parameters: BTreeMap<String, FoundParameter> = Declared::ALL
+        let mut declared_parameters: BTreeMap<String, FoundParameter> = NominalParameter::ALL
             .into_iter()
             .map(|one| (one.name().to_owned(), declared(estimate, one, train.rate)))
             .collect();
@@ -288,10 +288,9 @@ impl Summary {
     }
 }
 
-/// Coordinate of a place in a fit with its standard deviation and whether it ended on a bound.
-fn coordinate(estimate: &Estimate, place: Place) -> Option<(&Coordinate, f64, bool)> {
-    let index =
-        estimate.fitted.coordinates.iter().position(|coordinate| coordinate.place == place)?;
+/// FreeParameter of a place in a fit with its standard deviation and whether it ended on a bound.
+fn coordinate(estimate: &Estimate, id: ParameterId) -> Option<(&FreeParameter, f64, bool)> {
+    let index = estimate.fitted.coordinates.iter().position(|coordinate| coordinate.id == id)?;
     Some((
         &estimate.fitted.coordinates[index],
         estimate.deviation(index),
@@ -303,36 +302,41 @@ fn coordinate(estimate: &Estimate, place: Place) -> Option<(&Coordinate, f64, bo
 /// shift: s): how the guides differ is estimate too, and what one of them does not know of itself
 /// the sum of all may know. First order in the deviations of all coordinates. Infinite where the
 /// parameter is on a bound or the data say nothing.
-fn deviation_of_declared(estimate: &Estimate, declared: Declared, rate: f64) -> f64 {
-    match coordinate(estimate, Place::Declared(declared)) {
+fn deviation_of_declared(estimate: &Estimate, declared: NominalParameter, rate: f64) -> f64 {
+    match coordinate(estimate, ParameterId::Nominal(declared)) {
         Some((_, deviation, false)) if deviation.is_finite() => {}
         _ => return f64::INFINITY,
     }
     let value = estimate.fitted.hypothesis.declared_value(declared, rate);
     let whole = if declared.is_factor() { value } else { 1.0 };
-    let slopes: Vec<f64> = estimate
+    let sensitivities: Vec<f64> = estimate
         .fitted
         .coordinates
         .iter()
         .zip(&estimate.deviations)
         .map(|(coordinate, deviation)| {
-            let ours = matches!(coordinate.place, Place::Declared(_) | Place::Spread { .. });
+            let ours =
+                matches!(coordinate.id, ParameterId::Nominal(_) | ParameterId::Spread { .. });
             if !ours || !deviation.is_finite() {
                 return 0.0;
             }
             let step = 1e-4 * coordinate.scale;
             let at = |moved: f64| {
                 let mut hypothesis = estimate.fitted.hypothesis.clone();
-                hypothesis.set(coordinate.place, coordinate.value + moved);
+                hypothesis.set(coordinate.id, coordinate.value + moved);
                 hypothesis.declared_value(declared, rate)
             };
             (at(step) - at(-step)) / (2.0 * step * whole)
         })
         .collect();
-    let scattered: Vec<f64> = slopes
+    let scattered: Vec<f64> = sensitivities
         .iter()
         .zip(&estimate.deviations)
-        .map(|(slope, deviation)| if *slope == 0.0 { 0.0 } else { slope * deviation })
+        .map(
+            |(sensitivity, deviation)| {
+                if *sensitivity == 0.0 { 0.0 } else { sensitivity * deviation }
+            },
+        )
         .collect();
     let variance: f64 = scattered
         .iter()
@@ -346,7 +350,11 @@ fn deviation_of_declared(estimate: &Estimate, declared: Declared, rate: f64) -> 
         })
         .sum();
     // All coordinates are shifted together.
-    let shift: f64 = slopes.iter().zip(&estimate.shifts).map(|(slope, shift)| slope * shift).sum();
+    let shift: f64 = sensitivities
+        .iter()
+        .zip(&estimate.shifts)
+        .map(|(sensitivity, shift)| sensitivity * shift)
+        .sum();
     variance.max(0.0).sqrt().hypot(shift)
 }
 
@@ -356,7 +364,7 @@ fn deviation_of_alike(estimate: &Estimate, index: usize) -> f64 {
     let deviation = estimate.deviations[index];
     let spread: Vec<usize> = (0..estimate.fitted.coordinates.len())
         .filter(|other| {
-            matches!(estimate.fitted.coordinates[*other].place, Place::Spread { .. })
+            matches!(estimate.fitted.coordinates[*other].id, ParameterId::Spread { .. })
                 && estimate.deviations[*other].is_finite()
         })
         .collect();
@@ -373,7 +381,7 @@ fn deviation_of_alike(estimate: &Estimate, index: usize) -> f64 {
     }
 }
 
-fn declared(estimate: &Estimate, declared: Declared, rate: f64) -> FoundParameter {
+fn declared(estimate: &Estimate, declared: NominalParameter, rate: f64) -> FoundParameter {
     let value = estimate.fitted.hypothesis.declared_value(declared, rate);
     let reach = TWO_SIDED_95 * deviation_of_declared(estimate, declared, rate);
     let ci95 = if declared.is_factor() {
@@ -418,7 +426,7 @@ fn parameters(estimate: &Estimate, effect: usize) -> BTreeMap<String, FoundParam
         .enumerate()
         .map(|(index, parameter)| {
             let value = part.values[index];
-            let reach = coordinate(estimate, Place::Effect { effect, value: index })
+            let reach = coordinate(estimate, ParameterId::Effect { effect, value: index })
                 .map_or(f64::INFINITY, |(_, deviation, _)| TWO_SIDED_95 * deviation);
             // An interval wider than what is possible says nothing.
             let says = reach.is_finite() && 2.0 * reach < parameter.bounds.1 - parameter.bounds.0;
@@ -463,8 +471,8 @@ fn of_curve(curve: &Curve) -> BTreeMap<String, FoundParameter> {
 }
 
 /// Whether a coordinate is the logarithm of a factor on a declared value.
-fn is_share(place: Place) -> bool {
-    matches!(place, Place::Declared(declared) if declared.is_factor())
+fn is_share(id: ParameterId) -> bool {
+    matches!(id, ParameterId::Nominal(declared) if declared.is_factor())
 }
 
 /// What deserves a word about the parameters of a fit: on a bound, hardly or not determined by the
@@ -473,13 +481,13 @@ pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
     let mut warnings = Vec::new();
     for (index, coordinate) in estimate.fitted.coordinates.iter().enumerate() {
         // How the guides differ is not asked for: their sum is.
-        let Some((name, value, unit)) = told(estimate, coordinate.place, rate) else { continue };
+        let Some((name, value, unit)) = told(estimate, coordinate.id, rate) else { continue };
         let (lower, upper) = coordinate.bounds;
-        let deviation = match coordinate.place {
-            Place::Declared(_) => deviation_of_alike(estimate, index),
+        let deviation = match coordinate.id {
+            ParameterId::Nominal(_) => deviation_of_alike(estimate, index),
             _ => estimate.deviation(index),
         };
-        let nothing = matches!(coordinate.place, Place::Effect { .. })
+        let nothing = matches!(coordinate.id, ParameterId::Effect { .. })
             && lower == 0.0
             && value < 1e-3 * coordinate.scale;
         if estimate.fitted.at_bound[index] && nothing {
@@ -493,14 +501,14 @@ pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
                 readable(value)
             ));
         } else if !deviation.is_finite()
-            || (matches!(coordinate.place, Place::Effect { .. })
+            || (matches!(coordinate.id, ParameterId::Effect { .. })
                 && 2.0 * TWO_SIDED_95 * deviation >= upper - lower)
         {
             warnings.push(format!(
                 "{name} is not identifiable from these data; {} {unit} is where the fit left it",
                 readable(value)
             ));
-        } else if is_share(coordinate.place) && TWO_SIDED_95 * deviation > upper {
+        } else if is_share(coordinate.id) && TWO_SIDED_95 * deviation > upper {
             warnings.push(format!(
                 "{name} is hardly identifiable from these data: {} {unit}, known to {:.1} % at the \
                  best, its tolerance is {:.1} %",
@@ -519,14 +527,14 @@ pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
 
 /// Name of a coordinate, its value and unit; `None` for the differences between guides and the
 /// knots of a map.
-fn told(estimate: &Estimate, place: Place, rate: f64) -> Option<(String, f64, &'static str)> {
-    match place {
-        Place::Spread { .. } => None,
-        Place::Declared(declared) => {
+fn told(estimate: &Estimate, id: ParameterId, rate: f64) -> Option<(String, f64, &'static str)> {
+    match id {
+        ParameterId::Spread { .. } => None,
+        ParameterId::Nominal(declared) => {
             let value = estimate.fitted.hypothesis.declared_value(declared, rate);
             Some((declared.name().to_owned(), value, declared.unit()))
         }
-        Place::Effect { effect, value } => {
+        ParameterId::Effect { effect, value } => {
             let part = &estimate.fitted.hypothesis.effects[effect];
             let parameter = part.descriptor.parameters.get(value)?;
             Some((
@@ -541,8 +549,8 @@ fn told(estimate: &Estimate, place: Place, rate: f64) -> Option<(String, f64, &'
 /// Parameters of effects that the data tie to a parameter of something else: the closest tie of
 /// each effect.
 fn tied(estimate: &Estimate, rate: f64) -> Vec<String> {
-    let effect_of = |index: usize| match estimate.fitted.coordinates[index].place {
-        Place::Effect { effect, .. } => Some(effect),
+    let effect_of = |index: usize| match estimate.fitted.coordinates[index].id {
+        ParameterId::Effect { effect, .. } => Some(effect),
         _ => None,
     };
     let mut pairs: Vec<(usize, usize)> = Vec::new();
@@ -555,7 +563,7 @@ fn tied(estimate: &Estimate, rate: f64) -> Vec<String> {
             })
             .filter(|(_, other)| effect_of(*other) != Some(effect))
             .filter(|(_, other)| {
-                told(estimate, estimate.fitted.coordinates[*other].place, rate).is_some()
+                told(estimate, estimate.fitted.coordinates[*other].id, rate).is_some()
             })
             .max_by(|a, b| {
                 estimate.correlations[a.0][a.1]
@@ -572,7 +580,7 @@ fn tied(estimate: &Estimate, rate: f64) -> Vec<String> {
     let warning = |(index, other): (usize, usize)| {
         let correlation = estimate.correlations[index][other];
         let name = |index: usize| {
-            told(estimate, estimate.fitted.coordinates[index].place, rate).map(|(name, ..)| name)
+            told(estimate, estimate.fitted.coordinates[index].id, rate).map(|(name, ..)| name)
         };
         (correlation.abs() >= TIED).then_some(())?;
         Some(format!(

@@ -6,8 +6,8 @@ use super::metres;
 use friction_stage_core::model::{CurveSide, ModelError, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
-    Declared, Evidence, Hypothesis, Inseparable, LEFT_AT_MOST, NextExperiment, Outcome, Selection,
-    Summary, Tolerances, Verdict, in_digits, readable, side_name, taking_part,
+    Evidence, Hypothesis, Inseparable, LEFT_AT_MOST, NextExperiment, NominalParameter, Outcome,
+    Selection, Summary, Tolerances, Verdict, in_digits, readable, side_name, taking_part,
 };
 use friction_stage_report::page::{Align, Cell, Mark, Page, Table, Tile};
 
@@ -444,7 +444,7 @@ fn parameters(
         ("unit", Align::Left),
         ("95 % interval", Align::Right),
     ]);
-    for known in Declared::ALL {
+    for known in NominalParameter::ALL {
         let Some(parameter) = summary.declared_parameters.get(known.name()) else { continue };
         let alone = selection.before.hypothesis.declared_value(known, rate);
         table.row([

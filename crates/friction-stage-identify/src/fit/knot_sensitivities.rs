@@ -13,7 +13,7 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 
 use crate::fit::objective::step_of;
-use crate::hypothesis::{Coordinate, Hypothesis, Place, Sides};
+use crate::hypothesis::{FreeParameter, Hypothesis, ParameterId, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
 use friction_stage_core::model::Curve;
@@ -25,15 +25,15 @@ const APART: usize = 8;
 
 /// By coordinate, N per scale at the rows of the carriage side: of none where values do not go
 /// together, or more than the friction hangs on a height.
-pub(crate) fn knot_slopes(
+pub(crate) fn knot_sensitivities(
     hypothesis: &Hypothesis,
-    coordinates: &[Coordinate],
+    coordinates: &[FreeParameter],
     driven: &Driven,
     measured: &Measured,
 ) -> BTreeMap<usize, DVector<f64>> {
     let mut together: BTreeMap<(usize, usize), Vec<(usize, usize)>> = BTreeMap::new();
     for (index, coordinate) in coordinates.iter().enumerate() {
-        if let Some((effect, knot)) = knot_of(hypothesis, coordinate.place) {
+        if let Some((effect, knot)) = knot_of(hypothesis, coordinate.id) {
             together.entry((effect, knot % APART)).or_default().push((index, knot));
         }
     }
@@ -44,7 +44,7 @@ pub(crate) fn knot_slopes(
         let mut moved = hypothesis.clone();
         for &(index, _) in knots {
             let coordinate = &coordinates[index];
-            moved.set(coordinate.place, coordinate.value + step_of(coordinate));
+            moved.set(coordinate.id, coordinate.value + step_of(coordinate));
         }
         let there = moved.driven(measured, Sides::CARRIAGE, driven).ok()?.friction_at_nodes()?;
         let curve = hypothesis.effects[*effect].parameters().curve?;
@@ -65,8 +65,8 @@ pub(crate) fn knot_slopes(
 }
 
 /// The curve that changes friction and its knot whose height this is.
-fn knot_of(hypothesis: &Hypothesis, place: Place) -> Option<(usize, usize)> {
-    let Place::Effect { effect, value } = place else { return None };
+fn knot_of(hypothesis: &Hypothesis, id: ParameterId) -> Option<(usize, usize)> {
+    let ParameterId::Effect { effect, value } = id else { return None };
     let part = &hypothesis.effects[effect];
     let curve = part.parameters().curve.filter(|curve| curve.side.is_of_friction())?;
     let knot = value.checked_sub(part.values.len() - curve.values.len())?;
@@ -115,32 +115,32 @@ mod tests {
             let with = hypothesis(&[("map", &[&head[..], &knots].concat())]).holding_curves(false);
             let coordinates = with.coordinates(Sides::BOTH, true);
             let driven = with.driven(&measured, Sides::BOTH, &Driven::default()).unwrap();
-            let slopes = knot_slopes(&with, &coordinates, &driven, &measured);
+            let sensitivities = knot_sensitivities(&with, &coordinates, &driven, &measured);
             let missing_at = |index: usize, step: f64| {
                 let mut moved = with.clone();
                 moved.set(
-                    coordinates[index].place,
+                    coordinates[index].id,
                     coordinates[index].value + step * coordinates[index].scale,
                 );
                 DVector::from_vec(moved.missing(&measured, Sides::BOTH).unwrap().carriage)
             };
-            assert_eq!(slopes.len(), 64);
+            assert_eq!(sensitivities.len(), 64);
             let residual =
                 stacked(&with.missing(&measured, Sides::BOTH).unwrap(), &coordinates, 0.05);
             let all =
                 derivatives(&with, &coordinates, &driven, &measured, Sides::BOTH, &residual, 0.05)
                     .unwrap();
             let rows = measured.rows.len();
-            for (index, slope) in slopes {
+            for (index, sensitivity) in sensitivities {
                 let expected = (missing_at(index, 1e-4) - missing_at(index, -1e-4)) / 2e-4;
-                let off = (&slope - &expected).norm() / expected.norm();
+                let off = (&sensitivity - &expected).norm() / expected.norm();
                 assert!(
                     off < 1e-2,
                     "{head:?}, {:?}: {off:e} of {}",
-                    coordinates[index].place,
+                    coordinates[index].id,
                     expected.norm()
                 );
-                assert_eq!(all.column(index).rows(rows, rows), slope);
+                assert_eq!(all.column(index).rows(rows, rows), sensitivity);
             }
         }
     }

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use crate::fit::objective::{derivatives, normal_of, stacked};
 use crate::fit::uncertainty::uncertainty;
-use crate::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
+use crate::hypothesis::{FreeParameter, Hypothesis, Missing, ParameterId, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
 use friction_stage_core::model::ModelError;
@@ -37,13 +37,13 @@ const DAMPINGS: usize = 10;
 const OLDEST: usize = 3;
 const TRUSTED: f64 = 0.5;
 /// Least curvature that the damping acts on, as a part of the largest one: a coordinate with hardly
-/// any slope, such as a difference between guides near 0, must not jump to its bound. All
+/// any sensitivity, such as a difference between guides near 0, must not jump to its bound. All
 /// coordinates are scaled by their tolerance, so their curvatures compare.
 const LEAST_CURVATURE: f64 = 1e-3;
 
 /// How far a fit goes.
 #[derive(Clone, Copy, Debug)]
-pub struct Effort {
+pub struct FitBudget {
     /// How often the derivatives are taken at most.
     derivatives: usize,
     /// Share by which the sum of squares must fall for another step to be worth it, and the same in
@@ -54,22 +54,22 @@ pub struct Effort {
     worth: f64,
 }
 
-impl Effort {
+impl FitBudget {
     /// Of a fit that is compared with others.
-    pub const COMPARED: Effort =
-        Effort { derivatives: 8, progress: 1e-4, least_fall: 0.0, worth: f64::INFINITY };
+    pub const COMPARED: FitBudget =
+        FitBudget { derivatives: 8, progress: 1e-4, least_fall: 0.0, worth: f64::INFINITY };
     /// Of a fit that others build on: what it left undone would pass for another effect.
-    pub const KEPT: Effort =
-        Effort { derivatives: 30, progress: 1e-5, least_fall: 0.0, worth: f64::INFINITY };
+    pub const KEPT: FitBudget =
+        FitBudget { derivatives: 30, progress: 1e-5, least_fall: 0.0, worth: f64::INFINITY };
 
     /// The same of a fit that may stop where a step brings less than this, N^2.
-    pub fn ending_below(self, fall: f64) -> Effort {
-        Effort { least_fall: fall, ..self }
+    pub fn ending_below(self, fall: f64) -> FitBudget {
+        FitBudget { least_fall: fall, ..self }
     }
 
     /// The same of a fit that may stop where it will hardly come below this sum of squares, N^2.
-    pub fn worth_below(self, squares: f64) -> Effort {
-        Effort { worth: squares.min(self.worth), ..self }
+    pub fn gain_below(self, squares: f64) -> FitBudget {
+        FitBudget { worth: squares.min(self.worth), ..self }
     }
 }
 
@@ -78,7 +78,7 @@ impl Effort {
 pub struct Fitted {
     pub hypothesis: Hypothesis,
     pub missing: Missing,
-    pub coordinates: Vec<Coordinate>,
+    pub coordinates: Vec<FreeParameter>,
     /// Coordinates that ended on a bound.
     pub at_bound: Vec<bool>,
 }
@@ -105,15 +105,15 @@ impl Fitted {
 
     /// The same with its curves held.
     pub(crate) fn holding_curves(self) -> Fitted {
-        let is_of_curve = |place: Place| match place {
-            Place::Effect { effect, .. } => {
+        let is_of_curve = |id: ParameterId| match id {
+            ParameterId::Effect { effect, .. } => {
                 self.hypothesis.effects[effect].parameters().curve.is_some()
             }
             _ => false,
         };
         let both = self.coordinates.into_iter().zip(self.at_bound);
         let (coordinates, at_bound) =
-            both.filter(|(coordinate, _)| !is_of_curve(coordinate.place)).unzip();
+            both.filter(|(coordinate, _)| !is_of_curve(coordinate.id)).unzip();
         Fitted {
             hypothesis: self.hypothesis.holding_curves(true),
             missing: self.missing,
@@ -176,7 +176,7 @@ struct StepInside {
 /// A place that a fit has come to.
 struct Point {
     hypothesis: Hypothesis,
-    coordinates: Vec<Coordinate>,
+    coordinates: Vec<FreeParameter>,
     driven: Driven,
     missing: Missing,
     residual: DVector<f64>,
@@ -187,7 +187,7 @@ impl Point {
     /// `before` is of a hypothesis nearby, or the default.
     fn at(
         hypothesis: Hypothesis,
-        coordinates: Vec<Coordinate>,
+        coordinates: Vec<FreeParameter>,
         before: &Driven,
         problem: Problem,
     ) -> Result<Point, ModelError> {
@@ -203,8 +203,8 @@ impl Point {
     /// lacked: it begins as declared, if that is nearer now.
     fn inside(start: &Hypothesis, problem: Problem) -> Result<Point, ModelError> {
         let given = start.coordinates(problem.sides, problem.measured.cell.is_some());
-        let is_bent = |one: &Coordinate| {
-            matches!(one.place, Place::Declared(_))
+        let is_bent = |one: &FreeParameter| {
+            matches!(one.id, ParameterId::Nominal(_))
                 && (one.value <= one.bounds.0 || one.value >= one.bounds.1)
         };
         let begin = |as_declared: bool| {
@@ -214,7 +214,7 @@ impl Point {
                 let margin = 1e-3 * (upper - lower).min(coordinate.scale);
                 let value = if as_declared && is_bent(coordinate) { 0.0 } else { coordinate.value };
                 coordinate.value = value.clamp(lower + margin, upper - margin);
-                hypothesis.set(coordinate.place, coordinate.value);
+                hypothesis.set(coordinate.id, coordinate.value);
             }
             Point::at(hypothesis, coordinates, &Driven::default(), problem)
         };
@@ -248,14 +248,14 @@ impl Point {
 
     /// Coordinates at a bound with an error that pulls outwards.
     fn held(&self, gradient: &DVector<f64>) -> Vec<bool> {
-        let outwards = |coordinate: &Coordinate, slope: f64| {
-            (coordinate.value <= coordinate.bounds.0 && slope > 0.0)
-                || (coordinate.value >= coordinate.bounds.1 && slope < 0.0)
+        let outwards = |coordinate: &FreeParameter, gradient: f64| {
+            (coordinate.value <= coordinate.bounds.0 && gradient > 0.0)
+                || (coordinate.value >= coordinate.bounds.1 && gradient < 0.0)
         };
         self.coordinates
             .iter()
             .zip(gradient.iter())
-            .map(|(coordinate, slope)| outwards(coordinate, *slope))
+            .map(|(coordinate, gradient)| outwards(coordinate, *gradient))
             .collect()
     }
 
@@ -265,7 +265,7 @@ impl Point {
         for (coordinate, step) in coordinates.iter_mut().zip(step.iter()) {
             let (lower, upper) = coordinate.bounds;
             coordinate.value = (coordinate.value + step * coordinate.scale).clamp(lower, upper);
-            hypothesis.set(coordinate.place, coordinate.value);
+            hypothesis.set(coordinate.id, coordinate.value);
         }
         Point::at(hypothesis, coordinates, &self.driven, problem)
     }
@@ -334,12 +334,12 @@ impl Point {
     /// derivatives must be those of this very point.
     fn better(
         &self,
-        slopes: &Slopes,
+        sensitivities: &Sensitivities,
         damping: &mut f64,
         bends: bool,
         problem: Problem,
     ) -> Option<Point> {
-        let Slopes { jacobian, normal } = slopes;
+        let Sensitivities { jacobian, normal } = sensitivities;
         let gradient = jacobian.tr_mul(&self.residual);
         let held = self.held(&gradient);
         let least = LEAST_CURVATURE * normal.diagonal().max();
@@ -382,14 +382,14 @@ impl Point {
 }
 
 /// Derivatives of the residual, and J^T J.
-struct Slopes {
+struct Sensitivities {
     jacobian: DMatrix<f64>,
     normal: DMatrix<f64>,
 }
 
-impl Slopes {
-    fn of(jacobian: DMatrix<f64>) -> Slopes {
-        Slopes { normal: normal_of(&jacobian), jacobian }
+impl Sensitivities {
+    fn of(jacobian: DMatrix<f64>) -> Sensitivities {
+        Sensitivities { normal: normal_of(&jacobian), jacobian }
     }
 
     /// As a step has shown the residual to change along its way, with what that was other than
@@ -407,7 +407,7 @@ impl Slopes {
 /// A fit on its way.
 struct Descent<'a> {
     problem: Problem<'a>,
-    effort: Effort,
+    effort: FitBudget,
     point: Point,
     damping: f64,
     /// How often the derivatives were taken, and how far the squares have fallen along the last
@@ -422,7 +422,7 @@ impl<'a> Descent<'a> {
         start: &Hypothesis,
         measured: &'a Measured,
         sides: Sides,
-        effort: Effort,
+        effort: FitBudget,
     ) -> Result<Descent<'a>, ModelError> {
         let problem = Problem { measured, sides, noise: start.floor(measured).carriage };
         let point = Point::inside(start, problem)?;
@@ -433,12 +433,13 @@ impl<'a> Descent<'a> {
     /// Takes the derivatives and goes as far as they lead.
     fn advance(&mut self) -> Result<(), ModelError> {
         let began = self.point.squares;
-        let mut slopes = Slopes::of(self.point.derivatives(self.problem)?);
+        let mut sensitivities = Sensitivities::of(self.point.derivatives(self.problem)?);
         self.taken += 1;
         for age in 0.. {
             let bends = age == 0 && self.taken > IN_A_VALLEY;
             let undamped = self.damping;
-            let Some(next) = self.point.better(&slopes, &mut self.damping, bends, self.problem)
+            let Some(next) =
+                self.point.better(&sensitivities, &mut self.damping, bends, self.problem)
             else {
                 // Not even along the derivatives of this very point.
                 self.ended |= age == 0;
@@ -452,12 +453,12 @@ impl<'a> Descent<'a> {
                 break;
             }
             let way = before.way_to(&self.point);
-            let expected = &slopes.jacobian * &way;
+            let expected = &sensitivities.jacobian * &way;
             let promised = before.squares - (&before.residual + &expected).norm_squared();
             if age == OLDEST || fall <= TRUSTED * promised {
                 break;
             }
-            slopes.learn(&way, &((&self.point.residual - before.residual) - expected));
+            sensitivities.learn(&way, &((&self.point.residual - before.residual) - expected));
         }
         self.fallen = began - self.point.squares;
         self.ended |= self.taken >= self.effort.derivatives;
@@ -471,7 +472,7 @@ impl<'a> Descent<'a> {
 
     fn fitted(self) -> Fitted {
         let Point { hypothesis, coordinates, missing, .. } = self.point;
-        let is_at_bound = |c: &Coordinate| {
+        let is_at_bound = |c: &FreeParameter| {
             let margin = 1e-6 * c.scale;
             c.value <= c.bounds.0 + margin || c.value >= c.bounds.1 - margin
         };
@@ -485,7 +486,7 @@ pub fn fit(
     start: &Hypothesis,
     measured: &Measured,
     sides: Sides,
-    effort: Effort,
+    effort: FitBudget,
 ) -> Result<Fitted, ModelError> {
     race(slice::from_ref(start), measured, sides, effort, 1.0).remove(0)
 }
@@ -496,7 +497,7 @@ pub fn race(
     starts: &[Hypothesis],
     measured: &Measured,
     sides: Sides,
-    effort: Effort,
+    effort: FitBudget,
     within: f64,
 ) -> Vec<Result<Fitted, ModelError>> {
     let mut fits: Vec<_> =
@@ -521,7 +522,7 @@ pub fn race(
 mod tests {
     use super::*;
     use crate::closed_loop::tests::recording;
-    use crate::hypothesis::nominal_parameter::Declared;
+    use crate::hypothesis::nominal_parameter::NominalParameter;
     use crate::hypothesis::{Part, Tolerances};
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
@@ -545,8 +546,8 @@ mod tests {
     }
 
     fn point_between(bounds: [(f64, f64); 3]) -> Point {
-        let coordinate = |bounds| Coordinate {
-            place: Place::Effect { effect: 0, value: 0 },
+        let coordinate = |bounds| FreeParameter {
+            id: ParameterId::Effect { effect: 0, value: 0 },
             value: 0.0,
             scale: 0.5,
             bounds,
@@ -592,10 +593,10 @@ mod tests {
     /// Coulomb friction on its bound, of guides that have as much or what is declared.
     #[test]
     fn what_was_bent_to_its_bound_begins_as_declared_if_that_is_nearer() {
-        let place = Place::Declared(Declared::CoulombForce);
+        let place = ParameterId::Nominal(NominalParameter::CoulombForce);
         let bound = |hypothesis: &Hypothesis| {
             let coordinates = hypothesis.coordinates(Sides::BOTH, true);
-            coordinates.into_iter().find(|one| one.place == place).expect("a coordinate").bounds.1
+            coordinates.into_iter().find(|one| one.id == place).expect("a coordinate").bounds.1
         };
         let mut bent = declared();
         bent.set(place, bound(&bent));
@@ -605,8 +606,7 @@ mod tests {
                     .unwrap();
             let problem = Problem { measured: &measured, sides: Sides::BOTH, noise: 0.0 };
             let point = Point::inside(&bent, problem).unwrap();
-            let began =
-                point.coordinates.iter().find(|one| one.place == place).expect("a coordinate");
+            let began = point.coordinates.iter().find(|one| one.id == place).expect("a coordinate");
             // A little inside.
             assert!((began.value - expected).abs() < 1e-3, "{} of {expected}", began.value);
             assert!(began.value < began.bounds.1);
@@ -615,16 +615,16 @@ mod tests {
 
     #[test]
     fn what_a_step_teaches_the_slopes_is_in_both_of_them() {
-        let mut slopes = Slopes::of(DMatrix::from_fn(9, 3, |row, column| {
+        let mut sensitivities = Sensitivities::of(DMatrix::from_fn(9, 3, |row, column| {
             f64::from((3 * row + 5 * column) as u8 % 7)
         }));
         let way = DVector::from_column_slice(&[0.5, -1.0, 2.0]);
         let surprise = DVector::from_fn(9, |row, _| (row as f64).sin());
-        let expected = &slopes.jacobian * &way + &surprise;
-        slopes.learn(&way, &surprise);
-        assert!((&slopes.jacobian * &way - expected).norm() < 1e-12);
-        let normal = slopes.jacobian.transpose() * &slopes.jacobian;
-        assert!((&slopes.normal - &normal).norm() < 1e-12 * normal.norm());
+        let expected = &sensitivities.jacobian * &way + &surprise;
+        sensitivities.learn(&way, &surprise);
+        assert!((&sensitivities.jacobian * &way - expected).norm() < 1e-12);
+        let normal = sensitivities.jacobian.transpose() * &sensitivities.jacobian;
+        assert!((&sensitivities.normal - &normal).norm() < 1e-12 * normal.norm());
     }
 
     /// Side by side with one that lacks a force of 5 N, which gives up, and with one that has it
@@ -642,8 +642,8 @@ mod tests {
         let starts = [declared(), declared().with(push(1.0)), declared().with(push(8.0))];
         let alone = starts
             .each_ref()
-            .map(|start| fit(start, &measured, Sides::BOTH, Effort::KEPT).unwrap());
-        let raced: Vec<Fitted> = race(&starts, &measured, Sides::BOTH, Effort::KEPT, 1.0)
+            .map(|start| fit(start, &measured, Sides::BOTH, FitBudget::KEPT).unwrap());
+        let raced: Vec<Fitted> = race(&starts, &measured, Sides::BOTH, FitBudget::KEPT, 1.0)
             .into_iter()
             .flatten()
             .collect();
@@ -656,7 +656,7 @@ mod tests {
         );
         assert!(raced[0].squares() > 10.0 * raced[best].squares());
         assert!(raced.iter().zip(&alone).all(|(raced, alone)| raced.squares() >= alone.squares()));
-        let without_a_limit = race(&starts, &measured, Sides::BOTH, Effort::KEPT, f64::INFINITY);
+        let without_a_limit = race(&starts, &measured, Sides::BOTH, FitBudget::KEPT, f64::INFINITY);
         let squares: Vec<f64> = without_a_limit.iter().flatten().map(Fitted::squares).collect();
         assert_eq!(squares, alone.each_ref().map(Fitted::squares));
     }
@@ -668,8 +668,8 @@ mod tests {
         let start = declared().with(cogging(4.25e-3));
         let squares = |effort| fit(&start, &measured, Sides::BOTH, effort).unwrap().squares();
         let (to_its_end, at_once) =
-            (squares(Effort::KEPT), squares(Effort::KEPT.ending_below(f64::INFINITY)));
-        let between = squares(Effort::KEPT.ending_below(1e-3 * to_its_end));
+            (squares(FitBudget::KEPT), squares(FitBudget::KEPT.ending_below(f64::INFINITY)));
+        let between = squares(FitBudget::KEPT.ending_below(1e-3 * to_its_end));
         assert!(at_once > 1.1 * to_its_end, "{at_once} N^2, {to_its_end} N^2");
         assert!((between / to_its_end - 1.0).abs() < 0.01, "{between} N^2, {to_its_end} N^2");
     }
@@ -682,9 +682,13 @@ mod tests {
         for period in [4.3e-3, 4.32e-3, 4.34e-3, 4.35e-3, 4.38e-3] {
             let start = declared().with(cogging(period));
             let squares = |effort| fit(&start, &measured, Sides::BOTH, effort).unwrap().squares();
-            let to_its_end = squares(Effort::KEPT);
+            let to_its_end = squares(FitBudget::KEPT);
             assert!(to_its_end < 3.0, "{period}: {to_its_end} N^2");
-            assert_eq!(squares(Effort::KEPT.worth_below(1.5 * to_its_end)), to_its_end, "{period}");
+            assert_eq!(
+                squares(FitBudget::KEPT.gain_below(1.5 * to_its_end)),
+                to_its_end,
+                "{period}"
+            );
         }
     }
 
@@ -701,14 +705,14 @@ mod tests {
             Measured::new(&recording(&real, 3, 0.0, 4), &StageModel::default(), "the record")
                 .unwrap()
         };
-        let to_its_end = fit(&declared(), &measured, Sides::BOTH, Effort::KEPT).unwrap();
+        let to_its_end = fit(&declared(), &measured, Sides::BOTH, FitBudget::KEPT).unwrap();
         let given_up =
-            fit(&declared(), &measured, Sides::BOTH, Effort::KEPT.worth_below(0.0)).unwrap();
+            fit(&declared(), &measured, Sides::BOTH, FitBudget::KEPT.gain_below(0.0)).unwrap();
         assert!(
             given_up.squares() >= to_its_end.squares()
                 && given_up.squares() < 2.0 * to_its_end.squares()
         );
-        let reachable = Effort::KEPT.worth_below(2.0 * to_its_end.squares());
+        let reachable = FitBudget::KEPT.gain_below(2.0 * to_its_end.squares());
         assert_eq!(
             fit(&declared(), &measured, Sides::BOTH, reachable).unwrap().squares(),
             to_its_end.squares()

@@ -4,9 +4,9 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::fit::guide_sensitivities::guide_slopes;
-use crate::fit::knot_sensitivities::knot_slopes;
-use crate::hypothesis::{Coordinate, Hypothesis, Missing, Place, Sides};
+use crate::fit::guide_sensitivities::guide_sensitivities;
+use crate::fit::knot_sensitivities::knot_sensitivities;
+use crate::hypothesis::{FreeParameter, Hypothesis, Missing, ParameterId, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
 use friction_stage_core::model::ModelError;
@@ -21,7 +21,11 @@ const BLOCK: usize = 256;
 /// declared value: a row of one standard deviation of the noise per standard deviation of the
 /// tolerance, taken as a uniform distribution. It decides only where the data do not: a payload
 /// against the mass itself, a difference between guides that no motion shows.
-pub(crate) fn stacked(missing: &Missing, coordinates: &[Coordinate], noise: f64) -> DVector<f64> {
+pub(crate) fn stacked(
+    missing: &Missing,
+    coordinates: &[FreeParameter],
+    noise: f64,
+) -> DVector<f64> {
     let declared = coordinates
         .iter()
         .map(|coordinate| expectation(coordinate, noise) * coordinate.value / coordinate.scale);
@@ -33,15 +37,15 @@ pub(crate) fn stacked(missing: &Missing, coordinates: &[Coordinate], noise: f64)
 
 /// Weight of a declared parameter's distance from its declared value, N per scale; 0 for what
 /// nobody declared.
-fn expectation(coordinate: &Coordinate, noise: f64) -> f64 {
-    match coordinate.place {
-        Place::Declared(_) | Place::Spread { .. } => 3f64.sqrt() * noise,
-        Place::Effect { .. } => 0.0,
+fn expectation(coordinate: &FreeParameter, noise: f64) -> f64 {
+    match coordinate.id {
+        ParameterId::Nominal(_) | ParameterId::Spread { .. } => 3f64.sqrt() * noise,
+        ParameterId::Effect { .. } => 0.0,
     }
 }
 
 /// Step of a difference quotient, backward at the upper bound.
-pub(crate) fn step_of(coordinate: &Coordinate) -> f64 {
+pub(crate) fn step_of(coordinate: &FreeParameter) -> f64 {
     let step = DIFFERENCE * coordinate.scale;
     if coordinate.value + step > coordinate.bounds.1 { -step } else { step }
 }
@@ -49,23 +53,23 @@ pub(crate) fn step_of(coordinate: &Coordinate) -> f64 {
 /// Derivatives of the residual by the scaled coordinates, by difference quotients.
 pub(crate) fn derivatives(
     hypothesis: &Hypothesis,
-    coordinates: &[Coordinate],
+    coordinates: &[FreeParameter],
     driven: &Driven,
     measured: &Measured,
     sides: Sides,
     residual: &DVector<f64>,
     noise: f64,
 ) -> Result<DMatrix<f64>, ModelError> {
-    let mut of_carriage = knot_slopes(hypothesis, coordinates, driven, measured);
+    let mut of_carriage = knot_sensitivities(hypothesis, coordinates, driven, measured);
     let (of_guides, others): (Vec<usize>, Vec<usize>) = (0..coordinates.len())
         .filter(|index| !of_carriage.contains_key(index))
-        .partition(|index| coordinates[*index].place.of_bristles().is_some());
+        .partition(|index| coordinates[*index].id.of_bristles().is_some());
     let column = |index: usize| -> Result<DVector<f64>, ModelError> {
         let coordinate = &coordinates[index];
         let step = step_of(coordinate);
         let quotient = |step: f64| -> Result<DVector<f64>, ModelError> {
             let mut moved = hypothesis.clone();
-            moved.set(coordinate.place, coordinate.value + step);
+            moved.set(coordinate.id, coordinate.value + step);
             let mut there = coordinates.to_vec();
             there[index].value += step;
             let missing =
@@ -78,7 +82,7 @@ pub(crate) fn derivatives(
             .unwrap_or_else(|_| DVector::zeros(residual.len())))
     };
     let (of_guides, others) = rayon::join(
-        || guide_slopes(hypothesis, coordinates, &of_guides, driven, measured),
+        || guide_sensitivities(hypothesis, coordinates, &of_guides, driven, measured),
         || {
             others
                 .par_iter()
@@ -171,7 +175,7 @@ mod tests {
             let residual_at = |index: usize, step: f64| {
                 let (mut moved, mut there) = (start.clone(), coordinates.clone());
                 there[index].value += step * there[index].scale;
-                moved.set(there[index].place, there[index].value);
+                moved.set(there[index].id, there[index].value);
                 stacked(&moved.missing(&measured, Sides::BOTH).unwrap(), &there, 0.05)
             };
             let here = residual_at(0, 0.0);
@@ -185,7 +189,7 @@ mod tests {
                 assert!(
                     off < 1e-2,
                     "{laws:?}, {:?}: {off:e} of {}",
-                    coordinate.place,
+                    coordinate.id,
                     expected.norm()
                 );
             }

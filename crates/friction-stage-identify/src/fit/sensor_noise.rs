@@ -145,7 +145,9 @@ pub(crate) fn widened(mut estimate: Estimate, measured: &Measured) -> Result<Est
 mod tests {
     use super::*;
     use crate::closed_loop::tests::recording;
-    use crate::{Coordinate, Declared, Effort, Hypothesis, Place, Tolerances, fit};
+    use crate::{
+        FitBudget, FreeParameter, Hypothesis, NominalParameter, ParameterId, Tolerances, fit,
+    };
     use friction_stage_core::model::StageModel;
     use friction_stage_core::numerics::TWO_SIDED_95;
 
@@ -161,11 +163,11 @@ mod tests {
             let measured =
                 Measured::new(&recording(&model, seed, 0.0, 6), &model, "noisy").unwrap();
             let hypothesis = Hypothesis::new(&model, Tolerances::default()).unwrap();
-            let fitted = fit(&hypothesis, &measured, Sides::BOTH, Effort::KEPT).unwrap();
+            let fitted = fit(&hypothesis, &measured, Sides::BOTH, FitBudget::KEPT).unwrap();
             let estimate = fitted.estimate(&measured, Sides::BOTH).unwrap();
             let widened = widened(estimate.clone(), &measured).unwrap();
             let of_static_force =
-                |one: &Coordinate| one.place == Place::Declared(Declared::StaticForce);
+                |one: &FreeParameter| one.id == ParameterId::Nominal(NominalParameter::StaticForce);
             let index = estimate.fitted.coordinates.iter().position(of_static_force).unwrap();
             // What is declared is true: nothing has to move.
             let off = estimate.fitted.coordinates[index].value / f64::from(records).sqrt();
@@ -182,7 +184,7 @@ mod tests {
         let model = StageModel::default().without_noise();
         let measured = Measured::new(&recording(&model, 3, 0.0, 4), &model, "exact").unwrap();
         let hypothesis = Hypothesis::new(&model, Tolerances::default()).unwrap();
-        let fitted = fit(&hypothesis, &measured, Sides::BOTH, Effort::COMPARED).unwrap();
+        let fitted = fit(&hypothesis, &measured, Sides::BOTH, FitBudget::COMPARED).unwrap();
         let estimate = fitted.estimate(&measured, Sides::BOTH).unwrap();
         let widened = widened(estimate.clone(), &measured).unwrap();
         assert_eq!(widened.deviations, estimate.deviations);

@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use crate::fit::objective::normal_of;
-use crate::hypothesis::{Coordinate, Missing, Place};
+use crate::hypothesis::{FreeParameter, Missing, ParameterId};
 
 /// Eigenvalue of the normal matrix with columns of length 1 below which the data say nothing about
 /// a direction: derivatives by differences are no better than that.
@@ -36,7 +36,7 @@ pub(crate) fn uncertainty(
     jacobian: &DMatrix<f64>,
     residual: &DVector<f64>,
     missing: &Missing,
-    coordinates: &[Coordinate],
+    coordinates: &[FreeParameter],
     at_bound: &[bool],
     noise: f64,
 ) -> (Vec<f64>, Vec<Vec<f64>>) {
@@ -47,7 +47,7 @@ pub(crate) fn uncertainty(
     // about the others.
     let most = jacobian.column_iter().map(|column| column.norm()).fold(0.0, f64::max);
     let is_held =
-        |index: usize| at_bound[index] && !matches!(coordinates[index].place, Place::Declared(_));
+        |index: usize| at_bound[index] && !matches!(coordinates[index].id, ParameterId::Nominal(_));
     let free: Vec<usize> = (0..count)
         .filter(|index| !is_held(*index) && jacobian.column(*index).norm() > 1e-9 * most)
         .collect();
@@ -64,17 +64,17 @@ pub(crate) fn uncertainty(
     let mut from = 0;
     for side in [&missing.motor, &missing.carriage] {
         let rows = side.len();
-        let slopes = columns.rows(from, rows);
+        let sensitivities = columns.rows(from, rows);
         if rows > 0 {
             let variance = side.iter().map(|left| left * left).sum::<f64>() / rows as f64
                 * correlation_length(side);
-            as_noise += slopes.tr_mul(&slopes) * variance;
-            as_noise += gradient_of_walk(slopes, walk(side));
+            as_noise += sensitivities.tr_mul(&sensitivities) * variance;
+            as_noise += gradient_of_walk(sensitivities, walk(side));
             for (piece, (normal, gradient)) in pieces.iter_mut().enumerate() {
                 let (start, end) = (piece * rows / PIECES, (piece + 1) * rows / PIECES);
-                let slopes = slopes.rows(start, end - start);
-                *normal += slopes.tr_mul(&slopes);
-                *gradient += slopes.tr_mul(&residual.rows(from + start, end - start));
+                let sensitivities = sensitivities.rows(start, end - start);
+                *normal += sensitivities.tr_mul(&sensitivities);
+                *gradient += sensitivities.tr_mul(&residual.rows(from + start, end - start));
             }
         }
         from += rows;
@@ -157,15 +157,18 @@ fn walk(residual: &[f64]) -> f64 {
 
 /// Covariance of the gradient by a residual that walks by this variance from row to row: a step of
 /// it is in all rows behind.
-fn gradient_of_walk(slopes: DMatrixView<f64>, variance: f64) -> DMatrix<f64> {
-    let count = slopes.ncols();
+fn gradient_of_walk(sensitivities: DMatrixView<f64>, variance: f64) -> DMatrix<f64> {
+    let count = sensitivities.ncols();
     let mut sum = DMatrix::zeros(count, count);
     if variance <= 0.0 {
         return sum;
     }
     let mut behind = DVector::zeros(count);
-    for row in (0..slopes.nrows()).rev() {
-        behind.iter_mut().zip(slopes.row(row).iter()).for_each(|(sum, slope)| *sum += slope);
+    for row in (0..sensitivities.nrows()).rev() {
+        behind
+            .iter_mut()
+            .zip(sensitivities.row(row).iter())
+            .for_each(|(sum, sensitivity)| *sum += sensitivity);
         sum.ger(variance, &behind, &behind, 1.0);
     }
     sum
@@ -215,7 +218,7 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
-    use crate::Declared;
+    use crate::NominalParameter;
 
     #[test]
     fn two_coordinates_that_do_the_same_are_unknown_and_the_third_is_known() {
@@ -277,10 +280,11 @@ mod tests {
     fn what_is_declared_may_be_off_its_bound() {
         let rows = 400;
         let noise = wandering(0.0, 1)[..rows].to_vec();
-        let coordinate = |place| Coordinate { place, value: 1.0, scale: 1.0, bounds: (-1.0, 1.0) };
-        let effect = |value| Place::Effect { effect: 0, value };
+        let coordinate =
+            |place| FreeParameter { id: place, value: 1.0, scale: 1.0, bounds: (-1.0, 1.0) };
+        let effect = |value| ParameterId::Effect { effect: 0, value };
         for (place, weight, expected) in [
-            (Place::Declared(Declared::SensorShift), 3f64.sqrt(), 3f64.sqrt().recip()),
+            (ParameterId::Nominal(NominalParameter::SensorShift), 3f64.sqrt(), 3f64.sqrt().recip()),
             (effect(1), 0.0, 0.05),
         ] {
             let jacobian = DMatrix::from_fn(rows + 2, 2, |row, column| match (row, column) {

@@ -13,7 +13,7 @@ use friction_stage_core::model::{
 use friction_stage_core::plant::effects::heights;
 use friction_stage_core::plant::{Drive, EffectDescriptor, Side, SlippingRipple};
 
-use crate::hypothesis::nominal_parameter::Declared;
+use crate::hypothesis::nominal_parameter::NominalParameter;
 use crate::record::measured::{Floor, Measured, mean_square};
 use crate::residual::driven::{self, Driven};
 use crate::residual::slipping::Slipping;
@@ -45,11 +45,11 @@ const SHIFT_LIMIT: f64 = 0.05;
 
 /// Declared parameters in which the guides may differ from each other with an effect on the
 /// friction of all. Viscous friction adds up to one number.
-pub(crate) const SPREAD: [Declared; 4] = [
-    Declared::Stiffness,
-    Declared::CoulombForce,
-    Declared::StaticForce,
-    Declared::StribeckVelocity,
+pub(crate) const SPREAD: [NominalParameter; 4] = [
+    NominalParameter::Stiffness,
+    NominalParameter::CoulombForce,
+    NominalParameter::StaticForce,
+    NominalParameter::StribeckVelocity,
 ];
 /// Contrasts between guides: guide i differs from the mean in contrast j by the entry (j, i).
 /// Helmert's, of at most 1.
@@ -118,15 +118,15 @@ impl Part {
     }
 
     /// The heights of a curve that is the effect of this index; nothing of a law.
-    fn heights(&self, effect: usize) -> Vec<Coordinate> {
+    fn heights(&self, effect: usize) -> Vec<FreeParameter> {
         let Some(curve) = self.parameters().curve else { return Vec::new() };
         let (scale, bounds) = if curve.side.is_of_friction() {
             (0.1, (NO_FRICTION, 1e6))
         } else {
             (1.0, (-1e6, 1e6))
         };
-        let height = |value: usize| Coordinate {
-            place: Place::Effect { effect, value },
+        let height = |value: usize| FreeParameter {
+            id: ParameterId::Effect { effect, value },
             value: self.values[value],
             scale,
             bounds,
@@ -148,7 +148,7 @@ pub struct Hypothesis {
     tolerances: Tolerances,
     /// Logarithms of the factors on mass and the six LuGre parameters (of all guides alike), then
     /// the shift of the sensors in samples.
-    moved: [f64; Declared::ALL.len()],
+    moved: [f64; NominalParameter::ALL.len()],
     /// Differences between the guides in the parameters of `SPREAD`: logarithms of factors, per
     /// contrast.
     spread: [[f64; MAX_GUIDES - 1]; SPREAD.len()],
@@ -161,16 +161,16 @@ pub struct Hypothesis {
 
 /// One number that a fit may change.
 #[derive(Clone, Debug)]
-pub struct Coordinate {
-    pub place: Place,
+pub struct FreeParameter {
+    pub id: ParameterId,
     pub value: f64,
     pub scale: f64,
     pub bounds: (f64, f64),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
-    Declared(Declared),
+pub enum ParameterId {
+    Nominal(NominalParameter),
     /// Difference between guides: index in `SPREAD`, contrast.
     Spread {
         parameter: usize,
@@ -182,15 +182,15 @@ pub enum Place {
     },
 }
 
-impl Place {
+impl ParameterId {
     /// The parameter of the bristles that it moves, of all guides or between them.
-    pub(crate) fn of_bristles(self) -> Option<Declared> {
+    pub(crate) fn of_bristles(self) -> Option<NominalParameter> {
         match self {
-            Place::Declared(declared) => (SPREAD.contains(&declared)
-                || declared == Declared::BristleDamping)
+            ParameterId::Nominal(declared) => (SPREAD.contains(&declared)
+                || declared == NominalParameter::BristleDamping)
                 .then_some(declared),
-            Place::Spread { parameter, .. } => Some(SPREAD[parameter]),
-            Place::Effect { .. } => None,
+            ParameterId::Spread { parameter, .. } => Some(SPREAD[parameter]),
+            ParameterId::Effect { .. } => None,
         }
     }
 }
@@ -246,7 +246,7 @@ impl Hypothesis {
             declared: declared.clone(),
             guides: declared.resolved_guides()?,
             tolerances,
-            moved: [0.0; Declared::ALL.len()],
+            moved: [0.0; NominalParameter::ALL.len()],
             spread: [[0.0; MAX_GUIDES - 1]; SPREAD.len()],
             guides_differ: false,
             curves_bend: false,
@@ -422,12 +422,12 @@ impl Hypothesis {
         measured.declared_floor(&self.declared)
     }
 
-    fn moved(&self, declared: Declared) -> f64 {
+    fn moved(&self, declared: NominalParameter) -> f64 {
         self.moved[declared as usize]
     }
 
     pub fn mass(&self) -> f64 {
-        self.declared.mass * self.moved(Declared::Mass).exp()
+        self.declared.mass * self.moved(NominalParameter::Mass).exp()
     }
 
     /// A start for a fit that makes the guides different from each other, whatever the differences
@@ -465,8 +465,8 @@ impl Hypothesis {
 
     /// The guides as moved; static friction never below Coulomb friction.
     pub fn guides(&self) -> Vec<Guide> {
-        let damping = self.moved(Declared::BristleDamping).exp();
-        let viscous = self.moved(Declared::ViscousFriction).exp();
+        let damping = self.moved(NominalParameter::BristleDamping).exp();
+        let viscous = self.moved(NominalParameter::ViscousFriction).exp();
         let factor = |parameter: usize, guide: usize| {
             let differs: f64 = self.spread[parameter]
                 .iter()
@@ -507,42 +507,44 @@ impl Hypothesis {
 
     /// A declared parameter in its unit, of the guides their mean; `rate` is that of the samples,
     /// Hz.
-    pub fn declared_value(&self, declared: Declared, rate: f64) -> f64 {
+    pub fn declared_value(&self, declared: NominalParameter, rate: f64) -> f64 {
         let guides = self.guides();
         let mean = |value: &dyn Fn(&Guide) -> f64| {
             guides.iter().map(value).sum::<f64>() / guides.len() as f64
         };
         match declared {
-            Declared::Mass => self.mass(),
-            Declared::Stiffness => mean(&|guide| guide.stiffness),
-            Declared::BristleDamping => mean(&|guide| guide.bristle_damping),
-            Declared::ViscousFriction => mean(&|guide| guide.viscous_friction),
-            Declared::CoulombForce => mean(&|guide| guide.coulomb_force),
-            Declared::StaticForce => mean(&|guide| guide.static_force),
-            Declared::StribeckVelocity => mean(&|guide| guide.stribeck_velocity),
-            Declared::SensorShift => self.moved(declared) / rate,
+            NominalParameter::Mass => self.mass(),
+            NominalParameter::Stiffness => mean(&|guide| guide.stiffness),
+            NominalParameter::BristleDamping => mean(&|guide| guide.bristle_damping),
+            NominalParameter::ViscousFriction => mean(&|guide| guide.viscous_friction),
+            NominalParameter::CoulombForce => mean(&|guide| guide.coulomb_force),
+            NominalParameter::StaticForce => mean(&|guide| guide.static_force),
+            NominalParameter::StribeckVelocity => mean(&|guide| guide.stribeck_velocity),
+            NominalParameter::SensorShift => self.moved(declared) / rate,
         }
     }
 
     /// Everything that a fit on these sides may move.
-    pub fn coordinates(&self, sides: Sides, has_cell: bool) -> Vec<Coordinate> {
+    pub fn coordinates(&self, sides: Sides, has_cell: bool) -> Vec<FreeParameter> {
         let mut coordinates = Vec::new();
         if sides.carriage {
-            for declared in Declared::ALL {
+            for declared in NominalParameter::ALL {
                 // Without a cell there is no second clock: what the motion is late by is a lag of
                 // the motor.
-                if declared == Declared::SensorShift && !has_cell {
+                if declared == NominalParameter::SensorShift && !has_cell {
                     continue;
                 }
                 let limit = match declared {
-                    Declared::Mass => self.tolerances.mass,
-                    Declared::SensorShift => SHIFT_LIMIT,
-                    Declared::ViscousFriction | Declared::CoulombForce => self.tolerances.guides,
+                    NominalParameter::Mass => self.tolerances.mass,
+                    NominalParameter::SensorShift => SHIFT_LIMIT,
+                    NominalParameter::ViscousFriction | NominalParameter::CoulombForce => {
+                        self.tolerances.guides
+                    }
                     _ => self.tolerances.presliding,
                 };
                 let lower = if limit < 1.0 { (1.0 - limit).ln() } else { -(1.0 + limit).ln() };
-                coordinates.push(Coordinate {
-                    place: Place::Declared(declared),
+                coordinates.push(FreeParameter {
+                    id: ParameterId::Nominal(declared),
                     value: self.moved(declared),
                     scale: limit,
                     bounds: if declared.is_factor() {
@@ -559,8 +561,8 @@ impl Hypothesis {
                 for (contrast, value) in
                     spread.iter().enumerate().take(self.guides.len().saturating_sub(1))
                 {
-                    coordinates.push(Coordinate {
-                        place: Place::Spread { parameter, contrast },
+                    coordinates.push(FreeParameter {
+                        id: ParameterId::Spread { parameter, contrast },
                         value: *value,
                         scale: limit,
                         bounds: ((1.0 - limit).ln(), (1.0 + limit).ln()),
@@ -585,8 +587,8 @@ impl Hypothesis {
             // squares.
             for (value, parameter) in part.descriptor.parameters.iter().enumerate() {
                 if (part.descriptor.free)(&part.values, value) {
-                    coordinates.push(Coordinate {
-                        place: Place::Effect { effect, value },
+                    coordinates.push(FreeParameter {
+                        id: ParameterId::Effect { effect, value },
                         value: part.values[value],
                         scale: parameter.scale,
                         bounds: parameter.bounds,
@@ -597,11 +599,13 @@ impl Hypothesis {
         coordinates
     }
 
-    pub fn set(&mut self, place: Place, value: f64) {
-        match place {
-            Place::Declared(declared) => self.moved[declared as usize] = value,
-            Place::Spread { parameter, contrast } => self.spread[parameter][contrast] = value,
-            Place::Effect { effect, value: index } => self.effects[effect].values[index] = value,
+    pub fn set(&mut self, id: ParameterId, value: f64) {
+        match id {
+            ParameterId::Nominal(declared) => self.moved[declared as usize] = value,
+            ParameterId::Spread { parameter, contrast } => self.spread[parameter][contrast] = value,
+            ParameterId::Effect { effect, value: index } => {
+                self.effects[effect].values[index] = value
+            }
         }
     }
 
@@ -655,7 +659,8 @@ impl Hypothesis {
             let mut left: Vec<f64> = (0..count)
                 .map(|k| {
                     (mass + driven.added_mass(k))
-                        * (measured.acceleration[k] - driven.feigned_acceleration(k, measured.rate))
+                        * (measured.acceleration[k]
+                            - driven.apparent_acceleration(k, measured.rate))
                 })
                 .collect();
             let mut take = |forces: &[f64], sign: f64| {
@@ -663,7 +668,7 @@ impl Hypothesis {
             };
             driven.friction().for_each(|(part, factor)| take(part, factor));
             on(Side::Carriage).for_each(|force| take(&force.at_nodes, -1.0));
-            let shift = 0.5 * self.moved(Declared::SensorShift);
+            let shift = 0.5 * self.moved(NominalParameter::SensorShift);
             missing.carriage = (0..count)
                 .map(|k| {
                     if k == 0 || k + 1 == count {

@@ -3,7 +3,7 @@
 
 /// A declared parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Declared {
+pub enum NominalParameter {
     Mass,
     Stiffness,
     BristleDamping,
@@ -15,53 +15,53 @@ pub enum Declared {
     SensorShift,
 }
 
-impl Declared {
-    pub const ALL: [Declared; 8] = [
-        Declared::Mass,
-        Declared::Stiffness,
-        Declared::BristleDamping,
-        Declared::ViscousFriction,
-        Declared::CoulombForce,
-        Declared::StaticForce,
-        Declared::StribeckVelocity,
-        Declared::SensorShift,
+impl NominalParameter {
+    pub const ALL: [NominalParameter; 8] = [
+        NominalParameter::Mass,
+        NominalParameter::Stiffness,
+        NominalParameter::BristleDamping,
+        NominalParameter::ViscousFriction,
+        NominalParameter::CoulombForce,
+        NominalParameter::StaticForce,
+        NominalParameter::StribeckVelocity,
+        NominalParameter::SensorShift,
     ];
     /// Those of a guide that slides.
-    pub const SLIDING: [Declared; 4] = [
-        Declared::ViscousFriction,
-        Declared::CoulombForce,
-        Declared::StaticForce,
-        Declared::StribeckVelocity,
+    pub const SLIDING: [NominalParameter; 4] = [
+        NominalParameter::ViscousFriction,
+        NominalParameter::CoulombForce,
+        NominalParameter::StaticForce,
+        NominalParameter::StribeckVelocity,
     ];
 
     /// As in a model file.
     pub fn name(self) -> &'static str {
         match self {
-            Declared::Mass => "mass",
-            Declared::Stiffness => "stiffness",
-            Declared::BristleDamping => "bristle_damping",
-            Declared::ViscousFriction => "viscous_friction",
-            Declared::CoulombForce => "coulomb_force",
-            Declared::StaticForce => "static_force",
-            Declared::StribeckVelocity => "stribeck_velocity",
-            Declared::SensorShift => "sensor_shift",
+            NominalParameter::Mass => "mass",
+            NominalParameter::Stiffness => "stiffness",
+            NominalParameter::BristleDamping => "bristle_damping",
+            NominalParameter::ViscousFriction => "viscous_friction",
+            NominalParameter::CoulombForce => "coulomb_force",
+            NominalParameter::StaticForce => "static_force",
+            NominalParameter::StribeckVelocity => "stribeck_velocity",
+            NominalParameter::SensorShift => "sensor_shift",
         }
     }
 
     pub fn unit(self) -> &'static str {
         match self {
-            Declared::Mass => "kg",
-            Declared::Stiffness => "N/m",
-            Declared::BristleDamping | Declared::ViscousFriction => "N s/m",
-            Declared::CoulombForce | Declared::StaticForce => "N",
-            Declared::StribeckVelocity => "m/s",
-            Declared::SensorShift => "s",
+            NominalParameter::Mass => "kg",
+            NominalParameter::Stiffness => "N/m",
+            NominalParameter::BristleDamping | NominalParameter::ViscousFriction => "N s/m",
+            NominalParameter::CoulombForce | NominalParameter::StaticForce => "N",
+            NominalParameter::StribeckVelocity => "m/s",
+            NominalParameter::SensorShift => "s",
         }
     }
 
     /// Whether a fit moves it as the logarithm of a factor on the declared value; else it adds to
     /// it.
     pub fn is_factor(self) -> bool {
-        self != Declared::SensorShift
+        self != NominalParameter::SensorShift
     }
 }

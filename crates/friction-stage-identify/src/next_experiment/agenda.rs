@@ -7,7 +7,7 @@ use super::layout::Layout;
 use super::motion::{REST, Segment};
 use super::questions::{Questions, Subject, Sums};
 use super::{NextExperimentError, Separation, Sharpened, Shown};
-use crate::hypothesis::Place;
+use crate::hypothesis::ParameterId;
 use crate::record::measured::Measured;
 use crate::search::Selection;
 use friction_stage_core::numerics::TWO_SIDED_95;
@@ -239,8 +239,8 @@ impl<'a> Agenda<'a> {
         let deviations = self.questions.deviations(&self.present.plus(new));
         let sharpened = |index: &usize| {
             let one = &self.questions.alternatives[0].coordinates[*index];
-            let (name, unit) = match one.place {
-                Place::Effect { effect, value } => {
+            let (name, unit) = match one.id {
+                ParameterId::Effect { effect, value } => {
                     let descriptor =
                         self.selection.after.fitted.hypothesis.effects[effect].descriptor;
                     let parameter = descriptor.parameters.get(value);
@@ -250,8 +250,8 @@ impl<'a> Agenda<'a> {
                         parameter.map_or("", |parameter| parameter.unit),
                     )
                 }
-                Place::Declared(declared) => (declared.name().to_owned(), "1"),
-                Place::Spread { .. } => ("difference between guides".to_owned(), "1"),
+                ParameterId::Nominal(declared) => (declared.name().to_owned(), "1"),
+                ParameterId::Spread { .. } => ("difference between guides".to_owned(), "1"),
             };
             let reach = |deviation: f64| {
                 Some(TWO_SIDED_95 * deviation * one.scale).filter(|reach| reach.is_finite())

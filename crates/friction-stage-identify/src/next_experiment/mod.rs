@@ -312,7 +312,7 @@ mod tests {
     use super::motion::REST;
     use super::questions::Subject;
     use super::*;
-    use crate::fit::{Effort, fit};
+    use crate::fit::{FitBudget, fit};
     use crate::hypothesis::{Hypothesis, Part, Sides};
     use crate::search::{Inseparable, Outcome};
     use crate::{Errors, Evidence, Selection, Tolerances};
@@ -446,12 +446,12 @@ mod tests {
     ) -> Selection {
         let sides = Sides::BOTH;
         let hypothesis = Hypothesis::new(declared, tolerances).unwrap();
-        let before = fit(&hypothesis, train, sides, Effort::COMPARED).unwrap();
+        let before = fit(&hypothesis, train, sides, FitBudget::COMPARED).unwrap();
         let with = effects
             .iter()
             .fold(before.hypothesis.clone(), |hypothesis, part| hypothesis.with(part.clone()));
         let after =
-            fit(&with, train, sides, Effort::COMPARED).unwrap().estimate(train, sides).unwrap();
+            fit(&with, train, sides, FitBudget::COMPARED).unwrap().estimate(train, sides).unwrap();
         let one = |part: &Part, outcome| Evidence {
             round: 0,
             name: part.descriptor.name,

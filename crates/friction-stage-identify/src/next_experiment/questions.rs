@@ -7,8 +7,8 @@ use rayon::prelude::*;
 use super::NextExperimentError;
 use crate::fit::objective::{derivatives, stacked};
 use crate::fit::uncertainty::correlation_length;
-use crate::fit::{Effort, fit};
-use crate::hypothesis::{Coordinate, Hypothesis, Part, Place, Sides};
+use crate::fit::{FitBudget, fit};
+use crate::hypothesis::{FreeParameter, Hypothesis, ParameterId, Part, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
 use crate::search::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, SEVERAL, Selection};
@@ -56,7 +56,7 @@ pub(super) struct Sums {
     /// J'J of each alternative.
     pub(super) gram: Vec<DMatrix<f64>>,
     /// J'd and d'd of each question.
-    pub(super) slope: Vec<DVector<f64>>,
+    pub(super) gradient: Vec<DVector<f64>>,
     pub(super) square: Vec<f64>,
     pub(super) rows: usize,
 }
@@ -65,7 +65,7 @@ impl Sums {
     pub(super) fn plus(&self, other: &Sums) -> Sums {
         Sums {
             gram: self.gram.iter().zip(&other.gram).map(|(a, b)| a + b).collect(),
-            slope: self.slope.iter().zip(&other.slope).map(|(a, b)| a + b).collect(),
+            gradient: self.gradient.iter().zip(&other.gradient).map(|(a, b)| a + b).collect(),
             square: self.square.iter().zip(&other.square).map(|(a, b)| a + b).collect(),
             rows: self.rows + other.rows,
         }
@@ -75,7 +75,7 @@ impl Sums {
 /// A hypothesis that adapts itself.
 pub(super) struct Alternative {
     pub(super) hypothesis: Hypothesis,
-    pub(super) coordinates: Vec<Coordinate>,
+    pub(super) coordinates: Vec<FreeParameter>,
 }
 
 /// Whether `truth` could be mistaken for an alternative.
@@ -125,7 +125,8 @@ impl Questions {
                 let name = part.descriptor.name;
                 // A rival whose values do not go together with the rest is none.
                 let fitted =
-                    fit(&after.without(effect).with(part), train, sides, Effort::COMPARED).ok()?;
+                    fit(&after.without(effect).with(part), train, sides, FitBudget::COMPARED)
+                        .ok()?;
                 Some((effect, name, fitted.hypothesis))
             })
             .collect();
@@ -205,14 +206,14 @@ impl Questions {
                     DATA_ALONE,
                 );
                 let difference = truth - &own[question.alternative];
-                let slope = jacobians[question.alternative].tr_mul(&difference);
-                Ok((slope, difference.norm_squared()))
+                let gradient = jacobians[question.alternative].tr_mul(&difference);
+                Ok((gradient, difference.norm_squared()))
             })
             .collect::<Result<_, ModelError>>()?;
-        let (slope, square) = sums.into_iter().unzip();
+        let (gradient, square) = sums.into_iter().unzip();
         Ok(Sums {
             gram: jacobians.iter().map(|jacobian| jacobian.tr_mul(jacobian)).collect(),
-            slope,
+            gradient,
             square,
             rows: measured.rows.len(),
         })
@@ -228,13 +229,13 @@ impl Questions {
                 ((one.bounds.0 - one.value) / one.scale, (one.bounds.1 - one.value) / one.scale)
             })
             .collect();
-        within_bounds(&sums.gram[alternative], &sums.slope[question], &bounds)
+        within_bounds(&sums.gram[alternative], &sums.gradient[question], &bounds)
     }
 
     /// Sum of squares that is left over `part` with this adaptation.
     pub(super) fn left(&self, question: usize, part: &Sums, adapted: &DVector<f64>) -> f64 {
         let gram = &part.gram[self.questions[question].alternative];
-        (part.square[question] - 2.0 * part.slope[question].dot(adapted)
+        (part.square[question] - 2.0 * part.gradient[question].dot(adapted)
             + adapted.dot(&(gram * adapted)))
         .max(0.0)
     }
@@ -252,7 +253,7 @@ impl Questions {
         for (index, one) in coordinates.iter().enumerate() {
             // A tolerance is knowledge; the bounds of an effect are not.
             information[(index, index)] +=
-                if matches!(one.place, Place::Effect { .. }) { 1e-9 } else { 1.0 };
+                if matches!(one.id, ParameterId::Effect { .. }) { 1e-9 } else { 1.0 };
         }
         match information.cholesky().map(|factors| factors.inverse()) {
             Some(inverse) => {
@@ -268,12 +269,12 @@ impl Questions {
         (0..coordinates.len())
             .filter(|index| {
                 let (one, deviation) = (&coordinates[*index], deviations[*index]);
-                match one.place {
+                match one.id {
                     // How the guides differ is not asked for: their sum is.
-                    Place::Spread { .. } => false,
-                    Place::Declared(declared) => declared.is_factor() && deviation > UNTOLD,
+                    ParameterId::Spread { .. } => false,
+                    ParameterId::Nominal(declared) => declared.is_factor() && deviation > UNTOLD,
                     // A term that is not there is no doubt.
-                    Place::Effect { .. } => {
+                    ParameterId::Effect { .. } => {
                         one.value.abs() > 1e-3 * one.scale
                             && TWO_SIDED_95 * deviation * one.scale > VAGUE * one.value.abs()
                     }
@@ -354,21 +355,21 @@ pub(super) fn rivals(selection: &Selection) -> Vec<(usize, Part)> {
 }
 
 /// The p within `bounds`, which hold 0, that makes p'Gp - 2 g'p least: Newton steps on the free
-/// coordinates up to the first bound, which is then held until its slope points inwards (active
+/// coordinates up to the first bound, which is then held until its gradient points inwards (active
 /// set; Nocedal, Wright, "Numerical Optimization", ch. 16.5).
 pub(super) fn within_bounds(
     gram: &DMatrix<f64>,
-    slope: &DVector<f64>,
+    gradient: &DVector<f64>,
     bounds: &[(f64, f64)],
 ) -> DVector<f64> {
-    let count = slope.len();
+    let count = gradient.len();
     let mut p = DVector::zeros(count);
     let mut held = vec![false; count];
     // Directions in which nothing changes stay where they are.
     let ridge = 1e-11 * gram.diagonal().max() + f64::MIN_POSITIVE;
     for _ in 0..8 * count + 8 {
         let free: Vec<usize> = (0..count).filter(|index| !held[*index]).collect();
-        let downhill: DVector<f64> = slope - gram * &p;
+        let downhill: DVector<f64> = gradient - gram * &p;
         let mut blocked = None;
         if !free.is_empty() {
             let mut matrix = gram.select_rows(free.iter()).select_columns(free.iter());
@@ -393,8 +394,8 @@ pub(super) fn within_bounds(
         match blocked {
             Some(index) => held[index] = true,
             None => {
-                let downhill: DVector<f64> = slope - gram * &p;
-                let scale = 1e-9 * slope.amax();
+                let downhill: DVector<f64> = gradient - gram * &p;
+                let scale = 1e-9 * gradient.amax();
                 let inwards = |index: &usize| {
                     let (lower, upper) = bounds[*index];
                     let at_upper = (upper - p[*index]).abs() <= (p[*index] - lower).abs();
@@ -419,14 +420,14 @@ mod tests {
     fn the_least_of_a_square_form_stays_within_its_bounds() {
         // (p0 - 3)^2 + (p1 + p0 - 1)^2: free it is at (3, -2).
         let gram = DMatrix::from_row_slice(2, 2, &[2.0, 1.0, 1.0, 1.0]);
-        let slope = DVector::from_column_slice(&[4.0, 1.0]);
-        let free = within_bounds(&gram, &slope, &[(-10.0, 10.0), (-10.0, 10.0)]);
+        let gradient = DVector::from_column_slice(&[4.0, 1.0]);
+        let free = within_bounds(&gram, &gradient, &[(-10.0, 10.0), (-10.0, 10.0)]);
         assert!((free[0] - 3.0).abs() < 1e-6 && (free[1] + 2.0).abs() < 1e-6, "{free}");
         // With p1 at least -1 the rest follows from it: p0 = (4 + 1)/2.
-        let bounded = within_bounds(&gram, &slope, &[(-10.0, 10.0), (-1.0, 10.0)]);
+        let bounded = within_bounds(&gram, &gradient, &[(-10.0, 10.0), (-1.0, 10.0)]);
         assert!((bounded[1] + 1.0).abs() < 1e-9 && (bounded[0] - 2.5).abs() < 1e-6, "{bounded}");
         // With p0 at most 1 as well, p1 is free again: p1 = 0.
-        let both = within_bounds(&gram, &slope, &[(-10.0, 1.0), (-1.0, 10.0)]);
+        let both = within_bounds(&gram, &gradient, &[(-10.0, 1.0), (-1.0, 10.0)]);
         assert!((both[0] - 1.0).abs() < 1e-9 && both[1].abs() < 1e-6, "{both}");
         // A coordinate that does nothing stays where it is.
         let idle = within_bounds(

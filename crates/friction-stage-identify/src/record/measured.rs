@@ -21,7 +21,7 @@ const FORCE_CORNER: f64 = 200.0;
 const REST_CORNER: f64 = 100.0;
 /// Speeds, in standard deviations of the speed that encoder noise feigns, below which the position
 /// is smoothed wholly and above which it is left as it is. Assumed: a LuGre bristle relaxes with
-/// |v|, so feigned speed makes it drift; well above it |v| is right by itself.
+/// |v|, so apparent speed makes it drift; well above it |v| is right by itself.
 const REST_SPEED: (f64, f64) = (24.0, 93.0);
 /// What rings above the corner, rms in standard deviations of the encoder's noise, below which the
 /// position is smoothed wholly and above which it is left as it is. Assumed.
@@ -568,7 +568,7 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
     let lowpass = Lowpass::new(REST_CORNER.min(rate / 5.0), rate);
     let rest = lowpass.rest_of_second_differences();
     let (count, half) = (position.len(), lowpass.half());
-    let feigned = 2f64.sqrt() * noise * rate;
+    let apparent = 2f64.sqrt() * noise * rate;
     let lowpassed = |signal: &[f64]| -> Vec<f64> {
         (0..count)
             .map(|k| if k < half || k + half >= count { signal[k] } else { lowpass.at(signal, k) })
@@ -611,7 +611,7 @@ fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: 
                 ((value - low) / (high - low)).clamp(0.0, 1.0)
             };
             let share =
-                beyond(speed[k] / feigned, REST_SPEED).max(beyond(ringing / noise, RINGING));
+                beyond(speed[k] / apparent, REST_SPEED).max(beyond(ringing / noise, RINGING));
             let quick = match &shaken {
                 Some(shaken) if share < 1.0 && k >= half && k + half < count => {
                     lowpass.at(&left, k) + rest.at(shaken, k)

@@ -86,12 +86,12 @@ impl Moved {
 
     /// True position and velocity at a sample, m and m/s.
     fn at_sample(&self, measured: &Measured, k: usize) -> (f64, f64) {
-        let feigned = match self.errors.get(k.saturating_sub(1)..k + 2) {
+        let apparent = match self.errors.get(k.saturating_sub(1)..k + 2) {
             Some([before, _, after]) => 0.5 * (after - before) * measured.rate,
             _ => 0.0,
         };
         let error = self.errors.get(k).copied().unwrap_or(0.0);
-        (measured.position[k] - error, measured.velocity[k] - feigned)
+        (measured.position[k] - error, measured.velocity[k] - apparent)
     }
 }
 
@@ -116,7 +116,7 @@ struct Bristles {
 }
 
 /// How friction changes along a direction in the parameters of the guides.
-pub(crate) struct FrictionSlope {
+pub(crate) struct FrictionSensitivity {
     /// Of the bristles, at the nodes and over each step, N; the latter only where a viscous
     /// friction feels them.
     pub at_nodes: Vec<f64>,
@@ -223,7 +223,7 @@ impl Driven {
     }
 
     /// Acceleration that the encoder feigns at a sample other than the first and the last, m/s^2.
-    pub fn feigned_acceleration(&self, k: usize, rate: f64) -> f64 {
+    pub fn apparent_acceleration(&self, k: usize, rate: f64) -> f64 {
         match self.moved.errors.get(k.saturating_sub(1)..k + 2) {
             Some([before, here, after]) => (after - 2.0 * here + before) * rate * rate,
             _ => 0.0,
@@ -277,40 +277,42 @@ impl Driven {
     /// How the friction of the bristles changes along these directions, each by how much the
     /// logarithms of the parameters grow, by parameter and guide. `None` where the carriage side
     /// was not asked for.
-    pub fn friction_slopes(
+    pub fn friction_sensitivities(
         &self,
         directions: &[[[f64; MAX_GUIDES]; BRISTLE_PARAMETERS]],
         measured: &Measured,
-    ) -> Result<Option<Vec<FrictionSlope>>, ModelError> {
+    ) -> Result<Option<Vec<FrictionSensitivity>>, ModelError> {
         let Some(Friction { bristles, viscous, .. }) = &self.friction else { return Ok(None) };
         let steps = self.moved.steps(measured);
         let held = held_at_start(measured);
-        let mut of_parameters = BristleSlopes::new(slopes_of_holding(&bristles.guides, held));
+        let mut of_parameters =
+            BristleSlopes::new(sensitivities_of_holding(&bristles.guides, held));
         let is_felt = viscous.felt.is_some();
-        let slope = |_: &_| FrictionSlope {
+        let sensitivity = |_: &_| FrictionSensitivity {
             at_nodes: vec![0.0; measured.len()],
             over_steps: Vec::with_capacity(if is_felt { steps.len() } else { 0 }),
         };
-        let mut slopes: Vec<FrictionSlope> = directions.iter().map(slope).collect();
+        let mut sensitivities: Vec<FrictionSensitivity> =
+            directions.iter().map(sensitivity).collect();
         drive(&bristles.guides, &bristles.laws, measured, steps, |bank, step, scale| {
             bank.drive_with_slopes(step.sliding, step.duration, scale, &mut of_parameters);
-            for (slope, direction) in slopes.iter_mut().zip(directions) {
+            for (sensitivity, direction) in sensitivities.iter_mut().zip(directions) {
                 let friction = of_parameters.along(direction, step.duration);
-                step.share_out(friction, &mut slope.at_nodes);
+                step.share_out(friction, &mut sensitivity.at_nodes);
                 if is_felt {
-                    slope.over_steps.push(friction);
+                    sensitivity.over_steps.push(friction);
                 }
             }
         })?;
-        Ok(Some(slopes))
+        Ok(Some(sensitivities))
     }
 
     /// How the viscous friction at the nodes changes, N, where it feels that of the bristles over
-    /// the steps change by `slope`, N; `step`: part of that which a difference quotient goes.
+    /// the steps change by `sensitivity`, N; `step`: part of that which a difference quotient goes.
     /// `None` where it feels nothing.
-    pub fn felt_slope(
+    pub fn felt_sensitivity(
         &self,
-        slope: &[f64],
+        sensitivity: &[f64],
         step: f64,
         measured: &Measured,
     ) -> Result<Option<Vec<f64>>, ModelError> {
@@ -319,8 +321,8 @@ impl Driven {
         let over_steps: Vec<f64> = bristles
             .over_steps
             .iter()
-            .zip(slope)
-            .map(|(friction, slope)| friction + step * slope)
+            .zip(sensitivity)
+            .map(|(friction, sensitivity)| friction + step * sensitivity)
             .collect();
         let steps = self.moved.steps(measured);
         let there =
@@ -556,15 +558,18 @@ pub(crate) fn holding(guides: &[Guide], force: f64) -> Vec<f64> {
 
 /// How these deflections change with the logarithms of the guides' parameters, m, those of all
 /// guides at once: what each holds is its part of one force.
-fn slopes_of_holding(guides: &[Guide], force: f64) -> [[f64; MAX_GUIDES]; BRISTLE_PARAMETERS] {
+fn sensitivities_of_holding(
+    guides: &[Guide],
+    force: f64,
+) -> [[f64; MAX_GUIDES]; BRISTLE_PARAMETERS] {
     let bristles = holding(guides, force);
     let is_all = force.abs() > guides.iter().map(|guide| guide.static_force).sum();
-    let mut slopes = [[0.0; MAX_GUIDES]; BRISTLE_PARAMETERS];
+    let mut sensitivities = [[0.0; MAX_GUIDES]; BRISTLE_PARAMETERS];
     for (lane, bristle) in bristles.into_iter().enumerate() {
-        slopes[BristleSlopes::STIFFNESS][lane] = -bristle;
-        slopes[BristleSlopes::STATIC_FORCE][lane] = if is_all { bristle } else { 0.0 };
+        sensitivities[BristleSlopes::STIFFNESS][lane] = -bristle;
+        sensitivities[BristleSlopes::STATIC_FORCE][lane] = if is_all { bristle } else { 0.0 };
     }
-    slopes
+    sensitivities
 }
 
 /// Force of effects of one side along the motion.
@@ -602,7 +607,7 @@ fn undo(reading: f64, read: impl Fn(f64) -> f64) -> f64 {
         let excess = read(truth) - reading;
         let slope = (excess - excess_before) / (truth - before);
         // Where rounding has made the slope what it cannot be, the error as it is.
-        let step = if (LEAST_SLOPE..=2.0).contains(&slope) { excess / slope } else { excess };
+        let step = if (LEAST_SLOPE..=2.0).contains(&slope) { excess / sensitivity } else { excess };
         (before, excess_before) = (truth, excess);
         truth -= step;
     }
@@ -700,13 +705,13 @@ pub(crate) mod tests {
         let mut kept = (0, 0);
         for coordinate in coordinates {
             let mut moved = start.clone();
-            moved.set(coordinate.place, coordinate.value + 1e-2 * coordinate.scale);
+            moved.set(coordinate.id, coordinate.value + 1e-2 * coordinate.scale);
             let after = moved.driven(&measured, Sides::BOTH, &before).unwrap();
             let anew = moved.driven(&measured, Sides::BOTH, &Driven::default()).unwrap();
             let [after_all, anew_all] = [&after, &anew]
                 .map(|driven| moved.missing_at_samples(driven, &measured, Sides::BOTH));
-            assert_eq!(after_all.motor, anew_all.motor, "{:?}", coordinate.place);
-            assert_eq!(after_all.carriage, anew_all.carriage, "{:?}", coordinate.place);
+            assert_eq!(after_all.motor, anew_all.motor, "{:?}", coordinate.id);
+            assert_eq!(after_all.carriage, anew_all.carriage, "{:?}", coordinate.id);
             let [after, before] = [&after, &before].map(|driven| driven.friction.as_ref().unwrap());
             kept.0 += usize::from(Arc::ptr_eq(&after.bristles, &before.bristles));
             kept.1 += usize::from(Arc::ptr_eq(&after.viscous, &before.viscous));

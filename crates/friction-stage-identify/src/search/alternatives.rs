@@ -125,7 +125,7 @@ mod tests {
     use super::super::tests::part;
     use super::*;
     use crate::closed_loop::tests::recording;
-    use crate::fit::{Effort, fit};
+    use crate::fit::{FitBudget, fit};
     use crate::hypothesis::Tolerances;
     use crate::record::measured::Measured;
     use crate::search::Silent;
@@ -152,7 +152,7 @@ mod tests {
                 _ => part("cable_chain", &[("stiffness", 0.2), ("center", -10.0)]),
             };
             search
-                .take(fit(&start.with(spring), &train, Sides::BOTH, Effort::KEPT).unwrap())
+                .take(fit(&start.with(spring), &train, Sides::BOTH, FitBudget::KEPT).unwrap())
                 .unwrap();
             let mut rows = tried(&[("cable_chain", 2, 1.0), ("constant_force", 1, 0.9)]);
             rows[0].one.outcome = Outcome::Chosen;
@@ -198,7 +198,7 @@ mod tests {
             let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
             let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
             let laws = found.iter().fold(start.clone(), |laws, part| laws.with(part.clone()));
-            search.take(fit(&laws, &train, Sides::BOTH, Effort::KEPT).unwrap()).unwrap();
+            search.take(fit(&laws, &train, Sides::BOTH, FitBudget::KEPT).unwrap()).unwrap();
             let mut rows = tried(&[("force_cell_gain", 1, 1.0), ("encoder_scale", 1, of_scale)]);
             rows[0].one.outcome = Outcome::Chosen;
             search.evidence = rows.into_iter().map(|tried| tried.one).collect();

@@ -12,8 +12,8 @@ use friction_stage_core::plant::effects::viscous_friction;
 use friction_stage_core::plant::{EffectDescriptor, Residual};
 
 use crate::fit::objective::{derivatives, stacked};
-use crate::hypothesis::nominal_parameter::Declared;
-use crate::hypothesis::{self, Hypothesis, NO_FRICTION, Part, Place, Sides};
+use crate::hypothesis::nominal_parameter::NominalParameter;
+use crate::hypothesis::{self, Hypothesis, NO_FRICTION, ParameterId, Part, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
 
@@ -45,12 +45,12 @@ const OF_ITS_OWN: f64 = 1e-3;
 /// What a fit may move while a curve is drawn: the guides were bent to what the curve is to stand
 /// for.
 pub struct Beside {
-    coordinates: Vec<hypothesis::Coordinate>,
+    coordinates: Vec<hypothesis::FreeParameter>,
     /// Change of the missing force per scale of each coordinate, N, row by row in columns.
-    slopes: DMatrix<f64>,
+    sensitivities: DMatrix<f64>,
     /// Weight of each coordinate's distance from what is declared, N^2 per square of its scale.
     declared: Vec<f64>,
-    /// Products of the slopes with each other, fold by fold.
+    /// Products of the sensitivities with each other, fold by fold.
     products: Vec<DMatrix<f64>>,
 }
 
@@ -62,7 +62,7 @@ impl Beside {
         let missing = hypothesis.missing_of(&driven, measured, Sides::CARRIAGE);
         let noise = hypothesis.floor(measured).carriage;
         let residual = stacked(&missing, &coordinates, noise);
-        let slopes = derivatives(
+        let sensitivities = derivatives(
             hypothesis,
             &coordinates,
             &driven,
@@ -72,9 +72,10 @@ impl Beside {
             noise,
         )?;
         let rows = missing.carriage.len();
-        let declared =
-            (0..coordinates.len()).map(|index| slopes[(rows + index, index)].powi(2)).collect();
-        Ok(Beside::new(coordinates, slopes.rows(0, rows).transpose(), declared))
+        let declared = (0..coordinates.len())
+            .map(|index| sensitivities[(rows + index, index)].powi(2))
+            .collect();
+        Ok(Beside::new(coordinates, sensitivities.rows(0, rows).transpose(), declared))
     }
 
     /// Nothing that moves, beside so many rows.
@@ -83,16 +84,17 @@ impl Beside {
     }
 
     fn new(
-        coordinates: Vec<hypothesis::Coordinate>,
-        slopes: DMatrix<f64>,
+        coordinates: Vec<hypothesis::FreeParameter>,
+        sensitivities: DMatrix<f64>,
         declared: Vec<f64>,
     ) -> Beside {
-        let mut products = vec![DMatrix::zeros(slopes.nrows(), slopes.nrows()); FOLDS];
-        for (fold, rows) in blocks(slopes.ncols()) {
-            let rows = slopes.columns_range(rows);
+        let mut products =
+            vec![DMatrix::zeros(sensitivities.nrows(), sensitivities.nrows()); FOLDS];
+        for (fold, rows) in blocks(sensitivities.ncols()) {
+            let rows = sensitivities.columns_range(rows);
             products[fold] += rows * rows.transpose();
         }
-        Beside { coordinates, slopes, declared, products }
+        Beside { coordinates, sensitivities, declared, products }
     }
 }
 
@@ -109,7 +111,7 @@ pub struct Drawn {
     /// One of [`DAMPINGS`].
     pub damping: Option<f64>,
     /// What stands beside it.
-    pub moved: Vec<hypothesis::Coordinate>,
+    pub moved: Vec<hypothesis::FreeParameter>,
 }
 
 /// The curves over one coordinate that predict left-out blocks of the residual best: one with
@@ -161,7 +163,7 @@ pub fn propose(
             CurveSide::Mass => keep_above(&mut curve, NO_FRICTION * residual.mass),
         }
         let moves = beside.coordinates.iter().zip(moves);
-        let moved = moves.map(|(coordinate, moves)| hypothesis::Coordinate {
+        let moved = moves.map(|(coordinate, moves)| hypothesis::FreeParameter {
             value: (coordinate.value + moves * coordinate.scale)
                 .clamp(coordinate.bounds.0, coordinate.bounds.1),
             ..coordinate.clone()
@@ -199,21 +201,21 @@ fn keep_above(curve: &mut Curve, lowest: f64) {
 /// was drawn, beside `coordinates`, kg.
 fn level(
     curve: &mut Curve,
-    moved: &mut [hypothesis::Coordinate],
-    coordinates: &[hypothesis::Coordinate],
+    moved: &mut [hypothesis::FreeParameter],
+    coordinates: &[hypothesis::FreeParameter],
     mass: f64,
 ) {
-    let scaled: &[Declared] = match curve.side {
+    let scaled: &[NominalParameter] = match curve.side {
         CurveSide::Carriage | CurveSide::Motor => return,
-        CurveSide::Friction => &[Declared::CoulombForce, Declared::StaticForce],
-        CurveSide::Viscous => &[Declared::ViscousFriction],
-        CurveSide::Mass => &[Declared::Mass],
+        CurveSide::Friction => &[NominalParameter::CoulombForce, NominalParameter::StaticForce],
+        CurveSide::Viscous => &[NominalParameter::ViscousFriction],
+        CurveSide::Mass => &[NominalParameter::Mass],
     };
-    let is_among = |one: &hypothesis::Coordinate, names: &[Declared]| match one.place {
-        Place::Declared(declared) => names.contains(&declared),
+    let is_among = |one: &hypothesis::FreeParameter, names: &[NominalParameter]| match one.id {
+        ParameterId::Nominal(declared) => names.contains(&declared),
         _ => false,
     };
-    let value_in = |all: &[hypothesis::Coordinate]| {
+    let value_in = |all: &[hypothesis::FreeParameter]| {
         all.iter().find(|one| is_among(one, &scaled[..1])).map(|one| one.value)
     };
     let (Some(drawn), Some(bent)) = (value_in(coordinates), value_in(moved)) else { return };
@@ -314,7 +316,7 @@ impl<'a> Rows<'a> {
                     self.pieces(row, knots, jump),
                     self.gain[row],
                     self.force[row],
-                    self.beside.slopes.column(row),
+                    self.beside.sensitivities.column(row),
                 );
             }
         }
@@ -360,9 +362,9 @@ impl<'a> Rows<'a> {
             let (mut most, mut jump) = (0.0, None);
             for row in (1..count).rev() {
                 let gain = self.gain[row];
-                let slopes = self.beside.slopes.column(row);
-                let moves = slopes.iter().take(solution.len() - knots).enumerate();
-                let moves = moves.map(|(index, slope)| (knots + index, -slope));
+                let sensitivities = self.beside.sensitivities.column(row);
+                let moves = sensitivities.iter().take(solution.len() - knots).enumerate();
+                let moves = moves.map(|(index, sensitivity)| (knots + index, -sensitivity));
                 let mut left = self.force[row];
                 for (index, piece) in self.pieces(row, knots, None).chain(moves) {
                     left -= piece * solution[index];
@@ -405,7 +407,7 @@ struct Squares {
 }
 
 impl Squares {
-    /// `products`: of the slopes of what moves beside the curve.
+    /// `products`: of the sensitivities of what moves beside the curve.
     fn new(knots: usize, jumps: usize, products: &DMatrix<f64>) -> Squares {
         let values = knots + jumps;
         let all = values + products.nrows();
@@ -415,25 +417,25 @@ impl Squares {
     }
 
     /// Takes in a missing force, N, of which values of 1 take away `pieces`, a curve of 1 `gain`,
-    /// and to which what moves beside it adds `slopes`, N.
+    /// and to which what moves beside it adds `sensitivities`, N.
     fn add(
         &mut self,
         pieces: impl Iterator<Item = (usize, f64)> + Clone,
         gain: f64,
         force: f64,
-        slopes: DVectorView<f64>,
+        sensitivities: DVectorView<f64>,
     ) {
         for (row, a) in pieces.clone() {
             self.right[row] += a * force;
             for (column, b) in pieces.clone() {
                 self.normal[(row, column)] += a * b;
             }
-            for (column, slope) in slopes.iter().enumerate() {
-                self.normal[(self.values + column, row)] -= a * slope;
+            for (column, sensitivity) in sensitivities.iter().enumerate() {
+                self.normal[(self.values + column, row)] -= a * sensitivity;
             }
         }
-        for (row, slope) in slopes.iter().enumerate() {
-            self.right[self.values + row] -= slope * force;
+        for (row, sensitivity) in sensitivities.iter().enumerate() {
+            self.right[self.values + row] -= sensitivity * force;
         }
         self.force += force * force;
         self.weight += gain * gain;
@@ -561,14 +563,15 @@ mod tests {
     #[test]
     fn what_the_curve_had_bent_goes_back_where_it_may_move() {
         let model = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
-        let coordinate = hypothesis::Coordinate {
+        let coordinate = hypothesis::FreeParameter {
             bounds: (-9.0, 9.0),
             ..model.coordinates(Sides::CARRIAGE, true)[0].clone()
         };
-        let slope = |index: usize| 4.0 * velocity(index).signum() + (0.01 * index as f64).sin();
-        let slopes = DMatrix::from_fn(1, COUNT, |_, index| slope(index));
-        let bent = |index: usize| peak(velocity(index)) - 0.5 * slope(index);
-        let beside = Beside::new(vec![coordinate.clone()], slopes, vec![0.0]);
+        let sensitivity =
+            |index: usize| 4.0 * velocity(index).signum() + (0.01 * index as f64).sin();
+        let sensitivities = DMatrix::from_fn(1, COUNT, |_, index| sensitivity(index));
+        let bent = |index: usize| peak(velocity(index)) - 0.5 * sensitivity(index);
+        let beside = Beside::new(vec![coordinate.clone()], sensitivities, vec![0.0]);
         let drawn = drawn_of(bent, Coordinate::Velocity, &beside);
         let (held, moved) = (&drawn[0], &drawn[1]);
         assert!(held.moved[0].value == coordinate.value && off(held) > 1.5, "{}", off(held));
@@ -616,19 +619,19 @@ mod tests {
     /// up to a jump; static friction may rise by a tenth only.
     #[test]
     fn what_changes_friction_everywhere_goes_to_the_guides() {
-        let value_of = |moved: &[hypothesis::Coordinate], which: Declared| {
-            moved.iter().find(|one| one.place == Place::Declared(which)).unwrap().value
+        let value_of = |moved: &[hypothesis::FreeParameter], which: NominalParameter| {
+            moved.iter().find(|one| one.id == ParameterId::Nominal(which)).unwrap().value
         };
         for (most, expected) in [(1.5f64, 1.0 / 0.8), (1.1, 1.1)] {
             let mut moved = Hypothesis::new(&StageModel::default(), Tolerances::default())
                 .unwrap()
                 .coordinates(Sides::CARRIAGE, true);
             for one in &mut moved {
-                match one.place {
-                    Place::Declared(Declared::CoulombForce) => {
+                match one.id {
+                    ParameterId::Nominal(NominalParameter::CoulombForce) => {
                         (one.value, one.bounds) = (0.8f64.ln(), (-1.0, 1.0))
                     }
-                    Place::Declared(Declared::StaticForce) => {
+                    ParameterId::Nominal(NominalParameter::StaticForce) => {
                         (one.value, one.bounds) = (0.0, (-1.0, most.ln()))
                     }
                     _ => {}
@@ -644,8 +647,10 @@ mod tests {
             };
             let drawn = moved.clone();
             level(&mut curve, &mut moved, &drawn, 40.0);
-            let (coulomb, stat) =
-                (value_of(&moved, Declared::CoulombForce), value_of(&moved, Declared::StaticForce));
+            let (coulomb, stat) = (
+                value_of(&moved, NominalParameter::CoulombForce),
+                value_of(&moved, NominalParameter::StaticForce),
+            );
             assert!(
                 (coulomb.exp() - 0.8 * expected).abs() < 1e-12
                     && (stat.exp() - expected).abs() < 1e-12
@@ -664,7 +669,7 @@ mod tests {
             let mut all = Hypothesis::new(&StageModel::default(), Tolerances::default())
                 .unwrap()
                 .coordinates(Sides::CARRIAGE, true);
-            all.retain(|one| one.place == Place::Declared(Declared::Mass));
+            all.retain(|one| one.id == ParameterId::Nominal(NominalParameter::Mass));
             all[0].value = part.ln();
             all
         };

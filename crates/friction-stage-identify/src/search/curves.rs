@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::error::IdentifyError;
-use crate::fit::{Effort, Fitted, fit};
+use crate::fit::{FitBudget, Fitted, fit};
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::search::curve_drawing::{self, Beside};
 use friction_stage_core::model::{Coordinate, CurveSide, EffectParameters};
@@ -60,7 +60,7 @@ impl Search<'_> {
         let least =
             (UNEXPLAINED * self.beyond_noise(&self.errors_before).max(0.0)).min(of_the_rest * rest);
         if let Some((with, over)) =
-            self.with_curve(&self.best.hypothesis, &self.best_errors, least, Effort::KEPT)?
+            self.with_curve(&self.best.hypothesis, &self.best_errors, least, FitBudget::KEPT)?
         {
             self.runners_up.push(Vec::new());
             self.coordinate = Some(over);
@@ -74,8 +74,12 @@ impl Search<'_> {
             !self.is_noise(&self.best_errors) && !self.is_explained(&self.best_errors);
         if laws > 0
             && (unexplained || !self.unproven_ripples().is_empty())
-            && let Some((alone, over)) =
-                self.with_curve(&self.before.hypothesis, &self.errors_before, least, Effort::KEPT)?
+            && let Some((alone, over)) = self.with_curve(
+                &self.before.hypothesis,
+                &self.errors_before,
+                least,
+                FitBudget::KEPT,
+            )?
         {
             let found = errors(&alone.hypothesis, self.train, self.holdout)?;
             if self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(&self.best_errors) {
@@ -141,7 +145,7 @@ impl Search<'_> {
         self.watch.progress("the curve once more", 0.92);
         let without = self.best.hypothesis.without(index);
         let left = errors(&without, self.train, self.holdout)?;
-        let Some((with, over)) = self.with_curve(&without, &left, 0.0, Effort::KEPT)? else {
+        let Some((with, over)) = self.with_curve(&without, &left, 0.0, FitBudget::KEPT)? else {
             return Ok(false);
         };
         let found = errors(&with.hypothesis, self.train, self.holdout)?;
@@ -159,10 +163,10 @@ impl Search<'_> {
         start: &Hypothesis,
         start_errors: &Errors,
         least: f64,
-        effort: Effort,
+        effort: FitBudget,
     ) -> Result<Option<(Fitted, Coordinate)>, IdentifyError> {
         let drawn = self.drawn_curves(start, start_errors)?;
-        let effort = effort.worth_below(
+        let effort = effort.gain_below(
             self.train.rows.len() as f64 * (start_errors.train() - SHOWN_ON_TRAIN * least),
         );
         // The best one of each damping: moves are far from linear, so that one that is better at
@@ -211,7 +215,7 @@ impl Search<'_> {
     fn with_heights_fitted(
         &self,
         held: &Hypothesis,
-        effort: Effort,
+        effort: FitBudget,
     ) -> Result<Fitted, IdentifyError> {
         let fitted = |start: &Hypothesis| -> Result<Fitted, IdentifyError> {
             let fitted = fit(start, self.train, Sides::BOTH, effort)?;
@@ -263,7 +267,7 @@ impl Search<'_> {
         &self,
         fitted: Fitted,
         everywhere: bool,
-        effort: Effort,
+        effort: FitBudget,
     ) -> Result<Fitted, IdentifyError> {
         let has_jump = |part: &Part| part.value_of("jump").is_some_and(|height| height != 0.0);
         let Some(curve) = fitted.hypothesis.effects.iter().rposition(has_jump) else {
@@ -350,7 +354,7 @@ impl Search<'_> {
                     let mut with = start.with(one.part);
                     one.moved
                         .iter()
-                        .for_each(|coordinate| with.set(coordinate.place, coordinate.value));
+                        .for_each(|coordinate| with.set(coordinate.id, coordinate.value));
                     // Values that do not go together are no curve.
                     let left = errors(&with, self.train, self.holdout).ok()?.holdout();
                     let gain = start_errors.holdout() - left;

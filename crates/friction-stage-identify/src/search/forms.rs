@@ -1,7 +1,7 @@
 //! Forms of a law and the values that its fit starts from: which of them is the right one?
 
 use crate::error::IdentifyError;
-use crate::fit::{Effort, Fitted, fit, race};
+use crate::fit::{FitBudget, Fitted, fit, race};
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::record::measured::{Floor, Measured};
 use friction_stage_core::plant::Side;
@@ -35,7 +35,7 @@ impl Search<'_> {
         &self,
         starts: &[Hypothesis],
         sides: Sides,
-        effort: Effort,
+        effort: FitBudget,
     ) -> Vec<Fitted> {
         // A law whose values do not go together has lost; it does not end the search.
         race(starts, self.train, sides, effort, WORTH_A_LOOK.recip())
@@ -73,7 +73,7 @@ impl Search<'_> {
             .into_iter()
             .map(|one| (one.squares(), one.clone(), afresh(&one.hypothesis)))
             .collect();
-        for effort in [Effort::COMPARED, Effort::KEPT] {
+        for effort in [FitBudget::COMPARED, FitBudget::KEPT] {
             if judged.len() < 2 || forms == Forms::Quick || least > WORTH_A_LOOK * without {
                 break;
             }
@@ -159,12 +159,12 @@ impl Search<'_> {
     /// Takes the best of these forms where it is clearly better than what was found on the train
     /// record, or as good and clearly better on the hold-out.
     fn take_better_form(&mut self, forms: &[Hypothesis]) -> Result<bool, IdentifyError> {
-        let fitted = self.fitted_forms(forms, Sides::BOTH, Effort::COMPARED);
+        let fitted = self.fitted_forms(forms, Sides::BOTH, FitBudget::COMPARED);
         let Some(found) = self.best_form(fitted, Sides::BOTH, Forms::Thorough) else {
             return Ok(false);
         };
         let worth = self.best.squares() / BETTER_START;
-        let effort = self.on_the_way(&self.best_errors).worth_below(worth);
+        let effort = self.on_the_way(&self.best_errors).gain_below(worth);
         let found = with_different_guides(&found.hypothesis, self.train, effort)?;
         let found_errors = errors(&found.hypothesis, self.train, self.holdout)?;
         let half = HALF_OF_THE_REST * self.beyond_noise(&self.best_errors);
@@ -191,7 +191,9 @@ impl Search<'_> {
         let free = self.best.hypothesis.effects[index].free();
         for form in forms.iter().filter(|form| form.effects[index].free() < free) {
             // Values that do not go together are no form.
-            let Ok(held) = fit(form, self.train, Sides::BOTH, Effort::COMPARED) else { continue };
+            let Ok(held) = fit(form, self.train, Sides::BOTH, FitBudget::COMPARED) else {
+                continue;
+            };
             if !self.does_harm_beside(&errors(&held.hypothesis, self.train, self.holdout)?) {
                 continue;
             }
@@ -253,7 +255,9 @@ mod tests {
             let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
             let mut search = Search::new(&start, &train, &holdout, &Silent).unwrap();
             search
-                .take(fit(&start.with(drift.clone()), &train, Sides::BOTH, Effort::KEPT).unwrap())
+                .take(
+                    fit(&start.with(drift.clone()), &train, Sides::BOTH, FitBudget::KEPT).unwrap(),
+                )
                 .unwrap();
             search.choose_forms_anew().unwrap();
             let found = search.best.hypothesis.effects[0].value_of("amplitude").unwrap();
@@ -282,7 +286,7 @@ mod tests {
         let values = (lag.descriptor.propose)(&columns.residual(true)).unwrap();
         let proposed = starts(&Part { descriptor: lag.descriptor, values }, &train);
         let forms: Vec<Hypothesis> = proposed.into_iter().map(|part| start.with(part)).collect();
-        let fitted = search.fitted_forms(&forms, Sides::BOTH, Effort::KEPT);
+        let fitted = search.fitted_forms(&forms, Sides::BOTH, FitBudget::KEPT);
         let found = search.best_form(fitted, Sides::BOTH, Forms::Quick).unwrap();
         let left = found.missing.rms() / found.hypothesis.floor(&train).total();
         assert!(left < ALL_BUT_NOISE, "{left} floors, {:?}", found.hypothesis.effects);

@@ -1,6 +1,6 @@
 //! What is worth an effect, and when enough is explained.
 
-use crate::fit::Effort;
+use crate::fit::FitBudget;
 use crate::hypothesis::Sides;
 use friction_stage_core::plant::Side;
 
@@ -105,10 +105,10 @@ impl Search<'_> {
     }
 
     /// Of a fit on the way from `before`: the last one goes to its end.
-    pub(super) fn on_the_way(&self, before: &Errors) -> Effort {
+    pub(super) fn on_the_way(&self, before: &Errors) -> FitBudget {
         let explainable = before.train() - self.floor.total().powi(2);
         let next = self.threshold(Side::Carriage).max(LEAST_SHARE * explainable);
-        Effort::KEPT.ending_below(PART_OF_THE_NEXT * next * self.train.rows.len() as f64)
+        FitBudget::KEPT.ending_below(PART_OF_THE_NEXT * next * self.train.rows.len() as f64)
     }
 
     /// Squares of the train record that what was found leaves on these sides, N^2.
@@ -122,7 +122,7 @@ impl Search<'_> {
 
     /// Squares of the train record that a candidate on these sides must come below, N^2: one whose
     /// fit will not is too small, however it ends.
-    pub(super) fn worth_on_train(&self, sides: Sides) -> f64 {
+    pub(super) fn gain_on_train(&self, sides: Sides) -> f64 {
         let shown_by_cell = sides.motor && self.has_cell();
         let least = self.threshold(if shown_by_cell { Side::Motor } else { Side::Carriage });
         let explainable = self.best_errors.train() - self.floor.total().powi(2);
@@ -240,7 +240,7 @@ mod tests {
             } else {
                 Sides::CARRIAGE
             };
-            let asked = (search.squares_left(sides) - search.worth_on_train(sides))
+            let asked = (search.squares_left(sides) - search.gain_on_train(sides))
                 / train.rows.len() as f64;
             assert!((asked / search.least_on_train(&one) - 1.0).abs() < 1e-12, "{asked} N^2");
             enough

@@ -1,9 +1,9 @@
 //! Guides that differ from each other, and guides that are not those of the model.
 
 use crate::error::IdentifyError;
-use crate::fit::{Effort, Fitted, fit, race};
-use crate::hypothesis::nominal_parameter::Declared;
-use crate::hypothesis::{Hypothesis, Place, Sides, Tolerances};
+use crate::fit::{FitBudget, Fitted, fit, race};
+use crate::hypothesis::nominal_parameter::NominalParameter;
+use crate::hypothesis::{Hypothesis, ParameterId, Sides, Tolerances};
 use crate::record::measured::Measured;
 use friction_stage_core::model::StageModel;
 
@@ -25,8 +25,8 @@ impl Search<'_> {
         declared: &StageModel,
         tolerances: Tolerances,
     ) -> Result<(), IdentifyError> {
-        let of_friction = |place: Place| match place {
-            Place::Declared(one) => Declared::SLIDING.contains(&one),
+        let of_friction = |id: ParameterId| match id {
+            ParameterId::Nominal(one) => NominalParameter::SLIDING.contains(&one),
             _ => false,
         };
         let bent = self
@@ -34,20 +34,22 @@ impl Search<'_> {
             .coordinates
             .iter()
             .zip(&self.before.at_bound)
-            .any(|(one, bound)| *bound && of_friction(one.place));
+            .any(|(one, bound)| *bound && of_friction(one.id));
         if !bent || self.is_noise(&self.errors_before) {
             return Ok(());
         }
         let wide = Tolerances { guides: ANY_GUIDE, presliding: ANY_GUIDE, ..tolerances };
-        let other = fit(&Hypothesis::new(declared, wide)?, self.train, Sides::BOTH, Effort::KEPT)?
-            .hypothesis;
+        let other =
+            fit(&Hypothesis::new(declared, wide)?, self.train, Sides::BOTH, FitBudget::KEPT)?
+                .hypothesis;
         // Parameters that make no guide are no answer.
         let Ok(stated) = Hypothesis::new(&other.model(), tolerances) else { return Ok(()) };
-        let again = fit(&stated, self.train, Sides::BOTH, Effort::COMPARED)?;
-        let again = with_different_guides(&again.hypothesis, self.train, Effort::KEPT)?.hypothesis;
+        let again = fit(&stated, self.train, Sides::BOTH, FitBudget::COMPARED)?;
+        let again =
+            with_different_guides(&again.hypothesis, self.train, FitBudget::KEPT)?.hypothesis;
         let left = errors(&again, self.train, self.holdout)?;
         let mut farthest = 1.0f64;
-        let beyond: Vec<String> = Declared::SLIDING
+        let beyond: Vec<String> = NominalParameter::SLIDING
             .into_iter()
             .filter_map(|one| {
                 let value =
@@ -58,7 +60,8 @@ impl Search<'_> {
                 let factor = (is / was).max(was / is);
                 // The others show only where a stage hardly moves: what a law does there bends them
                 // far.
-                if matches!(one, Declared::CoulombForce | Declared::ViscousFriction) {
+                if matches!(one, NominalParameter::CoulombForce | NominalParameter::ViscousFriction)
+                {
                     farthest = farthest.max(factor);
                 }
                 (factor > 1.0 + tolerances.guides)
@@ -91,7 +94,7 @@ impl Search<'_> {
 pub(super) fn with_different_guides(
     start: &Hypothesis,
     train: &Measured,
-    effort: Effort,
+    effort: FitBudget,
 ) -> Result<Fitted, IdentifyError> {
     let Some(afresh) = start.different_guides() else {
         return Ok(fit(start, train, Sides::BOTH, effort)?);

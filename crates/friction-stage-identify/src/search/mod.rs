@@ -22,7 +22,7 @@ use friction_stage_core::plant::Side;
 use crate::error::IdentifyError;
 use crate::fit::sensor_noise;
 use crate::fit::uncertainty::correlation_length_along;
-use crate::fit::{Effort, Estimate, Fitted, fit};
+use crate::fit::{Estimate, FitBudget, Fitted, fit};
 use crate::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
 use crate::record::measured::{Floor, Measured};
 
@@ -267,8 +267,8 @@ impl<'a> Search<'a> {
         holdout: &'a Measured,
         watch: &'a dyn Watch,
     ) -> Result<Search<'a>, IdentifyError> {
-        let alike = fit(declared, train, Sides::BOTH, Effort::COMPARED)?;
-        let before = with_different_guides(&alike.hypothesis, train, Effort::KEPT)?;
+        let alike = fit(declared, train, Sides::BOTH, FitBudget::COMPARED)?;
+        let before = with_different_guides(&alike.hypothesis, train, FitBudget::KEPT)?;
         let errors_before = errors(&before.hypothesis, train, holdout)?;
         Ok(Search {
             train,
@@ -318,7 +318,7 @@ impl<'a> Search<'a> {
     }
 
     /// Fits what was found further than was worth it on the way there.
-    fn go_on_fitting(&mut self, effort: Effort) -> Result<(), IdentifyError> {
+    fn go_on_fitting(&mut self, effort: FitBudget) -> Result<(), IdentifyError> {
         if self.best.hypothesis.effects.len() == self.declared_effects() {
             return Ok(());
         }
@@ -333,7 +333,7 @@ impl<'a> Search<'a> {
     /// Fits what was found to the end.
     fn finish(&mut self) -> Result<(), IdentifyError> {
         self.watch.progress("fit of what was found", 0.94);
-        self.go_on_fitting(Effort::KEPT)
+        self.go_on_fitting(FitBudget::KEPT)
     }
 
     /// Fits what was found to the end and prunes it. What goes makes room for laws that there was
@@ -589,7 +589,7 @@ pub(super) mod tests {
         ];
         let four =
             with.into_iter().fold(start.with(hidden[0].clone()), |four, part| four.with(part));
-        search.take(fit(&four, &train, Sides::BOTH, Effort::KEPT).unwrap()).unwrap();
+        search.take(fit(&four, &train, Sides::BOTH, FitBudget::KEPT).unwrap()).unwrap();
         search.runners_up.resize(4, Vec::new());
         assert!(search.is_full());
         search.conclude().unwrap();

@@ -1,7 +1,7 @@
 //! Backwards: what the others have made superfluous goes.
 
 use crate::error::IdentifyError;
-use crate::fit::{Effort, Fitted};
+use crate::fit::{FitBudget, Fitted};
 use friction_stage_core::model::Coordinate;
 
 use super::curves::CURVE_ALONE;
@@ -23,7 +23,7 @@ impl Search<'_> {
         while index < self.best.hypothesis.effects.len() {
             self.watch.progress("pruning", 0.95);
             if let (None, Some(curve)) = (&alone, self.curve()) {
-                let (laws, left) = self.without(curve, Effort::KEPT)?;
+                let (laws, left) = self.without(curve, FitBudget::KEPT)?;
                 alone = Some((curve, laws, left));
             }
             let (fewer, found) = match &alone {
@@ -52,8 +52,8 @@ impl Search<'_> {
 
     /// Of a fit that says the same with less: one that leaves far more on the train record is given
     /// up.
-    pub(super) fn in_place_of_best(&self) -> Effort {
-        Effort::KEPT.worth_below(self.best.squares() + MANY_TIMES * self.noise_squares())
+    pub(super) fn in_place_of_best(&self) -> FitBudget {
+        FitBudget::KEPT.gain_below(self.best.squares() + MANY_TIMES * self.noise_squares())
     }
 
     /// Whether what was found is not worth more than this.
@@ -62,7 +62,7 @@ impl Search<'_> {
     }
 
     /// What was found, fitted without one of its effects.
-    fn without(&self, index: usize, effort: Effort) -> Result<(Fitted, Errors), IdentifyError> {
+    fn without(&self, index: usize, effort: FitBudget) -> Result<(Fitted, Errors), IdentifyError> {
         let fewer = if self.best.hypothesis.effects.len() == self.declared_effects() + 1 {
             self.before.clone()
         } else {
@@ -85,7 +85,7 @@ impl Search<'_> {
         let bare = self.best.hypothesis.without(law.max(curve)).without(law.min(curve));
         let left = errors(&bare, self.train, self.holdout)?;
         let effort =
-            Effort::KEPT.worth_below(MANY_TIMES * (self.best.squares() + self.noise_squares()));
+            FitBudget::KEPT.gain_below(MANY_TIMES * (self.best.squares() + self.noise_squares()));
         let Some((with, over)) = self.with_curve(&bare, &left, 0.0, effort)? else {
             return Ok(None);
         };

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 
 use crate::error::IdentifyError;
-use crate::fit::{Effort, Fitted, fit};
+use crate::fit::{FitBudget, Fitted, fit};
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::residual::slipping;
 use friction_stage_core::plant::effects::ALL;
@@ -29,7 +29,7 @@ const SMALL_REST: f64 = 0.05;
 const OF_ONE_TYPE: f64 = 0.1;
 
 /// A candidate of a round as it was fitted.
-pub(super) struct Tried {
+pub(super) struct Candidate {
     pub one: Evidence,
     pub with: Hypothesis,
     /// Fits of all its forms.
@@ -49,14 +49,14 @@ impl Search<'_> {
     /// One round: the candidate that explains most is added, if any explains enough.
     fn add_one(&mut self) -> Result<bool, IdentifyError> {
         // As far as the fit of a candidate goes: what that brings would pass for the candidate.
-        self.go_on_fitting(Effort::COMPARED)?;
+        self.go_on_fitting(FitBudget::COMPARED)?;
         let mut tried = self.try_all(self.rounds)?;
         self.rounds += 1;
         if self.watch.stopped() {
             self.stopped = true;
             return Ok(false);
         }
-        for Tried { one, with, .. } in &mut tried {
+        for Candidate { one, with, .. } in &mut tried {
             if !self.is_enough(one)
                 || !self.shows_without_cell(
                     (&self.best.hypothesis, &self.best_errors),
@@ -83,7 +83,7 @@ impl Search<'_> {
         }
         let winner = winner(&tried, strongest);
         if let Some((one, with)) = self.in_best_form(&tried[winner])? {
-            tried[winner] = Tried { one, with, forms: Vec::new() };
+            tried[winner] = Candidate { one, with, forms: Vec::new() };
         }
         let winner = tried.remove(winner);
         self.name_rivals(&winner, &mut tried)?;
@@ -93,10 +93,14 @@ impl Search<'_> {
 
     /// Those that the data do not tell from the winner of a round: as much of a gain with no more
     /// parameters.
-    fn name_rivals(&mut self, winner: &Tried, others: &mut [Tried]) -> Result<(), IdentifyError> {
+    fn name_rivals(
+        &mut self,
+        winner: &Candidate,
+        others: &mut [Candidate],
+    ) -> Result<(), IdentifyError> {
         let gain = winner.one.holdout_gain;
         let missing_with = |with: &Hypothesis| with.missing(self.train, Sides::BOTH);
-        for Tried { one, with, .. } in others {
+        for Candidate { one, with, .. } in others {
             let closeness = (one.holdout_gain / gain).min(gain / one.holdout_gain);
             if one.outcome == Outcome::Beaten && closeness >= RIVAL && one.free <= winner.one.free {
                 one.outcome = Outcome::Equal;
@@ -116,7 +120,7 @@ impl Search<'_> {
     }
 
     /// The winner of a round is there from now on, and the round stands in the evidence.
-    fn adopt(&mut self, winner: Tried, others: Vec<Tried>) -> Result<(), IdentifyError> {
+    fn adopt(&mut self, winner: Candidate, others: Vec<Candidate>) -> Result<(), IdentifyError> {
         let one = Evidence { outcome: Outcome::Chosen, ..winner.one };
         let chosen = winner.with.holding_guides(false);
         let added = &chosen.effects[self.best.hypothesis.effects.len()..];
@@ -144,11 +148,11 @@ impl Search<'_> {
     /// A law that takes half of what is left out of the train record and nothing out of the
     /// hold-out may be right beside laws in forms that are not: adds the strongest of these where
     /// it is worth it once the forms are chosen anew beside it. Whether it was.
-    fn add_beside_other_forms(&mut self, tried: &mut [Tried]) -> Result<bool, IdentifyError> {
+    fn add_beside_other_forms(&mut self, tried: &mut [Candidate]) -> Result<bool, IdentifyError> {
         let half = HALF_OF_THE_REST * (self.best_errors.train() - self.floor.total().powi(2));
         let strong = |one: &Evidence| one.train_gain >= self.least_on_train(one).max(half);
         let strong = tried.iter_mut().filter(|tried| strong(&tried.one));
-        let Some(Tried { one, with, .. }) =
+        let Some(Candidate { one, with, .. }) =
             strong.max_by(|a, b| a.one.train_gain.total_cmp(&b.one.train_gain))
         else {
             return Ok(false);
@@ -178,7 +182,7 @@ impl Search<'_> {
     }
 
     /// Every candidate beside what was found, refitted, the best on the hold-out first.
-    fn try_all(&self, round: usize) -> Result<Vec<Tried>, IdentifyError> {
+    fn try_all(&self, round: usize) -> Result<Vec<Candidate>, IdentifyError> {
         let columns = Columns::new(&self.best.hypothesis, self.train)?;
         let there = |name: &str| {
             self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name)
@@ -192,7 +196,7 @@ impl Search<'_> {
         let candidates: Vec<&'static EffectDescriptor> =
             ALL.iter().copied().filter(|law| law.name != "map" && may_be_added(law.name)).collect();
         let done = AtomicUsize::new(0);
-        let tried: Vec<Option<Tried>> = candidates
+        let tried: Vec<Option<Candidate>> = candidates
             .par_iter()
             .map(|descriptor| {
                 if self.watch.stopped() {
@@ -204,14 +208,17 @@ impl Search<'_> {
                 self.try_one(round, descriptor, &columns)
             })
             .collect::<Result<_, IdentifyError>>()?;
-        let mut tried: Vec<Tried> = tried.into_iter().flatten().collect();
+        let mut tried: Vec<Candidate> = tried.into_iter().flatten().collect();
         tried.sort_by(|a, b| b.one.holdout_gain.total_cmp(&a.one.holdout_gain));
         Ok(tried)
     }
 
     /// A candidate in the form that is best with the guides fitted anew; `None` where there is no
     /// other, or it does not explain enough.
-    fn in_best_form(&self, tried: &Tried) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
+    fn in_best_form(
+        &self,
+        tried: &Candidate,
+    ) -> Result<Option<(Evidence, Hypothesis)>, IdentifyError> {
         if tried.forms.len() < 2 {
             return Ok(None);
         }
@@ -229,18 +236,18 @@ impl Search<'_> {
         round: usize,
         descriptor: &'static EffectDescriptor,
         columns: &Columns,
-    ) -> Result<Option<Tried>, IdentifyError> {
+    ) -> Result<Option<Candidate>, IdentifyError> {
         // Differences between the guides stay as they are while candidates are tried: the joint
         // refit moves them.
         let held = self.best.hypothesis.holding_guides(true);
-        let mut best: Option<Tried> = None;
+        let mut best: Option<Candidate> = None;
         for on_motor in looks(descriptor.side, is_late(descriptor), self.has_cell()) {
             let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
             let part = Part { descriptor, values };
             let sides = self.sides_beside(&part);
             let starts: Vec<_> =
                 starts(&part, self.train).into_iter().map(|part| held.with(part)).collect();
-            let effort = Effort::COMPARED.worth_below(self.worth_on_train(sides));
+            let effort = FitBudget::COMPARED.gain_below(self.gain_on_train(sides));
             let forms = self.fitted_forms(&starts, sides, effort);
             let Some(fitted) = self.best_form(forms.clone(), sides, Forms::Quick) else { continue };
             let Some((mut one, mut with)) = self.as_fitted(round, fitted)? else { continue };
@@ -248,7 +255,7 @@ impl Search<'_> {
                 (one, with) = self.of_all_guides(one, with)?;
             }
             if best.as_ref().is_none_or(|best| one.holdout_gain >= best.one.holdout_gain) {
-                best = Some(Tried { one, with, forms });
+                best = Some(Candidate { one, with, forms });
             }
         }
         Ok(best)
@@ -328,7 +335,8 @@ impl Search<'_> {
                 break;
             };
             let next = last.with(Part { descriptor, values });
-            let Ok(fitted) = fit(&next, self.train, self.sides_of(side), Effort::COMPARED) else {
+            let Ok(fitted) = fit(&next, self.train, self.sides_of(side), FitBudget::COMPARED)
+            else {
                 break;
             };
             last = fitted.hypothesis;
@@ -362,7 +370,7 @@ fn are_of_one_type(ripples: &[Part]) -> bool {
 
 /// The simplest law among those that explain about as much as the strongest, of several the one
 /// that explains most.
-fn winner(tried: &[Tried], strongest: f64) -> usize {
+fn winner(tried: &[Candidate], strongest: f64) -> usize {
     let explains = |index: &usize| {
         let one = &tried[*index].one;
         one.outcome != Outcome::TooSmall && one.holdout_gain >= SIMPLER * strongest
@@ -408,7 +416,7 @@ pub(super) mod tests {
     use friction_stage_core::model::StageModel;
 
     /// Candidates of a round with the free parameters and the gains of their laws.
-    pub(in crate::search) fn tried(candidates: &[(&str, usize, f64)]) -> Vec<Tried> {
+    pub(in crate::search) fn tried(candidates: &[(&str, usize, f64)]) -> Vec<Candidate> {
         let hypothesis = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
         let one = |&(name, free, holdout_gain): &(&str, usize, f64)| {
             let descriptor = EffectDescriptor::find(name).unwrap();
@@ -431,7 +439,7 @@ pub(super) mod tests {
                 chance: 0.0,
                 outcome: Outcome::Beaten,
             };
-            Tried { one: evidence, with: hypothesis.clone(), forms: Vec::new() }
+            Candidate { one: evidence, with: hypothesis.clone(), forms: Vec::new() }
         };
         candidates.iter().map(one).collect()
     }

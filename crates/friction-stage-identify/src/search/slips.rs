@@ -1,7 +1,7 @@
 //! Ripples of balls that slip: their phase is each record's own.
 
 use crate::error::IdentifyError;
-use crate::fit::{Effort, fit};
+use crate::fit::{FitBudget, fit};
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::residual::slipping;
 use friction_stage_core::plant::Side;
@@ -49,7 +49,7 @@ impl Search<'_> {
                 &with.with(part.clone()),
                 self.train,
                 self.sides_of(Side::Carriage),
-                Effort::COMPARED,
+                FitBudget::COMPARED,
             )?;
             let found = errors(&fitted.hypothesis, self.train, self.holdout)?;
             let before = with.own_numbers(self.train);
