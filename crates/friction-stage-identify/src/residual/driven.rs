@@ -607,7 +607,7 @@ fn undo(reading: f64, read: impl Fn(f64) -> f64) -> f64 {
         let excess = read(truth) - reading;
         let slope = (excess - excess_before) / (truth - before);
         // Where rounding has made the slope what it cannot be, the error as it is.
-        let step = if (LEAST_SLOPE..=2.0).contains(&slope) { excess / sensitivity } else { excess };
+        let step = if (LEAST_SLOPE..=2.0).contains(&slope) { excess / slope } else { excess };
         (before, excess_before) = (truth, excess);
         truth -= step;
     }
