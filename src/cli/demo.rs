@@ -129,6 +129,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let cpu = format!("cpu:={}", cpu::online() - 1);
     let mut results = Vec::new();
     let mut errors = Vec::new();
+    let mut incomplete = Vec::new();
     for (index, guide) in args.guides.iter().enumerate() {
         bar.set_message(format!("{guide}: starting"));
         let bag = directory.join(guide);
@@ -147,6 +148,9 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             bar.set_message(format!("{guide}: {time:.1} of {seconds:.1} s"));
             bar.set_position((1000.0 * (index as f64 * seconds + time.min(seconds))) as u64);
         })?;
+        if done.incomplete {
+            incomplete.push(bag.display().to_string());
+        }
         let measured = read_errors(&bag)?;
         let figure = directory.join(format!("{guide}.svg"));
         let name = guide.replace('_', " ");
@@ -154,7 +158,8 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         write_figure(&figure, &format!("40 kg stage on four guides: {name}"), &motion, &one)?;
         results.push(GuideResult {
             guide: guide.clone(),
-            moves: rows(&motion, &measured),
+            moves: rows(&motion, &measured)
+                .with_context(|| format!("{} is not whole", bag.display()))?,
             cycles: done.cycles,
             cycles_per_second: done.rate,
             bag,
@@ -170,7 +175,10 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     } else {
         print(out, &results, &overview)?;
     }
-    Ok(Outcome::Done)
+    for bag in &incomplete {
+        eprintln!("warning: {bag} lacks samples; its log says how many");
+    }
+    Ok(Outcome::warned(!incomplete.is_empty()))
 }
 
 fn parameters(given: &[String]) -> Vec<String> {
@@ -207,12 +215,13 @@ fn shown(motion: &PaperMotion) -> impl Iterator<Item = (&'static str, &Move)> {
     })
 }
 
-fn rows(motion: &PaperMotion, errors: &Errors) -> Vec<MoveRow> {
+fn rows(motion: &PaperMotion, errors: &Errors) -> anyhow::Result<Vec<MoveRow>> {
     shown(motion)
-        .filter_map(|(name, the_move)| {
-            let MoveResult { peak_error, settling } = settling(the_move, errors.iter().copied())?;
+        .map(|(name, the_move)| {
+            let MoveResult { peak_error, settling } = settling(the_move, errors.iter().copied())
+                .with_context(|| format!("no state of the controller during {name}"))?;
             let settling_ms = settling.map(|time| time.map(|seconds| seconds * 1e3));
-            Some(MoveRow { name, peak_error_um: peak_error * 1e6, settling_ms })
+            Ok(MoveRow { name, peak_error_um: peak_error * 1e6, settling_ms })
         })
         .collect()
 }

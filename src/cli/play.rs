@@ -107,6 +107,8 @@ struct PlayReport {
     points: usize,
     cycles: u64,
     cycles_per_second: f64,
+    /// Every sample of every topic is in the bag.
+    complete: bool,
 }
 
 /// The points of a motion file, checked as the nodes check them.
@@ -210,6 +212,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         points: count,
         cycles: done.cycles,
         cycles_per_second: done.rate,
+        complete: !done.incomplete,
     };
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
@@ -223,7 +226,10 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             report.cycles_per_second
         )?;
     }
-    Ok(Outcome::Done)
+    if done.incomplete {
+        eprintln!("warning: {} lacks samples; its log says how many", report.bag.display());
+    }
+    Ok(Outcome::warned(done.incomplete))
 }
 
 #[cfg(test)]

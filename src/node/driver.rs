@@ -19,8 +19,12 @@ use super::wire::joint_trajectory;
 use friction_stage_core::control::Point;
 use friction_stage_data::message::{DiagnosticArray, JointTrajectory};
 
-/// Longest wait for a process to be found, to take the motion, or to end.
-const PATIENCE: Duration = Duration::from_secs(20);
+/// Longest wait for the next sign of progress: for a process to be found, to take the motion, to
+/// take the next sample, or to end. A process that ended by itself is seen at once; this is for a
+/// machine that is very busy.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// Exit code of a node that did its work and lacks something, as the log says.
+const WARNED: i32 = 3;
 
 /// One run.
 #[derive(Clone, Debug)]
@@ -42,6 +46,8 @@ pub struct RunResult {
     pub cycles: u64,
     /// Cycles per second of wall time.
     pub rate: f64,
+    /// The recording lacks samples; the log of the stage says how many.
+    pub incomplete: bool,
 }
 
 /// A participant of its own that drives one run.
@@ -118,15 +124,19 @@ impl Process {
         unsafe { libc::kill(self.child.id() as libc::pid_t, libc::SIGTERM) };
     }
 
-    /// Asks the process to end and waits for it.
-    fn stop(mut self) -> anyhow::Result<()> {
+    /// Asks the process to end and waits for it; whether it ended with a warning.
+    fn stop(mut self) -> anyhow::Result<bool> {
         if self.child.try_wait()?.is_none() {
             self.signal();
         }
         let deadline = Instant::now() + PATIENCE;
         while Instant::now() < deadline {
             if let Some(status) = self.child.try_wait()? {
-                return if status.success() { Ok(()) } else { Err(self.ended(status)) };
+                return match status.code() {
+                    Some(0) => Ok(false),
+                    Some(WARNED) => Ok(true),
+                    _ => Err(self.ended(status)),
+                };
             }
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -190,7 +200,7 @@ impl Driver {
             }
         }
         stage.stop()?;
-        controller.map_or(Ok(()), Process::stop)?;
+        controller.map_or(Ok(false), Process::stop)?;
         found.context("the stage published no diagnostics")
     }
 
@@ -225,6 +235,26 @@ impl Driver {
                 "stage and controller did not find each other in {PATIENCE:?}"
             );
         }
+        // A recorder that has not met the controller yet would miss its first states.
+        loop {
+            let soon = Some(Instant::now() + Duration::from_millis(100));
+            let message = waiter.wait(soon, |context| diagnostics.poll_take(context));
+            stage.check()?;
+            controller.check()?;
+            let is = |key| {
+                let message = message.as_ref()?.as_ref().ok()?;
+                stage_value::<bool>(message, key)
+            };
+            if is("recording").is_some_and(|recording| !recording)
+                || is("recording_hears_controller") == Some(true)
+            {
+                break;
+            }
+            anyhow::ensure!(
+                Instant::now() < deadline,
+                "the recorder did not hear the controller in {PATIENCE:?}"
+            );
+        }
         let _ = setpoint.publish(joint_trajectory("stage", start, &run.points));
         let mut deadline = Instant::now() + PATIENCE;
         let (mut first, mut last) = (None, None);
@@ -255,22 +285,23 @@ impl Driver {
         }
         // The stage first: without it the controller has nothing to answer, without the controller
         // the stage complains.
-        stage.stop()?;
+        let incomplete = stage.stop()?;
         controller.stop()?;
         let ((from, began), (to, over)) =
             first.zip(last).context("the run was over before it was seen")?;
         let seconds = (over - began) as f64 * 1e-9;
-        Ok(RunResult { cycles: to, rate: (to - from) as f64 / seconds.max(1e-9) })
+        let rate = (to - from) as f64 / seconds.max(1e-9);
+        Ok(RunResult { cycles: to, rate, incomplete })
     }
 }
 
 /// Sample and stamp (ns) in the diagnostics of a stage.
 fn stage_report(message: &DiagnosticArray) -> Option<(u64, i64)> {
-    Some((stage_value(message, "sample")? as u64, stage_value(message, "stamp_ns")? as i64))
+    Some((stage_value(message, "sample")?, stage_value(message, "stamp_ns")?))
 }
 
-/// A number in the diagnostics of a stage.
-fn stage_value(message: &DiagnosticArray, key: &str) -> Option<f64> {
+/// A value in the diagnostics of a stage.
+fn stage_value<T: std::str::FromStr>(message: &DiagnosticArray, key: &str) -> Option<T> {
     let status = message.status.iter().find(|status| status.name.ends_with(": stage"))?;
     status.values.iter().find(|value| value.key == key)?.value.parse().ok()
 }
