@@ -8,13 +8,14 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use friction_stage_data::bag::{
-    BagError, BagOptions, BagReader, BagWriter, Compression, OfferedQos, Provenance, Trace, check,
-    recover,
+    BagError, BagOptions, BagReader, BagWriter, Compression, OfferedQos, Provenance, recover,
 };
 use friction_stage_data::message::{
     Clock, ControllerState, Float64MultiArray, Header, JointState, JointTrajectory,
     JointTrajectoryPoint, RosMessage, WrenchStamped, to_cdr,
 };
+use friction_stage_data::quality::check;
+use friction_stage_data::signals::Trace;
 use proptest::prelude::*;
 use tempfile::TempDir;
 

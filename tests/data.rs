@@ -4,13 +4,12 @@
 use std::path::Path;
 
 use friction_stage_core::model::StageModel;
-use friction_stage_data::bag::{
-    self, BagError, BagOptions, BagWriter, ClockKind, DataProblem, Mapping, OfferedQos, Recording,
-    Severity, Signal, Trace, examine,
-};
+use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos};
 use friction_stage_data::message::{
     Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped,
 };
+use friction_stage_data::quality::{DataProblem, Severity, examine};
+use friction_stage_data::signals::{self, ClockKind, Mapping, Recording, Signal, SignalError, Trace};
 use tempfile::TempDir;
 
 const RATE: f64 = 2000.0;
@@ -88,7 +87,7 @@ fn load_csv(trace: &Trace) -> Recording {
     let home = TempDir::new().unwrap();
     let path = home.path().join("run.csv");
     trace.write_csv(&path).unwrap();
-    bag::load(&path, None).unwrap()
+    signals::load(&path, None).unwrap()
 }
 
 fn problems(trace: &Trace) -> Vec<DataProblem> {
@@ -156,7 +155,7 @@ fn jitter_of_the_stamps_only_does_not_touch_the_values() {
         stamps.iter().copied().zip(trace.position.iter().copied()).collect();
     let force: Vec<(i64, f64)> = stamps.iter().copied().zip(trace.force.iter().copied()).collect();
     write_bag(&directory, &encoder, &force);
-    let recording = bag::load(&directory, None).unwrap();
+    let recording = signals::load(&directory, None).unwrap();
     assert_eq!(recording.quality.clock, ClockKind::UniformBehindJitter);
     assert_eq!(recording.rate, RATE);
     assert_eq!(recording.trace.position, trace.position);
@@ -176,7 +175,7 @@ fn jitter_of_the_sampling_itself_is_taken_out_by_the_stamps() {
     let encoder: Vec<(i64, f64)> = stamps.iter().map(|&s| (s, sample(s))).collect();
     let force: Vec<(i64, f64)> = stamps.iter().map(|&s| (s, force(s as f64 * 1e-9))).collect();
     write_bag(&directory, &encoder, &force);
-    let recording = bag::load(&directory, None).unwrap();
+    let recording = signals::load(&directory, None).unwrap();
     assert_eq!(recording.quality.clock, ClockKind::AtStamps);
     let origin = recording.trace.origin_ns as f64 * 1e-9;
     let errors: Vec<f64> = (2..recording.trace.len() - 2)
@@ -201,7 +200,7 @@ fn missing_repeated_and_late_samples_are_counted_and_long_gaps_stay_open() {
     encoder.drain(2000..2010); // a gap
     encoder.drain(1000..1002); // two missing
     write_bag(&directory, &encoder, &force);
-    let recording = bag::load(&directory, None).unwrap();
+    let recording = signals::load(&directory, None).unwrap();
     let quality = recording.quality.signal(Signal::Position).unwrap();
     assert_eq!((quality.out_of_order, quality.repeated, quality.conflicting), (1, 1, 1));
     assert_eq!((quality.not_finite, quality.missing, quality.filled, quality.gaps), (1, 13, 3, 1));
@@ -234,13 +233,13 @@ fn a_slower_command_is_held_and_a_delayed_one_is_averaged() {
     let encoder: Vec<(i64, f64)> = (0..2000).map(|k| (at(k), trace.position[k])).collect();
     let slow: Vec<(i64, f64)> = (0..2000).step_by(4).map(|k| (at(k), k as f64)).collect();
     write_bag(&home.path().join("slow"), &encoder, &slow);
-    let recording = bag::load(home.path().join("slow"), None).unwrap();
+    let recording = signals::load(home.path().join("slow"), None).unwrap();
     for k in 0..2000 {
         assert_eq!(recording.trace.force[k], (k / 4 * 4) as f64);
     }
     let late: Vec<(i64, f64)> = (0..2000).map(|k| (at(k) + PERIOD_NS / 5, k as f64)).collect();
     write_bag(&home.path().join("late"), &encoder, &late);
-    let recording = bag::load(home.path().join("late"), None).unwrap();
+    let recording = signals::load(home.path().join("late"), None).unwrap();
     for k in 1..1999 {
         let expected = 0.8 * k as f64 + 0.2 * (k - 1) as f64;
         assert!((recording.trace.force[k] - expected).abs() < 1e-9, "row {k}");
@@ -254,14 +253,14 @@ fn a_clock_that_was_set_back_is_refused_and_empty_headers_are_replaced() {
     let twice: Vec<(i64, f64)> =
         (0..4000).map(|k| (at(k % 2000) * 10, trace.position[k % 2000])).collect();
     write_bag(&home.path().join("twice"), &twice, &[]);
-    let error = bag::load(home.path().join("twice"), None).unwrap_err();
+    let error = signals::load(home.path().join("twice"), None).unwrap_err();
     assert!(
-        matches!(error, BagError::Clock { .. }) && error.to_string().contains("go back by 9.995 s"),
+        matches!(error, SignalError::Clock { .. }) && error.to_string().contains("go back by 9.995 s"),
         "{error}"
     );
     let unfilled: Vec<(i64, f64)> = trace.position.iter().map(|&x| (0, x)).collect();
     write_bag(&home.path().join("unfilled"), &unfilled, &[]);
-    let recording = bag::load(home.path().join("unfilled"), None).unwrap();
+    let recording = signals::load(home.path().join("unfilled"), None).unwrap();
     assert_eq!(recording.trace.position, trace.position);
     assert!(
         recording.quality.notes[0].contains("time of recording"),
@@ -275,7 +274,7 @@ fn a_clock_that_was_set_back_is_refused_and_empty_headers_are_replaced() {
         (i64::from(i32::MAX) * 1_000_000_000, 0.0),
     ];
     write_bag(&home.path().join("far"), &far, &[]);
-    let error = bag::load(home.path().join("far"), None).unwrap_err().to_string();
+    let error = signals::load(home.path().join("far"), None).unwrap_err().to_string();
     assert!(error.contains("most of it is holes"), "{error}");
 }
 
@@ -294,7 +293,7 @@ fn a_mapping_brings_columns_of_any_name_and_unit_to_si() {
                 ms}\n  position: {column: x mm, unit: mm, offset: 0.5}\n  force: {column: 3, \
                 scale: 35}\n";
     let mapping = Mapping::from_yaml(yaml, "m.yaml").unwrap();
-    let recording = bag::load(&csv, Some(&mapping)).unwrap();
+    let recording = signals::load(&csv, Some(&mapping)).unwrap();
     assert_eq!(recording.rate, RATE);
     for k in 0..trace.len() {
         assert!((recording.trace.position[k] - trace.position[k] - 0.5).abs() < 1e-15);
@@ -303,14 +302,16 @@ fn a_mapping_brings_columns_of_any_name_and_unit_to_si() {
     assert!(!recording.has(Signal::ForceCell) && recording.has(Signal::Force));
     // and as a bag of our own
     let out = home.path().join("drive");
-    let report = bag::import(&csv, &mapping, yaml, &out).unwrap();
+    let report = signals::import(&csv, &mapping, yaml, &out).unwrap();
     assert_eq!((report.rows, report.without_time), (3000, 0));
-    let imported = bag::load(&out, None).unwrap();
+    let imported = signals::load(&out, None).unwrap();
     assert_eq!(imported.trace.position, recording.trace.position);
     assert_eq!(imported.trace.force, recording.trace.force);
     // what does not fit is told
     let error = |yaml: &str| {
-        bag::load(&csv, Some(&Mapping::from_yaml(yaml, "m.yaml").unwrap())).unwrap_err().to_string()
+        signals::load(&csv, Some(&Mapping::from_yaml(yaml, "m.yaml").unwrap()))
+            .unwrap_err()
+            .to_string()
     };
     let header = "csv: {delimiter: ';', decimal_comma: true}\nsignals:\n  time: {column: t}\n";
     assert!(error(&format!("{header}  position: {{column: xmm}}")).contains("did you mean `x mm`"));
@@ -355,7 +356,7 @@ fn a_mapping_finds_fields_in_a_bag_and_names_what_is_there_instead() {
     }
     bag.finish().unwrap();
     let load = |signals: &str| {
-        bag::load(
+        signals::load(
             &directory,
             Some(&Mapping::from_yaml(&format!("joint: x_axis\nsignals:\n{signals}"), "m").unwrap()),
         )
@@ -382,7 +383,7 @@ fn a_mapping_finds_fields_in_a_bag_and_names_what_is_there_instead() {
         error("  position: {topic: /joint_states, field: 'positon[0]'}")
             .contains("did you mean `position`")
     );
-    let error = bag::load(&directory, None).unwrap_err().to_string();
+    let error = signals::load(&directory, None).unwrap_err().to_string();
     assert!(
         error.contains("/stage/encoder")
             && error.contains("/joint_states")
@@ -640,7 +641,7 @@ fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
     for run in ["a", "b", "c", "d", "e", "f"] {
         for part in ["train", "check"] {
             let path = home.join(run).join(part);
-            let recording = bag::load(&path, None).unwrap();
+            let recording = signals::load(&path, None).unwrap();
             let plain = Trace::from_bag(&path).unwrap();
             for (column, expected) in recording.trace.columns().iter().zip(plain.columns()) {
                 assert!(
@@ -672,7 +673,7 @@ fn emps_is_read_through_a_mapping() {
     .unwrap();
     for part in ["train", "check"] {
         let recording =
-            bag::load(home.join("emps").join(format!("{part}.csv")), Some(&mapping)).unwrap();
+            signals::load(home.join("emps").join(format!("{part}.csv")), Some(&mapping)).unwrap();
         assert_eq!((recording.trace.len(), recording.rate), (24_841, 1000.0));
         assert!(recording.valid.iter().all(|valid| *valid));
         let found = examine(&recording, None);

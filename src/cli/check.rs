@@ -9,7 +9,9 @@ use serde::Serialize;
 
 use super::Outcome;
 use crate::node::stage_settings;
-use friction_stage_data::bag::{self, BagReader, CheckReport, DataQuality, Excitation, Mapping};
+use friction_stage_data::bag::BagReader;
+use friction_stage_data::quality::{self, CheckReport, Excitation};
+use friction_stage_data::signals::{self, DataQuality, Mapping};
 
 /// Show what a recording holds, whether anything is wrong with it, and what can be identified from
 /// it.
@@ -66,20 +68,21 @@ pub fn run(args: &CheckArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
     let mut model = args.model.as_deref().map(stage_settings::model).transpose()?;
     let asked = args.mapping.is_some() || args.model.is_some();
-    let mut messages = if bag::is_csv(&args.bag) { None } else { Some(bag::check(&args.bag)?) };
+    let mut messages =
+        if signals::is_csv(&args.bag) { None } else { Some(quality::check(&args.bag)?) };
     if let (None, Some(messages)) = (&model, &mut messages) {
         model = BagReader::open(&args.bag)?.model().unwrap_or_else(|error| {
             messages.warnings.push(format!("its model cannot be used: {error}"));
             None
         });
     }
-    let (data, no_data) = match bag::load(&args.bag, mapping.as_ref()) {
+    let (data, no_data) = match signals::load(&args.bag, mapping.as_ref()) {
         Ok(recording) => (Some(recording), None),
         // asked for the messages only, a bag need not be one of a stage
         Err(error) if messages.is_some() && !asked => (None, Some(error.to_string())),
         Err(error) => return Err(error.into()),
     };
-    let identification = data.as_ref().map(|recording| bag::examine(recording, model.as_ref()));
+    let identification = data.as_ref().map(|recording| quality::examine(recording, model.as_ref()));
     let report = FullReport {
         messages,
         data: data.map(|recording| recording.quality),

@@ -9,7 +9,8 @@ use serde::Serialize;
 
 use super::Outcome;
 use friction_stage_core::model::{Catalogue, CatalogueEntry, Provenance, Quantity};
-use friction_stage_data::bag::{BagReader, Trace, topics};
+use friction_stage_data::bag::{BagReader, topics};
+use friction_stage_data::signals::Trace;
 use friction_stage_lab::{Fitted, GuideFit, RigRecord, fit_guide};
 
 /// Fit a guide to recordings of the measuring rig and write it as an entry of a catalogue.

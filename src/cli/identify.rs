@@ -20,7 +20,8 @@ use self::input::{Input, Record};
 use super::Outcome;
 use crate::node::stage_settings;
 use friction_stage_core::model::{Curve, CurveSide, Jump, StageModel};
-use friction_stage_data::bag::{Mapping, topics};
+use friction_stage_data::bag::topics;
+use friction_stage_data::signals::Mapping;
 use friction_stage_identify::Outcome::TooSmall;
 use friction_stage_identify::{
     CARRIAGE_GAIN, Change, Inseparable, LinearController, MORE_THAN_DECLARED, MOST_LAWS,

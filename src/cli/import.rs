@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::Outcome;
-use friction_stage_data::bag::{self, Mapping};
+use friction_stage_data::signals::{self, Mapping};
 
 /// Make a bag of our own layout from a CSV file.
 ///
@@ -41,7 +41,7 @@ pub fn run(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let text = std::fs::read_to_string(&args.mapping)
         .with_context(|| format!("cannot read {}", args.mapping.display()))?;
     let mapping = Mapping::from_yaml(&text, &args.mapping.display().to_string())?;
-    let report = bag::import(&args.csv, &mapping, &text, &args.out)?;
+    let report = signals::import(&args.csv, &mapping, &text, &args.out)?;
     anyhow::ensure!(
         report.rows > 0,
         "{} has a header and no rows: {} is empty",

@@ -13,7 +13,9 @@ use super::identify::instant_in_words;
 use crate::node::stage_settings;
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
-use friction_stage_data::bag::{self, BagReader, DataProblem, Severity, Trace};
+use friction_stage_data::bag::BagReader;
+use friction_stage_data::quality::{self, DataProblem, Severity};
+use friction_stage_data::signals::{self, Trace};
 use friction_stage_identify::{
     ClosedLoopError, Hypothesis, IdentifyError, Measured, Part, Sides, Tolerances, closed_loop,
 };
@@ -242,8 +244,8 @@ fn cannot_write(path: &Path) -> String {
 /// Where a recording contradicts itself or the model so that no figure of a replay says anything: a
 /// wrong sign or unit, another machine, samples that no machine made.
 fn contradictions(path: &Path, model: &StageModel) -> Vec<String> {
-    let found = match bag::load(path, None) {
-        Ok(recording) => bag::examine(&recording, Some(model)),
+    let found = match signals::load(path, None) {
+        Ok(recording) => quality::examine(&recording, Some(model)),
         Err(error) => return vec![error.to_string()],
     };
     let spoils = |problem: &&DataProblem| match problem {

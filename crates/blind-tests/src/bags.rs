@@ -4,10 +4,11 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, Trace, topics};
+use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, topics};
 use friction_stage_data::message::{
     Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped,
 };
+use friction_stage_data::signals::Trace;
 
 use super::{Columns, GenerateError, GeneratedRun, RecordTruth};
 

@@ -6,7 +6,7 @@
 //! tests say so and check nothing.
 
 use friction_stage_core::model::{Coordinate, StageModel};
-use friction_stage_data::bag::{self, Mapping, Trace};
+use friction_stage_data::signals::{self, Mapping, Trace};
 use friction_stage_identify::inverse_dynamics::{EMPS, FrictionLaw, Regression};
 use friction_stage_identify::{
     Hypothesis, Measured, Outcome, Sides, Silent, Tolerances, Verdict, ripple_elsewhere, search,
@@ -22,7 +22,7 @@ fn records() -> Option<[Trace; 2]> {
     .unwrap();
     Some(
         ["train.csv", "check.csv"]
-            .map(|name| bag::load(home.join(name), Some(&mapping)).unwrap().trace),
+            .map(|name| signals::load(home.join(name), Some(&mapping)).unwrap().trace),
     )
 }
 

@@ -551,7 +551,7 @@ fn bags_read_back_as_they_were_generated() {
     let (bags, truth) = (folder.path().join("bags"), folder.path().join("truth"));
     run.write(&bags, &truth).unwrap();
     for (name, columns) in [("train", &run.train), ("check", &run.check)] {
-        let read = friction_stage_data::bag::Trace::from_bag(bags.join(name)).unwrap();
+        let read = friction_stage_data::signals::Trace::from_bag(bags.join(name)).unwrap();
         let written = columns.to_trace();
         assert_eq!(read.origin_ns, written.origin_ns);
         assert_eq!(read.columns()[1..], written.columns()[1..]);
@@ -581,6 +581,7 @@ fn generator_shares_nothing_with_what_is_identified() {
             let text = std::fs::read_to_string(&path).unwrap();
             for line in text.lines().filter(|line| line.contains("friction_stage_")) {
                 let allowed = line.contains("friction_stage_data::bag::")
+                    || line.contains("friction_stage_data::signals::")
                     || line.contains("friction_stage_data::message::");
                 assert!(allowed, "{}: {line}", path.display());
             }

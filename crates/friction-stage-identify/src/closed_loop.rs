@@ -17,7 +17,7 @@ use crate::residual::driven::holding;
 use friction_stage_core::model::{ModelError, StageModel};
 use friction_stage_core::plant::effects::Effects;
 use friction_stage_core::plant::{Rates, RatesError, Stage};
-use friction_stage_data::bag::Trace;
+use friction_stage_data::signals::Trace;
 
 /// Past forces: a PID (integrator, derivative filter) behind a second-order lowpass has three.
 const PAST: usize = 3;

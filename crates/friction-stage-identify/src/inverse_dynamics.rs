@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::residual::driven::Driven;
 use crate::{Hypothesis, IdentifyError, MIN_SAMPLES, Measured, Sides};
 use friction_stage_core::model::StageModel;
-use friction_stage_data::bag::Trace;
+use friction_stage_data::signals::Trace;
 
 /// Ripple of the filter before decimation, dB, its order, and its corner as a share of the new
 /// Nyquist frequency (`decimate`).

@@ -7,7 +7,8 @@ use anyhow::Context as _;
 
 use crate::cli::WrongArguments;
 use friction_stage_core::model::StageModel;
-use friction_stage_data::bag::{self, DataProblem, Mapping, Recording, Severity, Signal, Trace};
+use friction_stage_data::quality::{self, DataProblem, Severity};
+use friction_stage_data::signals::{self, Mapping, Recording, Signal, Trace};
 use friction_stage_identify::{IdentifyError, Measured, closed_loop};
 
 /// Samples in a row that must agree for two records to be the same there. Assumed: of positions in
@@ -113,7 +114,7 @@ impl Input {
     ) -> anyhow::Result<Vec<Recording>> {
         let mut bags = Vec::new();
         for path in paths {
-            let mut recording = bag::load(path, mapping)?;
+            let mut recording = signals::load(path, mapping)?;
             if recording.trace.len() > MOST_SAMPLES {
                 warnings.push(format!(
                     "{}: of {} samples the first {MOST_SAMPLES} are used ({:.0} s): cut the \
@@ -124,12 +125,12 @@ impl Input {
                 ));
                 recording.truncate(MOST_SAMPLES);
             }
-            let mut found = bag::examine(&recording, Some(model));
+            let mut found = quality::examine(&recording, Some(model));
             let broken: Vec<DataProblem> =
                 found.problems.iter().filter(|problem| is_broken(problem)).cloned().collect();
             if !broken.is_empty() {
                 broken.iter().for_each(|problem| leave_out(&mut recording, problem));
-                found = bag::examine(&recording, Some(model));
+                found = quality::examine(&recording, Some(model));
             }
             let fatal: Vec<String> = found
                 .problems

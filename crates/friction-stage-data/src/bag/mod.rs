@@ -1,58 +1,24 @@
-//! Recordings: rosbag2 directories with MCAP, written, read, checked and repaired.
+//! Storage: rosbag2 directories with MCAP, written, read and repaired.
 //!
 //! What comes in are messages as CDR bytes with a time; what goes out is a directory that
-//! `ros2 bag play` takes from Humble on, or the messages of one in the order of time. [`Trace`] is
-//! a recording as columns of numbers.
+//! `ros2 bag play` takes from Humble on, or the messages of one in the order of time. What the
+//! messages mean is not looked at here: see [`signals`](crate::signals).
 
-pub mod check;
-mod definition;
-pub mod error;
-pub mod excitation;
+pub(crate) mod definition;
+mod error;
 mod file;
-pub mod import;
-pub mod mapping;
 mod metadata;
-mod outliers;
-pub mod problem;
-pub mod provenance;
-pub mod qos;
-pub mod reader;
-pub mod recording;
-pub mod recover;
-pub mod resample;
-mod source;
-pub mod trace;
-pub mod writer;
+mod provenance;
+mod qos;
+mod reader;
+mod recover;
+pub mod topics;
+mod writer;
 
-pub use check::{CheckReport, check};
 pub use error::BagError;
-pub use excitation::{Excitation, examine};
 pub use file::Damage;
-pub use import::{ImportReport, import};
-pub use mapping::{Mapping, Signal};
-pub use problem::{DataProblem, Severity};
 pub use provenance::Provenance;
-pub use qos::OfferedQos;
-pub use reader::{BagMessage, BagReader, Topic};
-pub use recording::{DataQuality, Recording, load};
-pub use recover::{RecoverReport, recover};
-pub use resample::{ClockKind, SignalQuality};
-pub use source::is_csv;
-pub use trace::Trace;
+pub use qos::{Durability, History, OfferedQos, Reliability};
+pub use reader::{BagMessage, BagReader, Messages, Topic};
+pub use recover::{KeptTopic, RecoverReport, recover};
 pub use writer::{BagOptions, BagWriter, Compression, TopicId};
-
-/// Topics of the stage, as the nodes name them by default.
-pub mod topics {
-    /// Encoder reading, `sensor_msgs/JointState`.
-    pub const ENCODER: &str = "/stage/encoder";
-    /// Force-cell reading, `geometry_msgs/WrenchStamped`.
-    pub const FORCE_CELL: &str = "/stage/force_cell";
-    /// Force command, `geometry_msgs/WrenchStamped`.
-    pub const FORCE: &str = "/stage/force";
-    /// Setpoint, `trajectory_msgs/JointTrajectory`.
-    pub const SETPOINT: &str = "/stage/setpoint";
-    /// What the controller adds up, `friction_stage/ControllerState`.
-    pub const CONTROLLER_STATE: &str = "/controller/state";
-    /// Name of the joint in every message.
-    pub const JOINT: &str = "stage";
-}

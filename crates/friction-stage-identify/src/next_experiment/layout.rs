@@ -9,7 +9,7 @@ use friction_stage_core::control::{Controller, ControllerSettings, Follower, Gai
 use friction_stage_core::model::{Coordinate as Over, StageModel};
 use friction_stage_core::plant::effects::Effects;
 use friction_stage_core::plant::{Rates, Stage};
-use friction_stage_data::bag::Trace;
+use friction_stage_data::signals::Trace;
 
 /// Part of the force beyond friction that a piece is laid out for: the rest is for the controller
 /// and the effects.

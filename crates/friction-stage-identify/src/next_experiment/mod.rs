@@ -318,7 +318,7 @@ mod tests {
     use crate::{Errors, Evidence, Selection, Tolerances};
     use friction_stage_core::control::{Controller, ControllerSettings, Follower, Trajectory};
     use friction_stage_core::plant::{EffectDescriptor, Rates, Side, Stage};
-    use friction_stage_data::bag::Trace;
+    use friction_stage_data::signals::Trace;
 
     fn limits() -> Limits {
         Limits { stroke: (-0.05, 0.05), speed: 1.0, force: 1500.0, duration: 20.0 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use friction_stage_core::model::{Guide, StageModel};
 use friction_stage_core::plant::Motion;
 use friction_stage_core::plant::effects::ForceOverStep;
-use friction_stage_data::bag::Trace;
+use friction_stage_data::signals::Trace;
 
 use crate::error::IdentifyError;
 use crate::record::lowpass::Lowpass;

@@ -639,7 +639,7 @@ pub(crate) mod tests {
     }
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
-    use friction_stage_data::bag::Trace;
+    use friction_stage_data::signals::Trace;
 
     /// Two seconds at 2 kHz over 0.1 m, as an encoder reads them, with a force that is of no
     /// importance.

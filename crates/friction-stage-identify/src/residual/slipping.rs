@@ -444,7 +444,7 @@ mod tests {
         use rand::SeedableRng;
         use rand_distr::{Distribution, StandardNormal};
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(5);
-        let mut trace = friction_stage_data::bag::Trace::default();
+        let mut trace = friction_stage_data::signals::Trace::default();
         let (mut walk, mut force) = (0.0, Vec::new());
         for k in 0..80_000 {
             let (turn, in_turn) = (k / 2200, f64::from(k % 2200));

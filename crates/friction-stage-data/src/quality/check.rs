@@ -10,12 +10,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::error::BagError;
-use super::file::Damage;
-use super::reader::{BagMessage, BagReader};
-use super::topics;
-use super::trace::joint_index;
+use crate::bag::{BagError, BagMessage, BagReader, Damage, topics};
 use crate::message::*;
+use crate::signals::joint_index;
 
 /// An interval of more than this many usual ones is a gap.
 const GAP: f64 = 1.5;

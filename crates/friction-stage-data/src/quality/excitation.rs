@@ -12,10 +12,8 @@ use std::ops::Range;
 use nalgebra::{Matrix4, Vector4};
 use serde::Serialize;
 
-use super::mapping::Signal;
 use super::problem::{DataProblem, Severity};
-use super::recording::Recording;
-use super::resample::ClockKind;
+use crate::signals::{ClockKind, Recording, Signal};
 use friction_stage_core::model::{Guide, StageModel};
 
 /// Least rows in one piece. Assumed: some fifty parameters' worth of filtered samples.

@@ -9,12 +9,11 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::error::BagError;
-use super::mapping::{Mapping, Place, Signal};
-use super::qos::OfferedQos;
-use super::source::{CsvTable, NO_TIME};
-use super::topics;
-use super::writer::{BagOptions, BagWriter};
+use super::csv_table::CsvFile;
+use super::error::SignalError;
+use super::mapping::{Mapping, Signal, SignalSource};
+use super::source::NO_TIME;
+use crate::bag::{BagOptions, BagWriter, OfferedQos, topics};
 use crate::message::{Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped};
 
 /// Name of the MCAP metadata record that says what was imported.
@@ -42,31 +41,15 @@ pub fn import(
     mapping: &Mapping,
     mapping_text: &str,
     out: &Path,
-) -> Result<ImportReport, BagError> {
-    let mut table = CsvTable::open(csv, &mapping.csv)?;
-    let mut columns = Vec::new();
-    for (signal, sources) in &mapping.signals {
-        for source in sources {
-            if let Place::Topic { .. } = source.place {
-                return Err(BagError::Mapping {
-                    origin: csv.display().to_string(),
-                    key: format!("signals.{signal}"),
-                    reason: "a CSV file has columns, not topics".into(),
-                });
-            }
-            columns.push((*signal, table.column(source)?, source));
-        }
-    }
-    let time = columns.iter().find(|(signal, ..)| *signal == Signal::Time).copied();
-    let period = mapping.rate.map(|rate| 1e9 / rate);
-    if time.is_none() && period.is_none() {
-        return Err(BagError::MissingSignal {
-            path: csv.to_owned(),
-            signal: Signal::Time.name(),
-            needs: "a column, or the `rate` of the rows in the mapping".into(),
-            has: columns.iter().map(|(signal, ..)| signal.name()).collect::<Vec<_>>().join(", "),
-        });
-    }
+) -> Result<ImportReport, SignalError> {
+    let file = CsvFile::new(csv, mapping)?;
+    let columns: Vec<(Signal, &SignalSource)> = mapping
+        .signals
+        .iter()
+        .filter(|(signal, _)| **signal != Signal::Time)
+        .filter_map(|(signal, sources)| Some((*signal, sources.first()?)))
+        .collect();
+    let mut rows = file.rows(columns.iter().map(|(_, source)| *source))?;
     let has = |signal: Signal| columns.iter().any(|(s, ..)| *s == signal);
     let has_reference = has(Signal::ReferencePosition)
         || has(Signal::ReferenceVelocity)
@@ -102,11 +85,7 @@ pub fn import(
     };
     let (mut moved, mut last): (Option<i64>, Option<i64>) = (None, None);
     let mut written = |topic: &str| *report.messages.entry(topic.to_owned()).or_insert(0) += 1;
-    while table.next()? {
-        let stamp = match (time, period) {
-            (Some((_, column, source)), _) => table.stamp(column, source)?,
-            (None, period) => (report.rows as f64 * period.unwrap_or(0.0)).round() as i64,
-        };
+    while let Some(stamp) = rows.next()? {
         report.rows += 1;
         if stamp == NO_TIME {
             report.without_time += 1;
@@ -123,10 +102,8 @@ pub fn import(
         report.not_later += u64::from(last.is_some_and(|last| stamp <= last));
         last = Some(stamp);
         let mut values = [f64::NAN; 7];
-        for (signal, column, source) in &columns {
-            if *signal != Signal::Time {
-                values[*signal as usize] = source.to_si(table.number(*column)?);
-            }
+        for ((signal, _), value) in columns.iter().zip(&rows.values) {
+            values[*signal as usize] = *value;
         }
         let value = |signal: Signal| values[signal as usize];
         let header = Header::new(stamp, topics::JOINT);

@@ -7,9 +7,9 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::error::BagError;
-use super::reader::{BagMessage, BagReader};
-use super::topics;
+use super::error::SignalError;
+use crate::bag::topics;
+use crate::bag::{BagError, BagMessage, BagReader};
 use crate::message::{ControllerState, Header, JointState, JointTrajectory, WrenchStamped};
 
 /// Columns of one run, all of the same length, in SI units. A value that the recording lacks is
@@ -87,13 +87,13 @@ impl Trace {
     /// `/stage/setpoint` of its stamp, else from the `/controller/state` of its stamp. Of several
     /// messages with one stamp the first counts. A bag without encoder, or with a damaged place, is
     /// an error.
-    pub fn from_bag(path: impl AsRef<Path>) -> Result<Self, BagError> {
+    pub fn from_bag(path: impl AsRef<Path>) -> Result<Self, SignalError> {
         Self::from_reader(&BagReader::open(path)?)
     }
 
     /// As [`from_bag`](Self::from_bag), from a bag that is open.
-    pub fn from_reader(reader: &BagReader) -> Result<Self, BagError> {
-        let missing = |signal, needs: String| BagError::MissingSignal {
+    pub fn from_reader(reader: &BagReader) -> Result<Self, SignalError> {
+        let missing = |signal, needs: String| SignalError::MissingSignal {
             path: reader.path().to_owned(),
             signal,
             needs,
@@ -190,7 +190,7 @@ impl Trace {
 
     /// Writes a CSV file with a header line; numbers in the shortest form that reads back exactly,
     /// NaN as an empty field.
-    pub fn write_csv(&self, path: impl AsRef<Path>) -> Result<(), BagError> {
+    pub fn write_csv(&self, path: impl AsRef<Path>) -> Result<(), SignalError> {
         let path = path.as_ref();
         let mut writer = csv::Writer::from_path(path).map_err(|e| csv_error(path, e))?;
         writer.write_record(COLUMNS).map_err(|e| csv_error(path, e))?;
@@ -202,14 +202,14 @@ impl Trace {
             });
             writer.write_record(fields).map_err(|e| csv_error(path, e))?;
         }
-        writer.flush().map_err(|e| BagError::writing(path, 0, e))
+        writer.flush().map_err(|e| BagError::writing(path, 0, e).into())
     }
 
     /// Reads a CSV file with a header line that names the columns as [`COLUMNS`] does, in any
     /// order. `time` and `position` are needed, other columns that are not there are NaN.
-    pub fn read_csv(path: impl AsRef<Path>) -> Result<Self, BagError> {
+    pub fn read_csv(path: impl AsRef<Path>) -> Result<Self, SignalError> {
         let path = path.as_ref();
-        let wrong = |line, reason| BagError::Csv { path: path.to_owned(), line, reason };
+        let wrong = |line, reason| SignalError::Csv { path: path.to_owned(), line, reason };
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .from_path(path)
@@ -273,18 +273,18 @@ fn stamp(header: &Header) -> i64 {
     header.stamp.to_nanos()
 }
 
-fn insert_force(map: &mut HashMap<i64, f64>, message: &BagMessage) -> Result<(), BagError> {
+fn insert_force(map: &mut HashMap<i64, f64>, message: &BagMessage) -> Result<(), SignalError> {
     let wrench: WrenchStamped = message.decode()?;
     map.entry(stamp(&wrench.header)).or_insert(wrench.wrench.force.x);
     Ok(())
 }
 
-pub(crate) fn csv_error(path: &Path, error: csv::Error) -> BagError {
+pub(crate) fn csv_error(path: &Path, error: csv::Error) -> SignalError {
     let line = error.position().map_or(0, csv::Position::line);
     let reason = error.to_string();
     match error.into_kind() {
-        csv::ErrorKind::Io(source) => BagError::reading(path, source),
-        _ => BagError::Csv { path: path.to_owned(), line, reason },
+        csv::ErrorKind::Io(source) => BagError::reading(path, source).into(),
+        _ => SignalError::Csv { path: path.to_owned(), line, reason },
     }
 }
 

@@ -31,8 +31,8 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use super::error::BagError;
-use super::topics;
+use super::error::SignalError;
+use crate::bag::{BagError, topics};
 use friction_stage_core::model::nearest;
 
 /// A signal of the stage; SI units, positive along +x.
@@ -243,14 +243,14 @@ struct SignalFile {
 
 impl Mapping {
     /// Reads a mapping file.
-    pub fn load(path: &Path) -> Result<Self, BagError> {
+    pub fn load(path: &Path) -> Result<Self, SignalError> {
         let text = std::fs::read_to_string(path).map_err(|e| BagError::reading(path, e))?;
         Self::from_yaml(&text, &path.display().to_string())
     }
 
     /// Reads a mapping; `origin` names the text in errors.
-    pub fn from_yaml(text: &str, origin: &str) -> Result<Self, BagError> {
-        let wrong = |key: &str, reason: String| BagError::Mapping {
+    pub fn from_yaml(text: &str, origin: &str) -> Result<Self, SignalError> {
+        let wrong = |key: &str, reason: String| SignalError::Mapping {
             origin: origin.into(),
             key: key.into(),
             reason,

@@ -1,0 +1,85 @@
+//! What can go wrong when the signals of a stage are read from a recording.
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use crate::bag::BagError;
+
+/// Why the signals of a recording could not be read, with the place and what would be right.
+#[derive(Debug, Error)]
+pub enum SignalError {
+    /// The recording itself could not be read or written.
+    #[error(transparent)]
+    Bag(#[from] BagError),
+    /// A recording lacks a signal that a trace needs.
+    #[error("{} has no {signal}: it needs {needs}; it has {has}", path.display())]
+    MissingSignal {
+        /// The recording.
+        path: PathBuf,
+        /// The signal.
+        signal: &'static str,
+        /// Where it would come from.
+        needs: String,
+        /// What is there instead.
+        has: String,
+    },
+    /// A mapping file that says something impossible.
+    #[error("mapping {origin}: {key}: {reason}")]
+    Mapping {
+        /// The mapping file.
+        origin: String,
+        /// Key in it.
+        key: String,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
+    /// A field that the messages of a topic do not have, or that cannot be read from them.
+    #[error("field `{field}` of topic {topic} ({type_name}): {reason}")]
+    Field {
+        /// The topic.
+        topic: String,
+        /// Its type.
+        type_name: String,
+        /// The field asked for.
+        field: String,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
+    /// Time stamps that no run of one clock has.
+    #[error("time stamps of {signal} ({place}): {reason}")]
+    Clock {
+        /// The signal.
+        signal: &'static str,
+        /// Where it comes from.
+        place: String,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
+    /// Too few samples for a rate.
+    #[error(
+        "{} has {samples} usable samples of {signal} (a value, at a time of its own), of {total} \
+         in all; 2 are needed for a rate",
+        path.display()
+    )]
+    TooFewSamples {
+        /// The recording.
+        path: PathBuf,
+        /// The signal.
+        signal: &'static str,
+        /// Finite samples with different stamps.
+        samples: usize,
+        /// Samples that there are.
+        total: usize,
+    },
+    /// A CSV file with something else than numbers under the right names.
+    #[error("{} line {line}: {reason}", path.display())]
+    Csv {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
+}

@@ -1,0 +1,30 @@
+//! The signals of a stage in a recording: which topic or column is which signal, in which unit, and
+//! all of them on one uniform grid.
+//!
+//! What comes in is a bag of our own, a foreign bag or a CSV file with a [`Mapping`]; what goes out
+//! is a [`Recording`] with the account of its samples ([`DataQuality`]).
+
+mod csv_table;
+mod data_quality;
+mod error;
+mod grid;
+mod import;
+mod load;
+pub mod mapping;
+mod order;
+mod recording;
+mod resample;
+mod source;
+mod topic_source;
+mod trace;
+
+pub use data_quality::{DataQuality, SignalQuality};
+pub use error::SignalError;
+pub use grid::ClockKind;
+pub use import::{ImportReport, import};
+pub use load::load;
+pub use mapping::{Mapping, Signal};
+pub use recording::Recording;
+pub use source::is_csv;
+pub(crate) use trace::joint_index;
+pub use trace::{COLUMNS, Trace};

@@ -1,0 +1,130 @@
+//! The raw samples of signals, as a bag or a CSV file has them: with their own stamps, in SI units,
+//! not yet on one grid.
+//!
+//! What comes in is an open recording and where each signal stands; what goes out are [`Stream`]s.
+//! A caller who asks for a few signals at a time keeps only those in memory.
+
+use std::path::Path;
+
+use super::csv_table::CsvFile;
+use super::error::SignalError;
+use super::mapping::{Mapping, Place, Signal, SignalSource};
+use super::topic_source::read_bag;
+use crate::bag::BagReader;
+
+/// Most samples that memory is set aside for before they are read.
+const RESERVE: u64 = 16_000_000;
+/// The smallest time there is stands for none.
+pub(super) const NO_TIME: i64 = i64::MIN;
+
+/// Samples of signals that come with the same stamps.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Stream {
+    pub signals: Vec<Signal>,
+    /// Where each signal comes from, for people.
+    pub places: Vec<String>,
+    /// When each sample was taken, ns, in the order of the recording.
+    pub stamps: Vec<i64>,
+    /// Values of each signal, SI; NaN where a message has none.
+    pub values: Vec<Vec<f64>>,
+    /// What a user should know about how they were read.
+    pub notes: Vec<String>,
+}
+
+/// Signals to be read with one stamp.
+#[derive(Debug, Clone)]
+pub(crate) struct Request {
+    pub signals: Vec<(Signal, SignalSource)>,
+}
+
+/// An open recording.
+pub(crate) enum Source {
+    Bag(BagReader),
+    Csv(CsvFile),
+}
+
+impl Source {
+    /// Opens a bag, or a CSV file if `path` is one (`.csv`, `.tsv`, `.txt`).
+    pub fn open(path: &Path, mapping: Option<&Mapping>) -> Result<(Self, Mapping), SignalError> {
+        let is_csv = is_csv(path);
+        let mapping = match mapping {
+            Some(mapping) => mapping.clone(),
+            None if is_csv => Mapping::own_csv(),
+            None => Mapping::own_bag(),
+        };
+        // What does not exist is neither.
+        if path.exists() && !is_csv && mapping.is_for_csv() {
+            return Err(SignalError::Mapping {
+                origin: path.display().to_string(),
+                key: "signals".into(),
+                reason: "the recording is a bag, but the mapping names columns".into(),
+            });
+        }
+        let source = if is_csv {
+            Self::Csv(CsvFile::new(path, &mapping)?)
+        } else {
+            Self::Bag(BagReader::open(path)?)
+        };
+        Ok((source, mapping))
+    }
+
+    /// How many samples a place has, as far as that is known without reading them; none if it is
+    /// not there.
+    pub fn expected(&self, source: &SignalSource) -> Option<u64> {
+        match (self, &source.place) {
+            (Self::Bag(reader), Place::Topic { topic, .. }) => {
+                reader.topic(topic).map(|t| t.messages).filter(|&messages| messages > 0)
+            }
+            (Self::Csv(file), Place::Column(_)) => file.has(source).then_some(0),
+            _ => None,
+        }
+    }
+
+    /// What there is in place of something that is missing.
+    pub fn inventory(&self) -> String {
+        match self {
+            Self::Bag(reader) if reader.topics().is_empty() => "no topics".into(),
+            Self::Bag(reader) => {
+                let names: Vec<String> = reader
+                    .topics()
+                    .iter()
+                    .map(|t| format!("{} ({})", t.name, t.type_name))
+                    .collect();
+                names.join(", ")
+            }
+            Self::Csv(file) => file.inventory(),
+        }
+    }
+
+    /// Reads each request as a stream; one pass over the recording.
+    pub fn read(&self, requests: &[Request], joint: &str) -> Result<Vec<Stream>, SignalError> {
+        match self {
+            Self::Bag(reader) => read_bag(reader, requests, joint),
+            Self::Csv(file) => file.read(requests),
+        }
+    }
+}
+
+/// Whether a path is a CSV file, by its ending: `.csv`, `.tsv` or `.txt`.
+pub fn is_csv(path: &Path) -> bool {
+    let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    ending.is_some_and(|e| ["csv", "tsv", "txt"].contains(&e.as_str())) && !path.is_dir()
+}
+
+impl Stream {
+    pub fn new(request: &Request, expected: u64) -> Self {
+        let expected = expected.min(RESERVE) as usize;
+        Self {
+            signals: request.signals.iter().map(|(signal, _)| *signal).collect(),
+            places: request.signals.iter().map(|(_, source)| source.place.to_string()).collect(),
+            stamps: Vec::with_capacity(expected),
+            values: request.signals.iter().map(|_| Vec::with_capacity(expected)).collect(),
+            notes: Vec::new(),
+        }
+    }
+}
+
+/// Seconds as nanoseconds; NaN is no time.
+pub(super) fn seconds_to_nanos(seconds: f64) -> i64 {
+    if seconds.is_nan() { NO_TIME } else { (seconds * 1e9).round() as i64 }
+}
