@@ -9,7 +9,9 @@ use friction_stage_data::message::{
     Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped,
 };
 use friction_stage_data::quality::{DataProblem, Severity, examine};
-use friction_stage_data::signals::{self, ClockKind, Mapping, Recording, Signal, SignalError, Trace};
+use friction_stage_data::signals::{
+    self, ClockKind, Mapping, Recording, Signal, SignalError, Trace,
+};
 use tempfile::TempDir;
 
 const RATE: f64 = 2000.0;
@@ -255,7 +257,8 @@ fn a_clock_that_was_set_back_is_refused_and_empty_headers_are_replaced() {
     write_bag(&home.path().join("twice"), &twice, &[]);
     let error = signals::load(home.path().join("twice"), None).unwrap_err();
     assert!(
-        matches!(error, SignalError::Clock { .. }) && error.to_string().contains("go back by 9.995 s"),
+        matches!(error, SignalError::Clock { .. })
+            && error.to_string().contains("go back by 9.995 s"),
         "{error}"
     );
     let unfilled: Vec<(i64, f64)> = trace.position.iter().map(|&x| (0, x)).collect();
