@@ -11,8 +11,6 @@ use std::slice;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::error::IdentifyError;
-use crate::record::measured::forgetting_length;
 use crate::residual::driven::holding;
 use friction_stage_core::model::{ModelError, StageModel};
 use friction_stage_core::plant::effects::Effects;
@@ -93,7 +91,7 @@ impl Setpoint {
             return Err(ClosedLoopError::NoSetpoint);
         }
         // Where a recording has the position only, the rest follows from it.
-        let step = step_of(trace);
+        let step = trace.step();
         let derivative = |values: &[f64]| -> Vec<f64> {
             let last = values.len() - 1;
             (0..=last)
@@ -361,99 +359,10 @@ fn largest(values: &[f64]) -> f64 {
     values.iter().filter(|value| value.is_finite()).fold(0.0, |most, value| most.max(value.abs()))
 }
 
-/// Joins records of one rate into one, for a fit over all of them. Between two of them half a
-/// second is left out, and of each but the first the forces until the guides have slid far enough
-/// to have forgotten what they held: rows without a force are not compared. Time runs on.
-pub fn joined(traces: &[&Trace], model: &StageModel) -> Result<Trace, IdentifyError> {
-    let mut all = Trace::default();
-    let Some(first) = traces.first() else { return Ok(all) };
-    let step = step_of(first);
-    let forgotten = forgetting_length(&model.resolved_guides()?);
-    for (index, trace) in traces.iter().enumerate() {
-        let own = step_of(trace);
-        if (own / step - 1.0).abs() > 1e-5 {
-            return Err(IdentifyError::Rates { first: step.recip(), other: own.recip() });
-        }
-        if index == 0 {
-            all = (*trace).clone();
-            continue;
-        }
-        let from = all.len();
-        let gap = (0.5 / step).ceil() as usize;
-        let anchor = trace.position.iter().copied().find(|x| x.is_finite()).unwrap_or(0.0);
-        let slid = trace
-            .position
-            .iter()
-            .position(|x| (x - anchor).abs() > forgotten)
-            .unwrap_or(trace.len());
-        for (column, add) in [
-            (&mut all.position, &trace.position),
-            (&mut all.reference_position, &trace.reference_position),
-            (&mut all.reference_velocity, &trace.reference_velocity),
-            (&mut all.reference_acceleration, &trace.reference_acceleration),
-            (&mut all.force_cell, &trace.force_cell),
-            (&mut all.force, &trace.force),
-        ] {
-            column.extend(std::iter::repeat_n(f64::NAN, gap));
-            column.extend_from_slice(add);
-        }
-        all.force[from + gap..from + gap + slid].fill(f64::NAN);
-        all.force_cell[from + gap..from + gap + slid].fill(f64::NAN);
-        all.time = (0..from + gap + trace.len()).map(|row| row as f64 * step).collect();
-    }
-    Ok(all)
-}
-
-fn step_of(trace: &Trace) -> f64 {
-    match trace.len() {
-        0 | 1 => f64::NAN,
-        count => (trace.time[count - 1] - trace.time[0]) / (count - 1) as f64,
-    }
-}
-
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
-    use crate::record::measured::Measured;
-    use friction_stage_core::control::{Controller, ControllerSettings, Follower, Trajectory};
-
-    /// Moves of 20 mm and back under our own controller, recorded at 2 kHz; before them the guides
-    /// came to hold a force.
-    pub(crate) fn recording(model: &StageModel, seed: u64, held: f64, moves: u64) -> Trace {
-        let rates = Rates::new(2000.0, 40_000.0).unwrap();
-        let mut stage = Stage::new(model, rates, seed).unwrap();
-        for _ in 0..1000 {
-            stage.advance(held);
-        }
-        let mut settings = ControllerSettings::paper(model.mass, 2000.0, 2000.0);
-        settings.gains.lowpass_frequency = 300.0;
-        let mut controller = Controller::new(settings).unwrap();
-        let mut follower = Follower::new(f64::INFINITY);
-        follower.hold(0, 0.0);
-        let mut trace = Trace::default();
-        for row in 0..3000 * moves {
-            let sample = stage.sample();
-            if row % 3000 == 0 {
-                let target = if row % 6000 == 0 { 0.02 } else { 0.0 };
-                follower
-                    .follow(
-                        sample.time,
-                        Trajectory::rest_to_rest(sample.time, target, 1_000_000_000),
-                    )
-                    .unwrap();
-            }
-            let terms = controller.update(sample.time, sample.position, &mut follower);
-            trace.time.push(sample.time as f64 * 1e-9);
-            trace.position.push(sample.position);
-            trace.reference_position.push(terms.reference.position);
-            trace.reference_velocity.push(terms.reference.velocity);
-            trace.reference_acceleration.push(terms.reference.acceleration);
-            trace.force_cell.push(sample.force_cell);
-            trace.force.push(terms.output);
-            stage.advance(terms.output);
-        }
-        trace
-    }
+    use crate::test_records::recording;
 
     #[test]
     fn our_own_controller_is_found_and_the_true_model_repeats_the_recording() {
@@ -530,26 +439,5 @@ pub(crate) mod tests {
         );
         trace.reference_position.fill(f64::NAN);
         assert!(matches!(controller_of(&trace, &[&trace]), Err(ClosedLoopError::NoSetpoint)));
-    }
-
-    #[test]
-    fn joined_records_leave_out_what_no_record_knows() {
-        let model = StageModel::default();
-        let (a, b) = (recording(&model, 3, 0.0, 2), recording(&model, 4, 0.0, 2));
-        let all = joined(&[&a, &b], &model).unwrap();
-        assert_eq!(all.len(), 2 * 6000 + 1000);
-        assert!(all.position[6000..7000].iter().all(|x| x.is_nan()) && all.force[6999].is_nan());
-        assert_eq!(all.force[12_000], b.force[5000]);
-        let measured = Measured::new(&all, &model, "two").unwrap();
-        let length = forgetting_length(&model.resolved_guides().unwrap());
-        let slid =
-            7000 + b.position.iter().position(|x| (x - b.position[0]).abs() > length).unwrap();
-        let left_out = measured.rows.windows(2).find(|pair| pair[1] > 7000).unwrap();
-        assert!(left_out[0] < 6000 && left_out[1] >= slid, "{left_out:?}, slid at {slid}");
-        assert!(left_out[1] < slid + 100, "{left_out:?}, slid at {slid}");
-        assert!((all.time[12_999] - 12_999.0 / 2000.0).abs() < 1e-9);
-        let mut slow = b;
-        slow.time.iter_mut().for_each(|time| *time *= 2.0);
-        assert!(matches!(joined(&[&a, &slow], &model), Err(IdentifyError::Rates { .. })));
     }
 }

@@ -10,12 +10,13 @@ pub mod closed_loop;
 mod error;
 mod fit;
 mod hypothesis;
-pub mod inverse_dynamics;
 pub mod next_experiment;
 mod record;
 mod residual;
 mod search;
 mod summary;
+#[cfg(test)]
+mod test_records;
 
 pub use closed_loop::{ClosedLoopError, LinearController};
 pub use error::IdentifyError;
@@ -23,11 +24,13 @@ pub use fit::sensor_noise::MORE_THAN_DECLARED;
 pub use fit::uncertainty::correlation_length;
 pub use fit::{Estimate, FitBudget, Fitted, fit};
 pub use hypothesis::nominal_parameter::NominalParameter;
-pub use hypothesis::{FreeParameter, Hypothesis, Missing, ParameterId, Part, Sides, Tolerances};
+pub use hypothesis::{FreeParameter, Hypothesis, ParameterId, Part, Sides, Tolerances};
 pub use next_experiment::{Limits, NextExperiment, NextExperimentError, Plan};
+pub use record::joined::joined;
 pub use record::lowpass::Lowpass;
 pub use record::measured::{Floor, MIN_SAMPLES, Measured, Step};
 pub use record::spectrum;
+pub use residual::missing::Missing;
 pub use search::phase::{RippleElsewhere, ripple_elsewhere};
 pub use search::{
     CARRIAGE_GAIN, Errors, Evidence, Inseparable, LEFT_AT_MOST, MOST_LAWS, NOISE_LIKE, Outcome,

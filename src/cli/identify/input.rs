@@ -9,7 +9,7 @@ use crate::cli::WrongArguments;
 use friction_stage_core::model::StageModel;
 use friction_stage_data::quality::{self, DataProblem, Severity};
 use friction_stage_data::signals::{self, Mapping, Recording, Signal, Trace};
-use friction_stage_identify::{IdentifyError, Measured, closed_loop};
+use friction_stage_identify::{IdentifyError, Measured, joined};
 
 /// Samples in a row that must agree for two records to be the same there. Assumed: of positions in
 /// motion, counted to a nanometre with a nanometre of noise, so many do not agree by accident.
@@ -191,8 +191,7 @@ impl Record {
         let traces: Vec<&Trace> = recordings.iter().map(|recording| &recording.trace).collect();
         let measured = match traces.as_slice() {
             [trace] => Measured::new(trace, model, name),
-            traces => closed_loop::joined(traces, model)
-                .and_then(|trace| Measured::new(&trace, model, name)),
+            traces => joined(traces, model).and_then(|trace| Measured::new(&trace, model, name)),
         };
         let measured =
             measured.with_context(|| format!("nothing can be identified from {name}"))?;

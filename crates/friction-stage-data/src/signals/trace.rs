@@ -56,6 +56,14 @@ impl Trace {
         self.time.is_empty()
     }
 
+    /// Mean step between rows, s; NaN where there are fewer than two.
+    pub fn step(&self) -> f64 {
+        match self.len() {
+            0 | 1 => f64::NAN,
+            count => (self.time[count - 1] - self.time[0]) / (count - 1) as f64,
+        }
+    }
+
     /// The columns, in the order of [`COLUMNS`].
     pub fn columns(&self) -> [&[f64]; 7] {
         [

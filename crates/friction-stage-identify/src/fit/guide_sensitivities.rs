@@ -9,7 +9,7 @@
 use nalgebra::DVector;
 use rayon::prelude::*;
 
-use crate::fit::objective::step_of;
+use crate::fit::difference::step_of;
 use crate::hypothesis::{FreeParameter, Hypothesis, ParameterId};
 use crate::record::measured::Measured;
 use crate::residual::driven::{Driven, FrictionSensitivity};

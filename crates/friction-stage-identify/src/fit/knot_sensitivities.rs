@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use nalgebra::DVector;
 use rayon::prelude::*;
 
-use crate::fit::objective::step_of;
+use crate::fit::difference::step_of;
 use crate::hypothesis::{FreeParameter, Hypothesis, ParameterId, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
@@ -99,7 +99,7 @@ fn passed_last(
 mod tests {
     use super::*;
     use crate::fit::objective::{derivatives, stacked};
-    use crate::residual::driven::tests::{hypothesis, record};
+    use crate::test_records::{hypothesis, record};
 
     /// Each column against the difference quotient of the whole missing force: Coulomb friction
     /// over 64 knots along 0.1 m, viscous over 64 knots along 2 s.

@@ -2,6 +2,7 @@
 //! the coordinates at a bound held there while the error pulls outwards (active set; Nocedal,
 //! Wright, "Numerical Optimization", ch. 16.7).
 
+mod difference;
 mod guide_sensitivities;
 mod knot_sensitivities;
 pub(crate) mod objective;
@@ -15,9 +16,10 @@ use rayon::prelude::*;
 
 use crate::fit::objective::{derivatives, normal_of, stacked};
 use crate::fit::uncertainty::uncertainty;
-use crate::hypothesis::{FreeParameter, Hypothesis, Missing, ParameterId, Sides};
+use crate::hypothesis::{FreeParameter, Hypothesis, ParameterId, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
+use crate::residual::missing::Missing;
 use friction_stage_core::model::ModelError;
 
 /// Part of what a fit must still fall by to be worth anything that it must come to between two
@@ -521,9 +523,9 @@ pub fn race(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::closed_loop::tests::recording;
     use crate::hypothesis::nominal_parameter::NominalParameter;
     use crate::hypothesis::{Part, Tolerances};
+    use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
 

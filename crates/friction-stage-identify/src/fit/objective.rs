@@ -4,15 +4,15 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use crate::fit::difference::step_of;
 use crate::fit::guide_sensitivities::guide_sensitivities;
 use crate::fit::knot_sensitivities::knot_sensitivities;
-use crate::hypothesis::{FreeParameter, Hypothesis, Missing, ParameterId, Sides};
+use crate::hypothesis::{FreeParameter, Hypothesis, ParameterId, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
+use crate::residual::missing::Missing;
 use friction_stage_core::model::ModelError;
 
-/// Step of the difference quotients, in scales of the coordinates.
-const DIFFERENCE: f64 = 1e-4;
 /// Pieces of the rows that cores share, and rows of a block: as many as stay in the cache.
 const PIECES: usize = 8;
 const BLOCK: usize = 256;
@@ -42,12 +42,6 @@ fn expectation(coordinate: &FreeParameter, noise: f64) -> f64 {
         ParameterId::Nominal(_) | ParameterId::Spread { .. } => 3f64.sqrt() * noise,
         ParameterId::Effect { .. } => 0.0,
     }
-}
-
-/// Step of a difference quotient, backward at the upper bound.
-pub(crate) fn step_of(coordinate: &FreeParameter) -> f64 {
-    let step = DIFFERENCE * coordinate.scale;
-    if coordinate.value + step > coordinate.bounds.1 { -step } else { step }
 }
 
 /// Derivatives of the residual by the scaled coordinates, by difference quotients.
@@ -141,7 +135,7 @@ pub(crate) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::residual::driven::tests::{hypothesis, record};
+    use crate::test_records::{hypothesis, record};
 
     /// Of 1003 rows: a full column, one of two blocks, one of zeros.
     #[test]

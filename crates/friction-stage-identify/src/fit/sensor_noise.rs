@@ -144,7 +144,7 @@ pub(crate) fn widened(mut estimate: Estimate, measured: &Measured) -> Result<Est
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::closed_loop::tests::recording;
+    use crate::test_records::recording;
     use crate::{
         FitBudget, FreeParameter, Hypothesis, NominalParameter, ParameterId, Tolerances, fit,
     };

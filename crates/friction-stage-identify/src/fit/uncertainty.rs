@@ -4,7 +4,8 @@
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use crate::fit::objective::normal_of;
-use crate::hypothesis::{FreeParameter, Missing, ParameterId};
+use crate::hypothesis::{FreeParameter, ParameterId};
+use crate::residual::missing::Missing;
 
 /// Eigenvalue of the normal matrix with columns of length 1 below which the data say nothing about
 /// a direction: derivatives by differences are no better than that.

@@ -1,22 +1,15 @@
-//! What might be true: declared parameters within their tolerances and a list of effects, and the
-//! residual that this leaves.
+//! What might be true: declared parameters within their tolerances and a list of effects.
 
 pub(crate) mod nominal_parameter;
 
-use std::f64::consts::TAU;
-
-use nalgebra::{Matrix3, Vector3};
-
 use friction_stage_core::model::{
-    CurveSide, EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel,
+    EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel,
 };
 use friction_stage_core::plant::effects::heights;
 use friction_stage_core::plant::{Drive, EffectDescriptor, Side, SlippingRipple};
 
 use crate::hypothesis::nominal_parameter::NominalParameter;
-use crate::record::measured::{Floor, Measured, mean_square};
-use crate::residual::driven::{self, Driven};
-use crate::residual::slipping::Slipping;
+use crate::record::measured::{Floor, Measured};
 
 /// How far the real machine may be from the declared one, as shares of the declared values.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,14 +51,6 @@ const CONTRASTS: [[f64; MAX_GUIDES]; MAX_GUIDES - 1] =
 /// Contrast that a fit starts from, in tolerances: at none at all no direction is better than its
 /// opposite.
 const START_SPREAD: f64 = 0.25;
-
-/// Effects whose phase counts from the start of a record and therefore means nothing in another
-/// one: each record has its own.
-const PHASE_OF_RECORD: [&str; 1] = ["external_vibration"];
-
-/// Part of what is left with a jump at an instant that must be left with it at another one, for
-/// this to be that of the record. Assumed.
-const ANOTHER_INSTANT: f64 = 0.9;
 
 /// An effect with values in the order of its descriptor's parameters.
 #[derive(Clone, Debug)]
@@ -208,28 +193,6 @@ impl Sides {
     pub const CARRIAGE: Sides = Sides { motor: false, carriage: true };
 }
 
-/// Force that a hypothesis misses, N along +x, filtered, at the rows of the recording. Motor side:
-/// cell less command less effects. Carriage side: mass times acceleration plus friction less
-/// effects less cell; without a cell, less command and motor effects.
-#[derive(Clone, Debug, Default)]
-pub struct Missing {
-    pub motor: Vec<f64>,
-    pub carriage: Vec<f64>,
-}
-
-impl Missing {
-    /// Mean squares, N^2.
-    pub fn squares(&self) -> (f64, f64) {
-        (mean_square(self.motor.iter().copied()), mean_square(self.carriage.iter().copied()))
-    }
-
-    /// Root of the sum of both mean squares, N.
-    pub fn rms(&self) -> f64 {
-        let (motor, carriage) = self.squares();
-        (motor + carriage).sqrt()
-    }
-}
-
 impl Hypothesis {
     /// The declared model with the effects that it declares.
     pub fn new(declared: &StageModel, tolerances: Tolerances) -> Result<Hypothesis, ModelError> {
@@ -268,144 +231,6 @@ impl Hypothesis {
         less
     }
 
-    /// The same in another record: phases that count from the start of a record are those that fit
-    /// this one best, and an instant at which a curve over the time jumps is another one where that
-    /// is much better. Amplitudes, frequencies and heights stay.
-    pub fn in_record(&self, measured: &Measured) -> Result<Hypothesis, ModelError> {
-        let mut here = self.clone();
-        for effect in 0..self.effects.len() {
-            let descriptor = self.effects[effect].descriptor;
-            if let Some(jumping) = here.jumping_elsewhere(effect, measured)? {
-                let left = |hypothesis: &Hypothesis| {
-                    Ok::<_, ModelError>(hypothesis.missing(measured, Sides::BOTH)?.squares())
-                };
-                let ((motor, carriage), (motor_there, carriage_there)) =
-                    (left(&here)?, left(&jumping)?);
-                if motor_there + carriage_there < ANOTHER_INSTANT * (motor + carriage) {
-                    here = jumping;
-                }
-            }
-            if !PHASE_OF_RECORD.contains(&descriptor.name) {
-                continue;
-            }
-            let index_of = |name: &str| {
-                descriptor.parameters.iter().position(|parameter| parameter.name == name)
-            };
-            let (Some(frequency), Some(phase)) = (index_of("frequency"), index_of("phase")) else {
-                continue;
-            };
-            let frequency = here.effects[effect].values[frequency];
-            let missing = here.without(effect).missing(measured, Sides::CARRIAGE)?;
-            let time = measured.at_rows(&measured.time);
-            let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-            for (time, force) in time.iter().zip(&missing.carriage) {
-                let (sine, cosine) = (TAU * frequency * time).sin_cos();
-                let row = Vector3::new(sine, cosine, 1.0);
-                normal += row * row.transpose();
-                right += row * *force;
-            }
-            if let Some(factors) = normal.cholesky() {
-                let best = factors.solve(&right);
-                here.effects[effect].values[phase] = best[1].atan2(best[0]);
-            }
-        }
-        Ok(here)
-    }
-
-    /// Effects of this one in a record ([`Hypothesis::in_record`]) that differ from these: what
-    /// that record has for itself.
-    pub fn own_of<'a>(&self, in_record: &'a Hypothesis) -> Vec<&'a Part> {
-        let both = in_record.effects.iter().zip(&self.effects);
-        both.filter(|(there, here)| there != here).map(|(there, _)| there).collect()
-    }
-
-    /// The same with the jump of a curve over the time at the instant of this record, to a sample,
-    /// that leaves least; `None` where there is no jump, or there cannot be one at any instant.
-    /// Before it is what a curve without the jump leaves, and behind it what one leaves that has
-    /// jumped from the start: bristles forget the difference within micrometres.
-    pub(crate) fn jumping_elsewhere(
-        &self,
-        effect: usize,
-        measured: &Measured,
-    ) -> Result<Option<Hypothesis>, ModelError> {
-        let part = &self.effects[effect];
-        let Some(curve) = part.parameters().curve.filter(|curve| curve.jump.is_some()) else {
-            return Ok(None);
-        };
-        let Some(at) = part.descriptor.parameters.iter().position(|one| one.name == "jump_at")
-        else {
-            return Ok(None);
-        };
-        let jumping_at = |instant: f64| {
-            let mut jumping = self.clone();
-            jumping.effects[effect].values[at] = instant;
-            jumping
-        };
-        let on_motor = curve.side == CurveSide::Motor && measured.cell.is_some();
-        let left = |instant: f64| -> Result<Vec<f64>, ModelError> {
-            let jumping = jumping_at(instant);
-            let sides = if on_motor { Sides::MOTOR } else { Sides::CARRIAGE };
-            let driven = jumping.driven(measured, sides, &Driven::default())?;
-            let missing = jumping.missing_at_samples(&driven, measured, sides);
-            Ok(if on_motor { missing.motor } else { missing.carriage })
-        };
-        let step = measured.rate.recip();
-        let (first, last) = (measured.time[0] - step, measured.time[measured.len() - 1] + step);
-        // Friction that would be gone altogether is no friction.
-        let (Ok(without), Ok(with)) = (left(last), left(first)) else { return Ok(None) };
-        // Samples that rows stand for: in a hole nothing is known.
-        let spacing = measured.lowpass.factor();
-        let samples = measured
-            .rows
-            .iter()
-            .flat_map(|row| (0..spacing).map(move |offset| row + offset - spacing / 2));
-        let (mut more, mut least, mut instant) = (0.0, 0.0, first);
-        for sample in samples {
-            // By which more is left if it jumps behind this sample than if it had jumped from the
-            // start.
-            more += without[sample].powi(2) - with[sample].powi(2);
-            if more < least {
-                (least, instant) = (more, measured.time[sample] + 0.5 * step);
-            }
-        }
-        Ok(Some(jumping_at(instant)))
-    }
-
-    /// Numbers that a record has for itself: of each ripple of balls that slip its knots.
-    pub(crate) fn own_numbers(&self, measured: &Measured) -> usize {
-        let ripples = self.effects.iter().filter_map(Part::slipping_ripple).collect();
-        Slipping::new(ripples, measured).map_or(0, |slipping| slipping.columns())
-    }
-
-    /// The same with the amplitudes of balls that slip, of the effects from `first` on, as this
-    /// record shows them, on the mean: with all guides in phase they would be twice the root of the
-    /// sum of the squares of four that are not.
-    pub(crate) fn with_own_amplitudes(
-        &self,
-        first: usize,
-        measured: &Measured,
-    ) -> Result<Hypothesis, ModelError> {
-        let ripples = self.effects.iter().filter_map(Part::slipping_ripple).collect();
-        let Some(slipping) = Slipping::new(ripples, measured) else { return Ok(self.clone()) };
-        let mut without = self.clone();
-        without.effects.retain(|part| !part.slips());
-        let missing = without.missing(measured, Sides::CARRIAGE)?;
-        let mut here = self.clone();
-        let slips = here.effects.iter_mut().enumerate().filter(|(_, part)| part.slips());
-        for ((index, part), amplitude) in slips.zip(slipping.amplitudes(&missing.carriage)) {
-            let place = part
-                .descriptor
-                .parameters
-                .iter()
-                .position(|parameter| parameter.name == "amplitude");
-            if let (Some(place), Some(amplitude), true) = (place, amplitude, index >= first) {
-                let (least, most) = part.descriptor.parameters[place].bounds;
-                part.values[place] = (2.0 * amplitude).clamp(least, most);
-            }
-        }
-        Ok(here)
-    }
-
     /// The model as declared.
     pub(crate) fn declared(&self) -> &StageModel {
         &self.declared
@@ -420,6 +245,11 @@ impl Hypothesis {
     /// What the declared noise alone leaves.
     pub fn declared_floor(&self, measured: &Measured) -> Floor {
         measured.declared_floor(&self.declared)
+    }
+
+    /// Shift between the instants of encoder and force readings, in samples.
+    pub(crate) fn sensor_shift(&self) -> f64 {
+        self.moved(NominalParameter::SensorShift)
     }
 
     fn moved(&self, declared: NominalParameter) -> f64 {
@@ -607,82 +437,5 @@ impl Hypothesis {
                 self.effects[effect].values[index] = value
             }
         }
-    }
-
-    /// Drives guides and effects along the measured motion and says what force is missing.
-    pub fn missing(&self, measured: &Measured, sides: Sides) -> Result<Missing, ModelError> {
-        Ok(self.missing_of(&self.driven(measured, sides, &Driven::default())?, measured, sides))
-    }
-
-    /// The same from what was driven already.
-    pub(crate) fn missing_of(&self, driven: &Driven, measured: &Measured, sides: Sides) -> Missing {
-        let Missing { motor, carriage } = self.missing_at_samples(driven, measured, sides);
-        let filtered =
-            |signal: Vec<f64>| if signal.is_empty() { signal } else { measured.filtered(&signal) };
-        let mut carriage = filtered(carriage);
-        driven.take_out_own(&mut carriage);
-        Missing { motor: filtered(motor), carriage }
-    }
-
-    /// The same at every sample and not filtered; 0 at both ends, where there is no second
-    /// difference.
-    pub(crate) fn missing_at_samples(
-        &self,
-        driven: &Driven,
-        measured: &Measured,
-        sides: Sides,
-    ) -> Missing {
-        let count = measured.len();
-        let cell = driven.cell(measured);
-        let on = |side: Side| driven.forces().filter(move |force| force.side() == side);
-        let mut missing = Missing::default();
-        if let (true, Some(cell)) = (sides.motor, cell) {
-            missing.motor = (0..count)
-                .map(|k| {
-                    cell[k]
-                        - measured.command[k]
-                        - on(Side::Motor).map(|force| force.read_at(k)).sum::<f64>()
-                })
-                .collect();
-        }
-        if sides.carriage {
-            let mass = self.mass();
-            let mut push: Vec<f64> = cell.unwrap_or(&measured.command).to_vec();
-            for force in on(Side::Motor) {
-                for (k, push) in push.iter_mut().enumerate() {
-                    // The cell reads at the samples; what moves the carriage is the mean over the
-                    // intervals.
-                    *push +=
-                        force.at_nodes[k] - if cell.is_some() { force.read_at(k) } else { 0.0 };
-                }
-            }
-            let mut left: Vec<f64> = (0..count)
-                .map(|k| {
-                    (mass + driven.added_mass(k))
-                        * (measured.acceleration[k]
-                            - driven.apparent_acceleration(k, measured.rate))
-                })
-                .collect();
-            let mut take = |forces: &[f64], sign: f64| {
-                left.iter_mut().zip(forces).for_each(|(left, force)| *left += sign * force);
-            };
-            driven.friction().for_each(|(part, factor)| take(part, factor));
-            on(Side::Carriage).for_each(|force| take(&force.at_nodes, -1.0));
-            let shift = 0.5 * self.moved(NominalParameter::SensorShift);
-            missing.carriage = (0..count)
-                .map(|k| {
-                    if k == 0 || k + 1 == count {
-                        return 0.0;
-                    }
-                    left[k] - push[k] - shift * (push[k + 1] - push[k - 1])
-                })
-                .collect();
-        }
-        missing
-    }
-
-    /// Friction of the guides along the measured motion without effects, N, at the nodes.
-    pub fn friction(&self, measured: &Measured) -> Result<Vec<f64>, ModelError> {
-        driven::friction(&self.guides(), measured)
     }
 }

@@ -4,9 +4,10 @@
 use rayon::prelude::*;
 
 use super::layout::Layout;
+use super::limits::NextExperimentError;
 use super::motion::{REST, Segment};
+use super::proposal::{Separation, Sharpened, Shown};
 use super::questions::{Questions, Subject, Sums};
-use super::{NextExperimentError, Separation, Sharpened, Shown};
 use crate::hypothesis::ParameterId;
 use crate::record::measured::Measured;
 use crate::search::Selection;

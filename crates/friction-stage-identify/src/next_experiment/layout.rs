@@ -1,9 +1,8 @@
 //! Pieces of motion laid out within the limits, and run in closed loop with the identified model.
 
+use super::limits::{Limits, NextExperimentError};
 use super::motion::{Path, QUINTIC, RAMP_PEAK, REST, SHORTEST_RAMP, Segment};
-use super::{Limits, NextExperimentError};
-use crate::MIN_SAMPLES;
-use crate::record::measured::Measured;
+use crate::record::measured::{MIN_SAMPLES, Measured};
 use crate::search::{Selection, Verdict};
 use friction_stage_core::control::{Controller, ControllerSettings, Follower, Gains, Trajectory};
 use friction_stage_core::model::{Coordinate as Over, StageModel};

@@ -12,210 +12,22 @@
 
 mod agenda;
 mod layout;
+mod limits;
 mod motion;
+mod proposal;
 mod questions;
 
-use serde::{Deserialize, Serialize};
-
-use crate::error::IdentifyError;
-use crate::record::measured::{Measured, forgetting_length};
+use crate::record::measured::Measured;
 use crate::search::{Selection, Verdict};
 use agenda::Agenda;
-use friction_stage_core::control::{ControllerError, Point, TrajectoryError};
-use friction_stage_core::model::{ModelError, StageModel};
-use friction_stage_core::plant::RatesError;
+use friction_stage_core::control::Point;
+use friction_stage_core::model::StageModel;
 use layout::Layout;
 use motion::{Path, Segment};
 use questions::Questions;
 
-/// What the motion may do.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limits {
-    /// Lowest and highest position, m.
-    pub stroke: (f64, f64),
-    /// m/s
-    pub speed: f64,
-    /// Of the motor, N.
-    pub force: f64,
-    /// About how long the motion may take, s, without the way to its start.
-    pub duration: f64,
-}
-
-/// Why no motion can be worked out.
-#[derive(Debug, thiserror::Error)]
-pub enum NextExperimentError {
-    #[error(
-        "the stroke from {low} m to {high} m is too short or upside down: at least {least:.3e} m \
-         are needed for the guides to slide and to forget where they came from"
-    )]
-    Stroke { low: f64, high: f64, least: f64 },
-    #[error("the largest speed is {given} m/s: must be finite and at least {least:e} m/s")]
-    Speed { given: f64, least: f64 },
-    #[error(
-        "the largest force is {given} N: must be above {needed:.1} N, which the friction of the \
-         guides takes alone"
-    )]
-    Force { given: f64, needed: f64 },
-    #[error(
-        "the largest force is {given} N, and the motor of the model has {limit} N \
-         (motor.force_limit): at most that"
-    )]
-    Motor { given: f64, limit: f64 },
-    #[error("the motion may take {given} s: must be between {least} and {most} s")]
-    Duration { given: f64, least: f64, most: f64 },
-    #[error(
-        "no piece of motion keeps to the limits of {low} m to {high} m, {speed} m/s and {force} N: \
-         allow more of them"
-    )]
-    Nothing { low: f64, high: f64, speed: f64, force: f64 },
-    #[error(transparent)]
-    Identify(#[from] IdentifyError),
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    #[error(transparent)]
-    Rates(#[from] RatesError),
-    #[error(transparent)]
-    Controller(#[from] ControllerError),
-    #[error(transparent)]
-    Trajectory(#[from] TrajectoryError),
-}
-
-impl Limits {
-    /// Refuses limits within which this stage cannot move, or that it does not have.
-    pub fn check(&self, model: &StageModel) -> Result<(), NextExperimentError> {
-        let Limits { stroke: (low, high), speed, force, duration } = *self;
-        if !(speed.is_finite() && speed >= LEAST_SPEED) {
-            return Err(NextExperimentError::Speed { given: speed, least: LEAST_SPEED });
-        }
-        if !(DURATIONS.0..=DURATIONS.1).contains(&duration) {
-            return Err(NextExperimentError::Duration {
-                given: duration,
-                least: DURATIONS.0,
-                most: DURATIONS.1,
-            });
-        }
-        let (forget, moving) = self.friction(model)?;
-        if !(force.is_finite() && force > moving) {
-            return Err(NextExperimentError::Force { given: force, needed: moving });
-        }
-        if force > model.motor.force_limit {
-            return Err(NextExperimentError::Motor {
-                given: force,
-                limit: model.motor.force_limit,
-            });
-        }
-        let least = 4.0 * forget;
-        if !(low.is_finite() && high.is_finite() && high - low >= least) {
-            return Err(NextExperimentError::Stroke { low, high, least });
-        }
-        Ok(())
-    }
-
-    /// The same with room for a carriage that overshoots its reference.
-    fn with_room(self) -> Limits {
-        let (low, high) = self.stroke;
-        let room = ROOM * (high - low);
-        Limits { stroke: (low + room, high - room), speed: self.speed * (1.0 - ROOM), ..self }
-    }
-
-    /// Way after which the guides have forgotten where they came from, m, and the force that moving
-    /// takes, N: static friction at rest or viscous friction at the largest speed, whichever is
-    /// larger.
-    fn friction(&self, model: &StageModel) -> Result<(f64, f64), ModelError> {
-        let guides = model.resolved_guides()?;
-        let moving =
-            guides.iter().map(|guide| guide.static_force.max(guide.steady_force(self.speed))).sum();
-        Ok((forgetting_length(&guides), moving))
-    }
-}
-
-/// The motion, and what is expected of it.
-#[derive(Clone, Debug)]
-pub struct Plan {
-    /// Times in ns after the start. The first point is the start of the first piece: the stage may
-    /// come from anywhere in the stroke.
-    pub points: Vec<Point>,
-    pub next: NextExperiment,
-}
-
-/// What the next experiment is and what it is for, as in `summary.json`. SI units.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct NextExperiment {
-    /// The file with the motion, a `trajectory_msgs/JointTrajectory`.
-    pub file: String,
-    /// s
-    pub duration: f64,
-    /// Range of the positions, m.
-    pub stroke: [f64; 2],
-    /// m/s
-    pub peak_speed: f64,
-    /// Of the motor, N, in the simulation of the motion with the identified model.
-    pub peak_force: f64,
-    pub segments: Vec<Planned>,
-    /// Effects of the model with the rivals that could stand in their place.
-    pub rivals: Vec<Separation>,
-    /// Parameters that the present record hardly knows.
-    pub parameters: Vec<Sharpened>,
-    /// Effects that the present record would not have shown at a usual size; only where nothing
-    /// else is open.
-    pub untested: Vec<Shown>,
-    /// Of an unexplained force: `position`, `velocity` or `time`, over which the motion repeats.
-    pub coordinate: Option<String>,
-}
-
-/// A piece of the motion.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Planned {
-    pub kind: String,
-    pub description: String,
-    /// s
-    pub duration: f64,
-}
-
-/// How well an effect is told from a rival: rms of the force that one has and the other, refitted,
-/// cannot imitate, in floors of the sensors' noise.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Separation {
-    pub effect: String,
-    pub rival: String,
-    /// On the present record.
-    pub before: f64,
-    /// In the new motion.
-    pub after: f64,
-    /// What the new motion must reach for the two to be told apart.
-    pub needed: f64,
-    pub separates: bool,
-}
-
-/// How much better a parameter is known with the new motion: half widths of its 95 % interval;
-/// `null` where nothing is known.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Sharpened {
-    pub name: String,
-    /// `1`: a share of the value.
-    pub unit: String,
-    pub before: Option<f64>,
-    pub after: Option<f64>,
-}
-
-/// What an effect of a usual size would leave that the model cannot imitate, rms in floors of the
-/// sensors' noise.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Shown {
-    pub effect: String,
-    /// On the present record.
-    pub before: f64,
-    /// In the new motion.
-    pub after: f64,
-}
-
-/// Shortest and longest motion that may be asked for, s. Assumed: below, no piece fits; above, it
-/// is a slip of the unit.
-pub const DURATIONS: (f64, f64) = (2.0, 3600.0);
-/// Lowest speed limit, m/s. Assumed: a tenth of the slowest speeds that stages are measured at.
-const LEAST_SPEED: f64 = 1e-4;
-/// Part of stroke and speed that a reference leaves free. Assumed.
-const ROOM: f64 = 0.01;
+pub use limits::{DURATIONS, Limits, NextExperimentError};
+pub use proposal::{NextExperiment, Plan, Planned, Separation, Sharpened, Shown};
 
 /// Works out the motion that settles most of what the search on `train` left open.
 pub fn plan(

@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::NextExperimentError;
+use super::limits::NextExperimentError;
 use crate::fit::objective::{derivatives, stacked};
 use crate::fit::uncertainty::correlation_length;
 use crate::fit::{FitBudget, fit};

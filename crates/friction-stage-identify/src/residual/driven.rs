@@ -622,10 +622,11 @@ const CLOSE: f64 = 1e-14;
 const LEAST_SLOPE: f64 = 0.05;
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
+    use crate::test_records::{hypothesis, record};
 
     #[test]
     fn the_truth_behind_a_reading_is_found_however_wrong_it_is() {
@@ -636,33 +637,6 @@ pub(crate) mod tests {
         // 5 % of a signal period of 4 um.
         let read = |x: f64| x + 2e-7 * (TAU * x / 4e-6).sin();
         assert!((undo(read(1.3e-6), read) - 1.3e-6).abs() < 1e-13);
-    }
-    use friction_stage_core::model::StageModel;
-    use friction_stage_core::plant::EffectDescriptor;
-    use friction_stage_data::signals::Trace;
-
-    /// Two seconds at 2 kHz over 0.1 m, as an encoder reads them, with a force that is of no
-    /// importance.
-    pub(crate) fn record() -> Measured {
-        let mut trace = Trace::default();
-        for k in 0..4000 {
-            let time = 5e-4 * f64::from(k);
-            trace.time.push(time);
-            trace.position.push(0.05 * (1.0 - (TAU * time).cos()));
-            trace.force.push(80.0 * (TAU * time).cos());
-            trace.force_cell.push(80.0 * (TAU * time).cos());
-        }
-        Measured::new(&trace, &StageModel::default(), "a record").unwrap()
-    }
-
-    pub(crate) fn hypothesis(effects: &[(&str, &[f64])]) -> Hypothesis {
-        let start = Hypothesis::new(&StageModel::default(), Default::default()).unwrap();
-        effects.iter().fold(start, |with, (name, values)| {
-            with.with(Part {
-                descriptor: EffectDescriptor::find(name).unwrap(),
-                values: values.to_vec(),
-            })
-        })
     }
 
     #[test]

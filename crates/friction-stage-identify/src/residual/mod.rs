@@ -2,4 +2,6 @@
 //! measured motion, and the force that is missing.
 
 pub(crate) mod driven;
+pub(crate) mod missing;
+mod own_of_record;
 pub(crate) mod slipping;

@@ -354,7 +354,7 @@ pub(crate) fn strongest(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::residual::driven::tests::record;
+    use crate::test_records::record;
     use friction_stage_core::plant::Side;
 
     /// Force of a ripple whose phase turns by `turn` rad per metre travelled, N, at the rows,
@@ -485,7 +485,7 @@ mod tests {
     #[test]
     fn what_slips_is_no_force_of_the_law_and_leaves_the_other_side_alone() {
         use crate::Sides;
-        use crate::residual::driven::tests::hypothesis;
+        use crate::test_records::hypothesis;
         let measured = record();
         let with = hypothesis(&[("ball_passage", &[0.4, 4e-3, 0.0, 0.0, 0.0, 1.0])]);
         let without = with.without(0);

@@ -7,9 +7,10 @@ use crate::hypothesis::{Hypothesis, Part, Sides};
 use friction_stage_core::plant::Side;
 
 use super::columns::Columns;
+use super::different_guides::with_different_guides;
 use super::gain::{HALF_OF_THE_REST, RIVAL};
-use super::guides::with_different_guides;
-use super::{Errors, Evidence, Inseparable, Outcome, Search, correlation_of_taken, errors};
+use super::selection::{Errors, Evidence, Inseparable, Outcome};
+use super::state::{Search, correlation_of_taken, errors};
 
 impl Search<'_> {
     /// A law was chosen while effects that came later were still in the residual, and its values,
@@ -124,11 +125,11 @@ mod tests {
     use super::super::rounds::tests::tried;
     use super::super::tests::part;
     use super::*;
-    use crate::closed_loop::tests::recording;
     use crate::fit::{FitBudget, fit};
     use crate::hypothesis::Tolerances;
     use crate::record::measured::Measured;
     use crate::search::Silent;
+    use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
 
     /// A spring whose centre is far off says no more than a constant force; one whose centre is

@@ -6,7 +6,8 @@ use crate::record::measured::{Measured, mean_square};
 use friction_stage_core::plant::Side;
 
 use super::gain::{HALF_OF_THE_REST, NOISE_LIKE};
-use super::{Errors, Search};
+use super::selection::Errors;
+use super::state::Search;
 
 /// Share of the explainable residual that the zero of a cell may wander by beside a drift that was
 /// found. Assumed: the law explains at least nine tenths.
@@ -99,9 +100,10 @@ mod tests {
 
     use super::super::tests::part;
     use super::*;
-    use crate::closed_loop::tests::recording;
     use crate::hypothesis::Tolerances;
-    use crate::search::{Silent, errors};
+    use crate::search::Silent;
+    use crate::search::state::errors;
+    use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
 

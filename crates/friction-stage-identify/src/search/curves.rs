@@ -11,7 +11,8 @@ use friction_stage_core::plant::Side;
 
 use super::columns::Columns;
 use super::gain::HALF_OF_THE_REST;
-use super::{Errors, Evidence, Outcome, SEVERAL, Search, errors};
+use super::selection::{Errors, Evidence, Outcome};
+use super::state::{SEVERAL, Search, errors};
 
 /// How many times that a curve must take: it says less than a law, and of a law that is just too
 /// small a curve would tell.
@@ -370,10 +371,10 @@ impl Search<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::closed_loop::tests::recording;
     use crate::hypothesis::Tolerances;
     use crate::record::measured::Measured;
     use crate::search::{Silent, Verdict, search};
+    use crate::test_records::recording;
     use friction_stage_core::model::{Curve, Jump, StageModel};
     use friction_stage_core::plant::EffectDescriptor;
 

@@ -7,9 +7,10 @@ use crate::record::measured::{Floor, Measured};
 use friction_stage_core::plant::Side;
 
 use super::columns::Columns;
+use super::different_guides::with_different_guides;
 use super::gain::{ALL_BUT_NOISE, HALF_OF_THE_REST, SIMPLER};
-use super::guides::with_different_guides;
-use super::{Errors, Search, errors};
+use super::selection::Errors;
+use super::state::{Search, errors};
 
 /// How forms of a law are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -231,9 +232,9 @@ pub(super) fn starts(part: &Part, measured: &Measured) -> Vec<Part> {
 mod tests {
     use super::super::tests::part;
     use super::*;
-    use crate::closed_loop::tests::recording;
     use crate::hypothesis::Tolerances;
     use crate::search::Silent;
+    use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
 
     /// A cell that drifts by 0.2 N/s, and by 0.8 N with a time constant of 1 s: in the train record

@@ -4,7 +4,8 @@ use crate::fit::FitBudget;
 use crate::hypothesis::Sides;
 use friction_stage_core::plant::Side;
 
-use super::{Errors, Evidence, Search};
+use super::selection::{Errors, Evidence};
+use super::state::Search;
 
 /// What an effect must take off the mean square of train and of hold-out, in squares of the floor
 /// of its side. Behind the force cell the model of the motor is exact; on the carriage the measured
@@ -167,10 +168,10 @@ fn leaves_little(left: f64, before: f64, floor: f64) -> bool {
 mod tests {
     use super::super::rounds::tests::tried;
     use super::*;
-    use crate::closed_loop::tests::recording;
     use crate::hypothesis::{Hypothesis, Tolerances};
     use crate::record::measured::{Floor, Measured};
     use crate::search::Silent;
+    use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
 
     /// Of 100 N^2 on both records a law takes a half, by chance it would take 1 N^2: what it does

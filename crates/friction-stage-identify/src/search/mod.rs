@@ -6,183 +6,36 @@ mod cell;
 mod columns;
 mod curve_drawing;
 mod curves;
+mod different_guides;
 mod forms;
 mod gain;
 mod guides;
 pub(crate) mod phase;
 mod pruning;
 mod rounds;
+mod selection;
 mod slips;
+mod state;
 
-use std::collections::BTreeSet;
-
-use friction_stage_core::model::{Coordinate, StageModel};
-use friction_stage_core::plant::Side;
+use friction_stage_core::model::StageModel;
 
 use crate::error::IdentifyError;
-use crate::fit::sensor_noise;
-use crate::fit::uncertainty::correlation_length_along;
-use crate::fit::{Estimate, FitBudget, Fitted, fit};
-use crate::hypothesis::{Hypothesis, Missing, Part, Sides, Tolerances};
-use crate::record::measured::{Floor, Measured};
+use crate::fit::{FitBudget, sensor_noise};
+use crate::hypothesis::{Hypothesis, Sides, Tolerances};
+use crate::record::measured::Measured;
 
 use curves::MOST_CURVES;
-use guides::with_different_guides;
+use state::Search;
 
 pub(super) use gain::RIVAL;
 pub use gain::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
-
-/// Most laws that are added.
-pub const MOST_LAWS: usize = 4;
-/// Effects of which there may be several: harmonics of a period, lines of a spectrum.
-pub(super) const SEVERAL: [&str; 5] =
-    ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
-/// Most effects of such a law.
-const MOST_OF_ONE: usize = 4;
+pub use selection::{Errors, Evidence, Inseparable, Outcome, Selection, Silent, Verdict, Watch};
+pub use state::MOST_LAWS;
+pub(super) use state::SEVERAL;
 
 /// Part of a force beyond which the noise of the sensors hides it: a friction that is a part of it
 /// would be nothing but noise. Assumed.
 const HIDDEN: f64 = 0.5;
-
-/// Parts of a record of which one alone is not to speak for a law. Assumed: a rest, or a move, is
-/// within one or two of them.
-const TENTHS: usize = 10;
-
-/// Errors of a hypothesis: mean squares of the missing force, N^2.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Errors {
-    pub train_motor: f64,
-    pub train_carriage: f64,
-    pub holdout_motor: f64,
-    pub holdout_carriage: f64,
-}
-
-impl Errors {
-    pub fn train(&self) -> f64 {
-        self.train_motor + self.train_carriage
-    }
-
-    pub fn holdout(&self) -> f64 {
-        self.holdout_motor + self.holdout_carriage
-    }
-}
-
-/// What became of a candidate in one round.
-#[derive(Clone, Debug)]
-pub struct Evidence {
-    pub round: usize,
-    pub name: &'static str,
-    pub side: Side,
-    /// Parameters that the fit moved.
-    pub free: usize,
-    pub part: Part,
-    pub errors: Errors,
-    /// Fall of the mean square with this candidate, N^2.
-    pub train_gain: f64,
-    pub holdout_gain: f64,
-    /// That of train without the tenth of the record that shows most of it, N^2.
-    pub train_gain_elsewhere: f64,
-    /// That of the hold-out by itself, with everything else as it is beside it, N^2.
-    pub holdout_gain_alone: f64,
-    /// Fall of the mean square of train that as many parameters would take out of what is left by
-    /// chance, N^2.
-    pub chance: f64,
-    pub outcome: Outcome,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
-    Chosen,
-    /// Less than chance, the floor or what is left to explain ask for.
-    TooSmall,
-    /// Another one does better.
-    Beaten,
-    /// Explains as much as the chosen one.
-    Equal,
-    /// Chosen, and once the others were there not needed any more, or no more than a simpler law.
-    Pruned,
-}
-
-/// Two laws that explain the data equally.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Inseparable {
-    /// Effect that was added.
-    pub effect: &'static str,
-    /// Law that would do as well.
-    pub rival: &'static str,
-    /// Correlation of what the one takes out of the train residual with what the other does.
-    pub correlation: f64,
-}
-
-/// How the search ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    Found,
-    None,
-    Unknown,
-    NotSeparable,
-}
-
-/// Result of the search.
-#[derive(Clone, Debug)]
-pub struct Selection {
-    pub verdict: Verdict,
-    pub before: Fitted,
-    pub after: Estimate,
-    pub errors_before: Errors,
-    pub errors_after: Errors,
-    pub evidence: Vec<Evidence>,
-    /// Coordinate of the map, where one was needed.
-    pub coordinate: Option<Coordinate>,
-    /// For each effect of `after`: the best other candidate of its round with its held-out rms, N.
-    pub runners_up: Vec<Option<(&'static str, f64)>>,
-    /// Pairs that the data do not tell apart.
-    pub inseparable: Vec<Inseparable>,
-    /// Ripples over the position that go through few periods within the travel, with how many.
-    pub unproven: Vec<(&'static str, f64)>,
-    /// How far the zero of the cell is off on the hold-out beyond the law that was found for it,
-    /// where that is all that is left, N rms.
-    pub wander_of_zero: Option<f64>,
-    /// Against which everything is judged: of the declared noise, or of what the hold-out shows
-    /// where that is more.
-    pub floor: Floor,
-    /// Of the declared noise.
-    pub declared_floor: Floor,
-    pub stopped: bool,
-}
-
-impl Selection {
-    /// Laws that were added, those of which there are several counted once.
-    pub fn added_laws(&self) -> usize {
-        let effects = &self.after.fitted.hypothesis.effects;
-        different_laws(&effects[self.before.hypothesis.effects.len()..])
-    }
-
-    /// Share of the held-out residual above the floor of the declared noise that the added effects
-    /// take out; 0 where there is nothing to explain.
-    pub fn explained_share(&self) -> f64 {
-        let floor = self.declared_floor.total().powi(2);
-        let explainable = self.errors_before.holdout() - floor;
-        if explainable <= 0.0 {
-            return 0.0;
-        }
-        (self.errors_before.holdout() - self.errors_after.holdout()) / explainable
-    }
-}
-
-/// What the search tells while it runs.
-pub trait Watch: Sync {
-    /// A line about what is tried now, and the share of the work that is done.
-    fn progress(&self, _what: &str, _share: f64) {}
-    /// Whether to stop and return what there is.
-    fn stopped(&self) -> bool {
-        false
-    }
-}
-
-/// A watch that says nothing and never stops.
-pub struct Silent;
-impl Watch for Silent {}
 
 /// Searches for what the declared model lacks.
 pub fn search(
@@ -237,99 +90,7 @@ pub fn search(
     search.selection()
 }
 
-/// A search on its way.
-struct Search<'a> {
-    train: &'a Measured,
-    holdout: &'a Measured,
-    watch: &'a dyn Watch,
-    floor: Floor,
-    before: Fitted,
-    errors_before: Errors,
-    best: Fitted,
-    best_errors: Errors,
-    /// Rounds in which candidates were tried.
-    rounds: usize,
-    evidence: Vec<Evidence>,
-    coordinate: Option<Coordinate>,
-    /// For each effect the other candidates of its round, the best first, with their held-out rms,
-    /// N.
-    runners_up: Vec<Vec<(&'static str, f64)>>,
-    inseparable: Vec<Inseparable>,
-    /// Number of effects whose forms were chosen anew before a further one was added.
-    forms_chosen: usize,
-    stopped: bool,
-}
-
-impl<'a> Search<'a> {
-    fn new(
-        declared: &Hypothesis,
-        train: &'a Measured,
-        holdout: &'a Measured,
-        watch: &'a dyn Watch,
-    ) -> Result<Search<'a>, IdentifyError> {
-        let alike = fit(declared, train, Sides::BOTH, FitBudget::COMPARED)?;
-        let before = with_different_guides(&alike.hypothesis, train, FitBudget::KEPT)?;
-        let errors_before = errors(&before.hypothesis, train, holdout)?;
-        Ok(Search {
-            train,
-            holdout,
-            watch,
-            floor: sensor_noise::floor(&before.hypothesis.in_record(holdout)?, holdout)?,
-            runners_up: vec![Vec::new(); before.hypothesis.effects.len()],
-            best: before.clone(),
-            best_errors: errors_before,
-            before,
-            errors_before,
-            rounds: 0,
-            evidence: Vec::new(),
-            coordinate: None,
-            inseparable: Vec::new(),
-            forms_chosen: 0,
-            stopped: false,
-        })
-    }
-
-    fn has_cell(&self) -> bool {
-        self.train.cell.is_some()
-    }
-
-    /// Effects that the model declares: they stand first.
-    fn declared_effects(&self) -> usize {
-        self.before.hypothesis.effects.len()
-    }
-
-    /// Effects of this name that were added.
-    fn added_of(&self, name: &str) -> usize {
-        self.best.hypothesis.effects[self.declared_effects()..]
-            .iter()
-            .filter(|part| part.descriptor.name == name)
-            .count()
-    }
-
-    /// Whether there are as many laws as may be.
-    fn is_full(&self) -> bool {
-        different_laws(&self.best.hypothesis.effects[self.declared_effects()..]) >= MOST_LAWS
-    }
-
-    fn take(&mut self, best: Fitted) -> Result<(), IdentifyError> {
-        self.best_errors = errors(&best.hypothesis, self.train, self.holdout)?;
-        self.best = best;
-        Ok(())
-    }
-
-    /// Fits what was found further than was worth it on the way there.
-    fn go_on_fitting(&mut self, effort: FitBudget) -> Result<(), IdentifyError> {
-        if self.best.hypothesis.effects.len() == self.declared_effects() {
-            return Ok(());
-        }
-        let fitted = fit(&self.best.hypothesis, self.train, Sides::BOTH, effort)?;
-        // A fit begins inside of all bounds, and may end elsewhere.
-        if fitted.squares() < self.best.squares() {
-            self.take(fitted)?;
-        }
-        Ok(())
-    }
-
+impl Search<'_> {
     /// Fits what was found to the end.
     fn finish(&mut self) -> Result<(), IdentifyError> {
         self.watch.progress("fit of what was found", 0.94);
@@ -347,20 +108,6 @@ impl<'a> Search<'a> {
             self.prune()?;
         }
         self.weigh_alternatives()
-    }
-
-    /// Sides that a fit with this effect has to look at beside those that were found before: what a
-    /// sensor reads wrong moves with the fit of either side, and one side alone would bend it.
-    fn sides_of(&self, side: Side) -> Sides {
-        let has_cell = self.has_cell();
-        let sensors = self.best.hypothesis.effects.iter().any(|part| part.side() == Side::Sensor);
-        match side {
-            _ if has_cell && sensors => Sides::BOTH,
-            Side::Motor if has_cell => Sides::MOTOR,
-            Side::Motor | Side::Carriage if !has_cell => Sides::BOTH,
-            Side::Sensor if has_cell => Sides::BOTH,
-            _ => Sides::CARRIAGE,
-        }
     }
 
     fn selection(mut self) -> Result<Selection, IdentifyError> {
@@ -428,84 +175,15 @@ impl<'a> Search<'a> {
     }
 }
 
-fn errors(
-    hypothesis: &Hypothesis,
-    train: &Measured,
-    holdout: &Measured,
-) -> Result<Errors, IdentifyError> {
-    let (train_motor, train_carriage) = hypothesis.missing(train, Sides::BOTH)?.squares();
-    let (holdout_motor, holdout_carriage) =
-        hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
-    Ok(Errors { train_motor, train_carriage, holdout_motor, holdout_carriage })
-}
-
-/// Mean square of what is missing on a hold-out, N^2.
-fn errors_on(hypothesis: &Hypothesis, holdout: &Measured) -> Result<f64, IdentifyError> {
-    let (motor, carriage) = hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
-    Ok(motor + carriage)
-}
-
-/// Laws among effects, those of which there are several counted once; a map is none.
-fn different_laws(effects: &[Part]) -> usize {
-    let names: BTreeSet<&str> = effects.iter().map(|part| part.descriptor.name).collect();
-    names.iter().filter(|name| **name != "map").count()
-}
-
-/// What a law of `free` parameters that leads from one residual to another takes out of the mean
-/// square by chance, N^2, twice over: for each the share of the values that are independent of each
-/// other for what is as fast as what the law takes. Of what drifts or wanders a slow law finds few
-/// of them.
-fn by_chance(before: &Missing, after: &Missing, free: usize) -> f64 {
-    let of_side = |before: &[f64], after: &[f64]| {
-        let squares: f64 = after.iter().map(|left| left * left).sum();
-        squares * correlation_length_along(after, &difference(before, after))
-    };
-    let per_parameter =
-        of_side(&before.motor, &after.motor) + of_side(&before.carriage, &after.carriage);
-    2.0 * free as f64 * per_parameter / (after.carriage.len() as f64).powi(2)
-}
-
-fn difference(before: &[f64], after: &[f64]) -> Vec<f64> {
-    before.iter().zip(after).map(|(before, after)| before - after).collect()
-}
-
-/// Correlation of what two fits take out of a residual of both sides; 0 where one takes out
-/// nothing.
-fn correlation_of_taken(before: &Missing, one: &Missing, other: &Missing) -> f64 {
-    let taken = |after: &Missing| -> Vec<f64> {
-        [difference(&before.motor, &after.motor), difference(&before.carriage, &after.carriage)]
-            .concat()
-    };
-    let (one, other) = (taken(one), taken(other));
-    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let size = (product(&one, &one) * product(&other, &other)).sqrt();
-    if size > 0.0 { product(&one, &other) / size } else { 0.0 }
-}
-
-/// Fall of the mean square from one residual of a record to another without the tenth of the record
-/// that shows most of it, N^2.
-fn gain_elsewhere(before: &Missing, after: &Missing) -> f64 {
-    let rows = before.carriage.len();
-    let fall = |before: &[f64], after: &[f64], tenth: usize| -> f64 {
-        let tenth = tenth * before.len() / TENTHS..(tenth + 1) * before.len() / TENTHS;
-        before[tenth.clone()]
-            .iter()
-            .zip(&after[tenth])
-            .map(|(before, after)| before * before - after * after)
-            .sum()
-    };
-    let of_tenth = |tenth| {
-        fall(&before.motor, &after.motor, tenth) + fall(&before.carriage, &after.carriage, tenth)
-    };
-    let falls: Vec<f64> = (0..TENTHS).map(of_tenth).collect();
-    (falls.iter().sum::<f64>() - falls.iter().copied().fold(f64::NEG_INFINITY, f64::max))
-        / rows as f64
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::closed_loop::tests::recording;
+    use crate::fit::fit;
+    use crate::hypothesis::Part;
+    use crate::residual::missing::Missing;
+    use crate::search::selection::different_laws;
+    use crate::search::state::{correlation_of_taken, gain_elsewhere};
+    use crate::test_records::recording;
     use friction_stage_core::model::EffectParameters;
     use friction_stage_core::plant::EffectDescriptor;
 

@@ -6,7 +6,8 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::{Hypothesis, Measured, Part, Sides};
+use crate::hypothesis::{Hypothesis, Part, Sides};
+use crate::record::measured::Measured;
 use friction_stage_core::model::ModelError;
 
 /// Ratio of amplitudes up to which two ripples pass for the same one, and fewest periods that make

@@ -5,9 +5,10 @@ use crate::fit::{FitBudget, Fitted};
 use friction_stage_core::model::Coordinate;
 
 use super::curves::CURVE_ALONE;
+use super::different_guides::with_different_guides;
 use super::gain::HALF_OF_THE_REST;
-use super::guides::with_different_guides;
-use super::{Errors, Evidence, Outcome, Search, errors};
+use super::selection::{Errors, Evidence, Outcome};
+use super::state::{Search, errors};
 
 /// How many times the noise above what was found a fit without one of its effects may leave on the
 /// train record while it is worth going on, and how many times that one with another curve in place

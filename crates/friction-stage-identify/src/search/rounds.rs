@@ -14,12 +14,13 @@ use friction_stage_core::plant::effects::ALL;
 use friction_stage_core::plant::{EffectDescriptor, Side};
 
 use super::columns::Columns;
+use super::different_guides::with_different_guides;
 use super::forms::{Forms, starts};
 use super::gain::{HALF_OF_THE_REST, RIVAL, SIMPLER};
-use super::guides::with_different_guides;
-use super::{
-    Errors, Evidence, Inseparable, MOST_OF_ONE, Outcome, SEVERAL, Search, by_chance,
-    correlation_of_taken, errors, errors_on, gain_elsewhere,
+use super::selection::{Errors, Evidence, Inseparable, Outcome};
+use super::state::{
+    MOST_OF_ONE, SEVERAL, Search, by_chance, correlation_of_taken, errors, errors_on,
+    gain_elsewhere,
 };
 
 /// Share of what laws have taken out of the hold-out below which the next one may be what they
@@ -409,10 +410,10 @@ pub(super) mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::closed_loop::tests::recording;
     use crate::hypothesis::Tolerances;
     use crate::record::measured::Measured;
     use crate::search::{Silent, Verdict, search};
+    use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
 
     /// Candidates of a round with the free parameters and the gains of their laws.

@@ -6,9 +6,10 @@ use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::residual::slipping;
 use friction_stage_core::plant::Side;
 
+use super::different_guides::with_different_guides;
 use super::gain::{HALF_OF_THE_REST, LEAST_SHARE, SIMPLER};
-use super::guides::with_different_guides;
-use super::{Evidence, MOST_OF_ONE, Outcome, Search, by_chance, errors, errors_on, gain_elsewhere};
+use super::selection::{Evidence, Outcome};
+use super::state::{MOST_OF_ONE, Search, by_chance, errors, errors_on, gain_elsewhere};
 
 /// Slips of balls that are tried, rad/sqrt(m): from one that hardly shows within a record to one
 /// that turns the phase within a few strokes.
@@ -140,10 +141,10 @@ impl Search<'_> {
 
 #[cfg(test)]
 mod tests {
-    use crate::closed_loop::tests::recording;
     use crate::hypothesis::Tolerances;
     use crate::record::measured::Measured;
     use crate::search::{Silent, Verdict, search};
+    use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
     use friction_stage_core::plant::EffectDescriptor;
 

@@ -9,16 +9,15 @@
 //! Workshop on Nonlinear System Identification Benchmarks, 2019; what their text leaves open is as
 //! in `filtfilt` and `decimate` of Matlab and SciPy. Not modelled: anything with a memory. The
 //! force of a sample is compared with the motion of the same sample, so the hold of the command
-//! counts as a lag of half a sample here, which [`super::Measured`] takes out.
+//! counts as a lag of half a sample here, which `Measured` takes out.
 
 use std::f64::consts::PI;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::residual::driven::Driven;
-use crate::{Hypothesis, IdentifyError, MIN_SAMPLES, Measured, Sides};
 use friction_stage_core::model::StageModel;
 use friction_stage_data::signals::Trace;
+use friction_stage_identify::{Hypothesis, IdentifyError, MIN_SAMPLES, Measured, Sides};
 
 /// Ripple of the filter before decimation, dB, its order, and its corner as a share of the new
 /// Nyquist frequency (`decimate`).
@@ -124,8 +123,7 @@ impl Protocol {
         smooth.position = ZeroPhase::butterworth(4, self.corner / rate).filter(&trace.position);
         smooth.force_cell.fill(f64::NAN);
         let measured = Measured::new(&smooth, model, "the record")?;
-        let driven = hypothesis.driven(&measured, Sides::CARRIAGE, &Driven::default())?;
-        let left = hypothesis.missing_at_samples(&driven, &measured, Sides::CARRIAGE);
+        let left = hypothesis.missing_unfiltered(&measured, Sides::CARRIAGE)?;
         let norm = |signal: &[f64]| {
             self.decimated(signal).iter().map(|value| value * value).sum::<f64>().sqrt()
         };

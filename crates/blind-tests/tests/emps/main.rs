@@ -5,18 +5,20 @@
 //! directory of FRICTION_STAGE_RECORDINGS, or in `../shared/measured`; where there are none the
 //! tests say so and check nothing.
 
+mod inverse_dynamics;
+
 use friction_stage_core::model::{Coordinate, StageModel};
 use friction_stage_data::signals::{self, Mapping, Trace};
-use friction_stage_identify::inverse_dynamics::{EMPS, FrictionLaw, Regression};
 use friction_stage_identify::{
     Hypothesis, Measured, Outcome, Sides, Silent, Tolerances, Verdict, ripple_elsewhere, search,
 };
+use inverse_dynamics::{EMPS, FrictionLaw, Regression};
 
 /// Train and check record, or `None` with a message.
 fn records() -> Option<[Trace; 2]> {
     let home = blind_tests::recordings::with("emps")?.join("emps");
     let mapping = Mapping::from_yaml(
-        include_str!("../../../launch_config/emps_mapping.yaml"),
+        include_str!("../../../../launch_config/emps_mapping.yaml"),
         "emps_mapping.yaml",
     )
     .unwrap();
@@ -27,7 +29,7 @@ fn records() -> Option<[Trace; 2]> {
 }
 
 fn declared() -> StageModel {
-    StageModel::from_yaml(include_str!("../../../launch_config/emps.yaml"), "emps.yaml").unwrap()
+    StageModel::from_yaml(include_str!("../../../../launch_config/emps.yaml"), "emps.yaml").unwrap()
 }
 
 #[test]

@@ -1,0 +1,152 @@
+//! What a search gives: the verdict with its evidence, and what it tells while it runs.
+
+use std::collections::BTreeSet;
+
+use friction_stage_core::model::Coordinate;
+use friction_stage_core::plant::Side;
+
+use crate::fit::{Estimate, Fitted};
+use crate::hypothesis::Part;
+use crate::record::measured::Floor;
+
+/// Errors of a hypothesis: mean squares of the missing force, N^2.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Errors {
+    pub train_motor: f64,
+    pub train_carriage: f64,
+    pub holdout_motor: f64,
+    pub holdout_carriage: f64,
+}
+
+impl Errors {
+    pub fn train(&self) -> f64 {
+        self.train_motor + self.train_carriage
+    }
+
+    pub fn holdout(&self) -> f64 {
+        self.holdout_motor + self.holdout_carriage
+    }
+}
+
+/// What became of a candidate in one round.
+#[derive(Clone, Debug)]
+pub struct Evidence {
+    pub round: usize,
+    pub name: &'static str,
+    pub side: Side,
+    /// Parameters that the fit moved.
+    pub free: usize,
+    pub part: Part,
+    pub errors: Errors,
+    /// Fall of the mean square with this candidate, N^2.
+    pub train_gain: f64,
+    pub holdout_gain: f64,
+    /// That of train without the tenth of the record that shows most of it, N^2.
+    pub train_gain_elsewhere: f64,
+    /// That of the hold-out by itself, with everything else as it is beside it, N^2.
+    pub holdout_gain_alone: f64,
+    /// Fall of the mean square of train that as many parameters would take out of what is left by
+    /// chance, N^2.
+    pub chance: f64,
+    pub outcome: Outcome,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    Chosen,
+    /// Less than chance, the floor or what is left to explain ask for.
+    TooSmall,
+    /// Another one does better.
+    Beaten,
+    /// Explains as much as the chosen one.
+    Equal,
+    /// Chosen, and once the others were there not needed any more, or no more than a simpler law.
+    Pruned,
+}
+
+/// Two laws that explain the data equally.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inseparable {
+    /// Effect that was added.
+    pub effect: &'static str,
+    /// Law that would do as well.
+    pub rival: &'static str,
+    /// Correlation of what the one takes out of the train residual with what the other does.
+    pub correlation: f64,
+}
+
+/// How the search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    Found,
+    None,
+    Unknown,
+    NotSeparable,
+}
+
+/// Result of the search.
+#[derive(Clone, Debug)]
+pub struct Selection {
+    pub verdict: Verdict,
+    pub before: Fitted,
+    pub after: Estimate,
+    pub errors_before: Errors,
+    pub errors_after: Errors,
+    pub evidence: Vec<Evidence>,
+    /// Coordinate of the map, where one was needed.
+    pub coordinate: Option<Coordinate>,
+    /// For each effect of `after`: the best other candidate of its round with its held-out rms, N.
+    pub runners_up: Vec<Option<(&'static str, f64)>>,
+    /// Pairs that the data do not tell apart.
+    pub inseparable: Vec<Inseparable>,
+    /// Ripples over the position that go through few periods within the travel, with how many.
+    pub unproven: Vec<(&'static str, f64)>,
+    /// How far the zero of the cell is off on the hold-out beyond the law that was found for it,
+    /// where that is all that is left, N rms.
+    pub wander_of_zero: Option<f64>,
+    /// Against which everything is judged: of the declared noise, or of what the hold-out shows
+    /// where that is more.
+    pub floor: Floor,
+    /// Of the declared noise.
+    pub declared_floor: Floor,
+    pub stopped: bool,
+}
+
+impl Selection {
+    /// Laws that were added, those of which there are several counted once.
+    pub fn added_laws(&self) -> usize {
+        let effects = &self.after.fitted.hypothesis.effects;
+        different_laws(&effects[self.before.hypothesis.effects.len()..])
+    }
+
+    /// Share of the held-out residual above the floor of the declared noise that the added effects
+    /// take out; 0 where there is nothing to explain.
+    pub fn explained_share(&self) -> f64 {
+        let floor = self.declared_floor.total().powi(2);
+        let explainable = self.errors_before.holdout() - floor;
+        if explainable <= 0.0 {
+            return 0.0;
+        }
+        (self.errors_before.holdout() - self.errors_after.holdout()) / explainable
+    }
+}
+
+/// What the search tells while it runs.
+pub trait Watch: Sync {
+    /// A line about what is tried now, and the share of the work that is done.
+    fn progress(&self, _what: &str, _share: f64) {}
+    /// Whether to stop and return what there is.
+    fn stopped(&self) -> bool {
+        false
+    }
+}
+
+/// A watch that says nothing and never stops.
+pub struct Silent;
+impl Watch for Silent {}
+
+/// Laws among effects, those of which there are several counted once; a map is none.
+pub(super) fn different_laws(effects: &[Part]) -> usize {
+    let names: BTreeSet<&str> = effects.iter().map(|part| part.descriptor.name).collect();
+    names.iter().filter(|name| **name != "map").count()
+}

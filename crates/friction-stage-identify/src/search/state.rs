@@ -1,0 +1,203 @@
+//! Where a search stands: the best hypothesis so far with its errors, and how two hypotheses
+//! compare.
+
+use friction_stage_core::model::Coordinate;
+use friction_stage_core::plant::Side;
+
+use crate::error::IdentifyError;
+use crate::fit::uncertainty::correlation_length_along;
+use crate::fit::{FitBudget, Fitted, fit, sensor_noise};
+use crate::hypothesis::{Hypothesis, Sides};
+use crate::record::measured::{Floor, Measured};
+use crate::residual::missing::Missing;
+
+use super::different_guides::with_different_guides;
+use super::selection::{Errors, Evidence, Inseparable, Watch, different_laws};
+
+/// Most laws that are added.
+pub const MOST_LAWS: usize = 4;
+/// Effects of which there may be several: harmonics of a period, lines of a spectrum.
+pub(crate) const SEVERAL: [&str; 5] =
+    ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
+/// Most effects of such a law.
+pub(super) const MOST_OF_ONE: usize = 4;
+
+/// Parts of a record of which one alone is not to speak for a law. Assumed: a rest, or a move, is
+/// within one or two of them.
+const TENTHS: usize = 10;
+
+/// A search on its way.
+pub(super) struct Search<'a> {
+    pub(super) train: &'a Measured,
+    pub(super) holdout: &'a Measured,
+    pub(super) watch: &'a dyn Watch,
+    pub(super) floor: Floor,
+    pub(super) before: Fitted,
+    pub(super) errors_before: Errors,
+    pub(super) best: Fitted,
+    pub(super) best_errors: Errors,
+    /// Rounds in which candidates were tried.
+    pub(super) rounds: usize,
+    pub(super) evidence: Vec<Evidence>,
+    pub(super) coordinate: Option<Coordinate>,
+    /// For each effect the other candidates of its round, the best first, with their held-out rms,
+    /// N.
+    pub(super) runners_up: Vec<Vec<(&'static str, f64)>>,
+    pub(super) inseparable: Vec<Inseparable>,
+    /// Number of effects whose forms were chosen anew before a further one was added.
+    pub(super) forms_chosen: usize,
+    pub(super) stopped: bool,
+}
+
+impl<'a> Search<'a> {
+    pub(super) fn new(
+        declared: &Hypothesis,
+        train: &'a Measured,
+        holdout: &'a Measured,
+        watch: &'a dyn Watch,
+    ) -> Result<Search<'a>, IdentifyError> {
+        let alike = fit(declared, train, Sides::BOTH, FitBudget::COMPARED)?;
+        let before = with_different_guides(&alike.hypothesis, train, FitBudget::KEPT)?;
+        let errors_before = errors(&before.hypothesis, train, holdout)?;
+        Ok(Search {
+            train,
+            holdout,
+            watch,
+            floor: sensor_noise::floor(&before.hypothesis.in_record(holdout)?, holdout)?,
+            runners_up: vec![Vec::new(); before.hypothesis.effects.len()],
+            best: before.clone(),
+            best_errors: errors_before,
+            before,
+            errors_before,
+            rounds: 0,
+            evidence: Vec::new(),
+            coordinate: None,
+            inseparable: Vec::new(),
+            forms_chosen: 0,
+            stopped: false,
+        })
+    }
+
+    pub(super) fn has_cell(&self) -> bool {
+        self.train.cell.is_some()
+    }
+
+    /// Effects that the model declares: they stand first.
+    pub(super) fn declared_effects(&self) -> usize {
+        self.before.hypothesis.effects.len()
+    }
+
+    /// Effects of this name that were added.
+    pub(super) fn added_of(&self, name: &str) -> usize {
+        self.best.hypothesis.effects[self.declared_effects()..]
+            .iter()
+            .filter(|part| part.descriptor.name == name)
+            .count()
+    }
+
+    /// Whether there are as many laws as may be.
+    pub(super) fn is_full(&self) -> bool {
+        different_laws(&self.best.hypothesis.effects[self.declared_effects()..]) >= MOST_LAWS
+    }
+
+    pub(super) fn take(&mut self, best: Fitted) -> Result<(), IdentifyError> {
+        self.best_errors = errors(&best.hypothesis, self.train, self.holdout)?;
+        self.best = best;
+        Ok(())
+    }
+
+    /// Fits what was found further than was worth it on the way there.
+    pub(super) fn go_on_fitting(&mut self, effort: FitBudget) -> Result<(), IdentifyError> {
+        if self.best.hypothesis.effects.len() == self.declared_effects() {
+            return Ok(());
+        }
+        let fitted = fit(&self.best.hypothesis, self.train, Sides::BOTH, effort)?;
+        // A fit begins inside of all bounds, and may end elsewhere.
+        if fitted.squares() < self.best.squares() {
+            self.take(fitted)?;
+        }
+        Ok(())
+    }
+
+    /// Sides that a fit with this effect has to look at beside those that were found before: what a
+    /// sensor reads wrong moves with the fit of either side, and one side alone would bend it.
+    pub(super) fn sides_of(&self, side: Side) -> Sides {
+        let has_cell = self.has_cell();
+        let sensors = self.best.hypothesis.effects.iter().any(|part| part.side() == Side::Sensor);
+        match side {
+            _ if has_cell && sensors => Sides::BOTH,
+            Side::Motor if has_cell => Sides::MOTOR,
+            Side::Motor | Side::Carriage if !has_cell => Sides::BOTH,
+            Side::Sensor if has_cell => Sides::BOTH,
+            _ => Sides::CARRIAGE,
+        }
+    }
+}
+
+pub(super) fn errors(
+    hypothesis: &Hypothesis,
+    train: &Measured,
+    holdout: &Measured,
+) -> Result<Errors, IdentifyError> {
+    let (train_motor, train_carriage) = hypothesis.missing(train, Sides::BOTH)?.squares();
+    let (holdout_motor, holdout_carriage) =
+        hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
+    Ok(Errors { train_motor, train_carriage, holdout_motor, holdout_carriage })
+}
+
+/// Mean square of what is missing on a hold-out, N^2.
+pub(super) fn errors_on(hypothesis: &Hypothesis, holdout: &Measured) -> Result<f64, IdentifyError> {
+    let (motor, carriage) = hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
+    Ok(motor + carriage)
+}
+
+/// What a law of `free` parameters that leads from one residual to another takes out of the mean
+/// square by chance, N^2, twice over: for each the share of the values that are independent of each
+/// other for what is as fast as what the law takes. Of what drifts or wanders a slow law finds few
+/// of them.
+pub(super) fn by_chance(before: &Missing, after: &Missing, free: usize) -> f64 {
+    let of_side = |before: &[f64], after: &[f64]| {
+        let squares: f64 = after.iter().map(|left| left * left).sum();
+        squares * correlation_length_along(after, &difference(before, after))
+    };
+    let per_parameter =
+        of_side(&before.motor, &after.motor) + of_side(&before.carriage, &after.carriage);
+    2.0 * free as f64 * per_parameter / (after.carriage.len() as f64).powi(2)
+}
+
+pub(super) fn difference(before: &[f64], after: &[f64]) -> Vec<f64> {
+    before.iter().zip(after).map(|(before, after)| before - after).collect()
+}
+
+/// Correlation of what two fits take out of a residual of both sides; 0 where one takes out
+/// nothing.
+pub(super) fn correlation_of_taken(before: &Missing, one: &Missing, other: &Missing) -> f64 {
+    let taken = |after: &Missing| -> Vec<f64> {
+        [difference(&before.motor, &after.motor), difference(&before.carriage, &after.carriage)]
+            .concat()
+    };
+    let (one, other) = (taken(one), taken(other));
+    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let size = (product(&one, &one) * product(&other, &other)).sqrt();
+    if size > 0.0 { product(&one, &other) / size } else { 0.0 }
+}
+
+/// Fall of the mean square from one residual of a record to another without the tenth of the record
+/// that shows most of it, N^2.
+pub(super) fn gain_elsewhere(before: &Missing, after: &Missing) -> f64 {
+    let rows = before.carriage.len();
+    let fall = |before: &[f64], after: &[f64], tenth: usize| -> f64 {
+        let tenth = tenth * before.len() / TENTHS..(tenth + 1) * before.len() / TENTHS;
+        before[tenth.clone()]
+            .iter()
+            .zip(&after[tenth])
+            .map(|(before, after)| before * before - after * after)
+            .sum()
+    };
+    let of_tenth = |tenth| {
+        fall(&before.motor, &after.motor, tenth) + fall(&before.carriage, &after.carriage, tenth)
+    };
+    let falls: Vec<f64> = (0..TENTHS).map(of_tenth).collect();
+    (falls.iter().sum::<f64>() - falls.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+        / rows as f64
+}
