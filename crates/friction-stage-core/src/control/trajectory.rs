@@ -51,6 +51,14 @@ pub enum TrajectoryError {
     Jump { jump: f64, from: f64, limit: f64 },
     #[error("the trajectory ends at {end} ns, before now ({now} ns)")]
     Past { end: i64, now: i64 },
+    #[error(
+        "the motion to point {index} reaches {position:.6e} m, must stay between {low} and {high} m"
+    )]
+    Stroke { index: usize, position: f64, low: f64, high: f64 },
+    #[error(
+        "the motion to point {index}: {quantity} reaches {value:.3e}, must stay below {limit:e}"
+    )]
+    TooFast { index: usize, quantity: &'static str, value: f64, limit: f64 },
 }
 
 /// Follows what it is given: holds a reference, follows a trajectory, takes streamed setpoints.
@@ -61,7 +69,13 @@ pub struct Follower {
     active: Option<Active>,
     /// Largest step of a streamed setpoint, m, beyond what its own velocity explains.
     jump_limit: f64,
+    /// Lowest and highest reference, m.
+    stroke: (f64, f64),
 }
+
+/// Positions, m, speeds, m/s, and accelerations, m/s^2, that no stage reaches: a reference beyond
+/// them is a slip, and controllers compute with its squares.
+const LARGEST: [(&str, f64); 3] = [("position", 1e6), ("velocity", 1e6), ("acceleration", 1e9)];
 
 #[derive(Clone, Debug)]
 struct Active {
@@ -129,54 +143,179 @@ impl Trajectory {
     }
 }
 
-/// The motion from `a` to `b` at `time`, ns after the start of their trajectory.
-fn interpolate(a: &Point, b: &Point, time: i64) -> Reference {
-    let span = (b.time - a.time) as f64 * 1e-9;
-    let u = (time - a.time) as f64 / (b.time - a.time) as f64;
-    let delta = b.position - a.position;
-    let effort = a.effort + (b.effort - a.effort) * u;
-    match (a.velocity.zip(b.velocity), a.acceleration.zip(b.acceleration)) {
-        (Some((va, vb)), Some((aa, ab))) => {
-            // Coefficients over u in 0..1 of the quintic through both ends.
-            let (va, vb, aa, ab) = (va * span, vb * span, aa * span * span, ab * span * span);
-            let c2 = 0.5 * aa;
-            let c3 = 10.0 * delta - 6.0 * va - 4.0 * vb - 1.5 * aa + 0.5 * ab;
-            let c4 = -15.0 * delta + 8.0 * va + 7.0 * vb + 1.5 * aa - ab;
-            let c5 = 6.0 * delta - 3.0 * (va + vb) - 0.5 * (aa - ab);
-            Reference {
-                position: a.position + u * (va + u * (c2 + u * (c3 + u * (c4 + u * c5)))),
-                velocity: (va + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5))))
+/// The motion from one point to the next: a polynomial over u in 0..1.
+struct Segment {
+    /// s
+    span: f64,
+    /// Of the powers 0 to 5 of u, m.
+    coefficients: [f64; 6],
+    degree: usize,
+    effort: (f64, f64),
+}
+
+impl Segment {
+    fn new(a: &Point, b: &Point) -> Segment {
+        let span = (b.time - a.time) as f64 * 1e-9;
+        let delta = b.position - a.position;
+        let (degree, rest) = match (a.velocity.zip(b.velocity), a.acceleration.zip(b.acceleration))
+        {
+            (Some((va, vb)), Some((aa, ab))) => {
+                let (va, vb) = (va * span, vb * span);
+                let (aa, ab) = (aa * span * span, ab * span * span);
+                let c2 = 0.5 * aa;
+                let c3 = 10.0 * delta - 6.0 * va - 4.0 * vb - 1.5 * aa + 0.5 * ab;
+                let c4 = -15.0 * delta + 8.0 * va + 7.0 * vb + 1.5 * aa - ab;
+                let c5 = 6.0 * delta - 3.0 * (va + vb) - 0.5 * (aa - ab);
+                (5, [va, c2, c3, c4, c5])
+            }
+            (Some((va, vb)), None) => {
+                let (va, vb) = (va * span, vb * span);
+                let c2 = 3.0 * delta - 2.0 * va - vb;
+                let c3 = -2.0 * delta + va + vb;
+                (3, [va, c2, c3, 0.0, 0.0])
+            }
+            (None, _) => (1, [delta, 0.0, 0.0, 0.0, 0.0]),
+        };
+        let [c1, c2, c3, c4, c5] = rest;
+        let coefficients = [a.position, c1, c2, c3, c4, c5];
+        Segment { span, coefficients, degree, effort: (a.effort, b.effort) }
+    }
+
+    #[inline]
+    fn at(&self, u: f64) -> Reference {
+        let [start, c1, c2, c3, c4, c5] = self.coefficients;
+        let span = self.span;
+        let effort = self.effort.0 + (self.effort.1 - self.effort.0) * u;
+        match self.degree {
+            5 => Reference {
+                position: start + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5)))),
+                velocity: (c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5))))
                     / span,
                 acceleration: (2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5)))
                     / (span * span),
                 effort,
-            }
-        }
-        (Some((va, vb)), None) => {
-            let (va, vb) = (va * span, vb * span);
-            let c2 = 3.0 * delta - 2.0 * va - vb;
-            let c3 = -2.0 * delta + va + vb;
-            Reference {
-                position: a.position + u * (va + u * (c2 + u * c3)),
-                velocity: (va + u * (2.0 * c2 + u * 3.0 * c3)) / span,
+            },
+            3 => Reference {
+                position: start + u * (c1 + u * (c2 + u * c3)),
+                velocity: (c1 + u * (2.0 * c2 + u * 3.0 * c3)) / span,
                 acceleration: (2.0 * c2 + u * 6.0 * c3) / (span * span),
                 effort,
-            }
+            },
+            _ => Reference {
+                position: start + u * c1,
+                velocity: c1 / span,
+                acceleration: 0.0,
+                effort,
+            },
         }
-        (None, _) => Reference {
-            position: a.position + u * delta,
-            velocity: delta / span,
-            acceleration: 0.0,
-            effort,
-        },
     }
+
+    /// Least and greatest position, m, velocity, m/s, and acceleration, m/s^2; NaN where they are
+    /// not finite.
+    fn extremes(&self) -> [(f64, f64); 3] {
+        let derivative = |of: [f64; 6]| -> [f64; 6] {
+            std::array::from_fn(|k| match of.get(k + 1) {
+                Some(next) => (k + 1) as f64 * next / self.span,
+                None => 0.0,
+            })
+        };
+        let velocity = derivative(self.coefficients);
+        [range(self.coefficients), range(velocity), range(derivative(velocity))]
+    }
+}
+
+/// Least and greatest value of a polynomial over 0..1, to a part in 1e9 of its size; NaN for one
+/// that is not finite. Bernstein coefficients enclose it, and are halved until they do closely.
+fn range(coefficients: [f64; 6]) -> (f64, f64) {
+    const BINOMIALS: [[f64; 6]; 6] = [
+        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [1.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+        [1.0, 2.0, 1.0, 0.0, 0.0, 0.0],
+        [1.0, 3.0, 3.0, 1.0, 0.0, 0.0],
+        [1.0, 4.0, 6.0, 4.0, 1.0, 0.0],
+        [1.0, 5.0, 10.0, 10.0, 5.0, 1.0],
+    ];
+    let bernstein: [f64; 6] = std::array::from_fn(|i| {
+        (0..=i).map(|k| BINOMIALS[i][k] / BINOMIALS[5][k] * coefficients[k]).sum()
+    });
+    let size = bernstein.iter().fold(0.0_f64, |most, b| most.max(b.abs()));
+    if !bernstein.iter().sum::<f64>().is_finite() || !size.is_finite() {
+        return (f64::NAN, f64::NAN);
+    }
+    let mut found = (bernstein[0].min(bernstein[5]), bernstein[0].max(bernstein[5]));
+    widen(&bernstein, 1e-9 * size, 40, &mut found);
+    found
+}
+
+fn widen(bernstein: &[f64; 6], tolerance: f64, depth: u32, found: &mut (f64, f64)) {
+    let least = bernstein.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = bernstein.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if depth == 0 || least >= found.0 - tolerance && most <= found.1 + tolerance {
+        return;
+    }
+    // De Casteljau at the middle.
+    let (mut left, mut right, mut row) = ([0.0; 6], [0.0; 6], *bernstein);
+    for k in 0..6 {
+        (left[k], right[5 - k]) = (row[0], row[5 - k]);
+        for i in 0..5 - k {
+            row[i] = 0.5 * (row[i] + row[i + 1]);
+        }
+    }
+    *found = (found.0.min(left[5]), found.1.max(left[5]));
+    widen(&left, tolerance, depth - 1, found);
+    widen(&right, tolerance, depth - 1, found);
+}
+
+/// The motion from `a` to `b` at `time`, ns after the start of their trajectory.
+#[inline]
+fn interpolate(a: &Point, b: &Point, time: i64) -> Reference {
+    let u = (time - a.time) as f64 / (b.time - a.time) as f64;
+    Segment::new(a, b).at(u)
 }
 
 impl Follower {
     /// Holds position 0 from time 0 on; [`Follower::hold`] the measured position before the first
     /// reference is used.
     pub fn new(jump_limit: f64) -> Follower {
-        Follower { held: Reference::default(), held_since: 0, active: None, jump_limit }
+        Follower {
+            held: Reference::default(),
+            held_since: 0,
+            active: None,
+            jump_limit,
+            stroke: (f64::NEG_INFINITY, f64::INFINITY),
+        }
+    }
+
+    /// Refuses references below `low` or above `high`, m.
+    pub fn within(mut self, low: f64, high: f64) -> Follower {
+        self.stroke = (low, high);
+        self
+    }
+
+    /// Refuses a motion from `origin` on that leaves the stroke or what any stage can do.
+    fn check(&self, origin: &Point, points: &[Point]) -> Result<(), TrajectoryError> {
+        let (low, high) = self.stroke;
+        let starts = std::iter::once(origin).chain(points);
+        for (index, (from, to)) in starts.zip(points).enumerate() {
+            let segment = Segment::new(from, to);
+            let extremes = segment.extremes();
+            for ((quantity, limit), (least, most)) in LARGEST.into_iter().zip(extremes) {
+                let value = if least.abs() > most.abs() { least } else { most };
+                // Also where it is no number.
+                if !(value.abs() <= limit) {
+                    return Err(TrajectoryError::TooFast { index, quantity, value, limit });
+                }
+            }
+            let (least, most) = extremes[0];
+            // A stage that stands beyond its stroke may be moved back into it.
+            let (low, high) = (low.min(origin.position), high.max(origin.position));
+            for position in [least, most] {
+                if !(low..=high).contains(&position) {
+                    return Err(TrajectoryError::Stroke { index, position, low, high });
+                }
+            }
+        }
+        Ok(())
     }
 
     /// A setpoint of now. It ends a trajectory that is being followed.
@@ -199,6 +338,18 @@ impl Follower {
             ((setpoint.position - current.position).abs(), self.jump_limit + speed * elapsed);
         if jump > limit {
             return Err(TrajectoryError::Jump { jump, from: current.position, limit });
+        }
+        let values = [setpoint.position, setpoint.velocity, setpoint.acceleration];
+        for ((quantity, limit), value) in LARGEST.into_iter().zip(values) {
+            if value.abs() > limit {
+                return Err(TrajectoryError::TooFast { index: 0, quantity, value, limit });
+            }
+        }
+        let (low, high) = self.stroke;
+        let (low, high) = (low.min(current.position), high.max(current.position));
+        let position = setpoint.position;
+        if !(low..=high).contains(&position) {
+            return Err(TrajectoryError::Stroke { index: 0, position, low, high });
         }
         (self.held, self.held_since, self.active) = (setpoint, now, None);
         Ok(())
@@ -229,6 +380,9 @@ impl Follower {
             acceleration: Some(from.acceleration),
             effort: from.effort,
         };
+        let points = &trajectory.points[usize::from(first.time == 0)..];
+        let begin = if first.time == 0 { first } else { origin };
+        self.check(&begin, points)?;
         self.held = from;
         self.held_since = trajectory.start;
         self.active = Some(Active { trajectory, origin, segment: 0 });
@@ -356,6 +510,78 @@ mod tests {
             assert!(((c.position - a.position) / 2e-4 - b.velocity).abs() < 1e-4);
             assert!(((c.velocity - a.velocity) / 2e-4 - b.acceleration).abs() < 1e-2);
         }
+    }
+
+    #[test]
+    fn extremes_of_a_segment_are_those_of_a_dense_scan() {
+        let mut state = 7_u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 40) as f64 / f64::from(1 << 23) - 1.0
+        };
+        for _ in 0..200 {
+            let mut point = |time| Point {
+                time,
+                position: next(),
+                velocity: Some(10.0 * next()),
+                acceleration: Some(100.0 * next()),
+                effort: 0.0,
+            };
+            let segment = Segment::new(&point(0), &point(300 * MS));
+            let rows: Vec<Reference> =
+                (0..=20_000).map(|k| segment.at(f64::from(k) / 20_000.0)).collect();
+            let of: [fn(&Reference) -> f64; 3] =
+                [|r| r.position, |r| r.velocity, |r| r.acceleration];
+            for (of, (least, most)) in of.into_iter().zip(segment.extremes()) {
+                let values = rows.iter().map(of);
+                let (low, high) = values
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+                let tolerance = 1e-6 * (high - low);
+                assert!((least - low).abs() < tolerance && (most - high).abs() < tolerance);
+            }
+        }
+    }
+
+    #[test]
+    fn a_motion_that_swings_beyond_the_stroke_between_its_points_is_refused_whole() {
+        let swing = |velocity| {
+            let at = |time, position| Point {
+                time,
+                position,
+                velocity: Some(velocity),
+                ..Point::default()
+            };
+            Trajectory::new(0, vec![at(100 * MS, 0.05), at(300 * MS, -0.05)]).unwrap()
+        };
+        let mut follower = Follower::new(1e-3).within(-0.1, 0.1);
+        assert_eq!(follower.follow(0, swing(0.3)), Ok(()));
+        let Err(TrajectoryError::Stroke { index: 1, position, low, high }) =
+            follower.follow(0, swing(5.0))
+        else {
+            panic!("0.05 m with 5 m/s swings out");
+        };
+        assert!((low, high) == (-0.1, 0.1) && !(low..=high).contains(&position));
+        let far = Reference { position: 0.101, ..Reference::default() };
+        let mut near = Follower::new(1.0).within(-0.1, 0.1);
+        assert!(matches!(near.set(0, far), Err(TrajectoryError::Stroke { .. })));
+        // Who stands outside may come back.
+        near.hold(0, 0.2);
+        assert_eq!(near.follow(0, Trajectory::rest_to_rest(0, 0.0, MS)), Ok(()));
+    }
+
+    #[test]
+    fn finite_points_whose_polynomial_is_not_are_refused() {
+        let point = |time, position| Point {
+            time,
+            position,
+            velocity: Some(0.0),
+            acceleration: Some(0.0),
+            effort: 0.0,
+        };
+        let huge = Trajectory::new(0, vec![point(MS, 1e308), point(2 * MS, -1e308)]).unwrap();
+        let mut follower = Follower::new(1e-3);
+        assert!(matches!(follower.follow(0, huge), Err(TrajectoryError::TooFast { .. })));
+        assert_eq!(follower.at(MS), Reference::default());
     }
 
     #[test]

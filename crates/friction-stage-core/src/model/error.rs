@@ -78,14 +78,30 @@ pub(super) fn finite(key: &str, value: f64) -> Result<(), ModelError> {
     if value.is_finite() { Ok(()) } else { Err(refused(key, value, "be finite")) }
 }
 
+/// Sizes of a quantity, in SI units, that a machine can have: beyond them a number is a slip, and
+/// squares and quotients of it leave what a double can hold.
+const SIZES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
+
 pub(super) fn positive(key: &str, value: f64) -> Result<(), ModelError> {
-    finite(key, value)?;
-    if value > 0.0 { Ok(()) } else { Err(refused(key, value, "be greater than 0")) }
+    not_negative(key, value)?;
+    if value > 0.0 { sized(key, value) } else { Err(refused(key, value, "be greater than 0")) }
 }
 
 pub(super) fn not_negative(key: &str, value: f64) -> Result<(), ModelError> {
     finite(key, value)?;
-    if value >= 0.0 { Ok(()) } else { Err(refused(key, value, "not be negative")) }
+    match value {
+        0.0 => Ok(()),
+        value if value > 0.0 => sized(key, value),
+        value => Err(refused(key, value, "not be negative")),
+    }
+}
+
+fn sized(key: &str, value: f64) -> Result<(), ModelError> {
+    if SIZES.contains(&value) {
+        return Ok(());
+    }
+    let limit = format!("be between {:e} and {:e} in SI units", SIZES.start(), SIZES.end());
+    Err(refused(key, value, &limit))
 }
 
 pub(super) fn refused(key: &str, value: f64, limit: &str) -> ModelError {

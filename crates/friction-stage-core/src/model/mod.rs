@@ -8,6 +8,7 @@ mod catalogue;
 mod effect;
 mod error;
 mod guide;
+mod stroke;
 
 use std::path::{Path, PathBuf};
 
@@ -20,6 +21,7 @@ pub use effect::locate;
 pub use effect::{Coordinate, Curve, CurveSide, EffectParameters, Jump};
 pub use error::{ModelError, nearest};
 pub use guide::{Guide, GuideSource};
+pub use stroke::Stroke;
 
 /// Most guides that one stage may have: the plant integrates this many lanes at once.
 pub const MAX_GUIDES: usize = 4;
@@ -48,6 +50,9 @@ pub struct StageModel {
     /// Effects beyond the LuGre guides, in the order in which they are reported.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub effects: Vec<EffectParameters>,
+    /// How far the carriage can go; without it, there is no end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stroke: Option<Stroke>,
     #[serde(default)]
     pub motor: Motor,
     #[serde(default)]
@@ -139,6 +144,7 @@ impl Default for StageModel {
             guides: default_guides(),
             catalogue: None,
             effects: Vec::new(),
+            stroke: None,
             motor: Motor::default(),
             force_cell: ForceCell::default(),
             encoder: Encoder::default(),
@@ -148,10 +154,15 @@ impl Default for StageModel {
 }
 
 impl StageModel {
+    /// Stroke of the built-in stages to either side of position 0, m. Assumed: the moves of the
+    /// paper are 50 mm long.
+    pub const REACH: f64 = 0.4;
+
     /// The stage of the paper (40 kg, four guides) on one guide type of the catalogue, such as
-    /// `guide_2`.
+    /// `guide_2`. It has the stroke of [`StageModel::REACH`] to either side.
     pub fn on_guides(guide: &str) -> StageModel {
         StageModel {
+            stroke: Some(Stroke::symmetric(StageModel::REACH)),
             name: format!("stage on {guide}"),
             guides: vec![GuideSource::Catalogue(guide.to_owned()); MAX_GUIDES],
             ..StageModel::default()
@@ -252,6 +263,9 @@ impl StageModel {
         }
         for (index, guide) in self.resolved_guides()?.iter().enumerate() {
             guide.check(&format!("guides[{index}]"))?;
+        }
+        if let Some(stroke) = &self.stroke {
+            stroke.check()?;
         }
         error::positive("motor.force_limit", self.motor.force_limit)?;
         error::not_negative("force_cell.noise", self.force_cell.noise)?;

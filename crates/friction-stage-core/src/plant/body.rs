@@ -1,7 +1,7 @@
 //! The moving bodies: the carriage on its guides and, on the measuring rig, the motor behind a
 //! flexure.
 
-use crate::model::{Coupling, Guide, MAX_GUIDES, ModelError, StageModel};
+use crate::model::{Guide, MAX_GUIDES, ModelError, StageModel, Stroke};
 
 use super::effects::{Effects, Motion};
 use super::guides::{GuideBank, MAX_STEP_DAMPING};
@@ -33,6 +33,7 @@ pub struct Body {
     /// Whether the mass is not always the same.
     changes_mass: bool,
     flexure: Option<Flexure>,
+    stroke: Option<Stroke>,
     steps: u64,
     position: f64,
     velocity: f64,
@@ -94,7 +95,7 @@ impl Body {
             );
             return Err(ModelError::Value { key, value, limit });
         }
-        let limit = largest_step(least_mass, effects.stiffness(), &guides, model.coupling.as_ref());
+        let limit = largest_step(least_mass, effects.stiffness(), &guides, model);
         if !(step > 0.0 && step <= limit) {
             return Err(ModelError::Step { step, limit });
         }
@@ -121,6 +122,7 @@ impl Body {
                 stretch: 0.0,
                 rate: 0.0,
             }),
+            stroke: model.stroke,
             steps: 0,
             position: 0.0,
             velocity: 0.0,
@@ -161,7 +163,8 @@ impl Body {
 
     #[inline]
     fn step_rigid(&mut self, motor_force: f64) {
-        let push = motor_force + self.effects.last_total();
+        let mut push = motor_force + self.effects.last_total();
+        push += self.stop_force(self.position, self.velocity);
         let acceleration = (push - self.guides.start_force(self.velocity)) * self.inverse_mass;
         let end_velocity = self.velocity + self.step * acceleration;
         if self.velocity * end_velocity < 0.0 {
@@ -200,6 +203,8 @@ impl Body {
             self.step_with_effects(middle_velocity, acceleration, motor_force, since, span)
         };
         let StepForces { friction_impulse, viscous_friction, motor_side, carriage_side } = step;
+        let stop = self.stop_force(self.position + 0.5 * span * middle_velocity, middle_velocity);
+        let carriage_side = carriage_side + stop;
         let force = motor_force + motor_side + carriage_side - viscous_friction * middle_velocity;
         // The impulse of the guides comes last: everything else is there before it.
         self.velocity = start_velocity + self.inverse_mass * span * force
@@ -214,14 +219,17 @@ impl Body {
         let half = 0.5 * self.step;
         let pull = flexure.stiffness * flexure.stretch + flexure.damping * flexure.rate;
         let (motor_side, carriage_side) = self.effects.last();
-        let carriage_start =
-            (pull + carriage_side - self.guides.start_force(self.velocity)) * self.inverse_mass;
+        let stop = self.stop_force(self.position, self.velocity);
+        let carriage_start = (pull + carriage_side + stop - self.guides.start_force(self.velocity))
+            * self.inverse_mass;
         let motor_start = (motor_force + motor_side - pull) * flexure.inverse_motor_mass;
         let middle_velocity = self.velocity + half * carriage_start;
         let middle_rate = flexure.rate + half * (motor_start - carriage_start);
 
         let StepForces { friction_impulse, viscous_friction, motor_side, carriage_side } =
             self.step_with_effects(middle_velocity, carriage_start, motor_force, 0.0, self.step);
+        let stop = self.stop_force(self.position + half * middle_velocity, middle_velocity);
+        let carriage_side = carriage_side + stop;
         let stretch = flexure.stretch + self.step * middle_rate;
         let pull =
             0.5 * flexure.stiffness * (flexure.stretch + stretch) + flexure.damping * middle_rate;
@@ -237,6 +245,12 @@ impl Body {
         flexure.stretch = stretch;
         self.cell_force = flexure.stiffness * flexure.stretch + flexure.damping * flexure.rate;
         self.flexure = Some(flexure);
+    }
+
+    /// Force of the end stops along +x, N.
+    #[inline]
+    fn stop_force(&self, position: f64, velocity: f64) -> f64 {
+        self.stroke.as_ref().map_or(0.0, |stroke| stroke.force(position, velocity))
     }
 
     /// Moves guides and effects over a span of `span` seconds that begins `since` seconds after the
@@ -323,7 +337,8 @@ impl Body {
         let (motor_side, carriage_side) = self.effects.last();
         let push =
             if self.flexure.is_some() { self.cell_force } else { self.motor_force + motor_side };
-        (push + carriage_side - self.guides.force(self.velocity)) * self.inverse_mass
+        let stop = self.stop_force(self.position, self.velocity);
+        (push + carriage_side + stop - self.guides.force(self.velocity)) * self.inverse_mass
     }
 
     pub fn guides(&self) -> &GuideBank {
@@ -348,7 +363,11 @@ impl Body {
                 0.5 * flexure.motor_mass * motor_velocity * motor_velocity
                     + 0.5 * flexure.stiffness * flexure.stretch * flexure.stretch
             });
+        let stops = self.stroke.as_ref().map_or(0.0, |stroke| {
+            0.5 * stroke.stiffness * stroke.penetration(self.position).powi(2)
+        });
         bodies
+            + stops
             + self.guides.stored_energy()
             + self.effects.stored_energy(self.time(), self.position)
     }
@@ -370,11 +389,14 @@ impl Body {
 
 /// Largest step for which the explicit carriage and flexure steps are stable with a margin, s;
 /// `effects` is their stiffness, N/m.
-fn largest_step(mass: f64, effects: f64, guides: &[Guide], coupling: Option<&Coupling>) -> f64 {
-    let damping: f64 =
-        guides.iter().map(|guide| guide.bristle_damping + guide.viscous_friction).sum();
-    let stiffness: f64 = effects + guides.iter().map(|guide| guide.stiffness).sum::<f64>();
-    let flexure = coupling.map_or((0.0, 0.0), |coupling| {
+fn largest_step(mass: f64, effects: f64, guides: &[Guide], model: &StageModel) -> f64 {
+    let (stop_stiffness, stop_damping) =
+        model.stroke.map_or((0.0, 0.0), |stroke| (stroke.stiffness, stroke.damping));
+    let damping: f64 = stop_damping
+        + guides.iter().map(|guide| guide.bristle_damping + guide.viscous_friction).sum::<f64>();
+    let stiffness: f64 =
+        effects + stop_stiffness + guides.iter().map(|guide| guide.stiffness).sum::<f64>();
+    let flexure = model.coupling.as_ref().map_or((0.0, 0.0), |coupling| {
         let inverse_mass = mass.recip() + coupling.motor_mass.recip();
         (coupling.stiffness * inverse_mass, coupling.damping * inverse_mass)
     });
