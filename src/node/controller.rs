@@ -18,6 +18,7 @@ use tokio::sync::oneshot;
 
 use super::clock;
 use super::controller_settings as settings;
+use super::delay::Delay;
 use super::help;
 use super::inlet::{Inlet, Waiter};
 use super::outlet::{Outlet, Published};
@@ -27,8 +28,11 @@ use super::qos::{COMMANDS, DIAGNOSTICS, FORCES, SAMPLES};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::signals::Signals;
 use super::wire::{Setpoint, controller_state, setpoint};
+use super::words::{Recent, quoted};
 use crate::outcome::Outcome;
-use friction_stage_core::control::{Controller, ControllerSettings, Follower, Terms};
+use friction_stage_core::control::{
+    Cause, Controller, ControllerSettings, DampedStop, Follower, Health, Supervisor, Terms,
+};
 use friction_stage_data::message::{
     ControllerState, DiagnosticArray, DiagnosticStatus, Header, JointState, JointTrajectory,
     KeyValue, WrenchStamped,
@@ -48,6 +52,11 @@ const BURST_WITHIN: Duration = Duration::from_millis(5);
 /// answer.
 const SETTLE: Duration = Duration::from_secs(1);
 
+/// Positions beyond this, m, are no positions of a stage.
+const FAR: f64 = 1e6;
+/// Least share of its bandwidth that a late loop keeps.
+const LEAST_SHARE: f64 = 0.02;
+
 /// Counters for `/diagnostics`.
 #[derive(Debug, Default)]
 struct Status {
@@ -57,17 +66,25 @@ struct Status {
     slow_samples: AtomicU64,
     saturated: AtomicU64,
     restarts: AtomicU64,
-    last_refusal: Mutex<Option<String>>,
+    /// Times that the stage was put elsewhere, as a reset does.
+    displaced: AtomicU64,
+    /// Peak of late of the delay of samples, us, and the share of the bandwidth that is left, 1e-6.
+    delay_us: AtomicU64,
+    share_ppm: AtomicU64,
+    /// What the supervision warns about now, and why it stopped the loop.
+    warning: Mutex<Option<String>>,
+    fault: Mutex<Option<String>>,
+    last_refusal: Recent,
+    real_time: bool,
 }
 
 impl Status {
     fn refuse(&self, counter: &AtomicU64, reason: String) {
         let count = counter.fetch_add(1, Ordering::Relaxed) + 1;
-        let mut last = lock(&self.last_refusal);
-        if count.is_power_of_two() || last.as_deref() != Some(&reason) && count < 100 {
+        let is_new = self.last_refusal.set(&reason);
+        if count.is_power_of_two() || is_new && count < 100 {
             tracing::warn!("refused: {reason} ({count} so far)");
         }
-        *last = Some(reason);
     }
 
     fn diagnostic(&self, name: &str) -> DiagnosticStatus {
@@ -78,17 +95,34 @@ impl Status {
             ("slow_samples", &self.slow_samples),
             ("saturated_samples", &self.saturated),
             ("stage_restarts", &self.restarts),
+            ("stage_resets", &self.displaced),
+            ("delay_us", &self.delay_us),
         ];
-        let refusal = lock(&self.last_refusal).clone();
-        let level = if refusal.is_some() { DiagnosticStatus::WARN } else { DiagnosticStatus::OK };
+        let share = self.share_ppm.load(Ordering::Relaxed);
+        let late = (share > 0 && share < 1_000_000).then(|| {
+            format!("samples come late: {:.0} % of the bandwidth is left", 1e-4 * share as f64)
+        });
+        let warnings = [lock(&self.warning).clone(), late, self.last_refusal.get()];
+        let fault = lock(&self.fault).clone();
+        let level = if fault.is_some() {
+            DiagnosticStatus::ERROR
+        } else if warnings.iter().any(Option::is_some) {
+            DiagnosticStatus::WARN
+        } else {
+            DiagnosticStatus::OK
+        };
+        let words: Vec<String> = fault.into_iter().chain(warnings.into_iter().flatten()).collect();
+        let message = if words.is_empty() { "running".to_owned() } else { words.join("; ") };
+        let mut values: Vec<KeyValue> =
+            values.map(|(key, counter)| KeyValue::new(key, counter.load(Ordering::Relaxed))).into();
+        values.push(KeyValue::new("real_time_scheduling", self.real_time));
+        values.push(KeyValue::new("bandwidth_share", 1e-6 * share as f64));
         DiagnosticStatus {
             level,
             name: format!("{name}: controller"),
-            message: refusal.unwrap_or_else(|| "running".to_owned()),
+            message,
             hardware_id: name.to_owned(),
-            values: values
-                .map(|(key, counter)| KeyValue::new(key, counter.load(Ordering::Relaxed)))
-                .into(),
+            values,
         }
     }
 }
@@ -106,25 +140,37 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     let given: Vec<_> =
         startup.overrides().into_iter().map(|(name, given)| (name, given.value)).collect();
     let given: Vec<_> = given.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
-    settings::check_changes(&given, &parameters).map_err(|reason| anyhow::anyhow!(reason))?;
+    settings::check_given(&given, &parameters).map_err(|reason| anyhow::anyhow!(reason))?;
     parameters.derive(settings::derived);
     let initial = settings::settings(&parameters);
     let controller = Controller::new(initial)?;
     let (stage, joint) = (parameters.string("stage"), parameters.string("joint"));
     let (enabled, jump_limit) =
         (parameters.boolean("enabled"), parameters.double("setpoint_jump_limit"));
+    let stroke = (parameters.double("stroke_min"), parameters.double("stroke_max"));
+    let watch = Watch {
+        supervisor: Supervisor::new(settings::supervision(&parameters)),
+        stops: parameters.boolean("supervision.enabled"),
+        stopping: None,
+        delay: Delay::default(),
+        delay_limit: parameters.double("supervision.delay"),
+        share: 1.0,
+        settings: controller.settings().clone(),
+    };
 
     startup.pin(parameters.integer("cpu"))?;
+    let real_time = startup.schedule(parameters.integer("priority"));
     let wait_for_setpoint = parameters.boolean("wait_for_setpoint");
     let participant = startup.join()?;
-    let status = Arc::new(Status::default());
+    let status = Arc::new(Status { real_time, ..Status::default() });
     let (control, control_inbox) = futures::channel::mpsc::unbounded();
-    let retuned: Arc<Mutex<Option<ControllerSettings>>> = Arc::default();
+    let retuned: Arc<Mutex<Option<(ControllerSettings, bool)>>> = Arc::default();
     {
         let (retuned, control) = (retuned.clone(), control.clone());
         parameters.on_change(move |changes, values| {
             settings::check_changes(changes, values)?;
-            *lock(&retuned) = Some(settings::settings(values));
+            *lock(&retuned) =
+                Some((settings::settings(values), values.boolean("supervision.enabled")));
             control
                 .unbounded_send(Control::Retune)
                 .map_err(|_| "the node is shutting down".to_owned())
@@ -149,7 +195,9 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         state: Outlet::new(&participant, &startup.topic("~/state"), &SAMPLES)?.patient(),
         period: (1e9 / controller.settings().rate).round() as i64,
         controller,
-        follower: Follower::new(jump_limit),
+        follower: Follower::new(jump_limit).within(stroke.0, stroke.1),
+        jump_limit,
+        watch,
         joint,
         enabled,
         wait_for_setpoint,
@@ -216,7 +264,24 @@ enum Event {
 struct Last {
     stamp: i64,
     position: f64,
+    /// m/s
+    velocity: f64,
     answered: bool,
+}
+
+/// What keeps an eye on the loop.
+struct Watch {
+    supervisor: Supervisor,
+    /// Whether a loop that does not hold is stopped.
+    stops: bool,
+    stopping: Option<DampedStop>,
+    delay: Delay,
+    /// s
+    delay_limit: f64,
+    /// Of the bandwidth that the loop has now.
+    share: f64,
+    /// With the whole of its bandwidth.
+    settings: ControllerSettings,
 }
 
 struct ControllerLoop {
@@ -232,7 +297,9 @@ struct ControllerLoop {
     /// Silent until the first setpoint.
     wait_for_setpoint: bool,
     status: Arc<Status>,
-    retuned: Arc<Mutex<Option<ControllerSettings>>>,
+    retuned: Arc<Mutex<Option<(ControllerSettings, bool)>>>,
+    jump_limit: f64,
+    watch: Watch,
     /// ns
     period: i64,
     last: Option<Last>,
@@ -253,14 +320,15 @@ impl ControllerLoop {
         loop {
             let patience = (!self.states.is_empty()).then(|| Instant::now() + BURST_WITHIN);
             let event = waiter.wait(patience, |context| {
-                if let Poll::Ready(sample) = self.encoder.poll_take(context) {
-                    return Poll::Ready(Event::Encoder(sample));
+                // First what comes seldom: samples may be there always.
+                let control = std::pin::Pin::new(&mut self.control).poll_next(context);
+                if let Poll::Ready(control) = control {
+                    return Poll::Ready(Event::Control(control.unwrap_or(Control::Shutdown)));
                 }
                 if let Poll::Ready(setpoint) = self.setpoint.poll_take(context) {
                     return Poll::Ready(Event::Setpoint(setpoint));
                 }
-                let control = std::pin::Pin::new(&mut self.control).poll_next(context);
-                control.map(|control| Event::Control(control.unwrap_or(Control::Shutdown)))
+                self.encoder.poll_take(context).map(Event::Encoder)
             });
             match event {
                 None => self.publish_states(),
@@ -288,17 +356,25 @@ impl ControllerLoop {
         let stamp = message.header.stamp.to_nanos();
         let index = message.name.iter().position(|name| *name == self.joint);
         let Some(position) =
-            index.and_then(|index| message.position.get(index)).copied().filter(|x| x.is_finite())
+            index.and_then(|index| message.position.get(index)).copied().filter(|x| x.abs() < FAR)
         else {
             let (joint, names) = (&self.joint, message.name.join(", "));
             let reason = format!(
-                "the sample of {stamp} ns has no finite position of joint `{joint}` among [{names}]"
+                "the sample of {stamp} ns has no finite position of joint `{joint}` among \
+                 [{}]",
+                quoted(&names)
             );
             return self.status.refuse(&self.status.refused_samples, reason);
         };
         if self.frame.is_empty() {
             self.frame.clone_from(&message.header.frame_id);
         }
+        let velocity = index.and_then(|index| message.velocity.get(index)).copied();
+        let velocity = velocity.filter(|velocity| velocity.is_finite()).unwrap_or_else(|| {
+            self.last.filter(|last| stamp > last.stamp).map_or(0.0, |last| {
+                (position - last.position) / ((stamp - last.stamp) as f64 * 1e-9)
+            })
+        });
         match self.last {
             None => {
                 self.follower.hold(stamp, position);
@@ -319,6 +395,20 @@ impl ControllerLoop {
                 self.follower.hold(stamp, position);
                 self.due = stamp;
             }
+            // No stage moves like that: it was put elsewhere, as `~/reset` does.
+            Some(last) if self.is_displaced(&last, stamp, position) => {
+                let count = self.status.displaced.fetch_add(1, Ordering::Relaxed) + 1;
+                if count.is_power_of_two() {
+                    tracing::warn!(
+                        "the stage was at {:.6} m and is at {position:.6} m: it was reset; \
+                         holding ({count} so far)",
+                        last.position
+                    );
+                }
+                self.controller.reset();
+                self.watch.supervisor.reset();
+                self.follower.hold(stamp, position);
+            }
             Some(last) if stamp - last.stamp > self.period + self.period / 2 => {
                 let count = self.status.slow_samples.fetch_add(1, Ordering::Relaxed) + 1;
                 if count.is_power_of_two() {
@@ -332,7 +422,7 @@ impl ControllerLoop {
             }
             Some(_) => {}
         }
-        self.last = Some(Last { stamp, position, answered: false });
+        self.last = Some(Last { stamp, position, velocity, answered: false });
         for setpoint in std::mem::take(&mut self.waiting) {
             self.follow(setpoint);
         }
@@ -341,10 +431,82 @@ impl ControllerLoop {
         }
     }
 
+    /// Whether a stage that was at `last` cannot have come to `position` by moving: the jump is
+    /// larger than a single setpoint's may be and than what velocity and largest force explain.
+    fn is_displaced(&self, last: &Last, stamp: i64, position: f64) -> bool {
+        let elapsed = (stamp - last.stamp).max(0) as f64 * 1e-9;
+        let ControllerSettings { limits, mass_feedforward, .. } = self.controller.settings();
+        let acceleration = limits.1.max(-limits.0) / mass_feedforward.max(1.0);
+        let way = self.jump_limit.max(1e-3)
+            + 1.5 * last.velocity.abs() * elapsed
+            + acceleration * elapsed * elapsed;
+        (position - last.position).abs() > way
+    }
+
+    /// Gives up bandwidth while samples come late, and takes it back when they do not.
+    fn fit_to_delay(&mut self, stamp: i64) {
+        let watch = &mut self.watch;
+        let delay = watch.delay.observe(stamp, clock::system());
+        let share = (watch.delay_limit / delay.max(1e-9)).clamp(LEAST_SHARE, 1.0);
+        let changed = (share / watch.share - 1.0).abs();
+        if changed > 0.2 || share == 1.0 && changed > 0.0 {
+            if watch.share == 1.0 {
+                tracing::warn!(
+                    "samples come {:.1} ms late: the loop gives up bandwidth (the machine is too \
+                     busy)",
+                    1e3 * delay
+                );
+            }
+            watch.share = share;
+            // Less of valid gains is valid.
+            let _ = self.controller.retune(watch.settings.slowed(share));
+        }
+        self.status.delay_us.store((1e6 * delay) as u64, Ordering::Relaxed);
+        self.status.share_ppm.store((1e6 * share) as u64, Ordering::Relaxed);
+    }
+
+    /// Judges the terms that were worked out; what is sent is safe.
+    fn supervise(&mut self, velocity: f64) {
+        let health = self.watch.supervisor.observe(&self.held);
+        let cause = match health {
+            Health::Fine => {
+                *lock(&self.status.warning) = None;
+                return;
+            }
+            Health::Warning(cause) => {
+                let warning = cause.to_string();
+                let mut last = lock(&self.status.warning);
+                if last.is_none() {
+                    tracing::warn!("{warning}");
+                }
+                *last = Some(warning);
+                return;
+            }
+            Health::Stop(cause) => cause,
+        };
+        if !self.watch.stops && cause != Cause::NotFinite {
+            *lock(&self.status.warning) = Some(cause.to_string());
+            return;
+        }
+        tracing::error!(
+            "{cause}: damped stop; `~/enable` with true starts the loop again (supervision.* say \
+             what is allowed)"
+        );
+        *lock(&self.status.warning) = None;
+        *lock(&self.status.fault) = Some(format!("stopped: {cause}"));
+        let settings = self.controller.settings();
+        // The mass of the feedforward is the best that is known of the stage.
+        let mass = if settings.mass_feedforward > 0.0 { settings.mass_feedforward } else { 1.0 };
+        let mut stop = DampedStop::new(mass, settings.limits, settings.rate.recip());
+        self.held.output = stop.force(velocity).unwrap_or(0.0);
+        self.watch.stopping = Some(stop);
+        self.controller.reset();
+    }
+
     /// Computes and answers the last sample.
     fn compute(&mut self) {
         let Some(last) = &mut self.last else { return };
-        let (stamp, position) = (last.stamp, last.position);
+        let (stamp, position, velocity) = (last.stamp, last.position, last.velocity);
         let silent = !self.enabled || self.wait_for_setpoint;
         last.answered = !silent;
         if silent {
@@ -354,7 +516,24 @@ impl ControllerLoop {
         }
         // A thousandth of a period is below any rounding of stamps to nanoseconds.
         if stamp >= self.due - self.period / 1000 {
-            self.held = self.controller.update(stamp, position, &mut self.follower);
+            match &mut self.watch.stopping {
+                None => {
+                    self.fit_to_delay(stamp);
+                    self.held = self.controller.update(stamp, position, &mut self.follower);
+                    self.supervise(velocity);
+                }
+                Some(stop) => match stop.force(velocity) {
+                    Some(force) => {
+                        self.held = Terms { position, output: force, ..Terms::default() };
+                    }
+                    // At rest: silent from here on, as a disabled controller is.
+                    None => {
+                        self.watch.stopping = None;
+                        self.enabled = false;
+                        self.held = Terms { position, ..Terms::default() };
+                    }
+                },
+            }
             let late = stamp - self.due;
             self.due = if late > self.period { stamp } else { self.due } + self.period;
             self.status.saturated.fetch_add(u64::from(self.held.saturated), Ordering::Relaxed);
@@ -426,7 +605,10 @@ impl ControllerLoop {
             Control::Enable(enabled) if enabled && !self.enabled => {
                 self.enabled = true;
                 self.controller.reset();
-                if let Some(Last { stamp, position, answered }) = self.last {
+                self.watch.supervisor.reset();
+                self.watch.stopping = None;
+                *lock(&self.status.fault) = None;
+                if let Some(Last { stamp, position, answered, .. }) = self.last {
                     self.due = stamp;
                     if self.follower.has_begun(stamp) {
                         self.follower.hold(stamp, position);
@@ -449,9 +631,11 @@ impl ControllerLoop {
                 let _ = reply.send(Ok(message));
             }
             Control::Retune => {
-                let wanted = lock(&self.retuned).take();
-                if let Some(Err(error)) = wanted.map(|wanted| self.controller.retune(wanted)) {
-                    tracing::error!("parameters were not taken over: {error}");
+                let Some((wanted, stops)) = lock(&self.retuned).take() else { return };
+                self.watch.stops = stops;
+                match self.controller.retune(wanted.slowed(self.watch.share)) {
+                    Ok(()) => self.watch.settings = wanted,
+                    Err(error) => tracing::error!("parameters were not taken over: {error}"),
                 }
             }
             Control::Shutdown => {}

@@ -2,12 +2,28 @@
 
 use super::parameters::{ParameterSpec, ParameterValues};
 use super::runtime::Startup;
-use friction_stage_core::control::{AntiWindup, ControllerSettings, Gains};
+use friction_stage_core::control::{AntiWindup, ControllerSettings, Gains, SupervisorSettings};
 use ros2_client::ParameterValue;
 
 /// Parameters that follow from the bandwidth while `tuning` is `bandwidth`.
 pub const DERIVED: [&str; 5] =
     ["gains.stage.p", "gains.stage.i", "gains.stage.d", "lowpass.frequency", "lowpass.damping"];
+
+/// The stroke of the built-in stages, m.
+const STROKE: f64 = friction_stage_core::model::StageModel::REACH;
+/// Swing of the force at rest, rms, in largest forces, from which a loop is taken for unstable.
+/// Assumed: what holds a stage at rest is less than its static friction, and does not swing.
+const SWING: f64 = 0.1;
+
+/// What the supervision allows.
+pub fn supervision(values: &ParameterValues) -> SupervisorSettings {
+    SupervisorSettings {
+        rate: values.double("rate"),
+        error: values.double("supervision.error"),
+        patience: values.double("supervision.patience"),
+        swing: SWING * values.double("gains.stage.u_clamp_max"),
+    }
+}
 
 /// The parameters of the controller node.
 pub fn specs() -> Vec<ParameterSpec> {
@@ -15,6 +31,7 @@ pub fn specs() -> Vec<ParameterSpec> {
     let gains = paper.gains;
     vec![
         Startup::cpu_spec(),
+        Startup::priority_spec(),
         ParameterSpec::double(
             "rate",
             paper.rate,
@@ -98,6 +115,45 @@ pub fn specs() -> Vec<ParameterSpec> {
         )
         .unit("N s/m")
         .range(0.0, 1e6),
+        ParameterSpec::double("stroke_min", -STROKE, "lowest setpoint that is followed")
+            .unit("m")
+            .range(-1e6, 0.0)
+            .read_only(),
+        ParameterSpec::double("stroke_max", STROKE, "highest setpoint that is followed")
+            .unit("m")
+            .range(0.0, 1e6)
+            .read_only(),
+        ParameterSpec::boolean(
+            "supervision.enabled",
+            true,
+            "whether a loop that does not hold (see supervision.*) goes to a damped stop; without \
+             it there are warnings only",
+        ),
+        ParameterSpec::double(
+            "supervision.error",
+            1e-3,
+            "largest position error at rest; ten times as much in motion",
+        )
+        .unit("m")
+        .range(1e-9, 1e3)
+        .read_only(),
+        ParameterSpec::double(
+            "supervision.patience",
+            0.5,
+            "how long error, saturation or swings may last before the stop",
+        )
+        .unit("s")
+        .range(1e-2, 3600.0)
+        .read_only(),
+        ParameterSpec::double(
+            "supervision.delay",
+            1e-3,
+            "delay of samples in real time from which the loop gives up bandwidth in proportion; \
+             1 ms is 22 degrees of phase at 60 Hz",
+        )
+        .unit("s")
+        .range(1e-6, 3600.0)
+        .read_only(),
         ParameterSpec::double("setpoint_jump_limit", 1e-3, "largest step of a single setpoint")
             .unit("m")
             .range(0.0, 10.0)
@@ -139,16 +195,24 @@ pub fn derived(values: &ParameterValues) -> Vec<(&'static str, ParameterValue)> 
 }
 
 /// Refuses a gain that `tuning: bandwidth` would overwrite.
-pub fn check_changes(
+pub fn check_given(
     changes: &[(&str, ParameterValue)],
     values: &ParameterValues,
 ) -> Result<(), String> {
-    let derived = changes.iter().find(|(name, _)| DERIVED.contains(name));
-    match derived {
+    match changes.iter().find(|(name, _)| DERIVED.contains(name)) {
         Some((name, _)) if values.string("tuning") == "bandwidth" => Err(format!(
             "{name} follows from bandwidth and mass while tuning is bandwidth; set tuning to gains \
              as well"
         )),
-        _ => settings(values).check().map_err(|error| error.to_string()),
+        _ => Ok(()),
     }
+}
+
+/// The same, and values that do not go together; `values` hold what follows from the changes.
+pub fn check_changes(
+    changes: &[(&str, ParameterValue)],
+    values: &ParameterValues,
+) -> Result<(), String> {
+    check_given(changes, values)?;
+    settings(values).check().map_err(|error| error.to_string())
 }

@@ -224,7 +224,8 @@ impl Driver {
         };
         let arguments = with(&run.stage_arguments, &["mode:=lockstep", "wait_for_command:=true"]);
         let mut stage = Process::start(&self, "stage", &arguments, &run.log_stem)?;
-        let arguments = with(&run.controller_arguments, &["wait_for_setpoint:=true"]);
+        let arguments =
+            with(&run.controller_arguments, &["wait_for_setpoint:=true", "priority:=0"]);
         let mut controller = Process::start(&self, "controller", &arguments, &run.log_stem)?;
         let deadline = Instant::now() + PATIENCE;
         while setpoint.wait_for_subscribers(2, Duration::from_millis(100)) < 2 {

@@ -10,6 +10,7 @@ pub mod commands;
 pub mod controller;
 pub mod controller_settings;
 pub mod cpu;
+mod delay;
 pub mod driver;
 pub mod graph_watch;
 mod help;
@@ -33,5 +34,6 @@ pub mod stage_settings;
 pub mod stage_status;
 pub mod std_srvs;
 pub mod wire;
+mod words;
 
 pub use stage_lockstep::EPOCH as LOCKSTEP_EPOCH;

@@ -162,6 +162,8 @@ pub struct RecorderSetup {
     pub start: i64,
     /// Between two samples, ns.
     pub period: i64,
+    /// The process has a real-time priority.
+    pub real_time: bool,
 }
 
 /// The recorder's thread; it ends, and closes its bag, when every handle and feed is gone.
@@ -389,6 +391,12 @@ impl Work {
             && let Err(error) = cpu::avoid(busy)
         {
             tracing::warn!("the recorder stays on processor {busy}: {error}");
+        }
+        // Below the threads that pass samples on, above everything that is not real time.
+        if self.setup.real_time
+            && let Err(error) = cpu::real_time(1)
+        {
+            tracing::warn!("the recorder keeps its priority: {error}");
         }
         loop {
             let first = inbox.recv_timeout(NAP);

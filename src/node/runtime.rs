@@ -115,6 +115,34 @@ impl Startup {
         })
     }
 
+    /// The parameter `priority` of both nodes.
+    pub fn priority_spec() -> ParameterSpec {
+        let description = "real-time priority (SCHED_FIFO) of the node in real time, 0 for none; \
+                           needs the right to it (ulimit -r, or CAP_SYS_NICE)";
+        ParameterSpec::integer("priority", 10, description).range(0.0, 49.0).read_only()
+    }
+
+    /// Asks for the real-time priority of the parameter `priority`, before other threads start;
+    /// whether it was granted.
+    pub fn schedule(&self, priority: i64) -> bool {
+        let Some(priority) = i32::try_from(priority).ok().filter(|priority| *priority > 0) else {
+            return false;
+        };
+        match cpu::real_time(priority) {
+            Ok(()) => {
+                tracing::info!("real-time scheduling: granted, priority {priority}");
+                true
+            }
+            Err(error) => {
+                tracing::info!(
+                    "real-time scheduling: not granted ({error}); on a busy machine samples come \
+                     late (ulimit -r, or the capability CAP_SYS_NICE, permits it)"
+                );
+                false
+            }
+        }
+    }
+
     /// Joins the network that the environment names.
     pub fn join(&self) -> anyhow::Result<Participant> {
         let network = Network::from_environment()?;

@@ -109,11 +109,16 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     let settings = StageSettings::new(&parameters)?;
     let stage = Stage::new(&settings.model, settings.rates, settings.seed)
         .with_context(|| format!("parameter model is {}", parameters.string("model")))?;
-    for warning in settings.model.warnings()? {
-        tracing::warn!("{warning}");
+    // Whoever takes a stage as it is delivered can do nothing about its guides.
+    if parameters.string("model").ends_with(".yaml") {
+        for warning in settings.model.warnings()? {
+            tracing::warn!("{warning}");
+        }
     }
     let cpu = parameters.integer("cpu");
     startup.pin(cpu)?;
+    let real_time =
+        settings.mode == Mode::Realtime && startup.schedule(parameters.integer("priority"));
     let parameters = Arc::new(Mutex::new(parameters));
 
     let participant = startup.join()?;
@@ -138,6 +143,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         provenance: provenance(&startup, &settings)?,
         stage: status.clone(),
         period: settings.rates.time_of(1),
+        real_time,
         start: match settings.mode {
             Mode::Lockstep => super::stage_lockstep::EPOCH,
             Mode::Realtime => clock::system(),

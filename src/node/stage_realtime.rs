@@ -120,7 +120,12 @@ fn servo(settings: &StageSettings) -> anyhow::Result<(Controller, Box<Follower>)
     let paper = ControllerSettings::paper(mass, rate, settings.model.motor.force_limit);
     let gains = friction_stage_core::control::Gains::from_bandwidth(settings.servo_bandwidth, mass);
     let controller = Controller::new(ControllerSettings { gains, ..paper })?;
-    Ok((controller, Box::new(Follower::new(settings.setpoint_jump_limit))))
+    let follower = Follower::new(settings.setpoint_jump_limit);
+    let follower = match settings.model.stroke {
+        Some(stroke) => follower.within(stroke.low, stroke.high),
+        None => follower,
+    };
+    Ok((controller, Box::new(follower)))
 }
 
 struct TickThread {

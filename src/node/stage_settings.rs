@@ -72,6 +72,7 @@ pub fn specs() -> Vec<ParameterSpec> {
     let (physics_min, physics_max) = Rates::PHYSICS_RANGE;
     vec![
         Startup::cpu_spec(),
+        Startup::priority_spec(),
         ParameterSpec::string(
             "model",
             "guide_1",

@@ -1,11 +1,10 @@
 //! What the stage node tells about itself: counters that its threads write and `/diagnostics`
 //! reads.
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 
 use super::lateness::LatenessHistogram;
-use super::runtime::lock;
+use super::words::{Recent, quoted};
 use friction_stage_data::message::{DiagnosticStatus, KeyValue};
 
 /// Counters of one stage node since its start. Written without locks on the tick.
@@ -32,23 +31,23 @@ pub struct StageStatus {
     pub ticks: LatenessHistogram,
     /// Samples that were not published because the publishing thread could not follow.
     pub unpublished: AtomicU64,
+    /// How many of them the diagnostics know of.
+    unpublished_told: AtomicU64,
     /// The tick thread runs under SCHED_FIFO.
     pub real_time_scheduling: AtomicBool,
-    last_refusal: Mutex<Option<String>>,
+    last_refusal: Recent,
+    /// Samples were not published a moment ago.
+    last_unpublished: Recent,
 }
 
 impl StageStatus {
     /// Counts a refused command and logs it; a flood is logged at powers of ten only.
     pub fn refuse(&self, reason: &str) {
         let count = self.refused.fetch_add(1, Ordering::Relaxed) + 1;
-        let is_new = lock(&self.last_refusal).replace(reason.to_owned()).as_deref() != Some(reason);
+        let is_new = self.last_refusal.set(reason);
         if is_new && count < 100 || count.is_power_of_two() {
-            tracing::warn!("command refused: {reason} ({count} refused so far)");
+            tracing::warn!("command refused: {} ({count} refused so far)", quoted(reason));
         }
-    }
-
-    pub fn last_refusal(&self) -> Option<String> {
-        lock(&self.last_refusal).clone()
     }
 
     /// The status for `/diagnostics`: the worst thing first, all counters as values.
@@ -91,15 +90,17 @@ impl StageStatus {
             DiagnosticStatus::WARN,
             "disabled: motor force is zero".to_owned(),
         );
-        let refusal = self.last_refusal();
+        let refusal = self.last_refusal.get();
         if let Some(reason) = &refusal {
             note(true, DiagnosticStatus::WARN, format!("commands refused, last: {reason}"));
         }
-        note(
-            get(&self.unpublished) > 0,
-            DiagnosticStatus::WARN,
-            "samples were not published".to_owned(),
-        );
+        let unpublished = get(&self.unpublished);
+        if self.unpublished_told.swap(unpublished, Ordering::Relaxed) != unpublished {
+            self.last_unpublished.set("samples were not published");
+        }
+        if let Some(words) = self.last_unpublished.get() {
+            note(true, DiagnosticStatus::WARN, words);
+        }
         let idle = if is(&self.commanded) { "running" } else { "waiting for the first command" };
         let message = if words.is_empty() { idle.to_owned() } else { words.join("; ") };
         let mut values = vec![

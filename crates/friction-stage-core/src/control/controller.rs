@@ -72,6 +72,19 @@ impl ControllerSettings {
         }
     }
 
+    /// The same loop with `share` of its bandwidth, for one that comes late: gains and lowpass as
+    /// [`Gains::from_bandwidth`] scales them; feedforward and limits stay.
+    pub fn slowed(&self, share: f64) -> ControllerSettings {
+        let gains = Gains {
+            p: self.gains.p * share.powi(2),
+            i: self.gains.i * share.powi(3),
+            d: self.gains.d * share,
+            lowpass_frequency: self.gains.lowpass_frequency * share,
+            ..self.gains
+        };
+        ControllerSettings { gains, ..self.clone() }
+    }
+
     pub fn check(&self) -> Result<(), ControllerError> {
         let refuse =
             |name, value, limit: String| Err(ControllerError::Value { name, value, limit });
@@ -227,6 +240,21 @@ mod tests {
         assert!(!small.saturated && small.output == small.feedback && small.error == -1e-9);
         let large = controller.update(250_000, -0.1, &mut follower);
         assert!(large.saturated && large.output == 50.0 && large.feedback > 50.0);
+    }
+
+    #[test]
+    fn a_slowed_loop_is_that_of_the_smaller_bandwidth() {
+        let fast = ControllerSettings::paper(40.0, 4000.0, 2000.0);
+        let slow = Gains::from_bandwidth(15.0, 40.0);
+        let found = fast.slowed(0.25).gains;
+        for (found, expected) in [
+            (found.p, slow.p),
+            (found.i, slow.i),
+            (found.d, slow.d),
+            (found.lowpass_frequency, slow.lowpass_frequency),
+        ] {
+            assert!((found / expected - 1.0).abs() < 1e-12, "{found} {expected}");
+        }
     }
 
     #[test]

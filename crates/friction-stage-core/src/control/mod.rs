@@ -6,9 +6,11 @@
 mod controller;
 mod lowpass;
 mod pid;
+mod supervisor;
 mod trajectory;
 
 pub use controller::{Controller, ControllerError, ControllerSettings, Terms};
 pub use lowpass::Lowpass;
 pub use pid::{AntiWindup, Gains, Pid};
+pub use supervisor::{Cause, DampedStop, Health, MOVING, Supervisor, SupervisorSettings};
 pub use trajectory::{Follower, Point, Reference, Trajectory, TrajectoryError};
