@@ -21,7 +21,7 @@ use super::qos::{CLOCK, COMMANDS, DIAGNOSTICS, Qos, SAMPLES};
 use super::runtime::lock;
 use super::stage_status::StageStatus;
 use super::wire::{StageNames, Tick};
-use friction_stage_data::bag::{BagError, BagOptions, BagWriter, OfferedQos, Provenance, TopicId};
+use friction_stage_data::bag::{BagError, BagOptions, BagWriter, OfferedQos, TopicId};
 use friction_stage_data::message::{
     Clock, ControllerState, DiagnosticArray, Float64MultiArray, JointState, JointTrajectory,
     RosMessage, StageState, WrenchStamped,
@@ -155,7 +155,8 @@ pub struct RecorderSetup {
     pub busy_cpu: Option<usize>,
     pub topics: RecordedTopics,
     pub names: StageNames,
-    pub provenance: Provenance,
+    /// How to write the bags, with their provenance.
+    pub options: BagOptions,
     /// Where the stage says which sample it is at: the time of messages without a stamp.
     pub stage: Arc<StageStatus>,
     /// The same before the first sample, ns.
@@ -325,10 +326,9 @@ impl OpenBag {
     fn create(
         directory: &Path,
         topics: &RecordedTopics,
-        provenance: &Provenance,
+        options: &BagOptions,
     ) -> Result<OpenBag, BagError> {
-        let options = BagOptions { provenance: Some(provenance.clone()), ..BagOptions::default() };
-        let mut writer = BagWriter::create(directory, &options)?;
+        let mut writer = BagWriter::create(directory, options)?;
         fn add<M: RosMessage>(
             writer: &mut BagWriter,
             name: &str,
@@ -439,7 +439,7 @@ impl Work {
                 bag.writer.directory().display()
             ));
         }
-        let bag = OpenBag::create(directory, &self.setup.topics, &self.setup.provenance)
+        let bag = OpenBag::create(directory, &self.setup.topics, &self.setup.options)
             .map_err(|error| error.to_string())?;
         self.bag = Some(bag);
         *lock(&self.status.fault) = None;

@@ -25,7 +25,7 @@ use super::stage_status::StageStatus;
 use super::wire::StageNames;
 use crate::outcome::Outcome;
 use friction_stage_core::plant::Stage;
-use friction_stage_data::bag::Provenance;
+use friction_stage_data::bag::{BagOptions, Provenance};
 use friction_stage_data::message::{DiagnosticArray, Header, KeyValue};
 
 const ABOUT: &str = "The stage on ROS 2: takes force commands and setpoints, publishes what \
@@ -140,7 +140,10 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         busy_cpu: usize::try_from(cpu).ok(),
         topics: recorded_topics(&startup, settings.publish_clock),
         names: names.clone(),
-        provenance: provenance(&startup, &settings)?,
+        options: BagOptions {
+            provenance: Some(provenance(&startup, &settings)?),
+            ..settings.bags.clone()
+        },
         stage: status.clone(),
         period: settings.rates.time_of(1),
         real_time,

@@ -7,6 +7,7 @@ use super::parameters::{ParameterSpec, ParameterValues};
 use super::runtime::Startup;
 use friction_stage_core::model::{Catalogue, ModelError, StageModel};
 use friction_stage_core::plant::{Rates, RatesError};
+use friction_stage_data::bag::{BagOptions, Sync};
 
 /// How the time of the stage runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +45,8 @@ pub struct StageSettings {
     pub publish_clock: bool,
     pub record: Option<PathBuf>,
     pub record_into: PathBuf,
+    /// How bags are written.
+    pub bags: BagOptions,
     pub joint: String,
     pub frame: String,
     /// Hz
@@ -169,6 +172,29 @@ pub fn specs() -> Vec<ParameterSpec> {
             exist",
         )
         .read_only(),
+        ParameterSpec::string(
+            "record_sync",
+            Sync::NAMES[1],
+            "when a recording is brought to the disk: left to the system, when a file is closed, \
+             or every half second as well",
+        )
+        .choices(&Sync::NAMES)
+        .read_only(),
+        ParameterSpec::integer(
+            "record_split_size",
+            0,
+            "size of a file of a recording, bytes, from which the next one is begun; 0: one file",
+        )
+        .range(0.0, 1e15)
+        .read_only(),
+        ParameterSpec::double(
+            "record_split_duration",
+            0.0,
+            "time of a file of a recording from which the next one is begun; 0: one file",
+        )
+        .unit("s")
+        .range(0.0, 1e9)
+        .read_only(),
         ParameterSpec::string("record_into", ".", "directory for the bags that ~/record starts")
             .read_only(),
         ParameterSpec::string("joint", "stage", "name of the joint in messages").read_only(),
@@ -215,6 +241,17 @@ impl StageSettings {
                 .filter(|path| !path.is_empty())
                 .map(PathBuf::from),
             record_into: PathBuf::from(values.string("record_into")),
+            bags: BagOptions {
+                // The choices of the parameter are the names.
+                sync: Sync::from_name(&values.string("record_sync")).unwrap_or_default(),
+                split_bytes: u64::try_from(values.integer("record_split_size"))
+                    .ok()
+                    .filter(|bytes| *bytes > 0),
+                split_duration: Some(values.double("record_split_duration"))
+                    .filter(|seconds| *seconds > 0.0)
+                    .map(Duration::from_secs_f64),
+                ..BagOptions::default()
+            },
             joint: values.string("joint"),
             frame: values.string("frame_id"),
             servo_bandwidth: values.double("servo_bandwidth"),

@@ -10,6 +10,12 @@ use crate::message::CdrError;
 /// Why a recording could not be written or read.
 #[derive(Debug, Error)]
 pub enum BagError {
+    /// The file that is recorded into was removed.
+    #[error("{} was removed while it was being recorded", path.display())]
+    Removed {
+        /// The file.
+        path: PathBuf,
+    },
     /// The directory to record into exists.
     #[error(
         "{} exists; a recording never overwrites: choose another name or remove it",

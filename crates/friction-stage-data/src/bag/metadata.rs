@@ -78,18 +78,35 @@ pub(crate) struct RecordedTopic {
     pub messages: u64,
 }
 
+/// One recorded file, for [`Information::new`].
+#[derive(Debug, Default)]
+pub(crate) struct RecordedFile {
+    /// Name in the directory.
+    pub name: String,
+    /// First and last log time, ns.
+    pub range: Option<(u64, u64)>,
+    pub messages: u64,
+}
+
+/// Start and span of a range of log times.
+fn span(range: Option<(u64, u64)>) -> (SinceEpoch, Nanoseconds) {
+    let (first, last) = range.unwrap_or((0, 0));
+    let start = SinceEpoch { nanoseconds_since_epoch: i64::try_from(first).unwrap_or(i64::MAX) };
+    (start, Nanoseconds { nanoseconds: i64::try_from(last - first).unwrap_or(i64::MAX) })
+}
+
 impl Information {
-    /// Metadata of a bag of one MCAP file; `range` is the first and last log time, ns.
-    pub fn new(file: &str, range: Option<(u64, u64)>, topics: &[&RecordedTopic]) -> Self {
-        let (first, last) = range.unwrap_or((0, 0));
-        let start = i64::try_from(first).unwrap_or(i64::MAX);
-        let duration = i64::try_from(last - first).unwrap_or(i64::MAX);
+    /// Metadata of a bag of MCAP files.
+    pub fn new(files: &[RecordedFile], topics: &[&RecordedTopic]) -> Self {
         let message_count = topics.iter().map(|t| t.messages).sum();
+        let ranges = files.iter().filter_map(|file| file.range);
+        let whole = ranges.reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
+        let (starting_time, duration) = span(whole);
         Self {
             version: 5,
             storage_identifier: "mcap".into(),
-            duration: Nanoseconds { nanoseconds: duration },
-            starting_time: SinceEpoch { nanoseconds_since_epoch: start },
+            duration,
+            starting_time,
             message_count,
             topics_with_message_count: topics
                 .iter()
@@ -105,13 +122,15 @@ impl Information {
                 .collect(),
             compression_format: String::new(),
             compression_mode: String::new(),
-            relative_file_paths: vec![file.into()],
-            files: vec![FileInformation {
-                path: file.into(),
-                starting_time: SinceEpoch { nanoseconds_since_epoch: start },
-                duration: Nanoseconds { nanoseconds: duration },
-                message_count,
-            }],
+            relative_file_paths: files.iter().map(|file| file.name.clone()).collect(),
+            files: files
+                .iter()
+                .map(|file| {
+                    let (starting_time, duration) = span(file.range);
+                    let (path, message_count) = (file.name.clone(), file.messages);
+                    FileInformation { path, starting_time, duration, message_count }
+                })
+                .collect(),
         }
     }
 

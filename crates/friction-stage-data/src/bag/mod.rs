@@ -21,4 +21,4 @@ pub use provenance::Provenance;
 pub use qos::{Durability, History, OfferedQos, Reliability};
 pub use reader::{BagMessage, BagReader, Messages, Topic};
 pub use recover::{KeptTopic, RecoverReport, recover};
-pub use writer::{BagOptions, BagWriter, Compression, TopicId};
+pub use writer::{BagOptions, BagWriter, Compression, Sync, TopicId};

@@ -63,7 +63,7 @@ pub fn recover(path: &Path, out: Option<&Path>) -> Result<RecoverReport, BagErro
         Some(out) => out.to_owned(),
         None => default_output(path)?,
     };
-    let mut writer = BagWriter::create_bare(&output, &BagOptions::default())?;
+    let mut writer = BagWriter::create(&output, &BagOptions::default())?;
     for (name, metadata) in reader.metadata() {
         writer.write_metadata(name, metadata.clone())?;
     }
