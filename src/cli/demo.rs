@@ -13,7 +13,6 @@ use super::Outcome;
 use crate::node::LOCKSTEP_EPOCH;
 use crate::node::cpu;
 use crate::node::driver::{Driver, LockstepRun};
-use crate::node::participant::{Network, Reach};
 use crate::node::recorder::dated_directory;
 use friction_stage_data::bag::{BagReader, topics};
 use friction_stage_data::message::ControllerState;
@@ -27,10 +26,9 @@ use friction_stage_report::figure::{Curve, Panel, svg};
 /// in 3 ms. Records a bag of each run and draws the position error over time, as the paper's
 /// Figures 6 and 7.
 #[derive(Debug, Clone, Args)]
-#[command(
-    after_help = "Watch it from another terminal: ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 \
-                  topic echo /controller/state"
-)]
+#[command(after_help = "Watch it from another terminal, in the domain that it prints:\n  \
+                  ROS_DOMAIN_ID=... ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 topic echo \
+                  /controller/state")]
 pub struct DemoArgs {
     /// Guides to run, by catalogue name
     #[arg(long, value_delimiter = ',', default_values_t = guides())]
@@ -48,6 +46,9 @@ pub struct DemoArgs {
     /// Seed of the sensor noise
     #[arg(long, default_value_t = 1)]
     pub seed: u32,
+    /// ROS domain of the run [default: one that nobody else on this machine uses]
+    #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u16).range(0..=232))]
+    pub domain: Option<u16>,
     /// Print JSON instead of a table
     #[arg(long)]
     pub json: bool,
@@ -67,6 +68,7 @@ impl Default for DemoArgs {
             rest: Conditioning::DEMO_REST,
             fine_steps: FINE_STEPS,
             seed: 1,
+            domain: None,
             json: false,
         }
     }
@@ -113,9 +115,6 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     );
     std::fs::create_dir_all(&directory)
         .with_context(|| format!("cannot create {}", directory.display()))?;
-    // Loopback only, whatever the environment says: a demo must not show up on the network.
-    let network = Network { reach: Reach::Localhost, ..Network::from_environment()? };
-
     let motion = PaperMotion::new(args.rest, args.fine_steps);
     let seconds = motion.duration() as f64 * 1e-9;
     let bar = ProgressBar::new((1000.0 * seconds * args.guides.len() as f64) as u64);
@@ -144,7 +143,16 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             points: motion.points.clone(),
             log_stem: bag.clone(),
         };
-        let done = Driver::new(&program, network)?.run(&run, &mut |time| {
+        // Loopback only, whatever the environment says: a demo must not show up on the network.
+        let driver = Driver::on_loopback(&program, args.domain)?;
+        let domain = driver.domain();
+        bar.suspend(|| {
+            eprintln!(
+                "{guide}: ROS domain {domain} on loopback; watch it with ROS_DOMAIN_ID={domain} \
+                 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 topic echo /controller/state"
+            );
+        });
+        let done = driver.run(&run, &mut |time| {
             bar.set_message(format!("{guide}: {time:.1} of {seconds:.1} s"));
             bar.set_position((1000.0 * (index as f64 * seconds + time.min(seconds))) as u64);
         })?;

@@ -11,7 +11,6 @@ use serde::{Deserialize, Serialize};
 
 use super::{Outcome, WrongArguments};
 use crate::node::driver::{Driver, LockstepRun};
-use crate::node::participant::{Network, Reach};
 use crate::node::wire::{Setpoint, setpoint};
 use crate::node::{cpu, stage_settings};
 use friction_stage_core::control::Point;
@@ -48,6 +47,9 @@ pub struct PlayArgs {
     /// Seed of the sensor noise
     #[arg(long, default_value_t = 1)]
     pub seed: u32,
+    /// ROS domain of the run [default: one that nobody else on this machine uses]
+    #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u16).range(0..=232))]
+    pub domain: Option<u16>,
     /// Print JSON instead of text
     #[arg(long)]
     pub json: bool,
@@ -162,7 +164,8 @@ fn stretched(points: &[Point], factor: f64) -> Vec<Point> {
 pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let points = stretched(&load(&args.motion)?, args.stretch);
     // Told here, not from the log of a node.
-    stage_settings::model(&args.model)?;
+    let model = stage_settings::model(&args.model)?;
+    let mass = model.mass + model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
     if args.record.exists() {
         return Err(WrongArguments(format!(
             "{} exists already: choose another --record",
@@ -182,7 +185,6 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     );
     bar.enable_steady_tick(Duration::from_millis(200));
     bar.set_message("starting");
-    let network = Network { reach: Reach::Localhost, ..Network::from_environment()? };
     let parameters = |given: &[String]| -> Vec<String> {
         given.iter().flat_map(|parameter| ["-p".to_owned(), parameter.clone()]).collect()
     };
@@ -196,15 +198,26 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             format!("record:={}", args.record.display()),
             cpu.clone(),
         ]),
-        controller_arguments: parameters(&[format!("rate:={:?}", args.rate), cpu]),
+        // The controller of the paper, for what this stage moves.
+        controller_arguments: parameters(&[
+            format!("rate:={:?}", args.rate),
+            format!("mass:={mass:?}"),
+            format!("feedforward.mass:={mass:?}"),
+            format!("gains.stage.u_clamp_max:={:?}", model.motor.force_limit),
+            format!("gains.stage.u_clamp_min:={:?}", -model.motor.force_limit),
+            format!("stroke_min:={:?}", model.stroke.map_or(-1e6, |stroke| stroke.low)),
+            format!("stroke_max:={:?}", model.stroke.map_or(1e6, |stroke| stroke.high)),
+            cpu,
+        ]),
         points,
         log_stem: args.record.clone(),
     };
     let count = run.points.len();
-    let done = Driver::new(&std::env::current_exe()?, network)?.run(&run, &mut |time| {
-        bar.set_message(format!("{time:.1} of {seconds:.1} s"));
-        bar.set_position((1000.0 * time.min(seconds)) as u64);
-    })?;
+    let done =
+        Driver::on_loopback(&std::env::current_exe()?, args.domain)?.run(&run, &mut |time| {
+            bar.set_message(format!("{time:.1} of {seconds:.1} s"));
+            bar.set_position((1000.0 * time.min(seconds)) as u64);
+        })?;
     bar.finish_and_clear();
     let report = PlayReport {
         bag: args.record.clone(),

@@ -11,13 +11,14 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 
+use super::domain::OwnDomain;
 use super::inlet::{Inlet, Waiter};
 use super::outlet::Outlet;
-use super::participant::{Network, Participant};
+use super::participant::{Network, Participant, Reach};
 use super::qos::{COMMANDS, DIAGNOSTICS};
 use super::wire::joint_trajectory;
 use friction_stage_core::control::Point;
-use friction_stage_data::message::{DiagnosticArray, JointTrajectory};
+use friction_stage_data::message::{DiagnosticArray, DiagnosticStatus, JointTrajectory};
 
 /// Longest wait for the next sign of progress: for a process to be found, to take the motion, to
 /// take the next sample, or to end. A process that ended by itself is seen at once; this is for a
@@ -55,6 +56,8 @@ pub struct Driver {
     participant: Participant,
     network: Network,
     program: PathBuf,
+    /// Kept as long as the run lasts.
+    _domain: Option<OwnDomain>,
 }
 
 /// A child process that is asked to end when dropped.
@@ -165,10 +168,29 @@ impl Driver {
     /// Joins `network`, as the nodes will. `program` is the `friction-stage` executable, which is
     /// both nodes too.
     pub fn new(program: &Path, network: Network) -> anyhow::Result<Driver> {
+        Driver::join(program, network, None)
+    }
+
+    /// On loopback in the domain `wanted`, or in one that nobody else on this machine uses.
+    pub fn on_loopback(program: &Path, wanted: Option<u16>) -> anyhow::Result<Driver> {
+        let own = match wanted {
+            Some(_) => None,
+            None => Some(OwnDomain::take()?),
+        };
+        let domain = wanted.or(own.as_ref().map(OwnDomain::number)).unwrap_or_default();
+        Driver::join(program, Network { domain, reach: Reach::Localhost }, own)
+    }
+
+    /// The domain of the run.
+    pub fn domain(&self) -> u16 {
+        self.network.domain
+    }
+
+    fn join(program: &Path, network: Network, domain: Option<OwnDomain>) -> anyhow::Result<Driver> {
         let options =
             ros2_client::NodeOptions::new().start_parameter_services(false).enable_rosout(false);
         let participant = Participant::join(network, "/", "friction_stage_driver", options)?;
-        Ok(Driver { participant, network, program: program.to_owned() })
+        Ok(Driver { participant, network, program: program.to_owned(), _domain: domain })
     }
 
     /// Runs a stage, and a controller if it has arguments, in real time for `duration`; numbers of
@@ -264,6 +286,11 @@ impl Driver {
             let message = waiter.wait(Some(look_again), |context| diagnostics.poll_take(context));
             stage.check()?;
             controller.check()?;
+            if let Some(Ok(message)) = &message
+                && let Some(stopped) = controller_error(message)
+            {
+                anyhow::bail!("the controller: {stopped}; see {}", controller.log.display());
+            }
             if let Some(Ok(message)) = message
                 && let Some((sample, stamp)) = stage_report(&message)
             {
@@ -294,6 +321,12 @@ impl Driver {
         let rate = (to - from) as f64 / seconds.max(1e-9);
         Ok(RunResult { cycles: to, rate, incomplete })
     }
+}
+
+/// Why the controller gave up, if it did.
+fn controller_error(message: &DiagnosticArray) -> Option<&str> {
+    let status = message.status.iter().find(|status| status.name.ends_with(": controller"))?;
+    (status.level == DiagnosticStatus::ERROR).then_some(status.message.as_str())
 }
 
 /// Sample and stamp (ns) in the diagnostics of a stage.

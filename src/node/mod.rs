@@ -11,6 +11,7 @@ pub mod controller;
 pub mod controller_settings;
 pub mod cpu;
 mod delay;
+pub mod domain;
 pub mod driver;
 pub mod graph_watch;
 mod help;
