@@ -38,7 +38,9 @@ class Process:
         except subprocess.TimeoutExpired:
             raise AssertionError(f"{self.name} did not end within {timeout} s:\n{self.excerpt()}") from None
 
-    def stop(self, how: signal.Signals = signal.SIGTERM, expected: int = 0) -> None:
+    def stop(
+        self, how: signal.Signals = signal.SIGTERM, expected: int | tuple[int, ...] = 0
+    ) -> None:
         """Ends it with a signal, unless it has ended, and checks its exit code, once."""
         if self.stopped:
             return
@@ -52,7 +54,8 @@ class Process:
             self.popen.kill()
             self.popen.wait()
             raise AssertionError(f"{self.name} did not end within 15 s of {how.name}:\n{self.excerpt()}") from None
-        assert code == expected, (
+        allowed = expected if isinstance(expected, tuple) else (expected,)
+        assert code in allowed, (
             f"{self.name} {f'answered {how.name}' if ran else 'ended by itself'} with exit code {code} "
             f"instead of {expected}:\n{self.excerpt()}"
         )

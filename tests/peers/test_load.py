@@ -1,0 +1,179 @@
+"""A busy machine: in lockstep nothing is lost; in real time the stage holds or stops safely."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import bags
+import pytest
+from conftest import BINARIES
+from diagnostics import ERROR, Diagnostics
+from ros import nanoseconds, trajectory
+
+BUSY = 8
+WITHIN = 1e-3
+DEMO = ["--guides", "guide_2", "--rest", "0.2", "--fine-steps", "1"]
+
+
+@pytest.fixture
+def busy() -> Iterator[None]:
+    """Busy loops beside the test, at the priority of any program."""
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(BUSY)]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+def stamps(messages: list) -> list[int]:
+    return [nanoseconds(message.header.stamp) for message in messages]
+
+
+def assert_whole(bag: Path) -> None:
+    """Every sample of every topic is in the bag; the run ends while the last one is answered."""
+    messages = bags.with_mcap_ros2_support(bag)
+    encoder = stamps(messages["/stage/encoder"])
+    period = encoder[1] - encoder[0]
+    assert encoder == list(range(encoder[0], encoder[-1] + period, period))
+    assert [nanoseconds(message.clock) for message in messages["/clock"]] == encoder
+    assert stamps(messages["/stage/force_cell"]) == stamps(messages["/stage/state"]) == encoder
+    for topic in ("/stage/force", "/controller/state"):
+        missing = set(encoder[:-1]) - set(stamps(messages[topic]))
+        assert not missing, f"{topic} lacks {len(missing)} of {len(encoder)} samples"
+
+
+def test_a_demo_on_a_busy_machine_records_every_sample_of_every_topic(busy, tmp_path):
+    command = [BINARIES / "friction-stage", "demo", *DEMO, "--out", tmp_path / "demo", "--json"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    assert run.returncode == 0, run.stderr
+    (guide,) = json.loads(run.stdout)
+    assert [move["name"] for move in guide["moves"]] == [
+        "50 mm forward",
+        "50 mm return",
+        "10 um step",
+    ]
+    assert_whole(Path(guide["bag"]))
+
+
+def test_two_demos_side_by_side_end_as_one_does(tmp_path):
+    def demo(name: str) -> subprocess.Popen:
+        command = [BINARIES / "friction-stage", "demo", *DEMO, "--out", tmp_path / name, "--json"]
+        environment = {**os.environ, "ROS_DOMAIN_ID": "0"}
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                env=environment)
+
+    runs = [demo("one"), demo("other")]
+    moves = []
+    for run in runs:
+        out, errors = run.communicate(timeout=900)
+        assert run.returncode == 0, errors
+        (guide,) = json.loads(out)
+        moves.append(guide["moves"])
+        assert_whole(Path(guide["bag"]))
+    assert moves[0] == moves[1]
+
+
+@pytest.mark.parametrize("priority", [0, 10])
+def test_the_default_pair_on_a_busy_machine_holds_or_stops(ros, start, busy, tmp_path, priority):
+    stage = start("stage_node", priority=priority, record=tmp_path / "bag")
+    start("controller_node", priority=priority)
+    diagnostics = Diagnostics(ros, "/controller: controller")
+    encoder = ros.collect("/stage/encoder")
+    ros.until(lambda: encoder, "the first sample", timeout=60.0)
+    setpoint = ros.publisher("/stage/setpoint", readers=2)
+    point = {"time": 0.5, "positions": [0.02], "velocities": [0.0], "accelerations": [0.0]}
+    setpoint.publish(trajectory([point]))
+    begin = stamps(encoder[-1:])[0]
+    ros.until(lambda: stamps(encoder[-1:])[0] > begin + 10_000_000_000, "10 s", timeout=120.0)
+    status = diagnostics.newest()
+    # Holes in the recording are the machine's, and are said.
+    stage.stop(expected=(0, 3))
+    messages = bags.with_mcap_ros2_support(tmp_path / "bag")
+    samples = {nanoseconds(m.header.stamp): m.position[0] for m in messages["/stage/encoder"]}
+    if status.level == ERROR:
+        # Stopped: at rest, wherever that is, and not far from the way.
+        assert "stopped" in status.message
+        late = [x for stamp, x in samples.items() if stamp > begin + 9_000_000_000]
+        assert max(late) - min(late) < WITHIN, status
+        assert all(-0.1 < x < 0.12 for x in samples.values()), status
+        return
+    after = [x for stamp, x in samples.items() if stamp > begin + 3_000_000_000]
+    assert after and max(abs(x - 0.02) for x in after) < WITHIN, status
+
+
+def test_a_setpoint_of_finite_numbers_cannot_poison_the_controller(ros, stage, controller):
+    stage(mode="lockstep", control_rate=1000.0)
+    controller(rate=1000.0, bandwidth=30.0)
+    states = ros.collect("/controller/state")
+    setpoint = ros.publisher("/stage/setpoint", readers=2)
+    for far in ([1e308, -1e308], [0.0, 1e308], [10.0, 0.0]):
+        setpoint.publish(trajectory([
+            {"time": 0.1 * (1 + k), "positions": [x], "velocities": [0.0], "accelerations": [0.0]}
+            for k, x in enumerate(far)
+        ]))
+    status = Diagnostics(ros, "/controller: controller")
+    status.refusal("refused_setpoints", 3, "point")
+    good = {"time": 0.1, "positions": [0.005], "velocities": [0.0], "accelerations": [0.0]}
+    setpoint.publish(trajectory([good]))
+    ros.until(lambda: states and abs(states[-1].position - 0.005) < 20e-6, "the arrival at 5 mm")
+    assert all(abs(state.output) <= 2000.0 for state in states)
+
+
+def test_a_reset_of_the_stage_alone_is_safe(ros, stage, controller):
+    from std_srvs.srv import Trigger
+
+    stage(mode="realtime", control_rate=1000.0)
+    controller(rate=1000.0, bandwidth=30.0)
+    encoder = ros.collect("/stage/encoder")
+    ros.follow([{"time": 0.5, "positions": [0.05], "velocities": [0.0], "accelerations": [0.0]}])
+    ros.until(lambda: encoder and abs(encoder[-1].position[0] - 0.05) < 1e-4, "50 mm")
+    count = len(encoder)
+    assert ros.call(Trigger, "/stage/reset").success
+    ros.until(lambda: any(abs(m.position[0]) < 1e-6 for m in encoder[count:]), "the reset")
+    at = next(k for k in range(count, len(encoder)) if abs(encoder[k].position[0]) < 1e-6)
+    stamp = stamps(encoder[at:at + 1])[0]
+    ros.until(lambda: stamps(encoder[-1:])[0] > stamp + 1_000_000_000, "a second")
+    assert all(abs(m.position[0]) < WITHIN for m in encoder[at:])
+    status = Diagnostics(ros, "/controller: controller").newest()
+    assert status.level != ERROR, status
+
+
+def test_a_slow_controller_of_a_low_bandwidth_starts(stage, controller):
+    stage(mode="lockstep", control_rate=500.0, physics_rate=40000.0)
+    controller(rate=500.0, bandwidth=12.0)
+
+
+def splits(bag: Path) -> list[str]:
+    return sorted(path.name for path in bag.glob("*.mcap"))
+
+
+@pytest.mark.parametrize("how", [{"record_split_duration": 0.5}, {"record_split_size": 300_000}])
+def test_a_recording_is_split_and_read_as_one(ros, stage, controller, tmp_path, how: dict):
+    process = stage(mode="lockstep", control_rate=1000.0, record=tmp_path / "bag", **how)
+    controller(rate=1000.0, bandwidth=30.0)
+    Diagnostics(ros).until(lambda s: int(value(s, "sample")) > 3000, "3000 samples")
+    process.stop()
+    assert len(splits(tmp_path / "bag")) > 2
+    messages = bags.with_rosbags(tmp_path / "bag")
+    encoder = stamps(messages["/stage/encoder"])
+    assert encoder == list(range(encoder[0], encoder[-1] + 1_000_000, 1_000_000))
+
+
+def value(status, key: str) -> str:
+    return next(pair.value for pair in status.values if pair.key == key)
+
+
+def test_a_recording_whose_directory_is_removed_fails(ros, stage, tmp_path):
+    import shutil
+
+    process = stage(mode="realtime", control_rate=1000.0, record=tmp_path / "bag")
+    shutil.rmtree(tmp_path / "bag")
+    status = Diagnostics(ros).until(lambda s: s.level == ERROR, "the error")
+    assert "removed" in status.message
+    process.stop(expected=1)
+
