@@ -17,28 +17,30 @@ HERE = Path(__file__).parent
 
 
 def controller(context):
-    params_file = LaunchConfiguration('params_file').perform(context) or 'controller_params.yaml'
+    params_file = LaunchConfiguration("params_file").perform(context) or "controller_params.yaml"
     if params_file == Path(params_file).name and (HERE / params_file).is_file():
         params_file = str(HERE / params_file)
     return [
         Node(
-            package='friction_stage',
-            executable='controller_node',
-            name='controller',
+            package="friction_stage",
+            executable="controller_node",
+            name="controller",
             parameters=[params_file],
-            output='screen',
-            on_exit=Shutdown(reason='the controller has ended'),
+            output="screen",
+            on_exit=Shutdown(reason="the controller has ended"),
         )
     ]
 
 
 def generate_launch_description():
     params_file = DeclareLaunchArgument(
-        'params_file',
-        default_value='',
-        description='parameter file for both nodes, by path or by its name in launch_config '
-        '(empty: stage_params.yaml and controller_params.yaml)',
+        "params_file",
+        default_value="",
+        description="parameter file for both nodes, by path or by its name in launch_config "
+        "(empty: stage_params.yaml and controller_params.yaml)",
     )
     # It declares model, mode, drive and record, and takes params_file as it is here.
-    stage = PythonLaunchDescriptionSource(str(HERE / 'friction_stage_stage_only.launch.py'))
-    return LaunchDescription([params_file, IncludeLaunchDescription(stage), OpaqueFunction(function=controller)])
+    stage = PythonLaunchDescriptionSource(str(HERE / "friction_stage_stage_only.launch.py"))
+    return LaunchDescription(
+        [params_file, IncludeLaunchDescription(stage), OpaqueFunction(function=controller)]
+    )

@@ -18,50 +18,52 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 HERE = Path(__file__).parent
-CONTROLLERS_FILE = str(HERE / 'friction_stage_controllers.yaml')
-CONTROLLERS = ['joint_trajectory_controller', 'forward_command_controller', 'pid_controller']
+CONTROLLERS_FILE = str(HERE / "friction_stage_controllers.yaml")
+CONTROLLERS = ["joint_trajectory_controller", "forward_command_controller", "pid_controller"]
 
 
 def generate_launch_description():
-    description = ParameterValue((HERE / 'friction_stage.urdf').read_text(), value_type=str)
-    stage = PythonLaunchDescriptionSource(str(HERE / 'friction_stage_stage_only.launch.py'))
-    controller = LaunchConfiguration('controller')
+    description = ParameterValue((HERE / "friction_stage.urdf").read_text(), value_type=str)
+    stage = PythonLaunchDescriptionSource(str(HERE / "friction_stage_stage_only.launch.py"))
+    controller = LaunchConfiguration("controller")
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                'controller',
+                "controller",
                 default_value=CONTROLLERS[0],
                 choices=CONTROLLERS,
-                description='controller that commands the stage',
+                description="controller that commands the stage",
             ),
             # One file for the whole stack, so that rates that must fit each other stand in one place.
-            IncludeLaunchDescription(stage, launch_arguments={'params_file': CONTROLLERS_FILE}.items()),
-            Node(
-                package='robot_state_publisher',
-                executable='robot_state_publisher',
-                parameters=[{'robot_description': description, 'use_sim_time': True}],
-                output='screen',
+            IncludeLaunchDescription(
+                stage, launch_arguments={"params_file": CONTROLLERS_FILE}.items()
             ),
             Node(
-                package='controller_manager',
-                executable='ros2_control_node',
+                package="robot_state_publisher",
+                executable="robot_state_publisher",
+                parameters=[{"robot_description": description, "use_sim_time": True}],
+                output="screen",
+            ),
+            Node(
+                package="controller_manager",
+                executable="ros2_control_node",
                 parameters=[CONTROLLERS_FILE],
-                output='screen',
-                on_exit=Shutdown(reason='the controller manager has ended'),
+                output="screen",
+                on_exit=Shutdown(reason="the controller manager has ended"),
             ),
             Node(
-                package='controller_manager',
-                executable='spawner',
+                package="controller_manager",
+                executable="spawner",
                 arguments=[
-                    'joint_state_broadcaster',
-                    'force_cell_broadcaster',
+                    "joint_state_broadcaster",
+                    "force_cell_broadcaster",
                     controller,
-                    '--controller-manager',
-                    '/controller_manager',
-                    '--param-file',
+                    "--controller-manager",
+                    "/controller_manager",
+                    "--param-file",
                     CONTROLLERS_FILE,
                 ],
-                output='screen',
+                output="screen",
             ),
         ]
     )

@@ -1,5 +1,6 @@
 #!/bin/sh
-# From a doubt to the model beside the stage. Each recording is made over ROS 2, by stage_node and controller_node in lockstep.
+# From a doubt to the model beside the stage. Each recording is made over ROS 2, by stage_node and
+# controller_node in lockstep.
 # usage: examples/closing_the_loop/run.sh [DIRECTORY FOR THE RESULTS]
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)

@@ -68,6 +68,8 @@ struct Status {
     restarts: AtomicU64,
     /// Times that the stage was put elsewhere, as a reset does.
     displaced: AtomicU64,
+    /// Times that samples came so late that the loop gave up bandwidth.
+    late: AtomicU64,
     /// Peak of late of the delay of samples, us, and the share of the bandwidth that is left, 1e-6.
     delay_us: AtomicU64,
     share_ppm: AtomicU64,
@@ -96,6 +98,7 @@ impl Status {
             ("saturated_samples", &self.saturated),
             ("stage_restarts", &self.restarts),
             ("stage_resets", &self.displaced),
+            ("late_times", &self.late),
             ("delay_us", &self.delay_us),
         ];
         let share = self.share_ppm.load(Ordering::Relaxed);
@@ -451,11 +454,14 @@ impl ControllerLoop {
         let changed = (share / watch.share - 1.0).abs();
         if changed > 0.2 || share == 1.0 && changed > 0.0 {
             if watch.share == 1.0 {
-                tracing::warn!(
-                    "samples come {:.1} ms late: the loop gives up bandwidth (the machine is too \
-                     busy)",
-                    1e3 * delay
-                );
+                let count = self.status.late.fetch_add(1, Ordering::Relaxed) + 1;
+                if count.is_power_of_two() {
+                    tracing::warn!(
+                        "samples come {:.1} ms late: the loop gives up bandwidth, the machine is \
+                         too busy ({count} times so far)",
+                        1e3 * delay
+                    );
+                }
             }
             watch.share = share;
             // Less of valid gains is valid.

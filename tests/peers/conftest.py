@@ -17,7 +17,9 @@ import pytest
 from processes import Process
 from ros import Ros
 
-BINARIES = Path(os.environ.get("FRICTION_STAGE_BIN", Path(__file__).parents[2] / "target" / "release"))
+BINARIES = Path(
+    os.environ.get("FRICTION_STAGE_BIN", Path(__file__).parents[2] / "target" / "release")
+)
 
 
 def domain_is_silent(domain: int) -> bool:
@@ -38,7 +40,9 @@ def free_domain() -> Iterator[int]:
     domains = list(range(int(first), int(last or first) + 1))
     start = os.getpid() % len(domains)
     for candidate in domains[start:] + domains[:start]:
-        with open(Path(tempfile.gettempdir()) / f"ros_domain_{candidate}.{os.getuid()}.lock", "w") as lock:
+        with open(
+            Path(tempfile.gettempdir()) / f"ros_domain_{candidate}.{os.getuid()}.lock", "w"
+        ) as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
@@ -78,7 +82,9 @@ def start(domain: int, processes: list[Process], tmp_path: Path) -> Callable[...
     """start(program, **parameters): runs a node of the project, with `__` for `.` in the names of parameters."""
 
     def start(program: str, *arguments: str, **parameters: object) -> Process:
-        assert (BINARIES / program).is_file(), f"{BINARIES / program} is not there: cargo build --release --bins --example write_bag"
+        assert (BINARIES / program).is_file(), (
+            f"{BINARIES / program} is not there: cargo build --release --bins --example write_bag"
+        )
         command = [str(BINARIES / program), *arguments, "--ros-args"]
         for name, value in parameters.items():
             command += ["-p", f"{name.replace('__', '.')}:={yaml_scalar(value)}"]
@@ -132,5 +138,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     report = yield
     if report.failed:
         for process in getattr(item, "processes", []):
-            report.sections.append((f"log of {process.name}, {process.outcome()}", process.excerpt()))
+            report.sections.append(
+                (f"log of {process.name}, {process.outcome()}", process.excerpt())
+            )
     return report

@@ -50,4 +50,7 @@ qos = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepA
 reader = DataReader(participant, Topic(participant, "rt/stage/encoder", JointState), qos)
 for _, sample in zip(range(count), reader.take_iter(timeout=duration(seconds=20))):
     stamp = sample.header.stamp.sec * 10**9 + sample.header.stamp.nanosec
-    print(json.dumps([stamp, sample.name, sample.position, sample.velocity, sample.effort]), flush=True)
+    print(
+        json.dumps([stamp, sample.name, sample.position, sample.velocity, sample.effort]),
+        flush=True,
+    )

@@ -17,18 +17,27 @@ class Diagnostics:
         self.ros, self.name = ros, name
         self.arrays = ros.collect("/diagnostics")
 
-    def until(self, condition: Callable[[DiagnosticStatus], bool], what: str, timeout: float = 30.0) -> DiagnosticStatus:
+    def until(
+        self, condition: Callable[[DiagnosticStatus], bool], what: str, timeout: float = 30.0
+    ) -> DiagnosticStatus:
         """Waits for a status that was told after this call and meets the condition."""
         now = time.time_ns()
         del self.arrays[:]
 
         def told() -> list[DiagnosticStatus]:
             # One that was on its way is of before.
-            return [status for array in self.arrays if nanoseconds(array.header.stamp) >= now
-                    for status in array.status if status.name == self.name]
+            return [
+                status
+                for array in self.arrays
+                if nanoseconds(array.header.stamp) >= now
+                for status in array.status
+                if status.name == self.name
+            ]
 
         try:
-            return self.ros.until(lambda: next((s for s in told() if condition(s)), None), what, timeout)
+            return self.ros.until(
+                lambda: next((s for s in told() if condition(s)), None), what, timeout
+            )
         except AssertionError as failure:
             raise AssertionError(f"{failure}; {self.name} says {told()[-1:]}") from None
 

@@ -14,7 +14,9 @@ class Process:
         with log.open("wb") as out:
             out.write((" ".join(command) + "\n").encode())
             out.flush()
-            self.popen = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT)
+            self.popen = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=out, stderr=subprocess.STDOUT
+            )
 
     def log(self) -> str:
         """The command line, and what it has written to stdout and stderr so far."""
@@ -36,7 +38,9 @@ class Process:
         try:
             return self.popen.wait(timeout)
         except subprocess.TimeoutExpired:
-            raise AssertionError(f"{self.name} did not end within {timeout} s:\n{self.excerpt()}") from None
+            raise AssertionError(
+                f"{self.name} did not end within {timeout} s:\n{self.excerpt()}"
+            ) from None
 
     def stop(
         self, how: signal.Signals = signal.SIGTERM, expected: int | tuple[int, ...] = 0
@@ -53,7 +57,9 @@ class Process:
         except subprocess.TimeoutExpired:
             self.popen.kill()
             self.popen.wait()
-            raise AssertionError(f"{self.name} did not end within 15 s of {how.name}:\n{self.excerpt()}") from None
+            raise AssertionError(
+                f"{self.name} did not end within 15 s of {how.name}:\n{self.excerpt()}"
+            ) from None
         allowed = expected if isinstance(expected, tuple) else (expected,)
         assert code in allowed, (
             f"{self.name} {f'answered {how.name}' if ran else 'ended by itself'} with exit code {code} "
@@ -64,4 +70,6 @@ class Process:
         """Marks that it ended as the test wanted, and checks how."""
         code = self.wait()
         self.stopped = True
-        assert code == expected, f"{self.name} ended with exit code {code} instead of {expected}:\n{self.excerpt()}"
+        assert code == expected, (
+            f"{self.name} ended with exit code {code} instead of {expected}:\n{self.excerpt()}"
+        )

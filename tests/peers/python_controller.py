@@ -56,13 +56,19 @@ class Move:
 
     def velocity(self, time: int) -> float:
         t = self.fraction(time)
-        return (self.target - self.origin) * (30 * t**2 - 60 * t**3 + 30 * t**4) / (self.duration * 1e-9)
+        return (
+            (self.target - self.origin)
+            * (30 * t**2 - 60 * t**3 + 30 * t**4)
+            / (self.duration * 1e-9)
+        )
 
 
 class PythonController(Node):
     """Holds `reference` until `move` is set, and then follows it. Keeps the position (m) of each sample by its stamp."""
 
-    def __init__(self, gains: Gains, mass: float, rate: float, force_limit: float, **options: object) -> None:
+    def __init__(
+        self, gains: Gains, mass: float, rate: float, force_limit: float, **options: object
+    ) -> None:
         super().__init__("python_controller", **options)
         self.gains, self.mass, self.rate, self.force_limit = gains, mass, rate, force_limit
         self.period = 1.0 / rate
@@ -78,7 +84,9 @@ class PythonController(Node):
         self.a1, self.a2 = 2 * (k * k - 1) * n, (1 - 2 * z * k + k * k) * n
         self.positions: dict[int, float] = {}
         self.force = self.create_publisher(WrenchStamped, "/stage/force", 10)
-        self.create_subscription(JointState, "/stage/encoder", self.on_encoder, QoSProfile(depth=10))
+        self.create_subscription(
+            JointState, "/stage/encoder", self.on_encoder, QoSProfile(depth=10)
+        )
 
     def on_encoder(self, sample: JointState) -> None:
         now = nanoseconds(sample.header.stamp)
@@ -100,7 +108,9 @@ class PythonController(Node):
         self.integral += self.gains.i * self.period * error
         change = 0.0 if self.last_error is None else error - self.last_error
         self.last_error = error
-        feedback = self.lowpass(self.gains.p * error + self.integral + self.gains.d * change / self.period)
+        feedback = self.lowpass(
+            self.gains.p * error + self.integral + self.gains.d * change / self.period
+        )
         force = feedback + self.mass * acceleration
         return min(max(force, -self.force_limit), self.force_limit)
 

@@ -38,7 +38,12 @@ def read_with_rosbags(bag):
     topics = {}
     with AnyReader([pathlib.Path(bag)]) as reader:
         for connection in reader.connections:
-            topics[connection.topic] = {"type": connection.msgtype, "count": 0, "first": None, "last": None}
+            topics[connection.topic] = {
+                "type": connection.msgtype,
+                "count": 0,
+                "first": None,
+                "last": None,
+            }
         for connection, time, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
             assert type(message).__name__.endswith(connection.msgtype.rsplit("/", 1)[1]), connection
@@ -92,5 +97,9 @@ def check_type_hashes(bag):
 
 
 if __name__ == "__main__":
-    json.dump({"rosbags": read_with_rosbags(sys.argv[1]), "mcap": read_with_mcap(sys.argv[1])}, sys.stdout, indent=2)
+    json.dump(
+        {"rosbags": read_with_rosbags(sys.argv[1]), "mcap": read_with_mcap(sys.argv[1])},
+        sys.stdout,
+        indent=2,
+    )
     print()

@@ -50,7 +50,9 @@ class Ros:
     def __init__(self, domain: int, processes: list[Process]) -> None:
         self.processes = processes
         self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(
+            context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO
+        )
         self.executor = SingleThreadedExecutor(context=self.context)
         self.node = self.add(rclpy.create_node("peer", context=self.context))
 
@@ -75,7 +77,9 @@ class Ros:
             for process in self.processes:
                 ended = process.popen.poll() is not None and not process.stopped
                 if ended and not condition():
-                    raise AssertionError(f"{process.name} ended, {process.outcome()}, while waiting for {what}")
+                    raise AssertionError(
+                        f"{process.name} ended, {process.outcome()}, while waiting for {what}"
+                    )
             if time.monotonic() > deadline:
                 raise AssertionError(f"{timeout} s went by without {what}")
             self.executor.spin_once(timeout_sec=0.1)
@@ -94,7 +98,9 @@ class Ros:
         the depth they are lost.
         """
         messages: list = []
-        self.node.create_subscription(TOPICS[topic], topic, messages.append, QoSProfile(depth=depth))
+        self.node.create_subscription(
+            TOPICS[topic], topic, messages.append, QoSProfile(depth=depth)
+        )
         return messages
 
     def first(self, topic: str) -> Any:
@@ -108,7 +114,10 @@ class Ros:
     def publisher(self, topic: str, readers: int = 1, depth: int = 10) -> Any:
         """A publisher that has found its readers."""
         publisher = self.node.create_publisher(TOPICS[topic], topic, depth)
-        self.until(lambda: publisher.get_subscription_count() >= readers, f"{readers} subscribers of {topic}")
+        self.until(
+            lambda: publisher.get_subscription_count() >= readers,
+            f"{readers} subscribers of {topic}",
+        )
         return publisher
 
     def follow(self, points: list[dict], lead: float = 2.0) -> int:
@@ -125,7 +134,10 @@ class Ros:
             start = nanoseconds(states[-1].header.stamp) + round(lead * 1e9)
             setpoint.publish(trajectory(points, start))
             self.until(
-                lambda: nanoseconds(states[-1].setpoint_stamp) == start or nanoseconds(states[-1].header.stamp) > start,
+                lambda: (
+                    nanoseconds(states[-1].setpoint_stamp) == start
+                    or nanoseconds(states[-1].header.stamp) > start
+                ),
                 "acceptance of the trajectory",
             )
             if nanoseconds(states[-1].setpoint_stamp) == start:
@@ -152,7 +164,9 @@ def trajectory(points: list[dict], start: int = 0) -> JointTrajectory:
         fields = dict(point)
         at = round(fields.pop("time") * 1e9)
         message.points.append(
-            JointTrajectoryPoint(time_from_start=Duration(sec=at // 10**9, nanosec=at % 10**9), **fields)
+            JointTrajectoryPoint(
+                time_from_start=Duration(sec=at // 10**9, nanosec=at % 10**9), **fields
+            )
         )
     return message
 

@@ -62,7 +62,9 @@ def states(ros):
 
 def until_force(ros, states, force: float) -> None:
     del states[:]
-    ros.until(lambda: any(state.motor_force == force for state in states), f"a motor force of {force} N")
+    ros.until(
+        lambda: any(state.motor_force == force for state in states), f"a motor force of {force} N"
+    )
 
 
 # --- commands that are none
@@ -71,9 +73,21 @@ NO_COMMANDS = [
     ("/stage/force", wrench(NAN), ["~/force", "NaN", "must be finite"]),
     ("/stage/force", wrench(INF), ["~/force", "force is inf", "must be finite"]),
     ("/stage/force", wrench(-INF), ["~/force", "force is -inf", "must be finite"]),
-    ("/stage/joint_commands", joints(["stage"], [INF]), ["~/joint_commands", "force is inf", "must be finite"]),
-    ("/stage/joint_commands", joints(["slider"], [1.0]), ["~/joint_commands", "no joint `stage` among [slider]"]),
-    ("/stage/joint_commands", joints(["stage", "b"], [1.0]), ["~/joint_commands", "2 joint names but 1 efforts"]),
+    (
+        "/stage/joint_commands",
+        joints(["stage"], [INF]),
+        ["~/joint_commands", "force is inf", "must be finite"],
+    ),
+    (
+        "/stage/joint_commands",
+        joints(["slider"], [1.0]),
+        ["~/joint_commands", "no joint `stage` among [slider]"],
+    ),
+    (
+        "/stage/joint_commands",
+        joints(["stage", "b"], [1.0]),
+        ["~/joint_commands", "2 joint names but 1 efforts"],
+    ),
     ("/stage/joint_commands", joints([], []), ["~/joint_commands", "no joint `stage` among []"]),
     ("/stage/commands", array(NAN), ["~/commands", "NaN", "must be finite"]),
     ("/stage/commands", array(), ["~/commands", "0 values", "exactly 1"]),
@@ -94,10 +108,13 @@ def test_what_is_no_command_is_refused_with_the_reason_and_changes_nothing(ros, 
     assert states and {state.motor_force for state in states} == {30.0}
 
 
-@pytest.mark.parametrize("topic, message", [
-    ("/stage/joint_commands", lambda force: joints(["other", "stage"], [1.0, force])),
-    ("/stage/commands", array),
-])
+@pytest.mark.parametrize(
+    "topic, message",
+    [
+        ("/stage/joint_commands", lambda force: joints(["other", "stage"], [1.0, force])),
+        ("/stage/commands", array),
+    ],
+)
 def test_the_other_topics_command_as_well(ros, stage, states, topic, message):
     stage(mode="realtime", control_rate=1000.0, command_timeout=10.0)
     commands = ros.publisher(topic)
@@ -114,7 +131,11 @@ def garbage() -> list[bytes]:
     """Bytes that are no message, most of them in the encapsulation of CDR."""
     chaos = random.Random(1)
     return [
-        b"\0", b"\0\1\0", b"\0\1\0\0", bytes(200), b"\0\1\0\0" + bytes(7),
+        b"\0",
+        b"\0\1\0",
+        b"\0\1\0\0",
+        bytes(200),
+        b"\0\1\0\0" + bytes(7),
         # Another encapsulation, and strings and sequences of 4 GiB.
         b"\x77\x77\0\0" + bytes(100),
         b"\0\1\0\0" + bytes(8) + b"\xff" * 4,
@@ -137,7 +158,9 @@ def test_bytes_that_are_no_message_do_not_end_the_nodes(ros, stage, controller, 
     # A message behind them, so that they have all been read when it acts.
     publishers[0].publish(wrench(30.0))
     until_force(ros, states, 30.0)
-    status = diagnostics.until(lambda status: number(status, "refused_commands") > 100, "over 100 refusals")
+    status = diagnostics.until(
+        lambda status: number(status, "refused_commands") > 100, "over 100 refusals"
+    )
     assert status.level == WARN and "unreadable" in status.message
     controller(rate=1000.0, bandwidth=30.0)
     setpoint = ros.publisher("/stage/setpoint", readers=2, depth=100)
@@ -145,13 +168,18 @@ def test_bytes_that_are_no_message_do_not_end_the_nodes(ros, stage, controller, 
         setpoint.publish(bad)
     setpoint.publish(trajectory([rest(0.3, 0.001)]))
     encoder = ros.collect("/stage/encoder")
-    ros.until(lambda: encoder and abs(encoder[-1].position[0] - 0.001) < 50e-6, "the move behind the garbage")
+    ros.until(
+        lambda: encoder and abs(encoder[-1].position[0] - 0.001) < 50e-6,
+        "the move behind the garbage",
+    )
     # The status that counts them all may come a little after the move.
     Diagnostics(ros, "/controller: controller").until(
-        lambda status: number(status, "refused_setpoints") > 20, "over 20 refused setpoints")
+        lambda status: number(status, "refused_setpoints") > 20, "over 20 refused setpoints"
+    )
 
 
 # --- stamps
+
 
 def test_stamps_that_repeat_or_go_back_are_refused(ros, stage, states):
     stage(mode="realtime", control_rate=1000.0, command_timeout=60.0)
@@ -205,8 +233,13 @@ class Stepper:
         """Answers, waits for the next sample, and returns the motor force (N) that led to it."""
         (publisher or self.force).publish(message)
         following = nanoseconds(message.header.stamp) + 1_000_000
-        state = self.ros.until(lambda: next((state for state in self.states
-                                             if nanoseconds(state.header.stamp) == following), None), "the next sample")
+        state = self.ros.until(
+            lambda: next(
+                (state for state in self.states if nanoseconds(state.header.stamp) == following),
+                None,
+            ),
+            "the next sample",
+        )
         self.ros.until(lambda: self.at() == following, "its encoder sample")
         return state.motor_force
 
@@ -217,15 +250,26 @@ def test_in_lockstep_only_the_answer_to_the_sample_counts(ros, stage):
     assert stepper.answered(wrench(7.0, first)) == 7.0
     waiting = stepper.at()
     commands = ros.publisher("/stage/commands")
-    for count, (publisher, message, words) in enumerate([
-        (stepper.force, wrench(8.0, first), f"stamp {first} ns repeats"),
-        (stepper.force, wrench(8.0, first - 1), f"stamp {first - 1} ns goes back behind {first} ns"),
-        (stepper.force, wrench(8.0, waiting + 1), f"stamp {waiting + 1} ns answers no sample"),
-        (stepper.force, wrench(8.0, waiting + 1_000_000), f"waits for the answer to {waiting} ns"),
-        (stepper.force, wrench(8.0, 0), "answers no sample"),
-        (stepper.force, wrench(NAN, waiting), "NaN"),
-        (stepper.force, wrench(INF, waiting), "inf"),
-    ], start=1):
+    for count, (publisher, message, words) in enumerate(
+        [
+            (stepper.force, wrench(8.0, first), f"stamp {first} ns repeats"),
+            (
+                stepper.force,
+                wrench(8.0, first - 1),
+                f"stamp {first - 1} ns goes back behind {first} ns",
+            ),
+            (stepper.force, wrench(8.0, waiting + 1), f"stamp {waiting + 1} ns answers no sample"),
+            (
+                stepper.force,
+                wrench(8.0, waiting + 1_000_000),
+                f"waits for the answer to {waiting} ns",
+            ),
+            (stepper.force, wrench(8.0, 0), "answers no sample"),
+            (stepper.force, wrench(NAN, waiting), "NaN"),
+            (stepper.force, wrench(INF, waiting), "inf"),
+        ],
+        start=1,
+    ):
         publisher.publish(message)
         diagnostics.refusal("refused_commands", count, words)
     commands.publish(array(8.0))
@@ -246,11 +290,22 @@ def test_no_effort_in_lockstep_is_an_answer_without_force(ros, stage):
 def test_a_command_that_can_answer_no_sample_does_not_stop_time(ros, stage):
     stepper = Stepper(ros, stage)
     commands = ros.publisher("/stage/commands")
-    for count, (publisher, message, words) in enumerate([
-        (commands, array(8.0), ["~/commands", "carries no stamp", "use ~/force or ~/joint_commands"]),
-        (stepper.force, wrench(8.0, now() // 1000 * 1000 + 1), ["~/force", "answers no sample"]),
-        (stepper.force, wrench(8.0, 0), ["~/force", "stamp 0 ns", "answers no sample"]),
-    ], start=1):
+    for count, (publisher, message, words) in enumerate(
+        [
+            (
+                commands,
+                array(8.0),
+                ["~/commands", "carries no stamp", "use ~/force or ~/joint_commands"],
+            ),
+            (
+                stepper.force,
+                wrench(8.0, now() // 1000 * 1000 + 1),
+                ["~/force", "answers no sample"],
+            ),
+            (stepper.force, wrench(8.0, 0), ["~/force", "stamp 0 ns", "answers no sample"]),
+        ],
+        start=1,
+    ):
         publisher.publish(message)
         stepper.diagnostics.refusal("refused_commands", count, *words)
     seen = stepper.at()
@@ -275,7 +330,9 @@ def test_a_missing_answer_is_an_error_and_time_stands_still_until_it_comes(ros, 
     assert "the answer to the last sample is missing" in status.message
     assert number(status, "missing_answers") == 1
     ros.until(lambda: len(stepper.samples) >= before + 2, "the sample, sent again")
-    assert {nanoseconds(sample.header.stamp) for sample in stepper.samples[before - 1:]} == {waiting}
+    assert {nanoseconds(sample.header.stamp) for sample in stepper.samples[before - 1 :]} == {
+        waiting
+    }
     assert nanoseconds(stepper.clock[-1].clock) == waiting
     assert number(diagnostics.newest(), "missing_answers") == 1
     assert stepper.answered(wrench(9.0, waiting)) == 9.0
@@ -294,6 +351,7 @@ def test_a_controller_that_answers_once_and_never_again_is_missed(ros, stage):
 
 # --- sources, limits, silence
 
+
 def test_of_several_sources_the_first_keeps_the_stage_until_it_falls_silent(ros, stage, states):
     stage(mode="realtime", control_rate=1000.0, command_timeout=1.0)
     diagnostics = Diagnostics(ros)
@@ -301,11 +359,15 @@ def test_of_several_sources_the_first_keeps_the_stage_until_it_falls_silent(ros,
     until_force(ros, states, 30.0)
     del states[:]
     # One on another topic, and one on the same.
-    for topic, message in [("/stage/joint_commands", lambda: joints(["stage"], [-40.0])),
-                           ("/stage/force", lambda: wrench(20.0))]:
+    for topic, message in [
+        ("/stage/joint_commands", lambda: joints(["stage"], [-40.0])),
+        ("/stage/force", lambda: wrench(20.0)),
+    ]:
         other = Source(ros, topic, message)
         words = f"{topic.replace('/stage', '~')}: refused, ~/force commands the stage"
-        status = diagnostics.until(lambda status: words in status.message, "the report of the other source")
+        status = diagnostics.until(
+            lambda status: words in status.message, "the report of the other source"
+        )
         assert status.level == WARN and number(status, "refused_commands") > 0
         if topic == "/stage/joint_commands":
             other.stop()
@@ -316,20 +378,29 @@ def test_of_several_sources_the_first_keeps_the_stage_until_it_falls_silent(ros,
     del states[:]
     count = number(diagnostics.newest(), "refused_commands")
     first.go_on()
-    diagnostics.until(lambda status: number(status, "refused_commands") > count + 10, "refusals of the first")
+    diagnostics.until(
+        lambda status: number(status, "refused_commands") > count + 10, "refusals of the first"
+    )
     assert {state.motor_force for state in states} == {20.0}
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_force_beyond_the_limit_is_clamped_and_counted_and_ends_when_commands_stop(ros, stage, states, sign):
+def test_force_beyond_the_limit_is_clamped_and_counted_and_ends_when_commands_stop(
+    ros, stage, states, sign
+):
     stage(mode="realtime", control_rate=1000.0, command_timeout=0.2)
     diagnostics = Diagnostics(ros)
     status = diagnostics.newest()
     assert number(status, "clamped_samples") == number(status, "stale_commands") == 0
     ros.publisher("/stage/force").publish(wrench(sign * 1e300))
-    status = diagnostics.until(lambda status: number(status, "stale_commands") > 0, "commands that have stopped")
+    status = diagnostics.until(
+        lambda status: number(status, "stale_commands") > 0, "commands that have stopped"
+    )
     assert status.level == WARN and "commands have stopped: motor force is zero" in status.message
-    ros.until(lambda: states and nanoseconds(states[-1].header.stamp) >= number(status, "stamp_ns"), "the last states")
+    ros.until(
+        lambda: states and nanoseconds(states[-1].header.stamp) >= number(status, "stamp_ns"),
+        "the last states",
+    )
     pushed = [state.sample for state in states if state.motor_force != 0.0]
     assert {state.motor_force for state in states} == {0.0, sign * 2000.0}
     # 0.2 s at 1 kHz; a tick more or less, and what a busy machine adds.
@@ -344,12 +415,15 @@ def test_the_timeout_can_be_changed_while_a_command_holds(ros, stage, states):
     until_force(ros, states, 30.0)
     client = AsyncParameterClient(ros.node, "/stage")
     ros.until(client.services_are_ready, "the parameter services")
-    (result,) = ros.result(client.set_parameters([Parameter("command_timeout", value=0.05)]), "the answer").results
+    (result,) = ros.result(
+        client.set_parameters([Parameter("command_timeout", value=0.05)]), "the answer"
+    ).results
     assert result.successful, result.reason
     until_force(ros, states, 0.0)
 
 
 # --- setpoints
+
 
 def with_times(*times: int) -> JointTrajectory:
     """Points of one and the same position at these times, ns."""
@@ -366,13 +440,25 @@ def for_joint(name: str) -> JointTrajectory:
 
 
 NO_SETPOINTS = [
-    (trajectory([rest(0.0, 0.01)]), ["jumps by 1.000e-2 m", "at most 1.000e-3 m", "send a trajectory"]),
+    (
+        trajectory([rest(0.0, 0.01)]),
+        ["jumps by 1.000e-2 m", "at most 1.000e-3 m", "send a trajectory"],
+    ),
     (trajectory([rest(0.0, -0.01), rest(1.0, 0.0)]), ["jumps by 1.000e-2 m"]),
     (trajectory([{"time": 0.0, "positions": [NAN]}]), ["point 0", "position is NaN", "finite"]),
-    (trajectory([{"time": 1.0, "positions": [0.0], "velocities": [INF]}]), ["point 0", "velocity is inf", "finite"]),
-    (trajectory([rest(0.5, 0.0), {"time": 1.0, "positions": [0.0], "effort": [NAN]}]), ["point 1", "effort is NaN"]),
+    (
+        trajectory([{"time": 1.0, "positions": [0.0], "velocities": [INF]}]),
+        ["point 0", "velocity is inf", "finite"],
+    ),
+    (
+        trajectory([rest(0.5, 0.0), {"time": 1.0, "positions": [0.0], "effort": [NAN]}]),
+        ["point 1", "effort is NaN"],
+    ),
     (trajectory([]), ["no points"]),
-    (with_times(SECOND, SECOND // 2), ["point 1", "500000000 ns", "does not come after 1000000000 ns"]),
+    (
+        with_times(SECOND, SECOND // 2),
+        ["point 1", "500000000 ns", "does not come after 1000000000 ns"],
+    ),
     (with_times(SECOND, SECOND), ["point 1", "1000000000 ns", "does not come after"]),
     (with_times(-1), ["point 0", "-1 ns"]),
     (trajectory([{"time": 1.0, "velocities": [0.1]}]), ["point 0", "0 positions for 1 joints"]),
@@ -393,7 +479,11 @@ def test_the_controller_refuses_what_is_no_setpoint_and_holds(ros, stage, contro
         diagnostics.refusal("refused_setpoints", count, *words)
     for state in states:
         assert state.enabled and nanoseconds(state.setpoint_stamp) == 0
-        assert abs(state.reference_position) < 1e-6 and abs(state.position) < 10e-6 and math.isfinite(state.output)
+        assert (
+            abs(state.reference_position) < 1e-6
+            and abs(state.position) < 10e-6
+            and math.isfinite(state.output)
+        )
     setpoint.publish(trajectory([rest(0.3, 0.001)]))
     ros.until(lambda: abs(states[-1].position - 0.001) < 50e-6, "the move to 1 mm")
     assert nanoseconds(states[-1].setpoint_stamp) > 0

@@ -36,15 +36,30 @@ MODELS = {
     "given twice": ("mass: 40\nmass: 41\n", ["line 2", "mass"]),
     "negative mass": ("mass: -40\n", ["mass is -40", "must be greater than 0"]),
     "mass that is none": ("mass: .nan\n", ["mass is NaN", "must be finite"]),
-    "unknown guide": ("guides: [guide_1, guid_2]\n", ["guides[1]", "`guid_2`", "did you mean `guide_2`?"]),
-    "too many guides": ("guides: [guide_1, guide_1, guide_1, guide_1, guide_1]\n", ["1 to 4 guides", "5"]),
-    "unknown effect": ("effects:\n- coging: {amplitude: 5, period: 0.024}\n",
-                       ["`coging`", "did you mean `cogging`?", "cable_chain"]),
-    "unknown effect parameter": ("effects:\n- cogging: {amplitud: 5, period: 0.024}\n",
-                                 ["effects.cogging", "`amplitud`", "did you mean `amplitude`?", "period"]),
-    "missing effect parameter": ("effects:\n- cogging: {amplitude: 5}\n", ["effects.cogging", "`period`", "missing"]),
-    "impossible effect parameter": ("effects:\n- cogging: {amplitude: -5, period: 0.024}\n",
-                                    ["effects.cogging.amplitude is -5", "between 0 and 1000 N"]),
+    "unknown guide": (
+        "guides: [guide_1, guid_2]\n",
+        ["guides[1]", "`guid_2`", "did you mean `guide_2`?"],
+    ),
+    "too many guides": (
+        "guides: [guide_1, guide_1, guide_1, guide_1, guide_1]\n",
+        ["1 to 4 guides", "5"],
+    ),
+    "unknown effect": (
+        "effects:\n- coging: {amplitude: 5, period: 0.024}\n",
+        ["`coging`", "did you mean `cogging`?", "cable_chain"],
+    ),
+    "unknown effect parameter": (
+        "effects:\n- cogging: {amplitud: 5, period: 0.024}\n",
+        ["effects.cogging", "`amplitud`", "did you mean `amplitude`?", "period"],
+    ),
+    "missing effect parameter": (
+        "effects:\n- cogging: {amplitude: 5}\n",
+        ["effects.cogging", "`period`", "missing"],
+    ),
+    "impossible effect parameter": (
+        "effects:\n- cogging: {amplitude: -5, period: 0.024}\n",
+        ["effects.cogging.amplitude is -5", "between 0 and 1000 N"],
+    ),
 }
 
 
@@ -59,26 +74,47 @@ def test_a_model_file_that_is_none_is_refused_with_its_name(start, tmp_path, cas
     assert said.count(words[0]) == 1
 
 
-@pytest.mark.parametrize("model, words", [
-    ("guide_7", ["guide_7", "did you mean `guide_", "the catalogue has guide_1, guide_2, guide_3"]),
-    ("rig:guide_7", ["rig:guide_7", "did you mean `guide_"]),
-    ("nowhere.yaml", ["cannot read the model file nowhere.yaml", "No such file"]),
-])
+@pytest.mark.parametrize(
+    "model, words",
+    [
+        (
+            "guide_7",
+            ["guide_7", "did you mean `guide_", "the catalogue has guide_1, guide_2, guide_3"],
+        ),
+        ("rig:guide_7", ["rig:guide_7", "did you mean `guide_"]),
+        ("nowhere.yaml", ["cannot read the model file nowhere.yaml", "No such file"]),
+    ],
+)
 def test_a_model_that_is_not_there_is_refused(start, model, words):
     said = complaint(start("stage_node", model=model))
     for word in words:
         assert word in said
 
 
-@pytest.mark.parametrize("program, parameters, words", [
-    ("stage_node", {"physics_rate": 39999.0}, ["physics_rate 39999 Hz", "control_rate 4000 Hz", "36000 or 40000 Hz"]),
-    ("stage_node", {"physics_rate": 2000.0}, ["physics_rate 2000 Hz", "control_rate 4000 Hz", "4000"]),
-    ("stage_node", {"drive": "servo", "mode": "lockstep"}, ["drive: servo", "mode: lockstep", "use mode: realtime"]),
-    ("stage_node", {"cpu": 1000}, ["parameter cpu is 1000", "must be below"]),
-    ("controller_node", {"cpu": 1000}, ["parameter cpu is 1000", "must be below"]),
-    ("controller_node", {"rate": 100.0}, ["lowpass.frequency", "360", "50"]),
-    ("controller_node", {"gains__stage__p": 5.0}, ["gains.stage.p", "tuning"]),
-])
+@pytest.mark.parametrize(
+    "program, parameters, words",
+    [
+        (
+            "stage_node",
+            {"physics_rate": 39999.0},
+            ["physics_rate 39999 Hz", "control_rate 4000 Hz", "36000 or 40000 Hz"],
+        ),
+        (
+            "stage_node",
+            {"physics_rate": 2000.0},
+            ["physics_rate 2000 Hz", "control_rate 4000 Hz", "4000"],
+        ),
+        (
+            "stage_node",
+            {"drive": "servo", "mode": "lockstep"},
+            ["drive: servo", "mode: lockstep", "use mode: realtime"],
+        ),
+        ("stage_node", {"cpu": 1000}, ["parameter cpu is 1000", "must be below"]),
+        ("controller_node", {"cpu": 1000}, ["parameter cpu is 1000", "must be below"]),
+        ("controller_node", {"rate": 100.0}, ["lowpass.frequency", "360", "50"]),
+        ("controller_node", {"gains__stage__p": 5.0}, ["gains.stage.p", "tuning"]),
+    ],
+)
 def test_parameters_that_do_not_fit_together_are_refused(start, program, parameters, words):
     said = complaint(start(program, **parameters))
     for word in words:
@@ -91,14 +127,19 @@ def test_a_bag_directory_that_cannot_be_is_refused(start, tmp_path):
     for directory, words in [
         (tmp_path / "bag", [f"{tmp_path}/bag exists", "never overwrites", "choose another name"]),
         (tmp_path / "file", [f"{tmp_path}/file exists"]),
-        (tmp_path / "file" / "bag", [f"cannot create {tmp_path}/file/bag", f"{tmp_path}/file is a file, not a directory"]),
+        (
+            tmp_path / "file" / "bag",
+            [f"cannot create {tmp_path}/file/bag", f"{tmp_path}/file is a file, not a directory"],
+        ),
         # Nobody may make a directory there, not even root.
         ("/proc/bag", ["cannot create /proc/bag"]),
     ]:
         said = complaint(start("stage_node", record=directory))
         for word in ["parameter record", *words]:
             assert word in said
-    assert not any((tmp_path / "bag").iterdir()), "something was written into a directory that was there"
+    assert not any((tmp_path / "bag").iterdir()), (
+        "something was written into a directory that was there"
+    )
 
 
 def test_the_record_service_says_why_there_is_no_bag(ros, stage, tmp_path):
@@ -118,19 +159,26 @@ def test_a_second_recording_at_once_is_refused_and_the_first_goes_on(ros, stage,
     assert not response.success and f"already recording to {tmp_path}/first" in response.message
     response = ros.call(SetBool, "/stage/record", data=False)
     assert response.success and str(tmp_path / "first") in response.message
-    assert [metadata.parent for metadata in tmp_path.glob("*/metadata.yaml")] == [tmp_path / "first"]
+    assert [metadata.parent for metadata in tmp_path.glob("*/metadata.yaml")] == [
+        tmp_path / "first"
+    ]
 
 
 # --- one name, two stages
 
+
 @pytest.mark.parametrize("mode", ["realtime", "lockstep"])
-def test_a_second_stage_of_the_same_name_does_not_start_and_the_first_is_unharmed(ros, start, stage, tmp_path, mode):
+def test_a_second_stage_of_the_same_name_does_not_start_and_the_first_is_unharmed(
+    ros, start, stage, tmp_path, mode
+):
     stage(mode=mode, control_rate=500.0)
     diagnostics = Diagnostics(ros)
     encoder = ros.collect("/stage/encoder")
     ros.until(lambda: encoder, "a sample")
     second = start("stage_node", mode=mode, record=tmp_path / "bag")
-    said = ros.until(lambda: second.popen.poll() is not None and complaint(second), "the end of the second")
+    said = ros.until(
+        lambda: second.popen.poll() is not None and complaint(second), "the end of the second"
+    )
     assert "another node publishes /stage/encoder already" in said
     assert "__node:=NAME" in said
     assert not (tmp_path / "bag").exists()
@@ -158,6 +206,9 @@ def test_somebody_else_who_publishes_the_samples_is_reported(ros, start, stage):
     publisher = ros.node.create_publisher(JointState, "/stage/encoder", 10)
     status = diagnostics.until(lambda status: status.level == ERROR, "the error")
     for said in (status.message, process.log()):
-        assert "another node publishes /stage/encoder as well: two stages must not share a name" in said
+        assert (
+            "another node publishes /stage/encoder as well: two stages must not share a name"
+            in said
+        )
     ros.node.destroy_publisher(publisher)
     diagnostics.until(lambda status: status.level == OK, "that it is over")

@@ -51,9 +51,12 @@ def test_metadata_counts_as_the_file_does(bag):
     assert information["version"] == 5
     counted = read_bag.read_with_mcap(bag)
     assert {
-        t["topic_metadata"]["name"]: t["message_count"] for t in information["topics_with_message_count"]
+        t["topic_metadata"]["name"]: t["message_count"]
+        for t in information["topics_with_message_count"]
     } == {topic: entry["count"] for topic, entry in counted.items()}
-    profiles = yaml.safe_load(information["topics_with_message_count"][0]["topic_metadata"]["offered_qos_profiles"])
+    profiles = yaml.safe_load(
+        information["topics_with_message_count"][0]["topic_metadata"]["offered_qos_profiles"]
+    )
     assert profiles[0]["depth"] == 100
 
 
@@ -64,11 +67,14 @@ def test_a_file_without_its_end_opens_after_recovery(bag, tmp_path):
     (cut / "cut_0.mcap").write_bytes(whole[: len(whole) * 2 // 3])
     run = subprocess.run(
         [BINARIES / "friction-stage", "recover", cut, "--json"],
-        capture_output=True, text=True,
+        capture_output=True,
+        text=True,
     )
     assert run.returncode == 3, run.stderr
     report = json.loads(run.stdout)
     topics = read_bag.read_with_rosbags(report["output"])
     assert topics == read_bag.read_with_mcap(report["output"])
-    assert {t["name"]: t["messages"] for t in report["topics"]} == {n: e["count"] for n, e in topics.items()}
+    assert {t["name"]: t["messages"] for t in report["topics"]} == {
+        n: e["count"] for n, e in topics.items()
+    }
     assert 0 < report["messages"] < 7 * SAMPLES

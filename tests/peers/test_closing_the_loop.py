@@ -95,10 +95,14 @@ class Recorder:
         last = nanoseconds(self.states[-1].setpoint_stamp)
         self.switch(True)
         play()
-        ros.until(lambda: nanoseconds(self.states[-1].setpoint_stamp) > last, "acceptance of the motion")
+        ros.until(
+            lambda: nanoseconds(self.states[-1].setpoint_stamp) > last, "acceptance of the motion"
+        )
         end = nanoseconds(self.states[-1].setpoint_stamp) + round((seconds(motion) + 0.1) * 1e9)
         self.pause(0.0)
-        ros.until(lambda: nanoseconds(self.states[-1].header.stamp) > end, "the end of the motion", 60.0)
+        ros.until(
+            lambda: nanoseconds(self.states[-1].header.stamp) > end, "the end of the motion", 60.0
+        )
         self.pause(SLOW)
         self.switch(False)
         [bag] = set(self.directory.iterdir()) - before
@@ -111,18 +115,32 @@ class Recorder:
     def play_by_script(self, file: Path) -> Path:
         """Played by the script of the example, as a process of its own."""
         script = [sys.executable, EXAMPLE / "play_trajectory.py", file]
-        return self.record(trajectory_of(file.read_text()), lambda: subprocess.run(script, check=True, timeout=30))
+        return self.record(
+            trajectory_of(file.read_text()), lambda: subprocess.run(script, check=True, timeout=30)
+        )
 
 
 def friction_stage(*arguments: object) -> tuple[int, str]:
-    run = subprocess.run([BINARIES / "friction-stage", *map(str, arguments)], capture_output=True, text=True)
+    run = subprocess.run(
+        [BINARIES / "friction-stage", *map(str, arguments)], capture_output=True, text=True
+    )
     assert run.returncode in (0, 3), run.stderr
     return run.returncode, run.stdout
 
 
 def identify(train: list[Path], holdout: Path, out: Path, *more: object) -> dict:
     _, text = friction_stage(
-        "identify", "--model", DECLARED, "--train", *train, "--holdout", holdout, "--out", out, "--json", *more
+        "identify",
+        "--model",
+        DECLARED,
+        "--train",
+        *train,
+        "--holdout",
+        holdout,
+        "--out",
+        out,
+        "--json",
+        *more,
     )
     return json.loads(text)
 
@@ -133,7 +151,10 @@ def names(summary: dict) -> list[str]:
 
 def encoder(bag: Path, name: str) -> dict[int, float]:
     """Position by stamp, m."""
-    return {stamp: sample.position[0] for stamp, sample in bags.by_stamp(bags.with_rosbags(bag)[f"/{name}/encoder"]).items()}
+    return {
+        stamp: sample.position[0]
+        for stamp, sample in bags.by_stamp(bags.with_rosbags(bag)[f"/{name}/encoder"]).items()
+    }
 
 
 def rms(values: list[float]) -> float:
@@ -142,43 +163,59 @@ def rms(values: list[float]) -> float:
 
 def beside(ros: Ros, motion: JointTrajectory, stages: list[str]) -> None:
     """Plays a motion to several stages at once, each from its first sample on, and waits until all have made it."""
-    publishers = [ros.node.create_publisher(JointTrajectory, f"/{name}/setpoint", 10) for name in stages]
+    publishers = [
+        ros.node.create_publisher(JointTrajectory, f"/{name}/setpoint", 10) for name in stages
+    ]
     last = {name: [] for name in stages}
     for name in stages:
         ros.node.create_subscription(JointState, f"/{name}/encoder", last[name].append, 10)
     for publisher in publishers:
         # The stage and its controller.
-        ros.until(lambda publisher=publisher: publisher.get_subscription_count() >= 2, "the stages and their controllers")
+        ros.until(
+            lambda publisher=publisher: publisher.get_subscription_count() >= 2,
+            "the stages and their controllers",
+        )
     for publisher in publishers:
         publisher.publish(motion)
     end = round(seconds(motion) * 1e9)
 
     def arrived() -> bool:
         return all(
-            samples and nanoseconds(samples[-1].header.stamp) - nanoseconds(samples[0].header.stamp) > end
+            samples
+            and nanoseconds(samples[-1].header.stamp) - nanoseconds(samples[0].header.stamp) > end
             for samples in last.values()
         )
 
     ros.until(arrived, "the end of the motion on all stages", 60.0)
 
 
-def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(ros, stage, controller, start, tmp_path):
+def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(
+    ros, stage, controller, start, tmp_path
+):
     recorded = tmp_path / "bags"
     recorded.mkdir()
-    real_stage = stage(mode="lockstep", model=REAL, control_rate=RATE, record_into=recorded, answer_timeout=600.0)
+    real_stage = stage(
+        mode="lockstep", model=REAL, control_rate=RATE, record_into=recorded, answer_timeout=600.0
+    )
     its_controller = controller(rate=RATE)
     recorder = Recorder(ros, recorded)
     first, first_held_out = (
-        recorder.play(trajectory_of((EXAMPLE / name).read_text())) for name in ("slow_moves.yaml", "slow_moves_to_check.yaml")
+        recorder.play(trajectory_of((EXAMPLE / name).read_text()))
+        for name in ("slow_moves.yaml", "slow_moves_to_check.yaml")
     )
 
     # The doubt, and the motion that settles it.
     file = tmp_path / "next.yaml"
     limits = ["--stroke", *STROKE, "--max-speed", SPEED, "--max-force", FORCE, "--max-duration", 6]
-    doubt = identify([first], first_held_out, tmp_path / "doubt", "--next-experiment", file, *limits)
+    doubt = identify(
+        [first], first_held_out, tmp_path / "doubt", "--next-experiment", file, *limits
+    )
     assert doubt["verdict"] == "not_separable", doubt
     [effect] = doubt["effects"]
-    assert [effect["name"], *(one["name"] for one in effect["rivals"])] in (["motor_gain", "force_cell_gain"], ["force_cell_gain", "motor_gain"])
+    assert [effect["name"], *(one["name"] for one in effect["rivals"])] in (
+        ["motor_gain", "force_cell_gain"],
+        ["force_cell_gain", "motor_gain"],
+    )
     assert 0.9 < effect["rivals"][0]["correlation"] <= 1.0
     [rival] = doubt["next_experiment"]["rivals"]
     assert {rival["effect"], rival["rival"]} == {"motor_gain", "force_cell_gain"}
@@ -216,7 +253,15 @@ def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(ros, stage, con
     for name, model in [("real", REAL), ("declared", DECLARED), ("identified", identified)]:
         bag = tmp_path / f"beside_{name}"
         names_of = ["--ros-args", "-r", f"__node:={name}", "--"]
-        start("stage_node", *names_of, mode="lockstep", model=model, control_rate=RATE, wait_for_command=True, record=bag)
+        start(
+            "stage_node",
+            *names_of,
+            mode="lockstep",
+            model=model,
+            control_rate=RATE,
+            wait_for_command=True,
+            record=bag,
+        )
         names_of = ["--ros-args", "-r", f"__node:={name}_controller", "--"]
         start("controller_node", *names_of, stage=f"/{name}", rate=RATE, wait_for_setpoint=True)
         traces[name] = bag
@@ -225,9 +270,14 @@ def test_a_doubt_is_settled_by_the_motion_that_identify_asks_for(ros, stage, con
         process.stop()
     traces = {name: encoder(bag, name) for name, bag in traces.items()}
     common = sorted(set.intersection(*(set(trace) for trace in traces.values())))
-    assert len(common) > 0.9 * RATE * seconds(motion), "the three did not run through the motion together"
+    assert len(common) > 0.9 * RATE * seconds(motion), (
+        "the three did not run through the motion together"
+    )
     apart = {
-        name: rms([traces[name][stamp] - traces["real"][stamp] for stamp in common]) for name in ("declared", "identified")
+        name: rms([traces[name][stamp] - traces["real"][stamp] for stamp in common])
+        for name in ("declared", "identified")
     }
-    print(f"beside the real stage: declared {apart['declared'] * 1e9:.1f} nm rms, identified {apart['identified'] * 1e9:.1f} nm rms")
+    print(
+        f"beside the real stage: declared {apart['declared'] * 1e9:.1f} nm rms, identified {apart['identified'] * 1e9:.1f} nm rms"
+    )
     assert apart["identified"] < 0.2 * apart["declared"]

@@ -26,7 +26,9 @@ def friction_stage(*arguments: object, code: int) -> dict:
     command = [str(BINARIES / "friction-stage"), *map(str, arguments), "--json"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=60)
     # A warning is no failure: in lockstep the first sample may be answered twice.
-    assert run.returncode in (code, 3), f"{shlex.join(command)} ended with {run.returncode}:\n{run.stdout}\n{run.stderr}"
+    assert run.returncode in (code, 3), (
+        f"{shlex.join(command)} ended with {run.returncode}:\n{run.stdout}\n{run.stderr}"
+    )
     return json.loads(run.stdout)
 
 
@@ -38,7 +40,9 @@ def assert_no_holes(messages: list, period: int) -> None:
     """Samples come one period (ns) after the other."""
     times = stamps(messages)
     holes = [(a, b) for a, b in zip(times, times[1:]) if b - a != period]
-    assert not holes, f"{len(holes)} holes or repetitions among {len(times)}, the first from {holes[0][0]} to {holes[0][1]} ns"
+    assert not holes, (
+        f"{len(holes)} holes or repetitions among {len(times)}, the first from {holes[0][0]} to {holes[0][1]} ns"
+    )
 
 
 def assert_python_reads(bag: Path) -> dict[str, list]:
@@ -51,6 +55,7 @@ def assert_python_reads(bag: Path) -> dict[str, list]:
 
 
 # --- signals
+
 
 @pytest.mark.parametrize("how, mode", [(signal.SIGINT, "lockstep"), (signal.SIGTERM, "realtime")])
 def test_a_signal_while_recording_at_full_speed_closes_the_bag(ros, start, tmp_path, how, mode):
@@ -89,6 +94,7 @@ def state_of(process: Process) -> str:
 
 # --- a killed recorder, a full disk
 
+
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
 def test_a_killed_recording_loses_less_than_a_second(ros, start, tmp_path, mode):
     process = start("stage_node", mode=mode, record=tmp_path / "bag", publish_clock=True)
@@ -96,7 +102,11 @@ def test_a_killed_recording_loses_less_than_a_second(ros, start, tmp_path, mode)
     # When the clock of each sample was heard, as far as this process keeps up; s.
     heard: dict[int, float] = {}
     ros.node.create_subscription(
-        Clock, "/clock", lambda message: heard.setdefault(nanoseconds(message.clock), time.monotonic()), 1)
+        Clock,
+        "/clock",
+        lambda message: heard.setdefault(nanoseconds(message.clock), time.monotonic()),
+        1,
+    )
     ros.until(lambda: heard, "the first sample")
     began = time.monotonic()
     # Several times what is brought to the file at once.
@@ -112,22 +122,33 @@ def test_a_killed_recording_loses_less_than_a_second(ros, start, tmp_path, mode)
     assert lost < 1.0, f"{lost} s are lost"
     assert_no_holes(messages["/stage/encoder"], 250_000)
     # It says what it kept and what is lost.
-    assert {topic["name"]: topic["messages"] for topic in report["topics"] if topic["messages"]} == {
-        topic: len(found) for topic, found in messages.items()
-    }
+    assert {
+        topic["name"]: topic["messages"] for topic in report["topics"] if topic["messages"]
+    } == {topic: len(found) for topic, found in messages.items()}
     assert lost < report["lost_at_end_s"] + 0.3 < 1.0
     assert friction_stage("check", recovered, code=0)["complete"]
     # A second look at the damaged one, for a person.
-    text = subprocess.run([BINARIES / "friction-stage", "recover", tmp_path / "bag", "--out", tmp_path / "again"],
-                          capture_output=True, text=True).stdout
-    assert "at most 0.5 s before it are missing" in text and f"{report['messages']} messages kept" in text
+    text = subprocess.run(
+        [BINARIES / "friction-stage", "recover", tmp_path / "bag", "--out", tmp_path / "again"],
+        capture_output=True,
+        text=True,
+    ).stdout
+    assert (
+        "at most 0.5 s before it are missing" in text
+        and f"{report['messages']} messages kept" in text
+    )
 
 
 def limited(kind: str, directory: Path) -> list[str]:
     """What runs a program so that it can write no more than 256 KiB into the directory."""
     if kind == "file size limit":
         return ["bash", "-c", 'ulimit -f 256 && exec "$@"', "bash"]
-    if subprocess.run(["unshare", "--map-root-user", "--mount", "true"], capture_output=True).returncode != 0:
+    if (
+        subprocess.run(
+            ["unshare", "--map-root-user", "--mount", "true"], capture_output=True
+        ).returncode
+        != 0
+    ):
         pytest.skip("this machine lets nobody mount a file system of his own")
     mount = f'mount -t tmpfs -o size=256k none {shlex.quote(str(directory))} && exec "$@"'
     return ["unshare", "--map-root-user", "--mount", "bash", "-c", mount, "bash"]
@@ -137,16 +158,31 @@ def limited(kind: str, directory: Path) -> list[str]:
 def test_a_disk_that_runs_full_ends_the_recording_and_not_the_stage(ros, processes, tmp_path, kind):
     small, large = tmp_path / "small", tmp_path / "large"
     small.mkdir()
-    arguments = ["-p", f"record:={small}/bag", "-p", f"record_into:={large}", "-p", "control_rate:=2000.0"]
+    arguments = [
+        "-p",
+        f"record:={small}/bag",
+        "-p",
+        f"record_into:={large}",
+        "-p",
+        "control_rate:=2000.0",
+    ]
     command = [*limited(kind, small), str(BINARIES / "stage_node"), "--ros-args", *arguments]
     process = Process(command, tmp_path / "stage.log")
     processes.append(process)
     encoder = ros.collect("/stage/encoder")
     diagnostics = Diagnostics(ros)
     status = diagnostics.until(lambda status: status.level == ERROR, "the error")
-    told = next(nanoseconds(array.header.stamp) for array in diagnostics.arrays if status in array.status)
+    told = next(
+        nanoseconds(array.header.stamp) for array in diagnostics.arrays if status in array.status
+    )
     reason = "File too large" if kind == "file size limit" else "No space left on device"
-    for word in ["recording: no space left for", f"{small}/bag/bag_0.mcap", reason, "bytes are written", "recover"]:
+    for word in [
+        "recording: no space left for",
+        f"{small}/bag/bag_0.mcap",
+        reason,
+        "bytes are written",
+        "recover",
+    ]:
         assert word in status.message
     assert value(status, "recording") == "false"
     assert "recording ends: no space left" in process.log()
@@ -183,13 +219,28 @@ MOTION = HERE.parents[1] / "examples/closing_the_loop/slow_moves_to_check.yaml"
 
 
 def test_a_command_says_that_its_recording_is_not_whole(domain, tmp_path):
-    command = [*limited("file size limit", tmp_path), str(BINARIES / "friction-stage"), "play", str(MOTION)]
-    run = subprocess.run([*command, "--record", str(tmp_path / "bag")], capture_output=True, text=True, timeout=60)
-    assert run.returncode == 1 and "the recording is not whole: no space left" in run.stderr, run.stderr
+    command = [
+        *limited("file size limit", tmp_path),
+        str(BINARIES / "friction-stage"),
+        "play",
+        str(MOTION),
+    ]
+    run = subprocess.run(
+        [*command, "--record", str(tmp_path / "bag")], capture_output=True, text=True, timeout=60
+    )
+    assert run.returncode == 1 and "the recording is not whole: no space left" in run.stderr, (
+        run.stderr
+    )
 
 
 def test_the_nodes_of_a_command_end_with_it_however_it_ends(domain, processes, tmp_path):
-    command = [str(BINARIES / "friction-stage"), "play", str(MOTION), "--record", str(tmp_path / "bag")]
+    command = [
+        str(BINARIES / "friction-stage"),
+        "play",
+        str(MOTION),
+        "--record",
+        str(tmp_path / "bag"),
+    ]
     play = Process(command, tmp_path / "play.log")
     processes.append(play)
     nodes = Path(f"/proc/{play.popen.pid}/task/{play.popen.pid}/children")
@@ -197,7 +248,9 @@ def test_the_nodes_of_a_command_end_with_it_however_it_ends(domain, processes, t
     def wait_for(what: str, is_so) -> None:
         deadline = time.monotonic() + 20.0
         while not is_so():
-            assert time.monotonic() < deadline and (what == "the end of the nodes" or play.popen.poll() is None), f"no {what}: {play.excerpt()}"
+            assert time.monotonic() < deadline and (
+                what == "the end of the nodes" or play.popen.poll() is None
+            ), f"no {what}: {play.excerpt()}"
             time.sleep(0.01)
 
     bag = tmp_path / "bag" / "bag_0.mcap"
@@ -218,6 +271,7 @@ def alive(pid: str) -> bool:
 
 
 # --- peers that freeze or die
+
 
 @pytest.fixture
 def subscriber(ros, processes, tmp_path):
@@ -241,7 +295,8 @@ def subscriber(ros, processes, tmp_path):
 # Once to the end of their leases, which takes 20 s.
 @pytest.mark.parametrize("mode, seconds", [("realtime", 25.0), ("lockstep", 5.0)])
 def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_healthy_one(
-        ros, start, subscriber, mode, seconds):
+    ros, start, subscriber, mode, seconds
+):
     rate = 2000.0
     topics = ["/stage/encoder", "/stage/state", "/stage/force", "/controller/state"]
     start("stage_node", mode=mode, control_rate=rate, command_timeout=1.0, answer_timeout=10.0)
@@ -268,9 +323,7 @@ def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_h
     assert number(status, "refused_commands") == number(status, "stale_commands") == 0
     assert number(status, "refused_by_dds") == 0
     # Whatever the machine can do, the healthy one hears all that the stage has sampled.
-    ros.until(
-        lambda: stamps(encoder[-1:])[0] >= number(status, "stamp_ns"), "the newest sample"
-    )
+    ros.until(lambda: stamps(encoder[-1:])[0] >= number(status, "stamp_ns"), "the newest sample")
     assert_no_holes(encoder, period)
 
 
@@ -285,14 +338,19 @@ def test_a_killed_controller_is_missed_and_another_takes_its_place(ros, stage, c
     assert "the answer to the last sample is missing" in status.message
     start("controller_node", **CONTROLLER)
     waiting = number(status, "stamp_ns")
-    ros.until(lambda: nanoseconds(encoder[-1].header.stamp) > waiting + 500_000_000, "half a second of simulated time")
+    ros.until(
+        lambda: nanoseconds(encoder[-1].header.stamp) > waiting + 500_000_000,
+        "half a second of simulated time",
+    )
     assert diagnostics.newest().level != ERROR
     sent = sorted(set(stamps(encoder)))
     assert sent == list(range(sent[0], sent[-1] + 1, 1_000_000))
     assert all(abs(sample.position[0]) < 1e-6 for sample in encoder)
 
 
-def test_a_killed_stage_can_be_started_again_at_once_and_its_controller_goes_on(ros, stage, controller):
+def test_a_killed_stage_can_be_started_again_at_once_and_its_controller_goes_on(
+    ros, stage, controller
+):
     first = stage(mode="lockstep", control_rate=1000.0)
     controller(**CONTROLLER)
     first.stop(signal.SIGKILL, expected=-signal.SIGKILL)

@@ -44,7 +44,9 @@ def parameters(ros, node: str) -> dict:
     """Every parameter of a running node with its value, by its own services."""
     names = ros.call(ListParameters, f"{node}/list_parameters").result.names
     values = ros.call(GetParameters, f"{node}/get_parameters", names=names).values
-    return {name: getattr(value, VALUES[value.type]) for name, value in zip(names, values, strict=True)}
+    return {
+        name: getattr(value, VALUES[value.type]) for name, value in zip(names, values, strict=True)
+    }
 
 
 # --- parameter files
@@ -62,7 +64,9 @@ def test_parameter_file_holds_every_parameter_with_its_default(node, start, ros)
     found = written | {name: pytest.approx(float(value), rel=1e-14) for name, value in derived}
     assert found == defaults
     types = {name: type(value) for name, value in written.items()}
-    assert types == {name: type(defaults[name]) for name in written}, "1 is an integer, 1.0 a double"
+    assert types == {name: type(defaults[name]) for name in written}, (
+        "1 is an integer, 1.0 a double"
+    )
 
     start(NODES[node], "--ros-args", "-r", "__ns:=/given", "--params-file", str(file))
     given = parameters(ros, f"/given/{node}")
@@ -100,7 +104,10 @@ def test_urdf_and_controllers_fit_the_stage_and_each_other():
     assert float(links[moving].find("inertial/mass").get("value")) == model["mass"]
     assert joint.find("parent").get("link") in links
 
-    hardware = {parameter.get("name"): parameter.text for parameter in robot.findall("ros2_control/hardware/param")}
+    hardware = {
+        parameter.get("name"): parameter.text
+        for parameter in robot.findall("ros2_control/hardware/param")
+    }
     assert hardware == {
         "joint_commands_topic": "/stage/joint_commands",
         "joint_states_topic": "/stage/encoder",
@@ -108,7 +115,9 @@ def test_urdf_and_controllers_fit_the_stage_and_each_other():
     }
     controlled = robot.find("ros2_control/joint")
     assert controlled.get("name") == of["stage"].get("joint", "stage") == "stage"
-    assert [interface.get("name") for interface in controlled.findall("command_interface")] == ["effort"]
+    assert [interface.get("name") for interface in controlled.findall("command_interface")] == [
+        "effort"
+    ]
     states = [interface.get("name") for interface in controlled.findall("state_interface")]
     assert states == ["position", "velocity", "effort"]
 
@@ -119,7 +128,11 @@ def test_urdf_and_controllers_fit_the_stage_and_each_other():
     assert of["stage"]["frame_id"] == of["force_cell_broadcaster"]["frame_id"] == moving
     assert of["force_cell_broadcaster"]["interface_names"] == {"force": {"x": "stage/effort"}}
     trajectory = of["joint_trajectory_controller"]
-    assert trajectory["joints"] == of["forward_command_controller"]["joints"] == of["pid_controller"]["dof_names"]
+    assert (
+        trajectory["joints"]
+        == of["forward_command_controller"]["joints"]
+        == of["pid_controller"]["dof_names"]
+    )
     assert trajectory["joints"] == ["stage"] and set(trajectory["state_interfaces"]) <= set(states)
     loaded = {name for name, value in of["controller_manager"].items() if isinstance(value, dict)}
     # joint_state_broadcaster needs no parameters.
@@ -138,7 +151,9 @@ def resolves(kind: type, path: str) -> bool:
         return False
     if "/" in declared:
         package, _, message = declared.partition("/")
-        return bool(rest) and resolves(getattr(importlib.import_module(f"{package}.msg"), message), rest)
+        return bool(rest) and resolves(
+            getattr(importlib.import_module(f"{package}.msg"), message), rest
+        )
     return not rest
 
 
@@ -160,7 +175,11 @@ def test_foxglove_layout_plots_what_is_published():
 def test_plotjuggler_layout_plots_what_is_published():
     root = ElementTree.parse(FILES / "friction_stage_plotjuggler.xml").getroot()
     splitter = root.find(".//DockSplitter")
-    assert int(splitter.get("count")) == len(splitter.findall("DockArea")) == len(splitter.get("sizes").split(";"))
+    assert (
+        int(splitter.get("count"))
+        == len(splitter.findall("DockArea"))
+        == len(splitter.get("sizes").split(";"))
+    )
     curves = [curve.get("name") for curve in root.iter("curve")]
     assert curves
     for curve in curves:
@@ -168,7 +187,11 @@ def test_plotjuggler_layout_plots_what_is_published():
         assert topic, curve
         field = curve.removeprefix(f"{topic}/")
         # PlotJuggler shows a JointState by the names of its joints.
-        field = re.sub(r"^stage/(\w+)$", r"\1[0]", field) if topic == "/stage/encoder" else field.replace("/", ".")
+        field = (
+            re.sub(r"^stage/(\w+)$", r"\1[0]", field)
+            if topic == "/stage/encoder"
+            else field.replace("/", ".")
+        )
         assert resolves(TOPICS[topic], field), curve
 
 
@@ -181,14 +204,29 @@ LAUNCH_FILES = sorted(FILES.glob("*.launch.py"))
 def test_launch_file_names_programs_and_files_that_exist(file):
     tree = ast.parse(file.read_text(), file.name)
     compile(tree, file.name, "exec")
-    assert any(isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description" for node in tree.body)
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Node"]
+    assert any(
+        isinstance(node, ast.FunctionDef) and node.name == "generate_launch_description"
+        for node in tree.body
+    )
+    calls = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Node"
+    ]
     for call in calls:
-        words = {word.arg: word.value.value for word in call.keywords if isinstance(word.value, ast.Constant)}
+        words = {
+            word.arg: word.value.value
+            for word in call.keywords
+            if isinstance(word.value, ast.Constant)
+        }
         if words["package"] == "friction_stage":
             assert words["executable"] in [program["name"] for program in CARGO["bin"]]
             assert NODES[words["name"]] == words["executable"]
-    strings = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    strings = [
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
     for name in strings:
         if re.fullmatch(r"\w+\.(yaml|urdf|launch\.py)", name):
             assert (FILES / name).is_file(), name
@@ -204,7 +242,9 @@ def test_launch_describes_it(file):
     pytest.importorskip("launch_ros", exc_type=ImportError)
     from launch.launch_description_sources import PythonLaunchDescriptionSource
 
-    description = PythonLaunchDescriptionSource(str(file)).get_launch_description(launch.LaunchContext())
+    description = PythonLaunchDescriptionSource(str(file)).get_launch_description(
+        launch.LaunchContext()
+    )
     names = [argument.name for argument in description.get_launch_arguments()]
     assert {"model", "mode", "drive", "record", "params_file"} <= set(names)
 
@@ -221,7 +261,9 @@ def test_package_xml_agrees_with_the_crate_and_the_messages():
     assert package.findtext("version") == CARGO["workspace"]["package"]["version"]
     assert package.findtext("license") == CARGO["workspace"]["package"]["license"]
     assert (ROOT / package.find("license").get("file")).is_file()
-    used = {kind.__module__.partition(".")[0] for kind in TOPICS.values()} - {package.findtext("name")}
+    used = {kind.__module__.partition(".")[0] for kind in TOPICS.values()} - {
+        package.findtext("name")
+    }
     assert used <= {dependency.text for dependency in package.findall("exec_depend")}
     assert set(CARGO["package"]["metadata"]["ros"]["install_to_share"]) == {"launch_config", "msg"}
 

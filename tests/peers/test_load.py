@@ -64,8 +64,9 @@ def test_two_demos_side_by_side_end_as_one_does(tmp_path):
     def demo(name: str) -> subprocess.Popen:
         command = [BINARIES / "friction-stage", "demo", *DEMO, "--out", tmp_path / name, "--json"]
         environment = {**os.environ, "ROS_DOMAIN_ID": "0"}
-        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                                env=environment)
+        return subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+        )
 
     runs = [demo("one"), demo("other")]
     moves = []
@@ -112,10 +113,19 @@ def test_a_setpoint_of_finite_numbers_cannot_poison_the_controller(ros, stage, c
     states = ros.collect("/controller/state")
     setpoint = ros.publisher("/stage/setpoint", readers=2)
     for far in ([1e308, -1e308], [0.0, 1e308], [10.0, 0.0]):
-        setpoint.publish(trajectory([
-            {"time": 0.1 * (1 + k), "positions": [x], "velocities": [0.0], "accelerations": [0.0]}
-            for k, x in enumerate(far)
-        ]))
+        setpoint.publish(
+            trajectory(
+                [
+                    {
+                        "time": 0.1 * (1 + k),
+                        "positions": [x],
+                        "velocities": [0.0],
+                        "accelerations": [0.0],
+                    }
+                    for k, x in enumerate(far)
+                ]
+            )
+        )
     status = Diagnostics(ros, "/controller: controller")
     status.refusal("refused_setpoints", 3, "point")
     good = {"time": 0.1, "positions": [0.005], "velocities": [0.0], "accelerations": [0.0]}
@@ -134,9 +144,9 @@ def test_a_reset_of_the_stage_alone_is_safe(ros, stage, controller):
     ros.until(lambda: encoder and abs(encoder[-1].position[0] - 0.05) < 1e-4, "50 mm")
     count = len(encoder)
     assert ros.call(Trigger, "/stage/reset").success
-    ros.until(lambda: any(abs(m.position[0]) < 1e-6 for m in encoder[count:]), "the reset")
-    at = next(k for k in range(count, len(encoder)) if abs(encoder[k].position[0]) < 1e-6)
-    stamp = stamps(encoder[at:at + 1])[0]
+    ros.until(lambda: any(abs(m.position[0]) < WITHIN for m in encoder[count:]), "the reset")
+    at = next(k for k in range(count, len(encoder)) if abs(encoder[k].position[0]) < WITHIN)
+    stamp = stamps(encoder[at : at + 1])[0]
     ros.until(lambda: stamps(encoder[-1:])[0] > stamp + 1_000_000_000, "a second")
     assert all(abs(m.position[0]) < WITHIN for m in encoder[at:])
     status = Diagnostics(ros, "/controller: controller").newest()
@@ -176,4 +186,3 @@ def test_a_recording_whose_directory_is_removed_fails(ros, stage, tmp_path):
     status = Diagnostics(ros).until(lambda s: s.level == ERROR, "the error")
     assert "removed" in status.message
     process.stop(expected=1)
-

@@ -42,10 +42,17 @@ def test_the_clock_comes_a_pause_after_its_sample(ros, stage):
     samples: dict[int, float] = {}
     clocks: dict[int, float] = {}
     ros.node.create_subscription(
-        JointState, "/stage/encoder",
-        lambda message: samples.setdefault(nanoseconds(message.header.stamp), time.monotonic()), 100)
+        JointState,
+        "/stage/encoder",
+        lambda message: samples.setdefault(nanoseconds(message.header.stamp), time.monotonic()),
+        100,
+    )
     ros.node.create_subscription(
-        Clock, "/clock", lambda message: clocks.setdefault(nanoseconds(message.clock), time.monotonic()), 100)
+        Clock,
+        "/clock",
+        lambda message: clocks.setdefault(nanoseconds(message.clock), time.monotonic()),
+        100,
+    )
     stage(mode="lockstep", control_rate=1000.0, clock_pause=pause)
     ros.until(lambda: len(samples.keys() & clocks.keys()) > 20, "20 samples and their clocks")
     pauses = [clocks[stamp] - samples[stamp] for stamp in samples.keys() & clocks.keys()]

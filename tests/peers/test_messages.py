@@ -14,7 +14,9 @@ def numbers(message) -> list[float]:
         if hasattr(value, "get_fields_and_field_types"):
             found += numbers(value)
         elif not isinstance(value, (str, bool, int)):
-            found += [value] if isinstance(value, float) else [v for v in value if isinstance(v, float)]
+            found += (
+                [value] if isinstance(value, float) else [v for v in value if isinstance(v, float)]
+            )
     return found
 
 
@@ -46,9 +48,13 @@ def test_rclpy_reads_the_state_of_the_controller(ros, running):
 
 
 def test_state_encoder_and_force_cell_of_one_stamp_agree(ros, running):
-    truth, encoder, cell = (ros.collect(f"/stage/{name}") for name in ("state", "encoder", "force_cell"))
+    truth, encoder, cell = (
+        ros.collect(f"/stage/{name}") for name in ("state", "encoder", "force_cell")
+    )
     ros.until(lambda: min(map(len, (truth, encoder, cell))) > 100, "100 of each")
-    by_stamp = [{nanoseconds(m.header.stamp): m for m in messages} for messages in (truth, encoder, cell)]
+    by_stamp = [
+        {nanoseconds(m.header.stamp): m for m in messages} for messages in (truth, encoder, cell)
+    ]
     common = set(by_stamp[0]) & set(by_stamp[1]) & set(by_stamp[2])
     assert len(common) > 50
     for stamp in common:
@@ -57,7 +63,13 @@ def test_state_encoder_and_force_cell_of_one_stamp_agree(ros, running):
         assert sample.position[0] == pytest.approx(state.position, abs=20e-9)
         assert sample.effort[0] == reading.wrench.force.x
         other = reading.wrench
-        assert (other.force.y, other.force.z, other.torque.x, other.torque.y, other.torque.z) == (0, 0, 0, 0, 0)
+        assert (other.force.y, other.force.z, other.torque.x, other.torque.y, other.torque.z) == (
+            0,
+            0,
+            0,
+            0,
+            0,
+        )
         assert reading.header.frame_id
 
 
@@ -65,9 +77,11 @@ def test_every_topic_is_there_with_its_type(ros, running):
     expected = {topic: [_type(kind)] for topic, kind in TOPICS.items() if topic != "/clock"}
 
     def found() -> bool:
-        return expected.items() <= {
-            name: types for name, types in ros.node.get_topic_names_and_types()
-        }.items() or None
+        return (
+            expected.items()
+            <= {name: types for name, types in ros.node.get_topic_names_and_types()}.items()
+            or None
+        )
 
     ros.until(found, f"the topics {sorted(expected)}")
 

@@ -39,7 +39,9 @@ class User:
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.events = []
-        self.node.create_subscription(ParameterEvent, "/parameter_events", self._event, qos_profile_parameter_events)
+        self.node.create_subscription(
+            ParameterEvent, "/parameter_events", self._event, qos_profile_parameter_events
+        )
         self.clients = {}
 
     def _event(self, event):
@@ -57,15 +59,23 @@ class User:
         return future.result()
 
     def get(self, *names):
-        values = self.ask(GetParameters, "get_parameters", GetParameters.Request(names=list(names))).values
+        values = self.ask(
+            GetParameters, "get_parameters", GetParameters.Request(names=list(names))
+        ).values
         return [rclpy.parameter.parameter_value_to_python(value) for value in values]
 
     def set(self, **values):
-        parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        return self.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=parameters)).results
+        parameters = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        return self.ask(
+            SetParameters, "set_parameters", SetParameters.Request(parameters=parameters)
+        ).results
 
     def set_atomically(self, **values):
-        parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        parameters = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
         request = SetParametersAtomically.Request(parameters=parameters)
         return self.ask(SetParametersAtomically, "set_parameters_atomically", request).result
 
@@ -83,7 +93,9 @@ class User:
         """Takes in all that is on its way: an announcement stays behind only one that was made after it."""
         mark = 1000.0 + len(self.events)
         assert self.set(answer_timeout=mark)[0].successful
-        while not (self.events and self.events[-1].changed_parameters[0].value.double_value == mark):
+        while not (
+            self.events and self.events[-1].changed_parameters[0].value.double_value == mark
+        ):
             self.wait_for_events(len(self.events) + 1)
         return len(self.events)
 
@@ -104,7 +116,10 @@ def module_domain():
 def user(module_domain, tmp_path_factory):
     """One for all tests: the first call of a new client can wait 3 s for the heartbeat of its DDS writer."""
     arguments = command_line("-p", "command_timeout:=0.25", "-p", "seed:=7")
-    stage = Process([str(BINARIES / "stage_node"), "--ros-args", *arguments], tmp_path_factory.mktemp("stage") / "log")
+    stage = Process(
+        [str(BINARIES / "stage_node"), "--ros-args", *arguments],
+        tmp_path_factory.mktemp("stage") / "log",
+    )
     user = User()
     yield user
     user.close()
@@ -125,13 +140,26 @@ def node_with(module_domain, processes, tmp_path):
 
 def test_list_names_every_parameter(user):
     names = user.ask(ListParameters, "list_parameters", ListParameters.Request()).result.names
-    expected = {"model", "control_rate", "physics_rate", "mode", "drive", "seed", "command_timeout", "publish_clock"}
-    assert expected | {"record", "every", "clock_pause", "answer_timeout", "use_sim_time"} <= set(names)
+    expected = {
+        "model",
+        "control_rate",
+        "physics_rate",
+        "mode",
+        "drive",
+        "seed",
+        "command_timeout",
+        "publish_clock",
+    }
+    assert expected | {"record", "every", "clock_pause", "answer_timeout", "use_sim_time"} <= set(
+        names
+    )
     assert len(names) == len(set(names))
 
 
 def test_list_with_a_prefix_lists_that_parameter_only(user):
-    result = user.ask(ListParameters, "list_parameters", ListParameters.Request(prefixes=["seed"])).result
+    result = user.ask(
+        ListParameters, "list_parameters", ListParameters.Request(prefixes=["seed"])
+    ).result
     assert list(result.names) == ["seed"]
 
 
@@ -144,7 +172,9 @@ def test_an_unknown_parameter_is_not_set(user):
 
 
 def test_types(user):
-    request = GetParameterTypes.Request(names=["model", "control_rate", "every", "publish_clock", "nonsense"])
+    request = GetParameterTypes.Request(
+        names=["model", "control_rate", "every", "publish_clock", "nonsense"]
+    )
     types = user.ask(GetParameterTypes, "get_parameter_types", request).types
     assert list(types) == [
         ParameterType.PARAMETER_STRING,
@@ -161,7 +191,11 @@ def test_describe_says_unit_range_and_read_only(user):
     assert rate.read_only and "[Hz]" in rate.description
     assert rate.floating_point_range[0].from_value > 0.0
     assert not rate.integer_range and not rate.dynamic_typing
-    assert every.integer_range[0].from_value == 1 and every.read_only and not every.floating_point_range
+    assert (
+        every.integer_range[0].from_value == 1
+        and every.read_only
+        and not every.floating_point_range
+    )
     assert "realtime" in mode.additional_constraints and "lockstep" in mode.additional_constraints
     assert "[s]" in timeout.description and not timeout.read_only
 
@@ -206,8 +240,12 @@ def test_a_wrong_value_is_refused_with_the_reason(user, name, value, reason):
 
 
 def test_a_declared_parameter_cannot_be_deleted(user):
-    gone = ParameterMsg(name="answer_timeout", value=ParameterValue(type=ParameterType.PARAMETER_NOT_SET))
-    [result] = user.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=[gone])).results
+    gone = ParameterMsg(
+        name="answer_timeout", value=ParameterValue(type=ParameterType.PARAMETER_NOT_SET)
+    )
+    [result] = user.ask(
+        SetParameters, "set_parameters", SetParameters.Request(parameters=[gone])
+    ).results
     assert not result.successful and "cannot be deleted" in result.reason
 
 
@@ -232,7 +270,10 @@ def test_an_atomic_change_is_announced_in_one_event(user):
     heard = user.drain()
     assert user.set_atomically(answer_timeout=7.0, command_timeout=1.5).successful
     user.wait_for_events(heard + 1)
-    assert sorted(p.name for p in user.events[-1].changed_parameters) == ["answer_timeout", "command_timeout"]
+    assert sorted(p.name for p in user.events[-1].changed_parameters) == [
+        "answer_timeout",
+        "command_timeout",
+    ]
     assert not user.set_atomically(answer_timeout=0.0).successful
     assert user.set_atomically(answer_timeout=8.0).successful
     user.wait_for_events(heard + 2)
@@ -244,7 +285,11 @@ def test_the_services_are_offered_once_and_under_the_node(user):
     assert user.node.wait_for_node(NODE, TIMEOUT)
     assert user.get("seed") == [7]
     services = dict(user.node.get_service_names_and_types_by_node("stage_under_test", "/lab"))
-    ours = {name: types for name, types in services.items() if name.startswith(NODE + "/") and "parameter" in name}
+    ours = {
+        name: types
+        for name, types in services.items()
+        if name.startswith(NODE + "/") and "parameter" in name
+    }
     assert ours == {
         f"{NODE}/describe_parameters": ["rcl_interfaces/srv/DescribeParameters"],
         f"{NODE}/get_parameter_types": ["rcl_interfaces/srv/GetParameterTypes"],
@@ -262,10 +307,16 @@ def test_two_users_with_several_requests_at_once_get_all_their_answers(user):
     assert user.get("seed") == [7]
     request = GetParameters.Request(names=["seed"])
     for _ in range(20):
-        asked = [client.call_async(request) for client in (user.clients["get_parameters"], other) for _ in range(4)]
+        asked = [
+            client.call_async(request)
+            for client in (user.clients["get_parameters"], other)
+            for _ in range(4)
+        ]
         for future in asked:
             user.executor.spin_until_future_complete(future, timeout_sec=TIMEOUT)
-        assert [future.result().values[0].integer_value for future in asked if future.done()] == [7] * 8
+        assert [future.result().values[0].integer_value for future in asked if future.done()] == [
+            7
+        ] * 8
 
 
 def test_a_parameter_file_reaches_the_node(node_with, tmp_path):
@@ -275,7 +326,14 @@ def test_a_parameter_file_reaches_the_node(node_with, tmp_path):
         "/lab/stage_with_a_file:\n  ros__parameters:\n    every: 3\n"
         "/other:\n  ros__parameters:\n    every: 4\n    unknown_here: true\n"
     )
-    arguments = ["--params-file", str(file), "-p", "stage_with_a_file:every:=9", "-p", "command_timeout:=0.125"]
+    arguments = [
+        "--params-file",
+        str(file),
+        "-p",
+        "stage_with_a_file:every:=9",
+        "-p",
+        "command_timeout:=0.125",
+    ]
     node_with(*arguments, name="stage_with_a_file")
     user = User("/lab/stage_with_a_file")
     try:
@@ -288,11 +346,20 @@ def test_a_parameter_file_reaches_the_node(node_with, tmp_path):
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        (["-p", "comand_timeout:=1.0"], ["-p comand_timeout:=1.0", "did you mean `command_timeout`?"]),
-        (["-p", "command_timeout:=1"], ["command_timeout", "type double", "integer 1", "write 1.0"]),
+        (
+            ["-p", "comand_timeout:=1.0"],
+            ["-p comand_timeout:=1.0", "did you mean `command_timeout`?"],
+        ),
+        (
+            ["-p", "command_timeout:=1"],
+            ["command_timeout", "type double", "integer 1", "write 1.0"],
+        ),
         (["-p", "command_timeout:=-1.0"], ["command_timeout", "-1.0 s", "within"]),
         (["-p", "mode:=lokstep"], ["mode", "did you mean `lockstep`?"]),
-        (["-p", "physics_rate:=39999.0"], ["physics_rate", "39999", "control_rate 4000", "whole multiple"]),
+        (
+            ["-p", "physics_rate:=39999.0"],
+            ["physics_rate", "39999", "control_rate 4000", "whole multiple"],
+        ),
         (["-p", "every"], ["-p every", ":="]),
         (["--param-file", "x.yaml"], ["--param-file", "did you mean `--params-file`?"]),
     ],

@@ -20,7 +20,13 @@ def rust_trace(ros: Ros, stage, controller, bag: Path) -> tuple[dict[int, float]
     """Encoder positions (m) by time since the start of the move (ns), and the gains in use."""
     process = stage(**STAGE, record=bag)
     other = controller(rate=RATE, bandwidth=60.0, feedforward__mass=MASS)
-    names = ["gains.stage.p", "gains.stage.i", "gains.stage.d", "lowpass.frequency", "lowpass.damping"]
+    names = [
+        "gains.stage.p",
+        "gains.stage.i",
+        "gains.stage.d",
+        "lowpass.frequency",
+        "lowpass.damping",
+    ]
     values = ros.call(GetParameters, "/controller/get_parameters", names=names).values
     gains = Gains(*(value.double_value for value in values))
     state = ros.collect("/controller/state", depth=10)
@@ -30,7 +36,9 @@ def rust_trace(ros: Ros, stage, controller, bag: Path) -> tuple[dict[int, float]
     process.stop()
     recorded = bags.with_rosbags(bag)
     assert not any(message.saturated for message in recorded["/controller/state"])
-    positions = {nanoseconds(m.header.stamp) - start: m.position[0] for m in recorded["/stage/encoder"]}
+    positions = {
+        nanoseconds(m.header.stamp) - start: m.position[0] for m in recorded["/stage/encoder"]
+    }
     return positions, gains
 
 
@@ -45,16 +53,22 @@ def python_trace(ros: Ros, stage, gains: Gains) -> dict[int, float]:
     return {stamp - start: position for stamp, position in node.positions.items()}
 
 
-def test_a_python_controller_lands_within_1_nm_of_the_rust_controller(ros, stage, controller, tmp_path):
+def test_a_python_controller_lands_within_1_nm_of_the_rust_controller(
+    ros, stage, controller, tmp_path
+):
     rust, used = rust_trace(ros, stage, controller, tmp_path / "rust")
     gains = Gains.from_bandwidth(60.0, MASS)
     for name, value in vars(gains).items():
-        assert math.isclose(getattr(used, name), value, rel_tol=1e-12), f"{name}: {used}, expected {gains}"
+        assert math.isclose(getattr(used, name), value, rel_tol=1e-12), (
+            f"{name}: {used}, expected {gains}"
+        )
 
     python = python_trace(ros, stage, gains)
     times = range(0, WATCHED, round(1e9 / RATE))
     lost = [time for time in times if time not in rust or time not in python]
-    assert not lost, f"{len(lost)} of {len(times)} samples missing, the first {lost[0]} ns after the start"
+    assert not lost, (
+        f"{len(lost)} of {len(times)} samples missing, the first {lost[0]} ns after the start"
+    )
 
     difference = [python[time] - rust[time] for time in times]
     rms = math.sqrt(math.fsum(d * d for d in difference) / len(difference))

@@ -23,14 +23,24 @@ def record(ros: Ros, stage, controller, bag) -> None:
     encoder = ros.collect("/stage/encoder")
     other = controller(rate=RATE, bandwidth=30.0)
     start = ros.follow(MOVE)
-    ros.until(lambda: encoder and nanoseconds(encoder[-1].header.stamp) > start + DURATION, "the end of the move")
+    ros.until(
+        lambda: encoder and nanoseconds(encoder[-1].header.stamp) > start + DURATION,
+        "the end of the move",
+    )
     other.stop()
     process.stop()
 
 
 def check_contents(messages: dict[str, list]) -> None:
-    for topic in ["/stage/encoder", "/stage/force_cell", "/stage/force", "/stage/state", "/stage/setpoint",
-                  "/controller/state", "/clock"]:
+    for topic in [
+        "/stage/encoder",
+        "/stage/force_cell",
+        "/stage/force",
+        "/stage/state",
+        "/stage/setpoint",
+        "/controller/state",
+        "/clock",
+    ]:
         assert messages.get(topic), f"{topic} is not in the bag, only {sorted(messages)}"
     samples = messages["/stage/encoder"]
     stamps = [nanoseconds(sample.header.stamp) for sample in samples]
@@ -38,8 +48,10 @@ def check_contents(messages: dict[str, list]) -> None:
     assert all(b - a == period for a, b in zip(stamps, stamps[1:])), "the encoder has holes"
     for sample in samples:
         assert list(sample.name) == ["stage"]
-        assert all(len(field) == 1 and math.isfinite(field[0]) for field in
-                   (sample.position, sample.velocity, sample.effort))
+        assert all(
+            len(field) == 1 and math.isfinite(field[0])
+            for field in (sample.position, sample.velocity, sample.effort)
+        )
     assert samples[-1].position[0] == pytest.approx(0.02, abs=50e-6)
     assert list(messages["/stage/setpoint"][-1].points[-1].positions) == [0.02]
     truth = bags.by_stamp(messages["/stage/state"])
@@ -79,10 +91,14 @@ class Player(Node):
             self.publisher.publish(answer)
 
 
-def test_a_bag_played_back_onto_the_force_gives_the_recorded_encoder_exactly(ros, stage, controller, tmp_path):
+def test_a_bag_played_back_onto_the_force_gives_the_recorded_encoder_exactly(
+    ros, stage, controller, tmp_path
+):
     record(ros, stage, controller, tmp_path / "bag")
     recorded = bags.with_rosbags(tmp_path / "bag")
-    forces = {stamp: m.wrench.force.x for stamp, m in bags.by_stamp(recorded["/stage/force"]).items()}
+    forces = {
+        stamp: m.wrench.force.x for stamp, m in bags.by_stamp(recorded["/stage/force"]).items()
+    }
     samples = bags.by_stamp(recorded["/stage/encoder"])
     first, last = min(forces), max(forces)
     assert first == min(samples)
@@ -96,7 +112,9 @@ def test_a_bag_played_back_onto_the_force_gives_the_recorded_encoder_exactly(ros
     for stamp in forces:
         old, new = samples[stamp], player.samples[stamp]
         assert (old.position[0], old.velocity[0], old.effort[0]) == (
-            new.position[0], new.velocity[0], new.effort[0]
+            new.position[0],
+            new.velocity[0],
+            new.effort[0],
         ), f"sample {stamp} ns differs"
     assert max(sample.position[0] for sample in player.samples.values()) > 0.019
 

@@ -10,8 +10,18 @@ from rclpy.parameter_client import AsyncParameterClient
 from ros import nanoseconds
 from std_srvs.srv import SetBool, Trigger
 
-CONTROLLER = {"bandwidth", "gains.stage.p", "gains.stage.i", "gains.stage.d", "lowpass.frequency", "lowpass.damping",
-              "feedforward.mass", "feedforward.viscous", "rate", "tuning"}
+CONTROLLER = {
+    "bandwidth",
+    "gains.stage.p",
+    "gains.stage.i",
+    "gains.stage.d",
+    "lowpass.frequency",
+    "lowpass.damping",
+    "feedforward.mass",
+    "feedforward.viscous",
+    "rate",
+    "tuning",
+}
 
 
 class Parameters:
@@ -28,7 +38,9 @@ class Parameters:
         return parameter_value_to_python(values[0]) if values else None
 
     def set(self, name: str, value):
-        (result,) = self.ros.result(self.client.set_parameters([Parameter(name, value=value)]), f"{name}").results
+        (result,) = self.ros.result(
+            self.client.set_parameters([Parameter(name, value=value)]), f"{name}"
+        ).results
         return result
 
 
@@ -83,7 +95,9 @@ def test_the_controller_refuses_with_a_reason(on_controller):
 
 
 def test_descriptors_say_type_range_and_whether_read_only(ros, on_controller):
-    response = ros.call(DescribeParameters, "/controller/describe_parameters", names=["gains.stage.p", "rate"])
+    response = ros.call(
+        DescribeParameters, "/controller/describe_parameters", names=["gains.stage.p", "rate"]
+    )
     gain, rate = response.descriptors
     assert gain.type == rate.type == ParameterType.PARAMETER_DOUBLE
     assert gain.description and rate.description

@@ -9,21 +9,33 @@ from ros import nanoseconds, trajectory
 COULOMB, VISCOUS = 4.8, 18.0
 
 
-def test_the_measuring_rig_follows_a_motion_and_its_cell_reads_the_friction_of_the_guide(ros, stage):
-    stage(model="rig:guide_2", drive="servo", control_rate=1000.0, physics_rate=100000.0, servo_bandwidth=60.0)
+def test_the_measuring_rig_follows_a_motion_and_its_cell_reads_the_friction_of_the_guide(
+    ros, stage
+):
+    stage(
+        model="rig:guide_2",
+        drive="servo",
+        control_rate=1000.0,
+        physics_rate=100000.0,
+        servo_bandwidth=60.0,
+    )
     cell = ros.collect("/stage/force_cell")
     encoder = ros.collect("/stage/encoder")
     setpoint = ros.publisher("/stage/setpoint")
     # 40 mm at 40 mm/s, with a ramp at both ends.
-    setpoint.publish(trajectory([
-        {"time": 0.2, "positions": [0.004], "velocities": [0.04], "accelerations": [0.0]},
-        {"time": 1.1, "positions": [0.040], "velocities": [0.04], "accelerations": [0.0]},
-        {"time": 1.3, "positions": [0.044], "velocities": [0.0], "accelerations": [0.0]},
-    ]))
-    ros.until(lambda: encoder and abs(encoder[-1].position[0] - 0.044) < 5e-6, "the arrival at 44 mm")
-    moving = {
-        nanoseconds(m.header.stamp) for m in encoder if 0.015 < m.position[0] < 0.035
-    }
+    setpoint.publish(
+        trajectory(
+            [
+                {"time": 0.2, "positions": [0.004], "velocities": [0.04], "accelerations": [0.0]},
+                {"time": 1.1, "positions": [0.040], "velocities": [0.04], "accelerations": [0.0]},
+                {"time": 1.3, "positions": [0.044], "velocities": [0.0], "accelerations": [0.0]},
+            ]
+        )
+    )
+    ros.until(
+        lambda: encoder and abs(encoder[-1].position[0] - 0.044) < 5e-6, "the arrival at 44 mm"
+    )
+    moving = {nanoseconds(m.header.stamp) for m in encoder if 0.015 < m.position[0] < 0.035}
     forces = [m.wrench.force.x for m in cell if nanoseconds(m.header.stamp) in moving]
     assert len(forces) > 300
     # Noise of 0.05 N over hundreds of samples; the velocity settles within a few percent of 0.7 N.

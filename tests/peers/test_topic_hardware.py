@@ -28,7 +28,9 @@ def arrive(ros, hardware, encoder) -> None:
 def test_it_closes_the_loop_on_wall_time(ros, stage):
     stage(mode="realtime", control_rate=500.0)
     encoder = ros.collect("/stage/encoder")
-    with TopicHardware(500.0, TARGET, DURATION, use_sim_time=False, context=ros.context) as hardware:
+    with TopicHardware(
+        500.0, TARGET, DURATION, use_sim_time=False, context=ros.context
+    ) as hardware:
         arrive(ros, hardware, encoder)
 
 
@@ -43,5 +45,7 @@ def test_it_closes_the_loop_in_lockstep_on_simulated_time(ros, stage):
         stamps = sorted({nanoseconds(sample.header.stamp) for sample in moving})
         assert all(b - a == 2_000_000 for a, b in zip(stamps, stamps[1:])), "samples were skipped"
         # Every sample was answered, or time would have stood still: as many cycles as samples since the start.
-        assert hardware.cycles - hardware.silent_cycles == pytest.approx(hardware.elapsed * rate, abs=3)
+        assert hardware.cycles - hardware.silent_cycles == pytest.approx(
+            hardware.elapsed * rate, abs=3
+        )
         assert states[-1].motor_force != 0.0

@@ -43,5 +43,11 @@ def test_stamp_zero_means_now(ros, stage, controller):
     controller(rate=1000.0, bandwidth=30.0)
     encoder = ros.collect("/stage/encoder")
     setpoint = ros.publisher("/stage/setpoint", readers=2)
-    setpoint.publish(trajectory([{"time": 0.1, "positions": [0.005], "velocities": [0.0], "accelerations": [0.0]}]))
-    ros.until(lambda: encoder and abs(encoder[-1].position[0] - 0.005) < 20e-6, "the arrival at 5 mm")
+    setpoint.publish(
+        trajectory(
+            [{"time": 0.1, "positions": [0.005], "velocities": [0.0], "accelerations": [0.0]}]
+        )
+    )
+    ros.until(
+        lambda: encoder and abs(encoder[-1].position[0] - 0.005) < 20e-6, "the arrival at 5 mm"
+    )

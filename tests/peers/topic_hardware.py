@@ -18,8 +18,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
-STATES = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
-COMMANDS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
+STATES = QoSProfile(
+    depth=5, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE
+)
+COMMANDS = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE
+)
 # p N/m, i N/(m s), d N s/m, limit of the integral term N, friction feedforward N s/m
 P, I, D, INTEGRAL_LIMIT, VELOCITY_FEEDFORWARD = 39500.0, 60000.0, 2000.0, 100.0, 30.0
 # Cycles before the states are looked for, so that some are certainly without one.
@@ -29,9 +33,14 @@ BLIND_CYCLES = 50
 class TopicHardware(Node):
     """Moves the stage from where it is to `target` (m) within `duration` (s) once it has a state, and holds it there."""
 
-    def __init__(self, rate: float, target: float, duration: float, use_sim_time: bool, **options: object) -> None:
-        super().__init__("controller_manager", **options,
-                         parameter_overrides=[Parameter("use_sim_time", value=use_sim_time)])
+    def __init__(
+        self, rate: float, target: float, duration: float, use_sim_time: bool, **options: object
+    ) -> None:
+        super().__init__(
+            "controller_manager",
+            **options,
+            parameter_overrides=[Parameter("use_sim_time", value=use_sim_time)],
+        )
         self.period, self.target, self.duration = 1.0 / rate, target, duration
         self.use_sim_time, self.clock_moved = use_sim_time, threading.Condition()
         self.position = self.velocity = self.effort = math.nan
@@ -70,11 +79,17 @@ class TopicHardware(Node):
         # As in the plugin: a non-empty array that is not as long as `name` is an error.
         for field in (state.position, state.velocity, state.effort):
             assert len(field) in (0, len(state.name))
-        self.position, self.velocity, self.effort = state.position[index], state.velocity[index], state.effort[index]
+        self.position, self.velocity, self.effort = (
+            state.position[index],
+            state.velocity[index],
+            state.effort[index],
+        )
 
     def run(self) -> None:
         clock = self.get_clock()
-        threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True)
+        threshold = JumpThreshold(
+            min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=True
+        )
         with clock.create_jump_callback(threshold, post_callback=self.on_clock):
             self.cycle(clock)
 

@@ -50,7 +50,9 @@ def type_hashes(prefix=sys.prefix):
     with tempfile.TemporaryDirectory() as work:
         lines = subprocess.run(
             [python, "-c", PROGRAM, MESSAGES, work, prefix / "share", PACKAGE],
-            check=True, capture_output=True, text=True,
+            check=True,
+            capture_output=True,
+            text=True,
         ).stdout.splitlines()
     return dict(json.loads(line) for line in lines if line.startswith("["))
 
