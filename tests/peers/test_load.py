@@ -10,7 +10,7 @@ from pathlib import Path
 import bags
 import pytest
 from conftest import BINARIES
-from diagnostics import ERROR, Diagnostics
+from diagnostics import ERROR, Diagnostics, number
 from ros import nanoseconds, trajectory
 
 BUSY = 8
@@ -47,6 +47,7 @@ def assert_whole(bag: Path) -> None:
         assert not missing, f"{topic} lacks {len(missing)} of {len(encoder)} samples"
 
 
+@pytest.mark.timeout(900)
 def test_a_demo_on_a_busy_machine_records_every_sample_of_every_topic(busy, tmp_path):
     command = [BINARIES / "friction-stage", "demo", *DEMO, "--out", tmp_path / "demo", "--json"]
     run = subprocess.run(command, capture_output=True, text=True, timeout=900)
@@ -60,6 +61,7 @@ def test_a_demo_on_a_busy_machine_records_every_sample_of_every_topic(busy, tmp_
     assert_whole(Path(guide["bag"]))
 
 
+@pytest.mark.timeout(900)
 def test_two_demos_side_by_side_end_as_one_does(tmp_path):
     def demo(name: str) -> subprocess.Popen:
         command = [BINARIES / "friction-stage", "demo", *DEMO, "--out", tmp_path / name, "--json"]
@@ -79,32 +81,35 @@ def test_two_demos_side_by_side_end_as_one_does(tmp_path):
     assert moves[0] == moves[1]
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("priority", [0, 10])
 def test_the_default_pair_on_a_busy_machine_holds_or_stops(ros, start, busy, tmp_path, priority):
     stage = start("stage_node", priority=priority, record=tmp_path / "bag")
     start("controller_node", priority=priority)
+    # Not the samples: at the default rate they are more than a busy Python can hear.
+    of_stage = Diagnostics(ros)
     diagnostics = Diagnostics(ros, "/controller: controller")
-    encoder = ros.collect("/stage/encoder")
-    ros.until(lambda: encoder, "the first sample", timeout=60.0)
     setpoint = ros.publisher("/stage/setpoint", readers=2)
-    point = {"time": 0.5, "positions": [0.02], "velocities": [0.0], "accelerations": [0.0]}
+    begin = number(
+        of_stage.until(lambda s: number(s, "sample") > 0, "the first sample", 120.0), "stamp_ns"
+    )
+    point = {"time": 1.0, "positions": [0.02], "velocities": [0.0], "accelerations": [0.0]}
     setpoint.publish(trajectory([point]))
-    begin = stamps(encoder[-1:])[0]
-    ros.until(lambda: stamps(encoder[-1:])[0] > begin + 10_000_000_000, "10 s", timeout=120.0)
+    end = begin + 12_000_000_000
+    of_stage.until(lambda s: number(s, "stamp_ns") > end, "12 s", 300.0)
     status = diagnostics.newest()
-    # Holes in the recording are the machine's, and are said.
+    # Holes in the recording are the machine's, and are reported.
     stage.stop(expected=(0, 3))
     messages = bags.with_mcap_ros2_support(tmp_path / "bag")
     samples = {nanoseconds(m.header.stamp): m.position[0] for m in messages["/stage/encoder"]}
+    assert all(-0.1 < x < 0.12 for x in samples.values()), status
+    late = [x for stamp, x in samples.items() if stamp > end - 2_000_000_000]
     if status.level == ERROR:
-        # Stopped: at rest, wherever that is, and not far from the way.
+        # Stopped: at rest, wherever that is.
         assert "stopped" in status.message
-        late = [x for stamp, x in samples.items() if stamp > begin + 9_000_000_000]
         assert max(late) - min(late) < WITHIN, status
-        assert all(-0.1 < x < 0.12 for x in samples.values()), status
-        return
-    after = [x for stamp, x in samples.items() if stamp > begin + 3_000_000_000]
-    assert after and max(abs(x - 0.02) for x in after) < WITHIN, status
+    else:
+        assert max(abs(x - 0.02) for x in late) < WITHIN, status
 
 
 def test_a_setpoint_of_finite_numbers_cannot_poison_the_controller(ros, stage, controller):
@@ -137,7 +142,7 @@ def test_a_setpoint_of_finite_numbers_cannot_poison_the_controller(ros, stage, c
 def test_a_reset_of_the_stage_alone_is_safe(ros, stage, controller):
     from std_srvs.srv import Trigger
 
-    stage(mode="realtime", control_rate=1000.0)
+    stage(mode="lockstep", control_rate=1000.0)
     controller(rate=1000.0, bandwidth=30.0)
     encoder = ros.collect("/stage/encoder")
     ros.follow([{"time": 0.5, "positions": [0.05], "velocities": [0.0], "accelerations": [0.0]}])
@@ -150,7 +155,7 @@ def test_a_reset_of_the_stage_alone_is_safe(ros, stage, controller):
     ros.until(lambda: stamps(encoder[-1:])[0] > stamp + 1_000_000_000, "a second")
     assert all(abs(m.position[0]) < WITHIN for m in encoder[at:])
     status = Diagnostics(ros, "/controller: controller").newest()
-    assert status.level != ERROR, status
+    assert status.level != ERROR and number(status, "stage_resets") == 1, status
 
 
 def test_a_slow_controller_of_a_low_bandwidth_starts(stage, controller):
