@@ -1,0 +1,156 @@
+"""Endurance: stage and controller for a long time beside busy loops, as a table.
+
+    python tests/soak/soak.py --mode realtime --minutes 60 --busy 4 --out /tmp/soak
+
+Needs the Python of the peers' tests (tests/peers/environment prints it) and built programs
+(FRICTION_STAGE_BIN, default target/release). Every interval a row: memory, descriptors and threads
+of both nodes, lateness, and what is missing. Ends with 1 if a process grew, if a sample is missing
+from the bag or was not published, or if a peer hears nothing at the end. A node in real time that
+lacks the right to a real-time priority may lack samples on a busy machine: the table says so.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests/peers"))
+
+from conftest import BINARIES, free_domain  # noqa: E402
+from diagnostics import Diagnostics, value  # noqa: E402
+from processes import Process  # noqa: E402
+from ros import Ros, nanoseconds  # noqa: E402
+
+# Memory that a process may gain after its first tenth, kB: buffers of the allocator.
+GROWTH = 20_000
+COLUMNS = (
+    "minutes",
+    "samples",
+    "stage kB",
+    "fds",
+    "threads",
+    "controller kB",
+    "fds",
+    "threads",
+    "p99 us",
+    "max us",
+    "unpublished",
+    "not recorded",
+)
+
+
+def usage(process: Process) -> tuple[int, int, int]:
+    """Resident memory, kB, descriptors and threads."""
+    proc = Path(f"/proc/{process.popen.pid}")
+    resident = next(
+        int(line.split()[1])
+        for line in (proc / "status").read_text().splitlines()
+        if line.startswith("VmRSS")
+    )
+    return resident, len(list((proc / "fd").iterdir())), len(list((proc / "task").iterdir()))
+
+
+def row(minutes: float, ros: Ros, stage: Process, controller: Process) -> list[float]:
+    status = Diagnostics(ros).newest()
+    get = {pair.key: pair.value for pair in status.values}
+    return [
+        round(minutes, 1),
+        int(get["sample"]),
+        *usage(stage),
+        *usage(controller),
+        float(get.get("lateness_p99_us", "nan")),
+        float(get.get("lateness_max_us", "nan")),
+        int(get["unpublished_samples"]),
+        int(get["recording_dropped_samples"]),
+    ]
+
+
+def run(arguments: argparse.Namespace) -> list[str]:
+    """Prints the table; what is wrong."""
+    out = Path(arguments.out or tempfile.mkdtemp(prefix="soak_"))
+    out.mkdir(parents=True, exist_ok=True)
+    bag = out / f"{arguments.mode}_bag"
+    rate = f"{arguments.rate}"
+    parameters = ["-p", f"control_rate:={rate}", "-p", f"mode:={arguments.mode}"]
+    split = ["-p", "record_split_duration:=600.0", "-p", f"record:={bag}"]
+    loops = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(arguments.busy)
+    ]
+    faults: list[str] = []
+    try:
+        with free_domain() as domain:
+            processes: list[Process] = []
+            stage = Process(
+                [str(BINARIES / "stage_node"), "--ros-args", *parameters, *split], out / "stage.log"
+            )
+            controller = Process(
+                [str(BINARIES / "controller_node"), "--ros-args", "-p", f"rate:={rate}"],
+                out / "controller.log",
+            )
+            processes += [stage, controller]
+            with Ros(domain, processes) as ros:
+                rows: list[list[float]] = []
+                print("  ".join(f"{name:>13}" for name in COLUMNS), flush=True)
+                began = time.monotonic()
+                while (minutes := (time.monotonic() - began) / 60) < arguments.minutes:
+                    rows.append(row(minutes, ros, stage, controller))
+                    print("  ".join(f"{cell:>13}" for cell in rows[-1]), flush=True)
+                    ros.spin(min(60.0, 6.0 * arguments.minutes))
+                rows.append(row(arguments.minutes, ros, stage, controller))
+                print("  ".join(f"{cell:>13}" for cell in rows[-1]), flush=True)
+                settled = rows[len(rows) // 10]
+                for name, column in (("stage", 2), ("controller", 5)):
+                    if rows[-1][column] > settled[column] + GROWTH:
+                        faults.append(
+                            f"memory of the {name} grew by {rows[-1][column] - settled[column]} kB"
+                        )
+                    for what, index in (("descriptors", column + 1), ("threads", column + 2)):
+                        if rows[-1][index] > settled[index]:
+                            faults.append(
+                                f"{what} of the {name}: {settled[index]} to {rows[-1][index]}"
+                            )
+                if rows[-1][-2] or rows[-1][-1]:
+                    faults.append(
+                        f"{rows[-1][-2]} samples not published, {rows[-1][-1]} not recorded"
+                    )
+                encoder = ros.collect("/stage/encoder")
+                ros.until(lambda: len(encoder) > 100, "100 samples at the end")
+                last = nanoseconds(encoder[-1].header.stamp)
+                last_status = int(value(Diagnostics(ros).newest(), "stamp_ns"))
+                print(f"a new peer hears the sample of {last} ns (the stage is at {last_status})")
+            for process in reversed(processes):
+                process.stop(expected=(0, 3))
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+    check = subprocess.run(
+        [str(BINARIES / "friction-stage"), "check", str(bag)], capture_output=True, text=True
+    )
+    print(check.stdout)
+    if check.returncode != 0:
+        faults.append(f"check ends with {check.returncode}")
+    return faults
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--mode", choices=["realtime", "lockstep"], default="realtime")
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--rate", type=float, default=1000.0, help="samples per second")
+    parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="busy loops")
+    parser.add_argument("--out", help="directory of logs and bag")
+    faults = run(parser.parse_args())
+    for fault in faults:
+        print(f"FAULT: {fault}")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
