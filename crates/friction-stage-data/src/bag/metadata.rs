@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -169,7 +169,21 @@ impl Information {
     }
 
     /// The data files, inside `directory`.
-    pub fn paths(&self, directory: &Path) -> Vec<PathBuf> {
-        self.relative_file_paths.iter().map(|p| directory.join(p)).collect()
+    ///
+    /// # Errors
+    /// [`BagError::NotABag`] where a path leads out of it: a bag opens nothing but itself.
+    pub fn paths(&self, directory: &Path) -> Result<Vec<PathBuf>, BagError> {
+        let inside = |text: &String| {
+            let path = Path::new(text);
+            let mut parts = path.components();
+            let is_inside = parts.all(|part| matches!(part, Component::Normal(_)));
+            if is_inside && !text.is_empty() {
+                return Ok(directory.join(path));
+            }
+            let reason =
+                format!("it names the file {text:?}: a bag's files lie in its own directory");
+            Err(BagError::NotABag { path: directory.join(FILE_NAME), reason })
+        };
+        self.relative_file_paths.iter().map(inside).collect()
     }
 }

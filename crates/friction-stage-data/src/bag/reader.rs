@@ -357,7 +357,7 @@ fn data_files(directory: &Path) -> Result<(Vec<PathBuf>, Option<u64>), BagError>
                 information.compression_mode, information.compression_format
             )));
         }
-        let paths = information.paths(directory);
+        let paths = information.paths(directory)?;
         if !paths.is_empty() && paths.iter().all(|p| p.is_file()) {
             return Ok((paths, Some(information.message_count)));
         }
