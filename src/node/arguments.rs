@@ -270,7 +270,7 @@ impl RosArguments {
         self.stdout_logs.unwrap_or(true)
     }
 
-    /// Security enclave, when one is named. Nothing here uses it.
+    /// Security enclave, when one is named. It has no effect, which the node says at its start.
     pub fn enclave(&self) -> Option<&str> {
         self.enclave.as_deref()
     }

@@ -21,6 +21,7 @@ use super::controller_settings as settings;
 use super::delay::Delay;
 use super::help;
 use super::inlet::{Inlet, Waiter};
+use super::memory_watch;
 use super::outlet::{Outlet, Published};
 use super::parameters::ParameterSet;
 use super::participant::Participant;
@@ -233,6 +234,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
                 "the process was stopped and continued, which ends its DDS connections: start again"
             )
         }
+        End::Memory(bytes) => memory_watch::end(bytes),
         End::Loop => anyhow::bail!("the loop of the controller ended"),
     }
 }

@@ -64,17 +64,26 @@ pub enum NetworkError {
     RangeOff,
     #[error("ROS_LOCALHOST_ONLY is \"{value}\": it must be 0 or 1 (unset or empty means 0)")]
     LocalhostOnly { value: String },
+    #[error(
+        "ROS_SECURITY_ENABLE is true: DDS security is not supported; unset it to take part without \
+         protection, best with ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST"
+    )]
+    Security,
+    #[error(
+        "ROS_SECURITY_ENABLE is \"{value}\": it must be true or false (unset or empty means false)"
+    )]
+    SecurityEnable { value: String },
 }
 
 impl Network {
-    /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE` and `ROS_LOCALHOST_ONLY`.
+    /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_LOCALHOST_ONLY` and
+    /// `ROS_SECURITY_ENABLE`.
     ///
     /// # Errors
-    /// [`NetworkError`] when one of them has a value that ROS 2 does not know.
+    /// [`NetworkError`] when one of them has a value that ROS 2 does not know, or that is not
+    /// supported.
     pub fn from_environment() -> Result<Self, NetworkError> {
-        Self::from_variables(|name| {
-            std::env::var_os(name).map(|value| value.to_string_lossy().into_owned())
-        })
+        Self::from_variables(environment)
     }
 
     /// The same from any source of variables; an empty value counts as unset, as in rcl.
@@ -82,11 +91,17 @@ impl Network {
     /// `ROS_LOCALHOST_ONLY=1` is deprecated in ROS 2 and still wins over the range.
     ///
     /// # Errors
-    /// [`NetworkError`] when one of them has a value that ROS 2 does not know.
+    /// [`NetworkError`] when one of them has a value that ROS 2 does not know, or that is not
+    /// supported.
     pub fn from_variables(variable: impl Fn(&str) -> Option<String>) -> Result<Self, NetworkError> {
-        let set = |name: &str| {
-            variable(name).map(|value| value.trim().to_owned()).filter(|value| !value.is_empty())
-        };
+        let set = |name: &str| set(&variable, name);
+        match set("ROS_SECURITY_ENABLE").as_deref() {
+            None | Some("false") => {}
+            Some("true") => return Err(NetworkError::Security),
+            Some(value) => {
+                return Err(NetworkError::SecurityEnable { value: value.to_owned() });
+            }
+        }
         let domain = match set("ROS_DOMAIN_ID") {
             None => 0,
             Some(value) => match value.parse::<u16>() {
@@ -146,6 +161,33 @@ impl Network {
     }
 }
 
+/// What `enclave`, or a variable, asks for that has no effect here, for a warning at the start.
+pub fn without_effect(
+    enclave: Option<&str>,
+    variable: impl Fn(&str) -> Option<String>,
+) -> Vec<String> {
+    let enclave = enclave.map(|enclave| {
+        format!("the enclave {enclave} has no effect: DDS security is not supported")
+    });
+    let peers = set(&variable, "ROS_STATIC_PEERS").map(|peers| {
+        format!(
+            "ROS_STATIC_PEERS is \"{peers}\" and has no effect: peers are found by multicast, and \
+             on this machine"
+        )
+    });
+    enclave.into_iter().chain(peers).collect()
+}
+
+/// A variable of this process.
+pub(super) fn environment(name: &str) -> Option<String> {
+    std::env::var_os(name).map(|value| value.to_string_lossy().into_owned())
+}
+
+/// Value of a variable that is there and not empty, as rcl reads it.
+fn set(variable: impl Fn(&str) -> Option<String>, name: &str) -> Option<String> {
+    variable(name).map(|value| value.trim().to_owned()).filter(|value| !value.is_empty())
+}
+
 /// Runs `start` with every signal blocked: the threads that it starts inherit that for good, and
 /// signals go to the other threads of the process.
 ///
@@ -174,6 +216,11 @@ fn without_signals<T>(start: impl FnOnce() -> T) -> T {
 pub enum ParticipantError {
     #[error("cannot join ROS domain {} ({:?}): {reason}", network.domain, network.reach)]
     Join { network: Network, reason: String },
+    #[error(
+        "cannot filter what the sockets in ROS domain {} receive: {source}",
+        network.domain
+    )]
+    Filter { network: Network, source: std::io::Error },
     #[error("node name \"{name}\" in namespace \"{namespace}\" is not a ROS name: {source}")]
     NodeName { namespace: String, name: String, source: NameError },
     #[error("cannot make the node {name}: {reason}")]
@@ -221,10 +268,13 @@ impl Participant {
                 name: name.to_owned(),
                 source,
             })?;
+        let filter_error = |source| ParticipantError::Filter { network, source };
+        let sockets = NewSockets::watch().map_err(filter_error)?;
         // rustdds ends its threads when a signal interrupts their wait: they must never see one.
         let (joined, threads) =
             Threads::started_by(|| without_signals(|| network.domain_participant()));
         let domain_participant = joined?;
+        sockets.filter(network.reach).map_err(filter_error)?;
         let context = Context::from_domain_participant(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
         let node =
@@ -355,6 +405,26 @@ mod tests {
         ]);
         let expected = Network { domain: 42, reach: Reach::Localhost };
         assert_eq!(both, Ok(expected));
+    }
+
+    #[test]
+    fn security_is_refused_whatever_the_strategy() {
+        for strategy in ["Enforce", "Permissive", ""] {
+            let variables = [("ROS_SECURITY_ENABLE", "true"), ("ROS_SECURITY_STRATEGY", strategy)];
+            assert_eq!(network(&variables), Err(NetworkError::Security));
+        }
+        assert!(network(&[("ROS_SECURITY_ENABLE", "false")]).is_ok());
+        let error = network(&[("ROS_SECURITY_ENABLE", "yes")]).unwrap_err().to_string();
+        assert!(error.contains("\"yes\": it must be true or false"), "{error}");
+    }
+
+    #[test]
+    fn what_has_no_effect_is_named() {
+        let peers = |name: &str| (name == "ROS_STATIC_PEERS").then(|| "10.0.0.1;box".to_owned());
+        let warnings = without_effect(Some("/lab"), peers);
+        assert!(warnings[0].contains("/lab") && warnings[1].contains("10.0.0.1;box"));
+        assert_eq!(warnings.len(), 2);
+        assert!(without_effect(None, |_| Some(String::new())).is_empty());
     }
 
     #[test]

@@ -16,8 +16,9 @@ use tokio::sync::oneshot;
 
 use super::arguments::{Override, RosArguments, fully_qualified};
 use super::cpu;
+use super::memory_watch;
 use super::parameters::{ParameterServer, ParameterSet, ParameterSpec};
-use super::participant::{Network, Participant};
+use super::participant::{self, Network, Participant, environment};
 use super::service::{self, Service};
 use super::signals::{Asked, Signals};
 use super::std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
@@ -146,6 +147,9 @@ impl Startup {
     /// Joins the network that the environment names.
     pub fn join(&self) -> anyhow::Result<Participant> {
         let network = Network::from_environment()?;
+        for warning in participant::without_effect(self.arguments.enclave(), environment) {
+            tracing::warn!("{warning}");
+        }
         let options = NodeOptions::new()
             .start_parameter_services(false)
             .enable_rosout(self.arguments.rosout_logs());
@@ -187,6 +191,8 @@ pub enum End {
     Signal,
     /// The process was stopped and continued, which ends the threads of the DDS library.
     WasStopped,
+    /// The process takes this much memory, bytes, beyond [`memory_watch::BOUND`].
+    Memory(u64),
     /// The node's loop ended by itself.
     Loop,
 }
@@ -285,7 +291,8 @@ impl Background {
         let (runtime, mut signals) = signals.split();
         let end = runtime.block_on(async move {
             let everything = futures::future::join_all(tasks);
-            tokio::pin!(everything, loop_ended);
+            let memory = memory_watch::exceeds(memory_watch::BOUND);
+            tokio::pin!(everything, loop_ended, memory);
             loop {
                 tokio::select! {
                     biased;
@@ -296,6 +303,7 @@ impl Background {
                         }
                         Asked::Continued => {}
                     },
+                    bytes = &mut memory => return End::Memory(bytes),
                     _ = &mut loop_ended => return End::Loop,
                     _ = &mut everything => return End::Loop,
                 }

@@ -9,6 +9,7 @@ use tokio::sync::oneshot;
 
 use super::clock;
 use super::help;
+use super::memory_watch;
 use super::outlet::Outlet;
 use super::parameters::ParameterSet;
 use super::participant::Participant;
@@ -216,6 +217,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
             "the process was stopped and continued, which ends its DDS connections; the bag, if \
              any, is closed: start again"
         ),
+        End::Memory(bytes) => memory_watch::end(bytes),
         End::Loop => anyhow::bail!("the loop of the stage ended"),
     }
 }

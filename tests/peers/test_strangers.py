@@ -1,0 +1,157 @@
+"""Strangers on the network: hostile datagrams cost the stage nothing, other machines do not reach it, and what it
+does not support it says."""
+
+import json
+import os
+import random
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import rtps
+from conftest import BINARIES
+from ros import nanoseconds
+from rtps import ANY_READER, PUBLICATIONS, WRITER, Stranger
+from std_srvs.srv import SetBool
+
+HERE = Path(__file__).parent
+REALTIME = {"mode": "realtime", "control_rate": 1000.0, "physics_rate": 10000.0}
+# Datagrams of the random test.
+DATAGRAMS = int(os.environ.get("STRANGERS", "20000"))
+
+
+def memory(process) -> dict[str, int]:
+    """Address space and resident memory of a process, MiB."""
+    status = Path(f"/proc/{process.popen.pid}/status").read_text()
+    return {name: int(re.search(rf"{name}:\s+(\d+) kB", status)[1]) // 1024 for name in ("VmSize", "VmRSS")}
+
+
+def assert_in_order(ros, process, before: dict[str, int]) -> None:
+    """A new peer finds the stage, hears every sample at full rate, and is answered; memory is as before."""
+    encoder = ros.collect("/stage/encoder")
+    ros.until(lambda: len(encoder) > 1000, "1000 samples")
+    stamps = [nanoseconds(message.header.stamp) for message in encoder]
+    assert stamps == list(range(stamps[0], stamps[-1] + 1, 1_000_000)), "samples were lost"
+    assert ros.call(SetBool, "/stage/enable", data=True).success
+    after = memory(process)
+    assert after["VmRSS"] < 200, after
+    # Address space that was reserved and not yet used counts as well.
+    assert after["VmSize"] < before["VmSize"] + 500, (before, after)
+
+
+HOSTILE = {
+    "fragment of 4 GiB": rtps.fragment(PUBLICATIONS, 1, 0xFFFFFFFF),
+    "heartbeat over 2^40 samples": rtps.heartbeat(PUBLICATIONS, 1, 1 << 40),
+    "heartbeat over 2^33 samples": rtps.heartbeat(PUBLICATIONS, 1, 1 << 33),
+    "gap over 2^40 samples": rtps.gap(PUBLICATIONS, 100, 1 << 40),
+    "request for fragment 2^32 - 1": rtps.fragment_request(rtps.SUBSCRIPTIONS, 1, 0xFFFFFFFF - 40),
+    "request for fragment 0": rtps.fragment_request(rtps.SUBSCRIPTIONS, 1, 0),
+}
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_hostile_datagram_costs_the_stage_nothing(ros, stage, domain, case):
+    process = stage(**REALTIME)
+    before = memory(process)
+    stranger = Stranger(domain)
+    # As a participant that the stage has discovered: its heartbeats would count.
+    for _ in range(3):
+        stranger.send(stranger.announcement())
+        ros.spin(0.1)
+    stranger.send(stranger.message(HOSTILE[case]))
+    assert_in_order(ros, process, before)
+
+
+def mutated(stranger: Stranger, chaos: random.Random) -> bytes:
+    """A datagram of plausible submessages, some bytes of it changed, some of it cut off."""
+    entities = chaos.choice([PUBLICATIONS, rtps.SUBSCRIPTIONS, rtps.PARTICIPANTS, ANY_READER + WRITER, chaos.randbytes(8)])
+    count = chaos.choice([chaos.randrange(1, 300), chaos.randrange(1 << 33), chaos.randrange(1 << 64)])
+    other = chaos.choice([count + chaos.randrange(300), chaos.randrange(1 << 64)])
+    pieces = [
+        lambda: rtps.data(entities, count, chaos.randbytes(chaos.randrange(300))),
+        lambda: rtps.fragment(entities, count, chaos.randrange(1 << chaos.randrange(1, 33)), chaos.randrange(1 << 16)),
+        lambda: rtps.heartbeat(entities, count, other, chaos.randrange(1 << 31)),
+        lambda: rtps.gap(entities, count, other),
+        lambda: rtps.acknack(entities, count, chaos.randrange(1 << 31)),
+        lambda: rtps.fragment_request(entities, count, chaos.randrange(1 << chaos.randrange(1, 33))),
+        lambda: rtps.submessage(chaos.randrange(256), chaos.randbytes(chaos.randrange(80)), chaos.randrange(256)),
+        lambda: stranger.announcement()[20:],
+        lambda: stranger.publication("rt/chaos", "std_msgs::msg::dds_::String_")[20:],
+    ]
+    datagram = bytearray(stranger.message(*(chaos.choice(pieces)() for _ in range(chaos.randrange(1, 5)))))
+    for _ in range(chaos.choice([0, 0, 1, 4, 20])):
+        datagram[chaos.randrange(20, len(datagram))] = chaos.randrange(256)
+    return bytes(datagram[: len(datagram) - chaos.choice([0, 0, 0, chaos.randrange(len(datagram))])])
+
+
+def test_random_datagrams_cost_the_stage_nothing(ros, stage, domain):
+    process = stage(**REALTIME)
+    before = memory(process)
+    chaos = random.Random(1)
+    strangers = [Stranger(domain) for _ in range(5)]
+    for sent in range(DATAGRAMS // 12):
+        stranger = chaos.choice(strangers)
+        stranger.send(chaos.randbytes(chaos.randrange(200)) if sent % 10 == 0 else mutated(stranger, chaos))
+        # What comes faster than it can be read is lost in the socket's buffer and tests nothing.
+        ros.spin(0.0005)
+        assert process.popen.poll() is None, f"the stage ended after {sent} datagrams:\n{process.excerpt()}"
+    assert_in_order(ros, process, before)
+
+
+def test_a_stage_that_is_filled_up_closes_its_bag_and_ends(ros, start, domain, tmp_path):
+    process = start("stage_node", **REALTIME, record=tmp_path / "bag")
+    ros.first("/stage/encoder")
+    # Fragments of the largest samples that are heard, each of another writer: a MiB for a hundred bytes.
+    stranger = Stranger(domain)
+    for _ in range(5000):
+        prefix = bytes([1, 15]) + os.urandom(10)
+        datagram = stranger.message(rtps.fragment(PUBLICATIONS, 1, (1 << 20) - 1), prefix=prefix)
+        for target in stranger.discovery[:1]:
+            stranger.socket.sendto(datagram, target)
+        ros.spin(0.001)
+        if process.popen.poll() is not None:
+            break
+    process.ended(expected=1)
+    last = process.log().splitlines()[-1]
+    assert last.startswith("error: this node takes ") and "more than 1024 MB" in last, process.excerpt()
+    command = [str(BINARIES / "friction-stage"), "check", str(tmp_path / "bag"), "--json"]
+    report = json.loads(subprocess.run(command, capture_output=True, text=True, timeout=60).stdout)
+    assert report["complete"] and not report["damage"]
+
+
+def may_make_namespaces() -> bool:
+    return subprocess.run(["unshare", "-n", "ip", "link", "set", "lo", "up"], capture_output=True).returncode == 0
+
+
+@pytest.mark.skipif(not may_make_namespaces(), reason="needs the right to make network namespaces")
+def test_another_machine_does_not_reach_a_stage_of_this_machine(tmp_path):
+    command = ["unshare", "-n", sys.executable, str(HERE / "other_machine.py"), str(BINARIES / "stage_node"), str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, f"{run.stdout}\n{run.stderr}"
+    moved = json.loads(run.stdout)
+    # The same datagrams move the stage where they may: from this machine, and with the range of a subnet.
+    assert moved["LOCALHOST"]["here"] > 1e-3, moved
+    assert moved["SUBNET"]["other machine"] > 1e-3, moved
+    assert moved["LOCALHOST"]["other machine"] == 0.0, moved
+
+
+@pytest.mark.parametrize("strategy", ["Enforce", "Permissive"])
+def test_security_is_refused(start, monkeypatch, strategy):
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", strategy)
+    for program in ("stage_node", "controller_node"):
+        process = start(program)
+        process.ended(expected=1)
+        last = process.log().splitlines()[-1]
+        assert last.startswith("error: ROS_SECURITY_ENABLE is true: DDS security is not supported"), last
+
+
+def test_what_has_no_effect_is_said_at_the_start(ros, stage, start, monkeypatch):
+    monkeypatch.setenv("ROS_STATIC_PEERS", "10.0.0.1;lab")
+    process = start("stage_node", "--ros-args", "--enclave", "/lab", "--", **REALTIME)
+    ros.first("/stage/encoder")
+    warnings = [line for line in process.log().splitlines() if " WARN " in line]
+    assert any("the enclave /lab has no effect" in line for line in warnings), process.excerpt()
+    assert any('ROS_STATIC_PEERS is "10.0.0.1;lab" and has no effect' in line for line in warnings), process.excerpt()
