@@ -5,3 +5,4 @@ pub mod bag;
 pub mod message;
 pub mod quality;
 pub mod signals;
+pub mod wire;

@@ -6,16 +6,22 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 /// A named curve of (x, y) points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
+    /// Name in the legend.
     pub name: String,
+    /// Its points.
     pub points: Vec<(f64, f64)>,
 }
 
 /// One pair of axes with curves and, dashed, a reference that is scaled to fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
+    /// Title above the axes.
     pub title: String,
+    /// Quantity and unit along the abscissa.
     pub x_label: String,
+    /// Quantity and unit along the ordinate.
     pub y_label: String,
+    /// What is drawn.
     pub curves: Vec<Curve>,
     /// Drawn black and dashed, scaled to the height of the panel.
     pub reference: Option<Curve>,
@@ -25,7 +31,9 @@ pub struct Panel {
 #[derive(Debug, thiserror::Error)]
 #[error("cannot draw the figure `{title}`: {reason}")]
 pub struct FigureError {
+    /// Title above the axes.
     pub title: String,
+    /// Why not.
     pub reason: String,
 }
 

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::node::wire::controller_state;
 use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, Provenance, topics};
 use friction_stage_data::message::{ControllerState, Header, JointState, WrenchStamped};
+use friction_stage_data::wire::controller_state;
 use friction_stage_lab::Recording;
 
 /// Depth of the queues as the nodes offer them.

@@ -2,11 +2,11 @@
 //!
 //! Stamps on the wire are the stage's own time plus the epoch of the run, ns.
 
-use friction_stage_core::control::{Point, Reference, Terms, Trajectory, TrajectoryError};
-use friction_stage_core::plant;
-use friction_stage_data::message::{
+use crate::message::{
     Clock, ControllerState, Header, JointState, JointTrajectory, StageState, Time, WrenchStamped,
 };
+use friction_stage_core::control::{Point, Reference, Terms, Trajectory, TrajectoryError};
+use friction_stage_core::plant;
 
 /// One sample of the stage as it goes out: `Copy`, so that it passes through a ring without
 /// allocation.
@@ -169,7 +169,7 @@ pub fn setpoint(
 
 /// A trajectory as the message that [`setpoint`] reads back.
 pub fn joint_trajectory(joint: &str, stamp: i64, points: &[Point]) -> JointTrajectory {
-    use friction_stage_data::message::{Duration, JointTrajectoryPoint};
+    use crate::message::{Duration, JointTrajectoryPoint};
     JointTrajectory {
         header: Header::new(stamp, ""),
         joint_names: vec![joint.to_owned()],
