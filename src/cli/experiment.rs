@@ -16,7 +16,7 @@ use super::{Outcome, WrongArguments};
 use crate::directory;
 use friction_stage_core::model::{Catalogue, StageModel};
 use friction_stage_core::plant::Rates;
-use friction_stage_lab::{self as lab, LabError, PaperResults, Recording, Settings, Specimen};
+use friction_stage_lab::{self as lab, LabError, PaperResults, LabRecording, Settings, Specimen};
 use friction_stage_report::experiment::{
     ExperimentResults, ExperimentSummary, SpecimenHunting, SpecimenRig, StiffnessFit,
     experiment_page,
@@ -191,7 +191,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     );
     bar.enable_steady_tick(Duration::from_millis(200));
     bar.set_message(name.clone());
-    let keep = |of: &Specimen, recordings: &[Recording]| -> anyhow::Result<()> {
+    let keep = |of: &Specimen, recordings: &[LabRecording]| -> anyhow::Result<()> {
         if args.no_bags {
             return Ok(());
         }
@@ -310,7 +310,7 @@ fn measure(
     args: &ExperimentArgs,
     of: &Specimen,
     settings: &Settings,
-    keep: &(dyn Fn(&[Recording]) -> anyhow::Result<()> + Sync),
+    keep: &(dyn Fn(&[LabRecording]) -> anyhow::Result<()> + Sync),
     tick: &(dyn Fn() + Sync),
 ) -> anyhow::Result<ExperimentResults> {
     let asked = |part| args.experiment.includes(part);

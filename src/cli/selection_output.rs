@@ -7,8 +7,7 @@ use std::path::Path;
 use anyhow::Context as _;
 
 use super::Outcome;
-use super::variant_rows::VariantRows;
-use friction_stage_lab::Tally;
+use friction_stage_lab::VariantRows;
 use friction_stage_report::selection::{selection_text, trade_off_figure};
 
 /// Ranks all rows of a directory, writes what belongs to them and tells the result on `out`.
@@ -19,12 +18,7 @@ pub fn finish(
     out: &mut dyn Write,
 ) -> anyhow::Result<Outcome> {
     let plan = &rows.sheet().plan;
-    let mut tallies = vec![Tally::default(); plan.candidates.len()];
-    rows.read(&mut |index, result| {
-        tallies[index].add(&result, &plan.application);
-        Ok(())
-    })?;
-    let selection = plan.rank(&tallies);
+    let (tallies, selection) = rows.ranked()?;
     let write = |name: &str, text: String| {
         let path = directory.join(name);
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
@@ -32,14 +26,16 @@ pub fn finish(
     let summary = serde_json::to_string_pretty(&selection)?;
     write("summary.json", format!("{summary}\n"))?;
     write("trade_off.svg", trade_off_figure(plan, &tallies)?)?;
+    #[cfg(feature = "parquet")]
     rows.write_parquet(&directory.join("variants.parquet"))?;
     if json {
         writeln!(out, "{summary}")?;
     } else {
         write!(out, "{}", selection_text(plan, &selection))?;
+        let parquet = if cfg!(feature = "parquet") { ", variants.parquet" } else { "" };
         writeln!(
             out,
-            "\n{}: summary.json, trade_off.svg, variants.csv, variants.parquet",
+            "\n{}: summary.json, trade_off.svg, variants.csv{parquet}",
             directory.display()
         )?;
     }

@@ -1,6 +1,6 @@
 //! The position error along the motion of the paper, as its Figures 6 and 7.
 
-use crate::figure::{Curve, FigureError, Panel, svg};
+use crate::figure::{FigureCurve, FigureError, Panel, svg};
 use friction_stage_lab::{MoveKind, PaperMotion};
 
 /// Times (ns after the start of the motion) and errors (m) of one run.
@@ -26,7 +26,7 @@ pub fn position_error_figure(
         let the_move = motion.moves.iter().find(|the_move| the_move.kind == kind)?;
         let span = (the_move.start - window / 20)..=(the_move.start + window);
         let ms = |time: i64| (time - the_move.start) as f64 * 1e-6;
-        let curve = |(name, errors): &(String, PositionErrorSeries)| Curve {
+        let curve = |(name, errors): &(String, PositionErrorSeries)| FigureCurve {
             name: name.clone(),
             points: errors
                 .iter()
@@ -44,7 +44,7 @@ pub fn position_error_figure(
             x_label: "time after the start of the move, ms".to_owned(),
             y_label: "position error, um".to_owned(),
             curves: runs.iter().map(curve).collect(),
-            reference: Some(Curve {
+            reference: Some(FigureCurve {
                 name: "reference, scaled".to_owned(),
                 points: reference.collect(),
             }),

@@ -2,18 +2,18 @@
 
 use std::fmt::Write as _;
 
-use crate::figure::{Curve, FigureError, Panel, svg};
-use friction_stage_lab::{Plan, Selection, Tally};
+use crate::figure::{FigureCurve, FigureError, Panel, svg};
+use friction_stage_lab::{SelectionPlan, GuideSelection, Tally};
 
 /// The ranking as text for a person.
-pub fn selection_text(plan: &Plan, selection: &Selection) -> String {
+pub fn selection_text(plan: &SelectionPlan, selection: &GuideSelection) -> String {
     let mut out = String::new();
     // A string takes whatever is written.
     let _ = write_ranking(&mut out, plan, selection);
     out
 }
 
-fn write_ranking(out: &mut String, plan: &Plan, selection: &Selection) -> std::fmt::Result {
+fn write_ranking(out: &mut String, plan: &SelectionPlan, selection: &GuideSelection) -> std::fmt::Result {
     let band = plan.application.requirement.settling_band * 1e6;
     writeln!(out, "{}: {} variants", selection.application, selection.variants)?;
     writeln!(out)?;
@@ -55,7 +55,7 @@ fn write_ranking(out: &mut String, plan: &Plan, selection: &Selection) -> std::f
 /// Peak error against settling time: of each guide a cross from the 5 % to the 95 % quantiles
 /// through the medians, the requirement as the corner that it must stay in; then the distributions
 /// of both.
-pub fn trade_off_figure(plan: &Plan, tallies: &[Tally]) -> Result<String, FigureError> {
+pub fn trade_off_figure(plan: &SelectionPlan, tallies: &[Tally]) -> Result<String, FigureError> {
     let application = &plan.application;
     let requirement = &application.requirement;
     // What never settles is drawn at the end of what was watched.
@@ -68,13 +68,13 @@ pub fn trade_off_figure(plan: &Plan, tallies: &[Tally]) -> Result<String, Figure
             [peak.q05, peak.q50, peak.q95].map(um),
             [settling.q05, settling.q50, settling.q95].map(ms),
         );
-        Curve { name: named(index), points: vec![(x0, y1), (x2, y1), (x1, y1), (x1, y0), (x1, y2)] }
+        FigureCurve { name: named(index), points: vec![(x0, y1), (x2, y1), (x1, y1), (x1, y0), (x1, y2)] }
     };
     let (x, y) = (um(requirement.peak_error), ms(requirement.settling_time));
     let required = |points: Vec<(f64, f64)>| {
-        std::iter::once(Curve { name: "required at most".to_owned(), points })
+        std::iter::once(FigureCurve { name: "required at most".to_owned(), points })
     };
-    let distribution = |value: &dyn Fn(&Tally, f64) -> f64| -> Vec<Curve> {
+    let distribution = |value: &dyn Fn(&Tally, f64) -> f64| -> Vec<FigureCurve> {
         let points = |tally: &Tally| {
             (1..=200)
                 .map(|k| (value(tally, f64::from(k) / 200.0), f64::from(k) / 2.0))
@@ -83,11 +83,11 @@ pub fn trade_off_figure(plan: &Plan, tallies: &[Tally]) -> Result<String, Figure
         tallies
             .iter()
             .enumerate()
-            .map(|(index, tally)| Curve { name: named(index), points: points(tally) })
+            .map(|(index, tally)| FigureCurve { name: named(index), points: points(tally) })
             .collect()
     };
     let settled = format!("settled to {} um after the arrival, ms", um(requirement.settling_band));
-    let panel = |title: &str, x_label: &str, y_label: &str, curves: Vec<Curve>| Panel {
+    let panel = |title: &str, x_label: &str, y_label: &str, curves: Vec<FigureCurve>| Panel {
         title: title.to_owned(),
         x_label: x_label.to_owned(),
         y_label: y_label.to_owned(),

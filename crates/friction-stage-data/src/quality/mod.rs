@@ -12,7 +12,7 @@ mod recording_check;
 
 pub use check::{CheckReport, Coverage, TopicCheck, check};
 pub use excitation::{
-    Evidence, Excitation, Judgement, NoiseFound, RoughFit, Spread, Subject, examine,
+    Excitation, Judgement, JudgementBasis, NoiseFound, RoughFit, Spread, Subject, examine,
 };
 pub use finding::{DataFinding, Disagreement, FileFinding, Severity};
 pub use outliers::outlier_rows;

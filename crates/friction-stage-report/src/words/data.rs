@@ -1,7 +1,7 @@
 //! Words for what is wrong with a file, its signals, and for what they can identify.
 
 use friction_stage_data::quality::{
-    DataFinding, Disagreement, Evidence, FileFinding, Judgement, Severity, Subject,
+    DataFinding, Disagreement, JudgementBasis, FileFinding, Judgement, Severity, Subject,
 };
 use friction_stage_data::signals::{ClockKind, Signal, SignalNote};
 
@@ -220,21 +220,21 @@ fn held(speeds: &[f64]) -> String {
 impl Words for Judgement {
     fn words(&self) -> String {
         match &self.evidence {
-            Evidence::Inertia { acceleration, share, mass, deviation } => format!(
+            JudgementBasis::Inertia { acceleration, share, mass, deviation } => format!(
                 "acceleration reaches {acceleration:.3} m/s^2 and brings {:.1} % of the force; a \
                  rough fit gives {mass:.4} +- {deviation:.4} kg",
                 100.0 * share
             ),
-            Evidence::NoForce => "there is no force over a motion".to_owned(),
-            Evidence::Reversals { count } if self.subject == Subject::BristleStiffness => {
+            JudgementBasis::NoForce => "there is no force over a motion".to_owned(),
+            JudgementBasis::Reversals { count } if self.subject == Subject::BristleStiffness => {
                 format!("{count} reversals pass through pre-sliding")
             }
-            Evidence::Reversals { count } => format!("{count} reversals"),
-            Evidence::Speeds { fastest, speeds } => {
+            JudgementBasis::Reversals { count } => format!("{count} reversals"),
+            JudgementBasis::Speeds { fastest, speeds } => {
                 format!("velocities up to {fastest:.4} m/s; speeds that are held: {}", held(speeds))
             }
-            Evidence::HeldSpeeds { speeds } => format!("speeds that are held: {}", held(speeds)),
-            Evidence::SlowSpeed { slowest, stribeck_velocity, declared } => {
+            JudgementBasis::HeldSpeeds { speeds } => format!("speeds that are held: {}", held(speeds)),
+            JudgementBasis::SlowSpeed { slowest, stribeck_velocity, declared } => {
                 let source = if *declared { "" } else { " (assumed: no model declares one)" };
                 match slowest {
                     Some(slow) => format!(
@@ -247,10 +247,10 @@ impl Words for Judgement {
                     ),
                 }
             }
-            Evidence::Velocities { lowest, highest } => {
+            JudgementBasis::Velocities { lowest, highest } => {
                 format!("velocities from {lowest:.4} to {highest:.4} m/s")
             }
-            Evidence::Forces { cell, command } => match (cell, command) {
+            JudgementBasis::Forces { cell, command } => match (cell, command) {
                 (true, true) => "force cell and command are there",
                 (true, false) => "there is no command",
                 (false, _) => {
@@ -258,19 +258,19 @@ impl Words for Judgement {
                 }
             }
             .to_owned(),
-            Evidence::Stroke { stroke } => format!(
+            JudgementBasis::Stroke { stroke } => format!(
                 "periods up to {:.4} m fit twice into the stroke of {stroke:.4} m",
                 0.5 * stroke
             ),
-            Evidence::Rests { count, least, largest } => {
+            JudgementBasis::Rests { count, least, largest } => {
                 format!("{count} rests of {least:.2} to {largest:.2} s")
             }
-            Evidence::NoRest => "the carriage never rests".to_owned(),
-            Evidence::Travel { duration_s, distance } => {
+            JudgementBasis::NoRest => "the carriage never rests".to_owned(),
+            JudgementBasis::Travel { duration_s, distance } => {
                 format!("{duration_s:.1} s and {distance:.2} m travelled")
             }
-            Evidence::Setpoint { recorded: true } => "the setpoint is there".to_owned(),
-            Evidence::Setpoint { recorded: false } => "there is no setpoint".to_owned(),
+            JudgementBasis::Setpoint { recorded: true } => "the setpoint is there".to_owned(),
+            JudgementBasis::Setpoint { recorded: false } => "there is no setpoint".to_owned(),
         }
     }
 }

@@ -44,7 +44,7 @@ pub enum Subject {
 /// What a judgement rests on; SI units.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Evidence {
+pub enum JudgementBasis {
     /// The rough fit of the force on the acceleration.
     Inertia {
         /// Largest acceleration, m/s².
@@ -136,7 +136,7 @@ pub struct Judgement {
     /// Whether the data can tell.
     pub possible: bool,
     /// Why, or what is missing.
-    pub evidence: Evidence,
+    pub evidence: JudgementBasis,
 }
 
 /// What the data can and cannot tell.
@@ -161,29 +161,37 @@ pub(super) fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judge
         (
             Subject::Mass,
             fit.is_some_and(|fit| fit.inertial > 0.01),
-            fit.map_or(Evidence::NoForce, |fit| Evidence::Inertia {
+            fit.map_or(JudgementBasis::NoForce, |fit| JudgementBasis::Inertia {
                 acceleration: found.largest_acceleration,
                 share: fit.inertial,
                 mass: fit.mass,
                 deviation: fit.mass_deviation,
             }),
         ),
-        (Subject::CoulombFriction, fit.is_some() && !one_direction, Evidence::Reversals { count }),
+        (
+            Subject::CoulombFriction,
+            fit.is_some() && !one_direction,
+            JudgementBasis::Reversals { count },
+        ),
         (
             Subject::ViscousFriction,
             fit.is_some() && !one_speed,
-            Evidence::Speeds { fastest, speeds: speeds.clone() },
+            JudgementBasis::Speeds { fastest, speeds: speeds.clone() },
         ),
         (
             Subject::StribeckCurve,
             fit.is_some() && slowest.is_some() && fastest > 3.0 * stribeck_velocity,
-            Evidence::SlowSpeed { slowest, stribeck_velocity, declared: declared.is_some() },
+            JudgementBasis::SlowSpeed { slowest, stribeck_velocity, declared: declared.is_some() },
         ),
-        (Subject::BristleStiffness, fit.is_some() && count >= 2, Evidence::Reversals { count }),
+        (
+            Subject::BristleStiffness,
+            fit.is_some() && count >= 2,
+            JudgementBasis::Reversals { count },
+        ),
         (
             Subject::Asymmetry,
             fit.is_some() && !one_direction,
-            Evidence::Velocities {
+            JudgementBasis::Velocities {
                 lowest: found.velocity_range[0],
                 highest: found.velocity_range[1],
             },
@@ -191,18 +199,22 @@ pub(super) fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judge
         (
             Subject::MotorSide,
             cell && command && found.cell_fit.is_some() && found.command_fit.is_some(),
-            Evidence::Forces { cell, command },
+            JudgementBasis::Forces { cell, command },
         ),
         (
             Subject::OverPosition,
             fit.is_some() && stroke > 0.0 && count >= 1,
-            Evidence::Stroke { stroke },
+            JudgementBasis::Stroke { stroke },
         ),
-        (Subject::PositionOrTime, fit.is_some() && !one_speed, Evidence::HeldSpeeds { speeds }),
+        (
+            Subject::PositionOrTime,
+            fit.is_some() && !one_speed,
+            JudgementBasis::HeldSpeeds { speeds },
+        ),
         (
             Subject::StictionAging,
             fit.is_some() && rests.is_some() && found.rest_count >= 4,
-            found.rests.map_or(Evidence::NoRest, |rests| Evidence::Rests {
+            found.rests.map_or(JudgementBasis::NoRest, |rests| JudgementBasis::Rests {
                 count: found.rest_count,
                 least: rests.least,
                 largest: rests.largest,
@@ -211,12 +223,12 @@ pub(super) fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judge
         (
             Subject::WarmUp,
             fit.is_some() && found.duration_s > 10.0 && found.distance > 4.0 * stroke,
-            Evidence::Travel { duration_s: found.duration_s, distance: found.distance },
+            JudgementBasis::Travel { duration_s: found.duration_s, distance: found.distance },
         ),
         (
             Subject::ClosedLoop,
             has(Signal::ReferencePosition),
-            Evidence::Setpoint { recorded: has(Signal::ReferencePosition) },
+            JudgementBasis::Setpoint { recorded: has(Signal::ReferencePosition) },
         ),
     ];
     judgements

@@ -21,7 +21,7 @@ use super::finding::{DataFinding, Severity};
 use crate::signals::{Recording, Signal};
 use friction_stage_core::model::StageModel;
 
-pub use judgement::{Evidence, Judgement, Subject};
+pub use judgement::{Judgement, JudgementBasis, Subject};
 
 /// Least rows in one piece. Assumed: some fifty parameters' worth of filtered samples.
 const LEAST_ROWS: usize = 500;
@@ -37,8 +37,11 @@ const REST_SPEED: f64 = 1e-5;
 /// Least, median and largest of something.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
+    /// The least.
     pub least: f64,
+    /// The one in the middle.
     pub median: f64,
+    /// The largest.
     pub largest: f64,
 }
 
