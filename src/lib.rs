@@ -1,5 +1,7 @@
 //! The stage on ROS 2: [`node`] holds the nodes, [`cli`] the command line.
 
 pub mod cli;
+pub mod cpu;
+pub mod directory;
 pub mod node;
 pub mod outcome;

@@ -16,6 +16,7 @@ use friction_stage_data::message::{
 };
 use friction_stage_data::quality::check;
 use friction_stage_data::signals::Trace;
+use friction_stage_report::words::{messages_text, recover_text};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
@@ -326,7 +327,7 @@ fn recovery_keeps_everything_beside_the_messages() {
             (b.log_time, b.publish_time, b.sequence)
         );
     }
-    let text = report.to_string();
+    let text = recover_text(&report);
     assert!(text.contains("/stage/encoder") && text.contains("bytes dropped"), "{text}");
 }
 
@@ -361,7 +362,7 @@ fn a_damaged_chunk_costs_its_own_messages_only() {
     assert!(report.damage[0].offset <= middle as u64);
     assert!(report.messages > 1500 && report.messages < 1600, "{}", report.messages);
     let checked = check(&directory).unwrap();
-    assert!(!checked.damage.is_empty() && !checked.warnings.is_empty());
+    assert!(!checked.damage.is_empty() && !checked.findings.is_empty());
 }
 
 #[test]
@@ -626,7 +627,7 @@ fn check_tells_rates_gaps_and_bad_values() {
     let coverage = report.coverage.as_ref().unwrap();
     assert!((coverage.stroke - 2e-3).abs() < 1e-6);
     assert_eq!(coverage.reversals, 6);
-    let text = report.to_string();
+    let text = messages_text(&report);
     for part in
         ["/stage/encoder", "1000.0", "stamps go back", "not finite", "do not decode", "reversals"]
     {
@@ -642,7 +643,7 @@ fn a_clean_recording_has_no_warnings() {
     let directory = home.path().join("run");
     write_bag(&directory, &options(), 1000);
     let report = check(&directory).unwrap();
-    assert_eq!(report.warnings, Vec::<String>::new());
+    assert_eq!(report.findings, []);
     assert_eq!(report.messages, 4000);
 }
 

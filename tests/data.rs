@@ -8,10 +8,11 @@ use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos};
 use friction_stage_data::message::{
     Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped,
 };
-use friction_stage_data::quality::{DataProblem, Severity, examine};
+use friction_stage_data::quality::{DataFinding, Severity, Subject, examine};
 use friction_stage_data::signals::{
     self, ClockKind, Mapping, Recording, Signal, SignalError, Trace,
 };
+use friction_stage_report::words::Words;
 use tempfile::TempDir;
 
 const RATE: f64 = 2000.0;
@@ -92,8 +93,8 @@ fn load_csv(trace: &Trace) -> Recording {
     signals::load(&path, None).unwrap()
 }
 
-fn problems(trace: &Trace) -> Vec<DataProblem> {
-    examine(&load_csv(trace), Some(&declared())).problems
+fn problems(trace: &Trace) -> Vec<DataFinding> {
+    examine(&load_csv(trace), Some(&declared())).findings
 }
 
 /// Writes encoder and force samples with any stamps and rates.
@@ -213,17 +214,17 @@ fn missing_repeated_and_late_samples_are_counted_and_long_gaps_stay_open() {
         let error = (recording.trace.position[k] - trace.position[k]).abs();
         assert!(if filled { error < 1e-8 } else { error == 0.0 }, "row {k}: {error}");
     }
-    let found = examine(&recording, None).problems;
+    let found = examine(&recording, None).findings;
     assert!(
         found.iter().any(|p| matches!(
             p,
-            DataProblem::Conflicting { signal: Signal::Position, samples: 1 }
+            DataFinding::Conflicting { signal: Signal::Position, samples: 1 }
         ))
     );
     assert!(
         found.iter().any(|p| matches!(
             p,
-            DataProblem::NotFinite { signal: Signal::Position, samples: 1, .. }
+            DataFinding::NotFinite { signal: Signal::Position, samples: 1, .. }
         ))
     );
 }
@@ -266,7 +267,7 @@ fn a_clock_that_was_set_back_is_refused_and_empty_headers_are_replaced() {
     let recording = signals::load(home.path().join("unfilled"), None).unwrap();
     assert_eq!(recording.trace.position, trace.position);
     assert!(
-        recording.quality.notes[0].contains("time of recording"),
+        recording.quality.notes[0].words().contains("time of recording"),
         "{:?}",
         recording.quality.notes
     );
@@ -399,7 +400,7 @@ fn a_mapping_finds_fields_in_a_bag_and_names_what_is_there_instead() {
 fn good_data_have_no_problem_and_show_their_noise_mass_and_friction() {
     let recording = load_csv(&run(20_000));
     let found = examine(&recording, Some(&declared()));
-    assert_eq!(found.problems, []);
+    assert_eq!(found.findings, []);
     let noise = found.encoder_noise.unwrap();
     assert!((noise.present / noise.declared.unwrap() - 1.0).abs() < 0.1, "{noise:?}");
     assert!((found.force_cell_noise.unwrap().present / CELL_NOISE - 1.0).abs() < 0.1);
@@ -407,11 +408,11 @@ fn good_data_have_no_problem_and_show_their_noise_mass_and_friction() {
     assert!((fit.mass - MASS).abs() < 0.5 && (fit.coulomb - COULOMB).abs() < 1.0, "{fit:?}");
     // 10 s of 0.25 Hz with ripples that never turn round at speed: turns near the five extremes
     assert!(found.reversals >= 5 && found.reversals % 2 == 1, "{}", found.reversals);
-    assert!(found.judgements.iter().any(|j| j.subject == "mass" && j.possible));
+    assert!(found.judgements.iter().any(|j| j.subject == Subject::Mass && j.possible));
 }
 
 /// What is done to a good run, and whether the right problem is told with the right severity.
-type Spoiled = (&'static str, fn(&mut Trace), fn(&DataProblem) -> bool, Severity);
+type Spoiled = (&'static str, fn(&mut Trace), fn(&DataFinding) -> bool, Severity);
 
 #[test]
 fn bad_data_are_told_by_what_is_wrong_with_them() {
@@ -419,13 +420,13 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
         (
             "ten samples",
             |t| *t = run(10),
-            |p| matches!(p, DataProblem::TooShort { rows: 10, .. }),
+            |p| matches!(p, DataFinding::TooShort { rows: 10, .. }),
             Severity::Fatal,
         ),
         (
             "no force",
             |t| [&mut t.force, &mut t.force_cell].into_iter().flatten().for_each(|f| *f = f64::NAN),
-            |p| matches!(p, DataProblem::NoForce),
+            |p| matches!(p, DataFinding::NoForce),
             Severity::Fatal,
         ),
         (
@@ -436,37 +437,37 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
                     .enumerate()
                     .for_each(|(k, x)| *x = 0.1 + (k % 3) as f64 * 1e-9)
             },
-            |p| matches!(p, DataProblem::NoMotion { .. }),
+            |p| matches!(p, DataFinding::NoMotion { .. }),
             Severity::Fatal,
         ),
         (
             "no cell",
             |t| t.force_cell.fill(f64::NAN),
-            |p| matches!(p, DataProblem::NoForceCell),
+            |p| matches!(p, DataFinding::NoForceCell),
             Severity::Warning,
         ),
         (
             "no command",
             |t| t.force.fill(f64::NAN),
-            |p| matches!(p, DataProblem::NoCommand),
+            |p| matches!(p, DataFinding::NoCommand),
             Severity::Warning,
         ),
         (
             "no setpoint",
             |t| t.reference_position.fill(f64::NAN),
-            |p| matches!(p, DataProblem::NoSetpoint),
+            |p| matches!(p, DataFinding::NoSetpoint),
             Severity::Warning,
         ),
         (
             "a constant cell",
             |t| t.force_cell.fill(3.0),
-            |p| matches!(p, DataProblem::Constant { signal: Signal::ForceCell, value: 3.0 }),
+            |p| matches!(p, DataFinding::Constant { signal: Signal::ForceCell, value: 3.0 }),
             Severity::Warning,
         ),
         (
             "a cell that stops",
             |t| t.force_cell[4000..].fill(3.0),
-            |p| matches!(p, DataProblem::Stuck { signal: Signal::ForceCell, value: 3.0, .. }),
+            |p| matches!(p, DataFinding::Stuck { signal: Signal::ForceCell, value: 3.0, .. }),
             Severity::Warning,
         ),
         (
@@ -475,56 +476,56 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
                 let value = t.position[4000];
                 t.position[4000..5000].fill(value);
             },
-            |p| matches!(p, DataProblem::Stuck { signal: Signal::Position, rows: 1000, .. }),
+            |p| matches!(p, DataFinding::Stuck { signal: Signal::Position, rows: 1000, .. }),
             Severity::Warning,
         ),
         (
             "a clipped cell",
             |t| t.force_cell.iter_mut().for_each(|f| *f = f.clamp(-50.0, 50.0)),
-            |p| matches!(p, DataProblem::Clipped { signal: Signal::ForceCell, value: 50.0, .. }),
+            |p| matches!(p, DataFinding::Clipped { signal: Signal::ForceCell, value: 50.0, .. }),
             Severity::Warning,
         ),
         (
             "a clipped position",
             |t| t.position.iter_mut().for_each(|x| *x = x.min(0.02)),
-            |p| matches!(p, DataProblem::Clipped { signal: Signal::Position, .. }),
+            |p| matches!(p, DataFinding::Clipped { signal: Signal::Position, .. }),
             Severity::Warning,
         ),
         (
             "a command at the motor's limit",
             |t| t.force.iter_mut().for_each(|f| *f = (40.0 * *f).clamp(-2000.0, 2000.0)),
-            |p| matches!(p, DataProblem::Saturated { limit: 2000.0, .. }),
+            |p| matches!(p, DataFinding::Saturated { limit: 2000.0, .. }),
             Severity::Warning,
         ),
         (
             "NaN",
             |t| t.position[100..150].fill(f64::NAN),
-            |p| matches!(p, DataProblem::NotFinite { signal: Signal::Position, samples: 50, .. }),
+            |p| matches!(p, DataFinding::NotFinite { signal: Signal::Position, samples: 50, .. }),
             Severity::Warning,
         ),
         (
             "a cell with the wrong sign",
             |t| t.force_cell.iter_mut().for_each(|f| *f = -*f),
-            |p| matches!(p, DataProblem::SwappedSign { signal: Signal::ForceCell, .. }),
+            |p| matches!(p, DataFinding::SwappedSign { signal: Signal::ForceCell, .. }),
             Severity::Fatal,
         ),
         (
             "a command with the wrong sign",
             |t| t.force.iter_mut().for_each(|f| *f = -*f),
-            |p| matches!(p, DataProblem::SwappedSign { signal: Signal::Force, .. }),
+            |p| matches!(p, DataFinding::SwappedSign { signal: Signal::Force, .. }),
             Severity::Fatal,
         ),
         (
             "a position with the wrong sign",
             |t| t.position.iter_mut().for_each(|x| *x = -*x),
-            |p| matches!(p, DataProblem::SwappedSign { signal: Signal::Position, .. }),
+            |p| matches!(p, DataFinding::SwappedSign { signal: Signal::Position, .. }),
             Severity::Fatal,
         ),
         (
             "a cell in kN",
             |t| t.force_cell.iter_mut().for_each(|f| *f *= 1e-3),
             |p| match p {
-                DataProblem::WrongUnit { signal: Signal::ForceCell, unit, .. } => unit == "kN",
+                DataFinding::WrongUnit { signal: Signal::ForceCell, unit, .. } => *unit == "kN",
                 _ => false,
             },
             Severity::Fatal,
@@ -533,7 +534,7 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
             "a command in mN",
             |t| t.force.iter_mut().for_each(|f| *f *= 1e3),
             |p| match p {
-                DataProblem::WrongUnit { signal: Signal::Force, unit, .. } => unit == "mN",
+                DataFinding::WrongUnit { signal: Signal::Force, unit, .. } => *unit == "mN",
                 _ => false,
             },
             Severity::Fatal,
@@ -542,7 +543,7 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
             "a position in mm",
             |t| t.position.iter_mut().for_each(|x| *x *= 1e3),
             |p| match p {
-                DataProblem::WrongUnit { signal: Signal::Position, unit, .. } => unit == "mm",
+                DataFinding::WrongUnit { signal: Signal::Position, unit, .. } => *unit == "mm",
                 _ => false,
             },
             Severity::Fatal,
@@ -550,13 +551,13 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
         (
             "a reference in mm",
             |t| t.reference_position.iter_mut().for_each(|x| *x *= 1e3),
-            |p| matches!(p, DataProblem::Disagree { second: Signal::ReferencePosition, .. }),
+            |p| matches!(p, DataFinding::Disagree { second: Signal::ReferencePosition, .. }),
             Severity::Fatal,
         ),
         (
             "a time in ms",
             |t| t.time.iter_mut().for_each(|t| *t *= 1e3),
-            |p| matches!(p, DataProblem::OddRate { .. }),
+            |p| matches!(p, DataFinding::OddRate { .. }),
             Severity::Warning,
         ),
         (
@@ -567,7 +568,7 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
                 }
             },
             |p| match p {
-                DataProblem::OtherMachine { measured, .. } => (measured - 120.0).abs() < 2.0,
+                DataFinding::OtherMachine { measured, .. } => (measured - 120.0).abs() < 2.0,
                 _ => false,
             },
             Severity::Fatal,
@@ -582,7 +583,7 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
                 }
             },
             |p| match p {
-                DataProblem::OtherFriction { measured, .. } => (measured - 204.0).abs() < 10.0,
+                DataFinding::OtherFriction { measured, .. } => (measured - 204.0).abs() < 10.0,
                 _ => false,
             },
             Severity::Warning,
@@ -593,7 +594,7 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
                 let mut noise = Noise(3);
                 t.force_cell.iter_mut().for_each(|f| *f += 0.3 * noise.normal());
             },
-            |p| matches!(p, DataProblem::Noise { signal: Signal::ForceCell, .. }),
+            |p| matches!(p, DataFinding::Noise { signal: Signal::ForceCell, .. }),
             Severity::Warning,
         ),
         (
@@ -604,7 +605,7 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
                     t.position[k] = 0.1 * if phase < 1.0 { phase } else { 2.0 - phase };
                 }
             },
-            |p| matches!(p, DataProblem::OneSpeed { speed, .. } if (speed - 0.1).abs() < 1e-3),
+            |p| matches!(p, DataFinding::OneSpeed { speed, .. } if (speed - 0.1).abs() < 1e-3),
             Severity::Warning,
         ),
         (
@@ -615,7 +616,7 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
                     .enumerate()
                     .for_each(|(k, x)| *x = 1e-4 * (k as f64 / RATE).powi(2))
             },
-            |p| matches!(p, DataProblem::OneDirection),
+            |p| matches!(p, DataFinding::OneDirection),
             Severity::Warning,
         ),
     ];
@@ -625,12 +626,12 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
         let found = problems(&trace);
         let problem = found.iter().find(|p| expected(p));
         let problem = problem.unwrap_or_else(|| panic!("{name} is not told: {found:#?}"));
-        assert_eq!(problem.severity(), *severity, "{name}: {problem}");
-        assert!(problem.to_string().len() > 20, "{name}: {problem}");
+        assert_eq!(problem.severity(), *severity, "{name}: {problem:?}");
+        assert!(problem.words().len() > 20, "{name}: {problem:?}");
         // a swapped or wrong signal is not blamed on another one
         if *severity == Severity::Fatal {
-            let blamed = |p: &&DataProblem| {
-                matches!(p, DataProblem::SwappedSign { .. } | DataProblem::WrongUnit { .. })
+            let blamed = |p: &&DataFinding| {
+                matches!(p, DataFinding::SwappedSign { .. } | DataFinding::WrongUnit { .. })
                     && !expected(p)
             };
             assert_eq!(found.iter().find(blamed), None, "{name}");
@@ -653,7 +654,7 @@ fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
                 );
             }
             let found = examine(&recording, Some(&declared()));
-            assert_eq!(found.problems, [], "{run} {part}");
+            assert_eq!(found.findings, [], "{run} {part}");
             let noise = [found.encoder_noise.unwrap(), found.force_cell_noise.unwrap()];
             for noise in noise {
                 assert!(
@@ -680,7 +681,7 @@ fn emps_is_read_through_a_mapping() {
         assert_eq!((recording.trace.len(), recording.rate), (24_841, 1000.0));
         assert!(recording.valid.iter().all(|valid| *valid));
         let found = examine(&recording, None);
-        assert_eq!(found.problems, [DataProblem::NoForceCell]);
+        assert_eq!(found.findings, [DataFinding::NoForceCell]);
         // Janot, Gautier, Brunot 2019: 95.1 kg, 20.4 N, 203.5 N s/m; the check record has unknown
         // pulses added
         let fit = found.command_fit.unwrap();

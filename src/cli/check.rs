@@ -5,13 +5,13 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
 
 use super::Outcome;
-use crate::node::stage_settings;
-use friction_stage_data::bag::BagReader;
-use friction_stage_data::quality::{self, CheckReport, Excitation};
-use friction_stage_data::signals::{self, DataQuality, Mapping};
+use friction_stage_core::model::StageModel;
+use friction_stage_data::quality::RecordingCheck;
+use friction_stage_data::signals::Mapping;
+use friction_stage_report::recording::recording_json;
+use friction_stage_report::words::recording_text;
 
 /// Show what a recording holds, whether anything is wrong with it, and what can be identified from
 /// it.
@@ -49,60 +49,15 @@ pub struct CheckArgs {
     pub json: bool,
 }
 
-/// Everything that is told, as JSON.
-#[derive(Debug, Serialize)]
-struct FullReport {
-    /// The messages, of a bag.
-    #[serde(flatten)]
-    messages: Option<CheckReport>,
-    /// The signals on one grid.
-    data: Option<DataQuality>,
-    /// What they can identify.
-    identification: Option<Excitation>,
-    /// Why there are none.
-    no_data: Option<String>,
-}
-
 /// Runs the command; the report goes to `out`.
 pub fn run(args: &CheckArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
-    let mut model = args.model.as_deref().map(stage_settings::model).transpose()?;
-    let asked = args.mapping.is_some() || args.model.is_some();
-    let mut messages =
-        if signals::is_csv(&args.bag) { None } else { Some(quality::check(&args.bag)?) };
-    if let (None, Some(messages)) = (&model, &mut messages) {
-        model = BagReader::open(&args.bag)?.model().unwrap_or_else(|error| {
-            messages.warnings.push(format!("its model cannot be used: {error}"));
-            None
-        });
-    }
-    let (data, no_data) = match signals::load(&args.bag, mapping.as_ref()) {
-        Ok(recording) => (Some(recording), None),
-        // asked for the messages only, a bag need not be one of a stage
-        Err(error) if messages.is_some() && !asked => (None, Some(error.to_string())),
-        Err(error) => return Err(error.into()),
-    };
-    let identification = data.as_ref().map(|recording| quality::examine(recording, model.as_ref()));
-    let report = FullReport {
-        messages,
-        data: data.map(|recording| recording.quality),
-        identification,
-        no_data,
-    };
+    let model = args.model.as_deref().map(StageModel::named).transpose()?;
+    let check = RecordingCheck::new(&args.bag, mapping.as_ref(), model)?;
     if args.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
+        writeln!(out, "{}", serde_json::to_string_pretty(&recording_json(&check)?)?)?;
     } else {
-        if let Some(messages) = &report.messages {
-            write!(out, "{messages}")?;
-        }
-        if let (Some(data), Some(identification)) = (&report.data, &report.identification) {
-            write!(out, "{data}{identification}")?;
-        }
-        if let Some(reason) = &report.no_data {
-            writeln!(out, "nothing can be identified from it: {reason}")?;
-        }
+        write!(out, "{}", recording_text(&check))?;
     }
-    let warnings = report.messages.is_some_and(|messages| !messages.warnings.is_empty());
-    let problems = report.identification.is_some_and(|found| found.severity().is_some());
-    Ok(if warnings || (asked && problems) { Outcome::Warnings } else { Outcome::Done })
+    Ok(Outcome::warned(check.has_warnings()))
 }

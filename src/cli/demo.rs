@@ -10,14 +10,13 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::Outcome;
-use crate::node::LOCKSTEP_EPOCH;
-use crate::node::cpu;
+use crate::cpu;
+use crate::directory;
 use crate::node::driver::{Driver, LockstepRun};
-use crate::node::recorder::dated_directory;
-use friction_stage_data::bag::{BagReader, topics};
+use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, topics};
 use friction_stage_data::message::ControllerState;
 use friction_stage_lab::{Conditioning, Move, MoveKind, MoveResult, PaperMotion, settling};
-use friction_stage_report::figure::{Curve, Panel, svg};
+use friction_stage_report::paper_motion::{PositionErrorSeries, position_error_figure};
 
 /// Run the stage of the paper on its three guides, over ROS 2.
 ///
@@ -94,9 +93,6 @@ struct MoveRow {
     settling_ms: [Option<f64>; 3],
 }
 
-/// Times (ns after the start of the motion) and errors (m) of one run.
-type Errors = Vec<(i64, f64)>;
-
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
@@ -107,7 +103,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     for guide in &args.guides {
         friction_stage_core::model::StageModel::on_guides(guide).check()?;
     }
-    let directory = args.out.clone().unwrap_or_else(|| dated_directory(Path::new(""), "demo"));
+    let directory = args.out.clone().unwrap_or_else(|| directory::dated(Path::new(""), "demo"));
     anyhow::ensure!(
         !args.guides.iter().any(|guide| directory.join(guide).exists()),
         "{} holds a demo already: choose another --out",
@@ -194,7 +190,7 @@ fn parameters(given: &[String]) -> Vec<String> {
 }
 
 /// Position errors in a bag, as the controller saw them.
-fn read_errors(bag: &Path) -> anyhow::Result<Errors> {
+fn read_errors(bag: &Path) -> anyhow::Result<PositionErrorSeries> {
     let reader = BagReader::open(bag)?;
     let mut errors = Vec::new();
     for message in reader.messages() {
@@ -223,7 +219,7 @@ fn shown(motion: &PaperMotion) -> impl Iterator<Item = (&'static str, &Move)> {
     })
 }
 
-fn rows(motion: &PaperMotion, errors: &Errors) -> anyhow::Result<Vec<MoveRow>> {
+fn rows(motion: &PaperMotion, errors: &PositionErrorSeries) -> anyhow::Result<Vec<MoveRow>> {
     shown(motion)
         .map(|(name, the_move)| {
             let MoveResult { peak_error, settling } = settling(the_move, errors.iter().copied())
@@ -234,53 +230,13 @@ fn rows(motion: &PaperMotion, errors: &Errors) -> anyhow::Result<Vec<MoveRow>> {
         .collect()
 }
 
-/// Error over time after the start of the move, with the reference dashed, for the fast move and
-/// for the first fine step.
 fn write_figure(
     path: &Path,
     title: &str,
     motion: &PaperMotion,
-    runs: &[(String, Errors)],
+    runs: &[(String, PositionErrorSeries)],
 ) -> anyhow::Result<()> {
-    let panels: Vec<Panel> = [
-        (
-            MoveKind::FastForward,
-            "Fast move: 50 mm in 100 ms (dashed: reference, scaled)",
-            300_000_000,
-        ),
-        (MoveKind::FineStep, "Fine step: 10 um in 3 ms (dashed: reference, scaled)", 200_000_000),
-    ]
-    .into_iter()
-    .filter_map(|(kind, title, window)| {
-        let the_move = motion.moves.iter().find(|the_move| the_move.kind == kind)?;
-        let span = (the_move.start - window / 20)..=(the_move.start + window);
-        let ms = |time: i64| (time - the_move.start) as f64 * 1e-6;
-        let curve = |(name, errors): &(String, Errors)| Curve {
-            name: name.clone(),
-            points: errors
-                .iter()
-                .filter(|(time, _)| span.contains(time))
-                .map(|(time, error)| (ms(*time), error * 1e6))
-                .collect(),
-        };
-        let duration = (the_move.arrival - the_move.start) as f64;
-        let reference = span.clone().step_by(100_000).map(|time| {
-            let u = ((time - the_move.start) as f64 / duration).clamp(0.0, 1.0);
-            (ms(time), u * u * u * (10.0 - 15.0 * u + 6.0 * u * u))
-        });
-        Some(Panel {
-            title: title.to_owned(),
-            x_label: "time after the start of the move, ms".to_owned(),
-            y_label: "position error, um".to_owned(),
-            curves: runs.iter().map(curve).collect(),
-            reference: Some(Curve {
-                name: "reference, scaled".to_owned(),
-                points: reference.collect(),
-            }),
-        })
-    })
-    .collect();
-    let text = svg(title, &panels)?;
+    let text = position_error_figure(title, motion, runs)?;
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 

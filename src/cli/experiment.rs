@@ -1,8 +1,6 @@
 //! `friction-stage experiment`: the laboratory of the paper, one experiment or all of them.
 
 mod bags;
-mod sections;
-mod summary;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -14,13 +12,15 @@ use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
 use self::bags::write_bag;
-use self::sections::Report;
-use self::summary::{Results, Summary};
 use super::{Outcome, WrongArguments};
-use crate::node::recorder::dated_directory;
+use crate::directory;
 use friction_stage_core::model::{Catalogue, StageModel};
 use friction_stage_core::plant::Rates;
-use friction_stage_lab::{self as lab, LabError, PaperResults, Recording, Settings, Specimen};
+use friction_stage_lab::{self as lab, LabError, PaperResults, LabRecording, Settings, Specimen};
+use friction_stage_report::experiment::{
+    ExperimentResults, ExperimentSummary, SpecimenHunting, SpecimenRig, StiffnessFit,
+    experiment_page,
+};
 
 /// Run an experiment of the paper on the measuring rig or on the 40 kg stage, in this process.
 ///
@@ -174,7 +174,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     let directory = args
         .out
         .clone()
-        .unwrap_or_else(|| dated_directory(Path::new(""), &format!("experiment_{name}")));
+        .unwrap_or_else(|| directory::dated(Path::new(""), &format!("experiment_{name}")));
     anyhow::ensure!(
         !directory.join("summary.json").exists(),
         "{} holds an experiment already: choose another --out",
@@ -191,7 +191,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     );
     bar.enable_steady_tick(Duration::from_millis(200));
     bar.set_message(name.clone());
-    let keep = |of: &Specimen, recordings: &[Recording]| -> anyhow::Result<()> {
+    let keep = |of: &Specimen, recordings: &[LabRecording]| -> anyhow::Result<()> {
         if args.no_bags {
             return Ok(());
         }
@@ -201,12 +201,12 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
             write_bag(&directory, recording, &name)
         })
     };
-    let results: Vec<Results> = specimens
+    let results: Vec<ExperimentResults> = specimens
         .par_iter()
         .map(|of| measure(args, of, &settings, &|recordings| keep(of, recordings), &|| bar.inc(1)))
         .collect::<anyhow::Result<_>>()?;
     bar.finish_and_clear();
-    let results = Results::merged(results);
+    let results = ExperimentResults::merged(results);
 
     let mut warnings: Vec<String> = specimens.iter().flat_map(|of| of.warnings.clone()).collect();
     for of in &specimens {
@@ -226,7 +226,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         }
     }
     let fit = paper_fit(&results, &specimens)?;
-    let summary = Summary {
+    let summary = ExperimentSummary {
         schema_version: 1,
         experiment: &name,
         version: env!("CARGO_PKG_VERSION"),
@@ -237,15 +237,21 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         results: &results,
         warnings: &warnings,
     };
-    let mut report = Report::new(&directory, &summary);
-    report.write(&specimens)?;
+    let (page, figures) = experiment_page(&summary, &specimens)?;
+    let write = |name: &str, text: &str| {
+        let path = directory.join(name);
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    };
+    for figure in &figures {
+        write(&format!("{}.svg", figure.name), &figure.svg)?;
+    }
+    write("report.html", &page)?;
     let json = serde_json::to_string_pretty(&summary)?;
-    let path = directory.join("summary.json");
-    std::fs::write(&path, &json).with_context(|| format!("cannot write {}", path.display()))?;
+    write("summary.json", &json)?;
     if args.json {
         writeln!(out, "{json}")?;
     } else {
-        summary.print(out)?;
+        write!(out, "{}", summary.text())?;
         writeln!(out, "\nreport {}", directory.join("report.html").display())?;
     }
     // A guide that is not passive is a property of the catalogue's own guides: told, but not what
@@ -304,11 +310,11 @@ fn measure(
     args: &ExperimentArgs,
     of: &Specimen,
     settings: &Settings,
-    keep: &(dyn Fn(&[Recording]) -> anyhow::Result<()> + Sync),
+    keep: &(dyn Fn(&[LabRecording]) -> anyhow::Result<()> + Sync),
     tick: &(dyn Fn() + Sync),
-) -> anyhow::Result<Results> {
+) -> anyhow::Result<ExperimentResults> {
     let asked = |part| args.experiment.includes(part);
-    let mut results = Results::default();
+    let mut results = ExperimentResults::default();
     if asked(Experiment::Stribeck) {
         let (found, recording) = lab::stribeck(of, settings, &lab::SPEEDS, tick)?;
         keep(&[recording])?;
@@ -345,14 +351,14 @@ fn measure(
         let (found, recordings) =
             lab::hunting(of, settings, &lab::BANDWIDTHS, &lab::INTEGRALS, tick)?;
         keep(&recordings)?;
-        results.hunting.push(summary::Hunting { name: of.name.clone(), results: found });
+        results.hunting.push(SpecimenHunting { name: of.name.clone(), results: found });
     }
     if asked(Experiment::Rig) {
         match of.is_plain() {
             true => {
                 let (found, recording) = lab::rig(of, settings, tick)?;
                 keep(&[recording])?;
-                results.rig.push(summary::Rig { name: of.name.clone(), biases: found });
+                results.rig.push(SpecimenRig { name: of.name.clone(), biases: found });
             }
             // Biases are against closed forms, and those are of a single bristle.
             false if args.experiment == Experiment::Rig => {
@@ -371,7 +377,7 @@ fn measure(
 }
 
 /// What the table of statements needs, if it is there.
-fn paper_results(results: &Results) -> Option<PaperResults<'_>> {
+fn paper_results(results: &ExperimentResults) -> Option<PaperResults<'_>> {
     fn three<'a, T>(all: impl Fn(&str) -> Option<&'a T>) -> Option<[&'a T; 3]> {
         Some([all("guide 1")?, all("guide 2")?, all("guide 3")?])
     }
@@ -394,9 +400,9 @@ fn paper_results(results: &Results) -> Option<PaperResults<'_>> {
 
 /// Guide 1's three stated stiffnesses against one bristle and three, where both were measured.
 fn paper_fit(
-    results: &Results,
+    results: &ExperimentResults,
     specimens: &[Specimen],
-) -> anyhow::Result<Option<summary::StiffnessFit>> {
+) -> anyhow::Result<Option<StiffnessFit>> {
     let find = |name: &str| results.dahl.iter().find(|found| found.name == name);
     let (Some(single), Some(distributed)) = (find("guide 1"), find("guide 1 distributed")) else {
         return Ok(None);
@@ -404,7 +410,7 @@ fn paper_fit(
     let Some(of) = specimens.iter().find(|of| of.name == "guide 1") else { return Ok(None) };
     let static_force = of.guide()?.static_force;
     let best_single = lab::best_single(&lab::STATED_STIFFNESS, static_force);
-    Ok(Some(summary::StiffnessFit {
+    Ok(Some(StiffnessFit {
         best_single_stiffness: best_single,
         distributed: lab::fit_stated(static_force)?,
         errors: lab::stiffness_errors(single, distributed, best_single, static_force),

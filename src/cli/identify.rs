@@ -1,9 +1,6 @@
 //! `friction-stage identify`: what does a recording show that a declared model lacks?
 
-mod figures;
-mod input;
 mod next;
-mod page;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -15,20 +12,18 @@ use anyhow::Context as _;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use self::figures::LoopErrors;
-use self::input::{Input, Record};
-use super::Outcome;
-use crate::node::stage_settings;
-use friction_stage_core::model::{Curve, CurveSide, Jump, StageModel};
+use super::{Outcome, WrongArguments};
+use friction_stage_core::model::StageModel;
 use friction_stage_data::bag::topics;
 use friction_stage_data::signals::Mapping;
-use friction_stage_identify::Outcome::TooSmall;
 use friction_stage_identify::{
-    CARRIAGE_GAIN, Change, Inseparable, LinearController, MORE_THAN_DECLARED, MOST_LAWS,
-    NOISE_LIKE, NextExperiment, PositionErrors, RippleElsewhere, Selection, Summary, Tolerances,
-    Verdict, Watch, closed_loop, in_digits, next_experiment, parameter_warnings, readable,
-    ripple_elsewhere, search, taking_part,
+    Identification, Records, RecordsError, Tolerances, Watch, next_experiment,
 };
+use friction_stage_report::identification::{
+    identification_figures, identification_page, identification_summary, identification_text,
+    next_experiment_lines,
+};
+use friction_stage_report::words::records_error;
 
 /// Find what a declared model lacks: refit it to a recording, trace the residual to an effect, add
 /// it, and show the error before and after on held-out data.
@@ -157,7 +152,7 @@ impl Watch for Progress {
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
-    let declared = stage_settings::model(&args.model)?;
+    let declared = StageModel::named(&args.model)?;
     may_write(&args.out)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
@@ -174,9 +169,13 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     bar.set_message("reading");
     tell_of_stop(&bar, &stop);
 
-    let input = Input::load(&args.train, &args.holdout, mapping.as_ref(), &declared)?;
-    let limits =
-        args.next_experiment.as_ref().map(|_| args.limits.limits(&declared, &input)).transpose()?;
+    let records =
+        Records::load(&args.train, &args.holdout, mapping.as_ref(), &declared).map_err(refused)?;
+    let limits = args
+        .next_experiment
+        .as_ref()
+        .map(|_| args.limits.limits(&declared, &records.train))
+        .transpose()?;
     let tolerances = Tolerances {
         mass: args.mass_tolerance,
         guides: args.guide_tolerance,
@@ -197,77 +196,32 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         );
     }
     let watch = Progress { bar: bar.clone(), stop, told: Mutex::default() };
-    let selection =
-        search(&declared, tolerances, &input.train.measured, &input.holdout.measured, &watch)?;
-    bar.set_message("closed loop");
-    let mut warnings = input.warnings.clone();
-    let model = selection.after.fitted.hypothesis.model();
-    let there = selection.after.fitted.hypothesis.in_record(&input.holdout.measured)?;
-    let differs = selection.after.fitted.hypothesis.own_of(&there);
-    if differs.iter().any(|part| part.descriptor.name == "external_vibration") {
-        warnings.push(
-            "external_vibration counts its phase from the start of a record: the errors on the \
-             hold-out are those with the phase that fits the hold-out best, and the model has that \
-             of the train record"
-                .to_owned(),
-        );
-    }
-    for at in differs.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
-        warnings.push(format!(
-            "the map jumps at another instant of the hold-out, {}: the errors on the hold-out are \
-             those with this one, and the model has that of the train record",
-            instant_in_words(at, input.holdout.measured.time.last().copied().unwrap_or(0.0))
-        ));
-    }
-    if selection.after.fitted.hypothesis.effects.iter().any(|part| part.slips()) {
-        warnings.push(
-            "ball_passage slips: its amplitude and phase are each record's own, the errors of \
-             either record are those with the ones that fit it best, the closed loop is simulated \
-             without it, and a stage that loads the model shows one example of such phases; its \
-             slip is the one of a few that does best. A ripple of the carriage on a machine that \
-             was homed anew between the records looks the same"
-                .to_owned(),
-        );
-    }
-    let loops = simulate(&selection, &input, &there.model(), &mut warnings);
-    warnings.extend(remarks(&selection, input.train.measured.rate));
-    warnings.extend(moved_ripples(&selection, &input)?);
-    let position = PositionErrors {
-        train: loops.as_ref().map_or_else(Change::default, |loops| loops.train.change()),
-        holdout: loops.as_ref().map_or_else(Change::default, |loops| loops.holdout.change()),
-    };
-    let (train, holdout) = (&input.train.measured, &input.holdout.measured);
-    let mut summary = Summary::new(&selection, train, holdout, position, MODEL_FILE, warnings);
-    summary.warnings.extend(summary.worse());
-    let mut motion = None;
-    if let (Some(limits), Some(file)) = (limits, motion_file) {
+    let mut found = Identification::new(&declared, tolerances, &records, &watch)?;
+    if let Some(limits) = limits {
         bar.set_message("next experiment");
-        match next_experiment::plan(&selection, &declared, train, limits) {
-            Ok(plan) => {
-                summary.warnings.extend(next::warnings(&plan.next));
-                summary.next_experiment =
-                    Some(NextExperiment { file: file.display().to_string(), ..plan.next });
-                motion = Some((file, plan.points));
-            }
-            // The search took its time: its results are not thrown away for this.
-            Err(error) => summary.warnings.push(format!("no next experiment: {error}")),
+        found.plan_next(&records, limits);
+        if let (Some(plan), Some(file)) = (&mut found.next, &motion_file) {
+            plan.next.file = file.display().to_string();
         }
     }
 
     bar.set_message("report");
-    let figures = figures::draw(&selection, &input, loops.as_ref())?;
-    let html = page::page(&args.model, &declared, &model, &selection, &summary, &input, &figures)?;
-    if motion.is_none() {
+    let summary = identification_summary(&found, &records, MODEL_FILE);
+    let figures = identification_figures(&found, &records)?;
+    let html = identification_page(&args.model, &found, &records, &summary, &figures)?;
+    if found.next.is_none() {
         // That of an earlier identification is not this one's.
         let _ = std::fs::remove_file(args.out.join(next::FILE));
     }
-    write(&args.out.join(MODEL_FILE), &model.to_yaml()?)?;
+    write(&args.out.join(MODEL_FILE), &found.model.to_yaml()?)?;
     for figure in &figures {
         write(&args.out.join("figures").join(format!("{}.svg", figure.name)), &figure.svg)?;
     }
-    write(&args.out.join("report.html"), &html)?;
-    if let (Some((file, points)), Some(next)) = (&motion, &summary.next_experiment) {
-        write(file, &next_experiment::trajectory_yaml(points, topics::JOINT, &next::lines(next)))?;
+    let page = args.out.join("report.html");
+    write(&page, &html)?;
+    if let (Some(file), Some(plan)) = (&motion_file, &found.next) {
+        let comments = next_experiment_lines(&plan.next);
+        write(file, &next_experiment::trajectory_yaml(&plan.points, topics::JOINT, &comments))?;
     }
     let json = serde_json::to_string_pretty(&summary)? + "\n";
     write(&args.out.join("summary.json"), &json)?;
@@ -276,9 +230,19 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     if args.json {
         write!(out, "{json}")?;
     } else {
-        tell(&summary, &args.out, out)?;
+        write!(out, "{}", identification_text(&summary, &page))?;
     }
-    Ok(if summary.warnings.is_empty() { Outcome::Done } else { Outcome::Warnings })
+    Ok(Outcome::warned(!summary.warnings.is_empty()))
+}
+
+/// Recordings that stand where they must not are wrong arguments.
+fn refused(error: RecordsError) -> anyhow::Error {
+    let text = records_error(&error);
+    match error {
+        RecordsError::Twice { .. } | RecordsError::BothSides { .. } => WrongArguments(text).into(),
+        RecordsError::Unusable { .. } => anyhow::Error::msg(text),
+        other => other.into(),
+    }
 }
 
 /// Says at once that Ctrl-C was seen: the running step may take a while.
@@ -332,338 +296,4 @@ fn may_write(directory: &Path) -> anyhow::Result<()> {
 
 fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
-}
-
-/// Closed-loop position errors before and after, on both records; without them a warning says why.
-fn simulate(
-    selection: &Selection,
-    input: &Input,
-    on_holdout: &StageModel,
-    warnings: &mut Vec<String>,
-) -> Option<LoopErrors> {
-    let run = || -> Result<LoopErrors, friction_stage_identify::ClosedLoopError> {
-        let all: Vec<_> = input.train.traces().chain(input.holdout.traces()).collect();
-        // Slow moves do not show all of a controller: another train record may.
-        let mut found = input.train.traces().map(|trace| closed_loop::controller_of(trace, &all));
-        let first =
-            found.next().unwrap_or(Err(friction_stage_identify::ClosedLoopError::NoSetpoint));
-        let controller = first.or_else(|error| found.find_map(Result::ok).ok_or(error))?;
-        let (before, after) =
-            (selection.before.hypothesis.model(), selection.after.fitted.hypothesis.model());
-        let errors = |record: &Record, after: &StageModel, controller: &LinearController| {
-            let each = |model: &StageModel| {
-                record
-                    .traces()
-                    .map(|trace| closed_loop::position_error(model, trace, controller))
-                    .collect::<Result<Vec<_>, _>>()
-                    .map(|errors| errors.concat())
-            };
-            Ok::<_, friction_stage_identify::ClosedLoopError>(figures::LoopError {
-                before: each(&before)?,
-                after: each(after)?,
-            })
-        };
-        Ok(LoopErrors {
-            train: errors(&input.train, &after, &controller)?,
-            holdout: errors(&input.holdout, on_holdout, &controller)?,
-        })
-    };
-    match run() {
-        Ok(loops) => Some(loops),
-        Err(error) => {
-            warnings.push(format!(
-                "no position error, because the closed loop cannot be simulated: {error}"
-            ));
-            None
-        }
-    }
-}
-
-/// Ratio up to which the periods of ball passages are those of guides of one type. Assumed.
-const ONE_TYPE: f64 = 1.2;
-
-/// An instant of a record of this length, s, or beside it.
-pub(super) fn instant_in_words(at: f64, length: f64) -> String {
-    match at {
-        _ if at < 0.0 => "before its start".to_owned(),
-        _ if at > length => "behind its end".to_owned(),
-        _ => format!("at {at:.3} s"),
-    }
-}
-
-/// What happens where a curve over the time jumps.
-fn jump_in_words(curve: &Curve) -> Option<String> {
-    let Jump { at, height } = curve.jump?;
-    let goes = if height > 0.0 { "rises" } else { "falls" };
-    let before =
-        curve.corners().into_iter().find(|(place, _)| *place >= at).map_or(0.0, |(_, value)| value);
-    let size = readable((1e3 * height.abs()).round() / 1e3);
-    let part = 100.0 * height.abs() / (1.0 + before);
-    let by = match curve.side {
-        CurveSide::Carriage => format!("the force on the carriage {goes} by {size} N"),
-        CurveSide::Motor => format!("the force of the motor {goes} by {size} N"),
-        CurveSide::Friction => format!("the Coulomb friction {goes} by {part:.1} %"),
-        CurveSide::Viscous => format!("the viscous friction {goes} by {part:.1} %"),
-        CurveSide::Mass => format!("the moving mass {goes} by {size} kg"),
-    };
-    Some(format!("at {at:.3} s {by}"))
-}
-
-/// What a user should know about the model and the search.
-fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
-    let mut remarks = Vec::new();
-    let left = selection.errors_after.holdout().sqrt();
-    if selection.stopped {
-        remarks.push(
-            "the search was stopped before its end: not every candidate was tried, and the verdict \
-             is that of what was tried"
-                .to_owned(),
-        );
-    }
-    for Inseparable { effect, rival, correlation } in &selection.inseparable {
-        let telltale = |name: &str| {
-            friction_stage_core::plant::EffectDescriptor::find(name)
-                .map_or("", |found| found.telltale)
-        };
-        remarks.push(format!(
-            "{effect} and {rival} explain these data equally, what they take out is correlated by \
-             {correlation:.4}: all values, the mass among them, hold if it is {effect}; \
-             --next-experiment writes a motion that would separate them where there is one. What \
-             gives {effect} away: {}; {rival}: {}",
-            telltale(effect),
-            telltale(rival)
-        ));
-    }
-    let added =
-        &selection.after.fitted.hypothesis.effects[selection.before.hypothesis.effects.len()..];
-    let passages: Vec<f64> = added
-        .iter()
-        .filter(|part| part.descriptor.name == "ball_passage")
-        .map(|part| part.values[1])
-        .collect();
-    let (shortest, longest) = friction_stage_core::numerics::range(&passages);
-    if passages.len() > 1 && longest < ONE_TYPE * shortest {
-        remarks.push(format!(
-            "{} ball_passage of nearly one period stand for guides that differ in theirs: together \
-             they are the ripple, and the values of one are not those of a guide",
-            passages.len()
-        ));
-    }
-    for (name, periods) in &selection.unproven {
-        remarks.push(format!(
-            "{name} goes through {periods:.1} periods within the travel: that it repeats is not \
-             shown, a few such ripples add up to any curve over position. A longer travel would \
-             tell"
-        ));
-    }
-    if selection.verdict == Verdict::Unknown
-        && let Some(coordinate) = selection.coordinate
-    {
-        remarks.push(format!(
-            "no law of the list explains what is left over {}: an empirical map stands for it, \
-             which holds only where the data have been",
-            coordinate.name()
-        ));
-        let curves = added.iter().filter_map(|part| part.parameters().curve);
-        remarks.extend(
-            curves
-                .filter_map(|curve| jump_in_words(&curve))
-                .map(|words| format!("the map jumps: {words}")),
-        );
-    }
-    let (floor, declared_floor) = (selection.floor.total(), selection.declared_floor.total());
-    if floor > MORE_THAN_DECLARED * declared_floor {
-        remarks.push(format!(
-            "the sensors' noise in the hold-out leaves {floor:.4} N where the declared one leaves \
-             {declared_floor:.4} N: everything is judged against the former"
-        ));
-    }
-    if selection.verdict == Verdict::Unknown && selection.coordinate.is_none() && !selection.stopped
-    {
-        remarks.push(format!(
-            "what is left, {left:.4} N, is {}, and neither a law of the list nor a map takes it \
-             out of the hold-out: an effect whose phase or state differs between the records would \
-             look like this, or one over the force, as a dead zone or a curved characteristic of \
-             motor or cell",
-            times_noise(selection)
-        ));
-    }
-    if matches!(selection.verdict, Verdict::Found | Verdict::NotSeparable)
-        && left > NOISE_LIKE * selection.floor.total()
-    {
-        remarks.push(match selection.wander_of_zero {
-            Some(wander) => format!(
-                "the zero of the force cell wanders by {wander:.4} N rms in the hold-out beyond \
-                 the law that was found for it, and nothing else is left: the train record cannot \
-                 tell how, take the zero before each record"
-            ),
-            None => format!(
-                "what is left, {left:.4} N, is {}: the laws that were found hold roughly, and \
-                 their values no better than they do",
-                times_noise(selection)
-            ),
-        });
-    }
-    if selection.added_laws() >= MOST_LAWS && left > NOISE_LIKE * selection.floor.total() {
-        remarks.push(format!(
-            "no more than {MOST_LAWS} laws are added: there may be further ones; \
-                              declare those that are right in --model, and identify again"
-        ));
-    }
-    remarks.extend(parameter_warnings(&selection.after, rate));
-    remarks
-}
-
-/// What is left on the hold-out against the noise of the sensors.
-fn times_noise(selection: &Selection) -> String {
-    match selection.floor.total() {
-        floor if floor > 0.0 => {
-            format!(
-                "{:.1} times what the noise of the sensors leaves",
-                selection.errors_after.holdout().sqrt() / floor
-            )
-        }
-        _ => "more than sensors without any noise leave".to_owned(),
-    }
-}
-
-/// Part by which the periods of one ripple may differ. Assumed.
-const SAME_PERIOD: f64 = 1e-3;
-
-/// Ripples of the train record that the hold-out has too, but with another phase: as found they
-/// would make it worse.
-fn moved_ripples(selection: &Selection, input: &Input) -> anyhow::Result<Vec<String>> {
-    let Some(last) = selection.evidence.iter().map(|one| one.round).max() else {
-        return Ok(Vec::new());
-    };
-    let least = CARRIAGE_GAIN * selection.floor.carriage.powi(2);
-    // Without a cell a ripple of the motor and one of the carriage are the same one.
-    let one_side = input.holdout.measured.cell.is_none();
-    let mut moved: Vec<(RippleElsewhere, Vec<&str>)> = Vec::new();
-    for one in selection.evidence.iter().filter(|one| one.round == last && one.outcome == TooSmall)
-    {
-        let found = ripple_elsewhere(
-            &one.part,
-            &selection.after.fitted.hypothesis,
-            &input.holdout.measured,
-        )?;
-        let Some(ripple) = found.filter(|ripple| one.train_gain > least && ripple.has_moved(least))
-        else {
-            continue;
-        };
-        let alike = |other: &RippleElsewhere| {
-            one_side && (other.period - ripple.period).abs() < SAME_PERIOD * ripple.period
-        };
-        match moved.iter_mut().find(|(other, _)| alike(other)) {
-            Some((_, names)) => names.push(one.name),
-            None => moved.push((ripple, vec![one.name])),
-        }
-    }
-    let told = |(ripple, names): &(RippleElsewhere, Vec<&str>)| {
-        format!(
-            "{} with a period of {:.4e} m is on both records, but shifted by {:.2} rad on the \
-             hold-out: with a fixed phase it would make the hold-out worse, so that it is left out",
-            names.join(" or "),
-            ripple.period,
-            ripple.phase_shift
-        )
-    };
-    Ok(moved.iter().map(told).collect())
-}
-
-/// A number with its unit in a size that reads well.
-fn metres(value: Option<f64>) -> String {
-    match value {
-        None => "-".to_owned(),
-        Some(value) if value < 1e-6 => format!("{:.2} nm", value * 1e9),
-        Some(value) if value < 1e-3 => format!("{:.3} um", value * 1e6),
-        Some(value) => format!("{:.3} mm", value * 1e3),
-    }
-}
-
-fn tell(summary: &Summary, directory: &Path, out: &mut dyn Write) -> std::io::Result<()> {
-    writeln!(out, "verdict: {}", summary.verdict)?;
-    for effect in &summary.effects {
-        writeln!(out, "  {} ({} side)", effect.name, effect.side)?;
-        for name in taking_part(effect) {
-            let Some(parameter) = effect.parameters.get(name) else { continue };
-            let digits = |value: f64| in_digits(value, parameter.ci95);
-            let interval = parameter.ci95.map_or_else(String::new, |[low, high]| {
-                format!("  95 %: {} to {}", digits(low), digits(high))
-            });
-            let unit = if parameter.unit == "1" { "" } else { &parameter.unit };
-            writeln!(out, "    {name:18} {} {unit}{interval}", digits(parameter.value))?;
-        }
-    }
-    for (name, errors) in [("train", &summary.errors.train), ("hold-out", &summary.errors.holdout)]
-    {
-        let number = |value: Option<f64>| {
-            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"))
-        };
-        writeln!(
-            out,
-            "{name:9} force residual {} -> {} N ({} -> {} %){}",
-            number(errors.force_rms.before),
-            number(errors.force_rms.after),
-            number(errors.force_relative.before),
-            number(errors.force_relative.after),
-            match errors.position_rms {
-                Change { before: None, after: None } => String::new(),
-                Change { before, after } =>
-                    format!(", position {} -> {}", metres(before), metres(after)),
-            }
-        )?;
-    }
-    writeln!(
-        out,
-        "explained share {:.3} of the held-out residual above the floor of {:.4} N",
-        summary.explained_share, summary.floor.force_rms
-    )?;
-    for (index, line) in summary.next_experiment.iter().flat_map(next::lines).enumerate() {
-        writeln!(out, "{}{line}", if index == 0 { "" } else { "  " })?;
-    }
-    for warning in &summary.warnings {
-        writeln!(out, "warning: {warning}")?;
-    }
-    writeln!(out, "{}", directory.join("report.html").display())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use friction_stage_core::model::Coordinate;
-
-    #[test]
-    fn a_jump_is_told_in_newtons_or_as_a_part_of_the_friction_before_it() {
-        let words = |side, height| {
-            let jump = Some(Jump { at: 3.0, height });
-            let curve = Curve {
-                coordinate: Coordinate::Time,
-                side,
-                from: 0.0,
-                to: 8.0,
-                values: vec![-0.1, -0.1, 0.3],
-                jump,
-            };
-            jump_in_words(&curve)
-        };
-        assert_eq!(
-            words(CurveSide::Friction, -0.18).as_deref(),
-            Some("at 3.000 s the Coulomb friction falls by 20.0 %")
-        );
-        assert_eq!(
-            words(CurveSide::Viscous, 0.45).as_deref(),
-            Some("at 3.000 s the viscous friction rises by 50.0 %")
-        );
-        let instants = [-5e-4, 7.25, 19.1].map(|at| instant_in_words(at, 19.0));
-        assert_eq!(instants, ["before its start", "at 7.250 s", "behind its end"]);
-        assert_eq!(
-            words(CurveSide::Mass, 1.5).as_deref(),
-            Some("at 3.000 s the moving mass rises by 1.5 kg")
-        );
-        assert_eq!(
-            words(CurveSide::Motor, -2.5).as_deref(),
-            Some("at 3.000 s the force of the motor falls by 2.5 N")
-        );
-    }
 }

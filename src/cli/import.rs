@@ -8,6 +8,7 @@ use clap::Args;
 
 use super::Outcome;
 use friction_stage_data::signals::{self, Mapping};
+use friction_stage_report::words::import_text;
 
 /// Make a bag of our own layout from a CSV file.
 ///
@@ -51,32 +52,7 @@ pub fn run(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
-        let topics: Vec<String> =
-            report.messages.iter().map(|(topic, n)| format!("{n} on {topic}")).collect();
-        writeln!(out, "{}: {} rows, {}", args.out.display(), report.rows, topics.join(", "))?;
-        if report.without_time > 0 {
-            writeln!(
-                out,
-                "warning: {} rows without a time, or with one before the first, are left out",
-                report.without_time
-            )?;
-        }
-        if report.not_later > 0 {
-            writeln!(
-                out,
-                "warning: {} rows have a time that is not behind that of the row before: was a \
-                 clock set back, or are the times too coarse?",
-                report.not_later
-            )?;
-        }
-        if report.moved_s > 0.0 {
-            writeln!(
-                out,
-                "the times begin at {} s; a bag knows none before 0, so they are moved to begin \
-                 there",
-                -report.moved_s
-            )?;
-        }
+        write!(out, "{}", import_text(&report, &args.out))?;
     }
-    Ok(if report.without_time + report.not_later == 0 { Outcome::Done } else { Outcome::Warnings })
+    Ok(Outcome::warned(report.without_time + report.not_later > 0))
 }

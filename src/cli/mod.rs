@@ -12,7 +12,6 @@ pub mod recover;
 pub mod replay;
 pub mod select;
 mod selection_output;
-mod variant_rows;
 
 use std::io::Write;
 

@@ -10,13 +10,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
 
 use super::{Outcome, WrongArguments};
+use crate::cpu;
 use crate::node::driver::{Driver, LockstepRun};
-use crate::node::wire::{Setpoint, setpoint};
-use crate::node::{cpu, stage_settings};
 use friction_stage_core::control::Point;
+use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::Rates;
 use friction_stage_data::bag::topics;
 use friction_stage_data::message::{self, JointTrajectory, JointTrajectoryPoint};
+use friction_stage_data::wire::{Setpoint, setpoint};
 
 /// Play a motion on a stage over ROS 2 and record it.
 ///
@@ -164,7 +165,7 @@ fn stretched(points: &[Point], factor: f64) -> Vec<Point> {
 pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let points = stretched(&load(&args.motion)?, args.stretch);
     // Told here, not from the log of a node.
-    let model = stage_settings::model(&args.model)?;
+    let model = StageModel::named(&args.model)?;
     let mass = model.mass + model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
     if args.record.exists() {
         return Err(WrongArguments(format!(

@@ -7,6 +7,7 @@ use clap::Args;
 
 use super::Outcome;
 use friction_stage_data::bag;
+use friction_stage_report::words::recover_text;
 
 /// Make a recording that was cut off, lost its index or is damaged whole again.
 ///
@@ -40,7 +41,7 @@ pub fn run(args: &RecoverArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
-        writeln!(out, "{report}")?;
+        writeln!(out, "{}", recover_text(&report))?;
     }
     Ok(if report.damage.is_empty() && report.output.is_none() {
         Outcome::Done

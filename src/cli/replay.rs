@@ -9,16 +9,13 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Outcome;
-use super::identify::instant_in_words;
-use crate::node::stage_settings;
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
 use friction_stage_data::bag::BagReader;
-use friction_stage_data::quality::{self, DataProblem, Severity};
-use friction_stage_data::signals::{self, Trace};
-use friction_stage_identify::{
-    ClosedLoopError, Hypothesis, IdentifyError, Measured, Part, Sides, Tolerances, closed_loop,
-};
+use friction_stage_data::quality::contradictions;
+use friction_stage_data::signals::Trace;
+use friction_stage_identify::ModelComparison;
+use friction_stage_report::words::{all_words, comparison_notes};
 
 /// Play the recorded forces of a bag on a stage and compare its encoder with the recorded one.
 ///
@@ -81,7 +78,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let reader = BagReader::open(&args.bag)?;
     let provenance = reader.provenance().cloned();
     let model = match &args.model {
-        Some(name) => stage_settings::model(name)?,
+        Some(name) => StageModel::named(name)?,
         None => reader.model()?.with_context(|| {
             format!("{} holds no model: give one with --model", args.bag.display())
         })?,
@@ -129,7 +126,10 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         missing_force_rms_n: None,
         closed_loop_position_rms_m: None,
         notes: Vec::new(),
-        warnings: contradictions(&args.bag, &model),
+        warnings: match contradictions(&args.bag, &model) {
+            Ok(findings) => all_words(&findings),
+            Err(error) => vec![error.to_string()],
+        },
     };
     let mut table = args
         .csv
@@ -168,41 +168,10 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let count = report.samples.max(1) as f64;
     report.position_rms_m = (report.position_rms_m / count).sqrt();
     report.force_cell_rms_n = (report.force_cell_rms_n / count).sqrt();
-    let mut in_record = model.clone();
-    match missing_force(&model, &trace) {
-        Ok((rms, here, own)) => {
-            report.missing_force_rms_n = Some(rms);
-            if here.effects.iter().any(Part::slips) {
-                report.notes.push(
-                    "balls that slip have the amplitude and phase here that fit this record best, \
-                     and no part in the closed loop"
-                        .to_owned(),
-                );
-            }
-            if !own.is_empty() {
-                in_record = here.model();
-            }
-            if own.iter().any(|part| part.descriptor.name == "external_vibration") {
-                report.notes.push(
-                    "external_vibration has the phase here that fits this record best".to_owned(),
-                );
-            }
-            for at in own.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
-                let instant = instant_in_words(
-                    at,
-                    trace.time.last().unwrap_or(&0.0) - trace.time.first().unwrap_or(&0.0),
-                );
-                report.notes.push(format!(
-                    "the map jumps here where that fits this record best, {instant}"
-                ));
-            }
-        }
-        Err(error) => report.notes.push(format!("no missing force: {error}")),
-    }
-    match closed_loop_error(&in_record, &trace) {
-        Ok(rms) => report.closed_loop_position_rms_m = Some(rms),
-        Err(error) => report.notes.push(format!("no closed loop: {error}")),
-    }
+    let comparison = ModelComparison::new(&model, &trace);
+    report.missing_force_rms_n = comparison.missing_force.as_ref().ok().copied();
+    report.closed_loop_position_rms_m = comparison.closed_loop.as_ref().ok().copied();
+    report.notes = comparison_notes(&comparison);
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
@@ -234,55 +203,9 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             writeln!(out, "warning: {warning}")?;
         }
     }
-    Ok(if report.warnings.is_empty() { Outcome::Done } else { Outcome::Warnings })
+    Ok(Outcome::warned(!report.warnings.is_empty()))
 }
 
 fn cannot_write(path: &Path) -> String {
     format!("cannot write {}", path.display())
-}
-
-/// Where a recording contradicts itself or the model so that no figure of a replay says anything: a
-/// wrong sign or unit, another machine, samples that no machine made.
-fn contradictions(path: &Path, model: &StageModel) -> Vec<String> {
-    let found = match signals::load(path, None) {
-        Ok(recording) => quality::examine(&recording, Some(model)),
-        Err(error) => return vec![error.to_string()],
-    };
-    let spoils = |problem: &&DataProblem| match problem {
-        DataProblem::TooShort { .. } | DataProblem::NoMotion { .. } | DataProblem::NoForce => false,
-        DataProblem::Outliers { .. } | DataProblem::NotFinite { .. } => true,
-        other => other.severity() == Severity::Fatal,
-    };
-    found.problems.iter().filter(spoils).map(ToString::to_string).collect()
-}
-
-/// Share of what a model misses that the phase or the instant which fits this record best has to
-/// leave out for the one of the model to be another record's. Assumed.
-const ANOTHER_RECORD: f64 = 0.05;
-
-/// Rms of the force that the model misses along the recorded motion, both sides of the cell
-/// together, N, with the phases that a record has for itself; what stands for the model in this
-/// record, and of that the effects which this record has for itself.
-fn missing_force(
-    model: &StageModel,
-    trace: &Trace,
-) -> Result<(f64, Hypothesis, Vec<Part>), IdentifyError> {
-    let measured = Measured::new(trace, model, "the recording")?;
-    let declared = Hypothesis::new(model, Tolerances::default())?;
-    let here = declared.in_record(&measured)?;
-    let missing = |hypothesis: &Hypothesis| {
-        hypothesis.missing(&measured, Sides::BOTH).map(|missing| missing.rms())
-    };
-    let (as_declared, in_record) = (missing(&declared)?, missing(&here)?);
-    if in_record < (1.0 - ANOTHER_RECORD) * as_declared {
-        let own = declared.own_of(&here).into_iter().cloned().collect();
-        return Ok((in_record, here, own));
-    }
-    Ok((as_declared, declared, Vec::new()))
-}
-
-/// Rms of the closed loop's encoder less the recorded one, m.
-fn closed_loop_error(model: &StageModel, trace: &Trace) -> Result<f64, ClosedLoopError> {
-    let controller = closed_loop::controller_of(trace, &[trace])?;
-    Ok(closed_loop::rms(&closed_loop::position_error(model, trace, &controller)?))
 }

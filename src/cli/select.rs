@@ -11,9 +11,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::Outcome;
 use super::selection_output::finish;
-use super::variant_rows::{Sheet, VariantRows};
 use friction_stage_core::model::{Catalogue, nearest};
-use friction_stage_lab::{Application, Experiment, Plan, Shard};
+use friction_stage_lab::{Application, VariantExperiment, SelectionPlan, Shard, Sheet, VariantRows};
 
 /// Choose a guide for an application: rank every guide of the catalogue by what it reaches over its
 /// tolerances.
@@ -72,8 +71,8 @@ pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         .with_context(|| format!("cannot read {origin}"))?;
     let application = Application::from_yaml(&text, &origin)?;
     let database = database(args)?;
-    let experiment = Experiment::new(&application)?;
-    let plan = Plan::new(application, &database, args.seed, args.variants)?;
+    let experiment = VariantExperiment::new(&application)?;
+    let plan = SelectionPlan::new(application, &database, args.seed, args.variants)?;
     let (rows, done) = VariantRows::open(&args.out, Sheet::new(plan, args.shard), args.resume)?;
 
     let stop = Arc::new(AtomicBool::new(false));

@@ -9,7 +9,6 @@ pub mod clock;
 pub mod commands;
 pub mod controller;
 pub mod controller_settings;
-pub mod cpu;
 mod delay;
 pub mod domain;
 pub mod driver;
@@ -36,7 +35,9 @@ mod stage_realtime;
 pub mod stage_settings;
 pub mod stage_status;
 pub mod std_srvs;
-pub mod wire;
 mod words;
 
-pub use stage_lockstep::EPOCH as LOCKSTEP_EPOCH;
+pub use friction_stage_data::bag::LOCKSTEP_EPOCH;
+use friction_stage_data::wire;
+
+use crate::cpu;

@@ -13,7 +13,6 @@ use std::time::{Duration, Instant};
 
 use ros2_client::Gid;
 
-use super::clock;
 use super::cpu;
 use super::inlet::Inlet;
 use super::participant::{Network, Participant};
@@ -643,11 +642,4 @@ impl Listener {
             }
         }
     }
-}
-
-/// A directory for a recording that was asked for while running: `<name>_<date>` in `parent`, UTC.
-pub fn dated_directory(parent: &Path, name: &str) -> PathBuf {
-    let seconds = clock::system().div_euclid(1_000_000_000);
-    let date = chrono::DateTime::from_timestamp(seconds, 0).unwrap_or_default();
-    parent.join(format!("{name}_{}", date.format("%Y_%m_%d-%H_%M_%S")))
 }

@@ -14,9 +14,7 @@ use super::outlet::Outlet;
 use super::parameters::ParameterSet;
 use super::participant::Participant;
 use super::qos::DIAGNOSTICS;
-use super::recorder::{
-    Heard, RecordedTopics, Recorder, RecorderHandle, RecorderSetup, TickFeed, dated_directory,
-};
+use super::recorder::{Heard, RecordedTopics, Recorder, RecorderHandle, RecorderSetup, TickFeed};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::signals::Signals;
 use super::stage_inbox::Inbox;
@@ -149,7 +147,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         period: settings.rates.time_of(1),
         real_time,
         start: match settings.mode {
-            Mode::Lockstep => super::stage_lockstep::EPOCH,
+            Mode::Lockstep => super::LOCKSTEP_EPOCH,
             Mode::Realtime => clock::system(),
         },
     })?;
@@ -282,7 +280,7 @@ fn serve_record(
     let (into, name) = (settings.record_into.clone(), startup.name.clone());
     background.serve_record(startup, participant, move |on| {
         if on {
-            let directory = dated_directory(&into, &name);
+            let directory = crate::directory::dated(&into, &name);
             handle.start(&directory)?;
             return Ok(format!("recording to {}", directory.display()));
         }

@@ -9,6 +9,7 @@
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
+use super::LOCKSTEP_EPOCH as EPOCH;
 use super::clock;
 use super::commands::{Arbiter, Command, CommandSource, CommandTopic, Refusal, StampRule};
 use super::inlet::Waiter;
@@ -17,8 +18,6 @@ use super::stage::StageLoop;
 use super::stage_inbox::Event;
 use super::wire::Tick;
 
-/// Stamp of the first sample, ns. ROS takes a clock at 0 for one that has not started.
-pub const EPOCH: i64 = 1_000_000_000;
 /// Interval at which a sample is sent again to controllers that were not there when it went out.
 const ANNOUNCE: Duration = Duration::from_millis(100);
 

@@ -1,11 +1,11 @@
 //! Parameters of the stage node: what there is, and what it means.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use super::parameters::{ParameterSpec, ParameterValues};
 use super::runtime::Startup;
-use friction_stage_core::model::{Catalogue, ModelError, StageModel};
+use friction_stage_core::model::{ModelError, StageModel};
 use friction_stage_core::plant::{Rates, RatesError};
 use friction_stage_data::bag::{BagOptions, Sync};
 
@@ -223,7 +223,8 @@ pub fn specs() -> Vec<ParameterSpec> {
 impl StageSettings {
     pub fn new(values: &ParameterValues) -> Result<StageSettings, SettingsError> {
         let name = values.string("model");
-        let model = model(&name).map_err(|source| SettingsError::Model { name, source })?;
+        let model =
+            StageModel::named(&name).map_err(|source| SettingsError::Model { name, source })?;
         let seconds = |name: &str| Duration::from_secs_f64(values.double(name));
         let settings = StageSettings {
             model: if values.boolean("noise") { model } else { model.without_noise() },
@@ -264,23 +265,6 @@ impl StageSettings {
     }
 }
 
-/// The model that the parameter names.
-pub fn model(name: &str) -> Result<StageModel, ModelError> {
-    if let Some(guide) = name.strip_prefix("rig:") {
-        return StageModel::measuring_rig(guide);
-    }
-    if Catalogue::builtin().entry(name).is_some() {
-        return Ok(StageModel::on_guides(name));
-    }
-    if Path::new(name).extension().is_none() {
-        // Not a file by its looks: the catalogue's error names the nearest guide.
-        let model = StageModel::on_guides(name);
-        model.check()?;
-        return Ok(model);
-    }
-    StageModel::load(Path::new(name))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -293,13 +277,5 @@ mod tests {
         assert_eq!((settings.mode, settings.drive), (Mode::Realtime, Drive::Force));
         assert_eq!(settings.rates, Rates::DEFAULT);
         assert_eq!(settings.model.mass, 40.0);
-    }
-
-    #[test]
-    fn a_model_is_a_guide_a_rig_or_a_file() {
-        assert_eq!(model("guide_3").unwrap().guides.len(), 4);
-        assert_eq!(model("rig:guide_3").unwrap().guides.len(), 1);
-        assert!(model("guide_9").unwrap_err().to_string().contains("did you mean `guide_"));
-        assert!(model("missing.yaml").unwrap_err().to_string().contains("missing.yaml"));
     }
 }

@@ -7,9 +7,12 @@
 //! if it lowers the error on held-out data by more than chance and more than its rivals.
 
 pub mod closed_loop;
+mod comparison;
 mod error;
+mod finding;
 mod fit;
 mod hypothesis;
+mod identification;
 pub mod next_experiment;
 mod record;
 mod residual;
@@ -19,16 +22,20 @@ mod summary;
 mod test_records;
 
 pub use closed_loop::{ClosedLoopError, LinearController};
+pub use comparison::{ComparisonNote, ModelComparison};
 pub use error::IdentifyError;
+pub use finding::{BoundSide, FigureOfMerit, IdentifyFinding, RecordSide};
 pub use fit::sensor_noise::MORE_THAN_DECLARED;
 pub use fit::uncertainty::correlation_length;
 pub use fit::{Estimate, FitBudget, Fitted, fit};
 pub use hypothesis::nominal_parameter::NominalParameter;
 pub use hypothesis::{FreeParameter, Hypothesis, ParameterId, Part, Sides, Tolerances};
+pub use identification::{Identification, LoopError, LoopErrors};
 pub use next_experiment::{Limits, NextExperiment, NextExperimentError, Plan};
 pub use record::joined::joined;
 pub use record::lowpass::Lowpass;
 pub use record::measured::{Floor, MIN_SAMPLES, Measured, Step};
+pub use record::records::{Record, Records, RecordsError};
 pub use record::spectrum;
 pub use residual::missing::Missing;
 pub use search::phase::{RippleElsewhere, ripple_elsewhere};
@@ -37,6 +44,6 @@ pub use search::{
     Selection, Silent, Verdict, Watch, search,
 };
 pub use summary::{
-    Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, in_digits,
-    parameter_warnings, readable, side_name, taking_part,
+    Change, FoundEffect, FoundParameter, PositionErrors, RunnerUp, Summary, SummaryFinding,
+    in_digits, readable, side_name, taking_part,
 };

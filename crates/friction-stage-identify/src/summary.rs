@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+use crate::finding::{BoundSide, FigureOfMerit, IdentifyFinding, RecordSide};
 use crate::fit::Estimate;
 use crate::hypothesis::nominal_parameter::NominalParameter;
 use crate::hypothesis::{FreeParameter, ParameterId, Part};
@@ -39,10 +40,30 @@ pub struct Summary {
     pub declared_parameters: BTreeMap<String, FoundParameter>,
     /// File name of the identified model, beside the summary.
     pub model: String,
+    /// The sentences of the findings.
     pub warnings: Vec<String>,
+    /// What a user should know.
+    #[serde(default)]
+    pub findings: Vec<SummaryFinding>,
     /// The motion that would settle most of what is open, where one was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub next_experiment: Option<NextExperiment>,
+}
+
+/// Something that a user should know, as other programs read it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SummaryFinding {
+    /// Stable name of the kind.
+    pub code: String,
+    /// `warning` or `fatal`.
+    pub severity: String,
+    /// The recording that it is about, where it is about one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recording: Option<String>,
+    /// Its numbers and names, by what they are.
+    pub numbers: serde_json::Map<String, serde_json::Value>,
+    /// The sentence for it.
+    pub text: String,
 }
 
 /// An effect that the declared model lacked.
@@ -182,7 +203,6 @@ impl Summary {
         holdout: &Measured,
         position: PositionErrors,
         model: &str,
-        warnings: Vec<String>,
     ) -> Summary {
         let estimate = &selection.after;
         let declared_effects = selection.before.hypothesis.effects.len();
@@ -259,28 +279,46 @@ impl Summary {
             explained_share: selection.explained_share(),
             declared_parameters,
             model: model.to_owned(),
-            warnings,
+            warnings: Vec::new(),
+            findings: Vec::new(),
             next_experiment: None,
         }
     }
 
-    /// Figures of merit that are worse after than before, each as a sentence.
-    pub fn worse(&self) -> Vec<String> {
+    /// Adds findings, with their words.
+    pub fn add_findings(
+        &mut self,
+        findings: &[IdentifyFinding],
+        words: &dyn Fn(&IdentifyFinding) -> String,
+    ) {
+        for finding in findings {
+            let text = words(finding);
+            self.warnings.push(text.clone());
+            self.findings.push(SummaryFinding {
+                code: finding.code().to_owned(),
+                severity: finding.severity().name().to_owned(),
+                recording: finding.recording().map(|path| path.display().to_string()),
+                numbers: finding.numbers(),
+                text,
+            });
+        }
+    }
+
+    /// Figures of merit that are worse after than before.
+    pub fn worse(&self) -> Vec<IdentifyFinding> {
         let mut worse = Vec::new();
-        for (record, errors) in [("train", &self.errors.train), ("hold-out", &self.errors.holdout)]
+        for (record, errors) in
+            [(RecordSide::Train, &self.errors.train), (RecordSide::Holdout, &self.errors.holdout)]
         {
             let figures = [
-                ("force residual", errors.force_rms, "N"),
-                ("closed-loop position error", errors.position_rms, "m"),
+                (FigureOfMerit::ForceResidual, errors.force_rms),
+                (FigureOfMerit::PositionError, errors.position_rms),
             ];
-            for (name, change, unit) in figures {
+            for (figure, change) in figures {
                 if let (Some(before), Some(after)) = (change.before, change.after)
                     && after > before
                 {
-                    worse.push(format!(
-                        "the {name} on the {record} record is worse with the identified model: \
-                         {after:.4e} {unit} against {before:.4e} {unit}"
-                    ));
+                    worse.push(IdentifyFinding::Worse { figure, record, before, after });
                 }
             }
         }
@@ -477,11 +515,11 @@ fn is_share(id: ParameterId) -> bool {
 
 /// What deserves a word about the parameters of a fit: on a bound, hardly or not determined by the
 /// data, or tied to another one.
-pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
-    let mut warnings = Vec::new();
+pub(crate) fn parameter_findings(estimate: &Estimate, rate: f64) -> Vec<IdentifyFinding> {
+    let mut findings = Vec::new();
     for (index, coordinate) in estimate.fitted.coordinates.iter().enumerate() {
         // How the guides differ is not asked for: their sum is.
-        let Some((name, value, unit)) = told(estimate, coordinate.id, rate) else { continue };
+        let Some((parameter, value, unit)) = told(estimate, coordinate.id, rate) else { continue };
         let (lower, upper) = coordinate.bounds;
         let deviation = match coordinate.id {
             ParameterId::Nominal(_) => deviation_of_alike(estimate, index),
@@ -494,35 +532,26 @@ pub fn parameter_warnings(estimate: &Estimate, rate: f64) -> Vec<String> {
             // A term of the law that is not there is no doubt about the others.
             continue;
         } else if estimate.fitted.at_bound[index] {
-            let which = if coordinate.value <= 0.5 * (lower + upper) { "lower" } else { "upper" };
-            warnings.push(format!(
-                "{name} ended on its {which} bound ({} {unit}): the truth may lie beyond, or \
-                 another effect hides in it",
-                readable(value)
-            ));
+            let lower = coordinate.value <= 0.5 * (lower + upper);
+            let bound = if lower { BoundSide::Lower } else { BoundSide::Upper };
+            findings.push(IdentifyFinding::AtBound { parameter, bound, value, unit });
         } else if !deviation.is_finite()
             || (matches!(coordinate.id, ParameterId::Effect { .. })
                 && 2.0 * TWO_SIDED_95 * deviation >= upper - lower)
         {
-            warnings.push(format!(
-                "{name} is not identifiable from these data; {} {unit} is where the fit left it",
-                readable(value)
-            ));
+            findings.push(IdentifyFinding::NotIdentifiable { parameter, value, unit });
         } else if is_share(coordinate.id) && TWO_SIDED_95 * deviation > upper {
-            warnings.push(format!(
-                "{name} is hardly identifiable from these data: {} {unit}, known to {:.1} % at the \
-                 best, its tolerance is {:.1} %",
-                in_digits(
-                    value,
-                    Some([1.0, -1.0].map(|side| value * (1.0 - side * TWO_SIDED_95 * deviation)))
-                ),
-                100.0 * TWO_SIDED_95 * deviation,
-                100.0 * coordinate.scale
-            ));
+            findings.push(IdentifyFinding::HardlyIdentifiable {
+                parameter,
+                value,
+                unit,
+                half_width: TWO_SIDED_95 * deviation,
+                tolerance: coordinate.scale,
+            });
         }
     }
-    warnings.extend(tied(estimate, rate));
-    warnings
+    findings.extend(tied(estimate, rate));
+    findings
 }
 
 /// Name of a coordinate, its value and unit; `None` for the differences between guides and the
@@ -548,7 +577,7 @@ fn told(estimate: &Estimate, id: ParameterId, rate: f64) -> Option<(String, f64,
 
 /// Parameters of effects that the data tie to a parameter of something else: the closest tie of
 /// each effect.
-fn tied(estimate: &Estimate, rate: f64) -> Vec<String> {
+fn tied(estimate: &Estimate, rate: f64) -> Vec<IdentifyFinding> {
     let effect_of = |index: usize| match estimate.fitted.coordinates[index].id {
         ParameterId::Effect { effect, .. } => Some(effect),
         _ => None,
@@ -577,20 +606,16 @@ fn tied(estimate: &Estimate, rate: f64) -> Vec<String> {
             pairs.push((index, other));
         }
     }
-    let warning = |(index, other): (usize, usize)| {
+    let finding = |(index, other): (usize, usize)| {
         let correlation = estimate.correlations[index][other];
         let name = |index: usize| {
             told(estimate, estimate.fitted.coordinates[index].id, rate).map(|(name, ..)| name)
         };
         (correlation.abs() >= TIED).then_some(())?;
-        Some(format!(
-            "{} and {} are correlated by {correlation:.3}: these data know the two together better \
-             than each of them",
-            name(index)?,
-            name(other)?
-        ))
+        let (parameter, other) = (name(index)?, name(other)?);
+        Some(IdentifyFinding::Tied { parameter, other, correlation })
     };
-    pairs.into_iter().filter_map(warning).collect()
+    pairs.into_iter().filter_map(finding).collect()
 }
 
 #[cfg(test)]

@@ -20,14 +20,14 @@ pub struct Application {
     /// Number of guides, all of one type.
     #[serde(default = "guides")]
     pub guides: usize,
-    pub motion: Motion,
+    pub motion: ApplicationMotion,
     #[serde(default)]
     pub controller: Loop,
     pub requirement: Requirement,
     #[serde(default)]
     pub constraints: Constraints,
     #[serde(default)]
-    pub tolerances: Tolerances,
+    pub tolerances: GuideTolerances,
 }
 
 /// A rest-to-rest move, after a conditioning move in the other direction as the paper makes it
@@ -37,7 +37,7 @@ pub struct Application {
 /// of the laboratory.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Motion {
+pub struct ApplicationMotion {
     /// Way of the move, m.
     pub distance: f64,
     /// Time of the move, s.
@@ -109,7 +109,7 @@ pub enum Sealing {
 /// unless `together`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Tolerances {
+pub struct GuideTolerances {
     pub stiffness: f64,
     pub bristle_damping: f64,
     pub viscous_friction: f64,
@@ -197,7 +197,7 @@ impl Application {
         let refuse = |key, value, limit: String| {
             Err(ApplicationError::Value { origin: origin.to_owned(), key, value, limit })
         };
-        let Motion { conditioning, .. } = &self.motion;
+        let ApplicationMotion { conditioning, .. } = &self.motion;
         let positive = [
             ("mass", self.mass),
             ("motion.distance", self.motion.distance),
@@ -276,7 +276,7 @@ impl Application {
 
     /// Simulated time of one variant, s.
     pub fn simulated_time(&self) -> f64 {
-        let Motion { duration, settle, conditioning, .. } = &self.motion;
+        let ApplicationMotion { duration, settle, conditioning, .. } = &self.motion;
         let moves = if self.motion.and_return { 2.0 } else { 1.0 };
         LEAD + conditioning.duration + conditioning.rest + moves * (duration + settle)
     }
@@ -318,7 +318,7 @@ impl Application {
 /// Time at rest before the conditioning move, s: the controller starts on it.
 pub(super) const LEAD: f64 = 0.005;
 
-impl Tolerances {
+impl GuideTolerances {
     fn by_name(&self) -> [(&'static str, f64); 6] {
         [
             ("tolerances.stiffness", self.stiffness),
@@ -413,11 +413,11 @@ mod tests {
     fn drawn_guides_have_the_declared_spread_and_are_possible() {
         use rand::SeedableRng;
         use rand_distr::{Distribution, StandardNormal};
-        let tolerances = Tolerances {
+        let tolerances = GuideTolerances {
             stiffness: 0.1,
             coulomb_force: 0.3,
             static_force: 0.05,
-            ..Tolerances::default()
+            ..GuideTolerances::default()
         };
         let nominal = friction_stage_core::model::Catalogue::builtin().guide("guide_1").unwrap();
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(1);

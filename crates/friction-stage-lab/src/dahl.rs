@@ -13,7 +13,7 @@ use serde::Serialize;
 use friction_stage_core::control::Gains;
 
 use super::specimen::{
-    LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, mean, rest,
+    LabError, LabRecording, MeasuredValue, Row, SERVO_BANDWIDTH, Settings, Specimen, mean, rest,
     within_motor,
 };
 
@@ -67,13 +67,13 @@ pub struct HysteresisLoop {
     /// Half of the measured distance between the dwells, m.
     pub amplitude: f64,
     /// N/m
-    pub stiffness: Measured,
+    pub stiffness: MeasuredValue,
     /// J per cycle.
-    pub area: Measured,
+    pub area: MeasuredValue,
     /// Whether the area stands out of the noise and of the servo's own shaking.
     pub area_is_resolved: bool,
     /// Half of the force difference between the dwells, N.
-    pub tip_force: Measured,
+    pub tip_force: MeasuredValue,
     /// Position (m) and force (N) around the loop.
     #[serde(skip)]
     pub points: Vec<(f64, f64)>,
@@ -99,7 +99,7 @@ pub struct DahlResonance {
     pub frequency: f64,
     /// W/(2 pi k A^2): the viscous damper that loses as much per cycle at resonance (Jacobsen,
     /// Trans. ASME 52, 1930).
-    pub damping: Measured,
+    pub damping: MeasuredValue,
 }
 
 impl LoopTiming {
@@ -144,7 +144,7 @@ pub fn dahl(
     settings: &Settings,
     amplitudes: &[f64],
     tick: &dyn Fn(),
-) -> Result<(DahlCurves, Vec<Recording>), LabError> {
+) -> Result<(DahlCurves, Vec<LabRecording>), LabError> {
     let guide = specimen.guide()?;
     let break_away = specimen.break_away_distance()?;
     let guides = specimen.stage.guides.len() as f64;
@@ -186,7 +186,7 @@ pub fn resonance(of: &HysteresisLoop, guides: f64, mass: f64) -> DahlResonance {
         amplitude: of.amplitude,
         stiffness,
         frequency: (stiffness / mass).sqrt() / (2.0 * PI),
-        damping: Measured {
+        damping: MeasuredValue {
             value: per_area * of.area.value,
             standard_error: per_area * of.area.standard_error,
         },
@@ -201,7 +201,7 @@ pub fn hysteresis_loop(
     servo: Gains,
     amplitude: f64,
     timing: &LoopTiming,
-) -> Result<(HysteresisLoop, Recording), LabError> {
+) -> Result<(HysteresisLoop, LabRecording), LabError> {
     let rate = settings.rates.control();
     let samples = |seconds: f64| (seconds * rate).round().max(1.0) as usize;
     let (travel, settle, measure) =
@@ -265,18 +265,18 @@ pub fn hysteresis_loop(
     let area_error = noise / per_part * steps.map(|(step, _)| step * step).sum::<f64>().sqrt();
     let found = HysteresisLoop {
         amplitude: 0.5 * position,
-        stiffness: Measured {
+        stiffness: MeasuredValue {
             value: stiffness,
             standard_error: stiffness.abs()
                 * (force_error / force).hypot(position_error / position),
         },
-        area: Measured { value: area, standard_error: area_error },
+        area: MeasuredValue { value: area, standard_error: area_error },
         area_is_resolved: area_error < 0.2 * area,
-        tip_force: Measured { value: 0.5 * force, standard_error: 0.5 * force_error },
+        tip_force: MeasuredValue { value: 0.5 * force, standard_error: 0.5 * force_error },
         points,
     };
     let name = format!("dahl_{}", length(amplitude));
-    Ok((found, Recording { name, model: specimen.rig.clone(), settings: *settings, rows }))
+    Ok((found, LabRecording { name, model: specimen.rig.clone(), settings: *settings, rows }))
 }
 
 /// A length as file names and tables show it: `10nm`, `1um`, `1000um`.

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::paper::{Move, MoveKind, PaperMotion};
 use super::settling::{MoveResult, settling};
-use super::specimen::{LabError, Recording, Row, Settings, Specimen, within_motor};
+use super::specimen::{LabError, LabRecording, Row, Settings, Specimen, within_motor};
 
 /// The interval in which the paper compares the viscous friction, s after the start of the move.
 pub const WAVE: (f64, f64) = (0.025, 0.150);
@@ -40,7 +40,7 @@ pub fn fast_move(
     settings: &Settings,
     rest: f64,
     feedforward: bool,
-) -> Result<(FastMove, Recording), LabError> {
+) -> Result<(FastMove, LabRecording), LabError> {
     let motion = PaperMotion::fast(rest);
     let viscous = ideal_viscous(specimen, feedforward)?;
     let rows = run("fast-move", specimen, settings, &motion, viscous)?;
@@ -70,7 +70,7 @@ pub fn fast_move(
     };
     let suffix = if feedforward { "_with_viscous_feedforward" } else { "" };
     let name = format!("fast_move{suffix}");
-    Ok((found, Recording { name, model: specimen.stage.clone(), settings: *settings, rows }))
+    Ok((found, LabRecording { name, model: specimen.stage.clone(), settings: *settings, rows }))
 }
 
 pub(super) fn ideal_viscous(specimen: &Specimen, feedforward: bool) -> Result<f64, LabError> {

@@ -7,7 +7,7 @@ use friction_stage_core::control::Gains;
 use super::fast_move::{after, errors, ideal_viscous, run};
 use super::paper::PaperMotion;
 use super::settling::{MoveResult, settling};
-use super::specimen::{LabError, Recording, Settings, Specimen};
+use super::specimen::{LabError, LabRecording, Settings, Specimen};
 
 /// Number of steps: the first goes against the bristles that the return move left bent, the others
 /// on from there.
@@ -34,7 +34,7 @@ pub fn fine_step(
     settings: &Settings,
     rest: f64,
     feedforward: bool,
-) -> Result<(FineStep, Recording), LabError> {
+) -> Result<(FineStep, LabRecording), LabError> {
     let motion = PaperMotion::fine(rest, STEPS);
     let viscous = ideal_viscous(specimen, feedforward)?;
     let rows = run("fine-step", specimen, settings, &motion, viscous)?;
@@ -49,5 +49,5 @@ pub fn fine_step(
     };
     let suffix = if feedforward { "_with_viscous_feedforward" } else { "" };
     let name = format!("fine_step{suffix}");
-    Ok((found, Recording { name, model: specimen.stage.clone(), settings: *settings, rows }))
+    Ok((found, LabRecording { name, model: specimen.stage.clone(), settings: *settings, rows }))
 }

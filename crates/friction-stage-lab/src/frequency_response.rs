@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use friction_stage_core::plant::Stage;
 
-use super::specimen::{LabError, Recording, Row, Settings, Specimen, within_motor};
+use super::specimen::{LabError, LabRecording, Row, Settings, Specimen, within_motor};
 
 /// Force amplitudes as shares of the static friction of all guides.
 const LEVELS: [f64; 4] = [0.01, 0.1, 0.3, 0.6];
@@ -75,7 +75,7 @@ pub fn frequency_response(
     specimen: &Specimen,
     settings: &Settings,
     tick: &dyn Fn(),
-) -> Result<(FrequencyResponse, Recording), LabError> {
+) -> Result<(FrequencyResponse, LabRecording), LabError> {
     let model = &specimen.stage;
     let break_away: f64 = model.resolved_guides()?.iter().map(|guide| guide.static_force).sum();
     let mut stage = Stage::new(model, settings.rates, settings.seed)?;
@@ -94,7 +94,7 @@ pub fn frequency_response(
         level.resonance = resonance(&level.points, mass);
     }
     let name = "frequency_response".to_owned();
-    let recording = Recording { name, model: model.clone(), settings: *settings, rows };
+    let recording = LabRecording { name, model: model.clone(), settings: *settings, rows };
     Ok((FrequencyResponse { name: specimen.name.clone(), levels, mass }, recording))
 }
 

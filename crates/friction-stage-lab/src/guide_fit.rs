@@ -9,7 +9,7 @@
 //! interval.
 
 use super::least_squares::{FitError, Minimum, minimise};
-use super::specimen::Recording;
+use super::specimen::LabRecording as Recording;
 use friction_stage_core::model::Guide;
 use friction_stage_core::numerics::TWO_SIDED_95;
 

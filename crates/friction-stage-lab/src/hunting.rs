@@ -11,7 +11,7 @@ use serde::Serialize;
 use friction_stage_core::control::{ControllerSettings, Gains};
 
 use super::specimen::{
-    LabError, Recording, Row, Settings, Specimen, closed_loop, rest, within_motor,
+    LabError, LabRecording, Row, Settings, Specimen, closed_loop, rest, within_motor,
 };
 
 /// Bandwidths of the controller, Hz: the paper's, and softer ones, down to that of a position loop
@@ -67,7 +67,7 @@ pub fn hunting(
     bandwidths: &[f64],
     integrals: &[f64],
     tick: &dyn Fn(),
-) -> Result<(Vec<HuntingResult>, Vec<Recording>), LabError> {
+) -> Result<(Vec<HuntingResult>, Vec<LabRecording>), LabError> {
     let mut results = Vec::new();
     let mut recordings = Vec::new();
     let controllers = integrals
@@ -111,7 +111,7 @@ pub fn hunting(
             .collect();
         results.push(HuntingResult { bandwidth, integral, peak_to_peak, cycle, points });
         let name = format!("hunting_{bandwidth}Hz_{integral}");
-        recordings.push(Recording { name, model: model.clone(), settings: *settings, rows });
+        recordings.push(LabRecording { name, model: model.clone(), settings: *settings, rows });
         tick();
     }
     Ok((results, recordings))

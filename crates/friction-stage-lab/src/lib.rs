@@ -4,6 +4,17 @@
 //! In come a model, controller settings, a seed and a motion, out come samples with every term; no
 //! clock, no I/O. Each experiment of the paper is one file: it runs the measuring rig or the stage
 //! and reduces what the sensors say.
+//!
+//! ```
+//! use friction_stage_lab::{Settings, Specimen, stribeck};
+//!
+//! let guide = Specimen::of_guide("guide_2")?;
+//! let (curve, _recording) = stribeck(&guide, &Settings::default(), &[0.01, 0.1], &|| ())?;
+//! let [slow, fast] = [curve.points[2], curve.points[3]];
+//! assert!((slow.velocity - 0.01).abs() < 1e-4 && (fast.velocity - 0.1).abs() < 1e-3);
+//! println!("{:.2} N at 10 mm/s, {:.2} N at 100 mm/s", slow.force.value, fast.force.value);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod application;
 mod dahl;
@@ -17,6 +28,7 @@ mod least_squares;
 mod paper;
 mod quick_loops;
 mod rig;
+mod rows;
 mod selection;
 mod settling;
 mod specimen;
@@ -25,7 +37,8 @@ mod stribeck;
 mod variant;
 
 pub use application::{
-    Application, ApplicationError, Constraints, Loop, Motion, Requirement, Sealing, Tolerances,
+    Application, ApplicationError, ApplicationMotion, Constraints, GuideTolerances, Loop,
+    Requirement, Sealing,
 };
 pub use dahl::{
     AMPLITUDES, DahlCurves, DahlResonance, HysteresisLoop, LoopTiming, PAPER_AMPLITUDES, dahl,
@@ -43,14 +56,17 @@ pub use least_squares::{FitError, Minimum, minimise};
 pub use paper::{Conditioning, Move, MoveKind, PaperMotion};
 pub use quick_loops::{QUICK_LOOPS, quick_loops};
 pub use rig::{RIG_TICKS, RigBias, rig};
-pub use selection::{Candidate, Plan, Quantiles, Ranked, Selection, SelectionError, Shard, Tally};
+pub use rows::{RowsError, Sheet, VariantRows, merge_shards};
+pub use selection::{
+    Candidate, GuideSelection, Quantiles, Ranked, SelectionError, SelectionPlan, Shard, Tally,
+};
 pub use settling::{MoveResult, SETTLING_BANDS, settling};
 pub use specimen::{
-    LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, closed_loop,
+    LabError, LabRecording, MeasuredValue, Row, SERVO_BANDWIDTH, Settings, Specimen, closed_loop,
 };
 pub use statements::{
     PaperResults, STATED_STIFFNESS, Statement, StiffnessError, fit_stated, loop_at, statements,
     stiffness_errors,
 };
 pub use stribeck::{SPEEDS, StribeckCurve, StribeckPoint, stribeck};
-pub use variant::{Experiment, VariantError, VariantResult, variant_seed};
+pub use variant::{VariantError, VariantExperiment, VariantResult, variant_seed};

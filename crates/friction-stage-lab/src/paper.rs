@@ -169,7 +169,7 @@ impl PaperMotion {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Application, Experiment, Settings, Specimen, fine_step, settling};
+    use super::super::{Application, Settings, Specimen, VariantExperiment, fine_step, settling};
     use super::*;
     use friction_stage_core::model::StageModel;
 
@@ -199,7 +199,7 @@ mod tests {
         let mut application = Application::from_yaml(text, "fine").unwrap();
         application.tolerances = Default::default();
         application.motion.conditioning = Conditioning::resting(rest);
-        let variants = Experiment::new(&application).unwrap();
+        let variants = VariantExperiment::new(&application).unwrap();
         let variant = variants.run("guide_2", &specimen.guide().unwrap(), 1, 0).unwrap().peak_error;
         // Noise of the encoder, and what it has loosened in the runs before the step.
         for other in [demo, variant] {

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 use friction_stage_core::control::Point;
 
 use super::specimen::{
-    LabError, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, within_motor,
+    LabError, LabRecording, Row, SERVO_BANDWIDTH, Settings, Specimen, within_motor,
 };
 
 /// Amplitude (m), period (s) and number of the loops. Assumed: far beyond break-away, around it,
@@ -26,7 +26,7 @@ pub fn quick_loops(
     specimen: &Specimen,
     settings: &Settings,
     loops: &[(f64, f64, usize)],
-) -> Result<Recording, LabError> {
+) -> Result<LabRecording, LabError> {
     let points = motion(loops);
     let end = points.last().map_or(0, |point| point.time);
     let mut rig = specimen.on_rig(settings, specimen.servo(SERVO_BANDWIDTH), points)?;
@@ -35,7 +35,7 @@ pub fn quick_loops(
         rows.push(Row::of(&rig.cycle()?));
     }
     within_motor("quick loops", specimen, &specimen.rig, &rows)?;
-    Ok(Recording {
+    Ok(LabRecording {
         name: "dahl_quick".to_owned(),
         model: specimen.rig.clone(),
         settings: *settings,

@@ -8,7 +8,7 @@
 use serde::Serialize;
 
 use super::dahl::{HysteresisLoop, LoopTiming, hysteresis_loop};
-use super::specimen::{LabError, Recording, SERVO_BANDWIDTH, Settings, Specimen};
+use super::specimen::{LabError, LabRecording, SERVO_BANDWIDTH, Settings, Specimen};
 use super::stribeck::stribeck;
 
 /// Coupling stiffness over the guide's Dahl stiffness; the paper: roughly two orders of magnitude
@@ -56,7 +56,7 @@ pub fn rig(
     specimen: &Specimen,
     settings: &Settings,
     tick: &dyn Fn(),
-) -> Result<(Vec<RigBias>, Recording), LabError> {
+) -> Result<(Vec<RigBias>, LabRecording), LabError> {
     let guide = specimen.guide()?;
     let quick = LoopTiming { travel: 4.0, settle: 0.5, measure: 0.5, cycles: 2, conditioning: 40 };
     let mut biases = Vec::new();
@@ -110,12 +110,13 @@ pub fn rig(
         add("servo", bandwidth, "Hz", specimen, &slow, bandwidth, false)?;
     }
     let name = "rig".to_owned();
-    let recording =
-        kept.map(|recording| Recording { name, ..recording }).ok_or_else(|| LabError::Signal {
+    let recording = kept.map(|recording| LabRecording { name, ..recording }).ok_or_else(|| {
+        LabError::Signal {
             experiment: "rig",
             specimen: specimen.name.clone(),
             what: "has nothing to measure".to_owned(),
-        })?;
+        }
+    })?;
     Ok((biases, recording))
 }
 

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::application::Application;
-use super::variant::{Experiment, VariantError, VariantResult};
+use super::variant::{VariantError, VariantExperiment, VariantResult};
 use friction_stage_core::model::{Catalogue, CatalogueEntry, Guide};
 use friction_stage_core::numerics::TWO_SIDED_95;
 
@@ -29,7 +29,7 @@ pub struct Candidate {
 /// What is to be computed, the same in every shard of it. Job `j` is variant `j / guides` of guide
 /// `j % guides`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Plan {
+pub struct SelectionPlan {
     pub application: Application,
     pub candidates: Vec<Candidate>,
     pub seed: u64,
@@ -108,7 +108,7 @@ pub struct Ranked {
 
 /// The answer.
 #[derive(Clone, Debug, Serialize)]
-pub struct Selection {
+pub struct GuideSelection {
     pub schema_version: u32,
     pub application: String,
     pub seed: u64,
@@ -162,7 +162,7 @@ impl Shard {
     }
 }
 
-impl Plan {
+impl SelectionPlan {
     /// A plan over every guide of the database; guides that the constraints exclude are computed
     /// too, to show their price.
     pub fn new(
@@ -170,7 +170,7 @@ impl Plan {
         database: &Catalogue,
         seed: u64,
         variants: u64,
-    ) -> Result<Plan, SelectionError> {
+    ) -> Result<SelectionPlan, SelectionError> {
         let candidate = |(name, entry): (&str, &CatalogueEntry)| Candidate {
             name: name.to_owned(),
             guide: entry.guide(),
@@ -191,7 +191,7 @@ impl Plan {
         if variants < candidates.len() as u64 {
             return Err(SelectionError::TooFewVariants { variants, guides: candidates.len() });
         }
-        Ok(Plan { application, candidates, seed, variants })
+        Ok(SelectionPlan { application, candidates, seed, variants })
     }
 
     /// Index of the candidate and number of the variant of job `job`.
@@ -204,7 +204,7 @@ impl Plan {
     /// in.
     pub fn run(
         &self,
-        experiment: &Experiment,
+        experiment: &VariantExperiment,
         jobs: Range<u64>,
     ) -> Result<Vec<VariantResult>, SelectionError> {
         let one = |job: u64| {
@@ -221,7 +221,7 @@ impl Plan {
     ///
     /// Guides that can be used come first; then by the chance to meet the requirement, then by the
     /// larger of peak error and settling time over what is required, each at its 95 % quantile.
-    pub fn rank(&self, tallies: &[Tally]) -> Selection {
+    pub fn rank(&self, tallies: &[Tally]) -> GuideSelection {
         let requirement = &self.application.requirement;
         let worst = |tally: &Tally| {
             let peak = tally.peak_error().q95 / requirement.peak_error;
@@ -271,7 +271,7 @@ impl Plan {
                 },
             })
             .collect();
-        Selection {
+        GuideSelection {
             schema_version: 1,
             application: self.application.name.clone(),
             seed: self.seed,
@@ -486,13 +486,18 @@ mod tests {
     const CLEAN: &str = include_str!("../../../launch_config/application_fine_step_clean.yaml");
     const SEALED: &str = include_str!("../../../launch_config/application_fine_step_sealed.yaml");
 
-    fn plan(text: &str, variants: u64) -> Plan {
-        Plan::new(Application::from_yaml(text, "test").unwrap(), &Catalogue::builtin(), 1, variants)
-            .unwrap()
+    fn plan(text: &str, variants: u64) -> SelectionPlan {
+        SelectionPlan::new(
+            Application::from_yaml(text, "test").unwrap(),
+            &Catalogue::builtin(),
+            1,
+            variants,
+        )
+        .unwrap()
     }
 
-    fn select(plan: &Plan) -> Selection {
-        let experiment = Experiment::new(&plan.application).unwrap();
+    fn select(plan: &SelectionPlan) -> GuideSelection {
+        let experiment = VariantExperiment::new(&plan.application).unwrap();
         let mut tallies = vec![Tally::default(); plan.candidates.len()];
         for (job, result) in plan.run(&experiment, 0..plan.variants).unwrap().iter().enumerate() {
             tallies[plan.job(job as u64).0].add(result, &plan.application);
@@ -528,7 +533,7 @@ mod tests {
     #[test]
     fn any_order_of_shards_gives_the_same_bits_as_one_run() {
         let plan = plan(CLEAN, 21);
-        let experiment = Experiment::new(&plan.application).unwrap();
+        let experiment = VariantExperiment::new(&plan.application).unwrap();
         let whole = plan.run(&experiment, Shard::WHOLE.jobs(plan.variants)).unwrap();
         let mut parts: Vec<(u64, Vec<VariantResult>)> = [3, 1, 4, 2]
             .map(|index| {
@@ -598,21 +603,24 @@ mod tests {
     #[test]
     fn what_cannot_be_chosen_is_said_with_the_reason() {
         let application = Application::from_yaml(CLEAN, "test").unwrap();
-        let empty = Plan::new(application.clone(), &Catalogue::default(), 1, 10).unwrap_err();
+        let empty =
+            SelectionPlan::new(application.clone(), &Catalogue::default(), 1, 10).unwrap_err();
         assert!(empty.to_string().contains("the database is empty"));
         let mut waterproof = application.clone();
         waterproof.constraints.lubricants = Some(vec!["dry".into()]);
-        let nothing = Plan::new(waterproof, &Catalogue::builtin(), 1, 10).unwrap_err().to_string();
+        let nothing =
+            SelectionPlan::new(waterproof, &Catalogue::builtin(), 1, 10).unwrap_err().to_string();
         assert!(
             nothing.contains("guide_2 is lubricated with `standard`") && nothing.contains("`dry`"),
             "{nothing}"
         );
-        let few =
-            Plan::new(application.clone(), &Catalogue::builtin(), 1, 2).unwrap_err().to_string();
+        let few = SelectionPlan::new(application.clone(), &Catalogue::builtin(), 1, 2)
+            .unwrap_err()
+            .to_string();
         assert!(few.contains("2 variants") && few.contains("3 guides"), "{few}");
         let mut strict = application;
         strict.requirement.peak_error = 1e-9;
-        let selection = select(&Plan::new(strict, &Catalogue::builtin(), 1, 6).unwrap());
+        let selection = select(&SelectionPlan::new(strict, &Catalogue::builtin(), 1, 6).unwrap());
         assert_eq!(selection.choice, None);
         let best = &selection.ranking[0];
         assert!(best.reasons[0].contains("too large in 100.0 %"), "{best:?}");

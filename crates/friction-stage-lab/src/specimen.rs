@@ -64,7 +64,7 @@ pub struct Row {
 
 /// A run from its first sample on: enough to write a bag that repeats it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Recording {
+pub struct LabRecording {
     pub name: String,
     pub model: StageModel,
     pub settings: Settings,
@@ -73,7 +73,7 @@ pub struct Recording {
 
 /// A value with its standard error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Measured {
+pub struct MeasuredValue {
     pub value: f64,
     pub standard_error: f64,
 }
@@ -268,7 +268,7 @@ pub(super) fn within_motor(
 }
 
 /// Mean with its standard error, for independent samples.
-pub(super) fn mean(values: impl Iterator<Item = f64>) -> Measured {
+pub(super) fn mean(values: impl Iterator<Item = f64>) -> MeasuredValue {
     let (mut count, mut mean, mut squares) = (0.0, 0.0, 0.0);
     for value in values {
         count += 1.0;
@@ -278,7 +278,7 @@ pub(super) fn mean(values: impl Iterator<Item = f64>) -> Measured {
     }
     let standard_error =
         if count > 1.0 { (squares / (count - 1.0) / count).sqrt() } else { f64::NAN };
-    Measured { value: if count > 0.0 { mean } else { f64::NAN }, standard_error }
+    MeasuredValue { value: if count > 0.0 { mean } else { f64::NAN }, standard_error }
 }
 
 /// A point of a trajectory at rest, `time` in s.

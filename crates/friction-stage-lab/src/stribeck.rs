@@ -9,8 +9,8 @@ use serde::Serialize;
 use friction_stage_core::control::Point;
 
 use super::specimen::{
-    LabError, Measured, Recording, Row, SERVO_BANDWIDTH, Settings, Specimen, mean, moving, rest,
-    within_motor,
+    LabError, LabRecording, MeasuredValue, Row, SERVO_BANDWIDTH, Settings, Specimen, mean, moving,
+    rest, within_motor,
 };
 
 /// Speeds, m/s: 0.1 mm/s to 1 m/s, denser where the Stribeck effect falls.
@@ -41,9 +41,9 @@ pub struct StribeckCurve {
     /// Ascending in velocity, return direction negative.
     pub points: Vec<StribeckPoint>,
     /// Mean |F| of both directions at the lowest speed, N: what it takes to keep moving slowly.
-    pub slow_force: Measured,
+    pub slow_force: MeasuredValue,
     /// Smallest mean |F| of both directions, N, and its speed, m/s.
-    pub least_force: Measured,
+    pub least_force: MeasuredValue,
     pub least_force_speed: f64,
     /// Slope of |F| over |v| above 0.1 m/s, N s/m, and its level extrapolated to zero speed, N.
     pub viscous_slope: f64,
@@ -58,7 +58,7 @@ pub struct StribeckPoint {
     /// Measured by the encoder from end to end, m/s.
     pub velocity: f64,
     /// Mean of the force cell, N.
-    pub force: Measured,
+    pub force: MeasuredValue,
     /// Scatter of the force cell, N.
     pub ripple: f64,
 }
@@ -75,7 +75,7 @@ pub fn stribeck(
     settings: &Settings,
     speeds: &[f64],
     tick: &dyn Fn(),
-) -> Result<(StribeckCurve, Recording), LabError> {
+) -> Result<(StribeckCurve, LabRecording), LabError> {
     let break_away = specimen.break_away_distance()?;
     let rate = settings.rates.control();
     let mut points: Vec<Point> = vec![rest(0.05, 0.0)];
@@ -130,7 +130,7 @@ pub fn stribeck(
         specimen: specimen.name.clone(),
         what: "needs at least two speeds above 0.1 m/s in both directions".to_owned(),
     })?;
-    let recording = Recording {
+    let recording = LabRecording {
         name: "stribeck".to_owned(),
         model: specimen.rig.clone(),
         settings: *settings,
@@ -153,12 +153,12 @@ fn summarise(name: String, points: Vec<StribeckPoint>) -> Option<StribeckCurve> 
     let half = points.len() / 2;
     // Speeds descend in the first half and ascend in the second: pair them from the middle
     // outwards.
-    let pairs: Vec<(f64, Measured)> = (0..half)
+    let pairs: Vec<(f64, MeasuredValue)> = (0..half)
         .map(|k| {
             let (back, forth) = (&points[half - 1 - k], &points[half + k]);
             let value = 0.5 * (forth.force.value - back.force.value);
             let standard_error = 0.5 * forth.force.standard_error.hypot(back.force.standard_error);
-            (0.5 * (forth.velocity - back.velocity), Measured { value, standard_error })
+            (0.5 * (forth.velocity - back.velocity), MeasuredValue { value, standard_error })
         })
         .collect();
     let slow_force = pairs.first()?.1;

@@ -45,7 +45,7 @@ pub enum VariantError {
 /// Everything of an application that its variants share: rates, controller, trajectory, times of
 /// the moves.
 #[derive(Clone, Debug)]
-pub struct Experiment {
+pub struct VariantExperiment {
     application: Application,
     rates: Rates,
     settings: ControllerSettings,
@@ -71,10 +71,10 @@ pub fn variant_seed(seed: u64, guide: &str, variant: u64) -> u64 {
     ChaCha8Rng::from_seed(key).next_u64()
 }
 
-impl Experiment {
+impl VariantExperiment {
     /// The step is that of [`Rates::DEFAULT`], or the next smaller one that divides the
     /// controller's period.
-    pub fn new(application: &Application) -> Result<Experiment, VariantError> {
+    pub fn new(application: &Application) -> Result<VariantExperiment, VariantError> {
         let control = application.controller.rate;
         let rates = Rates::new(control, control * (Rates::DEFAULT.physics() / control).ceil())?;
         let controller = &application.controller;
@@ -97,7 +97,13 @@ impl Experiment {
             .copied()
             .collect();
         let trajectory = Trajectory::new(0, path.points)?;
-        Ok(Experiment { application: application.clone(), rates, settings, trajectory, moves })
+        Ok(VariantExperiment {
+            application: application.clone(),
+            rates,
+            settings,
+            trajectory,
+            moves,
+        })
     }
 
     /// Runs variant number `variant` of a guide with these nominal parameters.
@@ -213,7 +219,7 @@ mod tests {
         let mut application = fine();
         application.tolerances = Default::default();
         let nominal = Catalogue::builtin().guide("guide_1").unwrap();
-        let experiment = Experiment::new(&application).unwrap();
+        let experiment = VariantExperiment::new(&application).unwrap();
         let found = experiment.run("guide_1", &nominal, 7, 3).unwrap();
         let mut random = ChaCha8Rng::seed_from_u64(variant_seed(7, "guide_1", 3));
         let model = application.stage(vec![nominal; 4]);
@@ -239,7 +245,8 @@ mod tests {
         let mut application = fine();
         application.requirement.settling_band = 1e-12;
         let nominal = Catalogue::builtin().guide("guide_2").unwrap();
-        let found = Experiment::new(&application).unwrap().run("guide_2", &nominal, 1, 0).unwrap();
+        let found =
+            VariantExperiment::new(&application).unwrap().run("guide_2", &nominal, 1, 0).unwrap();
         assert_eq!(found.settling_time, None);
     }
 }

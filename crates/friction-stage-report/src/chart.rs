@@ -9,9 +9,11 @@ use super::figure::FigureError;
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
+    /// A line.
     Line,
     /// Thin and dashed: a prediction beside a measurement.
     Dashed,
+    /// Marks at its points.
     Marks,
     /// A line with marks at its points.
     Both,
@@ -20,8 +22,11 @@ pub enum Style {
 /// A named series of (x, y) points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
+    /// Name in the legend; empty for none.
     pub name: String,
+    /// Its points; those that are not finite are left out.
     pub points: Vec<(f64, f64)>,
+    /// How it is drawn.
     pub style: Style,
     /// Index into the palette; series of one colour belong together.
     pub colour: usize,
@@ -30,11 +35,17 @@ pub struct Series {
 /// A figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chart {
+    /// Title above the axes.
     pub title: String,
+    /// Quantity and unit along the abscissa.
     pub x_label: String,
+    /// Quantity and unit along the ordinate.
     pub y_label: String,
+    /// Whether the abscissa is logarithmic.
     pub x_log: bool,
+    /// Whether the ordinate is logarithmic.
     pub y_log: bool,
+    /// What is drawn, in this order.
     pub series: Vec<Series>,
 }
 
@@ -58,6 +69,7 @@ type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 impl Chart {
+    /// A chart without series, with linear axes.
     pub fn new(
         title: impl Into<String>,
         x_label: impl Into<String>,
@@ -73,11 +85,13 @@ impl Chart {
         }
     }
 
+    /// The same with logarithmic axes.
     pub fn logarithmic(mut self, x: bool, y: bool) -> Chart {
         (self.x_log, self.y_log) = (x, y);
         self
     }
 
+    /// Adds a series.
     pub fn add(
         &mut self,
         name: impl Into<String>,

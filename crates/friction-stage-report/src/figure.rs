@@ -5,27 +5,35 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// A named curve of (x, y) points.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Curve {
+pub struct FigureCurve {
+    /// Name in the legend.
     pub name: String,
+    /// Its points.
     pub points: Vec<(f64, f64)>,
 }
 
 /// One pair of axes with curves and, dashed, a reference that is scaled to fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
+    /// Title above the axes.
     pub title: String,
+    /// Quantity and unit along the abscissa.
     pub x_label: String,
+    /// Quantity and unit along the ordinate.
     pub y_label: String,
-    pub curves: Vec<Curve>,
+    /// What is drawn.
+    pub curves: Vec<FigureCurve>,
     /// Drawn black and dashed, scaled to the height of the panel.
-    pub reference: Option<Curve>,
+    pub reference: Option<FigureCurve>,
 }
 
 /// A figure that could not be drawn.
 #[derive(Debug, thiserror::Error)]
 #[error("cannot draw the figure `{title}`: {reason}")]
 pub struct FigureError {
+    /// Title above the axes.
     pub title: String,
+    /// Why not.
     pub reason: String,
 }
 
@@ -155,10 +163,10 @@ mod tests {
             x_label: "time, ms".into(),
             y_label: "um".into(),
             curves: vec![
-                Curve { name: "guide 1".into(), points: wave(0.0) },
-                Curve { name: "guide 2".into(), points: wave(1.0) },
+                FigureCurve { name: "guide 1".into(), points: wave(0.0) },
+                FigureCurve { name: "guide 2".into(), points: wave(1.0) },
             ],
-            reference: Some(Curve { name: "reference".into(), points: wave(2.0) }),
+            reference: Some(FigureCurve { name: "reference".into(), points: wave(2.0) }),
         };
         let text = svg("Fast move", &[panel]).unwrap();
         for words in
@@ -175,7 +183,7 @@ mod tests {
             title: String::new(),
             x_label: String::new(),
             y_label: String::new(),
-            curves: vec![Curve { name: "c".into(), points }],
+            curves: vec![FigureCurve { name: "c".into(), points }],
             reference: None,
         };
         assert!(svg("t", &[panel(vec![(0.0, 1.0), (1.0, 1.0)]), panel(vec![])]).is_ok());

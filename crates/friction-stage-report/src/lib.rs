@@ -1,8 +1,28 @@
-//! Figures and pages.
+//! Figures, pages, and the words for findings.
 //!
-//! In come columns of numbers, out goes SVG text. Nothing here reads a file or knows where its
-//! numbers come from.
+//! In come columns of numbers and typed findings of the rooms below; out goes SVG, HTML and text.
+//! Nothing here reads or writes a file.
+//!
+//! ```
+//! use friction_stage_report::chart::{Chart, Style};
+//!
+//! let mut chart = Chart::new("Friction over velocity", "velocity, m/s", "friction, N");
+//! chart.add("viscous", 0, Style::Line, (0..10).map(|k| (0.1 * f64::from(k), 7.2 * f64::from(k))));
+//! assert!(chart.svg()?.starts_with("<svg"));
+//! # Ok::<(), friction_stage_report::figure::FigureError>(())
+//! ```
+
+#![warn(missing_docs)]
 
 pub mod chart;
+mod error;
+pub mod experiment;
 pub mod figure;
+pub mod identification;
 pub mod page;
+pub mod paper_motion;
+pub mod recording;
+pub mod selection;
+pub mod words;
+
+pub use error::ReportError;

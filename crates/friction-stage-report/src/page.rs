@@ -34,24 +34,33 @@ pub struct Page {
 /// colour alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
+    /// As it should be.
     Good,
+    /// Something to know.
     Warning,
+    /// Not as it should be.
     Bad,
+    /// Neither.
     Neutral,
 }
 
 /// Side of a column on which its cells stand: numbers right, words left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Align {
+    /// Words.
     Left,
+    /// Numbers.
     Right,
 }
 
 /// A cell of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cell {
+    /// Plain text.
     Text(String),
+    /// A name, in a fixed width.
     Code(String),
+    /// A word with a colour.
     Badge(Mark, String),
 }
 
@@ -66,9 +75,13 @@ pub struct Table {
 /// A large number with its name, for the head of a page.
 #[derive(Clone, Debug)]
 pub struct Tile {
+    /// What the number is.
     pub name: String,
+    /// The number with its unit.
     pub value: String,
+    /// What it compares with.
     pub detail: String,
+    /// How good it is.
     pub mark: Mark,
 }
 
@@ -84,6 +97,7 @@ impl Mark {
 }
 
 impl Cell {
+    /// A cell with plain text.
     pub fn text(text: impl Into<String>) -> Cell {
         Cell::Text(text.into())
     }
@@ -102,10 +116,12 @@ impl Cell {
         Cell::number(value.unwrap_or(f64::NAN), digits)
     }
 
+    /// A cell with a name.
     pub fn code(text: impl Into<String>) -> Cell {
         Cell::Code(text.into())
     }
 
+    /// A cell with a badge.
     pub fn badge(mark: Mark, text: impl Into<String>) -> Cell {
         Cell::Badge(mark, text.into())
     }
@@ -131,6 +147,7 @@ impl Table {
         }
     }
 
+    /// The same with a caption below it.
     pub fn captioned(mut self, caption: impl Into<String>) -> Table {
         self.caption = Some(caption.into());
         self
@@ -141,12 +158,14 @@ impl Table {
         self.rows.push(cells.into_iter().take(self.columns.len()).collect());
     }
 
+    /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 }
 
 impl Page {
+    /// A page without content.
     pub fn new(title: impl Into<String>, subtitle: impl Into<String>) -> Page {
         Page {
             title: title.into(),
@@ -164,6 +183,7 @@ impl Page {
         self.sections.push((id, title.to_owned()));
     }
 
+    /// Begins a subsection.
     pub fn subsection(&mut self, title: &str) {
         self.add(format_args!("<h3>{}</h3>\n", escaped(title)));
     }
@@ -173,6 +193,7 @@ impl Page {
         self.add(format_args!("<p>{}</p>\n", escaped(text)));
     }
 
+    /// Adds a list.
     pub fn list<S: AsRef<str>>(&mut self, items: impl IntoIterator<Item = S>) {
         self.body.push_str("<ul>\n");
         for item in items {
@@ -220,6 +241,7 @@ impl Page {
         self.body.push_str("</div>\n");
     }
 
+    /// Adds a table.
     pub fn table(&mut self, table: &Table) {
         self.body.push_str("<div class=\"table\"><table>\n");
         if let Some(caption) = &table.caption {

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use crate::node::wire::controller_state;
 use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, Provenance, topics};
 use friction_stage_data::message::{ControllerState, Header, JointState, WrenchStamped};
-use friction_stage_lab::Recording;
+use friction_stage_data::wire::controller_state;
+use friction_stage_lab::LabRecording;
 
 /// Depth of the queues as the nodes offer them.
 const DEPTH: u32 = 10;
@@ -13,7 +13,7 @@ const DEPTH: u32 = 10;
 /// Writes the topics that the nodes would have recorded; stamps count from the start of the run.
 pub(super) fn write_bag(
     directory: &Path,
-    recording: &Recording,
+    recording: &LabRecording,
     experiment: &str,
 ) -> anyhow::Result<()> {
     let rates = recording.settings.rates;

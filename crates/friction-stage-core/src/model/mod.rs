@@ -192,6 +192,24 @@ impl StageModel {
         StageModel::read(text, origin, Path::new(""))
     }
 
+    /// The model that a user names: a guide of the catalogue for the stage on four of it,
+    /// `rig:GUIDE` for the measuring rig with one, or a model file.
+    pub fn named(name: &str) -> Result<StageModel, ModelError> {
+        if let Some(guide) = name.strip_prefix("rig:") {
+            return StageModel::measuring_rig(guide);
+        }
+        if Catalogue::builtin().entry(name).is_some() {
+            return Ok(StageModel::on_guides(name));
+        }
+        if Path::new(name).extension().is_none() {
+            // Not a file by its looks: the catalogue's error names the nearest guide.
+            let model = StageModel::on_guides(name);
+            model.check()?;
+            return Ok(model);
+        }
+        StageModel::load(Path::new(name))
+    }
+
     /// Reads and checks a model file.
     pub fn load(path: &Path) -> Result<StageModel, ModelError> {
         let text = std::fs::read_to_string(path)
@@ -303,6 +321,15 @@ mod tests {
         assert_eq!(model.mass, 40.0);
         assert_eq!(model.resolved_guides().unwrap().len(), 4);
         model.check().unwrap();
+    }
+
+    #[test]
+    fn a_model_is_a_guide_a_rig_or_a_file() {
+        let named = StageModel::named;
+        assert_eq!(named("guide_3").unwrap().guides.len(), 4);
+        assert_eq!(named("rig:guide_3").unwrap().guides.len(), 1);
+        assert!(named("guide_9").unwrap_err().to_string().contains("did you mean `guide_"));
+        assert!(named("missing.yaml").unwrap_err().to_string().contains("missing.yaml"));
     }
 
     #[test]

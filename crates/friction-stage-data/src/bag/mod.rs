@@ -17,7 +17,7 @@ mod writer;
 
 pub use error::BagError;
 pub use file::Damage;
-pub use provenance::Provenance;
+pub use provenance::{LOCKSTEP_EPOCH, Provenance};
 pub use qos::{Durability, History, OfferedQos, Reliability};
 pub use reader::{BagMessage, BagReader, Messages, Topic};
 pub use recover::{KeptTopic, RecoverReport, recover};

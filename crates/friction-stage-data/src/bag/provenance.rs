@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+/// Stamp of the first sample, ns. ROS takes a clock at 0 for one that has not started.
+pub const LOCKSTEP_EPOCH: i64 = 1_000_000_000;
 /// Name of the MCAP metadata record that holds everything but the model.
 pub(crate) const METADATA_NAME: &str = "friction_stage";
 /// Name of the MCAP attachment that holds the model.

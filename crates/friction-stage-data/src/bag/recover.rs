@@ -3,7 +3,6 @@
 //! The original is only read. Every message that can be read is copied, with its times and number,
 //! into a new directory beside it, together with everything else that the file holds.
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -228,46 +227,5 @@ fn report(reader: &BagReader, output: Option<PathBuf>, tally: Tally) -> RecoverR
         lost_at_end_s: if reader.is_complete() { None } else { flush_interval },
         damage,
         output,
-    }
-}
-
-impl fmt::Display for RecoverReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Some(output) = &self.output else {
-            return write!(
-                f,
-                "{} is whole: {} messages, nothing to recover",
-                self.source.display(),
-                self.messages
-            );
-        };
-        writeln!(f, "{} -> {}", self.source.display(), output.display())?;
-        for damage in &self.damage {
-            writeln!(
-                f,
-                "  {} at byte {}: expected {}, found {}; {} bytes dropped",
-                damage.path.display(),
-                damage.offset,
-                damage.expected,
-                damage.found,
-                damage.bytes
-            )?;
-        }
-        let width = self.topics.iter().map(|t| t.name.len()).max().unwrap_or(0);
-        for topic in &self.topics {
-            write!(f, "  {:width$}  {:>9} messages kept", topic.name, topic.messages)?;
-            match topic.last_log_time {
-                Some(last) => writeln!(f, ", the last at {:.6} s", last as f64 * 1e-9)?,
-                None => writeln!(f)?,
-            }
-        }
-        write!(f, "{} messages kept, {} bytes dropped", self.messages, self.bytes_dropped)?;
-        if let Some(hole) = self.longest_hole_s {
-            write!(f, ", a hole of {hole:.3} s inside")?;
-        }
-        if let Some(lost) = self.lost_at_end_s {
-            write!(f, ", if the recorder was killed, at most {lost} s before it are missing")?;
-        }
-        Ok(())
     }
 }

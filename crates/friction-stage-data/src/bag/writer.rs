@@ -126,7 +126,7 @@ pub struct BagWriter {
     files: Vec<RecordedFile>,
     path: PathBuf,
     file: File,
-    mcap: Option<mcap::Writer<BufWriter<File>>>,
+    mcap: Option<McapWriter>,
     topics: Vec<OpenTopic>,
     options: BagOptions,
     last_flush: Instant,
@@ -448,7 +448,7 @@ impl BagWriter {
     /// Runs `action` on the open file; after its first error nothing is written any more.
     fn with<T>(
         &mut self,
-        action: impl FnOnce(&mut mcap::Writer<BufWriter<File>>) -> Result<T, McapError>,
+        action: impl FnOnce(&mut McapWriter) -> Result<T, McapError>,
     ) -> Result<T, BagError> {
         let Some(mcap) = &mut self.mcap else {
             return Err(BagError::Stopped { path: self.path.clone() });
@@ -477,13 +477,15 @@ impl Drop for BagWriter {
     }
 }
 
+type McapWriter = mcap::Writer<BufWriter<File>>;
+
 /// An empty MCAP file `<name>_<index>.mcap` in `directory`: its name, its path, a handle to look at
 /// it, and its writer.
 fn open_file(
     directory: &Path,
     index: usize,
     options: &BagOptions,
-) -> Result<(String, PathBuf, File, mcap::Writer<BufWriter<File>>), BagError> {
+) -> Result<(String, PathBuf, File, McapWriter), BagError> {
     let stem = directory.file_name().map(|name| name.to_string_lossy()).unwrap_or_default();
     let name = format!("{stem}_{index}.mcap");
     let path = directory.join(&name);

@@ -5,11 +5,11 @@
 //! four digits.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
+use super::finding::FileFinding;
 use crate::bag::{BagError, BagMessage, BagReader, Damage, topics};
 use crate::message::*;
 use crate::signals::joint_index;
@@ -95,8 +95,8 @@ pub struct CheckReport {
     pub coverage: Option<Coverage>,
     /// Places in the files that are not as they should be.
     pub damage: Vec<Damage>,
-    /// Everything that a user should know, in words.
-    pub warnings: Vec<String>,
+    /// What is wrong with it.
+    pub findings: Vec<FileFinding>,
 }
 
 /// Checks a rosbag2 directory or an MCAP file. An error means that nothing of it can be read;
@@ -140,24 +140,20 @@ pub fn check(path: &Path) -> Result<CheckReport, BagError> {
     let topics: Vec<TopicCheck> = topics.into_iter().map(Watch::finish).collect();
     let coverage = motion.coverage();
     let complete = reader.is_complete();
-    let mut warnings = Vec::new();
+    let mut findings = Vec::new();
     if !complete {
-        warnings
-            .push("it is cut off or damaged: `friction-stage recover` keeps what is whole".into());
+        findings.push(FileFinding::Incomplete);
     } else if !damage.is_empty() {
-        warnings
-            .push("parts of it are damaged: `friction-stage recover` keeps what is whole".into());
+        findings.push(FileFinding::Damaged);
     }
     match reader.declared_count() {
         Some(declared) if declared != count => {
-            warnings.push(format!("metadata.yaml counts {declared} messages, {count} can be read"))
+            findings.push(FileFinding::MessageCount { declared, read: count });
         }
-        None if path.is_dir() => warnings.push("it has no readable metadata.yaml".into()),
+        None if path.is_dir() => findings.push(FileFinding::NoMetadata),
         _ => {}
     }
-    for topic in &topics {
-        topic.warn(&mut warnings);
-    }
+    findings.extend(topics.iter().flat_map(TopicCheck::findings));
     Ok(CheckReport {
         path: path.to_owned(),
         bytes: reader.size(),
@@ -169,7 +165,7 @@ pub fn check(path: &Path) -> Result<CheckReport, BagError> {
         topics,
         coverage,
         damage,
-        warnings,
+        findings,
     })
 }
 
@@ -366,31 +362,37 @@ fn is_occasional(topic: &str) -> bool {
 }
 
 impl TopicCheck {
-    fn warn(&self, warnings: &mut Vec<String>) {
-        let name = &self.name;
+    fn findings(&self) -> Vec<FileFinding> {
+        let topic = || self.name.clone();
+        let mut findings = Vec::new();
         if self.decode_failures > 0 {
-            warnings.push(format!(
-                "{name}: {} of {} messages do not decode as {}",
-                self.decode_failures, self.messages, self.type_name
-            ));
+            findings.push(FileFinding::Undecodable {
+                topic: topic(),
+                messages: self.decode_failures,
+                total: self.messages,
+                type_name: self.type_name.clone(),
+            });
         }
         if self.non_finite > 0 {
-            warnings.push(format!("{name}: {} values are not finite", self.non_finite));
+            findings.push(FileFinding::NotFinite { topic: topic(), values: self.non_finite });
         }
         if self.backward_stamps > 0 {
-            warnings.push(format!("{name}: {} stamps go back", self.backward_stamps));
+            findings
+                .push(FileFinding::BackwardStamps { topic: topic(), stamps: self.backward_stamps });
         }
         if self.repeated_stamps > 0 && self.by_stamp {
-            warnings.push(format!("{name}: {} stamps repeat", self.repeated_stamps));
+            findings
+                .push(FileFinding::RepeatedStamps { topic: topic(), stamps: self.repeated_stamps });
         }
-        if self.gaps > 0 && !is_occasional(name) {
-            warnings.push(format!(
-                "{name}: {} gaps, the longest {:.6} s where {:.6} s is usual",
-                self.gaps,
-                self.longest_gap_s.unwrap_or(0.0),
-                self.rate_hz.map_or(0.0, |r| 1.0 / r)
-            ));
+        if self.gaps > 0 && !is_occasional(&self.name) {
+            findings.push(FileFinding::Gaps {
+                topic: topic(),
+                gaps: self.gaps,
+                longest_s: self.longest_gap_s.unwrap_or(0.0),
+                usual_s: self.rate_hz.map_or(0.0, |rate| 1.0 / rate),
+            });
         }
+        findings
     }
 }
 
@@ -466,101 +468,6 @@ impl Motion {
             highest_velocity: fastest,
             reversals: self.reversals,
         })
-    }
-}
-
-impl fmt::Display for CheckReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{}: {} messages in {:.3} s, {:.1} MB, {}, {}",
-            self.path.display(),
-            self.messages,
-            self.duration_s,
-            self.bytes as f64 * 1e-6,
-            if self.complete { "complete" } else { "cut off or damaged" },
-            if self.has_provenance {
-                "with model, seed, version and arguments"
-            } else {
-                "without provenance"
-            },
-        )?;
-        let header = [
-            "topic",
-            "type",
-            "messages",
-            "rate Hz",
-            "jitter us",
-            "gaps",
-            "longest s",
-            "repeat",
-            "back",
-            "not finite",
-            "undecoded",
-        ];
-        let mut rows = vec![header.map(String::from)];
-        for t in &self.topics {
-            let number = |v: Option<f64>, scale: f64, digits: usize| {
-                v.map_or_else(|| "-".into(), |v| format!("{:.digits$}", v * scale))
-            };
-            let looked = |v: u64| {
-                if t.decoded { v.to_string() } else { "-".into() }
-            };
-            rows.push([
-                t.name.clone(),
-                t.type_name.clone(),
-                t.messages.to_string(),
-                number(t.rate_hz, 1.0, 1),
-                number(t.jitter_s, 1e6, 1),
-                t.gaps.to_string(),
-                number(t.longest_gap_s, 1.0, 6),
-                t.repeated_stamps.to_string(),
-                t.backward_stamps.to_string(),
-                looked(t.non_finite),
-                looked(t.decode_failures),
-            ]);
-        }
-        let widths: Vec<usize> =
-            (0..header.len()).map(|c| rows.iter().map(|r| r[c].len()).max().unwrap_or(0)).collect();
-        for row in &rows {
-            let mut line = String::new();
-            for (column, (cell, &width)) in row.iter().zip(&widths).enumerate() {
-                if column < 2 {
-                    line.push_str(&format!("{cell:width$}  "));
-                } else {
-                    line.push_str(&format!("{cell:>width$}  "));
-                }
-            }
-            writeln!(f, "{}", line.trim_end())?;
-        }
-        if let Some(c) = &self.coverage {
-            writeln!(
-                f,
-                "motion of joint {}: {:.6} to {:.6} m (stroke {:.6} m), {:.6} to {:.6} m/s, {} \
-                 reversals",
-                c.joint,
-                c.lowest_position,
-                c.highest_position,
-                c.stroke,
-                c.lowest_velocity,
-                c.highest_velocity,
-                c.reversals
-            )?;
-        }
-        for damage in &self.damage {
-            writeln!(
-                f,
-                "damaged: {} at byte {}: expected {}, found {}",
-                damage.path.display(),
-                damage.offset,
-                damage.expected,
-                damage.found
-            )?;
-        }
-        for warning in &self.warnings {
-            writeln!(f, "warning: {warning}")?;
-        }
-        Ok(())
     }
 }
 

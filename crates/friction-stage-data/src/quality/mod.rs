@@ -1,11 +1,19 @@
 //! Quality of a recording: what is wrong with its messages and its signals, and what the motion in
 //! it can identify.
+//!
+//! What comes in is a file or a [`Recording`](crate::signals::Recording); what goes out are typed
+//! findings, each with a stable code, a severity and its numbers.
 
 mod check;
 mod excitation;
-pub(crate) mod outliers;
-mod problem;
+mod finding;
+mod outliers;
+mod recording_check;
 
 pub use check::{CheckReport, Coverage, TopicCheck, check};
-pub use excitation::{Excitation, Judgement, NoiseFound, RoughFit, Spread, examine};
-pub use problem::{DataProblem, Severity};
+pub use excitation::{
+    Excitation, Judgement, JudgementBasis, NoiseFound, RoughFit, Spread, Subject, examine,
+};
+pub use finding::{DataFinding, Disagreement, FileFinding, Severity};
+pub use outliers::outlier_rows;
+pub use recording_check::{RecordingCheck, contradictions};

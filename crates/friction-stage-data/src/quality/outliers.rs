@@ -6,6 +6,8 @@
 //! loses a bit, does not. What a force does for a sample or two may be real: it counts as one only
 //! where the other force shows nothing of it.
 
+use crate::signals::{Recording, Signal};
+
 /// Samples around one, itself included, and how many of them may be out. Assumed: a line drops out
 /// for one or two.
 const AROUND: usize = 7;
@@ -16,8 +18,20 @@ const TIMES: f64 = 20.0;
 /// moves evenly, for so long.
 const CALM: f64 = 0.1;
 
-/// Rows of the outliers, in order. `beside` is what shows the same, if it must.
-pub(crate) fn outliers(column: &[f64], beside: Option<&[f64]>) -> Vec<usize> {
+/// Rows in which a position or a force is none that the stage can have had, in order.
+pub fn outlier_rows(recording: &Recording, signal: Signal) -> Vec<usize> {
+    let trace = &recording.trace;
+    match signal {
+        Signal::Position => outliers(&trace.position, None),
+        // A single force may be a pulse: nothing tells.
+        Signal::ForceCell => outliers(&trace.force_cell, Some(&trace.force)),
+        Signal::Force => outliers(&trace.force, Some(&trace.force_cell)),
+        _ => Vec::new(),
+    }
+}
+
+/// Rows of the outliers, in order. `other` is the signal that must show the same, if there is one.
+fn outliers(column: &[f64], other: Option<&[f64]>) -> Vec<usize> {
     let half = AROUND / 2;
     let window = |values: &[f64], row: usize| -> Option<[f64; AROUND]> {
         let mut sorted: [f64; AROUND] =
@@ -43,10 +57,12 @@ pub(crate) fn outliers(column: &[f64], beside: Option<&[f64]>) -> Vec<usize> {
     let steps = column.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 0.0);
     let least = calm.max(steps.fold(f64::INFINITY, f64::min));
     let is_out = |row: usize| {
-        let (Some((low, high)), value) = (usual[row], column[row]) else { return false };
-        let shown = match beside {
+        let (Some((low, high)), value) = (usual[row], column[row]) else {
+            return false;
+        };
+        let shown = match other {
             // It may show a row earlier or later.
-            Some(beside) => match window(beside, row) {
+            Some(other) => match window(other, row) {
                 Some(sorted) => sorted[AROUND - 1] - sorted[0],
                 None => return false,
             },

@@ -1,7 +1,5 @@
 //! The account of a recording: what its samples were like and what was done to them.
 
-use std::fmt;
-
 use serde::Serialize;
 
 use super::grid::ClockKind;
@@ -55,8 +53,8 @@ pub struct DataQuality {
     pub clock: ClockKind,
     /// Per signal that was found.
     pub signals: Vec<SignalQuality>,
-    /// What a user should know, in words.
-    pub notes: Vec<String>,
+    /// What a user should know about how they were read.
+    pub notes: Vec<SignalNote>,
 }
 
 impl DataQuality {
@@ -66,58 +64,32 @@ impl DataQuality {
     }
 }
 
-impl fmt::Display for DataQuality {
-    /// Tells what was not as it should be; one line if all was.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let clock = match self.clock {
-            ClockKind::Regular => "uniform as recorded",
-            ClockKind::UniformBehindJitter => {
-                "uniform behind stamps that jitter, values as recorded"
-            }
-            ClockKind::AtStamps => "not uniform, interpolated from the stamps",
-            ClockKind::OtherRate => "interpolated to the rate that was asked for",
-        };
-        writeln!(
-            f,
-            "data: {} rows at {:.3} Hz ({clock}), {} usable in {} pieces",
-            self.rows, self.rate_hz, self.valid_rows, self.segments
-        )?;
-        for q in &self.signals {
-            let counts = [
-                (q.out_of_order, "out of order"),
-                (q.repeated, "with a repeated stamp"),
-                (q.not_finite, "not finite"),
-                (q.missing, "missing"),
-            ];
-            let mut told: Vec<String> = counts
-                .iter()
-                .filter(|(n, _)| *n > 0)
-                .map(|(n, what)| format!("{n} {what}"))
-                .collect();
-            if q.filled > 0 {
-                told.push(format!("{} rows filled from neighbours", q.filled));
-            }
-            if q.gaps > 0 {
-                told.push(format!("{} gaps, the longest {:.4} s", q.gaps, q.longest_interval_s));
-            }
-            // signals that come slower than the rows are filled in between
-            if q.interval_s * self.rate_hz > 1.5 {
-                told.push(format!("one sample every {:.6} s", q.interval_s));
-            }
-            if !told.is_empty() {
-                writeln!(
-                    f,
-                    "data: {} from {}: {} samples, {}",
-                    q.signal,
-                    q.place,
-                    q.samples,
-                    told.join(", ")
-                )?;
-            }
+/// Something that a user should know about how the signals were read.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum SignalNote {
+    /// A mapping takes two signals from the same place.
+    SamePlace {
+        /// One of them.
+        first: Signal,
+        /// The other.
+        second: Signal,
+    },
+    /// All header stamps of a topic are the same, so the time of recording counts.
+    UnfilledStamps {
+        /// The topic.
+        topic: String,
+        /// The stamp, ns.
+        stamp_ns: i64,
+    },
+}
+
+impl SignalNote {
+    /// Stable name of the kind, for other programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::SamePlace { .. } => "same_place",
+            Self::UnfilledStamps { .. } => "unfilled_stamps",
         }
-        for note in &self.notes {
-            writeln!(f, "data: {note}")?;
-        }
-        Ok(())
     }
 }

@@ -107,7 +107,9 @@ pub fn import(
         }
         let value = |signal: Signal| values[signal as usize];
         let header = Header::new(stamp, topics::JOINT);
-        let list = |value: f64| if value.is_finite() { vec![value] } else { Vec::new() };
+        let list = |value: f64| {
+            if value.is_finite() { vec![value] } else { Vec::new() }
+        };
         if value(Signal::Position).is_finite() {
             let state = JointState {
                 header: header.clone(),

@@ -7,7 +7,7 @@
 
 use std::path::Path;
 
-use super::data_quality::{DataQuality, SignalQuality};
+use super::data_quality::{DataQuality, SignalNote, SignalQuality};
 use super::error::SignalError;
 use super::grid::{self, Grid, stretches};
 use super::mapping::{Mapping, Place, Signal, SignalSource};
@@ -88,8 +88,8 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
     Ok(Recording { trace, rate, valid, filled, quality })
 }
 
-/// Signals that a mapping takes from the same place, in words: a slip of the pen, most likely.
-fn same_place(mapping: &Mapping) -> Vec<String> {
+/// Signals that a mapping takes from the same place: a slip of the pen, most likely.
+fn same_place(mapping: &Mapping) -> Vec<SignalNote> {
     let first = |signal: &Signal| mapping.signals.get(signal).and_then(|sources| sources.first());
     let signals: Vec<&Signal> = mapping.signals.keys().collect();
     let pairs = signals
@@ -100,9 +100,7 @@ fn same_place(mapping: &Mapping) -> Vec<String> {
         .filter(|(one, two)| {
             first(one).zip(first(two)).is_some_and(|(one, two)| one.place == two.place)
         })
-        .map(|(one, two)| {
-            format!("the mapping takes {one} and {two} from the same place: is one of them meant?")
-        })
+        .map(|(one, two)| SignalNote::SamePlace { first: *one, second: *two })
         .collect()
 }
 
@@ -126,7 +124,7 @@ fn needs(mapping: &Mapping) -> String {
 struct Loading<'a> {
     source: &'a Source,
     mapping: &'a Mapping,
-    notes: Vec<String>,
+    notes: Vec<SignalNote>,
     /// Rows of the forces that stand in place of missing samples, and those between samples of the
     /// cell.
     filled: Vec<usize>,

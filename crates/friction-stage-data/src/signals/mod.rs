@@ -18,7 +18,7 @@ mod source;
 mod topic_source;
 mod trace;
 
-pub use data_quality::{DataQuality, SignalQuality};
+pub use data_quality::{DataQuality, SignalNote, SignalQuality};
 pub use error::SignalError;
 pub use grid::ClockKind;
 pub use import::{ImportReport, import};

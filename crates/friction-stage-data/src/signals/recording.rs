@@ -6,7 +6,6 @@ use super::data_quality::{DataQuality, SignalQuality};
 use super::grid::stretches;
 use super::mapping::Signal;
 use super::trace::Trace;
-use crate::quality::outliers::outliers;
 
 /// A signal with values in less than this share of the rows does not count as recorded. Assumed.
 pub(super) const LEAST_COVERAGE: f64 = 0.5;
@@ -41,18 +40,6 @@ impl Recording {
     pub fn share_filled(&self) -> f64 {
         self.filled.iter().filter(|filled| **filled).count() as f64
             / self.filled.len().max(1) as f64
-    }
-
-    /// Rows in which a position or a force is none that the stage can have had.
-    pub fn outliers(&self, signal: Signal) -> Vec<usize> {
-        let trace = &self.trace;
-        match signal {
-            Signal::Position => outliers(&trace.position, None),
-            // A single force may be a pulse: nothing tells.
-            Signal::ForceCell => outliers(&trace.force_cell, Some(&trace.force)),
-            Signal::Force => outliers(&trace.force, Some(&trace.force_cell)),
-            _ => Vec::new(),
-        }
     }
 
     /// Takes these rows of a signal as missing.
@@ -105,7 +92,9 @@ impl Recording {
     /// Takes the values of a signal for which `unusable` holds as missing, as if they had not been
     /// recorded.
     pub fn leave_out(&mut self, signal: Signal, unusable: impl Fn(f64) -> bool) {
-        let Some(column) = self.column_mut(signal) else { return };
+        let Some(column) = self.column_mut(signal) else {
+            return;
+        };
         column.iter_mut().filter(|value| unusable(**value)).for_each(|value| *value = f64::NAN);
         let coverage = column.iter().filter(|value| value.is_finite()).count() as f64
             / column.len().max(1) as f64;

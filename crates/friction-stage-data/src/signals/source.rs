@@ -7,6 +7,7 @@
 use std::path::Path;
 
 use super::csv_table::CsvFile;
+use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::mapping::{Mapping, Place, Signal, SignalSource};
 use super::topic_source::read_bag;
@@ -28,7 +29,7 @@ pub(crate) struct Stream {
     /// Values of each signal, SI; NaN where a message has none.
     pub values: Vec<Vec<f64>>,
     /// What a user should know about how they were read.
-    pub notes: Vec<String>,
+    pub notes: Vec<SignalNote>,
 }
 
 /// Signals to be read with one stamp.

@@ -1,6 +1,7 @@
 //! The raw samples of signals in the messages of a bag: any field of any type that the bag
 //! defines.
 
+use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::mapping::{Place, SignalSource, Stamp};
 use super::source::{Request, Stream, seconds_to_nanos};
@@ -175,10 +176,8 @@ pub(super) fn read_bag(
                     *stamp = Stamp::LogTime;
                 }
             }
-            let note = format!(
-                "{}: all header stamps are {} ns, so the time of recording counts instead",
-                extraction.topic, stamps[0]
-            );
+            let topic = extraction.topic.clone();
+            let note = SignalNote::UnfilledStamps { topic, stamp_ns: stamps[0] };
             streams[index] = read_bag(reader, &[request], joint)?.remove(0);
             streams[index].notes.push(note);
         }

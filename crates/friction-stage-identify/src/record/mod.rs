@@ -4,4 +4,5 @@
 pub mod joined;
 pub mod lowpass;
 pub mod measured;
+pub mod records;
 pub mod spectrum;

@@ -1,6 +1,6 @@
 //! What an experiment found, as `summary.json` and as a table for people.
 
-use std::io::Write;
+use std::fmt::Write as _;
 
 use serde::Serialize;
 
@@ -11,62 +11,88 @@ use friction_stage_lab::{
 
 /// Everything measured, by experiment; SI units.
 #[derive(Debug, Default, Serialize)]
-pub(super) struct Results {
+pub struct ExperimentResults {
+    /// Force over constant velocity.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub stribeck: Vec<StribeckCurve>,
+    /// Hysteresis loops.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub dahl: Vec<DahlCurves>,
+    /// The stage under a sinusoidal force.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub frequency_response: Vec<FrequencyResponse>,
+    /// 50 mm in 100 ms.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub fast_move: Vec<FastMove>,
+    /// 10 µm in 3 ms.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub fine_step: Vec<FineStep>,
+    /// Integral action at rest.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub hunting: Vec<Hunting>,
+    pub hunting: Vec<SpecimenHunting>,
+    /// Biases of the rig.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub rig: Vec<Rig>,
+    pub rig: Vec<SpecimenRig>,
 }
 
+/// How a specimen behaves under integral action.
 #[derive(Debug, Serialize)]
-pub(super) struct Hunting {
+pub struct SpecimenHunting {
+    /// Name of the specimen.
     pub name: String,
+    /// Per bandwidth and integral gain.
     pub results: Vec<HuntingResult>,
 }
 
+/// How the rig biases the curves of a specimen.
 #[derive(Debug, Serialize)]
-pub(super) struct Rig {
+pub struct SpecimenRig {
+    /// Name of the specimen.
     pub name: String,
+    /// Per property of the rig.
     pub biases: Vec<RigBias>,
 }
 
 /// The stiffnesses of guide 1 that the paper states, with one bristle and with three.
 #[derive(Debug, Serialize)]
-pub(super) struct StiffnessFit {
+pub struct StiffnessFit {
     /// sigma0 of the single bristle that comes nearest, N/m.
     pub best_single_stiffness: f64,
+    /// The bristles in parallel.
     pub distributed: DistributedFit,
+    /// Per stated stiffness.
     pub errors: Vec<StiffnessError>,
 }
 
+/// The whole file, `summary.json`.
 #[derive(Debug, Serialize)]
-pub(super) struct Summary<'a> {
+pub struct ExperimentSummary<'a> {
+    /// Version of the schema.
     pub schema_version: u32,
+    /// Name of the experiment.
     pub experiment: &'a str,
+    /// Version of the program.
     pub version: &'static str,
+    /// Seed of the sensor noise.
     pub seed: u64,
+    /// Names of the specimens.
     pub guides: Vec<&'a str>,
+    /// Statements of the paper with what the stage shows.
     #[serde(skip_serializing_if = "<[Statement]>::is_empty")]
     pub statements: &'a [Statement],
+    /// The stated stiffnesses of guide 1, with one bristle and with three.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stiffness_of_guide_1: Option<&'a StiffnessFit>,
-    pub results: &'a Results,
+    /// Everything measured.
+    pub results: &'a ExperimentResults,
+    /// What a user should know.
     pub warnings: &'a [String],
 }
 
-impl Results {
-    pub(super) fn merged(all: Vec<Results>) -> Results {
-        let mut merged = Results::default();
+impl ExperimentResults {
+    /// The results of several specimens together.
+    pub fn merged(all: Vec<ExperimentResults>) -> ExperimentResults {
+        let mut merged = ExperimentResults::default();
         for one in all {
             merged.stribeck.extend(one.stribeck);
             merged.dahl.extend(one.dahl);
@@ -84,9 +110,16 @@ fn ms(time: Option<f64>) -> String {
     time.map_or("never".to_owned(), |seconds| format!("{:.1}", 1e3 * seconds))
 }
 
-impl Summary<'_> {
+impl ExperimentSummary<'_> {
     /// The key figures; with statements, those alone.
-    pub(super) fn print(&self, out: &mut dyn Write) -> std::io::Result<()> {
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        // A string takes whatever is written.
+        let _ = self.write(&mut out);
+        out
+    }
+
+    fn write(&self, out: &mut String) -> std::fmt::Result {
         for warning in self.warnings {
             writeln!(out, "warning: {warning}")?;
         }
@@ -198,7 +231,7 @@ impl Summary<'_> {
         self.print_fit(out)
     }
 
-    fn print_statements(&self, out: &mut dyn Write) -> std::io::Result<()> {
+    fn print_statements(&self, out: &mut String) -> std::fmt::Result {
         for statement in self.statements {
             let holds = if statement.holds { "yes" } else { "NO " };
             writeln!(out, "{holds}  {:12}  {}", statement.section, statement.paper)?;
@@ -212,7 +245,7 @@ impl Summary<'_> {
         self.print_fit(out)
     }
 
-    fn print_fit(&self, out: &mut dyn Write) -> std::io::Result<()> {
+    fn print_fit(&self, out: &mut String) -> std::fmt::Result {
         let Some(fit) = self.stiffness_of_guide_1 else { return Ok(()) };
         writeln!(
             out,

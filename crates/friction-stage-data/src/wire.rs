@@ -2,11 +2,11 @@
 //!
 //! Stamps on the wire are the stage's own time plus the epoch of the run, ns.
 
-use friction_stage_core::control::{Point, Reference, Terms, Trajectory, TrajectoryError};
-use friction_stage_core::plant;
-use friction_stage_data::message::{
+use crate::message::{
     Clock, ControllerState, Header, JointState, JointTrajectory, StageState, Time, WrenchStamped,
 };
+use friction_stage_core::control::{Point, Reference, Terms, Trajectory, TrajectoryError};
+use friction_stage_core::plant;
 
 /// One sample of the stage as it goes out: `Copy`, so that it passes through a ring without
 /// allocation.
@@ -14,19 +14,25 @@ use friction_stage_data::message::{
 pub struct Tick {
     /// Stamp, ns.
     pub stamp: i64,
+    /// What the sensors read.
     pub sample: plant::Sample,
+    /// The truth.
     pub state: plant::StageState,
 }
 
 /// Names that every message of one stage carries.
 #[derive(Clone, Debug)]
 pub struct StageNames {
+    /// Name of the joint.
     pub joint: String,
+    /// Frame of the messages.
     pub frame: String,
+    /// Names of the effects, in the order of the model.
     pub effects: Vec<String>,
 }
 
 impl Tick {
+    /// The encoder with velocity and effort.
     pub fn encoder(&self, names: &StageNames) -> JointState {
         JointState {
             header: Header::new(self.stamp, names.frame.as_str()),
@@ -37,6 +43,7 @@ impl Tick {
         }
     }
 
+    /// The force cell.
     pub fn force_cell(&self, names: &StageNames) -> WrenchStamped {
         WrenchStamped::along_x(
             Header::new(self.stamp, names.frame.as_str()),
@@ -44,10 +51,12 @@ impl Tick {
         )
     }
 
+    /// The clock at the sample.
     pub fn clock(&self) -> Clock {
         Clock { clock: Time::from_nanos(self.stamp) }
     }
 
+    /// The truth: motion, bristles and force per guide, force per effect.
     pub fn state(&self, names: &StageNames) -> StageState {
         let state = &self.state;
         StageState {
@@ -108,10 +117,27 @@ pub enum Setpoint {
 /// Why a `JointTrajectory` is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SetpointError {
+    /// A trajectory for other joints.
     #[error("no joint `{expected}` among [{found}]")]
-    WrongJoint { expected: String, found: String },
+    WrongJoint {
+        /// The joint of the stage.
+        expected: String,
+        /// Those of the trajectory.
+        found: String,
+    },
+    /// A point with another number of values than joints.
     #[error("point {index}: {found} {quantity} for {joints} joints")]
-    Length { index: usize, quantity: &'static str, found: usize, joints: usize },
+    Length {
+        /// Which point.
+        index: usize,
+        /// Positions, velocities, accelerations or effort.
+        quantity: &'static str,
+        /// Values of it.
+        found: usize,
+        /// Joints of the trajectory.
+        joints: usize,
+    },
+    /// Points that are no motion.
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
 }
@@ -169,7 +195,7 @@ pub fn setpoint(
 
 /// A trajectory as the message that [`setpoint`] reads back.
 pub fn joint_trajectory(joint: &str, stamp: i64, points: &[Point]) -> JointTrajectory {
-    use friction_stage_data::message::{Duration, JointTrajectoryPoint};
+    use crate::message::{Duration, JointTrajectoryPoint};
     JointTrajectory {
         header: Header::new(stamp, ""),
         joint_names: vec![joint.to_owned()],

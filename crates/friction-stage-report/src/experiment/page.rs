@@ -1,25 +1,37 @@
-//! The report of an experiment: figures as files, and one page that holds them.
+//! The page of an experiment, and the figures in it.
 
-use std::path::Path;
-
-use anyhow::Context as _;
-
-use super::summary::Summary;
+use super::summary::ExperimentSummary;
+use crate::chart::{Chart, Style};
+use crate::error::ReportError;
+use crate::page::{Align, Cell, Mark, Page, Table, Tile};
 use friction_stage_lab::{SETTLING_BANDS, Specimen, length};
-use friction_stage_report::chart::{Chart, Style};
-use friction_stage_report::page::{Align, Cell, Mark, Page, Table, Tile};
 
 use Align::{Left, Right};
 
-/// Writes figures and `report.html` into a directory.
-pub(super) struct Report<'a> {
-    directory: &'a Path,
-    summary: &'a Summary<'a>,
+/// A drawn figure of an experiment.
+pub struct ExperimentFigure {
+    /// Name of its file, without the ending.
+    pub name: String,
+    /// The drawing.
+    pub svg: String,
+}
+
+/// The page of an experiment, and its figures as files of their own.
+pub fn experiment_page(
+    summary: &ExperimentSummary<'_>,
+    specimens: &[Specimen],
+) -> Result<(String, Vec<ExperimentFigure>), ReportError> {
+    Report::new(summary).write(specimens)
+}
+
+struct Report<'a> {
+    summary: &'a ExperimentSummary<'a>,
     page: Page,
+    figures: Vec<ExperimentFigure>,
 }
 
 impl<'a> Report<'a> {
-    pub(super) fn new(directory: &'a Path, summary: &'a Summary<'a>) -> Report<'a> {
+    fn new(summary: &'a ExperimentSummary<'a>) -> Report<'a> {
         let title = match summary.experiment {
             "paper" => "The paper's statements, on the stage".to_owned(),
             name => format!("Experiment: {name}"),
@@ -31,10 +43,13 @@ impl<'a> Report<'a> {
             summary.guides.join(", "),
             summary.seed
         );
-        Report { directory, summary, page: Page::new(title, subtitle) }
+        Report { summary, page: Page::new(title, subtitle), figures: Vec::new() }
     }
 
-    pub(super) fn write(&mut self, specimens: &[Specimen]) -> anyhow::Result<()> {
+    fn write(
+        mut self,
+        specimens: &[Specimen],
+    ) -> Result<(String, Vec<ExperimentFigure>), ReportError> {
         self.statements();
         self.stiffness_fit()?;
         self.stribeck(specimens)?;
@@ -59,17 +74,13 @@ impl<'a> Report<'a> {
         for warning in self.summary.warnings {
             self.page.note(Mark::Warning, warning);
         }
-        let page = std::mem::replace(&mut self.page, Page::new("", ""));
-        let path = self.directory.join("report.html");
-        std::fs::write(&path, page.finish())
-            .with_context(|| format!("cannot write {}", path.display()))
+        Ok((self.page.finish(), self.figures))
     }
 
-    fn figure(&mut self, name: &str, chart: &Chart, caption: &str) -> anyhow::Result<()> {
+    fn figure(&mut self, name: &str, chart: &Chart, caption: &str) -> Result<(), ReportError> {
         let svg = chart.svg()?;
-        let path = self.directory.join(format!("{name}.svg"));
-        std::fs::write(&path, &svg).with_context(|| format!("cannot write {}", path.display()))?;
         self.page.figure(&svg, caption);
+        self.figures.push(ExperimentFigure { name: name.to_owned(), svg });
         Ok(())
     }
 
@@ -137,7 +148,7 @@ impl<'a> Report<'a> {
         }
     }
 
-    fn stiffness_fit(&mut self) -> anyhow::Result<()> {
+    fn stiffness_fit(&mut self) -> Result<(), ReportError> {
         let Some(fit) = self.summary.stiffness_of_guide_1 else { return Ok(()) };
         self.page.section("Three stiffnesses and one bristle");
         self.page.text(
@@ -188,7 +199,7 @@ impl<'a> Report<'a> {
         )
     }
 
-    fn stribeck(&mut self, specimens: &[Specimen]) -> anyhow::Result<()> {
+    fn stribeck(&mut self, specimens: &[Specimen]) -> Result<(), ReportError> {
         let curves = &self.summary.results.stribeck;
         if curves.is_empty() {
             return Ok(());
@@ -265,7 +276,7 @@ impl<'a> Report<'a> {
         Ok(())
     }
 
-    fn dahl(&mut self, specimens: &[Specimen]) -> anyhow::Result<()> {
+    fn dahl(&mut self, specimens: &[Specimen]) -> Result<(), ReportError> {
         let all = &self.summary.results.dahl;
         if all.is_empty() {
             return Ok(());
@@ -413,7 +424,7 @@ impl<'a> Report<'a> {
         Ok(())
     }
 
-    fn frequency_response(&mut self) -> anyhow::Result<()> {
+    fn frequency_response(&mut self) -> Result<(), ReportError> {
         let all = &self.summary.results.frequency_response;
         if all.is_empty() {
             return Ok(());
@@ -494,7 +505,7 @@ impl<'a> Report<'a> {
         Ok(())
     }
 
-    fn fast_move(&mut self) -> anyhow::Result<()> {
+    fn fast_move(&mut self) -> Result<(), ReportError> {
         let all = &self.summary.results.fast_move;
         if all.is_empty() {
             return Ok(());
@@ -567,7 +578,7 @@ impl<'a> Report<'a> {
         self.figure("fast_move_settling", &settling, "Who settles first depends on the band.")
     }
 
-    fn fine_step(&mut self) -> anyhow::Result<()> {
+    fn fine_step(&mut self) -> Result<(), ReportError> {
         let all = &self.summary.results.fine_step;
         if all.is_empty() {
             return Ok(());
@@ -624,7 +635,7 @@ impl<'a> Report<'a> {
         Ok(())
     }
 
-    fn hunting(&mut self) -> anyhow::Result<()> {
+    fn hunting(&mut self) -> Result<(), ReportError> {
         let all = &self.summary.results.hunting;
         if all.is_empty() {
             return Ok(());
@@ -676,7 +687,7 @@ impl<'a> Report<'a> {
         self.figure("hunting", &chart, "Position error with the softest controller.")
     }
 
-    fn rig(&mut self) -> anyhow::Result<()> {
+    fn rig(&mut self) -> Result<(), ReportError> {
         for rig in &self.summary.results.rig {
             self.page.section(&format!("The rig's own bias: {}", rig.name));
             self.page.text(

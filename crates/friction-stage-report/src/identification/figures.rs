@@ -1,45 +1,36 @@
 //! The figures of an identification: what the models miss before and after, over everything that a
 //! cause could depend on.
 
-use super::input::{Input, Record};
+use crate::chart::{Chart, Style};
+use crate::error::ReportError;
+use crate::words::Words;
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, StageModel};
-use friction_stage_identify::{Change, Measured, Missing, Selection, Sides, closed_loop, spectrum};
-use friction_stage_report::chart::{Chart, Style};
+use friction_stage_identify::{
+    Identification, IdentifyFinding, LoopError, Measured, Missing, Record, Records, Selection,
+    Sides, spectrum,
+};
 
 /// A drawn figure; `name` is its file without the ending.
-pub struct Figure {
+pub struct IdentificationFigure {
+    /// Name of its file, without the ending.
     pub name: String,
-    pub group: Group,
+    /// Where it stands in the report.
+    pub group: FigureGroup,
+    /// The drawing.
     pub svg: String,
+    /// What it shows.
     pub caption: String,
 }
 
 /// Section of the report in which a figure stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Group {
+pub enum FigureGroup {
+    /// Measured and modelled.
     Comparison,
+    /// What the models miss.
     Residual,
+    /// Spectra of the residual.
     Spectrum,
-}
-
-/// Simulated less recorded encoder of one record, m.
-pub struct LoopError {
-    pub before: Vec<f64>,
-    pub after: Vec<f64>,
-}
-
-pub struct LoopErrors {
-    pub train: LoopError,
-    pub holdout: LoopError,
-}
-
-impl LoopError {
-    pub fn change(&self) -> Change {
-        Change {
-            before: Some(closed_loop::rms(&self.before)),
-            after: Some(closed_loop::rms(&self.after)),
-        }
-    }
 }
 
 /// Bins of a residual over a coordinate, equally wide.
@@ -59,7 +50,7 @@ struct Residuals<'a> {
 }
 
 impl Residuals<'_> {
-    fn of<'a>(selection: &Selection, measured: &'a Measured) -> anyhow::Result<Residuals<'a>> {
+    fn of<'a>(selection: &Selection, measured: &'a Measured) -> Result<Residuals<'a>, ReportError> {
         Ok(Residuals {
             measured,
             before: selection.before.hypothesis.missing(measured, Sides::BOTH)?,
@@ -95,17 +86,17 @@ impl Residuals<'_> {
 }
 
 /// Draws all of them.
-pub fn draw(
-    selection: &Selection,
-    input: &Input,
-    loops: Option<&LoopErrors>,
-) -> anyhow::Result<Vec<Figure>> {
-    let train = Residuals::of(selection, &input.train.measured)?;
-    let holdout = Residuals::of(selection, &input.holdout.measured)?;
-    let mut figures: Vec<Figure> = maps(&selection.after.fitted.hypothesis.model())?;
+pub fn identification_figures(
+    identification: &Identification,
+    records: &Records,
+) -> Result<Vec<IdentificationFigure>, ReportError> {
+    let selection = &identification.selection;
+    let train = Residuals::of(selection, &records.train.measured)?;
+    let holdout = Residuals::of(selection, &records.holdout.measured)?;
+    let mut figures: Vec<IdentificationFigure> = maps(&identification.model)?;
     figures.extend(force(&holdout)?);
-    if let Some(loops) = loops {
-        figures.push(position(&input.holdout, &loops.holdout)?);
+    if let Some(loops) = &identification.loops {
+        figures.push(position(&records.holdout, &loops.holdout)?);
     }
     figures.extend(over_time(&holdout, "hold-out")?);
     figures.extend(over_time(&train, "train")?);
@@ -173,9 +164,9 @@ pub fn draw(
                 );
             }
         }
-        figures.push(Figure {
+        figures.push(IdentificationFigure {
             name: name.to_owned(),
-            group: Group::Residual,
+            group: FigureGroup::Residual,
             svg: chart.svg()?,
             caption: format!(
                 "What the declared (before) and the identified (after) model miss \
@@ -185,9 +176,9 @@ pub fn draw(
         // Over the signed coordinates a cause that changes its sign averages out; its size does
         // not.
         if matches!(word, "position" | "velocity") {
-            figures.push(Figure {
+            figures.push(IdentificationFigure {
                 name: format!("residual_size_over_{word}"),
-                group: Group::Residual,
+                group: FigureGroup::Residual,
                 svg: spread.svg()?,
                 caption: format!(
                     "The same as size: root mean square of the rows of a bin over {word}."
@@ -200,7 +191,7 @@ pub fn draw(
 }
 
 /// The empirical curves of a model.
-fn maps(model: &StageModel) -> anyhow::Result<Vec<Figure>> {
+fn maps(model: &StageModel) -> Result<Vec<IdentificationFigure>, ReportError> {
     let curves = model.effects.iter().filter_map(|effect| effect.curve.as_ref());
     let figure = |(index, curve): (usize, &Curve)| {
         let word = curve.coordinate.name();
@@ -225,11 +216,11 @@ fn maps(model: &StageModel) -> anyhow::Result<Vec<Figure>> {
         );
         let points = curve.corners().into_iter().map(|(place, value)| (scale * place, value));
         chart.add("map", 0, Style::Line, points);
-        let jump =
-            super::jump_in_words(curve).map_or_else(String::new, |words| format!("; {words}"));
-        Ok(Figure {
+        let jump = IdentifyFinding::of_jump(curve)
+            .map_or_else(String::new, |jump| format!("; {}", jump.words()));
+        Ok(IdentificationFigure {
             name: if index == 0 { "map".to_owned() } else { format!("map_{}", index + 1) },
-            group: Group::Comparison,
+            group: FigureGroup::Comparison,
             svg: chart.svg()?,
             caption: format!(
                 "The empirical map of the identified model over {word}: linear between {} knots, \
@@ -242,7 +233,7 @@ fn maps(model: &StageModel) -> anyhow::Result<Vec<Figure>> {
 }
 
 /// Measured force and both models along the measured motion, whole and close up.
-fn force(residuals: &Residuals) -> anyhow::Result<[Figure; 2]> {
+fn force(residuals: &Residuals) -> Result<[IdentificationFigure; 2], ReportError> {
     let measured = residuals.measured;
     let time = measured.at_rows(&measured.time);
     let reading = measured.filtered(measured.cell.as_deref().unwrap_or(&measured.command));
@@ -277,9 +268,9 @@ fn force(residuals: &Residuals) -> anyhow::Result<[Figure; 2]> {
     };
     let seconds = part.len() as f64 / measured.lowpass.kept_rate();
     Ok([
-        Figure {
+        IdentificationFigure {
             name: "force_measured_and_simulated".to_owned(),
-            group: Group::Comparison,
+            group: FigureGroup::Comparison,
             svg: draw("Measured and simulated force, hold-out record".to_owned(), 0..time.len())?,
             caption: format!(
                 "Force on the carriage: {what}, and mass times acceleration plus friction less \
@@ -287,9 +278,9 @@ fn force(residuals: &Residuals) -> anyhow::Result<[Figure; 2]> {
                  Before: declared model, refitted; after: identified model."
             ),
         },
-        Figure {
+        IdentificationFigure {
             name: "force_close_up".to_owned(),
-            group: Group::Comparison,
+            group: FigureGroup::Comparison,
             svg: draw(format!("Measured and simulated force, {seconds:.1} s of it"), part)?,
             caption: "The same where the declared model misses most on the carriage side."
                 .to_owned(),
@@ -297,7 +288,7 @@ fn force(residuals: &Residuals) -> anyhow::Result<[Figure; 2]> {
     ])
 }
 
-fn position(record: &Record, error: &LoopError) -> anyhow::Result<Figure> {
+fn position(record: &Record, error: &LoopError) -> Result<IdentificationFigure, ReportError> {
     let mut time = Vec::new();
     for trace in record.traces() {
         let from = time.last().copied().unwrap_or(0.0);
@@ -317,9 +308,9 @@ fn position(record: &Record, error: &LoopError) -> anyhow::Result<Figure> {
         format!("simulated less encoder, {unit}"),
     );
     pair(&mut chart, &time, &scaled(&error.before), &scaled(&error.after));
-    Ok(Figure {
+    Ok(IdentificationFigure {
         name: "position_error_in_closed_loop".to_owned(),
-        group: Group::Comparison,
+        group: FigureGroup::Comparison,
         svg: chart.svg()?,
         caption: "Simulated loop (identified or declared stage, recorded setpoint, controller \
                   found from the record) less recorded encoder."
@@ -327,7 +318,10 @@ fn position(record: &Record, error: &LoopError) -> anyhow::Result<Figure> {
     })
 }
 
-fn over_time(residuals: &Residuals, record: &str) -> anyhow::Result<Vec<Figure>> {
+fn over_time(
+    residuals: &Residuals,
+    record: &str,
+) -> Result<Vec<IdentificationFigure>, ReportError> {
     let time = residuals.measured.at_rows(&residuals.measured.time);
     residuals
         .sides()
@@ -343,13 +337,13 @@ fn over_time(residuals: &Residuals, record: &str) -> anyhow::Result<Vec<Figure>>
                 "motor side" => "cell less command and motor effects",
                 _ => "mass times acceleration plus friction less effects and measured force",
             };
-            Ok(Figure {
+            Ok(IdentificationFigure {
                 name: format!(
                     "residual_over_time_{}_{}",
                     side.replace(' ', "_"),
                     record.replace('-', "")
                 ),
-                group: Group::Residual,
+                group: FigureGroup::Residual,
                 svg: chart.svg()?,
                 caption: format!(
                     "Force that the models miss on the {side} ({law}), {record} record."
@@ -398,7 +392,7 @@ fn thin(time: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
         .collect()
 }
 
-fn spectra(residuals: &Residuals) -> anyhow::Result<Vec<Figure>> {
+fn spectra(residuals: &Residuals) -> Result<Vec<IdentificationFigure>, ReportError> {
     let measured = residuals.measured;
     let (position, velocity) =
         (measured.at_rows(&measured.position), measured.at_rows(&measured.velocity));
@@ -423,18 +417,18 @@ fn spectra(residuals: &Residuals) -> anyhow::Result<Vec<Figure>> {
         }
     }
     Ok(vec![
-        Figure {
+        IdentificationFigure {
             name: "spectrum_over_time".to_owned(),
-            group: Group::Spectrum,
+            group: FigureGroup::Spectrum,
             svg: time.svg()?,
             caption:
                 "Residual of the train record over frequency (Welch). A line at one frequency \
                       whatever the speed comes from time: a vibration, a resonance."
                     .to_owned(),
         },
-        Figure {
+        IdentificationFigure {
             name: "spectrum_over_position".to_owned(),
-            group: Group::Spectrum,
+            group: FigureGroup::Spectrum,
             svg: space.svg()?,
             caption:
                 "Residual of the train record over period in position, moving rows only (best \

@@ -1,33 +1,37 @@
 //! The report of an identification as one page.
 
-use super::figures::{Figure, Group};
-use super::input::Input;
+use super::figures::{FigureGroup, IdentificationFigure};
 use super::metres;
-use friction_stage_core::model::{CurveSide, ModelError, StageModel};
+use crate::error::ReportError;
+use crate::page::{Align, Cell, Mark, Page, Table, Tile};
+use crate::words::times_noise;
+use friction_stage_core::model::{CurveSide, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
-    Evidence, Hypothesis, Inseparable, LEFT_AT_MOST, NextExperiment, NominalParameter, Outcome,
-    Selection, Summary, Tolerances, Verdict, in_digits, readable, side_name, taking_part,
+    Evidence, Hypothesis, Identification, Inseparable, LEFT_AT_MOST, NextExperiment,
+    NominalParameter, Outcome, Record, Records, Selection, Summary, Tolerances, Verdict, in_digits,
+    readable, side_name, taking_part,
 };
-use friction_stage_report::page::{Align, Cell, Mark, Page, Table, Tile};
 
 /// What a candidate must explain on each record, in words.
 const LEAST_SHARE: &str = "a tenth of what is left to explain (a quarter beside laws that explain \
                            nearly all, half beside a curve)";
 
-pub fn page(
+/// The page: verdict, effects, errors, parameters, figures, candidates. `name` is what the user
+/// calls the declared model.
+pub fn identification_page(
     name: &str,
-    declared: &StageModel,
-    identified: &StageModel,
-    selection: &Selection,
+    identification: &Identification,
+    records: &Records,
     summary: &Summary,
-    input: &Input,
-    figures: &[Figure],
-) -> Result<String, ModelError> {
+    figures: &[IdentificationFigure],
+) -> Result<String, ReportError> {
+    let (declared, identified) = (identification.declared(), &identification.model);
+    let selection = &identification.selection;
     let paths = |paths: &[std::path::PathBuf]| {
         paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
     };
-    let (train, holdout) = (&input.train, &input.holdout);
+    let (train, holdout) = (&records.train, &records.holdout);
     let mut page = Page::new(
         format!("What {} lacks", declared.name),
         format!(
@@ -45,9 +49,9 @@ pub fn page(
     page.section("Declared parameters");
     parameters(&mut page, declared, selection, summary, train.measured.rate)?;
     for (group, title) in [
-        (Group::Comparison, "Measured and simulated"),
-        (Group::Residual, "Residual"),
-        (Group::Spectrum, "Spectra of the residual"),
+        (FigureGroup::Comparison, "Measured and simulated"),
+        (FigureGroup::Residual, "Residual"),
+        (FigureGroup::Spectrum, "Spectra of the residual"),
     ] {
         page.section(title);
         for figure in figures.iter().filter(|figure| figure.group == group) {
@@ -61,7 +65,7 @@ pub fn page(
         next_experiment(&mut page, next);
     }
     page.section("Data and method");
-    let record = |record: &super::input::Record| {
+    let record = |record: &Record| {
         let measured = &record.measured;
         format!(
             "{} samples at {:.3} Hz, {} rows compared at {:.1} Hz",
@@ -120,7 +124,7 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             format!(
                 "Nothing is missing that these data show: the refitted model leaves {:.4} N, {}.",
                 selection.errors_after.holdout().sqrt(),
-                super::times_noise(selection)
+                times_noise(selection.errors_after.holdout().sqrt(), selection.floor.total())
             ),
         ),
         Verdict::Unknown => (
@@ -434,7 +438,7 @@ fn parameters(
     selection: &Selection,
     summary: &Summary,
     rate: f64,
-) -> Result<(), ModelError> {
+) -> Result<(), ReportError> {
     let stated = Hypothesis::new(declared, Tolerances::default())?;
     let mut table = Table::new(&[
         ("parameter", Align::Left),

@@ -1,0 +1,287 @@
+//! What a recording can identify and what not: the motion that it covers, the noise that is in it,
+//! and what is wrong with it.
+//!
+//! What comes in is a [`Recording`] and, if there is one, the declared model; what goes out is an
+//! [`Excitation`] with figures, [`DataFinding`]s and a [`Judgement`] per kind of parameter. Nothing
+//! is fitted finely here: one linear regression of the force on acceleration, direction and
+//! velocity shows signs, units and sizes.
+
+mod judgement;
+mod motion;
+mod noise;
+mod regression;
+mod signals;
+mod units;
+
+use std::ops::Range;
+
+use serde::Serialize;
+
+use super::finding::{DataFinding, Severity};
+use crate::signals::{Recording, Signal};
+use friction_stage_core::model::StageModel;
+
+pub use judgement::{Judgement, JudgementBasis, Subject};
+
+/// Least rows in one piece. Assumed: some fifty parameters' worth of filtered samples.
+const LEAST_ROWS: usize = 500;
+
+/// Half of the time over which velocity and acceleration are taken, s. Assumed: short against a 60
+/// Hz loop's 17 ms period, long enough that 1 nm of noise is 0.1 mm/s² of acceleration.
+const HALF_BASE: f64 = 5e-3;
+
+/// Slower than this, m/s, the carriage rests. Assumed: a hundredth of a usual Stribeck velocity of
+/// 1 mm/s and more.
+const REST_SPEED: f64 = 1e-5;
+
+/// Least, median and largest of something.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// The least.
+    pub least: f64,
+    /// The one in the middle.
+    pub median: f64,
+    /// The largest.
+    pub largest: f64,
+}
+
+/// Noise of a sensor, SI.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct NoiseFound {
+    /// Standard deviation, from sixth differences.
+    pub present: f64,
+    /// Declared standard deviation, quantisation included.
+    pub declared: Option<f64>,
+    /// Smallest step between two values; the resolution if the signal is quantised.
+    pub smallest_step: f64,
+}
+
+/// Force regressed on the motion: F = mass a + coulomb sign(v) + viscous v + offset, while the
+/// carriage moves.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RoughFit {
+    /// Mass, kg.
+    pub mass: f64,
+    /// Its standard deviation, kg, as if the residual were white.
+    pub mass_deviation: f64,
+    /// Coulomb friction, N.
+    pub coulomb: f64,
+    /// Viscous friction, N s/m.
+    pub viscous: f64,
+    /// Constant force, N.
+    pub offset: f64,
+    /// Explained share of the mean square of the force.
+    pub explained: f64,
+    /// Share of the mean square that acceleration brings.
+    pub inertial: f64,
+    /// Share of the mean square that nothing but acceleration explains.
+    pub by_acceleration_alone: f64,
+}
+
+/// What a recording covers and can identify.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Excitation {
+    /// Length of the valid rows, s.
+    pub duration_s: f64,
+    /// Lowest and highest position, m.
+    pub position_range: [f64; 2],
+    /// Lowest and highest velocity, m/s, over 10 ms.
+    pub velocity_range: [f64; 2],
+    /// Largest acceleration, m/s², over 10 ms.
+    pub largest_acceleration: f64,
+    /// Travel between two reversals, m.
+    pub amplitude: Option<Spread>,
+    /// Turns round.
+    pub reversals: usize,
+    /// Distance travelled, m.
+    pub distance: f64,
+    /// Speeds that were held for at least 50 ms, m/s, both directions taken together, slowest
+    /// first.
+    pub speeds: Vec<f64>,
+    /// Time at rest, s: slower than 10 um/s, or than the noise allows to tell.
+    pub rest_s: f64,
+    /// Stretches of rest of at least 50 ms: shortest, median, longest, s.
+    pub rests: Option<Spread>,
+    /// How many of them.
+    pub rest_count: usize,
+    /// Noise of the encoder, m.
+    pub encoder_noise: Option<NoiseFound>,
+    /// Noise of the force cell, N: of the cell less the command, if there is one.
+    pub force_cell_noise: Option<NoiseFound>,
+    /// Which signals are recorded.
+    pub recorded: Vec<Signal>,
+    /// The force cell over the motion.
+    pub cell_fit: Option<RoughFit>,
+    /// The command over the motion.
+    pub command_fit: Option<RoughFit>,
+    /// What is wrong, worst first.
+    #[serde(rename = "problems")]
+    pub findings: Vec<DataFinding>,
+    /// What can be identified and what cannot.
+    pub judgements: Vec<Judgement>,
+}
+
+impl Excitation {
+    /// The worst severity, if anything was found.
+    pub fn severity(&self) -> Option<Severity> {
+        self.findings.iter().map(DataFinding::severity).max()
+    }
+}
+
+/// Examines a recording, against the declared model if there is one.
+pub fn examine(recording: &Recording, model: Option<&StageModel>) -> Excitation {
+    Examiner::new(recording, model).run()
+}
+
+struct Examiner<'a> {
+    recording: &'a Recording,
+    model: Option<&'a StageModel>,
+    segments: Vec<Range<usize>>,
+    /// Rows to either side of a moment.
+    half: usize,
+    step: f64,
+    findings: Vec<DataFinding>,
+}
+
+impl<'a> Examiner<'a> {
+    fn new(recording: &'a Recording, model: Option<&'a StageModel>) -> Self {
+        let half = ((HALF_BASE * recording.rate).round() as usize).max(1);
+        Self {
+            recording,
+            model,
+            segments: recording.segments(),
+            half,
+            step: 1.0 / recording.rate,
+            findings: Vec::new(),
+        }
+    }
+
+    fn column(&self, signal: Signal) -> &'a [f64] {
+        self.recording.trace.columns()[signal as usize]
+    }
+
+    fn run(mut self) -> Excitation {
+        let has = |signal| self.recording.has(signal);
+        let recorded: Vec<Signal> = Signal::ALL.into_iter().filter(|&s| has(s)).collect();
+        let (has_cell, has_command) = (has(Signal::ForceCell), has(Signal::Force));
+        let x = self.column(Signal::Position);
+        let valid_rows = self.recording.quality.valid_rows;
+        let encoder_noise = self.encoder_noise();
+        let force_cell_noise = self.cell_noise();
+        let noise = encoder_noise.map_or(0.0, |n| n.present);
+        let moments = self.moments();
+        let range = |values: &mut dyn Iterator<Item = f64>| {
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
+                [low.min(v), high.max(v)]
+            })
+        };
+        let known = |[low, high]: [f64; 2]| if low <= high { [low, high] } else { [0.0, 0.0] };
+        let position_range = known(range(&mut x.iter().copied().filter(|v| v.is_finite())));
+        let velocity_range = known(range(&mut moments.iter().map(|m| m.velocity)));
+        let largest_acceleration = moments.iter().map(|m| m.acceleration.abs()).fold(0.0, f64::max);
+        let stroke = position_range[1] - position_range[0];
+        // five standard deviations of the velocity's noise
+        let rest_speed =
+            REST_SPEED.max(5.0 * noise * 0.5f64.sqrt() / (self.half as f64 * self.step));
+        let moves = stroke > 20.0 * noise
+            && stroke > 0.0
+            && moments.iter().any(|m| m.velocity.abs() > rest_speed);
+        let (amplitudes, reversals, distance) = self.travel((20.0 * noise).max(1e-7));
+        let (speeds, held) = self.speeds(&moments, rest_speed);
+        let rests = self.rests(&moments, rest_speed);
+        let moving = moments.iter().filter(|m| m.velocity.abs() > rest_speed).count();
+        let moment_s = self.half as f64 * self.step;
+
+        self.about_quality();
+        let rows = self.segments.iter().map(Range::len).max().unwrap_or(0);
+        if rows < LEAST_ROWS {
+            let seconds = rows as f64 * self.step;
+            self.findings.push(DataFinding::TooShort { rows, seconds, needed: LEAST_ROWS });
+        }
+        if !moves && rows > 0 {
+            self.findings.push(DataFinding::NoMotion { range: stroke, noise });
+        }
+        let mut usable = [(Signal::ForceCell, has_cell), (Signal::Force, has_command)];
+        for (signal, usable) in &mut usable {
+            if *usable && moves && self.constant(*signal) {
+                *usable = false;
+            }
+            if *usable {
+                self.clipped(*signal);
+            }
+        }
+        self.clipped_position(noise);
+        for (signal, is_there) in [(Signal::Position, rows > 0), usable[0], usable[1]] {
+            if is_there {
+                self.outliers(signal);
+            }
+        }
+        for (signal, is_there) in [(Signal::Position, moves), usable[0], usable[1]] {
+            if is_there && moves {
+                self.stuck(signal);
+            }
+        }
+        let [(_, cell_usable), (_, command_usable)] = usable;
+        match (cell_usable, command_usable) {
+            (false, false) => self.findings.push(DataFinding::NoForce),
+            (false, true) => self.findings.push(DataFinding::NoForceCell),
+            (true, false) => self.findings.push(DataFinding::NoCommand),
+            (true, true) => {}
+        }
+        if !has(Signal::ReferencePosition) {
+            self.findings.push(DataFinding::NoSetpoint);
+        } else if moves {
+            self.constant(Signal::ReferencePosition);
+        }
+        let (mut cell_fit, mut command_fit) = (None, None);
+        if moves {
+            if velocity_range[0] > -rest_speed || velocity_range[1] < rest_speed {
+                self.findings.push(DataFinding::OneDirection);
+            }
+            let share = held.iter().map(|(_, time)| time).sum::<f64>() / (moving as f64 * moment_s);
+            if let [speed] = speeds[..]
+                && share > 0.6
+            {
+                self.findings.push(DataFinding::OneSpeed { speed, share });
+            }
+            if cell_usable {
+                cell_fit = self.regress(Signal::ForceCell, &moments, rest_speed);
+            }
+            if command_usable {
+                command_fit = self.regress(Signal::Force, &moments, rest_speed);
+            }
+            self.signs_and_units(cell_fit, command_fit);
+            self.noise(encoder_noise, force_cell_noise);
+        }
+        self.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity()));
+        let rest_spread = spread(rests.clone());
+        let mut excitation = Excitation {
+            duration_s: valid_rows as f64 * self.step,
+            position_range,
+            velocity_range,
+            largest_acceleration,
+            amplitude: spread(amplitudes),
+            reversals,
+            distance,
+            speeds,
+            rest_s: (moments.len() - moving) as f64 * moment_s,
+            rests: rest_spread,
+            rest_count: rests.len(),
+            encoder_noise,
+            force_cell_noise,
+            recorded,
+            cell_fit,
+            command_fit,
+            findings: self.findings,
+            judgements: Vec::new(),
+        };
+        excitation.judgements = judgement::judge(&excitation, self.model);
+        excitation
+    }
+}
+
+fn spread(mut values: Vec<f64>) -> Option<Spread> {
+    values.sort_by(f64::total_cmp);
+    let (&least, &largest) = (values.first()?, values.last()?);
+    Some(Spread { least, median: values[values.len() / 2], largest })
+}

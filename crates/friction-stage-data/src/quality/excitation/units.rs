@@ -1,0 +1,264 @@
+//! Signs and units, by whatever can be compared: reference and position, cell and command, force
+//! and acceleration, the declared mass and friction.
+
+use super::{Examiner, RoughFit};
+use crate::quality::finding::{DataFinding, Disagreement};
+use crate::signals::Signal;
+use friction_stage_core::model::Guide;
+
+/// Part of what a cell is off the command before it that it must be off the one behind it for the
+/// two to be swapped. Assumed: what a motor adds is as far from either.
+const SWAPPED: f64 = 0.3;
+/// Break-away distances that a stage has to span for its Coulomb friction to be seen. Assumed.
+const SLIDES: f64 = 50.0;
+
+impl Examiner<'_> {
+    /// Signs and units, by whatever can be compared: reference and position, cell and command,
+    /// force and acceleration.
+    pub(super) fn signs_and_units(&mut self, cell: Option<RoughFit>, command: Option<RoughFit>) {
+        let declared = self.model.map(|m| {
+            let payload = m
+                .effects
+                .iter()
+                .filter(|e| e.name == "payload")
+                .filter_map(|e| e.values.get("mass"));
+            m.mass + payload.sum::<f64>()
+        });
+        let guides = self.model.and_then(|model| model.resolved_guides().ok());
+        let of_guides =
+            |value: fn(&Guide) -> f64| Some(guides.as_ref()?.iter().map(value).sum::<f64>());
+        let (coulomb, viscous) =
+            (of_guides(|guide| guide.coulomb_force), of_guides(|guide| guide.viscous_friction));
+        let fits: Vec<(Signal, RoughFit)> = [(Signal::ForceCell, cell), (Signal::Force, command)]
+            .into_iter()
+            .filter_map(|(s, f)| Some((s, f?)))
+            .collect();
+        // an explained share below a half is no fit to draw conclusions from (assumed)
+        for (signal, fit) in &fits {
+            if fit.explained < 0.5 {
+                self.findings
+                    .push(DataFinding::Unrelated { signal: *signal, share: fit.explained });
+            }
+        }
+        // at one speed all acceleration is where the motion begins and ends, and what the bristles
+        // do there passes for a mass
+        let one_speed =
+            self.findings.iter().any(|finding| matches!(finding, DataFinding::OneSpeed { .. }));
+        let is_clear = |fit: &RoughFit| !one_speed && fit.knows_the_mass() && fit.explained >= 0.5;
+        let clear: Vec<(Signal, RoughFit)> =
+            fits.into_iter().filter(|(_, fit)| is_clear(fit)).collect();
+        let all = !clear.is_empty();
+        let mut told = false;
+        // signs
+        let negative: Vec<&(Signal, RoughFit)> =
+            clear.iter().filter(|(_, f)| f.mass < 0.0).collect();
+        let reference = self.reference_slope();
+        if all
+            && negative.len() == clear.len()
+            && (clear.len() == 2 || reference.is_some_and(|s| s < 0.0))
+        {
+            self.findings.push(DataFinding::SwappedSign {
+                signal: Signal::Position,
+                mass: negative[0].1.mass,
+                or_every_force: !reference.is_some_and(|s| s < 0.0),
+            });
+            told = true;
+        } else {
+            for (signal, fit) in &negative {
+                self.findings.push(DataFinding::SwappedSign {
+                    signal: *signal,
+                    mass: fit.mass,
+                    or_every_force: false,
+                });
+                told = true;
+            }
+        }
+        // units of the forces and of the position against the declared mass; a signal that is cut
+        // off has another mass for that
+        let cut =
+            self.findings.iter().any(|finding| matches!(finding, DataFinding::Clipped { .. }));
+        if let Some(declared) = declared {
+            let ratios: Vec<(Signal, RoughFit, f64)> =
+                clear.iter().map(|(s, f)| (*s, *f, f.mass.abs() / declared)).collect();
+            let position_unit = ratios.first().and_then(|(_, fit, ratio)| {
+                let same = ratios.iter().all(|(_, _, other)| (other / ratio).ln().abs() < 0.3);
+                let friction: f64 = coulomb?;
+                let fits = (0.2..5.0).contains(&(fit.coulomb.abs() / friction));
+                let (unit, signal) = position_unit(*ratio)?;
+                let in_velocities = if signal == Signal::Time { ratio.sqrt() } else { *ratio };
+                let fits = fits && !is_as_declared(fit.viscous, viscous?, in_velocities);
+                (same && fits && !cut).then_some((unit, signal, *fit))
+            });
+            if let Some((unit, signal, fit)) = position_unit {
+                self.findings.push(DataFinding::WrongUnit {
+                    signal,
+                    unit,
+                    mass: fit.mass.abs(),
+                    declared,
+                    friction_fits: true,
+                });
+                told = true;
+            } else {
+                for (signal, fit, ratio) in &ratios {
+                    if let Some(unit) = force_unit(*ratio).filter(|_| {
+                        !cut && !coulomb
+                            .is_some_and(|coulomb| is_as_declared(fit.coulomb, coulomb, *ratio))
+                    }) {
+                        self.findings.push(DataFinding::WrongUnit {
+                            signal: *signal,
+                            unit,
+                            mass: fit.mass.abs(),
+                            declared,
+                            friction_fits: false,
+                        });
+                        told = true;
+                    }
+                }
+                let (_, fit, ratio) = match ratios.first() {
+                    Some(first) => first,
+                    None => return self.cell_and_command(told),
+                };
+                if !told && !(0.8..1.25).contains(ratio) {
+                    self.findings.push(DataFinding::OtherMachine {
+                        declared,
+                        measured: fit.mass,
+                        deviation: fit.mass_deviation,
+                    });
+                }
+                if let Some(friction) = coulomb.filter(|f| *f > 0.0 && self.slides())
+                    && !told
+                    && !(0.4..2.5).contains(&(fit.coulomb / friction))
+                {
+                    self.findings.push(DataFinding::OtherFriction {
+                        declared: friction,
+                        measured: fit.coulomb,
+                    });
+                }
+            }
+        }
+        self.cell_and_command(told);
+    }
+
+    /// Whether the stage goes so far that its guides slide most of the way: within their break-away
+    /// distances they only spring.
+    fn slides(&self) -> bool {
+        let guides = self.model.and_then(|model| model.resolved_guides().ok()).unwrap_or_default();
+        let longest =
+            guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
+        let finite = || self.column(Signal::Position).iter().copied().filter(|x| x.is_finite());
+        let span =
+            finite().fold(f64::NEG_INFINITY, f64::max) - finite().fold(f64::INFINITY, f64::min);
+        span > SLIDES * longest
+    }
+
+    fn reference_slope(&self) -> Option<f64> {
+        if !self.recording.has(Signal::ReferencePosition) {
+            return None;
+        }
+        let reference = self.column(Signal::ReferencePosition);
+        let (slope, explained) = self.slope(self.column(Signal::Position), |row| reference[row])?;
+        (explained > 0.9).then_some(slope)
+    }
+
+    /// Signals that should be the same: cell and command, position and reference, and the
+    /// references among themselves.
+    fn cell_and_command(&mut self, told: bool) {
+        let mut disagree = |first: Signal, second: Signal, slope: f64| {
+            if (0.5..2.0).contains(&slope) {
+                return;
+            }
+            let evidence = Disagreement::Factor(slope);
+            self.findings.push(DataFinding::Disagree { first, second, evidence });
+        };
+        let trace = &self.recording.trace;
+        let examiner = Examiner { findings: Vec::new(), segments: self.segments.clone(), ..*self };
+        if !told
+            && examiner.recording.has(Signal::ForceCell)
+            && examiner.recording.has(Signal::Force)
+        {
+            // the cell shows a command one row later
+            let apart = |ahead: usize, behind: usize| {
+                let pairs = trace.force_cell[ahead..].iter().zip(&trace.force[behind..]);
+                pairs
+                    .map(|(cell, command)| (cell - command).powi(2))
+                    .filter(|square| square.is_finite())
+                    .sum::<f64>()
+            };
+            let (behind, ahead) = (apart(1, 0).sqrt(), apart(0, 1).sqrt());
+            if ahead < SWAPPED * behind {
+                let (first, second) = (Signal::ForceCell, Signal::Force);
+                let evidence = Disagreement::Before(behind / ahead);
+                self.findings.push(DataFinding::Disagree { first, second, evidence });
+                return;
+            }
+            let slope = examiner.slope(&trace.force_cell, |row| trace.force[row.max(1) - 1]);
+            if let Some((slope, _)) = slope.filter(|(_, explained)| *explained > 0.5) {
+                disagree(Signal::ForceCell, Signal::Force, slope);
+            }
+        }
+        if let Some(slope) = examiner.reference_slope() {
+            disagree(Signal::Position, Signal::ReferencePosition, slope);
+        }
+        let derivatives = [
+            (Signal::ReferenceVelocity, Signal::ReferencePosition),
+            (Signal::ReferenceAcceleration, Signal::ReferenceVelocity),
+        ];
+        for (rate, of) in derivatives {
+            if !examiner.recording.has(rate) || !examiner.recording.has(of) {
+                continue;
+            }
+            let (column, rate_column) = (examiner.column(of), examiner.column(rate));
+            let derivative = |row: usize| match (row.checked_sub(1), column.get(row + 1)) {
+                (Some(before), Some(after)) => (after - column[before]) / (2.0 * examiner.step),
+                _ => f64::NAN,
+            };
+            if let Some((slope, _)) =
+                examiner.slope(rate_column, derivative).filter(|(_, explained)| *explained > 0.9)
+                && !(0.8..1.25).contains(&slope)
+            {
+                disagree(rate, of, slope);
+            }
+        }
+    }
+}
+
+/// Unit of a force whose apparent mass is `ratio` times the declared one.
+fn force_unit(ratio: f64) -> Option<&'static str> {
+    // a factor of a thousand leaves room for a wrong model, a small factor does not
+    let units = [
+        ("kN", 1e-3, 2.0),
+        ("mN", 1e3, 2.0),
+        ("lbf", 1.0 / 4.448_221_615_260_5, 1.08),
+        ("kgf", 1.0 / 9.80665, 1.08),
+    ];
+    units
+        .into_iter()
+        .find(|(_, factor, tolerance)| within(ratio, *factor, *tolerance))
+        .map(|(unit, ..)| unit)
+}
+
+/// Unit of a position, or of the time, whose apparent mass is `ratio` times the declared one.
+fn position_unit(ratio: f64) -> Option<(&'static str, Signal)> {
+    let units = [
+        ("mm", Signal::Position, 1e-3, 2.0),
+        ("um", Signal::Position, 1e-6, 2.0),
+        ("in", Signal::Position, 0.0254, 1.08),
+        ("ms", Signal::Time, 1e6, 2.0),
+        ("us", Signal::Time, 1e12, 2.0),
+    ];
+    let found =
+        units.into_iter().find(|(_, _, factor, tolerance)| within(ratio, *factor, *tolerance));
+    found.map(|(unit, signal, ..)| (unit, signal))
+}
+
+/// Whether friction is nearer to what is declared than to what a wrong unit would make of that, a
+/// factor: then the mass is not the declared one, and the unit right.
+fn is_as_declared(measured: f64, declared: f64, by_unit: f64) -> bool {
+    let ratio = measured.abs() / declared;
+    // Where none is declared it says nothing.
+    ratio > 0.0 && ratio.is_finite() && ratio.ln().abs() < (ratio / by_unit).ln().abs()
+}
+
+fn within(value: f64, of: f64, tolerance: f64) -> bool {
+    (of / tolerance..of * tolerance).contains(&value)
+}

@@ -1,0 +1,397 @@
+//! What is wrong with the signals of a recording for identification, each as a kind with its
+//! numbers; the words for them are those of `friction-stage-report`.
+//!
+//! A fatal finding means that nothing can be identified; a warning says what cannot, or what to
+//! examine first.
+
+use serde::Serialize;
+
+use crate::signals::{ClockKind, Signal};
+
+/// How much a finding stands in the way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// Something cannot be identified, or should be looked at.
+    Warning,
+    /// Nothing can be identified.
+    Fatal,
+}
+
+impl Severity {
+    /// As in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Warning => "warning",
+            Self::Fatal => "fatal",
+        }
+    }
+}
+
+/// What shows that two signals do not agree.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Disagreement {
+    /// The first is this many times the second.
+    Factor(f64),
+    /// The first shows each sample of the second before it, this many times as well as after it.
+    Before(f64),
+}
+
+/// Something about the signals that stands in the way of identification.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum DataFinding {
+    /// Too few rows in one piece.
+    TooShort {
+        /// Rows of the longest stretch.
+        rows: usize,
+        /// Its length, s.
+        seconds: f64,
+        /// Least number of rows.
+        needed: usize,
+    },
+    /// Much of the recording is missing.
+    Holes {
+        /// Share of the rows that are not valid.
+        share: f64,
+        /// Gaps of the position.
+        gaps: u64,
+        /// Valid pieces.
+        segments: usize,
+    },
+    /// Neither a force cell nor a command.
+    NoForce,
+    /// The carriage does not move.
+    NoMotion {
+        /// Highest minus lowest position, m.
+        range: f64,
+        /// Standard deviation of the noise, m.
+        noise: f64,
+    },
+    /// A signal that never changes.
+    Constant {
+        /// The signal.
+        signal: Signal,
+        /// Its only value, SI.
+        value: f64,
+    },
+    /// A signal that stays at its largest or smallest value.
+    Clipped {
+        /// The signal.
+        signal: Signal,
+        /// The extreme, SI.
+        value: f64,
+        /// Rows that have it.
+        rows: usize,
+    },
+    /// A signal that stops changing on the way.
+    Stuck {
+        /// The signal.
+        signal: Signal,
+        /// Its value there, SI.
+        value: f64,
+        /// Length, s.
+        seconds: f64,
+        /// Rows that have it.
+        rows: usize,
+    },
+    /// Samples far from those around them.
+    Outliers {
+        /// The signal.
+        signal: Signal,
+        /// How many.
+        samples: usize,
+        /// Value of the first, SI.
+        value: f64,
+        /// When it was, s since the start.
+        seconds: f64,
+    },
+    /// The command reaches the motor's limit.
+    Saturated {
+        /// Largest command, N.
+        largest: f64,
+        /// Declared limit, N.
+        limit: f64,
+        /// Rows at or above it.
+        rows: usize,
+    },
+    /// NaN or infinite samples.
+    NotFinite {
+        /// The signal.
+        signal: Signal,
+        /// How many.
+        samples: u64,
+        /// Of how many.
+        total: u64,
+    },
+    /// Samples with the same stamp and different values.
+    Conflicting {
+        /// The signal.
+        signal: Signal,
+        /// How many.
+        samples: u64,
+    },
+    /// A signal with a few values only.
+    Sparse {
+        /// The signal.
+        signal: Signal,
+        /// Share of the rows with a value.
+        share: f64,
+    },
+    /// No force cell.
+    NoForceCell,
+    /// No command.
+    NoCommand,
+    /// No setpoint.
+    NoSetpoint,
+    /// All motion at one speed.
+    OneSpeed {
+        /// The speed, m/s.
+        speed: f64,
+        /// Share of the moving time at it.
+        share: f64,
+    },
+    /// All motion in one direction.
+    OneDirection,
+    /// A sign that is swapped.
+    SwappedSign {
+        /// The signal.
+        signal: Signal,
+        /// Force over acceleration, kg.
+        mass: f64,
+        /// Whether every force with the wrong sign would show the same.
+        or_every_force: bool,
+    },
+    /// A unit that is wrong.
+    WrongUnit {
+        /// The signal.
+        signal: Signal,
+        /// The unit that it seems to be in.
+        unit: &'static str,
+        /// Force over acceleration, kg.
+        mass: f64,
+        /// Declared mass, kg.
+        declared: f64,
+        /// Whether Coulomb friction is as declared.
+        friction_fits: bool,
+    },
+    /// Two signals that should agree do not, and nothing tells which is wrong.
+    Disagree {
+        /// One of them.
+        first: Signal,
+        /// The other.
+        second: Signal,
+        /// What shows it.
+        evidence: Disagreement,
+    },
+    /// The data are of another machine than the model.
+    OtherMachine {
+        /// Declared mass, kg.
+        declared: f64,
+        /// Mass by a rough fit, kg.
+        measured: f64,
+        /// Its standard deviation, kg.
+        deviation: f64,
+    },
+    /// Friction of another size than the model declares.
+    OtherFriction {
+        /// Declared, N.
+        declared: f64,
+        /// By a rough fit, N.
+        measured: f64,
+    },
+    /// The force does not follow the motion.
+    Unrelated {
+        /// The signal.
+        signal: Signal,
+        /// Explained share of its mean square.
+        share: f64,
+    },
+    /// Noise that is not as declared.
+    Noise {
+        /// The signal.
+        signal: Signal,
+        /// Its unit.
+        unit: &'static str,
+        /// Standard deviation found, SI.
+        present: f64,
+        /// Declared standard deviation with quantisation, SI.
+        declared: f64,
+    },
+    /// Stamps that jitter.
+    Jitter {
+        /// Standard deviation, s.
+        jitter: f64,
+        /// What was done about it.
+        clock: ClockKind,
+    },
+    /// A rate that no stage is sampled at.
+    OddRate {
+        /// Rows per second, Hz.
+        rate: f64,
+    },
+}
+
+impl DataFinding {
+    /// Stable name of the kind, for other programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::TooShort { .. } => "too_short",
+            Self::Holes { .. } => "holes",
+            Self::NoForce => "no_force",
+            Self::NoMotion { .. } => "no_motion",
+            Self::Constant { .. } => "constant_signal",
+            Self::Clipped { .. } => "clipped_signal",
+            Self::Stuck { .. } => "stuck_signal",
+            Self::Outliers { .. } => "outliers",
+            Self::Saturated { .. } => "saturated_command",
+            Self::NotFinite { .. } => "not_finite",
+            Self::Conflicting { .. } => "conflicting_stamps",
+            Self::Sparse { .. } => "sparse_signal",
+            Self::NoForceCell => "no_force_cell",
+            Self::NoCommand => "no_command",
+            Self::NoSetpoint => "no_setpoint",
+            Self::OneSpeed { .. } => "one_speed",
+            Self::OneDirection => "one_direction",
+            Self::SwappedSign { .. } => "swapped_sign",
+            Self::WrongUnit { .. } => "wrong_unit",
+            Self::Disagree { .. } => "signals_disagree",
+            Self::OtherMachine { .. } => "other_machine",
+            Self::OtherFriction { .. } => "other_friction",
+            Self::Unrelated { .. } => "unrelated_force",
+            Self::Noise { .. } => "noise_not_as_declared",
+            Self::Jitter { .. } => "jittering_stamps",
+            Self::OddRate { .. } => "odd_rate",
+        }
+    }
+
+    /// How much it stands in the way.
+    pub fn severity(&self) -> Severity {
+        match self {
+            Self::TooShort { .. } | Self::NoForce | Self::NoMotion { .. } => Severity::Fatal,
+            Self::SwappedSign { .. } | Self::WrongUnit { .. } | Self::Disagree { .. } => {
+                Severity::Fatal
+            }
+            // a payload may double the mass, more is no payload; 0.5 to 2 is assumed
+            Self::OtherMachine { declared, measured, .. }
+                if !(0.5..=2.0).contains(&(measured / declared)) =>
+            {
+                Severity::Fatal
+            }
+            _ => Severity::Warning,
+        }
+    }
+
+    /// The signal of which some values are none that a motion made: those of a cable that is off,
+    /// of a range that has ended, or of a line that lost a bit. They can be left out.
+    pub fn broken_signal(&self) -> Option<Signal> {
+        match self {
+            Self::Constant { signal, .. }
+            | Self::Clipped { signal, .. }
+            | Self::Stuck { signal, .. }
+            | Self::Outliers { signal, .. } => Some(*signal),
+            _ => None,
+        }
+    }
+
+    /// Whether it shows that the recording contradicts itself or the model, or has samples that no
+    /// machine made: then no figure of a comparison with the model says anything.
+    pub fn is_contradiction(&self) -> bool {
+        match self {
+            Self::TooShort { .. } | Self::NoMotion { .. } | Self::NoForce => false,
+            Self::Outliers { .. } | Self::NotFinite { .. } => true,
+            other => other.severity() == Severity::Fatal,
+        }
+    }
+}
+
+/// Something that is wrong with the messages of a recording.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum FileFinding {
+    /// It is cut off, or damaged at its end.
+    Incomplete,
+    /// Parts of it are damaged.
+    Damaged,
+    /// The metadata count other messages than can be read.
+    MessageCount {
+        /// By the metadata.
+        declared: u64,
+        /// That can be read.
+        read: u64,
+    },
+    /// A directory without readable metadata.
+    NoMetadata,
+    /// Messages that do not decode as their type.
+    Undecodable {
+        /// The topic.
+        topic: String,
+        /// How many.
+        messages: u64,
+        /// Of how many.
+        total: u64,
+        /// The type.
+        type_name: String,
+    },
+    /// Values that are NaN or infinite.
+    NotFinite {
+        /// The topic.
+        topic: String,
+        /// How many.
+        values: u64,
+    },
+    /// Stamps before the one before.
+    BackwardStamps {
+        /// The topic.
+        topic: String,
+        /// How many.
+        stamps: u64,
+    },
+    /// Stamps equal to the one before.
+    RepeatedStamps {
+        /// The topic.
+        topic: String,
+        /// How many.
+        stamps: u64,
+    },
+    /// Intervals of more than 1.5 usual ones.
+    Gaps {
+        /// The topic.
+        topic: String,
+        /// How many.
+        gaps: u64,
+        /// The longest interval, s.
+        longest_s: f64,
+        /// The usual one, s.
+        usual_s: f64,
+    },
+    /// The model in it cannot be used.
+    UnusableModel {
+        /// Why not.
+        reason: String,
+    },
+}
+
+impl FileFinding {
+    /// Stable name of the kind, for other programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Incomplete => "incomplete_file",
+            Self::Damaged => "damaged_file",
+            Self::MessageCount { .. } => "message_count",
+            Self::NoMetadata => "no_metadata",
+            Self::Undecodable { .. } => "undecodable_messages",
+            Self::NotFinite { .. } => "not_finite",
+            Self::BackwardStamps { .. } => "backward_stamps",
+            Self::RepeatedStamps { .. } => "repeated_stamps",
+            Self::Gaps { .. } => "gaps",
+            Self::UnusableModel { .. } => "unusable_model",
+        }
+    }
+
+    /// How much it stands in the way: what can be read counts, so it is never fatal.
+    pub fn severity(&self) -> Severity {
+        Severity::Warning
+    }
+}

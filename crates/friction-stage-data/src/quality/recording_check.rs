@@ -1,0 +1,70 @@
+//! A recording with all that is wrong with it: its messages, its signals, and what they can
+//! identify.
+
+use std::path::Path;
+
+use super::check::{CheckReport, check};
+use super::excitation::{Excitation, examine};
+use super::finding::{DataFinding, FileFinding};
+use crate::bag::BagReader;
+use crate::signals::{DataQuality, Mapping, SignalError, is_csv, load};
+use friction_stage_core::model::StageModel;
+
+/// What a recording holds, what is wrong with it, and what can be identified from it.
+#[derive(Debug)]
+pub struct RecordingCheck {
+    /// The messages, of a bag.
+    pub messages: Option<CheckReport>,
+    /// The signals on one grid.
+    pub data: Option<DataQuality>,
+    /// What they can identify.
+    pub identification: Option<Excitation>,
+    /// Why there are none.
+    pub no_data: Option<SignalError>,
+    /// Whether somebody asked for the signals, by a model or a mapping.
+    pub asked: bool,
+}
+
+impl RecordingCheck {
+    /// Checks a rosbag2 directory, an MCAP file or a CSV file. Without a model the one in the bag
+    /// counts. A bag without the signals of a stage is an error if somebody asked for them.
+    pub fn new(
+        path: &Path,
+        mapping: Option<&Mapping>,
+        model: Option<StageModel>,
+    ) -> Result<RecordingCheck, SignalError> {
+        let asked = mapping.is_some() || model.is_some();
+        let mut model = model;
+        let mut messages = if is_csv(path) { None } else { Some(check(path)?) };
+        if let (None, Some(messages)) = (&model, &mut messages) {
+            model = BagReader::open(path)?.model().unwrap_or_else(|error| {
+                let reason = error.to_string();
+                messages.findings.push(FileFinding::UnusableModel { reason });
+                None
+            });
+        }
+        let (recording, no_data) = match load(path, mapping) {
+            Ok(recording) => (Some(recording), None),
+            // Asked for the messages only, a bag need not be one of a stage.
+            Err(error) if messages.is_some() && !asked => (None, Some(error)),
+            Err(error) => return Err(error),
+        };
+        let identification = recording.as_ref().map(|recording| examine(recording, model.as_ref()));
+        let data = recording.map(|recording| recording.quality);
+        Ok(RecordingCheck { messages, data, identification, no_data, asked })
+    }
+
+    /// Whether something is wrong: with the messages, or with the signals if they were asked for.
+    pub fn has_warnings(&self) -> bool {
+        let messages = self.messages.as_ref().is_some_and(|found| !found.findings.is_empty());
+        let signals = self.identification.as_ref().is_some_and(|found| found.severity().is_some());
+        messages || (self.asked && signals)
+    }
+}
+
+/// Where a recording contradicts itself or the model so that no figure of a comparison says
+/// anything: a wrong sign or unit, another machine, samples that no machine made.
+pub fn contradictions(path: &Path, model: &StageModel) -> Result<Vec<DataFinding>, SignalError> {
+    let found = examine(&load(path, None)?, Some(model));
+    Ok(found.findings.into_iter().filter(DataFinding::is_contradiction).collect())
+}

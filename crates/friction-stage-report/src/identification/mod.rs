@@ -1,0 +1,86 @@
+//! The report of an identification: its summary, its page and its figures.
+
+mod figures;
+mod next;
+mod page;
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use crate::words::Words;
+use friction_stage_identify::{Change, Identification, Records, Summary, in_digits, taking_part};
+
+pub use figures::{FigureGroup, IdentificationFigure, identification_figures};
+pub use next::next_experiment_lines;
+pub use page::identification_page;
+
+/// The summary of an identification for other programs, with the words for its findings.
+/// `model_file` is the name of the file with the identified model.
+pub fn identification_summary(
+    identification: &Identification,
+    records: &Records,
+    model_file: &str,
+) -> Summary {
+    identification.summary(records, model_file, &Words::words)
+}
+
+/// A number with its unit in a size that reads well.
+fn metres(value: Option<f64>) -> String {
+    match value {
+        None => "-".to_owned(),
+        Some(value) if value < 1e-6 => format!("{:.2} nm", value * 1e9),
+        Some(value) if value < 1e-3 => format!("{:.3} um", value * 1e6),
+        Some(value) => format!("{:.3} mm", value * 1e3),
+    }
+}
+
+/// The verdict with its numbers, as text for a person; ends with the path of the page.
+pub fn identification_text(summary: &Summary, page: &Path) -> String {
+    let mut out = String::new();
+    let _ = writeln!(out, "verdict: {}", summary.verdict);
+    for effect in &summary.effects {
+        let _ = writeln!(out, "  {} ({} side)", effect.name, effect.side);
+        for name in taking_part(effect) {
+            let Some(parameter) = effect.parameters.get(name) else { continue };
+            let digits = |value: f64| in_digits(value, parameter.ci95);
+            let interval = parameter.ci95.map_or_else(String::new, |[low, high]| {
+                format!("  95 %: {} to {}", digits(low), digits(high))
+            });
+            let unit = if parameter.unit == "1" { "" } else { &parameter.unit };
+            let _ = writeln!(out, "    {name:18} {} {unit}{interval}", digits(parameter.value));
+        }
+    }
+    for (name, errors) in [("train", &summary.errors.train), ("hold-out", &summary.errors.holdout)]
+    {
+        let number = |value: Option<f64>| {
+            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"))
+        };
+        let _ = writeln!(
+            out,
+            "{name:9} force residual {} -> {} N ({} -> {} %){}",
+            number(errors.force_rms.before),
+            number(errors.force_rms.after),
+            number(errors.force_relative.before),
+            number(errors.force_relative.after),
+            match errors.position_rms {
+                Change { before: None, after: None } => String::new(),
+                Change { before, after } =>
+                    format!(", position {} -> {}", metres(before), metres(after)),
+            }
+        );
+    }
+    let _ = writeln!(
+        out,
+        "explained share {:.3} of the held-out residual above the floor of {:.4} N",
+        summary.explained_share, summary.floor.force_rms
+    );
+    for (index, line) in summary.next_experiment.iter().flat_map(next_experiment_lines).enumerate()
+    {
+        let _ = writeln!(out, "{}{line}", if index == 0 { "" } else { "  " });
+    }
+    for warning in &summary.warnings {
+        let _ = writeln!(out, "warning: {warning}");
+    }
+    let _ = writeln!(out, "{}", page.display());
+    out
+}

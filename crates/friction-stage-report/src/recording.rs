@@ -1,0 +1,92 @@
+//! What a recording holds and what is wrong with it, as JSON for other programs.
+
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use crate::words::{Words, all_words, subject};
+use friction_stage_data::quality::{DataFinding, FileFinding, RecordingCheck};
+use friction_stage_data::signals::SignalNote;
+
+/// A finding with its code, how much it matters, and the sentence for it.
+#[derive(Serialize)]
+struct Worded<'a, F> {
+    code: &'static str,
+    severity: &'static str,
+    text: String,
+    #[serde(flatten)]
+    finding: &'a F,
+}
+
+/// The JSON of a check: the messages of a bag with `findings` and `warnings`, the signals as
+/// `data`, and what they can identify as `identification`.
+pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error> {
+    let mut document = match &check.messages {
+        Some(messages) => {
+            let mut found = serde_json::to_value(messages)?;
+            found["findings"] = messages
+                .findings
+                .iter()
+                .map(|finding: &FileFinding| {
+                    serde_json::to_value(Worded {
+                        code: finding.code(),
+                        severity: finding.severity().name(),
+                        text: finding.words(),
+                        finding,
+                    })
+                })
+                .collect::<Result<_, _>>()?;
+            found["warnings"] = json!(all_words(&messages.findings));
+            found
+        }
+        None => json!({}),
+    };
+    document["data"] = match &check.data {
+        Some(data) => {
+            let mut found = serde_json::to_value(data)?;
+            found["findings"] = data
+                .notes
+                .iter()
+                .map(|finding: &SignalNote| {
+                    let (code, text) = (finding.code(), finding.words());
+                    serde_json::to_value(Worded { code, severity: "warning", text, finding })
+                })
+                .collect::<Result<_, _>>()?;
+            found["notes"] = json!(all_words(&data.notes));
+            found
+        }
+        None => Value::Null,
+    };
+    document["identification"] = match &check.identification {
+        Some(identification) => {
+            let mut found = serde_json::to_value(identification)?;
+            found["problems"] = identification
+                .findings
+                .iter()
+                .map(|finding: &DataFinding| {
+                    serde_json::to_value(Worded {
+                        code: finding.code(),
+                        severity: finding.severity().name(),
+                        text: finding.words(),
+                        finding,
+                    })
+                })
+                .collect::<Result<_, _>>()?;
+            found["judgements"] = identification
+                .judgements
+                .iter()
+                .map(|judgement| {
+                    json!({
+                        "subject": subject(judgement.subject),
+                        "possible": judgement.possible,
+                        "because": judgement.words(),
+                        "evidence": judgement.evidence,
+                    })
+                })
+                .collect();
+            found
+        }
+        None => Value::Null,
+    };
+    document["no_data"] = json!(check.no_data.as_ref().map(ToString::to_string));
+    Ok(document)
+}

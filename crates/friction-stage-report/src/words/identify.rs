@@ -1,0 +1,282 @@
+//! Words for what a user should know about records, fit and verdict.
+
+use friction_stage_core::model::CurveSide;
+use friction_stage_core::plant::EffectDescriptor;
+use friction_stage_identify::{
+    BoundSide, ComparisonNote, FigureOfMerit, IdentifyFinding, ModelComparison, RecordSide,
+    RecordsError, in_digits, readable,
+};
+
+use super::{Words, all_words};
+
+/// An instant of a record of this length, s, or outside it.
+fn instant(at: f64, length: f64) -> String {
+    match at {
+        _ if at < 0.0 => "before its start".to_owned(),
+        _ if at > length => "after its end".to_owned(),
+        _ => format!("at {at:.3} s"),
+    }
+}
+
+/// What happens where a curve over the time jumps by `height` after the value `before`.
+fn jump(at: f64, height: f64, before: f64, side: CurveSide) -> String {
+    let moves = if height > 0.0 { "rises" } else { "falls" };
+    let size = readable((1e3 * height.abs()).round() / 1e3);
+    let part = 100.0 * height.abs() / (1.0 + before);
+    let by = match side {
+        CurveSide::Carriage => format!("the force on the carriage {moves} by {size} N"),
+        CurveSide::Motor => format!("the force of the motor {moves} by {size} N"),
+        CurveSide::Friction => format!("the Coulomb friction {moves} by {part:.1} %"),
+        CurveSide::Viscous => format!("the viscous friction {moves} by {part:.1} %"),
+        CurveSide::Mass => format!("the moving mass {moves} by {size} kg"),
+    };
+    format!("at {at:.3} s {by}")
+}
+
+/// What is left against the noise of the sensors.
+pub(crate) fn times_noise(left: f64, noise_floor: f64) -> String {
+    if noise_floor > 0.0 {
+        format!("{:.1} times what the noise of the sensors leaves", left / noise_floor)
+    } else {
+        "more than sensors without any noise leave".to_owned()
+    }
+}
+
+fn telltale(name: &str) -> &'static str {
+    EffectDescriptor::find(name).map_or("", |found| found.telltale)
+}
+
+fn record(side: RecordSide) -> &'static str {
+    match side {
+        RecordSide::Train => "train",
+        RecordSide::Holdout => "hold-out",
+    }
+}
+
+impl Words for IdentifyFinding {
+    fn words(&self) -> String {
+        match self {
+            Self::Reading { recording, note } => {
+                format!("{}: {}", recording.display(), note.words())
+            }
+            Self::Data { recording, finding, left_out } => format!(
+                "{}: {}{}",
+                recording.display(),
+                finding.words(),
+                if *left_out { "; these values are left out" } else { "" }
+            ),
+            Self::Truncated { recording, samples, used, seconds } => format!(
+                "{}: of {samples} samples the first {used} are used ({seconds:.0} s): cut the \
+                 recording to choose others",
+                recording.display()
+            ),
+            Self::Filled { recording, share, compared: true } => format!(
+                "{}: {:.1} % of the rows are filled in for samples that are missing: what these \
+                 are off by counts as residual",
+                recording.display(),
+                100.0 * share
+            ),
+            Self::Filled { recording, share, compared: false } => format!(
+                "{}: {:.2} % of the rows are filled in for samples that are missing: forces are \
+                 not compared there",
+                recording.display(),
+                100.0 * share
+            ),
+            Self::NotCommon { signal } => {
+                format!("not every recording has {signal}: it is left out of all of them")
+            }
+            Self::Joined => {
+                "several bags of a record are joined one after the other: effects over \
+                             time (drift, warm-up, vibration, a map over time) are fitted as if \
+                             time ran on from bag to bag"
+                    .to_owned()
+            }
+            Self::PhaseOfRecord { effect } => format!(
+                "{effect} counts its phase from the start of a record: the errors on the hold-out \
+                 are those with the phase that fits the hold-out best, and the model has that of \
+                 the train record"
+            ),
+            Self::JumpElsewhere { at, length } => format!(
+                "the map jumps at another instant of the hold-out, {}: the errors on the hold-out \
+                 are those with this one, and the model has that of the train record",
+                instant(*at, *length)
+            ),
+            Self::Slips { effect } => format!(
+                "{effect} slips: its amplitude and phase are each record's own, the errors of \
+                 either record are those with the ones that fit it best, the closed loop is \
+                 simulated without it, and a stage that loads the model shows one example of such \
+                 phases; its slip is the one of a few that does best. A ripple of the carriage on \
+                 a machine that was homed anew between the records looks the same"
+            ),
+            Self::NoClosedLoop { reason } => {
+                format!("no position error, because the closed loop cannot be simulated: {reason}")
+            }
+            Self::Stopped => "the search was stopped before its end: not every candidate was \
+                              tried, and the verdict is that of what was tried"
+                .to_owned(),
+            Self::Inseparable { effect, rival, correlation } => format!(
+                "{effect} and {rival} explain these data equally, what they take out is correlated \
+                 by {correlation:.4}: all values, the mass among them, hold if it is {effect}; \
+                 --next-experiment writes a motion that would separate them where there is one. \
+                 What gives {effect} away: {}; {rival}: {}",
+                telltale(effect),
+                telltale(rival)
+            ),
+            Self::OneRipple { effect, count } => format!(
+                "{count} {effect} of nearly one period stand for guides that differ in theirs: \
+                 together they are the ripple, and the values of one are not those of a guide"
+            ),
+            Self::FewPeriods { effect, periods } => format!(
+                "{effect} goes through {periods:.1} periods within the travel: that it repeats is \
+                 not shown, a few such ripples add up to any curve over position. A longer travel \
+                 would tell"
+            ),
+            Self::UnexplainedOver { coordinate } => format!(
+                "no law of the list explains what is left over {}: an empirical map stands for it, \
+                 which holds only where the data have been",
+                coordinate.name()
+            ),
+            Self::MapJumps { at, height, before, side } => {
+                format!("the map jumps: {}", jump(*at, *height, *before, *side))
+            }
+            Self::NoiseAboveDeclared { found, declared } => format!(
+                "the sensors' noise in the hold-out leaves {found:.4} N where the declared one \
+                 leaves {declared:.4} N: everything is judged against the former"
+            ),
+            Self::Unexplained { left, noise_floor } => format!(
+                "what is left, {left:.4} N, is {}, and neither a law of the list nor a map takes \
+                 it out of the hold-out: an effect whose phase or state differs between the \
+                 records would look like this, or one over the force, as a dead zone or a curved \
+                 characteristic of motor or cell",
+                times_noise(*left, *noise_floor)
+            ),
+            Self::WanderingZero { wander } => format!(
+                "the zero of the force cell wanders by {wander:.4} N rms in the hold-out beyond \
+                 the law that was found for it, and nothing else is left: the train record cannot \
+                 tell how, take the zero before each record"
+            ),
+            Self::RoughLaws { left, noise_floor } => format!(
+                "what is left, {left:.4} N, is {}: the laws that were found hold roughly, and \
+                 their values no better than they do",
+                times_noise(*left, *noise_floor)
+            ),
+            Self::MostLaws { laws } => format!(
+                "no more than {laws} laws are added: there may be further ones; declare those that \
+                 are right in --model, and identify again"
+            ),
+            Self::AtBound { parameter, bound, value, unit } => format!(
+                "{parameter} ended on its {} bound ({} {unit}): the truth may lie beyond, or \
+                 another effect hides in it",
+                match bound {
+                    BoundSide::Lower => "lower",
+                    BoundSide::Upper => "upper",
+                },
+                readable(*value)
+            ),
+            Self::NotIdentifiable { parameter, value, unit } => format!(
+                "{parameter} is not identifiable from these data; {} {unit} is where the fit left \
+                 it",
+                readable(*value)
+            ),
+            Self::HardlyIdentifiable { parameter, value, unit, half_width, tolerance } => format!(
+                "{parameter} is hardly identifiable from these data: {} {unit}, known to {:.1} % \
+                 at the best, its tolerance is {:.1} %",
+                in_digits(*value, Some([1.0, -1.0].map(|side| value * (1.0 - side * half_width)))),
+                100.0 * half_width,
+                100.0 * tolerance
+            ),
+            Self::Tied { parameter, other, correlation } => format!(
+                "{parameter} and {other} are correlated by {correlation:.3}: these data know the \
+                 two together better than each of them"
+            ),
+            Self::MovedRipple { effects, period, phase_shift } => format!(
+                "{} with a period of {period:.4e} m is on both records, but shifted by \
+                 {phase_shift:.2} rad on the hold-out: with a fixed phase it would make the \
+                 hold-out worse, so that it is left out",
+                effects.join(" or ")
+            ),
+            Self::Worse { figure, record: side, before, after } => {
+                let (figure, unit) = match figure {
+                    FigureOfMerit::ForceResidual => ("force residual", "N"),
+                    FigureOfMerit::PositionError => ("closed-loop position error", "m"),
+                };
+                format!(
+                    "the {figure} on the {} record is worse with the identified model: {after:.4e} \
+                     {unit} against {before:.4e} {unit}",
+                    record(*side)
+                )
+            }
+            Self::NoSeparatingMotion { effect, rival } => format!(
+                "no motion that was tried within the limits separates {effect} from {rival}: allow \
+                 more speed, force or stroke, or measure what else tells them apart: {} \
+                 ({effect}); {} ({rival})",
+                telltale(effect),
+                telltale(rival)
+            ),
+            Self::NoNextExperiment { reason } => format!("no next experiment: {reason}"),
+        }
+    }
+}
+
+impl Words for ComparisonNote {
+    fn words(&self) -> String {
+        match self {
+            Self::Slips => {
+                "balls that slip have the amplitude and phase here that fit this record \
+                            best, and no part in the closed loop"
+                    .to_owned()
+            }
+            Self::OwnPhase { effect } => {
+                format!("{effect} has the phase here that fits this record best")
+            }
+            Self::OwnJump { at, length } => format!(
+                "the map jumps here where that fits this record best, {}",
+                instant(*at, *length)
+            ),
+        }
+    }
+}
+
+/// What the figures of a comparison take for granted, and why one of them is missing.
+pub fn comparison_notes(comparison: &ModelComparison) -> Vec<String> {
+    let mut notes = all_words(&comparison.notes);
+    if let Err(error) = &comparison.missing_force {
+        notes.push(format!("no missing force: {error}"));
+    }
+    if let Err(error) = &comparison.closed_loop {
+        notes.push(format!("no closed loop: {error}"));
+    }
+    notes
+}
+
+/// Why no records can be made of recordings, with the words for what is wrong with their signals.
+pub fn records_error(error: &RecordsError) -> String {
+    match error {
+        RecordsError::Unusable { path, findings } => format!(
+            "nothing can be identified from {}: {}",
+            path.display(),
+            all_words(findings).join("; ")
+        ),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_jump_is_told_in_newtons_or_as_a_part_of_the_friction_before_it() {
+        let words = |side, height| jump(3.0, height, -0.1, side);
+        for (side, height, expected) in [
+            (CurveSide::Friction, -0.18, "at 3.000 s the Coulomb friction falls by 20.0 %"),
+            (CurveSide::Viscous, 0.45, "at 3.000 s the viscous friction rises by 50.0 %"),
+            (CurveSide::Mass, 1.5, "at 3.000 s the moving mass rises by 1.5 kg"),
+            (CurveSide::Motor, -2.5, "at 3.000 s the force of the motor falls by 2.5 N"),
+        ] {
+            assert_eq!(words(side, height), expected);
+        }
+        let instants = [-5e-4, 7.25, 19.1].map(|at| instant(at, 19.0));
+        assert_eq!(instants, ["before its start", "at 7.250 s", "after its end"]);
+    }
+}
