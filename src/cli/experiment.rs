@@ -16,7 +16,7 @@ use super::{Outcome, WrongArguments};
 use crate::directory;
 use friction_stage_core::model::{Catalogue, StageModel};
 use friction_stage_core::plant::Rates;
-use friction_stage_lab::{self as lab, LabError, PaperResults, LabRecording, Settings, Specimen};
+use friction_stage_lab::{self as lab, LabError, LabRecording, PaperResults, Settings, Specimen};
 use friction_stage_report::experiment::{
     ExperimentResults, ExperimentSummary, SpecimenHunting, SpecimenRig, StiffnessFit,
     experiment_page,

@@ -12,7 +12,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::Outcome;
 use super::selection_output::finish;
 use friction_stage_core::model::{Catalogue, nearest};
-use friction_stage_lab::{Application, VariantExperiment, SelectionPlan, Shard, Sheet, VariantRows};
+use friction_stage_lab::{
+    Application, SelectionPlan, Shard, Sheet, VariantExperiment, VariantRows,
+};
 
 /// Choose a guide for an application: rank every guide of the catalogue by what it reaches over its
 /// tolerances.

@@ -17,6 +17,7 @@ use rustdds::{
 };
 use thiserror::Error;
 
+use super::socket_filter::NewSockets;
 use super::{graph_watch::GraphWatch, qos::Qos, signals::Threads};
 
 /// Largest domain whose UDP ports exist: 7400 + 250 * domain + 11 must stay below 65536

@@ -59,11 +59,11 @@ impl ModelComparison {
             if !own.is_empty() {
                 in_record = here.model();
             }
-            if own.iter().any(|part| part.descriptor.name == "external_vibration") {
-                notes.push(ComparisonNote::OwnPhase { effect: "external_vibration" });
+            if let Some(part) = own.iter().find(|part| part.has_phase_of_record()) {
+                notes.push(ComparisonNote::OwnPhase { effect: part.descriptor.name });
             }
             let length = trace.time.last().unwrap_or(&0.0) - trace.time.first().unwrap_or(&0.0);
-            for at in own.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
+            for at in own.iter().filter_map(|part| Some(part.curve()?.jump?.at)) {
                 notes.push(ComparisonNote::OwnJump { at, length });
             }
             rms

@@ -19,6 +19,7 @@ use crate::search::{
 use crate::summary::{Change, PositionErrors, Summary, parameter_findings};
 use friction_stage_core::model::{Coordinate, Curve, Jump, ModelError, StageModel};
 use friction_stage_core::numerics::range;
+use friction_stage_core::plant::effects::{Multiplicity, ParameterKind};
 
 /// Ratio up to which the periods of ball passages are those of guides of one type. Assumed.
 const ONE_TYPE: f64 = 1.2;
@@ -160,14 +161,14 @@ fn of_each_record(
 ) -> Vec<IdentifyFinding> {
     let mut findings = Vec::new();
     let differs = identified.own_of(on_holdout);
-    if differs.iter().any(|part| part.descriptor.name == "external_vibration") {
-        findings.push(IdentifyFinding::PhaseOfRecord { effect: "external_vibration" });
+    if let Some(part) = differs.iter().find(|part| part.has_phase_of_record()) {
+        findings.push(IdentifyFinding::PhaseOfRecord { effect: part.descriptor.name });
     }
-    for at in differs.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
+    for at in differs.iter().filter_map(|part| Some(part.curve()?.jump?.at)) {
         findings.push(IdentifyFinding::JumpElsewhere { at, length });
     }
-    if identified.effects.iter().any(Part::slips) {
-        findings.push(IdentifyFinding::Slips { effect: "ball_passage" });
+    if let Some(part) = identified.effects.iter().find(|part| part.slips()) {
+        findings.push(IdentifyFinding::Slips { effect: part.descriptor.name });
     }
     findings
 }
@@ -225,14 +226,18 @@ fn of_search(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
     }
     let added =
         &selection.after.fitted.hypothesis.effects[selection.before.hypothesis.effects.len()..];
-    let passages: Vec<f64> = added
+    let of_guides: Vec<&Part> = added
         .iter()
-        .filter(|part| part.descriptor.name == "ball_passage")
-        .map(|part| part.values[1])
+        .filter(|part| part.descriptor.multiplicity == Multiplicity::OnePerGuide)
         .collect();
-    let (shortest, longest) = range(&passages);
-    if passages.len() > 1 && longest < ONE_TYPE * shortest {
-        findings.push(IdentifyFinding::OneRipple { effect: "ball_passage", count: passages.len() });
+    let periods: Vec<f64> =
+        of_guides.iter().filter_map(|part| part.value_of_kind(ParameterKind::Period)).collect();
+    let (shortest, longest) = range(&periods);
+    if let [first, _, ..] = of_guides[..]
+        && longest < ONE_TYPE * shortest
+    {
+        let effect = first.descriptor.name;
+        findings.push(IdentifyFinding::OneRipple { effect, count: periods.len() });
     }
     for (effect, periods) in selection.unproven.iter().copied() {
         findings.push(IdentifyFinding::FewPeriods { effect, periods });
@@ -240,7 +245,7 @@ fn of_search(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
     let coordinate: Option<Coordinate> = selection.coordinate;
     if let (Verdict::Unknown, Some(coordinate)) = (selection.verdict, coordinate) {
         findings.push(IdentifyFinding::UnexplainedOver { coordinate });
-        let curves = added.iter().filter_map(|part| part.parameters().curve);
+        let curves = added.iter().filter_map(|part| part.curve());
         findings.extend(curves.filter_map(|curve| IdentifyFinding::of_jump(&curve)));
     }
     let declared = selection.declared_floor.total();

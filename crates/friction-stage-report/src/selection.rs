@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::figure::{FigureCurve, FigureError, Panel, svg};
-use friction_stage_lab::{SelectionPlan, GuideSelection, Tally};
+use friction_stage_lab::{GuideSelection, SelectionPlan, Tally};
 
 /// The ranking as text for a person.
 pub fn selection_text(plan: &SelectionPlan, selection: &GuideSelection) -> String {
@@ -13,7 +13,11 @@ pub fn selection_text(plan: &SelectionPlan, selection: &GuideSelection) -> Strin
     out
 }
 
-fn write_ranking(out: &mut String, plan: &SelectionPlan, selection: &GuideSelection) -> std::fmt::Result {
+fn write_ranking(
+    out: &mut String,
+    plan: &SelectionPlan,
+    selection: &GuideSelection,
+) -> std::fmt::Result {
     let band = plan.application.requirement.settling_band * 1e6;
     writeln!(out, "{}: {} variants", selection.application, selection.variants)?;
     writeln!(out)?;
@@ -68,7 +72,10 @@ pub fn trade_off_figure(plan: &SelectionPlan, tallies: &[Tally]) -> Result<Strin
             [peak.q05, peak.q50, peak.q95].map(um),
             [settling.q05, settling.q50, settling.q95].map(ms),
         );
-        FigureCurve { name: named(index), points: vec![(x0, y1), (x2, y1), (x1, y1), (x1, y0), (x1, y2)] }
+        FigureCurve {
+            name: named(index),
+            points: vec![(x0, y1), (x2, y1), (x1, y1), (x1, y0), (x1, y2)],
+        }
     };
     let (x, y) = (um(requirement.peak_error), ms(requirement.settling_time));
     let required = |points: Vec<(f64, f64)>| {

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::Guide;
 use super::error::ModelError;
-use super::{EffectParameters, Guide};
 
 /// Guides by name. The built-in catalogue holds the three guides of the paper; a user's own stand
 /// beside them.
@@ -20,15 +20,25 @@ pub struct Catalogue {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CatalogueEntry {
+    /// What the guide is, in words.
     pub description: String,
+    /// Whether it has seals.
     pub seals: bool,
+    /// Its lubricant.
     pub lubricant: String,
+    /// Whether a cage keeps the balls apart.
     pub cage: bool,
+    /// Bristle stiffness sigma0, N/m.
     pub stiffness: Quantity,
+    /// Bristle damping sigma1, N s/m.
     pub bristle_damping: Quantity,
+    /// Viscous friction sigma2, N s/m.
     pub viscous_friction: Quantity,
+    /// Coulomb friction Fc, N.
     pub coulomb_force: Quantity,
+    /// Static friction Fs, N.
     pub static_force: Quantity,
+    /// Stribeck velocity vs, m/s.
     pub stribeck_velocity: Quantity,
     /// What the paper states of the loops; one bristle cannot meet all of it.
     #[serde(default)]
@@ -46,9 +56,13 @@ pub struct DistributedBristles {
     pub stiffness: Quantity,
     /// Bristle damping sigma1 of all elements together.
     pub bristle_damping: Quantity,
+    /// Part of the stiffness in element 1.
     pub stiffness_share_1: Quantity,
+    /// Part of the friction level in element 1.
     pub strength_share_1: Quantity,
+    /// Part of the stiffness in element 2.
     pub stiffness_share_2: Quantity,
+    /// Part of the friction level in element 2.
     pub strength_share_2: Quantity,
 }
 
@@ -56,8 +70,11 @@ pub struct DistributedBristles {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quantity {
+    /// In its unit.
     pub value: f64,
+    /// Unit of the value.
     pub unit: String,
+    /// How far the source supports it.
     pub provenance: Provenance,
     /// Section of the paper, the derivation, the recordings, or what the assumption rests on.
     pub source: String,
@@ -88,7 +105,9 @@ pub struct EffectiveStiffness {
     pub amplitude: f64,
     /// N/m
     pub stiffness: f64,
+    /// How far the source supports it.
     pub provenance: Provenance,
+    /// Where it comes from.
     pub source: String,
 }
 
@@ -173,6 +192,7 @@ impl Catalogue {
         Ok(())
     }
 
+    /// Whether it has no guide.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
@@ -182,36 +202,14 @@ impl Catalogue {
         self.entries.iter().map(|(name, entry)| (name.as_str(), entry))
     }
 
+    /// Names of the guides, in alphabetical order.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.entries.keys().map(String::as_str)
     }
 
+    /// The entry of a guide by name.
     pub fn entry(&self, name: &str) -> Option<&CatalogueEntry> {
         self.entries.get(name)
-    }
-
-    /// A guide with its parallel bristles: its parameters and the effect that belongs to them.
-    /// `None` where the catalogue has no such guide or none for it.
-    pub fn distributed_bristles(&self, name: &str) -> Option<(Guide, EffectParameters)> {
-        let of = self.entry(name)?.distributed_bristles.as_ref()?;
-        let guide = Guide {
-            stiffness: of.stiffness.value,
-            bristle_damping: of.bristle_damping.value,
-            ..self.guide(name)?
-        };
-        let values = [
-            ("stiffness_share_1", &of.stiffness_share_1),
-            ("strength_share_1", &of.strength_share_1),
-            ("stiffness_share_2", &of.stiffness_share_2),
-            ("strength_share_2", &of.strength_share_2),
-        ];
-        let values = values.map(|(key, quantity)| (key.to_owned(), quantity.value));
-        let effect = EffectParameters {
-            name: "distributed_bristles".to_owned(),
-            values: values.into(),
-            curve: None,
-        };
-        Some((guide, effect))
     }
 
     /// LuGre parameters of a guide by name.
@@ -282,7 +280,7 @@ mod tests {
         let (guide, effect) = catalogue.distributed_bristles("guide_1").unwrap();
         let [a1, b1, a2, b2] =
             ["stiffness_share_1", "strength_share_1", "stiffness_share_2", "strength_share_2"]
-                .map(|key| effect.values[key]);
+                .map(|key| effect.values[key].number().unwrap());
         let elements = [(a1, b1), (a2, b2), (1.0 - a1 - a2, 1.0 - b1 - b2)];
         let stated = &catalogue.entry("guide_1").unwrap().effective_stiffness;
         assert_eq!(stated.len(), 3);

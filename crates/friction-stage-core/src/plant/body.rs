@@ -341,6 +341,7 @@ impl Body {
         (push + carriage_side + stop - self.guides.force(self.velocity)) * self.inverse_mass
     }
 
+    /// The guides with their bristles.
     pub fn guides(&self) -> &GuideBank {
         &self.guides
     }
@@ -351,6 +352,7 @@ impl Body {
         self.guides.forces(self.velocity, &self.guide_viscous)
     }
 
+    /// The effects with the forces of the last step.
     pub fn effects(&self) -> &Effects {
         &self.effects
     }
@@ -366,10 +368,7 @@ impl Body {
         let stops = self.stroke.as_ref().map_or(0.0, |stroke| {
             0.5 * stroke.stiffness * stroke.penetration(self.position).powi(2)
         });
-        bodies
-            + stops
-            + self.guides.stored_energy()
-            + self.effects.stored_energy(self.time(), self.position)
+        bodies + stops + self.guides.stored_energy() + self.effects.stored_energy(self.position)
     }
 
     /// Power turned into heat by guides and flexure, W.

@@ -14,12 +14,10 @@ mod stage;
 
 pub use body::Body;
 pub use effects::{
-    Drive, Effect, EffectDescriptor, EffectParameter, Motion, Residual, Samples, Side,
-    SlippingRipple,
+    EffectDescriptor, EffectParameter, Effects, Motion, Residual, Samples, Side, SlippingRipple,
 };
 pub use guides::{
     BRISTLE_PARAMETERS, BristleElements, BristleShare, BristleSlopes, FrictionScale, GuideBank,
-    MAX_ELEMENTS, MAX_STEP_DAMPING, Slip,
+    MAX_ELEMENTS, Slip,
 };
-pub use sensors::{Reading, Sensors};
 pub use stage::{Rates, RatesError, Sample, Stage, StageState};

@@ -5,6 +5,7 @@ use crate::chart::{Chart, Style};
 use crate::error::ReportError;
 use crate::words::Words;
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, StageModel};
+use friction_stage_core::plant::effects::CURVE;
 use friction_stage_identify::{
     Identification, IdentifyFinding, LoopError, Measured, Missing, Record, Records, Selection,
     Sides, spectrum,
@@ -215,11 +216,14 @@ fn maps(model: &StageModel) -> Result<Vec<IdentificationFigure>, ReportError> {
             ordinate,
         );
         let points = curve.corners().into_iter().map(|(place, value)| (scale * place, value));
-        chart.add("map", 0, Style::Line, points);
+        chart.add(CURVE.name, 0, Style::Line, points);
         let jump = IdentifyFinding::of_jump(curve)
             .map_or_else(String::new, |jump| format!("; {}", jump.words()));
         Ok(IdentificationFigure {
-            name: if index == 0 { "map".to_owned() } else { format!("map_{}", index + 1) },
+            name: match index {
+                0 => CURVE.name.to_owned(),
+                before => format!("{}_{}", CURVE.name, before + 1),
+            },
             group: FigureGroup::Comparison,
             svg: chart.svg()?,
             caption: format!(

@@ -1,7 +1,7 @@
 //! Words for what is wrong with a file, its signals, and for what they can identify.
 
 use friction_stage_data::quality::{
-    DataFinding, Disagreement, JudgementBasis, FileFinding, Judgement, Severity, Subject,
+    DataFinding, Disagreement, FileFinding, Judgement, JudgementBasis, Severity, Subject,
 };
 use friction_stage_data::signals::{ClockKind, Signal, SignalNote};
 
@@ -233,7 +233,9 @@ impl Words for Judgement {
             JudgementBasis::Speeds { fastest, speeds } => {
                 format!("velocities up to {fastest:.4} m/s; speeds that are held: {}", held(speeds))
             }
-            JudgementBasis::HeldSpeeds { speeds } => format!("speeds that are held: {}", held(speeds)),
+            JudgementBasis::HeldSpeeds { speeds } => {
+                format!("speeds that are held: {}", held(speeds))
+            }
             JudgementBasis::SlowSpeed { slowest, stribeck_velocity, declared } => {
                 let source = if *declared { "" } else { " (assumed: no model declares one)" };
                 match slowest {

@@ -4,16 +4,21 @@
 //! F = -k (x - xc) - A h, along +x on the carriage: k stiffness (N/m), xc center (m), A amplitude
 //! of the hysteresis (N). h runs from -1 to 1 with the path, w width of the transition (m), in one
 //! of three forms: with u = h sign(v) and s the path,
-//! - 0: du/ds = (1 - u) / w, 1: du/ds = (1 - u |u|) / w, 2: du/ds = 1 / w up to u = 1.
+//! - `dahl`: du/ds = (1 - u) / w,
+//! - `bouc_wen`: du/ds = (1 - u |u|) / w,
+//! - `slider`: du/ds = 1 / w up to u = 1.
 //!
-//! Exact for each step. Source of the hysteresis: form 0: Dahl's model with exponent 1 (P. Dahl, "A
-//! solid friction model", 1968); 1: that of Bouc and Wen with exponent 2 (Wen, J. Eng. Mech. Div.
-//! ASCE 102(2), 1976) and equal parts in loading and unloading; 2: spring and slider (Iwan, J.
-//! Appl. Mech. 33, 1966). Of the spring: assumed linear over the stroke. Sizes: assumed, 1 to 10 N
-//! over the stroke. Not modelled: bumps of single links, dwell-time creep of the cables.
+//! Exact for each step. Source of the hysteresis: Dahl's model with exponent 1 (P. Dahl, "A solid
+//! friction model", 1968); that of Bouc and Wen with exponent 2 (Wen, J. Eng. Mech. Div. ASCE
+//! 102(2), 1976) and equal parts in loading and unloading; spring and slider (Iwan, J. Appl. Mech.
+//! 33, 1966). Of the spring: assumed linear over the stroke. Sizes: assumed, 1 to 10 N over the
+//! stroke. Not modelled: bumps of single links, dwell-time creep of the cables.
 
 use super::regression::{along, largest_over_decades, least_squares};
-use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, ForceLaw, Motion, Multiplicity, RecordSpecific,
+    Residual, Role, descriptor,
+};
 
 /// Path over which the hysteresis turns where a model does not say it, m. Assumed.
 const WIDTH: f64 = 1e-3;
@@ -23,13 +28,16 @@ const WIDTHS: (f64, f64) = (1e-4, 0.3);
 /// Least stiffness of a proposal, N/m: with less, a fit cannot find the center.
 const SOFTEST: f64 = 0.1;
 
+/// Names of the forms, in the order of their numbers in a slice of values.
+const FORMS: [&str; 3] = ["dahl", "bouc_wen", "slider"];
+
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "cable_chain",
-    side: Side::Carriage,
-    law: "F = -stiffness (x - center) - amplitude h, u = h sign(v); form 0: du/ds = (1 - u) / \
-          width, 1: (1 - u |u|) / width, 2: 1 / width up to u = 1",
-    source: "linear spring (assumed) and hysteresis of Dahl 1968 (0), Bouc and Wen 1976 (1), Iwan \
-             1966 (2)",
+    role: Role::CarriageForce,
+    law: "F = -stiffness (x - center) - amplitude h, u = h sign(v); dahl: du/ds = (1 - u) / \
+          width, bouc_wen: (1 - u |u|) / width, slider: 1 / width up to u = 1",
+    source: "linear spring (assumed) and hysteresis of Dahl 1968, Bouc and Wen 1976, or Iwan 1966 \
+             (slider)",
     telltale: "low-order polynomial in position at every speed, not seen by the force cell",
     parameters: &[
         EffectParameter::required(
@@ -63,20 +71,21 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             1e-3,
             WIDTH,
         ),
-        EffectParameter::optional(
+        EffectParameter::choice(
             "form",
-            "1",
-            "hysteresis of Dahl (0), of Bouc and Wen (1), of a spring and a slider (2)",
-            (0.0, 2.0),
-            1.0,
-            0.0,
+            "law of the hysteresis: of Dahl, of Bouc and Wen, or of a spring and a slider",
+            &FORMS,
         ),
     ],
-    check: super::any,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[20.0, 0.0, 0.5, 1e-3, 0.0],
+    check: descriptor::any,
     free: |values, index| index < WIDTH_AT || (index == WIDTH_AT && values[2] > 0.0),
-    build: |values| Box::new(CableChain::new(values)),
-    propose,
+    build: |values| Action::CarriageForce(Box::new(CableChain::new(values))),
+    proposal: Some(propose),
     starts: forms_and_widths,
+    curve: None,
 };
 
 /// Where these values stand.
@@ -135,7 +144,7 @@ impl CableChain {
     }
 }
 
-impl Effect for CableChain {
+impl ForceLaw for CableChain {
     fn force(&mut self, motion: &Motion, step: f64) -> f64 {
         let before = self.hysteresis;
         if self.amplitude > 0.0 {
@@ -151,7 +160,7 @@ impl Effect for CableChain {
         self.stiffness + self.amplitude / self.width
     }
 
-    fn stored_energy(&self, _time: f64, position: f64) -> f64 {
+    fn stored_energy(&self, position: f64) -> f64 {
         let stretch = position - self.center;
         0.5 * self.stiffness * stretch * stretch
             + 0.5 * self.amplitude * self.width * self.hysteresis * self.hysteresis
@@ -167,7 +176,10 @@ impl Effect for CableChain {
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let base = least_squares(residual.force, |_| [1.0])?;
     let fit = |width: f64| {
-        let hysteresis = along(CableChain::new(&[0.0, 0.0, 1.0, width, 0.0]), residual);
+        let hysteresis = {
+            let mut chain = CableChain::new(&[0.0, 0.0, 1.0, width, 0.0]);
+            along(residual, |motion, step| chain.force(motion, step))
+        };
         least_squares(residual.force, |k| [1.0, residual.position[k], hysteresis[k]])
     };
     let width = largest_over_decades(WIDTHS.0, WIDTHS.1, |width| {
@@ -185,7 +197,10 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
 fn forms_and_widths(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let mut assumed = values.to_vec();
     assumed[WIDTH_AT] = WIDTH;
-    [values, &assumed].into_iter().flat_map(|values| super::every_form(values, FORM, 3)).collect()
+    [values, &assumed]
+        .into_iter()
+        .flat_map(|values| descriptor::every_form(values, FORM, 3))
+        .collect()
 }
 
 #[cfg(test)]

@@ -1,35 +1,41 @@
 //! Viscous warm-up: grease that is worked through gets thinner.
 //!
 //! sigma2 times 1 - f g, f fraction, and g from 0 to 1 in one of five forms:
-//! - 0: min(1, s / w), 1: 1 - exp(-s / w), with the distance (m) that the grease remembers, ds/dt =
-//!   |v| - s / T: w width (m), T time_constant (s) in which it recovers;
-//! - 2: 1 - exp(-t / H) with the time t since the start: H warm_up_time (s), of the machine as a
-//!   whole that gets warm;
-//! - 3: 1 - exp(-W / E) with the heat (J) that friction leaves in it, dW/dt = F v - W / T: E work
-//!   (J), T time_constant (s) in which it cools;
-//! - 4: dg/dt = (1 - g) |v| / w - g / T, of a structure that shear breaks and that builds up again:
-//!   w width (m), T time_constant (s).
+//! - `proportion`: min(1, s / w), `distance`: 1 - exp(-s / w), with the distance (m) that the
+//!   grease remembers, ds/dt = |v| - s / T: w width (m), T time_constant (s) in which it recovers;
+//! - `time`: 1 - exp(-t / H) with the time t since the start: H warm_up_time (s), of the machine as
+//!   a whole that gets warm;
+//! - `work`: 1 - exp(-W / E) with the heat (J) that friction leaves in it, dW/dt = F v - W / T: E
+//!   work (J), T time_constant (s) in which it cools;
+//! - `structure`: dg/dt = (1 - g) |v| / w - g / T, of a structure that shear breaks and that builds
+//!   up again: w width (m), T time_constant (s).
 //!
 //! A time_constant of 1e6 s is none.
 //!
-//! Source: form 4: Moore, Trans. Br. Ceram. Soc. 58, 1959, where g is the broken part of the
+//! Source of structure: Moore, Trans. Br. Ceram. Soc. 58, 1959, where g is the broken part of the
 //! structure; the others assumed; viscosity falls by 1 to 3 % per kelvin (assumed). It only takes
 //! energy (f below 1). Each start is a cold one. Not modelled: change of the Coulomb part, heat
 //! from elsewhere.
 
 use super::regression::{largest_over_decades, least_squares, viscous_friction};
 use super::{
-    Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side,
+    Action, EffectDescriptor, EffectParameter, FrictionLaw, FrictionTerms, Motion, Multiplicity,
+    RecordSpecific, Residual, Role, descriptor,
 };
+use crate::plant::guides::FrictionScale;
+
+/// Names of the forms, in the order of their numbers in a slice of values.
+const FORMS: [&str; 5] = ["proportion", "distance", "time", "work", "structure"];
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "viscous_warm_up",
-    side: Side::Carriage,
-    law: "sigma2 (1 - fraction g); form 0: g = min(1, s / width), 1: 1 - exp(-s / width), ds/dt = \
-          |v| - s / time_constant; 2: 1 - exp(-t / warm_up_time); 3: 1 - exp(-W / work), dW/dt = F \
-          v - W / time_constant; 4: dg/dt = (1 - g) |v| / width - g / time_constant",
+    role: Role::Friction(FrictionTerms::VISCOUS),
+    law: "sigma2 (1 - fraction g); proportion: g = min(1, s / width), distance: 1 - exp(-s / \
+          width), ds/dt = |v| - s / time_constant; time: 1 - exp(-t / warm_up_time); work: 1 - \
+          exp(-W / work), dW/dt = F v - W / time_constant; structure: dg/dt = (1 - g) |v| / width \
+          - g / time_constant",
     source: "assumed forms, saturating with the distance worked through, the time or the work of \
-             friction; form 4: Moore 1959",
+             friction; structure: Moore 1959",
     telltale: "proportional to v, sets in with the distance travelled or the time, not seen by the \
                force cell",
     parameters: &[
@@ -56,19 +62,16 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             10.0,
             NEVER,
         ),
-        EffectParameter::optional(
+        EffectParameter::choice(
             "form",
-            "1",
-            "with the distance in proportion (0) or ever slower (1), with time (2), with work (3), \
-             as a structure breaks (4)",
-            (0.0, 4.0),
-            1.0,
-            0.0,
+            "with the distance in proportion or ever slower, with time, with work, or as a \
+             structure breaks",
+            &FORMS,
         ),
         EffectParameter::optional(
             "warm_up_time",
             "s",
-            "time over which it goes, form 2",
+            "time over which it falls, form time",
             (1e-2, 1e6),
             10.0,
             10.0,
@@ -76,13 +79,16 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::optional(
             "work",
             "J",
-            "work over which it goes, form 3",
+            "work over which it falls, form work",
             (1e-3, 1e9),
             10.0,
             100.0,
         ),
     ],
-    check: super::any,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.1, 1.0, 1e6, 0.0, 10.0, 100.0],
+    check: descriptor::any,
     // One form alone, and no recovery where there is none.
     free: |values, index| match (Form::of(values), index) {
         (_, 0)
@@ -93,9 +99,10 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         (_, TIME_CONSTANT) => values[TIME_CONSTANT] < NEVER,
         _ => false,
     },
-    build: |values| Box::new(ViscousWarmUp::new(values)),
-    propose,
+    build: |values| Action::Friction(Box::new(ViscousWarmUp::new(values))),
+    proposal: Some(propose),
     starts: warm_up_forms,
+    curve: None,
 };
 
 /// Time constant of grease that does not recover, s.
@@ -145,7 +152,7 @@ struct ViscousWarmUp {
     extent: f64,
     /// T, s.
     time_constant: f64,
-    /// s, t or W; g itself in form 4.
+    /// s, t or W; g itself of a structure.
     gone_through: f64,
     /// Length of the last step, s, and what of s or W it left: one step is as long as the other.
     remains: (f64, f64),
@@ -204,16 +211,12 @@ impl ViscousWarmUp {
     }
 }
 
-impl Effect for ViscousWarmUp {
-    fn friction(&mut self, motion: &Motion, step: f64, scale: &mut FrictionScale) {
+impl FrictionLaw for ViscousWarmUp {
+    fn scale(&mut self, motion: &Motion, step: f64, scale: &mut FrictionScale) {
         let before = self.gone_through;
         self.gone_through = self.after(before, motion, step);
         let through = 0.5 * (before + self.gone_through);
         scale.viscous *= 1.0 - self.fraction * self.form.gone(through, self.extent);
-    }
-
-    fn scales(&self) -> Scaled {
-        Scaled::VISCOUS
     }
 
     fn feels_friction(&self) -> bool {
@@ -228,7 +231,7 @@ impl Effect for ViscousWarmUp {
 /// Recovery times that a proposal tries, as multiples of the record's length.
 const RECOVERIES: [f64; 3] = [0.1, 0.3, 1.0];
 
-/// Every form, with and without recovery; without it form 4 is form 1.
+/// Every form, with and without recovery; without it structure is distance.
 fn warm_up_forms(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let form = |code: f64, time_constant: f64| {
         let mut start = values.to_vec();
@@ -329,31 +332,31 @@ mod tests {
 
     #[test]
     fn viscous_friction_falls_with_the_distance_in_either_direction_and_nothing_else_does() {
-        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 2.0, 1e6, 0.0, 10.0, 100.0]);
+        let mut warm_up = ViscousWarmUp::new(&[0.4, 2.0, 1e6, 0.0, 10.0, 100.0]);
         let mut scale = FrictionScale::ONE;
         // 1 m in all, half of it back.
         for k in 0..2000 {
             scale = FrictionScale::ONE;
             let velocity = if k < 1000 { 0.5 } else { -0.5 };
-            warm_up.friction(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
+            warm_up.scale(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
         }
         let expected = 1.0 - 0.4 * 0.5;
         assert!((scale.viscous - expected).abs() < 1e-4, "{scale:?} {expected}");
         assert_eq!((scale.coulomb, scale.stat), (1.0, 1.0));
         warm_up.reset();
         scale = FrictionScale::ONE;
-        warm_up.friction(&Motion { velocity: 0.5, ..Motion::default() }, 1e-6, &mut scale);
+        warm_up.scale(&Motion { velocity: 0.5, ..Motion::default() }, 1e-6, &mut scale);
         assert!((scale.viscous - 1.0).abs() < 1e-6);
     }
 
     #[test]
     fn in_the_other_form_it_falls_ever_slower() {
-        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 0.5, 1e6, 1.0, 10.0, 100.0]);
+        let mut warm_up = ViscousWarmUp::new(&[0.4, 0.5, 1e6, 1.0, 10.0, 100.0]);
         let mut scale = FrictionScale::ONE;
         // 2 m.
         for _ in 0..2000 {
             scale = FrictionScale::ONE;
-            warm_up.friction(&Motion { velocity: 1.0, ..Motion::default() }, 1e-3, &mut scale);
+            warm_up.scale(&Motion { velocity: 1.0, ..Motion::default() }, 1e-3, &mut scale);
         }
         assert!((scale.viscous - (1.0 - 0.4 * (1.0 - (-4.0f64).exp()))).abs() < 1e-4, "{scale:?}");
     }
@@ -362,12 +365,12 @@ mod tests {
     /// the time is divided into steps.
     #[test]
     fn what_is_remembered_does_not_hang_on_the_lengths_of_the_steps() {
-        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 1.0, 0.7, 0.0, 10.0, 100.0]);
+        let mut warm_up = ViscousWarmUp::new(&[0.4, 1.0, 0.7, 0.0, 10.0, 100.0]);
         let motion = Motion { velocity: 0.3, ..Motion::default() };
         let (mut time, mut scale) = (0.0, FrictionScale::ONE);
         for step in [5e-4, 5e-4, 2e-3, 1e-4].into_iter().cycle().take(2000) {
             scale = FrictionScale::ONE;
-            warm_up.friction(&motion, step, &mut scale);
+            warm_up.scale(&motion, step, &mut scale);
             time += step;
         }
         // The mean of a step is that of its middle, but for the square of the step.
@@ -378,11 +381,11 @@ mod tests {
     #[test]
     fn with_time_it_falls_at_rest_too_and_with_work_it_falls_by_what_friction_takes() {
         let left = |values: &[f64], motion: Motion| {
-            let mut warm_up = (DESCRIPTOR.build)(values);
+            let mut warm_up = ViscousWarmUp::new(values);
             let mut scale = FrictionScale::ONE;
             for _ in 0..2000 {
                 scale = FrictionScale::ONE;
-                warm_up.friction(&motion, 1e-3, &mut scale);
+                warm_up.scale(&motion, 1e-3, &mut scale);
             }
             scale.viscous
         };
@@ -401,12 +404,12 @@ mod tests {
 
     #[test]
     fn a_structure_breaks_with_shear_and_builds_up_at_rest() {
-        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 0.5, 2.0, 4.0, 10.0, 100.0]);
+        let mut warm_up = ViscousWarmUp::new(&[0.4, 0.5, 2.0, 4.0, 10.0, 100.0]);
         let mut viscous = |velocity: f64, seconds: usize| {
             let mut scale = FrictionScale::ONE;
             for _ in 0..1000 * seconds {
                 scale = FrictionScale::ONE;
-                warm_up.friction(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
+                warm_up.scale(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
             }
             scale.viscous
         };

@@ -5,6 +5,7 @@ use super::{Examiner, RoughFit};
 use crate::quality::finding::{DataFinding, Disagreement};
 use crate::signals::Signal;
 use friction_stage_core::model::Guide;
+use friction_stage_core::plant::EffectDescriptor;
 
 /// Part of what a cell is off the command before it that it must be off the one behind it for the
 /// two to be swapped. Assumed: what a motor adds is as far from either.
@@ -17,12 +18,11 @@ impl Examiner<'_> {
     /// force and acceleration.
     pub(super) fn signs_and_units(&mut self, cell: Option<RoughFit>, command: Option<RoughFit>) {
         let declared = self.model.map(|m| {
-            let payload = m
-                .effects
-                .iter()
-                .filter(|e| e.name == "payload")
-                .filter_map(|e| e.values.get("mass"));
-            m.mass + payload.sum::<f64>()
+            let payload = |effect| match EffectDescriptor::read(effect) {
+                Ok((descriptor, values)) => descriptor.constant_mass(&values),
+                Err(_) => 0.0,
+            };
+            m.mass + m.effects.iter().map(payload).sum::<f64>()
         });
         let guides = self.model.and_then(|model| model.resolved_guides().ok());
         let of_guides =
