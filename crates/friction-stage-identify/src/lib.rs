@@ -21,7 +21,6 @@ mod test_records;
 pub use closed_loop::{ClosedLoopError, LinearController};
 pub use error::IdentifyError;
 pub use fit::sensor_noise::MORE_THAN_DECLARED;
-pub use fit::uncertainty::correlation_length;
 pub use fit::{Estimate, FitBudget, Fitted, fit};
 pub use hypothesis::nominal_parameter::NominalParameter;
 pub use hypothesis::{FreeParameter, Hypothesis, ParameterId, Part, Sides, Tolerances};

@@ -4,6 +4,7 @@
 use std::ops::Range;
 
 use friction_stage_core::model::{Guide, StageModel};
+use friction_stage_core::numerics::noise::{cell_noise, encoder_noise};
 use friction_stage_core::plant::Motion;
 use friction_stage_core::plant::effects::ForceOverStep;
 use friction_stage_data::signals::Trace;
@@ -40,15 +41,6 @@ const HOLE: f64 = 5e-3;
 /// Part of the forgetting length by which the ends of a hole may differ for the stage to have stood
 /// in it. Assumed.
 const STOOD: f64 = 1e-3;
-/// Share of a record, the slowest, that shows the noise of the encoder. Assumed: a recording of a
-/// stage has rests or slow moves in it.
-const SLOWEST: f64 = 0.1;
-/// Part by which a multiple of a count may be off: numbers in a file have some digits only.
-/// Assumed.
-const WHOLE: f64 = 1e-3;
-/// Part of the steps before which a signal of coarse counts stood still. Assumed: a motion at one
-/// speed goes on for longer than so few samples.
-const STANDS: f64 = 0.1;
 /// Fewest samples that are worth an attempt: less does not even fill the filters several times.
 pub const MIN_SAMPLES: usize = 1000;
 
@@ -182,21 +174,9 @@ impl Measured {
             filled(&trace.force_cell)
         });
         // An encoder without any noise is no division by 0.
-        let counts = model.encoder.resolution.max(count_of(&trace.position)) / 12f64.sqrt();
-        let noise = noise_of(&position).max(counts).max(f64::MIN_POSITIVE);
-        // Noise of the controller is in the command too, a sample before the cell shows it; what a
-        // gain or a lag leaves of it is not the cell's.
-        let cell_noise = raw_cell.as_ref().map_or(0.0, |cell| {
-            let beside_command: Vec<f64> = cell
-                .iter()
-                .skip(1)
-                .zip(&raw_command)
-                .map(|(cell, command)| cell - command)
-                .collect();
-            noise_of(cell)
-                .min(noise_of(&beside_command))
-                .max(count_of(&trace.force_cell) / 12f64.sqrt())
-        });
+        let noise = encoder_noise(&trace.position, model.encoder.resolution).max(f64::MIN_POSITIVE);
+        let cell_noise =
+            if has_cell { cell_noise(&trace.force_cell, Some(&trace.force)) } else { 0.0 };
         for unknown in unknown_bristles(&trace.position, rate, model)? {
             valid[unknown].fill(false);
         }
@@ -383,7 +363,7 @@ impl Measured {
     /// Standard deviation of the residuals that the declared sensor noise alone gives, N: motor
     /// side (0 without cell and command) and carriage side.
     pub fn declared_floor(&self, model: &StageModel) -> Floor {
-        self.floor_of(model, encoder_noise(model), model.force_cell.noise)
+        self.floor_of(model, declared_encoder_noise(model), model.force_cell.noise)
     }
 
     /// The same of the noise that the record shows, where that is more than the declared: what
@@ -391,7 +371,7 @@ impl Measured {
     pub fn floor(&self, model: &StageModel) -> Floor {
         self.floor_of(
             model,
-            encoder_noise(model).max(self.noise),
+            declared_encoder_noise(model).max(self.noise),
             model.force_cell.noise.max(self.cell_noise),
         )
     }
@@ -516,48 +496,9 @@ fn filled(values: &[f64]) -> Vec<f64> {
     filled
 }
 
-/// Count in which a signal is read: the least step, of which all others are multiples; 0 where
-/// there is none. Steps that are all the same are those of a motion at one speed, unless the signal
-/// stands still again and again between them.
-fn count_of(values: &[f64]) -> f64 {
-    let all_steps = || values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-    let least = all_steps().filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
-    let (mut whole, mut several) = (true, false);
-    let (mut moves, mut after_standing, mut stood) = (0usize, 0usize, false);
-    for step in all_steps() {
-        if step > 0.0 {
-            let multiple = step / least;
-            whole &= (multiple - multiple.round()).abs() < WHOLE * multiple.max(1.0);
-            several |= multiple > 1.5;
-            moves += 1;
-            after_standing += usize::from(stood);
-        }
-        stood = step == 0.0;
-    }
-    let stands = after_standing as f64 > STANDS * moves as f64;
-    if whole && (several || stands) { least } else { 0.0 }
-}
-
 /// Declared noise of the encoder with that of its counts, m.
-fn encoder_noise(model: &StageModel) -> f64 {
+fn declared_encoder_noise(model: &StageModel) -> f64 {
     model.encoder.noise.hypot(model.encoder.resolution / 12f64.sqrt())
-}
-
-/// White noise of a signal from its third differences, whose variance is 20 times that of the
-/// noise: median-based so that steps do not count, and of the slowest part of the record, so that
-/// an encoder's error that repeats with the position does not.
-fn noise_of(values: &[f64]) -> f64 {
-    let mut windows: Vec<(f64, f64)> = values
-        .windows(4)
-        .map(|w| ((w[3] - w[0]).abs(), (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()))
-        .collect();
-    let slow = (SLOWEST * windows.len() as f64) as usize;
-    if slow == 0 {
-        return 0.0;
-    }
-    let (slowest, ..) = windows.select_nth_unstable_by(slow, |a, b| a.0.total_cmp(&b.0));
-    let (_, median, _) = slowest.select_nth_unstable_by(slow / 2, |a, b| a.1.total_cmp(&b.1));
-    median.1 / 0.6745 / 20f64.sqrt()
 }
 
 /// The position with its noise taken out where the carriage hardly moves. What shakes it there is
@@ -664,33 +605,6 @@ mod tests {
                 "{step:?}"
             );
         }
-    }
-
-    #[test]
-    fn counts_are_seen_where_all_steps_are_whole_ones() {
-        let read = |count: f64| -> Vec<f64> {
-            (0..4000)
-                .map(|k| {
-                    ((0.01 * (1.0 - (TAU * f64::from(k) / 2000.0).cos())) / count).round() * count
-                })
-                .collect()
-        };
-        for count in [1e-6, 1e-5, 1e-4] {
-            assert!(
-                (count_of(&read(count)) / count - 1.0).abs() < 1e-3,
-                "{count:e}: {:e}",
-                count_of(&read(count))
-            );
-        }
-        // One step again and again may be a motion at one speed; steps of all sizes are no counts.
-        // 50 steps there, a rest, 50 back, a rest.
-        let to_and_fro =
-            (0..400).map(|k: i32| f64::from((k % 200).min(150 - k % 200).clamp(0, 50)));
-        assert_eq!(count_of(&to_and_fro.collect::<Vec<_>>()), 0.0);
-        assert!(
-            count_of(&(0..4000).map(|k| (f64::from(k) * 0.01).sin()).collect::<Vec<_>>()) < 1e-4
-        );
-        assert_eq!(count_of(&[f64::NAN; 9]), 0.0);
     }
 
     /// Guides at rest see neither the noise nor, in a moving carriage, anything but the motion.
