@@ -15,7 +15,7 @@ use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
 use friction_stage_data::bag::BagReader;
 use friction_stage_data::quality::{self, DataProblem, Severity};
-use friction_stage_data::signals::{self, Trace};
+use friction_stage_data::signals::{self, Recording, SignalError, Trace};
 use friction_stage_identify::{
     ClosedLoopError, Hypothesis, IdentifyError, Measured, Part, Sides, Tolerances, closed_loop,
 };
@@ -76,6 +76,48 @@ struct ReplayReport {
     warnings: Vec<String>,
 }
 
+impl ReplayReport {
+    /// What the model misses along the recorded motion and in closed loop.
+    fn compare_along(&mut self, trace: &Trace, model: &StageModel) {
+        let mut in_record = model.clone();
+        match missing_force(model, trace) {
+            Ok((rms, here, own)) => {
+                self.missing_force_rms_n = Some(rms);
+                if here.effects.iter().any(Part::slips) {
+                    self.notes.push(
+                        "balls that slip have the amplitude and phase here that fit this record \
+                         best, and no part in the closed loop"
+                            .to_owned(),
+                    );
+                }
+                if !own.is_empty() {
+                    in_record = here.model();
+                }
+                if own.iter().any(|part| part.descriptor.name == "external_vibration") {
+                    self.notes.push(
+                        "external_vibration has the phase here that fits this record best"
+                            .to_owned(),
+                    );
+                }
+                for at in own.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
+                    let instant = instant_in_words(
+                        at,
+                        trace.time.last().unwrap_or(&0.0) - trace.time.first().unwrap_or(&0.0),
+                    );
+                    self.notes.push(format!(
+                        "the map jumps here where that fits this record best, {instant}"
+                    ));
+                }
+            }
+            Err(error) => self.notes.push(format!("no missing force: {error}")),
+        }
+        match closed_loop_error(&in_record, trace) {
+            Ok(rms) => self.closed_loop_position_rms_m = Some(rms),
+            Err(error) => self.notes.push(format!("no closed loop: {error}")),
+        }
+    }
+}
+
 /// Runs the command; the report goes to `out`.
 pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let reader = BagReader::open(&args.bag)?;
@@ -94,6 +136,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         (None, None) => 1,
     };
     let trace = Trace::from_reader(&reader)?;
+    let recording = signals::load(&args.bag, None);
     let rates = match &provenance {
         Some(provenance) => {
             let rate = |key: &str| -> anyhow::Result<f64> {
@@ -129,7 +172,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         missing_force_rms_n: None,
         closed_loop_position_rms_m: None,
         notes: Vec::new(),
-        warnings: contradictions(&args.bag, &model),
+        warnings: contradictions(&recording, &model),
     };
     let mut table = args
         .csv
@@ -168,40 +211,10 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let count = report.samples.max(1) as f64;
     report.position_rms_m = (report.position_rms_m / count).sqrt();
     report.force_cell_rms_n = (report.force_cell_rms_n / count).sqrt();
-    let mut in_record = model.clone();
-    match missing_force(&model, &trace) {
-        Ok((rms, here, own)) => {
-            report.missing_force_rms_n = Some(rms);
-            if here.effects.iter().any(Part::slips) {
-                report.notes.push(
-                    "balls that slip have the amplitude and phase here that fit this record best, \
-                     and no part in the closed loop"
-                        .to_owned(),
-                );
-            }
-            if !own.is_empty() {
-                in_record = here.model();
-            }
-            if own.iter().any(|part| part.descriptor.name == "external_vibration") {
-                report.notes.push(
-                    "external_vibration has the phase here that fits this record best".to_owned(),
-                );
-            }
-            for at in own.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
-                let instant = instant_in_words(
-                    at,
-                    trace.time.last().unwrap_or(&0.0) - trace.time.first().unwrap_or(&0.0),
-                );
-                report.notes.push(format!(
-                    "the map jumps here where that fits this record best, {instant}"
-                ));
-            }
-        }
-        Err(error) => report.notes.push(format!("no missing force: {error}")),
-    }
-    match closed_loop_error(&in_record, &trace) {
-        Ok(rms) => report.closed_loop_position_rms_m = Some(rms),
-        Err(error) => report.notes.push(format!("no closed loop: {error}")),
+    // The forces are played sample by sample as they stand in the bag; what is compared along the
+    // motion is read as `identify` reads it.
+    if let Ok(recording) = &recording {
+        report.compare_along(&recording.trace, &model);
     }
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
@@ -243,9 +256,9 @@ fn cannot_write(path: &Path) -> String {
 
 /// Where a recording contradicts itself or the model so that no figure of a replay says anything: a
 /// wrong sign or unit, another machine, samples that no machine made.
-fn contradictions(path: &Path, model: &StageModel) -> Vec<String> {
-    let found = match signals::load(path, None) {
-        Ok(recording) => quality::examine(&recording, Some(model)),
+fn contradictions(recording: &Result<Recording, SignalError>, model: &StageModel) -> Vec<String> {
+    let found = match recording {
+        Ok(recording) => quality::examine(recording, Some(model)),
         Err(error) => return vec![error.to_string()],
     };
     let spoils = |problem: &&DataProblem| match problem {

@@ -36,7 +36,8 @@ const FAITHFUL: f64 = 0.01;
 /// it begins anew. Assumed: the setpoint is as unknown there.
 const LONGEST_BRIDGED: usize = 3;
 
-/// Why there is no closed-loop position error.
+/// Why there is no closed-loop position error. The message of each variant says what it is.
+#[allow(missing_docs)]
 #[derive(Debug, thiserror::Error)]
 pub enum ClosedLoopError {
     #[error("there is no setpoint")]

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use friction_stage_core::numerics::least_squares::{Budget, Descent, Point, Problem, Range};
+use friction_stage_core::numerics::least_squares::{Budget, Descent, Evaluation, Problem, Range};
 
 /// Where the search ended.
 #[derive(Clone, Debug)]
@@ -81,17 +81,17 @@ impl<F: Fn(&[f64]) -> Vec<f64> + Sync> Problem for Function<'_, F> {
         &self.ranges
     }
 
-    fn at(&self, values: &[f64], _: &()) -> Result<Point<()>, NotFinite> {
+    fn at(&self, values: &[f64], _: &()) -> Result<Evaluation<()>, NotFinite> {
         let residual = DVector::from_vec((self.residuals)(values));
         let squares = residual.norm_squared();
         if !squares.is_finite() {
             return Err(NotFinite);
         }
-        Ok(Point { values: values.to_vec(), state: (), residual, squares })
+        Ok(Evaluation { values: values.to_vec(), state: (), residual, squares })
     }
 
     /// By central differences.
-    fn derivatives(&self, point: &Point<()>) -> Result<DMatrix<f64>, NotFinite> {
+    fn derivatives(&self, point: &Evaluation<()>) -> Result<DMatrix<f64>, NotFinite> {
         let columns: Vec<DVector<f64>> = (0..point.values.len())
             .into_par_iter()
             .map(|index| {

@@ -52,10 +52,14 @@ pub trait Problem {
     fn ranges(&self) -> &[Range];
 
     /// Residuals of these values. `near` was left by values nearby.
-    fn at(&self, values: &[f64], near: &Self::State) -> Result<Point<Self::State>, Self::Error>;
+    fn at(
+        &self,
+        values: &[f64],
+        near: &Self::State,
+    ) -> Result<Evaluation<Self::State>, Self::Error>;
 
     /// Derivatives of the residuals by each variable in its scale, in columns.
-    fn derivatives(&self, point: &Point<Self::State>) -> Result<DMatrix<f64>, Self::Error>;
+    fn derivatives(&self, point: &Evaluation<Self::State>) -> Result<DMatrix<f64>, Self::Error>;
 
     /// J^T J.
     fn normal(&self, jacobian: &DMatrix<f64>) -> DMatrix<f64> {
@@ -65,7 +69,7 @@ pub trait Problem {
 
 /// Values with their residuals.
 #[derive(Clone, Debug)]
-pub struct Point<S> {
+pub struct Evaluation<S> {
     pub values: Vec<f64>,
     pub state: S,
     pub residual: DVector<f64>,
@@ -87,7 +91,7 @@ pub struct Budget {
 /// A fit on its way.
 #[derive(Clone, Debug)]
 pub struct Descent<S> {
-    pub point: Point<S>,
+    pub point: Evaluation<S>,
     damping: f64,
     /// How often the derivatives were taken.
     pub taken: usize,
@@ -113,7 +117,7 @@ struct StepInside {
     fixed: Vec<bool>,
 }
 
-impl<S> Point<S> {
+impl<S> Evaluation<S> {
     /// Variables at a bound with an error that pulls outwards.
     fn held(&self, gradient: &DVector<f64>, ranges: &[Range]) -> Vec<bool> {
         let variables = self.values.iter().zip(ranges).zip(gradient.iter());
@@ -129,7 +133,7 @@ impl<S> Point<S> {
         &self,
         step: &DVector<f64>,
         problem: &P,
-    ) -> Result<Point<S>, P::Error> {
+    ) -> Result<Evaluation<S>, P::Error> {
         let variables = self.values.iter().zip(problem.ranges()).zip(step.iter());
         let values: Vec<f64> = variables
             .map(|((value, Range { scale, bounds: (lower, upper) }), step)| {
@@ -140,7 +144,7 @@ impl<S> Point<S> {
     }
 
     /// The way to another point, in scales of the variables.
-    fn way_to(&self, other: &Point<S>, ranges: &[Range]) -> DVector<f64> {
+    fn way_to(&self, other: &Evaluation<S>, ranges: &[Range]) -> DVector<f64> {
         let ways = other
             .values
             .iter()
@@ -209,7 +213,7 @@ impl<S> Point<S> {
         damping: &mut f64,
         bends: bool,
         problem: &P,
-    ) -> Option<Point<S>> {
+    ) -> Option<Evaluation<S>> {
         let Sensitivities { jacobian, normal } = sensitivities;
         let ranges = problem.ranges();
         let gradient = jacobian.tr_mul(&self.residual);
@@ -267,7 +271,7 @@ impl Sensitivities {
 }
 
 impl<S> Descent<S> {
-    pub fn from(point: Point<S>) -> Descent<S> {
+    pub fn from(point: Evaluation<S>) -> Descent<S> {
         let converged = point.values.is_empty();
         Descent { point, damping: FIRST_DAMPING, taken: 0, fallen: 0.0, converged }
     }
@@ -329,7 +333,7 @@ mod tests {
         let free = (-9.0, 9.0);
         let step = |first: (f64, f64), held: [bool; 3]| {
             let ranges = [first, free, free].map(|bounds| Range { scale: 0.5, bounds });
-            let here = Point {
+            let here = Evaluation {
                 values: vec![0.0; 3],
                 state: (),
                 residual: DVector::zeros(0),
@@ -381,14 +385,14 @@ mod tests {
             &self.0
         }
 
-        fn at(&self, values: &[f64], _: &()) -> Result<Point<()>, ()> {
+        fn at(&self, values: &[f64], _: &()) -> Result<Evaluation<()>, ()> {
             let [x, y] = [values[0], values[1]];
             let residual = DVector::from_column_slice(&[1.0 - x, 10.0 * (y - x * x)]);
             let squares = residual.norm_squared();
-            Ok(Point { values: values.to_vec(), state: (), residual, squares })
+            Ok(Evaluation { values: values.to_vec(), state: (), residual, squares })
         }
 
-        fn derivatives(&self, point: &Point<()>) -> Result<DMatrix<f64>, ()> {
+        fn derivatives(&self, point: &Evaluation<()>) -> Result<DMatrix<f64>, ()> {
             let x = point.values[0];
             Ok(DMatrix::from_row_slice(2, 2, &[-1.0, 0.0, -20.0 * x, 10.0]))
         }

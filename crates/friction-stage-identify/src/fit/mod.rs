@@ -20,7 +20,7 @@ use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
 use crate::residual::missing::Missing;
 use friction_stage_core::model::ModelError;
-use friction_stage_core::numerics::least_squares::{Budget, Descent, Point, Problem, Range};
+use friction_stage_core::numerics::least_squares::{Budget, Descent, Evaluation, Problem, Range};
 
 /// Part of what a fit must still fall by to be worth anything that it must come to between two
 /// derivatives: with less it gives up.
@@ -59,8 +59,11 @@ impl FitBudget {
 /// A hypothesis at its best.
 #[derive(Clone, Debug)]
 pub struct Fitted {
+    /// The hypothesis with its values at their best.
     pub hypothesis: Hypothesis,
+    /// Force that it misses on the record of the fit.
     pub missing: Missing,
+    /// What the fit moved, where it ended.
     pub coordinates: Vec<FreeParameter>,
     /// Coordinates that ended on a bound.
     pub at_bound: Vec<bool>,
@@ -69,6 +72,7 @@ pub struct Fitted {
 /// A fit with how well the data know it.
 #[derive(Clone, Debug)]
 pub struct Estimate {
+    /// The fit.
     pub fitted: Fitted,
     /// Standard deviation of each coordinate around what records like this one give; infinite where
     /// the data say nothing.
@@ -168,11 +172,11 @@ impl<'a> ForceFit<'a> {
         hypothesis: Hypothesis,
         coordinates: Vec<FreeParameter>,
         near: &Driven,
-    ) -> Result<Point<Along>, ModelError> {
+    ) -> Result<Evaluation<Along>, ModelError> {
         let driven = hypothesis.driven(self.measured, self.sides, near)?;
         let missing = hypothesis.missing_of(&driven, self.measured, self.sides);
         let residual = stacked(&missing, &coordinates, self.noise);
-        Ok(Point {
+        Ok(Evaluation {
             values: coordinates.iter().map(|coordinate| coordinate.value).collect(),
             squares: residual.norm_squared(),
             residual,
@@ -187,7 +191,7 @@ impl<'a> ForceFit<'a> {
         &self,
         start: &Hypothesis,
         given: Vec<FreeParameter>,
-    ) -> Result<Point<Along>, ModelError> {
+    ) -> Result<Evaluation<Along>, ModelError> {
         let is_biased = |one: &FreeParameter| {
             matches!(one.id, ParameterId::Nominal(_))
                 && (one.value <= one.bounds.0 || one.value >= one.bounds.1)
@@ -228,7 +232,7 @@ impl Problem for ForceFit<'_> {
         &self.ranges
     }
 
-    fn at(&self, values: &[f64], near: &Along) -> Result<Point<Along>, ModelError> {
+    fn at(&self, values: &[f64], near: &Along) -> Result<Evaluation<Along>, ModelError> {
         let (mut hypothesis, mut coordinates) = (near.hypothesis.clone(), near.coordinates.clone());
         for (coordinate, value) in coordinates.iter_mut().zip(values) {
             coordinate.value = *value;
@@ -237,7 +241,7 @@ impl Problem for ForceFit<'_> {
         self.along(hypothesis, coordinates, &near.driven)
     }
 
-    fn derivatives(&self, point: &Point<Along>) -> Result<DMatrix<f64>, ModelError> {
+    fn derivatives(&self, point: &Evaluation<Along>) -> Result<DMatrix<f64>, ModelError> {
         let Along { hypothesis, coordinates, driven, .. } = &point.state;
         derivatives(
             hypothesis,

@@ -10,7 +10,7 @@ use friction_stage_core::plant::effects::ForceOverStep;
 use friction_stage_data::signals::Trace;
 
 use crate::error::IdentifyError;
-use crate::record::lowpass::Lowpass;
+use crate::record::lowpass::ZeroPhaseLowpass;
 
 /// Corner of the lowpass on measured and modelled forces, Hz, where the rate allows it. Assumed:
 /// above the controller's bandwidth, below the band where the encoder's noise, differentiated
@@ -20,8 +20,9 @@ const FORCE_CORNER: f64 = 200.0;
 /// does, over the mass and integrated twice. Assumed: well above the resonance of a mass on its
 /// bristles, 30 to 60 Hz, where friction has a part in the motion.
 const REST_CORNER: f64 = 100.0;
-/// Speeds, in standard deviations of the speed that encoder noise feigns, below which the position
-/// is smoothed wholly and above which it is left as it is. Assumed: a LuGre bristle relaxes with
+/// Speeds, in standard deviations of the apparent speed from encoder noise, below which the
+/// position is smoothed wholly and above which it is left as it is. Assumed: a LuGre bristle
+/// relaxes with
 /// |v|, so apparent speed makes it drift; well above it |v| is right by itself.
 const REST_SPEED: (f64, f64) = (24.0, 93.0);
 /// What rings above the corner, rms in standard deviations of the encoder's noise, below which the
@@ -50,8 +51,8 @@ pub struct Step {
     /// What an effect sees, at the middle of the step: as the encoder says, so that what rings a
     /// few nanometres rings here too.
     pub motion: Motion,
-    /// Velocity at which the guides slide, m/s: without what the encoder's noise feigns at rest,
-    /// which would relax the bristles.
+    /// Velocity at which the guides slide, m/s: without apparent motion from the encoder's noise at
+    /// rest, which would relax the bristles.
     pub sliding: f64,
     /// s
     pub duration: f64,
@@ -60,6 +61,7 @@ pub struct Step {
     /// Share of the step's force in the mean force of the two intervals around `node`, and of those
     /// around the next node.
     pub early: f64,
+    /// Share of the later node.
     pub late: f64,
 }
 
@@ -117,8 +119,10 @@ pub struct Measured {
     mass: f64,
     /// In order of time; each interval between samples has one or several.
     pub steps: Vec<Step>,
+    /// Samples per second, Hz.
     pub rate: f64,
-    pub lowpass: Lowpass,
+    /// Filter of measured and modelled forces.
+    pub lowpass: ZeroPhaseLowpass,
     /// Nodes that are compared, after filtering and thinning out.
     pub rows: Vec<usize>,
 }
@@ -180,7 +184,7 @@ impl Measured {
         for unknown in unknown_bristles(&trace.position, rate, model)? {
             valid[unknown].fill(false);
         }
-        let lowpass = Lowpass::new(FORCE_CORNER.min(rate / 5.0), rate);
+        let lowpass = ZeroPhaseLowpass::new(FORCE_CORNER.min(rate / 5.0), rate);
         let rows = rows_of(&valid, &lowpass);
         if rows.len() * lowpass.factor() < MIN_SAMPLES / 2 {
             return Err(IdentifyError::TooShort {
@@ -293,7 +297,7 @@ impl Measured {
     }
 
     /// The motion in steps: more of them where it turns. `smooth` is the position without what the
-    /// noise feigns at rest, `velocity` its velocity at the nodes, `read_velocity` that with the
+    /// apparent motion at rest, `velocity` its velocity at the nodes, `read_velocity` that with the
     /// noise.
     fn in_steps(&self, smooth: &[f64], velocity: &[f64], read_velocity: &[f64]) -> Vec<Step> {
         let (rate, dt) = (self.rate, self.rate.recip());
@@ -334,6 +338,7 @@ impl Measured {
         self.time.len()
     }
 
+    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.time.is_empty()
     }
@@ -394,7 +399,9 @@ impl Measured {
 /// Residuals that sensor noise alone leaves, N rms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Floor {
+    /// On the motor side.
     pub motor: f64,
+    /// On the carriage side.
     pub carriage: f64,
 }
 
@@ -407,7 +414,7 @@ impl Floor {
 
 /// Samples at which the filtered signals are compared: thinned out, and where the filter sees valid
 /// samples only.
-fn rows_of(valid: &[bool], lowpass: &Lowpass) -> Vec<usize> {
+fn rows_of(valid: &[bool], lowpass: &ZeroPhaseLowpass) -> Vec<usize> {
     let half = lowpass.half() + 1;
     // Running count of samples to leave out, so that each row is judged in one subtraction.
     let missing: Vec<usize> = std::iter::once(0)
@@ -506,7 +513,7 @@ fn declared_encoder_noise(model: &StageModel) -> f64 {
 /// bristles relax with it all the same. `shaken`: second differences of the position by the command
 /// alone, m.
 fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: f64) -> Vec<f64> {
-    let lowpass = Lowpass::new(REST_CORNER.min(rate / 5.0), rate);
+    let lowpass = ZeroPhaseLowpass::new(REST_CORNER.min(rate / 5.0), rate);
     let rest = lowpass.rest_of_second_differences();
     let (count, half) = (position.len(), lowpass.half());
     let apparent = 2f64.sqrt() * noise * rate;
