@@ -13,7 +13,7 @@ use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
 use friction_stage_data::bag::BagReader;
 use friction_stage_data::quality::contradictions;
-use friction_stage_data::signals::Trace;
+use friction_stage_data::signals::{Trace, load};
 use friction_stage_identify::ModelComparison;
 use friction_stage_report::words::{all_words, comparison_notes};
 
@@ -91,6 +91,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         (None, None) => 1,
     };
     let trace = Trace::from_reader(&reader)?;
+    let recording = load(&args.bag, None);
     let rates = match &provenance {
         Some(provenance) => {
             let rate = |key: &str| -> anyhow::Result<f64> {
@@ -126,8 +127,8 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         missing_force_rms_n: None,
         closed_loop_position_rms_m: None,
         notes: Vec::new(),
-        warnings: match contradictions(&args.bag, &model) {
-            Ok(findings) => all_words(&findings),
+        warnings: match &recording {
+            Ok(recording) => all_words(&contradictions(recording, &model)),
             Err(error) => vec![error.to_string()],
         },
     };
@@ -168,10 +169,14 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let count = report.samples.max(1) as f64;
     report.position_rms_m = (report.position_rms_m / count).sqrt();
     report.force_cell_rms_n = (report.force_cell_rms_n / count).sqrt();
-    let comparison = ModelComparison::new(&model, &trace);
-    report.missing_force_rms_n = comparison.missing_force.as_ref().ok().copied();
-    report.closed_loop_position_rms_m = comparison.closed_loop.as_ref().ok().copied();
-    report.notes = comparison_notes(&comparison);
+    // The forces are played sample by sample as they stand in the bag; what is compared along the
+    // motion is read as `identify` reads it.
+    if let Ok(recording) = &recording {
+        let comparison = ModelComparison::new(&model, &recording.trace);
+        report.missing_force_rms_n = comparison.missing_force.as_ref().ok().copied();
+        report.closed_loop_position_rms_m = comparison.closed_loop.as_ref().ok().copied();
+        report.notes = comparison_notes(&comparison);
+    }
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {

@@ -11,6 +11,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::residual::driven::holding;
 use friction_stage_core::model::{ModelError, StageModel};
+use friction_stage_core::numerics::linear::least_norm;
 use friction_stage_core::plant::effects::Effects;
 use friction_stage_core::plant::{EffectDescriptor, Rates, RatesError, Stage};
 use friction_stage_data::signals::Trace;
@@ -33,7 +34,8 @@ const FAITHFUL: f64 = 0.01;
 /// it begins anew. Assumed: the setpoint is as unknown there.
 const LONGEST_BRIDGED: usize = 3;
 
-/// Why there is no closed-loop position error.
+/// Why there is no closed-loop position error. The message of each variant says what it is.
+#[allow(missing_docs)]
 #[derive(Debug, thiserror::Error)]
 pub enum ClosedLoopError {
     #[error("there is no setpoint")]
@@ -166,19 +168,12 @@ impl LinearController {
             });
             triangle = stacked.qr().r();
         }
-        let mut matrix = triangle.view((0, 0), (unknowns, unknowns)).into_owned();
+        let matrix = triangle.view((0, 0), (unknowns, unknowns)).into_owned();
         let top: DVector<f64> = triangle.view((0, unknowns), (unknowns, 1)).column(0).into_owned();
-        let scales: Vec<f64> =
-            matrix.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
-        for (mut column, scale) in matrix.column_iter_mut().zip(&scales) {
-            column /= *scale;
-        }
-        let decomposed = matrix.svd(true, true);
-        let tolerance = RANK * decomposed.singular_values.max();
-        let Ok(solution) = decomposed.solve(&top, tolerance) else {
+        let Some(solution) = least_norm(matrix, &top, RANK) else {
             return Err(ClosedLoopError::NotLinear { share: 1.0 });
         };
-        let found = |column: usize| solution[column] / scales[column];
+        let found = |column: usize| solution[column];
         Ok(LinearController {
             past: std::array::from_fn(found),
             inputs: std::array::from_fn(|input| {

@@ -2,7 +2,8 @@
 
 use friction_stage_core::model::ModelError;
 
-/// Why a recording cannot be identified on.
+/// Why a recording cannot be identified on. The message of each variant says what it is.
+#[allow(missing_docs)]
 #[derive(Debug, thiserror::Error)]
 pub enum IdentifyError {
     #[error("{name} has {samples} samples that can be used, at least {least} are needed")]

@@ -27,12 +27,15 @@ const TIED: f64 = 0.98;
 /// The whole file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
+    /// Of this layout.
     pub schema_version: u32,
     /// `found`, `none`, `unknown` or `not_separable`.
     pub verdict: String,
     /// Effects that the declared model lacked, in the order in which they were found.
     pub effects: Vec<FoundEffect>,
-    pub errors: Errors,
+    /// Before and after.
+    pub errors: SummaryErrors,
+    /// What noise alone leaves.
     pub floor: FloorErrors,
     /// Share of the explainable held-out force residual that the effects take out.
     pub explained_share: f64,
@@ -69,11 +72,13 @@ pub struct SummaryFinding {
 /// An effect that the declared model lacked.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FoundEffect {
+    /// Name of the law or effect.
     pub name: String,
     /// `motor`, `carriage` or `sensor`.
     pub side: String,
     /// Of a map: `position`, `velocity` or `time`.
     pub coordinate: Option<String>,
+    /// By name.
     pub parameters: BTreeMap<String, FoundParameter>,
     /// The best of the other candidates that were tried beside it.
     pub runner_up: Option<RunnerUp>,
@@ -85,30 +90,39 @@ pub struct FoundEffect {
 /// A law that explains the data as well as one that was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rival {
+    /// Name of the law or effect.
     pub name: String,
     /// Of what the two take out of the train residual, -1 to 1.
     pub correlation: f64,
 }
 
+/// A value with its interval.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FoundParameter {
+    /// In the unit.
     pub value: f64,
+    /// SI.
     pub unit: String,
     /// 95 % confidence interval; `null` where the fit did not move the value or the data say
     /// nothing about it.
     pub ci95: Option<[f64; 2]>,
 }
 
+/// The best other candidate of a round.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunnerUp {
+    /// Name of the law or effect.
     pub name: String,
     /// N
     pub holdout_force_rms: f64,
 }
 
+/// Errors on both records.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Errors {
+pub struct SummaryErrors {
+    /// On the train record.
     pub train: RecordErrors,
+    /// On the hold-out.
     pub holdout: RecordErrors,
 }
 
@@ -126,10 +140,13 @@ pub struct RecordErrors {
 /// With the declared model, refitted, and with the identified one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Change {
+    /// Of the declared model, fitted; null where it cannot be said.
     pub before: Option<f64>,
+    /// Of the model that was found.
     pub after: Option<f64>,
 }
 
+/// What the noise of the sensors leaves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FloorErrors {
     /// N
@@ -139,7 +156,9 @@ pub struct FloorErrors {
 /// Closed-loop position errors, m rms.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PositionErrors {
+    /// On the train record.
     pub train: Change,
+    /// On the hold-out.
     pub holdout: Change,
 }
 
@@ -269,7 +288,7 @@ impl Summary {
             schema_version: SCHEMA_VERSION,
             verdict: selection.verdict.name().to_owned(),
             effects,
-            errors: Errors {
+            errors: SummaryErrors {
                 train: record(train, before.train(), after.train(), position.train),
                 holdout: record(holdout, before.holdout(), after.holdout(), position.holdout),
             },

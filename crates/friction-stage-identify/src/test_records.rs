@@ -33,13 +33,7 @@ pub(crate) fn recording(model: &StageModel, seed: u64, held: f64, moves: u64) ->
                 .unwrap();
         }
         let terms = controller.update(sample.time, sample.position, &mut follower);
-        trace.time.push(sample.time as f64 * 1e-9);
-        trace.position.push(sample.position);
-        trace.reference_position.push(terms.reference.position);
-        trace.reference_velocity.push(terms.reference.velocity);
-        trace.reference_acceleration.push(terms.reference.acceleration);
-        trace.force_cell.push(sample.force_cell);
-        trace.force.push(terms.output);
+        trace.push(&sample, &terms);
         stage.advance(terms.output);
     }
     trace

@@ -7,7 +7,8 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Complex, Matrix3, Vector3};
+use friction_stage_core::numerics::sinusoid::SinusoidSums;
+use nalgebra::Complex;
 use serde::Serialize;
 
 use friction_stage_core::plant::Stage;
@@ -110,7 +111,7 @@ fn point(stage: &mut Stage, rows: &mut Vec<Row>, force: f64, frequency: f64) -> 
     let settle = ramp + SETTLE.0.max(SETTLE.1 / frequency);
     let periods = (MEASURE.0.max(MEASURE.1 / frequency) * frequency).ceil();
     let end = settle + periods / frequency;
-    let (mut position, mut cell) = (Projection::default(), Projection::default());
+    let (mut position, mut cell) = (SinusoidSums::default(), SinusoidSums::default());
     for k in 0..((end + ramp) * rate).ceil() as usize {
         let time = k as f64 / rate;
         let envelope = (time / ramp).min((end + ramp - time) / ramp).clamp(0.0, 1.0);
@@ -127,36 +128,18 @@ fn point(stage: &mut Stage, rows: &mut Vec<Row>, force: f64, frequency: f64) -> 
     // late, and its fundamental is smaller by the hold.
     let lag = PI * frequency / rate;
     let hold = lag.sin() / lag;
-    let driving = cell.phasor() * Complex::from_polar(hold, lag);
-    let stiffness = driving / position.phasor();
+    let driving = phasor(&cell) * Complex::from_polar(hold, lag);
+    let stiffness = driving / phasor(&position);
     ResponsePoint {
         frequency,
-        amplitude: position.phasor().norm(),
+        amplitude: phasor(&position).norm(),
         stiffness: (stiffness.re, stiffness.im),
     }
 }
 
-/// Least squares of a constant, a sine and a cosine.
-#[derive(Default)]
-struct Projection {
-    normal: Matrix3<f64>,
-    right: Vector3<f64>,
-}
-
-impl Projection {
-    fn add(&mut self, phase: f64, value: f64) {
-        let row = Vector3::new(1.0, phase.sin(), phase.cos());
-        self.normal += row * row.transpose();
-        self.right += row * value;
-    }
-
-    /// a + i b of a sin + b cos; zero without enough samples.
-    fn phasor(&self) -> Complex<f64> {
-        self.normal.cholesky().map_or(Complex::new(0.0, 0.0), |factor| {
-            let solution = factor.solve(&self.right);
-            Complex::new(solution[1], solution[2])
-        })
-    }
+/// a + i b of a sin + b cos; zero without enough samples.
+fn phasor(sums: &SinusoidSums) -> Complex<f64> {
+    sums.solve().map_or(Complex::new(0.0, 0.0), |found| Complex::new(found.sine, found.cosine))
 }
 
 /// Mass from Re D = k - m w^2 over the upper third of the frequencies.

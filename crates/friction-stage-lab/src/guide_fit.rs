@@ -14,6 +14,7 @@ use super::least_squares::{FitError, Minimum, minimise};
 use super::specimen::LabRecording as Recording;
 use friction_stage_core::model::Guide;
 use friction_stage_core::numerics::TWO_SIDED_95;
+use friction_stage_core::numerics::correlation::correlation_length;
 use friction_stage_core::plant::GuideBank;
 
 /// What the measuring rig records, one row per sample, SI units.
@@ -323,7 +324,7 @@ fn conclude(minimum: &Minimum, shape: Shape, windows: &[Window], loops: &Motion)
     let freedom = minimum.residuals.len() - p.len();
     // Residuals that resemble their neighbours count as fewer: the variance grows by their
     // correlation time.
-    let variance = minimum.cost / freedom as f64 * correlation_time(of_loops);
+    let variance = minimum.cost / freedom as f64 * correlation_length(of_loops);
     let covariance = |a: usize, b: usize| minimum.covariance[(a, b)] * variance;
     let logarithmic = |k: usize| {
         let (value, half) = (p[k].exp(), TWO_SIDED_95 * covariance(k, k).sqrt());
@@ -434,25 +435,6 @@ impl GuideFit {
             ));
         }
     }
-}
-
-/// Sum of the autocorrelation over all lags up to the first negative one, at least 1: by how much
-/// fewer independent samples there are (Sokal, "Monte Carlo methods in statistical mechanics",
-/// 1989).
-fn correlation_time(residuals: &[f64]) -> f64 {
-    let mean_square =
-        residuals.iter().map(|residual| residual * residual).sum::<f64>() / residuals.len() as f64;
-    let mut time = 1.0;
-    for lag in 1..residuals.len() / 10 {
-        let pairs = residuals.len() - lag;
-        let product: f64 =
-            residuals.iter().zip(&residuals[lag..]).map(|(a, b)| a * b).sum::<f64>() / pairs as f64;
-        if product <= 0.0 || mean_square == 0.0 {
-            break;
-        }
-        time += 2.0 * product / mean_square;
-    }
-    time
 }
 
 impl Motion {

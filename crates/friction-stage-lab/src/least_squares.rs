@@ -1,11 +1,9 @@
-//! Nonlinear least squares by Levenberg and Marquardt for a few parameters and many residuals.
-//!
-//! The published library of that name asks for another release of the matrix library than the rest
-//! of the program; what is needed here is the damped normal equations, which scaled parameters keep
-//! well conditioned.
+//! Nonlinear least squares of a function of a few parameters, with the covariance of what is found.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+
+use friction_stage_core::numerics::least_squares::{Budget, Descent, Evaluation, Problem, Range};
 
 /// Where the search ended.
 #[derive(Clone, Debug)]
@@ -30,10 +28,8 @@ pub enum FitError {
     Unfinished { iterations: usize },
 }
 
-/// Most iterations. Assumed: searches that start near end within twenty.
-const ITERATIONS: usize = 100;
-/// Relative fall of the cost below which the search is at its end.
-const TOLERANCE: f64 = 1e-10;
+/// Assumed: searches that start near end within twenty sets of derivatives.
+const BUDGET: Budget = Budget { derivatives: 100, progress: 1e-10, least_fall: 0.0 };
 /// Step of the central differences, of parameters that are of the order of one.
 const DIFFERENCE: f64 = 1e-5;
 
@@ -43,78 +39,72 @@ pub fn minimise(
     start: &[f64],
     residuals: &(impl Fn(&[f64]) -> Vec<f64> + Sync),
 ) -> Result<Minimum, FitError> {
-    let count = start.len();
-    let mut parameters = start.to_vec();
-    let mut found = residuals(&parameters);
-    let mut cost = squared(&found);
-    if !cost.is_finite() {
-        return Err(FitError::Start);
+    let function = Function { residuals, ranges: vec![Range::free(1.0); start.len()] };
+    let begin = function.at(start, &()).map_err(|NotFinite| FitError::Start)?;
+    let mut descent = Descent::from(begin);
+    while !descent.ended(&BUDGET) {
+        descent.advance(&function, &BUDGET).map_err(|NotFinite| FitError::Start)?;
     }
-    let mut damping = 1e-3;
-    for _ in 0..ITERATIONS {
-        let (normal, gradient) = normal_equations(&parameters, &found, residuals);
-        let mut fell = None;
-        while damping < 1e12 {
-            let mut damped = normal.clone();
-            for k in 0..count {
-                damped[(k, k)] += damping * normal[(k, k)].max(f64::MIN_POSITIVE);
-            }
-            let step = damped.cholesky().map(|factor| factor.solve(&gradient));
-            if let Some(step) = step.filter(|step| step.iter().all(|part| part.is_finite())) {
-                let next: Vec<f64> =
-                    parameters.iter().zip(step.iter()).map(|(value, part)| value - part).collect();
-                let there = residuals(&next);
-                let next_cost = squared(&there);
-                if next_cost <= cost {
-                    fell = Some(cost - next_cost);
-                    (parameters, found, cost) = (next, there, next_cost);
-                    damping = (damping * 0.1).max(1e-12);
-                    break;
-                }
-            }
-            damping *= 10.0;
-        }
-        if fell.is_none_or(|fall| fall <= TOLERANCE * cost) {
-            let (normal, _) = normal_equations(&parameters, &found, residuals);
-            let covariance = normal
-                .cholesky()
-                .map(|factor| factor.inverse())
-                .filter(|inverse| inverse.iter().all(|value| value.is_finite()))
-                .ok_or(FitError::Singular { parameters: count })?;
-            return Ok(Minimum { parameters, cost, covariance, residuals: found });
-        }
+    if !descent.converged {
+        return Err(FitError::Unfinished { iterations: BUDGET.derivatives });
     }
-    Err(FitError::Unfinished { iterations: ITERATIONS })
+    let point = descent.point;
+    let jacobian = function.derivatives(&point).map_err(|NotFinite| FitError::Start)?;
+    let covariance = jacobian
+        .tr_mul(&jacobian)
+        .cholesky()
+        .map(|factor| factor.inverse())
+        .filter(|inverse| inverse.iter().all(|value| value.is_finite()))
+        .ok_or(FitError::Singular { parameters: start.len() })?;
+    Ok(Minimum {
+        parameters: point.values,
+        cost: point.squares,
+        covariance,
+        residuals: point.residual.as_slice().to_vec(),
+    })
 }
 
-fn squared(residuals: &[f64]) -> f64 {
-    residuals.iter().map(|residual| residual * residual).sum()
+/// Residuals as a function of the parameters alone.
+struct Function<'a, F> {
+    residuals: &'a F,
+    ranges: Vec<Range>,
 }
 
-/// J'J and J'r by central differences.
-fn normal_equations(
-    parameters: &[f64],
-    found: &[f64],
-    residuals: &(impl Fn(&[f64]) -> Vec<f64> + Sync),
-) -> (DMatrix<f64>, DVector<f64>) {
-    let count = parameters.len();
-    let columns: Vec<Vec<f64>> = (0..count)
-        .into_par_iter()
-        .map(|k| {
-            let at = |shift: f64| {
-                let mut shifted = parameters.to_vec();
-                shifted[k] += shift;
-                residuals(&shifted)
-            };
-            let (above, below) = (at(DIFFERENCE), at(-DIFFERENCE));
-            above.iter().zip(&below).map(|(a, b)| (a - b) / (2.0 * DIFFERENCE)).collect()
-        })
-        .collect();
-    let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let normal =
-        DMatrix::from_fn(count, count, |row, column| product(&columns[row], &columns[column]));
-    let gradient = DVector::from_fn(count, |row, _| product(&columns[row], found));
-    (normal, gradient)
+/// Parameters without finite residuals.
+struct NotFinite;
+
+impl<F: Fn(&[f64]) -> Vec<f64> + Sync> Problem for Function<'_, F> {
+    type State = ();
+    type Error = NotFinite;
+
+    fn ranges(&self) -> &[Range] {
+        &self.ranges
+    }
+
+    fn at(&self, values: &[f64], _: &()) -> Result<Evaluation<()>, NotFinite> {
+        let residual = DVector::from_vec((self.residuals)(values));
+        let squares = residual.norm_squared();
+        if !squares.is_finite() {
+            return Err(NotFinite);
+        }
+        Ok(Evaluation { values: values.to_vec(), state: (), residual, squares })
+    }
+
+    /// By central differences.
+    fn derivatives(&self, point: &Evaluation<()>) -> Result<DMatrix<f64>, NotFinite> {
+        let columns: Vec<DVector<f64>> = (0..point.values.len())
+            .into_par_iter()
+            .map(|index| {
+                let at = |shift: f64| {
+                    let mut shifted = point.values.clone();
+                    shifted[index] += shift;
+                    DVector::from_vec((self.residuals)(&shifted))
+                };
+                (at(DIFFERENCE) - at(-DIFFERENCE)) / (2.0 * DIFFERENCE)
+            })
+            .collect();
+        Ok(DMatrix::from_columns(&columns))
+    }
 }
 
 #[cfg(test)]

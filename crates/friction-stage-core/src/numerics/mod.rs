@@ -1,5 +1,11 @@
 //! Numerical methods that more than one room uses.
 
+pub mod correlation;
+pub mod least_squares;
+pub mod linear;
+pub mod noise;
+pub mod sinusoid;
+
 /// Half of a two-sided 95 % interval in standard deviations: 97.5 % quantile of the normal
 /// distribution.
 pub const TWO_SIDED_95: f64 = 1.959_963_984_540_054;

@@ -7,7 +7,7 @@ use super::check::{CheckReport, check};
 use super::excitation::{Excitation, examine};
 use super::finding::{DataFinding, FileFinding};
 use crate::bag::BagReader;
-use crate::signals::{DataQuality, Mapping, SignalError, is_csv, load};
+use crate::signals::{DataQuality, Mapping, Recording, SignalError, is_csv, load};
 use friction_stage_core::model::StageModel;
 
 /// What a recording holds, what is wrong with it, and what can be identified from it.
@@ -64,7 +64,7 @@ impl RecordingCheck {
 
 /// Where a recording contradicts itself or the model so that no figure of a comparison says
 /// anything: a wrong sign or unit, another machine, samples that no machine made.
-pub fn contradictions(path: &Path, model: &StageModel) -> Result<Vec<DataFinding>, SignalError> {
-    let found = examine(&load(path, None)?, Some(model));
-    Ok(found.findings.into_iter().filter(DataFinding::is_contradiction).collect())
+pub fn contradictions(recording: &Recording, model: &StageModel) -> Vec<DataFinding> {
+    let found = examine(recording, Some(model));
+    found.findings.into_iter().filter(DataFinding::is_contradiction).collect()
 }

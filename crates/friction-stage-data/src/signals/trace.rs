@@ -11,6 +11,8 @@ use super::error::SignalError;
 use crate::bag::topics;
 use crate::bag::{BagError, BagMessage, BagReader};
 use crate::message::{ControllerState, Header, JointState, JointTrajectory, WrenchStamped};
+use friction_stage_core::control::Terms;
+use friction_stage_core::plant::Sample;
 
 /// Columns of one run, all of the same length, in SI units. A value that the recording lacks is
 /// NaN.
@@ -54,6 +56,17 @@ impl Trace {
     /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.time.is_empty()
+    }
+
+    /// Adds a row: what the sensors of a stage said and what its controller answered.
+    pub fn push(&mut self, sample: &Sample, terms: &Terms) {
+        self.time.push(sample.time as f64 * 1e-9);
+        self.reference_position.push(terms.reference.position);
+        self.reference_velocity.push(terms.reference.velocity);
+        self.reference_acceleration.push(terms.reference.acceleration);
+        self.position.push(sample.position);
+        self.force_cell.push(sample.force_cell);
+        self.force.push(terms.output);
     }
 
     /// Mean step between rows, s; NaN where there are fewer than two.

@@ -24,7 +24,7 @@ use friction_stage_core::plant::effects::along;
 const APART: usize = 8;
 
 /// By coordinate, N per scale at the rows of the carriage side: of none where values do not go
-/// together, or more than the friction hangs on a height.
+/// together, or more than the friction depends on a height.
 pub(crate) fn knot_sensitivities(
     hypothesis: &Hypothesis,
     coordinates: &[FreeParameter],

@@ -105,7 +105,7 @@ pub(crate) fn derivatives(
 /// are passed over.
 pub(crate) fn normal_of(jacobian: &DMatrix<f64>) -> DMatrix<f64> {
     let (rows, count) = jacobian.shape();
-    // Of so many pieces, not one for each core: the sum must not hang on the machine.
+    // Of so many pieces, not one for each core: the sum must not depend on the machine.
     let pieces: Vec<DMatrix<f64>> = (0..PIECES)
         .into_par_iter()
         .map(|piece| {

@@ -30,7 +30,7 @@ const OWN_DERIVATIVES: u64 = 2;
 pub const MORE_THAN_DECLARED: f64 = 1.2;
 
 /// What the sensors' noise leaves on a record: where it is as declared, of inertia and cell alone;
-/// where it is more, of the friction too, whose bristles follow what the encoder feigns. That is
+/// where it is more, of the friction too, whose bristles follow the apparent motion. That is
 /// what as much noise again changes in the residual.
 pub(crate) fn floor(hypothesis: &Hypothesis, measured: &Measured) -> Result<Floor, ModelError> {
     let floor = hypothesis.floor(measured);
@@ -151,8 +151,8 @@ mod tests {
     use friction_stage_core::model::StageModel;
     use friction_stage_core::numerics::TWO_SIDED_95;
 
-    /// Bristles follow what a noisy encoder feigns: static friction comes out too large, in each
-    /// record a little, and together by more than their intervals allow.
+    /// Bristles follow the apparent motion of a noisy encoder: static friction comes out too large,
+    /// in each record a little, and together by more than their intervals allow.
     #[test]
     fn intervals_hold_what_a_noisy_encoder_shifts() {
         let mut model = StageModel::default();

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DMatrixView, DVector};
 use crate::fit::objective::normal_of;
 use crate::hypothesis::{FreeParameter, ParameterId};
 use crate::residual::missing::Missing;
+use friction_stage_core::numerics::correlation::correlation_length;
 
 /// Eigenvalue of the normal matrix with columns of length 1 below which the data say nothing about
 /// a direction: derivatives by differences are no better than that.
@@ -175,43 +176,6 @@ fn gradient_of_walk(sensitivities: DMatrixView<f64>, variance: f64) -> DMatrix<f
     sum
 }
 
-/// Correlation below which values count as independent, and lag that is looked at most. Assumed.
-const INDEPENDENT: f64 = 0.05;
-const LONGEST_LAG: usize = 2000;
-
-/// How many neighbouring values of a signal say the same thing: 1 + 2 sum of the autocorrelation
-/// while it is more than that of noise.
-pub fn correlation_length(values: &[f64]) -> f64 {
-    length_weighted(values, |_| 1.0)
-}
-
-/// The same for what is asked of it along another signal: the products of both autocorrelations
-/// count (Bartlett, J. R. Stat. Soc. Suppl. 8, 1946). What drifts says little of a line, and much
-/// of a force that changes from row to row. Along nothing: along a constant.
-pub fn correlation_length_along(values: &[f64], along: &[f64]) -> f64 {
-    let power = product_at(along, 0);
-    length_weighted(values, |lag| if power > 0.0 { product_at(along, lag) / power } else { 1.0 })
-}
-
-/// 1 + 2 sum of the autocorrelation of a signal times a weight of the lag.
-fn length_weighted(values: &[f64], weight: impl Fn(usize) -> f64) -> f64 {
-    let power = product_at(values, 0);
-    if power <= 0.0 {
-        return 1.0;
-    }
-    let correlations =
-        (1..values.len().min(LONGEST_LAG)).map(|lag| (lag, product_at(values, lag) / power));
-    let correlated = correlations.take_while(|(_, correlation)| *correlation > INDEPENDENT);
-    correlated
-        .fold(1.0, |length, (lag, correlation)| length + 2.0 * correlation * weight(lag))
-        .max(1.0)
-}
-
-/// Sum of the products of a signal with itself a lag later.
-fn product_at(values: &[f64], lag: usize) -> f64 {
-    values.iter().zip(&values[lag..]).map(|(one, later)| one * later).sum()
-}
-
 #[cfg(test)]
 mod tests {
     use rand::SeedableRng;
@@ -239,38 +203,6 @@ mod tests {
         assert_eq!(known, [true, true]);
         let unit = &normal * &inverse;
         assert!((unit - DMatrix::identity(2, 2)).amax() < 1e-6, "{inverse}");
-    }
-
-    /// Of a first-order autoregression of 0.9 along a wave: 1 + 2 sum 0.9^k cos(w k) = (1 - 0.81) /
-    /// (1 - 1.8 cos w + 0.81); along a constant 19.
-    #[test]
-    fn what_is_slow_says_little_of_a_constant_and_much_of_a_wave() {
-        let mut random = ChaCha8Rng::seed_from_u64(1);
-        let mut last = 0.0;
-        let mut next = || {
-            let step: f64 = StandardNormal.sample(&mut random);
-            last = 0.9 * last + step;
-            last
-        };
-        let values: Vec<f64> = (0..100_000).map(|_| next()).collect();
-        let wave = |frequency: f64| -> Vec<f64> {
-            (0..values.len()).map(|row| (frequency * row as f64).sin()).collect()
-        };
-        for frequency in [0.02f64, 0.05, 0.1] {
-            let expected = (1.0 - 0.81) / (1.0 - 1.8 * frequency.cos() + 0.81);
-            let length = correlation_length_along(&values, &wave(frequency));
-            // The sum ends at a correlation of 0.05.
-            assert!((length / expected - 1.0).abs() < 0.1, "{frequency}: {length}, {expected}");
-        }
-        assert_eq!(correlation_length_along(&values, &wave(1.0)), 1.0);
-        let (alone, along) = (
-            correlation_length(&values),
-            correlation_length_along(&values, &vec![1.0; values.len()]),
-        );
-        assert!(
-            (alone / 19.0 - 1.0).abs() < 0.1 && (along / alone - 1.0).abs() < 0.01,
-            "{alone}, {along}"
-        );
     }
 
     /// Two coordinates that do the same, the second on its bound, in 400 rows of white noise of 1

@@ -14,6 +14,7 @@ use crate::record::measured::{Floor, Measured};
 /// How far the real machine may be from the declared one, as shares of the declared values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerances {
+    /// Of the moving mass.
     pub mass: f64,
     /// Of each LuGre parameter, as the mean over the guides.
     pub guides: f64,
@@ -55,7 +56,9 @@ const START_SPREAD: f64 = 0.25;
 /// An effect with values in the order of its descriptor's parameters.
 #[derive(Clone, Debug)]
 pub struct Part {
+    /// The law.
     pub descriptor: &'static EffectDescriptor,
+    /// Its parameters; the knots of a map stand after them.
     pub values: Vec<f64>,
 }
 
@@ -66,6 +69,7 @@ impl PartialEq for Part {
 }
 
 impl Part {
+    /// As an entry of a model.
     pub fn parameters(&self) -> EffectParameters {
         self.descriptor.parameters_of(&self.values)
     }
@@ -153,28 +157,40 @@ pub struct Hypothesis {
     guides_differ: bool,
     /// Whether a fit may move the heights of curves that the model does not declare.
     curves_bend: bool,
+    /// Effects of the model: those that it declares come first.
     pub effects: Vec<Part>,
 }
 
 /// One number that a fit may change.
 #[derive(Clone, Debug)]
 pub struct FreeParameter {
+    /// What it is.
     pub id: ParameterId,
+    /// Its value.
     pub value: f64,
+    /// A usual change of it: in this unit a fit counts its steps.
     pub scale: f64,
+    /// Least and largest value.
     pub bounds: (f64, f64),
 }
 
+/// Which number of a hypothesis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParameterId {
+    /// A parameter that the model declares.
     Nominal(NominalParameter),
-    /// Difference between guides: index in `SPREAD`, contrast.
+    /// A difference between guides.
     Spread {
+        /// Which parameter of the guides.
         parameter: usize,
+        /// Which contrast between them.
         contrast: usize,
     },
+    /// A parameter of an effect.
     Effect {
+        /// Index of the effect.
         effect: usize,
+        /// Index of its value.
         value: usize,
     },
 }
@@ -195,13 +211,18 @@ impl ParameterId {
 /// What is compared: the motor side, the carriage side or both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sides {
+    /// Cell less command.
     pub motor: bool,
+    /// Mass and friction less cell.
     pub carriage: bool,
 }
 
 impl Sides {
+    /// Both sides.
     pub const BOTH: Sides = Sides { motor: true, carriage: true };
+    /// The motor side alone.
     pub const MOTOR: Sides = Sides { motor: true, carriage: false };
+    /// The carriage side alone.
     pub const CARRIAGE: Sides = Sides { motor: false, carriage: true };
 }
 
@@ -268,6 +289,7 @@ impl Hypothesis {
         self.moved[declared as usize]
     }
 
+    /// Moving mass, kg.
     pub fn mass(&self) -> f64 {
         self.declared.mass * self.moved(NominalParameter::Mass).exp()
     }
@@ -441,6 +463,7 @@ impl Hypothesis {
         coordinates
     }
 
+    /// Gives a parameter a value.
     pub fn set(&mut self, id: ParameterId, value: f64) {
         match id {
             ParameterId::Nominal(declared) => self.moved[declared as usize] = value,

@@ -4,18 +4,26 @@
 /// A declared parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NominalParameter {
+    /// Moving mass, kg.
     Mass,
+    /// Bristle stiffness sigma0, N/m.
     Stiffness,
+    /// Bristle damping sigma1, N s/m.
     BristleDamping,
+    /// Viscous friction sigma2, N s/m.
     ViscousFriction,
+    /// Coulomb friction Fc, N.
     CoulombForce,
+    /// Static friction Fs, N.
     StaticForce,
+    /// Stribeck velocity vs, m/s.
     StribeckVelocity,
     /// From the instants of the encoder's readings to those of the force cell's.
     SensorShift,
 }
 
 impl NominalParameter {
+    /// All of them, in the order of the fit.
     pub const ALL: [NominalParameter; 8] = [
         NominalParameter::Mass,
         NominalParameter::Stiffness,
@@ -48,6 +56,7 @@ impl NominalParameter {
         }
     }
 
+    /// Its SI unit.
     pub fn unit(self) -> &'static str {
         match self {
             NominalParameter::Mass => "kg",

@@ -269,14 +269,11 @@ impl<'a> Layout<'a> {
             let terms = controller.update(sample.time, sample.position, &mut follower);
             peak_force = peak_force.max(terms.output.abs());
             peak_speed = peak_speed.max(terms.reference.velocity.abs());
-            trace.time.push(sample.time as f64 * 1e-9);
-            trace.reference_position.push(terms.reference.position);
-            trace.reference_velocity.push(terms.reference.velocity);
-            trace.reference_acceleration.push(terms.reference.acceleration);
-            trace.position.push(sample.position);
-            trace.force_cell.push(if self.has_cell { sample.force_cell } else { f64::NAN });
-            trace.force.push(terms.output);
+            trace.push(&sample, &terms);
             stage.advance(terms.output);
+        }
+        if !self.has_cell {
+            trace.force_cell.fill(f64::NAN);
         }
         let ways = trace.reference_position.iter().chain(&trace.position);
         let range = ways

@@ -27,7 +27,8 @@ pub struct Limits {
     pub duration: f64,
 }
 
-/// Why no motion can be worked out.
+/// Why no motion can be worked out. The message of each variant says what it is.
+#[allow(missing_docs)]
 #[derive(Debug, thiserror::Error)]
 pub enum NextExperimentError {
     #[error(

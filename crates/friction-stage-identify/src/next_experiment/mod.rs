@@ -203,13 +203,7 @@ mod tests {
                 follower.follow(0, Trajectory::new(0, path.points.clone()).unwrap()).unwrap();
             }
             let terms = controller.update(sample.time, sample.position, &mut follower);
-            trace.time.push(sample.time as f64 * 1e-9);
-            trace.position.push(sample.position);
-            trace.force_cell.push(sample.force_cell);
-            trace.force.push(terms.output);
-            trace.reference_position.push(terms.reference.position);
-            trace.reference_velocity.push(terms.reference.velocity);
-            trace.reference_acceleration.push(terms.reference.acceleration);
+            trace.push(&sample, &terms);
             stage.advance(terms.output);
         }
         Measured::new(&trace, declared, "the record").unwrap()

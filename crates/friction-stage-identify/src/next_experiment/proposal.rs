@@ -10,6 +10,7 @@ pub struct Plan {
     /// Times in ns after the start. The first point is the start of the first piece: the stage may
     /// come from anywhere in the stroke.
     pub points: Vec<Point>,
+    /// What the motion is for.
     pub next: NextExperiment,
 }
 
@@ -26,6 +27,7 @@ pub struct NextExperiment {
     pub peak_speed: f64,
     /// Of the motor, N, in the simulation of the motion with the identified model.
     pub peak_force: f64,
+    /// Its pieces in their order.
     pub segments: Vec<Planned>,
     /// Effects of the model with the rivals that could stand in their place.
     pub rivals: Vec<Separation>,
@@ -41,7 +43,9 @@ pub struct NextExperiment {
 /// A piece of the motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Planned {
+    /// One word for the kind of motion.
     pub kind: String,
+    /// The motion with its numbers.
     pub description: String,
     /// s
     pub duration: f64,
@@ -51,7 +55,9 @@ pub struct Planned {
 /// cannot imitate, in floors of the sensors' noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Separation {
+    /// Effect of the model.
     pub effect: String,
+    /// Law that could stand in its place.
     pub rival: String,
     /// On the present record.
     pub before: f64,
@@ -59,6 +65,7 @@ pub struct Separation {
     pub after: f64,
     /// What the new motion must reach for the two to be told apart.
     pub needed: f64,
+    /// Whether the new motion tells them apart.
     pub separates: bool,
 }
 
@@ -66,10 +73,13 @@ pub struct Separation {
 /// `null` where nothing is known.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sharpened {
+    /// Parameter, with its effect.
     pub name: String,
     /// `1`: a share of the value.
     pub unit: String,
+    /// On the present record.
     pub before: Option<f64>,
+    /// With the new motion too.
     pub after: Option<f64>,
 }
 
@@ -77,6 +87,7 @@ pub struct Sharpened {
 /// sensors' noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Shown {
+    /// Effect of the model.
     pub effect: String,
     /// On the present record.
     pub before: f64,

@@ -6,7 +6,6 @@ use rayon::prelude::*;
 
 use super::limits::NextExperimentError;
 use crate::fit::objective::{derivatives, stacked};
-use crate::fit::uncertainty::correlation_length;
 use crate::fit::{FitBudget, fit};
 use crate::hypothesis::{FreeParameter, Hypothesis, ParameterId, Part, Sides};
 use crate::record::measured::Measured;
@@ -14,6 +13,7 @@ use crate::residual::driven::Driven;
 use crate::search::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, Selection};
 use friction_stage_core::model::ModelError;
 use friction_stage_core::numerics::TWO_SIDED_95;
+use friction_stage_core::numerics::correlation::correlation_length;
 use friction_stage_core::plant::effects::ALL;
 
 /// Weight of what is declared in the squares of a motion: what counts is what the motion itself

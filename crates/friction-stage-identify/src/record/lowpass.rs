@@ -9,15 +9,15 @@ const LOBES: f64 = 4.0;
 /// Symmetric windowed-sinc filter (Blackman window; Oppenheim, Schafer, "Discrete-Time Signal
 /// Processing", ch. 7) that keeps every `factor`-th value. Gain 1 at zero frequency, no phase.
 #[derive(Clone, Debug)]
-pub struct Lowpass {
+pub struct ZeroPhaseLowpass {
     taps: Vec<f64>,
     factor: usize,
     rate: f64,
 }
 
-impl Lowpass {
+impl ZeroPhaseLowpass {
     /// Corner and rate in Hz; the corner must lie below half the rate.
-    pub fn new(corner: f64, rate: f64) -> Lowpass {
+    pub fn new(corner: f64, rate: f64) -> ZeroPhaseLowpass {
         let half = (LOBES * 0.5 * rate / corner).ceil() as usize;
         let middle = half as f64;
         let mut taps: Vec<f64> = (0..=2 * half)
@@ -34,7 +34,7 @@ impl Lowpass {
         // The values that are kept still carry the whole pass band: four fifths of their Nyquist
         // frequency at most.
         let factor = ((rate / (2.5 * corner)).floor() as usize).max(1);
-        Lowpass { taps, factor, rate }
+        ZeroPhaseLowpass { taps, factor, rate }
     }
 
     /// Values on each side of a kept one that it depends on.
@@ -54,7 +54,7 @@ impl Lowpass {
         (edge..count.saturating_sub(edge)).step_by(self.factor)
     }
 
-    /// The filtered signal at one index, which must be at least [`Lowpass::half`] from either end.
+    /// The filtered signal at one index, at least [`ZeroPhaseLowpass::half`] from either end.
     #[inline]
     pub fn at(&self, signal: &[f64], index: usize) -> f64 {
         let half = self.half();
@@ -70,7 +70,7 @@ impl Lowpass {
 
     /// The filter that gives, from the second differences of a signal, what this one takes out of
     /// the signal itself: the rest that lies above the corner, integrated twice without a drift.
-    pub fn rest_of_second_differences(&self) -> Lowpass {
+    pub fn rest_of_second_differences(&self) -> ZeroPhaseLowpass {
         let half = self.half();
         let rest =
             |index: usize| if index == half { 1.0 - self.taps[index] } else { -self.taps[index] };
@@ -82,7 +82,7 @@ impl Lowpass {
             sum += rest(index);
             twice += sum;
         }
-        Lowpass { taps, ..self.clone() }
+        ZeroPhaseLowpass { taps, ..self.clone() }
     }
 
     /// Standard deviation of the filtered signal that white noise of standard deviation 1 gives
@@ -110,7 +110,7 @@ mod tests {
     /// Gain at a frequency, Hz: the part of the filtered sine that is the sine itself.
     fn gain_at(frequency: f64) -> f64 {
         let (rate, corner) = (2000.0, 200.0);
-        let lowpass = Lowpass::new(corner, rate);
+        let lowpass = ZeroPhaseLowpass::new(corner, rate);
         let signal: Vec<f64> =
             (0..4000).map(|k| (TAU * frequency * k as f64 / rate).sin()).collect();
         let (product, square) =
@@ -132,17 +132,17 @@ mod tests {
 
     #[test]
     fn has_no_phase() {
-        let lowpass = Lowpass::new(200.0, 2000.0);
+        let lowpass = ZeroPhaseLowpass::new(200.0, 2000.0);
         let signal: Vec<f64> = (0..400).map(|k| k as f64).collect();
         for index in lowpass.kept(signal.len(), 0) {
             assert!((lowpass.at(&signal, index) - index as f64).abs() < 1e-9);
         }
     }
 
-    /// Lowpass of a signal and rest of its second differences are the signal again.
+    /// ZeroPhaseLowpass of a signal and rest of its second differences are the signal again.
     #[test]
     fn the_rest_of_second_differences_is_what_the_lowpass_takes_out() {
-        let lowpass = Lowpass::new(100.0, 2000.0);
+        let lowpass = ZeroPhaseLowpass::new(100.0, 2000.0);
         let rest = lowpass.rest_of_second_differences();
         for frequency in [3.0, 90.0, 140.0, 700.0] {
             let signal: Vec<f64> = (0..400)
@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn noise_gain_of_white_noise_is_the_root_of_the_pass_band() {
-        let lowpass = Lowpass::new(200.0, 2000.0);
+        let lowpass = ZeroPhaseLowpass::new(200.0, 2000.0);
         // 200 of 1000 Hz pass; the soft edge of the band costs some of it.
         assert!(
             (lowpass.noise_gain(&[1.0]) / 0.2f64.sqrt() - 1.0).abs() < 0.1,

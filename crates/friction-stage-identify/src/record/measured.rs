@@ -4,12 +4,13 @@
 use std::ops::Range;
 
 use friction_stage_core::model::{Guide, StageModel};
+use friction_stage_core::numerics::noise::{cell_noise, encoder_noise};
 use friction_stage_core::plant::Motion;
 use friction_stage_core::plant::effects::ForceOverStep;
 use friction_stage_data::signals::Trace;
 
 use crate::error::IdentifyError;
-use crate::record::lowpass::Lowpass;
+use crate::record::lowpass::ZeroPhaseLowpass;
 
 /// Corner of the lowpass on measured and modelled forces, Hz, where the rate allows it. Assumed:
 /// above the controller's bandwidth, below the band where the encoder's noise, differentiated
@@ -19,8 +20,9 @@ const FORCE_CORNER: f64 = 200.0;
 /// does, over the mass and integrated twice. Assumed: well above the resonance of a mass on its
 /// bristles, 30 to 60 Hz, where friction has a part in the motion.
 const REST_CORNER: f64 = 100.0;
-/// Speeds, in standard deviations of the speed that encoder noise feigns, below which the position
-/// is smoothed wholly and above which it is left as it is. Assumed: a LuGre bristle relaxes with
+/// Speeds, in standard deviations of the apparent speed from encoder noise, below which the
+/// position is smoothed wholly and above which it is left as it is. Assumed: a LuGre bristle
+/// relaxes with
 /// |v|, so apparent speed makes it drift; well above it |v| is right by itself.
 const REST_SPEED: (f64, f64) = (24.0, 93.0);
 /// What rings above the corner, rms in standard deviations of the encoder's noise, below which the
@@ -40,15 +42,6 @@ const HOLE: f64 = 5e-3;
 /// Part of the forgetting length by which the ends of a hole may differ for the stage to have stood
 /// in it. Assumed.
 const STOOD: f64 = 1e-3;
-/// Share of a record, the slowest, that shows the noise of the encoder. Assumed: a recording of a
-/// stage has rests or slow moves in it.
-const SLOWEST: f64 = 0.1;
-/// Part by which a multiple of a count may be off: numbers in a file have some digits only.
-/// Assumed.
-const WHOLE: f64 = 1e-3;
-/// Part of the steps before which a signal of coarse counts stood still. Assumed: a motion at one
-/// speed goes on for longer than so few samples.
-const STANDS: f64 = 0.1;
 /// Fewest samples that are worth an attempt: less does not even fill the filters several times.
 pub const MIN_SAMPLES: usize = 1000;
 
@@ -58,8 +51,8 @@ pub struct Step {
     /// What an effect sees, at the middle of the step: as the encoder says, so that what rings a
     /// few nanometres rings here too.
     pub motion: Motion,
-    /// Velocity at which the guides slide, m/s: without what the encoder's noise feigns at rest,
-    /// which would relax the bristles.
+    /// Velocity at which the guides slide, m/s: without apparent motion from the encoder's noise at
+    /// rest, which would relax the bristles.
     pub sliding: f64,
     /// s
     pub duration: f64,
@@ -68,6 +61,7 @@ pub struct Step {
     /// Share of the step's force in the mean force of the two intervals around `node`, and of those
     /// around the next node.
     pub early: f64,
+    /// Share of the later node.
     pub late: f64,
 }
 
@@ -125,8 +119,10 @@ pub struct Measured {
     mass: f64,
     /// In order of time; each interval between samples has one or several.
     pub steps: Vec<Step>,
+    /// Samples per second, Hz.
     pub rate: f64,
-    pub lowpass: Lowpass,
+    /// Filter of measured and modelled forces.
+    pub lowpass: ZeroPhaseLowpass,
     /// Nodes that are compared, after filtering and thinning out.
     pub rows: Vec<usize>,
 }
@@ -182,25 +178,13 @@ impl Measured {
             filled(&trace.force_cell)
         });
         // An encoder without any noise is no division by 0.
-        let counts = model.encoder.resolution.max(count_of(&trace.position)) / 12f64.sqrt();
-        let noise = noise_of(&position).max(counts).max(f64::MIN_POSITIVE);
-        // Noise of the controller is in the command too, a sample before the cell shows it; what a
-        // gain or a lag leaves of it is not the cell's.
-        let cell_noise = raw_cell.as_ref().map_or(0.0, |cell| {
-            let beside_command: Vec<f64> = cell
-                .iter()
-                .skip(1)
-                .zip(&raw_command)
-                .map(|(cell, command)| cell - command)
-                .collect();
-            noise_of(cell)
-                .min(noise_of(&beside_command))
-                .max(count_of(&trace.force_cell) / 12f64.sqrt())
-        });
+        let noise = encoder_noise(&trace.position, model.encoder.resolution).max(f64::MIN_POSITIVE);
+        let cell_noise =
+            if has_cell { cell_noise(&trace.force_cell, Some(&trace.force)) } else { 0.0 };
         for unknown in unknown_bristles(&trace.position, rate, model)? {
             valid[unknown].fill(false);
         }
-        let lowpass = Lowpass::new(FORCE_CORNER.min(rate / 5.0), rate);
+        let lowpass = ZeroPhaseLowpass::new(FORCE_CORNER.min(rate / 5.0), rate);
         let rows = rows_of(&valid, &lowpass);
         if rows.len() * lowpass.factor() < MIN_SAMPLES / 2 {
             return Err(IdentifyError::TooShort {
@@ -313,7 +297,7 @@ impl Measured {
     }
 
     /// The motion in steps: more of them where it turns. `smooth` is the position without what the
-    /// noise feigns at rest, `velocity` its velocity at the nodes, `read_velocity` that with the
+    /// apparent motion at rest, `velocity` its velocity at the nodes, `read_velocity` that with the
     /// noise.
     fn in_steps(&self, smooth: &[f64], velocity: &[f64], read_velocity: &[f64]) -> Vec<Step> {
         let (rate, dt) = (self.rate, self.rate.recip());
@@ -354,6 +338,7 @@ impl Measured {
         self.time.len()
     }
 
+    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.time.is_empty()
     }
@@ -383,7 +368,7 @@ impl Measured {
     /// Standard deviation of the residuals that the declared sensor noise alone gives, N: motor
     /// side (0 without cell and command) and carriage side.
     pub fn declared_floor(&self, model: &StageModel) -> Floor {
-        self.floor_of(model, encoder_noise(model), model.force_cell.noise)
+        self.floor_of(model, declared_encoder_noise(model), model.force_cell.noise)
     }
 
     /// The same of the noise that the record shows, where that is more than the declared: what
@@ -391,7 +376,7 @@ impl Measured {
     pub fn floor(&self, model: &StageModel) -> Floor {
         self.floor_of(
             model,
-            encoder_noise(model).max(self.noise),
+            declared_encoder_noise(model).max(self.noise),
             model.force_cell.noise.max(self.cell_noise),
         )
     }
@@ -414,7 +399,9 @@ impl Measured {
 /// Residuals that sensor noise alone leaves, N rms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Floor {
+    /// On the motor side.
     pub motor: f64,
+    /// On the carriage side.
     pub carriage: f64,
 }
 
@@ -427,7 +414,7 @@ impl Floor {
 
 /// Samples at which the filtered signals are compared: thinned out, and where the filter sees valid
 /// samples only.
-fn rows_of(valid: &[bool], lowpass: &Lowpass) -> Vec<usize> {
+fn rows_of(valid: &[bool], lowpass: &ZeroPhaseLowpass) -> Vec<usize> {
     let half = lowpass.half() + 1;
     // Running count of samples to leave out, so that each row is judged in one subtraction.
     let missing: Vec<usize> = std::iter::once(0)
@@ -516,48 +503,9 @@ fn filled(values: &[f64]) -> Vec<f64> {
     filled
 }
 
-/// Count in which a signal is read: the least step, of which all others are multiples; 0 where
-/// there is none. Steps that are all the same are those of a motion at one speed, unless the signal
-/// stands still again and again between them.
-fn count_of(values: &[f64]) -> f64 {
-    let all_steps = || values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
-    let least = all_steps().filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
-    let (mut whole, mut several) = (true, false);
-    let (mut moves, mut after_standing, mut stood) = (0usize, 0usize, false);
-    for step in all_steps() {
-        if step > 0.0 {
-            let multiple = step / least;
-            whole &= (multiple - multiple.round()).abs() < WHOLE * multiple.max(1.0);
-            several |= multiple > 1.5;
-            moves += 1;
-            after_standing += usize::from(stood);
-        }
-        stood = step == 0.0;
-    }
-    let stands = after_standing as f64 > STANDS * moves as f64;
-    if whole && (several || stands) { least } else { 0.0 }
-}
-
 /// Declared noise of the encoder with that of its counts, m.
-fn encoder_noise(model: &StageModel) -> f64 {
+fn declared_encoder_noise(model: &StageModel) -> f64 {
     model.encoder.noise.hypot(model.encoder.resolution / 12f64.sqrt())
-}
-
-/// White noise of a signal from its third differences, whose variance is 20 times that of the
-/// noise: median-based so that steps do not count, and of the slowest part of the record, so that
-/// an encoder's error that repeats with the position does not.
-fn noise_of(values: &[f64]) -> f64 {
-    let mut windows: Vec<(f64, f64)> = values
-        .windows(4)
-        .map(|w| ((w[3] - w[0]).abs(), (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()))
-        .collect();
-    let slow = (SLOWEST * windows.len() as f64) as usize;
-    if slow == 0 {
-        return 0.0;
-    }
-    let (slowest, ..) = windows.select_nth_unstable_by(slow, |a, b| a.0.total_cmp(&b.0));
-    let (_, median, _) = slowest.select_nth_unstable_by(slow / 2, |a, b| a.1.total_cmp(&b.1));
-    median.1 / 0.6745 / 20f64.sqrt()
 }
 
 /// The position with its noise taken out where the carriage hardly moves. What shakes it there is
@@ -565,7 +513,7 @@ fn noise_of(values: &[f64]) -> f64 {
 /// bristles relax with it all the same. `shaken`: second differences of the position by the command
 /// alone, m.
 fn at_rest_smoothed(position: &[f64], shaken: Option<&[f64]>, rate: f64, noise: f64) -> Vec<f64> {
-    let lowpass = Lowpass::new(REST_CORNER.min(rate / 5.0), rate);
+    let lowpass = ZeroPhaseLowpass::new(REST_CORNER.min(rate / 5.0), rate);
     let rest = lowpass.rest_of_second_differences();
     let (count, half) = (position.len(), lowpass.half());
     let apparent = 2f64.sqrt() * noise * rate;
@@ -664,33 +612,6 @@ mod tests {
                 "{step:?}"
             );
         }
-    }
-
-    #[test]
-    fn counts_are_seen_where_all_steps_are_whole_ones() {
-        let read = |count: f64| -> Vec<f64> {
-            (0..4000)
-                .map(|k| {
-                    ((0.01 * (1.0 - (TAU * f64::from(k) / 2000.0).cos())) / count).round() * count
-                })
-                .collect()
-        };
-        for count in [1e-6, 1e-5, 1e-4] {
-            assert!(
-                (count_of(&read(count)) / count - 1.0).abs() < 1e-3,
-                "{count:e}: {:e}",
-                count_of(&read(count))
-            );
-        }
-        // One step again and again may be a motion at one speed; steps of all sizes are no counts.
-        // 50 steps there, a rest, 50 back, a rest.
-        let to_and_fro =
-            (0..400).map(|k: i32| f64::from((k % 200).min(150 - k % 200).clamp(0, 50)));
-        assert_eq!(count_of(&to_and_fro.collect::<Vec<_>>()), 0.0);
-        assert!(
-            count_of(&(0..4000).map(|k| (f64::from(k) * 0.01).sin()).collect::<Vec<_>>()) < 1e-4
-        );
-        assert_eq!(count_of(&[f64::NAN; 9]), 0.0);
     }
 
     /// Guides at rest see neither the noise nor, in a moving carriage, anything but the motion.

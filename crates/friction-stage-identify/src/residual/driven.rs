@@ -1,4 +1,4 @@
-//! What guides, effects and sensors do along a recorded motion, in parts. A part hangs on a few
+//! What guides, effects and sensors do along a recorded motion, in parts. A part depends on a few
 //! values of a hypothesis; where these are as they were, it is taken over, so that a derivative
 //! costs no more than what its coordinate moves.
 
@@ -221,7 +221,7 @@ impl Driven {
         self.cell.forces.as_deref().or(measured.cell.as_deref())
     }
 
-    /// Acceleration that the encoder feigns at a sample other than the first and the last, m/s^2.
+    /// Apparent acceleration from the encoder at a sample other than the first and the last, m/s^2.
     pub fn apparent_acceleration(&self, k: usize, rate: f64) -> f64 {
         match self.moved.errors.get(k.saturating_sub(1)..k + 2) {
             Some([before, here, after]) => (after - 2.0 * here + before) * rate * rate,

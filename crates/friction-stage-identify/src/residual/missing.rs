@@ -13,7 +13,9 @@ use crate::residual::driven::{self, Driven};
 /// effects less cell; without a cell, less command and motor effects.
 #[derive(Clone, Debug, Default)]
 pub struct Missing {
+    /// On the motor side; empty without a cell.
     pub motor: Vec<f64>,
+    /// On the carriage side.
     pub carriage: Vec<f64>,
 }
 

@@ -3,9 +3,8 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Vector3};
-
 use friction_stage_core::model::{CurveSide, ModelError};
+use friction_stage_core::numerics::sinusoid::SinusoidSums;
 use friction_stage_core::plant::effects::{ParameterKind, RecordSpecific};
 
 use crate::hypothesis::{Hypothesis, Part, Sides};
@@ -47,16 +46,12 @@ impl Hypothesis {
             let frequency = here.effects[effect].values[frequency];
             let missing = here.without(effect).missing(measured, Sides::CARRIAGE)?;
             let time = measured.at_rows(&measured.time);
-            let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+            let mut sums = SinusoidSums::default();
             for (time, force) in time.iter().zip(&missing.carriage) {
-                let (sine, cosine) = (TAU * frequency * time).sin_cos();
-                let row = Vector3::new(sine, cosine, 1.0);
-                normal += row * row.transpose();
-                right += row * *force;
+                sums.add(TAU * frequency * time, *force);
             }
-            if let Some(factors) = normal.cholesky() {
-                let best = factors.solve(&right);
-                here.effects[effect].values[phase] = best[1].atan2(best[0]);
+            if let Some(best) = sums.solve() {
+                here.effects[effect].values[phase] = best.phase();
             }
         }
         Ok(here)

@@ -42,7 +42,7 @@ pub const WITH_A_JUMP: f64 = 0.9;
 /// the ends of a record there is none. Assumed.
 const OF_ITS_OWN: f64 = 1e-3;
 
-/// What a fit may move while a curve is drawn: the guides were bent to what the curve is to stand
+/// What a fit may move while a curve is drawn: the guides were biased to what the curve is to stand
 /// for.
 pub struct Beside {
     coordinates: Vec<hypothesis::FreeParameter>,
@@ -218,14 +218,14 @@ fn level(
     let value_in = |all: &[hypothesis::FreeParameter]| {
         all.iter().find(|one| is_among(one, &scaled[..1])).map(|one| one.value)
     };
-    let (Some(drawn), Some(bent)) = (value_in(coordinates), value_in(moved)) else { return };
-    let mut up = -bent;
+    let (Some(drawn), Some(biased)) = (value_in(coordinates), value_in(moved)) else { return };
+    let mut up = -biased;
     for one in moved.iter().filter(|one| is_among(one, scaled)) {
         up = up.clamp(one.bounds.0 - one.value, one.bounds.1 - one.value);
     }
     moved.iter_mut().filter(|one| is_among(one, scaled)).for_each(|one| one.value += up);
     if curve.side == CurveSide::Mass {
-        let (before, after) = (mass * (bent - drawn).exp(), mass * (bent + up - drawn).exp());
+        let (before, after) = (mass * (biased - drawn).exp(), mass * (biased + up - drawn).exp());
         curve.values.iter_mut().for_each(|value| *value += before - after);
         return;
     }
@@ -558,10 +558,10 @@ mod tests {
         assert!(drawn.len() == 1 && off(&drawn[0]) < 0.1, "{}", off(&drawn[0]));
     }
 
-    /// The fit had bent a value by half its scale to what the curve is: what that does hangs on the
-    /// velocity, too.
+    /// The fit had biased a value by half its scale to what the curve is: what that does depends on
+    /// the velocity, too.
     #[test]
-    fn what_the_curve_had_bent_goes_back_where_it_may_move() {
+    fn what_the_curve_had_biased_goes_back_where_it_may_move() {
         let model = Hypothesis::new(&StageModel::default(), Tolerances::default()).unwrap();
         let coordinate = hypothesis::FreeParameter {
             bounds: (-9.0, 9.0),
@@ -570,9 +570,9 @@ mod tests {
         let sensitivity =
             |index: usize| 4.0 * velocity(index).signum() + (0.01 * index as f64).sin();
         let sensitivities = DMatrix::from_fn(1, COUNT, |_, index| sensitivity(index));
-        let bent = |index: usize| peak(velocity(index)) - 0.5 * sensitivity(index);
+        let biased = |index: usize| peak(velocity(index)) - 0.5 * sensitivity(index);
         let beside = Beside::new(vec![coordinate.clone()], sensitivities, vec![0.0]);
-        let drawn = drawn_of(bent, Coordinate::Velocity, &beside);
+        let drawn = drawn_of(biased, Coordinate::Velocity, &beside);
         let (held, moved) = (&drawn[0], &drawn[1]);
         assert!(held.moved[0].value == coordinate.value && off(held) > 1.5, "{}", off(held));
         let back = (moved.moved[0].value - coordinate.value) / coordinate.scale;
@@ -615,8 +615,8 @@ mod tests {
         assert!((curve.jump.unwrap().height + 0.59).abs() < 1e-12, "{curve:?}");
     }
 
-    /// Guides that were bent to 0.8 of their Coulomb friction, and beside them half as much again,
-    /// up to a jump; static friction may rise by a tenth only.
+    /// Guides that were biased to 0.8 of their Coulomb friction, and beside them half as much
+    /// again, up to a jump; static friction may rise by a tenth only.
     #[test]
     fn what_changes_friction_everywhere_goes_to_the_guides() {
         let value_of = |moved: &[hypothesis::FreeParameter], which: NominalParameter| {
@@ -665,7 +665,7 @@ mod tests {
     /// Bent by 5 %, and by 2 % when the curve was drawn.
     #[test]
     fn a_mass_that_is_everywhere_goes_to_the_carriage() {
-        let bent = |part: f64| {
+        let biased = |part: f64| {
             let mut all = Hypothesis::new(&StageModel::default(), Tolerances::default())
                 .unwrap()
                 .coordinates(Sides::CARRIAGE, true);
@@ -676,8 +676,8 @@ mod tests {
         let (coordinate, side) = (Coordinate::Time, CurveSide::Mass);
         let jump = Some(Jump { at: 1.0, height: -0.5 });
         let mut curve = Curve { coordinate, side, from: 0.0, to: 2.0, values: vec![0.5; 3], jump };
-        let mut moved = bent(1.05);
-        level(&mut curve, &mut moved, &bent(1.02), 1.02 * 40.0);
+        let mut moved = biased(1.05);
+        level(&mut curve, &mut moved, &biased(1.02), 1.02 * 40.0);
         assert_eq!(moved[0].value, 0.0);
         assert!(
             curve.values.iter().all(|value| (40.0 + value - (1.05 * 40.0 + 0.5)).abs() < 1e-12),

@@ -200,16 +200,16 @@ impl Search<'_> {
             .filter(|(_, gain, _)| *gain > least)
             .max_by(|one, other| one.1.total_cmp(&other.1));
         let Some((held, by_held, over)) = best else { return Ok(None) };
-        // A change of friction multiplies what the guides have, and these were bent when it was
+        // A change of friction multiplies what the guides have, and these were biased when it was
         // drawn.
         let of_friction =
             |part: &Part| part.curve().is_some_and(|curve| curve.side.is_of_friction());
         if !held.hypothesis.effects.last().is_some_and(of_friction) {
             return Ok(Some((held, over)));
         }
-        let bent = self.with_heights_fitted(&held.hypothesis, effort)?;
-        let is_better = gain(&bent)? > by_held;
-        Ok(Some((if is_better { bent } else { held }, over)))
+        let biased = self.with_heights_fitted(&held.hypothesis, effort)?;
+        let is_better = gain(&biased)? > by_held;
+        Ok(Some((if is_better { biased } else { held }, over)))
     }
 
     /// The heights of a curve fitted with everything else, with a jump if what it leaves shows one.
@@ -220,7 +220,7 @@ impl Search<'_> {
     ) -> Result<Fitted, IdentifyError> {
         let fitted = |start: &Hypothesis| -> Result<Fitted, IdentifyError> {
             let fitted = fit(start, self.train, Sides::BOTH, effort)?;
-            // With the guides as they were bent to where it stood, and then as they are.
+            // With the guides as they were biased to where it stood, and then as they are.
             let placed = self.with_jump_in_place(fitted, true, effort)?;
             self.with_jump_in_place(placed, false, effort)
         };
@@ -333,7 +333,7 @@ impl Search<'_> {
                 .collect();
         sought.retain(|(over, side)| match side {
             CurveSide::Motor => self.has_cell(),
-            // Friction over velocity is what the guides are fitted for, and no mass hangs on it.
+            // Friction over velocity is what the guides are fitted for, and no mass depends on it.
             CurveSide::Friction | CurveSide::Viscous | CurveSide::Mass => {
                 *over != Coordinate::Velocity
             }
@@ -455,7 +455,7 @@ mod tests {
         let before = curve.corners().into_iter().rfind(|(place, _)| *place < jump.at).unwrap().1;
         assert!((jump.at - 3.8).abs() < 1e-3, "{jump:?}");
         assert!((jump.height / (1.0 + before) + 0.25).abs() < 0.03, "{curve:?}");
-        // The guides are not bent towards it.
+        // The guides are not biased towards it.
         let (left, floor) = (found.errors_after.holdout().sqrt(), found.floor.total());
         assert!(left < 1.5 * floor, "{left} N over {floor} N");
     }

@@ -7,7 +7,7 @@ use crate::record::measured::Measured;
 
 /// The fit with guides that differ from each other, from the differences that there are and afresh:
 /// the sum of the guides depends on the products of their differences, and what an effect not yet
-/// known bent them to is no good start. Guides that are all the same are none either: there no
+/// known biased them to is no good start. Guides that are all the same are none either: there no
 /// direction is better than its opposite.
 pub(super) fn with_different_guides(
     start: &Hypothesis,

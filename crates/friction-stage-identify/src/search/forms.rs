@@ -18,7 +18,7 @@ pub(super) enum Forms {
     /// With the guides held as they are: enough to tell whether the law wins a round.
     Quick,
     /// Those that come close to each other with the guides fitted anew: held, these speak for the
-    /// form that is most like what they were bent to.
+    /// form that is most like what they were biased to.
     Thorough,
 }
 

@@ -12,6 +12,7 @@ use super::state::Search;
 /// motion stands for the true one, and guides of which no two are alike leave up to a fifth of a
 /// square.
 const MOTOR_GAIN: f64 = 0.02;
+/// The same on the carriage.
 pub const CARRIAGE_GAIN: f64 = 0.5;
 /// Share of what is still explainable on each record that an effect must take out: below it the law
 /// only bends towards what it is not.

@@ -29,13 +29,13 @@ impl Search<'_> {
             ParameterId::Nominal(one) => NominalParameter::SLIDING.contains(&one),
             _ => false,
         };
-        let bent = self
+        let biased = self
             .before
             .coordinates
             .iter()
             .zip(&self.before.at_bound)
             .any(|(one, bound)| *bound && of_friction(one.id));
-        if !bent || self.is_noise(&self.errors_before) {
+        if !biased || self.is_noise(&self.errors_before) {
             return Ok(());
         }
         let wide = Tolerances { guides: ANY_GUIDE, presliding: ANY_GUIDE, ..tolerances };

@@ -4,11 +4,10 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix3, Vector3};
-
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::record::measured::Measured;
 use friction_stage_core::model::ModelError;
+use friction_stage_core::numerics::sinusoid::SinusoidSums;
 use friction_stage_core::plant::effects::ParameterKind;
 
 /// Ratio of amplitudes up to which two ripples pass for the same one, and fewest periods that make
@@ -81,24 +80,21 @@ fn compare(
     phase: f64,
 ) -> Option<RippleElsewhere> {
     let count = residual.len() as f64;
-    let (mut normal, mut right, mut change) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
+    let (mut sums, mut change) = (SinusoidSums::default(), 0.0);
     for (x, force) in position.iter().zip(residual) {
         let turn = TAU * x / period;
-        let row = Vector3::new(turn.sin(), turn.cos(), 1.0);
-        normal += row * row.transpose();
-        right += row * *force;
+        sums.add(turn, *force);
         change += force * force - (force - amplitude * (turn + phase).sin()).powi(2);
     }
-    let best = normal.cholesky()?.solve(&right);
-    let (sine, cosine) = (best[0], best[1]);
+    let best = sums.solve()?;
     // Against a model that has the mean, which is no part of the ripple.
-    let mean = right[2] / count;
-    let gain = best.dot(&right) / count - mean * mean;
-    let shift = cosine.atan2(sine) - phase;
+    let mean = sums.total() / count;
+    let gain = best.explained / count - mean * mean;
+    let shift = best.phase() - phase;
     let (lowest, highest) = friction_stage_core::numerics::range(position);
     Some(RippleElsewhere {
         period,
-        amplitudes: (amplitude, sine.hypot(cosine)),
+        amplitudes: (amplitude, best.amplitude()),
         periods: (highest - lowest) / period,
         phase_shift: shift - TAU * (shift / TAU).round(),
         gain_as_found: change / count,

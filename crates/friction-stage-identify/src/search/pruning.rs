@@ -75,7 +75,7 @@ impl Search<'_> {
 
     /// A curve stands for what a law beside it has left: without that law it is another one. The
     /// fit with that one in place of both, if the law does not take as much of what it leaves as
-    /// one that comes beside a curve must, and the laws alone leave far more: such a law was bent
+    /// one that comes beside a curve must, and the laws alone leave far more: such a law was biased
     /// towards what none of them is.
     fn with_curve_in_place_of(
         &self,

@@ -383,7 +383,7 @@ fn winner(tried: &[Candidate], strongest: f64) -> usize {
         .filter(|index| Some(tried[*index].one.free) == fewest)
         .collect();
     let most = simplest.iter().map(|index| tried[*index].one.holdout_gain).fold(0.0, f64::max);
-    // Of equals first what acts, then what only reads wrong: the answer must not hang on the last
+    // Of equals first what acts, then what only reads wrong: the answer must not depend on the last
     // digit.
     let equals =
         simplest.into_iter().filter(|index| tried[*index].one.holdout_gain >= RIVAL * most);

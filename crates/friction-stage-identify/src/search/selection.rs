@@ -12,17 +12,23 @@ use crate::record::measured::Floor;
 /// Errors of a hypothesis: mean squares of the missing force, N^2.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
+    /// Train record, motor side.
     pub train_motor: f64,
+    /// Train record, carriage side.
     pub train_carriage: f64,
+    /// Hold-out, motor side.
     pub holdout_motor: f64,
+    /// Hold-out, carriage side.
     pub holdout_carriage: f64,
 }
 
 impl Errors {
+    /// Of both sides on the train record.
     pub fn train(&self) -> f64 {
         self.train_motor + self.train_carriage
     }
 
+    /// Of both sides on the hold-out.
     pub fn holdout(&self) -> f64 {
         self.holdout_motor + self.holdout_carriage
     }
@@ -31,15 +37,21 @@ impl Errors {
 /// What became of a candidate in one round.
 #[derive(Clone, Debug)]
 pub struct Evidence {
+    /// Round of the search, from 0.
     pub round: usize,
+    /// Name of the law.
     pub name: &'static str,
+    /// Side on which it acts.
     pub side: Side,
     /// Parameters that the fit moved.
     pub free: usize,
+    /// The law with its fitted values.
     pub part: Part,
+    /// With this candidate.
     pub errors: Errors,
     /// Fall of the mean square with this candidate, N^2.
     pub train_gain: f64,
+    /// The same on the hold-out.
     pub holdout_gain: f64,
     /// That of train without the tenth of the record that shows most of it, N^2.
     pub train_gain_elsewhere: f64,
@@ -48,11 +60,14 @@ pub struct Evidence {
     /// Fall of the mean square of train that as many parameters would take out of what is left by
     /// chance, N^2.
     pub chance: f64,
+    /// What became of it.
     pub outcome: Outcome,
 }
 
+/// What became of a candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
+    /// It is in the model from then on.
     Chosen,
     /// Less than chance, the floor or what is left to explain ask for.
     TooSmall,
@@ -78,20 +93,31 @@ pub struct Inseparable {
 /// How the search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
+    /// The effects that were added explain what was missing.
     Found,
+    /// Nothing is missing but noise.
     None,
+    /// Something is missing that no law explains: a map over a coordinate stands for it, or it is
+    /// left.
     Unknown,
+    /// Two laws explain the data equally.
     NotSeparable,
 }
 
 /// Result of the search.
 #[derive(Clone, Debug)]
 pub struct Selection {
+    /// How the search ended.
     pub verdict: Verdict,
+    /// The declared model, fitted.
     pub before: Fitted,
+    /// What was found.
     pub after: Estimate,
+    /// Of the declared model.
     pub errors_before: Errors,
+    /// Of what was found.
     pub errors_after: Errors,
+    /// Every candidate of every round.
     pub evidence: Vec<Evidence>,
     /// Coordinate of the map, where one was needed.
     pub coordinate: Option<Coordinate>,
@@ -109,6 +135,7 @@ pub struct Selection {
     pub floor: Floor,
     /// Of the declared noise.
     pub declared_floor: Floor,
+    /// Whether the watch stopped the search.
     pub stopped: bool,
 }
 

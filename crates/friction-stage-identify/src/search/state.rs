@@ -5,11 +5,11 @@ use friction_stage_core::model::Coordinate;
 use friction_stage_core::plant::Side;
 
 use crate::error::IdentifyError;
-use crate::fit::uncertainty::correlation_length_along;
 use crate::fit::{FitBudget, Fitted, fit, sensor_noise};
 use crate::hypothesis::{Hypothesis, Sides};
 use crate::record::measured::{Floor, Measured};
 use crate::residual::missing::Missing;
+use friction_stage_core::numerics::correlation::correlation_length_along;
 
 use super::different_guides::with_different_guides;
 use super::selection::{Errors, Evidence, Inseparable, Watch, different_laws};

@@ -6,6 +6,7 @@ use std::ops::RangeInclusive;
 use nalgebra::{SMatrix, SVector};
 
 use super::{Motion, Residual};
+use crate::numerics::linear::solve_normal;
 
 /// Chance with which a fit of pure white noise passes for something.
 const CHANCE: f64 = 1e-3;
@@ -40,21 +41,10 @@ pub(super) fn least_squares<const N: usize>(
         total += value * value;
         count += 1;
     }
-    // Columns of unit length: the units of the columns then do not decide what is too close to tell
-    // apart.
-    let length = SVector::<f64, N>::from_fn(|index, _| normal[(index, index)].sqrt());
-    if count <= N || length.iter().any(|length| *length <= 0.0 || !length.is_finite()) {
+    if count <= N {
         return None;
     }
-    let scaled = SMatrix::<f64, N, N>::from_fn(|row, column| {
-        normal[(row, column)] / (length[row] * length[column])
-    });
-    let cholesky = scaled.cholesky()?;
-    // A pivot below 1e-6: this column is the others to within 1e-6 of its length.
-    if (0..N).any(|index| cholesky.l_dirty()[(index, index)] < 1e-6) {
-        return None;
-    }
-    let solution = cholesky.solve(&right.component_div(&length)).component_div(&length);
+    let solution = solve_normal(&normal, &right)?;
     Some(Fit { coefficients: solution.into(), explained: solution.dot(&right), total, count })
 }
 
