@@ -1,8 +1,9 @@
-/* The second-order scheme of src/plant/body.rs in plain C: the yardstick for the speed of the plant.
+/* The second-order scheme of src/plant/body.rs in plain C: the plant's speed is compared with it.
  *
- * A carriage on four LuGre guides with their own parameters under a held force, without effects and without flexure.
- * Same algebra and same outputs as the Rust plant, in loops over the guides that the compiler can vectorise; exp is the C
- * library's. SI units throughout. benches/plant.rs compiles this file, checks that both give the same motion, and times both. */
+ * A carriage on four LuGre guides with their own parameters under a held force, without effects and
+ * without flexure. Same algebra and same outputs as the Rust plant, in loops over the guides that
+ * the compiler can vectorise; exp is the C library's. SI units. benches/plant.rs compiles this
+ * file, checks that both give the same motion, and times both. */
 
 #include <math.h>
 #include <stdint.h>
@@ -47,7 +48,8 @@ static inline double start_force(const struct stage *s)
     return s->start_elastic + s->start_damping * s->velocity - s->start_slip * fabs(s->velocity);
 }
 
-/* Moves the carriage over `span` seconds: bristles exactly at the middle's velocity, Simpson's rule for the position. */
+/* Moves the carriage over `span` seconds: bristles exactly at the velocity of the middle, Simpson's
+ * rule for the position. */
 static inline void move(struct stage *s, double force, double acceleration, double span)
 {
     double start = s->velocity;
@@ -68,21 +70,25 @@ static inline void move(struct stage *s, double force, double acceleration, doub
         late += of_end * excess * decay;
         s->bristle[i] = steady + excess * decay;
     }
-    s->velocity = start + s->inverse_mass * span * (force - s->viscous_friction * v) - s->inverse_mass * (early + late);
+    s->velocity = start + s->inverse_mass * span * (force - s->viscous_friction * v)
+        - s->inverse_mass * (early + late);
     s->position += span / 6.0 * (start + 4.0 * v + s->velocity);
     prepare_start(s, level);
 }
 
-/* Takes up position, velocity and bristles as they stand. */
+/* Starts from position, velocity and bristles as they are set. */
 void lugre_start(struct stage *s)
 {
     double level[GUIDES];
-    for (int i = 0; i < GUIDES; i++)
-        level[i] = s->coulomb_force[i] + s->stribeck_force[i] * exp(s->exponent[i] * s->velocity * s->velocity);
+    for (int i = 0; i < GUIDES; i++) {
+        double bell = exp(s->exponent[i] * s->velocity * s->velocity);
+        level[i] = s->coulomb_force[i] + s->stribeck_force[i] * bell;
+    }
     prepare_start(s, level);
 }
 
-/* Advances by `steps` steps under the constant force, N; a step in which the carriage reverses is done in two parts. */
+/* Advances by `steps` steps under the constant force, N. A step in which the carriage reverses is
+ * done in two parts. */
 void lugre_advance(struct stage *s, double force, uint32_t steps)
 {
     for (uint32_t k = 0; k < steps; k++) {

@@ -105,7 +105,8 @@ class Gauss:
         self.c, self.b = (nodes + 1.0) / 2.0, weights / 2.0
         # Integrals of the Lagrange basis, in Legendre polynomials (well conditioned).
         legendre = np.polynomial.legendre
-        basis = np.linalg.inv(legendre.legvander(nodes, stages - 1)).T  # basis[j]: coefficients of l_j
+        # basis[j]: coefficients of l_j.
+        basis = np.linalg.inv(legendre.legvander(nodes, stages - 1)).T
         integral = [legendre.legint(row, lbnd=-1) / 2.0 for row in basis]
         self.weights_at = lambda theta: np.array(
             [legendre.legval(2.0 * np.atleast_1d(theta) - 1.0, row) for row in integral]
@@ -146,7 +147,9 @@ class Gauss:
             if size < 1e-9:  # quadratic: the next step would be below rounding
                 break
         else:
-            raise RuntimeError(f"Newton does not converge: last relative step {size:.3g}, h = {h:.3g} s")
+            raise RuntimeError(
+                f"Newton does not converge: last relative step {size:.3g}, h = {h:.3g} s"
+            )
         v, z = y[:, :1], y[:, 1:]
         g = p.fc + (p.fs - p.fc) * np.exp(-((v / p.vs) ** 2))
         dz = v - p.s0 * sign * v / g * z
@@ -197,7 +200,8 @@ class Dop853:
     def leap(self, state, sign, force, duration, stop_at_reversal):
         """Integrate; where v changes sign inside a step, report the step's start instead."""
         solver = DOP853(
-            lambda _t, y: self.plant.rhs(y, sign, force), 0.0, state, duration, rtol=1e-13, atol=1e-20,
+            lambda _t, y: self.plant.rhs(y, sign, force), 0.0, state, duration,
+            rtol=1e-13, atol=1e-20,
             max_step=self.plant.subinterval(state, force, duration, self.relaxations),
         )
         while solver.status == "running":
@@ -206,7 +210,8 @@ class Dop853:
             if solver.status == "failed":
                 raise RuntimeError(f"DOP853 failed at {solver.t:.3g} s: {message}")
             if stop_at_reversal:
-                inside = solver.dense_output()(t + (solver.t - t) * np.linspace(0.0, 1.0, 33)[1:])[1]
+                parts = np.linspace(0.0, 1.0, 33)[1:]
+                inside = solver.dense_output()(t + (solver.t - t) * parts)[1]
                 crossed = np.nonzero(inside * sign < 0.0)[0]
                 if len(crossed) > 0:
                     return y, t, (solver.t - t) * (crossed[0] + 1) / 32.0
@@ -293,7 +298,10 @@ def simulate(case, run, integrator):
         u1, u2, y1, y2 = u, u1, y, y1
         force = y + c["mass_feedforward"] * (vr_next - vr) / period + c["viscous_feedforward"] * vr
         if abs(force) > c["force_limit"]:
-            raise RuntimeError(f"{run['name']}: {force:.6g} N at {t} s, limit {c['force_limit']} N: the case must not reach it")
+            raise RuntimeError(
+                f"{run['name']}: {force:.6g} N at {t} s, limit {c['force_limit']} N: "
+                "the case must not reach it"
+            )
         rows.append([t, *state, force, r])
         if k < ticks:
             state, n = integrator.advance(state, force, period)
@@ -317,7 +325,7 @@ def compute(case, run):
     coarse, _ = simulate(case, run, Gauss(plant, 8, 3.0))
     other, _ = simulate(case, run, Dop853(plant, 0.75))
     figures = {
-        name: (float(np.max(np.abs(fine[:, 1] - rows[:, 1]))), float(np.max(np.abs(fine[:, 2] - rows[:, 2]))))
+        name: tuple(float(np.max(np.abs(fine[:, k] - rows[:, k]))) for k in (1, 2))
         for name, rows in [("coarse", coarse), ("dop853", other)]
     }
     return fine, reversals, figures
@@ -343,10 +351,15 @@ def describe(run, rows, reversals, figures):
 def write(path, lines, rows):
     with open(path, "w", newline="\n") as out:
         out.write("# Written by oracle.py from case.json: do not edit.\n")
-        out.write("# Gauss-Legendre collocation, 12 stages (order 24), restarted at every velocity reversal\n")
+        out.write(
+            "# Gauss-Legendre collocation, 12 stages (order 24), "
+            "restarted at every velocity reversal\n"
+        )
         for line in lines:
             out.write(f"# {line}\n")
-        out.write("# SI units. force acts from t to the next tick; everything else is the value at t.\n")
+        out.write(
+            "# SI units. force acts from t to the next tick; everything else is the value at t.\n"
+        )
         out.write(",".join(COLUMNS) + "\n")
         for row in rows:
             out.write(",".join(f"{value:.17g}" for value in row) + "\n")
@@ -361,8 +374,12 @@ def read(path):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true", help="compare with the CSV files instead of writing them")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="compare with the CSV files instead of writing them"
+    )
     arguments = parser.parse_args()
     case = json.loads((HERE / "case.json").read_text())
     check_case(case)
@@ -385,7 +402,10 @@ def main():
             limits = {"velocity": 1e-9, "force": 1e-4, "t": 1e-15}
             for name, difference in zip(COLUMNS, worst):
                 if not difference <= limits.get(name, TOLERANCE):
-                    print(f"  {path.name}: column {name} differs by {difference:.3e}, limit {limits.get(name, TOLERANCE):.0e}")
+                    print(
+                        f"  {path.name}: column {name} differs by {difference:.3e}, "
+                        f"limit {limits.get(name, TOLERANCE):.0e}"
+                    )
                     good = False
             print(f"  {path.name}: position within {worst[1] * 1e9:.1e} nm of the file")
         elif good:
