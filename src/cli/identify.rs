@@ -20,14 +20,15 @@ use self::input::{Input, Record};
 use super::Outcome;
 use crate::node::stage_settings;
 use friction_stage_core::model::{Curve, CurveSide, Jump, StageModel};
+use friction_stage_core::plant::effects::{Multiplicity, ParameterKind, RecordSpecific};
 use friction_stage_data::bag::topics;
 use friction_stage_data::signals::Mapping;
 use friction_stage_identify::Outcome::TooSmall;
 use friction_stage_identify::{
     CARRIAGE_GAIN, Change, Inseparable, LinearController, MORE_THAN_DECLARED, MOST_LAWS,
-    NOISE_LIKE, NextExperiment, PositionErrors, RippleElsewhere, Selection, Summary, Tolerances,
-    Verdict, Watch, closed_loop, in_digits, next_experiment, parameter_warnings, readable,
-    ripple_elsewhere, search, taking_part,
+    NOISE_LIKE, NextExperiment, Part, PositionErrors, RippleElsewhere, Selection, Summary,
+    Tolerances, Verdict, Watch, closed_loop, in_digits, next_experiment, parameter_warnings,
+    readable, ripple_elsewhere, search, taking_part,
 };
 
 /// Find what a declared model lacks: refit it to a recording, trace the residual to an effect, add
@@ -204,30 +205,31 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let model = selection.after.fitted.hypothesis.model();
     let there = selection.after.fitted.hypothesis.in_record(&input.holdout.measured)?;
     let differs = selection.after.fitted.hypothesis.own_of(&there);
-    if differs.iter().any(|part| part.descriptor.name == "external_vibration") {
-        warnings.push(
-            "external_vibration counts its phase from the start of a record: the errors on the \
-             hold-out are those with the phase that fits the hold-out best, and the model has that \
-             of the train record"
-                .to_owned(),
-        );
+    let has_own_phase =
+        |part: &&&Part| matches!(part.descriptor.record_specific, RecordSpecific::Phase);
+    if let Some(part) = differs.iter().find(has_own_phase) {
+        warnings.push(format!(
+            "{} counts its phase from the start of a record: the errors on the hold-out are those \
+             with the phase that fits the hold-out best, and the model has that of the train record",
+            part.descriptor.name
+        ));
     }
-    for at in differs.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
+    for at in differs.iter().filter_map(|part| Some(part.curve()?.jump?.at)) {
         warnings.push(format!(
             "the map jumps at another instant of the hold-out, {}: the errors on the hold-out are \
              those with this one, and the model has that of the train record",
             instant_in_words(at, input.holdout.measured.time.last().copied().unwrap_or(0.0))
         ));
     }
-    if selection.after.fitted.hypothesis.effects.iter().any(|part| part.slips()) {
-        warnings.push(
-            "ball_passage slips: its amplitude and phase are each record's own, the errors of \
-             either record are those with the ones that fit it best, the closed loop is simulated \
-             without it, and a stage that loads the model shows one example of such phases; its \
-             slip is the one of a few that does best. A ripple of the carriage on a machine that \
-             was homed anew between the records looks the same"
-                .to_owned(),
-        );
+    if let Some(part) = selection.after.fitted.hypothesis.effects.iter().find(|part| part.slips()) {
+        warnings.push(format!(
+            "{} slips: its amplitude and phase are each record's own, the errors of either record \
+             are those with the ones that fit it best, the closed loop is simulated without it, \
+             and a stage that loads the model shows one example of such phases; its slip is the \
+             one of a few that does best. A ripple of the carriage on a machine that was homed \
+             anew between the records looks the same",
+            part.descriptor.name
+        ));
     }
     let loops = simulate(&selection, &input, &there.model(), &mut warnings);
     warnings.extend(remarks(&selection, input.train.measured.rate));
@@ -436,17 +438,21 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
     }
     let added =
         &selection.after.fitted.hypothesis.effects[selection.before.hypothesis.effects.len()..];
-    let passages: Vec<f64> = added
+    let of_guides: Vec<&Part> = added
         .iter()
-        .filter(|part| part.descriptor.name == "ball_passage")
-        .map(|part| part.values[1])
+        .filter(|part| part.descriptor.multiplicity == Multiplicity::OnePerGuide)
         .collect();
+    let passages: Vec<f64> =
+        of_guides.iter().filter_map(|part| part.value_of_kind(ParameterKind::Period)).collect();
     let (shortest, longest) = friction_stage_core::numerics::range(&passages);
-    if passages.len() > 1 && longest < ONE_TYPE * shortest {
+    if let [first, _, ..] = of_guides[..]
+        && longest < ONE_TYPE * shortest
+    {
         remarks.push(format!(
-            "{} ball_passage of nearly one period stand for guides that differ in theirs: together \
+            "{} {} of nearly one period stand for guides that differ in theirs: together \
              they are the ripple, and the values of one are not those of a guide",
-            passages.len()
+            passages.len(),
+            first.descriptor.name
         ));
     }
     for (name, periods) in &selection.unproven {
@@ -464,7 +470,7 @@ fn remarks(selection: &Selection, rate: f64) -> Vec<String> {
              which holds only where the data have been",
             coordinate.name()
         ));
-        let curves = added.iter().filter_map(|part| part.parameters().curve);
+        let curves = added.iter().filter_map(|part| part.curve());
         remarks.extend(
             curves
                 .filter_map(|curve| jump_in_words(&curve))

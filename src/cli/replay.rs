@@ -12,6 +12,7 @@ use super::Outcome;
 use super::identify::instant_in_words;
 use crate::node::stage_settings;
 use friction_stage_core::model::StageModel;
+use friction_stage_core::plant::effects::RecordSpecific;
 use friction_stage_core::plant::{Rates, Stage};
 use friction_stage_data::bag::BagReader;
 use friction_stage_data::quality::{self, DataProblem, Severity};
@@ -182,12 +183,15 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             if !own.is_empty() {
                 in_record = here.model();
             }
-            if own.iter().any(|part| part.descriptor.name == "external_vibration") {
-                report.notes.push(
-                    "external_vibration has the phase here that fits this record best".to_owned(),
-                );
+            let has_own_phase =
+                |part: &&Part| matches!(part.descriptor.record_specific, RecordSpecific::Phase);
+            if let Some(part) = own.iter().find(|part| has_own_phase(part)) {
+                report.notes.push(format!(
+                    "{} has the phase here that fits this record best",
+                    part.descriptor.name
+                ));
             }
-            for at in own.iter().filter_map(|part| Some(part.parameters().curve?.jump?.at)) {
+            for at in own.iter().filter_map(|part| Some(part.curve()?.jump?.at)) {
                 let instant = instant_in_words(
                     at,
                     trace.time.last().unwrap_or(&0.0) - trace.time.first().unwrap_or(&0.0),

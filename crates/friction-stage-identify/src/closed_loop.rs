@@ -7,14 +7,12 @@
 //! coefficients. Whether that is the controller is not judged by this fit, which sees each past
 //! force, but by letting the found controller run freely on the recorded errors.
 
-use std::slice;
-
 use nalgebra::{DMatrix, DVector};
 
 use crate::residual::driven::holding;
 use friction_stage_core::model::{ModelError, StageModel};
 use friction_stage_core::plant::effects::Effects;
-use friction_stage_core::plant::{Rates, RatesError, Stage};
+use friction_stage_core::plant::{EffectDescriptor, Rates, RatesError, Stage};
 use friction_stage_data::signals::Trace;
 
 /// Past forces: a PID (integrator, derivative filter) behind a second-order lowpass has three.
@@ -288,9 +286,10 @@ pub fn position_error(
     let rates = Rates::of_control(rate)?;
     let mut quiet = model.clone().without_noise();
     // An effect that is not possible is for the stage to refuse.
-    quiet
-        .effects
-        .retain(|effect| !Effects::new(slice::from_ref(effect)).is_ok_and(|effect| effect.slips()));
+    quiet.effects.retain(|effect| {
+        !EffectDescriptor::read(effect)
+            .is_ok_and(|(descriptor, values)| descriptor.slipping_ripple(&values).is_some())
+    });
     // The recorded command is what the controller gave; the model's own limit would cut it where
     // the machine did not.
     quiet.motor.force_limit = quiet.motor.force_limit.max(largest(&trace.force));

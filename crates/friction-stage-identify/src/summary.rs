@@ -203,35 +203,33 @@ impl Summary {
                 declared_parameters.insert(format!("{label}.{name}"), parameter);
             }
         }
-        let effects = estimate
-            .fitted
-            .hypothesis
-            .effects
-            .iter()
-            .enumerate()
-            .skip(declared_effects)
-            .map(|(index, part)| FoundEffect {
-                name: part.descriptor.name.to_owned(),
-                side: side_name(part.side()).to_owned(),
-                coordinate: part.parameters().curve.map(|curve| curve.coordinate.name().to_owned()),
-                parameters: parameters(estimate, index),
-                runner_up: selection
-                    .runners_up
-                    .get(index)
-                    .copied()
-                    .flatten()
-                    .map(|(name, rms)| RunnerUp { name: name.to_owned(), holdout_force_rms: rms }),
-                rivals: selection
-                    .inseparable
-                    .iter()
-                    .filter(|pair| pair.effect == part.descriptor.name)
-                    .map(|pair| Rival {
-                        name: pair.rival.to_owned(),
-                        correlation: pair.correlation,
-                    })
-                    .collect(),
-            })
-            .collect();
+        let effects =
+            estimate
+                .fitted
+                .hypothesis
+                .effects
+                .iter()
+                .enumerate()
+                .skip(declared_effects)
+                .map(|(index, part)| FoundEffect {
+                    name: part.descriptor.name.to_owned(),
+                    side: side_name(part.side()).to_owned(),
+                    coordinate: part.curve().map(|curve| curve.coordinate.name().to_owned()),
+                    parameters: parameters(estimate, index),
+                    runner_up: selection.runners_up.get(index).copied().flatten().map(
+                        |(name, rms)| RunnerUp { name: name.to_owned(), holdout_force_rms: rms },
+                    ),
+                    rivals: selection
+                        .inseparable
+                        .iter()
+                        .filter(|pair| pair.effect == part.descriptor.name)
+                        .map(|pair| Rival {
+                            name: pair.rival.to_owned(),
+                            correlation: pair.correlation,
+                        })
+                        .collect(),
+                })
+                .collect();
         let (before, after) = (selection.errors_before, selection.errors_after);
         let record = |measured: &Measured, before: f64, after: f64, position_rms: Change| {
             let force_rms = Change { before: Some(before.sqrt()), after: Some(after.sqrt()) };
@@ -405,7 +403,7 @@ pub fn taking_part(effect: &FoundEffect) -> Vec<&str> {
         .iter()
         .map(|parameter| value(parameter.name).or(parameter.default).unwrap_or(0.0))
         .collect();
-    if descriptor.name == "map" {
+    if descriptor.is_curve() {
         return effect.parameters.keys().map(String::as_str).collect();
     }
     let named = descriptor.parameters.iter().enumerate();
@@ -417,7 +415,7 @@ pub fn taking_part(effect: &FoundEffect) -> Vec<&str> {
 
 fn parameters(estimate: &Estimate, effect: usize) -> BTreeMap<String, FoundParameter> {
     let part = &estimate.fitted.hypothesis.effects[effect];
-    if let Some(curve) = part.parameters().curve {
+    if let Some(curve) = part.curve() {
         return of_curve(&curve);
     }
     part.descriptor

@@ -7,6 +7,7 @@ use friction_stage_core::control::{
     TrajectoryError,
 };
 use friction_stage_core::model::{Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
+use friction_stage_core::plant::effects::{EffectDescriptor, Effects, Role};
 use friction_stage_core::plant::{Rates, Sample, Stage};
 
 use friction_stage_core::ClosedLoop;
@@ -104,7 +105,9 @@ impl Specimen {
         model.check()?;
         let guides = model.resolved_guides()?;
         let first = model.guides[0].clone();
-        let of_the_guide = |name: &str| name == "distributed_bristles";
+        let of_the_guide = |name: &str| {
+            EffectDescriptor::find(name).is_ok_and(|effect| effect.role == Role::Bristles)
+        };
         let effects: Vec<_> =
             model.effects.iter().filter(|effect| of_the_guide(&effect.name)).cloned().collect();
         let mut warnings = Vec::new();
@@ -158,19 +161,14 @@ impl Specimen {
     pub fn break_away_distance(&self) -> Result<f64, ModelError> {
         let guide = self.guide()?;
         let single = guide.static_force / guide.stiffness;
-        let Some(effect) =
-            self.rig.effects.iter().find(|effect| effect.name == "distributed_bristles")
-        else {
+        let Some(elements) = Effects::new(&self.rig.effects)?.bristle_elements() else {
             return Ok(single);
         };
-        let share = |key: &str, default| effect.values.get(key).copied().unwrap_or(default);
-        let (a1, b1) = (share("stiffness_share_1", 1.0), share("strength_share_1", 1.0));
-        let (a2, b2) = (share("stiffness_share_2", 0.0), share("strength_share_2", 0.0));
-        let elements = [(a1, b1), (a2, b2), (1.0 - a1 - a2, 1.0 - b1 - b2)];
         let longest = elements
+            .shares
             .iter()
-            .filter(|(a, b)| *a > 1e-9 && *b > 1e-9)
-            .map(|(a, b)| b / a)
+            .filter(|share| share.stiffness > 1e-9 && share.strength > 1e-9)
+            .map(|share| share.strength / share.stiffness)
             .fold(0.0, f64::max);
         Ok(single * if longest > 0.0 { longest } else { 1.0 })
     }

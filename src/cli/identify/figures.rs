@@ -3,6 +3,7 @@
 
 use super::input::{Input, Record};
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, StageModel};
+use friction_stage_core::plant::effects::CURVE;
 use friction_stage_identify::{Change, Measured, Missing, Selection, Sides, closed_loop, spectrum};
 use friction_stage_report::chart::{Chart, Style};
 
@@ -224,11 +225,14 @@ fn maps(model: &StageModel) -> anyhow::Result<Vec<Figure>> {
             ordinate,
         );
         let points = curve.corners().into_iter().map(|(place, value)| (scale * place, value));
-        chart.add("map", 0, Style::Line, points);
+        chart.add(CURVE.name, 0, Style::Line, points);
         let jump =
             super::jump_in_words(curve).map_or_else(String::new, |words| format!("; {words}"));
         Ok(Figure {
-            name: if index == 0 { "map".to_owned() } else { format!("map_{}", index + 1) },
+            name: match index {
+                0 => CURVE.name.to_owned(),
+                before => format!("{}_{}", CURVE.name, before + 1),
+            },
             group: Group::Comparison,
             svg: chart.svg()?,
             caption: format!(

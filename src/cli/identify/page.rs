@@ -327,7 +327,7 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
             .coordinate
             .as_ref()
             .map_or_else(String::new, |coordinate| format!(" over {coordinate}"));
-        let place = match part.parameters().curve.map(|curve| curve.side) {
+        let place = match part.curve().map(|curve| curve.side) {
             Some(CurveSide::Friction) => "change of Coulomb friction".to_owned(),
             Some(CurveSide::Viscous) => "change of viscous friction".to_owned(),
             Some(CurveSide::Mass) => "change of the moving mass".to_owned(),

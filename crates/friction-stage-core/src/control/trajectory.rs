@@ -302,7 +302,7 @@ impl Follower {
             for ((quantity, limit), (least, most)) in LARGEST.into_iter().zip(extremes) {
                 let value = if least.abs() > most.abs() { least } else { most };
                 // Also where it is no number.
-                if !(value.abs() <= limit) {
+                if value.is_nan() || value.abs() > limit {
                     return Err(TrajectoryError::TooFast { index, quantity, value, limit });
                 }
             }

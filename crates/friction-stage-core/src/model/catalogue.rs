@@ -5,8 +5,8 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::Guide;
 use super::error::ModelError;
-use super::{EffectParameters, Guide};
 
 /// Guides by name. The built-in catalogue holds the three guides of the paper; a user's own stand
 /// beside them.
@@ -190,30 +190,6 @@ impl Catalogue {
         self.entries.get(name)
     }
 
-    /// A guide with its parallel bristles: its parameters and the effect that belongs to them.
-    /// `None` where the catalogue has no such guide or none for it.
-    pub fn distributed_bristles(&self, name: &str) -> Option<(Guide, EffectParameters)> {
-        let of = self.entry(name)?.distributed_bristles.as_ref()?;
-        let guide = Guide {
-            stiffness: of.stiffness.value,
-            bristle_damping: of.bristle_damping.value,
-            ..self.guide(name)?
-        };
-        let values = [
-            ("stiffness_share_1", &of.stiffness_share_1),
-            ("strength_share_1", &of.strength_share_1),
-            ("stiffness_share_2", &of.stiffness_share_2),
-            ("strength_share_2", &of.strength_share_2),
-        ];
-        let values = values.map(|(key, quantity)| (key.to_owned(), quantity.value));
-        let effect = EffectParameters {
-            name: "distributed_bristles".to_owned(),
-            values: values.into(),
-            curve: None,
-        };
-        Some((guide, effect))
-    }
-
     /// LuGre parameters of a guide by name.
     pub fn guide(&self, name: &str) -> Option<Guide> {
         self.entry(name).map(CatalogueEntry::guide)
@@ -282,7 +258,7 @@ mod tests {
         let (guide, effect) = catalogue.distributed_bristles("guide_1").unwrap();
         let [a1, b1, a2, b2] =
             ["stiffness_share_1", "strength_share_1", "stiffness_share_2", "strength_share_2"]
-                .map(|key| effect.values[key]);
+                .map(|key| effect.values[key].number().unwrap());
         let elements = [(a1, b1), (a2, b2), (1.0 - a1 - a2, 1.0 - b1 - b2)];
         let stated = &catalogue.entry("guide_1").unwrap().effective_stiffness;
         assert_eq!(stated.len(), 3);

@@ -1,11 +1,11 @@
 //! Effects as a model file gives them: a name with parameters, or an empirical curve.
 
 use std::collections::BTreeMap;
+use std::marker::PhantomData;
 
+use serde::de::IntoDeserializer;
+use serde::de::value::MapDeserializer;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
-
-/// Canonical name of the empirical curve, the one effect that takes a [`Curve`].
-const CURVE: &str = "map";
 
 /// An effect by its canonical name with its parameters by name, SI units. The plant's effect of
 /// that name knows the bounds.
@@ -14,10 +14,44 @@ const CURVE: &str = "map";
 /// `map: {coordinate: position, from: 0.0, to: 0.3, values: [0.1, -0.2]}`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EffectParameters {
+    /// Canonical name of the effect.
     pub name: String,
-    pub values: BTreeMap<String, f64>,
-    /// Given for `map`, and for nothing else.
+    /// By the name of the parameter; what is not here has its default.
+    pub values: BTreeMap<String, ParameterValue>,
+    /// An empirical curve, in place of values.
     pub curve: Option<Curve>,
+}
+
+/// Value of an effect's parameter.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum ParameterValue {
+    /// A number in the unit of the parameter.
+    Number(f64),
+    /// A form of the law by name, such as `form: slider`.
+    Name(String),
+}
+
+impl ParameterValue {
+    /// The number, where it is one.
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            ParameterValue::Number(number) => Some(*number),
+            ParameterValue::Name(_) => None,
+        }
+    }
+}
+
+impl From<f64> for ParameterValue {
+    fn from(number: f64) -> ParameterValue {
+        ParameterValue::Number(number)
+    }
+}
+
+impl From<&str> for ParameterValue {
+    fn from(name: &str) -> ParameterValue {
+        ParameterValue::Name(name.to_owned())
+    }
 }
 
 /// An empirical curve of force along +x, N, over one coordinate: equidistant knots, the first at
@@ -157,18 +191,25 @@ impl Coordinate {
 }
 
 impl EffectParameters {
-    /// An effect with these parameters.
+    /// An effect with these numbers.
     pub fn new<'a>(
         name: &str,
         values: impl IntoIterator<Item = (&'a str, f64)>,
     ) -> EffectParameters {
-        let values = values.into_iter().map(|(name, value)| (name.to_owned(), value)).collect();
+        let values =
+            values.into_iter().map(|(name, value)| (name.to_owned(), value.into())).collect();
         EffectParameters { name: name.to_owned(), values, curve: None }
     }
 
-    /// An empirical curve.
-    pub fn map(curve: Curve) -> EffectParameters {
-        EffectParameters { name: CURVE.to_owned(), values: BTreeMap::new(), curve: Some(curve) }
+    /// The same with a parameter, a number or the name of a form.
+    pub fn with(mut self, parameter: &str, value: impl Into<ParameterValue>) -> EffectParameters {
+        self.values.insert(parameter.to_owned(), value.into());
+        self
+    }
+
+    /// An effect that is this curve.
+    pub fn of_curve(name: &str, curve: Curve) -> EffectParameters {
+        EffectParameters { name: name.to_owned(), values: BTreeMap::new(), curve: Some(curve) }
     }
 }
 
@@ -205,11 +246,7 @@ impl<'de> Deserialize<'de> for EffectParameters {
                         "an effect needs a name: `- cogging: {amplitude: 5.0, period: 0.024}`",
                     ));
                 };
-                let effect = if name == CURVE {
-                    EffectParameters::map(map.next_value()?)
-                } else {
-                    EffectParameters { values: map.next_value()?, name, curve: None }
-                };
+                let effect = effect_of(name, map.next_value()?)?;
                 match map.next_key::<String>()? {
                     None => Ok(effect),
                     Some(second) => Err(A::Error::custom(format!(
@@ -221,6 +258,126 @@ impl<'de> Deserialize<'de> for EffectParameters {
             }
         }
         deserializer.deserialize_map(Visitor)
+    }
+}
+
+/// What a key of an effect may hold in a file.
+enum Entry {
+    Value(ParameterValue),
+    /// Heights of the knots of a curve.
+    List(Vec<f64>),
+    /// Its jump.
+    Group(BTreeMap<String, f64>),
+}
+
+/// An effect with what its keys hold. One that has a coordinate, or a list of values, is a curve.
+fn effect_of<E: de::Error>(
+    name: String,
+    entries: BTreeMap<String, Entry>,
+) -> Result<EffectParameters, E> {
+    if ["coordinate", "values"].iter().any(|key| entries.contains_key(*key)) {
+        let curve = Curve::deserialize(MapDeserializer::new(entries.into_iter()))?;
+        return Ok(EffectParameters::of_curve(&name, curve));
+    }
+    let value = |(key, entry): (String, Entry)| match entry {
+        Entry::Value(value) => Ok((key, value)),
+        Entry::List(_) | Entry::Group(_) => {
+            Err(E::custom(format!("`{name}.{key}` must be a number or a name")))
+        }
+    };
+    let values = entries.into_iter().map(value).collect::<Result<_, E>>()?;
+    Ok(EffectParameters { name, values, curve: None })
+}
+
+impl<'de> Deserialize<'de> for Entry {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Entry, D::Error> {
+        struct Visitor;
+        impl<'de> de::Visitor<'de> for Visitor {
+            type Value = Entry;
+
+            fn expecting(&self, formatter: &mut std::fmt::Formatter) -> std::fmt::Result {
+                formatter.write_str("a number, or the name of a form")
+            }
+
+            fn visit_f64<E: de::Error>(self, number: f64) -> Result<Entry, E> {
+                Ok(Entry::Value(ParameterValue::Number(number)))
+            }
+
+            fn visit_i64<E: de::Error>(self, number: i64) -> Result<Entry, E> {
+                self.visit_f64(number as f64)
+            }
+
+            fn visit_u64<E: de::Error>(self, number: u64) -> Result<Entry, E> {
+                self.visit_f64(number as f64)
+            }
+
+            fn visit_str<E: de::Error>(self, text: &str) -> Result<Entry, E> {
+                Ok(Entry::Value(match text.parse() {
+                    Ok(number) => ParameterValue::Number(number),
+                    Err(_) => ParameterValue::Name(text.to_owned()),
+                }))
+            }
+
+            fn visit_seq<A: de::SeqAccess<'de>>(self, list: A) -> Result<Entry, A::Error> {
+                Vec::deserialize(de::value::SeqAccessDeserializer::new(list)).map(Entry::List)
+            }
+
+            fn visit_map<A: de::MapAccess<'de>>(self, group: A) -> Result<Entry, A::Error> {
+                BTreeMap::deserialize(de::value::MapAccessDeserializer::new(group))
+                    .map(Entry::Group)
+            }
+        }
+        deserializer.deserialize_any(Visitor)
+    }
+}
+
+impl<'de, E: de::Error> IntoDeserializer<'de, E> for Entry {
+    type Deserializer = EntryDeserializer<E>;
+
+    fn into_deserializer(self) -> EntryDeserializer<E> {
+        EntryDeserializer { entry: self, error: PhantomData }
+    }
+}
+
+/// Gives an entry to the parts of a curve.
+struct EntryDeserializer<E> {
+    entry: Entry,
+    error: PhantomData<E>,
+}
+
+impl<'de, E: de::Error> Deserializer<'de> for EntryDeserializer<E> {
+    type Error = E;
+
+    fn deserialize_any<V: de::Visitor<'de>>(self, visitor: V) -> Result<V::Value, E> {
+        match self.entry {
+            Entry::Value(ParameterValue::Number(number)) => visitor.visit_f64(number),
+            Entry::Value(ParameterValue::Name(name)) => visitor.visit_string(name),
+            Entry::List(list) => list.into_deserializer().deserialize_any(visitor),
+            Entry::Group(group) => group.into_deserializer().deserialize_any(visitor),
+        }
+    }
+
+    fn deserialize_option<V: de::Visitor<'de>>(self, visitor: V) -> Result<V::Value, E> {
+        visitor.visit_some(self)
+    }
+
+    fn deserialize_enum<V: de::Visitor<'de>>(
+        self,
+        name: &'static str,
+        variants: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, E> {
+        match self.entry {
+            Entry::Value(ParameterValue::Name(variant)) => {
+                variant.into_deserializer().deserialize_enum(name, variants, visitor)
+            }
+            _ => self.deserialize_any(visitor),
+        }
+    }
+
+    serde::forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf unit
+        unit_struct newtype_struct seq tuple tuple_struct map struct identifier ignored_any
     }
 }
 
@@ -273,6 +430,17 @@ mod tests {
     }
 
     #[test]
+    fn a_form_is_given_by_name_or_by_the_number_of_older_files() {
+        let read = |form: &str| {
+            let text = format!("effects: [{{cable_chain: {{stiffness: 2e1, form: {form}}}}}]");
+            StageModel::from_yaml(&text, "test.yaml").unwrap().effects.remove(0).values
+        };
+        assert_eq!(read("slider")["form"], "slider".into());
+        assert_eq!(read("2")["form"], 2.0.into());
+        assert_eq!(read("slider")["stiffness"], 20.0.into());
+    }
+
+    #[test]
     fn a_wrong_key_of_a_map_is_named() {
         let cases: &[(&str, &[&str])] = &[
             (
@@ -284,6 +452,7 @@ mod tests {
                 &["positon", "did you mean `position`"],
             ),
             ("effects: [{map: {coordinate: position, from: 0, to: 1}}]", &["values"]),
+            ("effects: [{cogging: {amplitude: [1, 2]}}]", &["cogging.amplitude", "number"]),
         ];
         for (text, expected) in cases {
             let message = StageModel::from_yaml(text, "test.yaml").unwrap_err().to_string();

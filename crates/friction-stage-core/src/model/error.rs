@@ -23,6 +23,10 @@ pub enum ModelError {
     UnknownEffect { name: String, hint: String, known: String },
     #[error("effects.{effect}: unknown parameter `{name}`{hint}; it takes {known}")]
     UnknownEffectParameter { effect: &'static str, name: String, hint: String, known: String },
+    #[error("{key}: unknown form `{name}`{hint}; it takes {known}")]
+    UnknownForm { key: String, name: String, hint: String, known: String },
+    #[error("{key} is `{text}`, must be a number, {unit}")]
+    NotANumber { key: String, text: String, unit: &'static str },
     #[error("effects.{effect}: parameter `{name}` is missing ({description}, {unit})")]
     MissingEffectParameter {
         effect: &'static str,
@@ -83,7 +87,7 @@ pub(super) fn finite(key: &str, value: f64) -> Result<(), ModelError> {
 const SIZES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 
 pub(super) fn positive(key: &str, value: f64) -> Result<(), ModelError> {
-    not_negative(key, value)?;
+    finite(key, value)?;
     if value > 0.0 { sized(key, value) } else { Err(refused(key, value, "be greater than 0")) }
 }
 

@@ -18,7 +18,7 @@ pub use catalogue::{
     Catalogue, CatalogueEntry, DistributedBristles, EffectiveStiffness, Provenance, Quantity,
 };
 pub use effect::locate;
-pub use effect::{Coordinate, Curve, CurveSide, EffectParameters, Jump};
+pub use effect::{Coordinate, Curve, CurveSide, EffectParameters, Jump, ParameterValue};
 pub use error::{ModelError, nearest};
 pub use guide::{Guide, GuideSource};
 pub use stroke::Stroke;

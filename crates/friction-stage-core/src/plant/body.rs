@@ -366,10 +366,7 @@ impl Body {
         let stops = self.stroke.as_ref().map_or(0.0, |stroke| {
             0.5 * stroke.stiffness * stroke.penetration(self.position).powi(2)
         });
-        bodies
-            + stops
-            + self.guides.stored_energy()
-            + self.effects.stored_energy(self.time(), self.position)
+        bodies + stops + self.guides.stored_energy() + self.effects.stored_energy(self.position)
     }
 
     /// Power turned into heat by guides and flexure, W.

@@ -14,8 +14,7 @@ mod stage;
 
 pub use body::Body;
 pub use effects::{
-    Drive, Effect, EffectDescriptor, EffectParameter, Motion, Residual, Samples, Side,
-    SlippingRipple,
+    EffectDescriptor, EffectParameter, Effects, Motion, Residual, Samples, Side, SlippingRipple,
 };
 pub use guides::{
     BRISTLE_PARAMETERS, BristleElements, BristleShare, BristleSlopes, FrictionScale, GuideBank,

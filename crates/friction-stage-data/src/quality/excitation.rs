@@ -15,6 +15,7 @@ use serde::Serialize;
 use super::problem::{DataProblem, Severity};
 use crate::signals::{ClockKind, Recording, Signal};
 use friction_stage_core::model::{Guide, StageModel};
+use friction_stage_core::plant::EffectDescriptor;
 
 /// Least rows in one piece. Assumed: some fifty parameters' worth of filtered samples.
 const LEAST_ROWS: usize = 500;
@@ -730,12 +731,11 @@ impl<'a> Examiner<'a> {
         moments: &[Moment],
     ) {
         let declared = self.model.map(|m| {
-            let payload = m
-                .effects
-                .iter()
-                .filter(|e| e.name == "payload")
-                .filter_map(|e| e.values.get("mass"));
-            m.mass + payload.sum::<f64>()
+            let payload = |effect| match EffectDescriptor::read(effect) {
+                Ok((descriptor, values)) => descriptor.constant_mass(&values),
+                Err(_) => 0.0,
+            };
+            m.mass + m.effects.iter().map(payload).sum::<f64>()
         });
         let guides = self.model.and_then(|model| model.resolved_guides().ok());
         let of_guides =

@@ -47,7 +47,7 @@ pub(crate) fn knot_sensitivities(
             moved.set(coordinate.id, coordinate.value + step_of(coordinate));
         }
         let there = moved.driven(measured, Sides::CARRIAGE, driven).ok()?.friction_at_nodes()?;
-        let curve = hypothesis.effects[*effect].parameters().curve?;
+        let curve = hypothesis.effects[*effect].curve()?;
         let passed = passed_last(&curve, *first, driven, measured);
         let column = |&(index, knot): &(usize, usize)| {
             let scale = coordinates[index].scale / step_of(&coordinates[index]);
@@ -68,7 +68,7 @@ pub(crate) fn knot_sensitivities(
 fn knot_of(hypothesis: &Hypothesis, id: ParameterId) -> Option<(usize, usize)> {
     let ParameterId::Effect { effect, value } = id else { return None };
     let part = &hypothesis.effects[effect];
-    let curve = part.parameters().curve.filter(|curve| curve.side.is_of_friction())?;
+    let curve = part.curve().filter(|curve| curve.side.is_of_friction())?;
     let knot = value.checked_sub(part.values.len() - curve.values.len())?;
     Some((effect, knot))
 }

@@ -109,7 +109,7 @@ impl Fitted {
     pub(crate) fn holding_curves(self) -> Fitted {
         let is_of_curve = |id: ParameterId| match id {
             ParameterId::Effect { effect, .. } => {
-                self.hypothesis.effects[effect].parameters().curve.is_some()
+                self.hypothesis.effects[effect].descriptor.is_curve()
             }
             _ => false,
         };

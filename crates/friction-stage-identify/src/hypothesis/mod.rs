@@ -3,10 +3,10 @@
 pub(crate) mod nominal_parameter;
 
 use friction_stage_core::model::{
-    EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel,
+    Curve, EffectParameters, Guide, GuideSource, MAX_GUIDES, ModelError, StageModel,
 };
-use friction_stage_core::plant::effects::heights;
-use friction_stage_core::plant::{Drive, EffectDescriptor, Side, SlippingRipple};
+use friction_stage_core::plant::effects::{ParameterKind, Role};
+use friction_stage_core::plant::{EffectDescriptor, Side, SlippingRipple};
 
 use crate::hypothesis::nominal_parameter::NominalParameter;
 use crate::record::measured::{Floor, Measured};
@@ -82,19 +82,24 @@ impl Part {
         self.values.get(place).copied()
     }
 
+    /// Its first parameter of this kind.
+    pub fn value_of_kind(&self, kind: ParameterKind) -> Option<f64> {
+        self.values.get(self.descriptor.place_of(kind)?).copied()
+    }
+
+    /// The empirical curve that it is; `None` of a law.
+    pub fn curve(&self) -> Option<Curve> {
+        self.descriptor.curve_of(&self.values)
+    }
+
+    /// What it acts on.
+    pub fn role(&self) -> Role {
+        self.descriptor.role_of(&self.values)
+    }
+
     /// What each record has for itself of it: of balls that slip the whole force.
     pub(crate) fn slipping_ripple(&self) -> Option<SlippingRipple> {
-        (self.descriptor.build)(&self.values).slipping_ripple()
-    }
-
-    /// Of what reads wrong: whether it is the encoder.
-    pub(crate) fn is_of_encoder(&self) -> bool {
-        (self.descriptor.build)(&self.values).is_of_encoder()
-    }
-
-    /// Its place in the chain from the command to the motor's force, if it has one.
-    pub(crate) fn drive(&self) -> Option<Drive> {
-        (self.descriptor.build)(&self.values).drive()
+        self.descriptor.slipping_ripple(&self.values)
     }
 
     /// Whether the law leaves amplitude and phase of the force to each record.
@@ -104,7 +109,9 @@ impl Part {
 
     /// The heights of a curve that is the effect of this index; nothing of a law.
     fn heights(&self, effect: usize) -> Vec<FreeParameter> {
-        let Some(curve) = self.parameters().curve else { return Vec::new() };
+        let Some((curve, heights)) = self.curve().zip(self.descriptor.curve) else {
+            return Vec::new();
+        };
         let (scale, bounds) = if curve.side.is_of_friction() {
             (0.1, (NO_FRICTION, 1e6))
         } else {
@@ -116,12 +123,12 @@ impl Part {
             scale,
             bounds,
         };
-        heights(&self.values).map(height).collect()
+        (heights.heights)(&self.values).into_iter().map(height).collect()
     }
 
-    /// Side of the force cell, or sensor, where it acts: a map has it among its values.
+    /// Side of the force cell, or sensor, where it acts.
     pub fn side(&self) -> Side {
-        (self.descriptor.build)(&self.values).side().unwrap_or(self.descriptor.side)
+        self.role().side()
     }
 }
 
@@ -201,8 +208,8 @@ impl Hypothesis {
             .effects
             .iter()
             .map(|given| {
-                let descriptor = EffectDescriptor::find(&given.name)?;
-                Ok(Part { descriptor, values: descriptor.values_of(given)? })
+                let (descriptor, values) = EffectDescriptor::read(given)?;
+                Ok(Part { descriptor, values })
             })
             .collect::<Result<_, ModelError>>()?;
         Ok(Hypothesis {

@@ -151,13 +151,7 @@ impl<'a> Layout<'a> {
         if selection.verdict != Verdict::Unknown {
             return Vec::new();
         }
-        let curve = selection
-            .after
-            .fitted
-            .hypothesis
-            .effects
-            .iter()
-            .find_map(|part| part.parameters().curve);
+        let curve = selection.after.fitted.hypothesis.effects.iter().find_map(|part| part.curve());
         let (low, high) = self.limits.stroke;
         let (kind, from, to) = match &curve {
             Some(curve) if curve.coordinate == Over::Position => {

@@ -299,9 +299,7 @@ mod tests {
             errors_before: Errors::default(),
             errors_after: Errors::default(),
             evidence,
-            coordinate: effects
-                .iter()
-                .find_map(|part| part.parameters().curve.map(|curve| curve.coordinate)),
+            coordinate: effects.iter().find_map(|part| part.curve().map(|curve| curve.coordinate)),
             runners_up: vec![None; effects.len()],
             inseparable,
             unproven: Vec::new(),

@@ -11,10 +11,10 @@ use crate::fit::{FitBudget, fit};
 use crate::hypothesis::{FreeParameter, Hypothesis, ParameterId, Part, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
-use crate::search::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, SEVERAL, Selection};
+use crate::search::{CARRIAGE_GAIN, Evidence, Outcome, RIVAL, Selection};
 use friction_stage_core::model::ModelError;
 use friction_stage_core::numerics::TWO_SIDED_95;
-use friction_stage_core::plant::EffectDescriptor;
+use friction_stage_core::plant::effects::ALL;
 
 /// Weight of what is declared in the squares of a motion: what counts is what the motion itself
 /// would show.
@@ -25,30 +25,6 @@ pub(super) const VAGUE: f64 = 0.2;
 /// Standard deviation of a declared parameter, in its tolerance, above which the data have told
 /// hardly anything about it.
 pub(super) const UNTOLD: f64 = 0.5;
-
-/// Effects at a usual size, values in the order of their parameters: sizes as in their files.
-pub(super) const USUAL: [(&str, &[f64]); 20] = [
-    ("actuator_lag", &[2e-4, 0.0]),
-    ("asymmetric_friction", &[0.05, 0.05]),
-    ("ball_passage", &[0.5, 9e-3, 0.0, 0.0, 0.0, 0.0]),
-    ("cable_chain", &[20.0, 0.0, 0.5, 1e-3, 0.0]),
-    ("cogging", &[2.0, 24e-3, 0.0]),
-    ("constant_force", &[0.5]),
-    ("distributed_bristles", &[0.5, 0.2, 0.3, 0.3, 0.2, 0.5, 1.0, 0.0]),
-    ("encoder_scale", &[0.01]),
-    ("encoder_sde", &[2e-8, 4e-6, 0.0]),
-    ("external_vibration", &[0.5, 30.0, 0.0]),
-    ("force_cell_drift", &[0.01, 0.1, 0.0, 10.0]),
-    ("force_cell_gain", &[0.01]),
-    ("force_ripple", &[0.02, 24e-3, 0.0]),
-    ("motor_gain", &[0.01]),
-    ("payload", &[1.0]),
-    ("position_dependent_friction", &[0.1, 0.0, 0.02, 0.0, 0.0]),
-    ("quadratic_drag", &[5.0]),
-    ("stiction_aging", &[0.1, 1.0, 2e-4, 0.0]),
-    ("structural_mode", &[4.0, 100.0, 0.02]),
-    ("viscous_warm_up", &[0.1, 1.0, 1e6, 0.0, 10.0, 100.0]),
-];
 
 /// What a piece of motion does to the alternatives: sums of squares over its rows, N^2.
 #[derive(Clone, Debug)]
@@ -151,13 +127,13 @@ impl Questions {
                 alternatives.push(alternative(after.without(effect)));
             }
         }
-        for (name, values) in USUAL {
-            let there = after.effects.iter().any(|part| part.descriptor.name == name);
-            if there && !SEVERAL.contains(&name) {
+        for descriptor in ALL.iter().copied().filter(|law| !law.is_curve()) {
+            let there = after.effects.iter().any(|part| part.descriptor.name == descriptor.name);
+            if there && !descriptor.may_repeat() {
                 continue;
             }
-            let part = Part { descriptor: EffectDescriptor::find(name)?, values: values.to_vec() };
-            let subject = Subject::Untested { effect: part.descriptor.name };
+            let part = Part { descriptor, values: descriptor.typical.to_vec() };
+            let subject = Subject::Untested { effect: descriptor.name };
             questions.push(Question { subject, truth: after.with(part), alternative: 0 });
         }
         let missing = &selection.after.fitted.missing;
@@ -325,7 +301,7 @@ pub(super) fn rivals(selection: &Selection) -> Vec<(usize, Part)> {
     for (effect, part) in
         selection.after.fitted.hypothesis.effects.iter().enumerate().skip(declared)
     {
-        if part.descriptor.name == "map" {
+        if part.descriptor.is_curve() {
             continue;
         }
         // Of several of a name the first one is the one that was added first.
@@ -436,21 +412,5 @@ mod tests {
             &[(-1.0, 1.0); 2],
         );
         assert!((idle[0] - 0.5).abs() < 1e-6 && idle[1] == 0.0, "{idle}");
-    }
-
-    #[test]
-    fn every_effect_but_the_map_has_a_usual_size_that_is_possible() {
-        let mut known: Vec<&str> = USUAL.iter().map(|(name, _)| *name).collect();
-        known.push("map");
-        known.sort_unstable();
-        let all: Vec<&str> =
-            friction_stage_core::plant::effects::ALL.iter().map(|effect| effect.name).collect();
-        assert_eq!(known, all);
-        for (name, values) in USUAL {
-            let descriptor = EffectDescriptor::find(name).unwrap();
-            assert_eq!(values.len(), descriptor.parameters.len(), "{name}");
-            let part = Part { descriptor, values: values.to_vec() };
-            descriptor.values_of(&part.parameters()).unwrap();
-        }
     }
 }

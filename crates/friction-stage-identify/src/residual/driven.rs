@@ -2,15 +2,14 @@
 //! values of a hypothesis; where these are as they were, it is taken over, so that a derivative
 //! costs no more than what its coordinate moves.
 
-use std::slice;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use friction_stage_core::model::{EffectParameters, Guide, MAX_GUIDES, ModelError};
-use friction_stage_core::plant::effects::{Effects, Scaled};
+use friction_stage_core::model::{Guide, MAX_GUIDES, ModelError};
+use friction_stage_core::plant::effects::{CommandStage, Effects, FrictionTerms, Role};
 use friction_stage_core::plant::{
-    BRISTLE_PARAMETERS, BristleSlopes, Drive, FrictionScale, GuideBank, Motion, Side,
+    BRISTLE_PARAMETERS, BristleSlopes, FrictionScale, GuideBank, Motion, Side,
 };
 
 use crate::hypothesis::{Hypothesis, Part, Sides};
@@ -341,19 +340,12 @@ impl Hypothesis {
         before: &Driven,
     ) -> Result<Driven, ModelError> {
         let added_mass = effects_of(&self.effects)?.added_mass();
-        let of =
-            |wanted: &dyn Fn(&Part) -> Result<bool, ModelError>| -> Result<Vec<Part>, ModelError> {
-                let mut parts = Vec::new();
-                for part in &self.effects {
-                    if wanted(part)? {
-                        parts.push(part.clone());
-                    }
-                }
-                Ok(parts)
-            };
-        let (of_encoder, of_cell): (Vec<Part>, Vec<Part>) =
-            of(&|part| Ok(part.side() == Side::Sensor))?.into_iter().partition(Part::is_of_encoder);
-        let lags = of(&|part| Ok(part.drive() == Some(Drive::Lag)))?;
+        let of = |wanted: &dyn Fn(Role) -> bool| -> Vec<Part> {
+            self.effects.iter().filter(|part| wanted(part.role())).cloned().collect()
+        };
+        let (of_encoder, of_cell) =
+            (of(&|role| role == Role::Encoder), of(&|role| role == Role::ForceCell));
+        let lags = of(&|role| role == Role::Command(CommandStage::Lag));
         let moved = match before.moved.sensors == of_encoder && before.moved.lags == lags {
             true => before.moved.clone(),
             false => Arc::new(Moved::new(of_encoder, lags, measured)?),
@@ -364,7 +356,7 @@ impl Hypothesis {
         };
         let moves_alike = Arc::ptr_eq(&moved, &before.moved)
             || moved.steps.is_none() && before.moved.steps.is_none();
-        let of_mass = of(&|part| Ok(effects_of(slice::from_ref(part))?.changes_mass()))?;
+        let of_mass = of(&|role| role == Role::VaryingMass);
         let moving = match moves_alike && before.moving.parts == of_mass {
             true => before.moving.clone(),
             false => Arc::new(MovingMass::new(of_mass, measured, &moved)?),
@@ -375,16 +367,14 @@ impl Hypothesis {
                 return Ok(None);
             }
             let known = before.friction.as_ref().filter(|_| moves_alike);
-            let of_bristles = of(&|part| Ok(effects_of(slice::from_ref(part))?.shapes_bristles()))?;
-            let of_viscous = of(&|part| Ok(effects_of(slice::from_ref(part))?.scales().viscous))?;
+            let of_bristles = of(&Role::shapes_bristles);
+            let of_viscous = of(&|role| role.friction_terms().viscous);
             Friction::new(&self.guides(), of_bristles, of_viscous, measured, steps, known).map(Some)
         };
-        let (of_drive, alone): (Vec<Part>, Vec<Part>) =
-            of(&|part| Ok(part.side() != Side::Sensor && part.slipping_ripple().is_none()))?
-                .into_iter()
-                .partition(|part| part.drive().is_some());
-        let mut of_forces: Vec<Vec<Part>> = alone.into_iter().map(|part| vec![part]).collect();
-        of_forces.extend((!of_drive.is_empty()).then_some(of_drive));
+        let of_command = of(&|role| role.command_stage().is_some());
+        let alone = self.effects.iter().filter(|part| part.role().is_force() && !part.slips());
+        let mut of_forces: Vec<Vec<Part>> = alone.map(|part| vec![part.clone()]).collect();
+        of_forces.extend((!of_command.is_empty()).then_some(of_command));
         let forces = of_forces.into_par_iter().map(|parts| {
             let known = before.forces.iter().find(|known| moves_alike && known.parts == parts);
             known.map_or_else(
@@ -406,8 +396,7 @@ impl Hypothesis {
 }
 
 fn effects_of(parts: &[Part]) -> Result<Effects, ModelError> {
-    let all: Vec<EffectParameters> = parts.iter().map(Part::parameters).collect();
-    Effects::new(&all)
+    Effects::from_values(parts.iter().map(|part| (part.descriptor, &part.values[..])))
 }
 
 /// Friction of the guides at the nodes without any law beside them, N.
@@ -529,7 +518,7 @@ fn drive(
         None => GuideBank::new(guides),
     };
     bank.set_bristles(&holding(guides, held_at_start(measured)), 0.0);
-    let is_scaled = effects.scales() != Scaled::NOTHING;
+    let is_scaled = effects.friction_terms() != FrictionTerms::NOTHING;
     for step in steps {
         let scale = if is_scaled {
             effects.friction(&Motion { velocity: step.sliding, ..step.motion }, step.duration)

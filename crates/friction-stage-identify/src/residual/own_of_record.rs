@@ -6,15 +6,12 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use friction_stage_core::model::{CurveSide, ModelError};
+use friction_stage_core::plant::effects::{ParameterKind, RecordSpecific};
 
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
 use crate::residual::slipping::Slipping;
-
-/// Effects whose phase counts from the start of a record and therefore means nothing in another
-/// one: each record has its own.
-const PHASE_OF_RECORD: [&str; 1] = ["external_vibration"];
 
 /// Part of what is left with a jump at an instant that must be left with it at another one, for
 /// this to be that of the record. Assumed.
@@ -38,13 +35,13 @@ impl Hypothesis {
                     here = jumping;
                 }
             }
-            if !PHASE_OF_RECORD.contains(&descriptor.name) {
+            if !matches!(descriptor.record_specific, RecordSpecific::Phase) {
                 continue;
             }
-            let index_of = |name: &str| {
-                descriptor.parameters.iter().position(|parameter| parameter.name == name)
-            };
-            let (Some(frequency), Some(phase)) = (index_of("frequency"), index_of("phase")) else {
+            let (Some(frequency), Some(phase)) = (
+                descriptor.place_of(ParameterKind::Frequency),
+                descriptor.place_of(ParameterKind::Phase),
+            ) else {
                 continue;
             };
             let frequency = here.effects[effect].values[frequency];
@@ -82,13 +79,10 @@ impl Hypothesis {
         measured: &Measured,
     ) -> Result<Option<Hypothesis>, ModelError> {
         let part = &self.effects[effect];
-        let Some(curve) = part.parameters().curve.filter(|curve| curve.jump.is_some()) else {
+        let Some(curve) = part.curve().filter(|curve| curve.jump.is_some()) else {
             return Ok(None);
         };
-        let Some(at) = part.descriptor.parameters.iter().position(|one| one.name == "jump_at")
-        else {
-            return Ok(None);
-        };
+        let Some(at) = part.descriptor.place_of(ParameterKind::Instant) else { return Ok(None) };
         let jumping_at = |instant: f64| {
             let mut jumping = self.clone();
             jumping.effects[effect].values[at] = instant;
@@ -146,11 +140,7 @@ impl Hypothesis {
         let mut here = self.clone();
         let slips = here.effects.iter_mut().enumerate().filter(|(_, part)| part.slips());
         for ((index, part), amplitude) in slips.zip(slipping.amplitudes(&missing.carriage)) {
-            let place = part
-                .descriptor
-                .parameters
-                .iter()
-                .position(|parameter| parameter.name == "amplitude");
+            let place = part.descriptor.place_of(ParameterKind::Amplitude);
             if let (Some(place), Some(amplitude), true) = (place, amplitude, index >= first) {
                 let (least, most) = part.descriptor.parameters[place].bounds;
                 part.values[place] = (2.0 * amplitude).clamp(least, most);

@@ -13,15 +13,13 @@ use std::ops::Range;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Vector2};
 use rayon::prelude::*;
 
-use friction_stage_core::model::{EffectParameters, ModelError};
-use friction_stage_core::plant::effects::golden_maximum;
-use friction_stage_core::plant::{EffectDescriptor, SlippingRipple};
+use friction_stage_core::model::ModelError;
+use friction_stage_core::plant::effects::{ALL, ParameterKind, RecordSpecific, golden_maximum};
+use friction_stage_core::plant::{EffectDescriptor, EffectParameter, SlippingRipple};
 
 use crate::hypothesis::Part;
 use crate::record::measured::Measured;
 
-/// The law that has balls which slip.
-pub(crate) const LAW: &str = "ball_passage";
 /// Part of the largest curvature that is added to each, far above rounding and far below what a
 /// record tells: knots that the record says nothing of stay at 0.
 const RIDGE: f64 = 1e-9;
@@ -307,12 +305,32 @@ fn left_along_the_way(
     Some(1.0 - taken / squares)
 }
 
+/// Whether a law may leave amplitude and phase of its ripple to each record.
+pub(crate) fn may_slip(descriptor: &EffectDescriptor) -> bool {
+    matches!(descriptor.record_specific, RecordSpecific::Ripple(_))
+}
+
+/// The law of balls that slip, with the place of its period; `None` where the plant has none.
+fn law_of_balls() -> Option<(&'static EffectDescriptor, usize)> {
+    let descriptor = ALL.iter().copied().find(|descriptor| may_slip(descriptor))?;
+    Some((descriptor, descriptor.place_of(ParameterKind::Period)?))
+}
+
 /// Balls of a ripple of this period, m, whose phase walks so, rad/sqrt(m).
-fn balls(period: f64, slip: f64) -> Result<Part, ModelError> {
-    let descriptor = EffectDescriptor::find(LAW)?;
-    let given =
-        EffectParameters::new(LAW, [("amplitude", 1.0), ("period", period), ("slip", slip)]);
-    Ok(Part { descriptor, values: descriptor.values_of(&given)? })
+fn balls(
+    descriptor: &'static EffectDescriptor,
+    period: f64,
+    slip: f64,
+) -> Result<Part, ModelError> {
+    let value = |parameter: &EffectParameter| match parameter.kind {
+        ParameterKind::Amplitude => 1.0,
+        ParameterKind::Period => period,
+        ParameterKind::PhaseWalk => slip,
+        _ => parameter.default.unwrap_or(0.0),
+    };
+    let values: Vec<f64> = descriptor.parameters.iter().map(value).collect();
+    descriptor.check_values(&values)?;
+    Ok(Part { descriptor, values })
 }
 
 /// The balls whose phase walks so, rad/sqrt(m), that take most out of a force at the rows of a
@@ -322,13 +340,9 @@ pub(crate) fn strongest(
     measured: &Measured,
     slip: f64,
 ) -> Result<Option<Part>, ModelError> {
-    let bounds = EffectDescriptor::find(LAW)?
-        .parameters
-        .iter()
-        .find(|one| one.name == "period")
-        .map(|one| one.bounds);
-    let Some((shortest, longest)) = bounds else { return Ok(None) };
-    let Some(ripple) = balls(shortest, slip)?.slipping_ripple() else { return Ok(None) };
+    let Some((law, period)) = law_of_balls() else { return Ok(None) };
+    let (shortest, longest) = law.parameters[period].bounds;
+    let Some(ripple) = balls(law, shortest, slip)?.slipping_ripple() else { return Ok(None) };
     let longest = longest.min(ripple.piece / PERIODS_IN_A_PIECE);
     let (way, position) = (Way::new(measured), measured.at_rows(&measured.position));
     let (fewest, most) = ((way.range / longest).max(LEAST_PERIODS), way.range / shortest);
@@ -348,7 +362,7 @@ pub(crate) fn strongest(
     };
     let (from, to) = ((best as f64 - 1.0).max(0.0), (best as f64 + 1.0).min(steps));
     let step = golden_maximum(from, to, |step| explained(turns(step)));
-    Ok(Some(balls((way.range / turns(step)).clamp(shortest, longest), slip)?))
+    Ok(Some(balls(law, (way.range / turns(step)).clamp(shortest, longest), slip)?))
 }
 
 #[cfg(test)]

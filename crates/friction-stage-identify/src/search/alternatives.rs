@@ -84,7 +84,8 @@ impl Search<'_> {
         let descriptor = one.part.descriptor;
         let on_motor = one.side == Side::Motor && self.has_cell();
         // Beside what came later it may not show by itself.
-        let values = (descriptor.propose)(&columns.residual(on_motor))
+        let values = descriptor
+            .propose(&columns.residual(on_motor))
             .unwrap_or_else(|| one.part.values.clone());
         let mut other = self.best.hypothesis.clone();
         other.effects[index] = Part { descriptor, values };

@@ -3,7 +3,7 @@
 use crate::error::IdentifyError;
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::record::measured::{Measured, mean_square};
-use friction_stage_core::plant::Side;
+use friction_stage_core::plant::effects::Role;
 
 use super::gain::{HALF_OF_THE_REST, NOISE_LIKE};
 use super::selection::Errors;
@@ -83,7 +83,7 @@ fn square_of_means(time: &[f64], signal: &[f64], span: f64) -> f64 {
 }
 
 fn is_of_cell(part: &Part) -> bool {
-    part.side() == Side::Sensor && !part.is_of_encoder()
+    part.role() == Role::ForceCell
 }
 
 /// Mean square of the force that is missing from the command to the motion, N^2.

@@ -8,8 +8,8 @@ use nalgebra::{DMatrix, DVector, DVectorView};
 use friction_stage_core::model::{
     Coordinate, Curve, CurveSide, EffectParameters, Jump, ModelError, locate,
 };
-use friction_stage_core::plant::effects::viscous_friction;
-use friction_stage_core::plant::{EffectDescriptor, Residual};
+use friction_stage_core::plant::Residual;
+use friction_stage_core::plant::effects::{CURVE, viscous_friction};
 
 use crate::fit::objective::{derivatives, stacked};
 use crate::hypothesis::nominal_parameter::NominalParameter;
@@ -137,7 +137,7 @@ pub fn propose(
         .filter_map(jumps)
         .map(|jump| (jump.at, rows.smooth(dampings, Some(jump.at))))
         .collect();
-    let descriptor = EffectDescriptor::find("map")?;
+    let descriptor = CURVE;
     let drawn = dampings.iter().enumerate().filter_map(|(index, &damping)| {
         let without = alone[index].as_ref();
         let is_worth_it = |with: &Smooth| match without {
@@ -544,7 +544,7 @@ mod tests {
 
     /// Largest distance of a curve from the peak, N.
     fn off(drawn: &Drawn) -> f64 {
-        let curve = drawn.part.parameters().curve.unwrap();
+        let curve = drawn.part.curve().unwrap();
         let off = |speed: f64| {
             (interpolate(&curve.values, curve.from, curve.to, speed) - peak(speed)).abs()
         };
@@ -589,7 +589,7 @@ mod tests {
         let nothing = Beside::nothing(COUNT);
         let jump_of = |force: &dyn Fn(usize) -> f64| {
             let drawn = drawn_of(|index| drift(index) + force(index), Coordinate::Time, &nothing);
-            drawn[0].part.parameters().curve.unwrap().jump
+            drawn[0].part.curve().unwrap().jump
         };
         let Jump { at, height } = jump_of(&jumps).expect("a jump");
         assert!((at - 3.0995).abs() < 2e-3 && (height + 4.0).abs() < 0.05, "{height} N at {at} s");

@@ -8,11 +8,12 @@ use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::search::curve_drawing::{self, Beside};
 use friction_stage_core::model::{Coordinate, CurveSide, EffectParameters};
 use friction_stage_core::plant::Side;
+use friction_stage_core::plant::effects::ParameterKind;
 
 use super::columns::Columns;
 use super::gain::HALF_OF_THE_REST;
 use super::selection::{Errors, Evidence, Outcome};
-use super::state::{SEVERAL, Search, errors};
+use super::state::{Search, errors};
 
 /// How many times that a curve must take: it says less than a law, and of a law that is just too
 /// small a curve would tell.
@@ -101,10 +102,10 @@ impl Search<'_> {
     pub(super) fn unproven_ripples(&self) -> Vec<(&'static str, f64)> {
         let (from, to) = friction_stage_core::numerics::range(&self.train.position);
         let added = self.best.hypothesis.effects[self.declared_effects()..].iter();
-        let ripples =
-            added.filter(|part| SEVERAL.contains(&part.descriptor.name)).filter_map(|part| {
-                Some((part.descriptor.name, (to - from) / part.value_of("period")?))
-            });
+        let ripples = added.filter(|part| part.descriptor.may_repeat()).filter_map(|part| {
+            let period = part.value_of_kind(ParameterKind::Period)?;
+            Some((part.descriptor.name, (to - from) / period))
+        });
         ripples.filter(|(_, periods)| *periods < LEAST_PERIODS).collect()
     }
 
@@ -121,8 +122,7 @@ impl Search<'_> {
     /// Where the curve stands that the search has added; one that the model declares is not for it
     /// to change.
     pub(super) fn curve(&self) -> Option<usize> {
-        let last =
-            self.best.hypothesis.effects.iter().rposition(|part| part.descriptor.name == "map");
+        let last = self.best.hypothesis.effects.iter().rposition(|part| part.descriptor.is_curve());
         last.filter(|index| *index >= self.declared_effects())
     }
 
@@ -203,7 +203,7 @@ impl Search<'_> {
         // A change of friction multiplies what the guides have, and these were bent when it was
         // drawn.
         let of_friction =
-            |part: &Part| part.parameters().curve.is_some_and(|curve| curve.side.is_of_friction());
+            |part: &Part| part.curve().is_some_and(|curve| curve.side.is_of_friction());
         if !held.hypothesis.effects.last().is_some_and(of_friction) {
             return Ok(Some((held, over)));
         }
@@ -239,7 +239,7 @@ impl Search<'_> {
     fn with_a_jump(&self, hypothesis: &Hypothesis) -> Result<Option<Hypothesis>, IdentifyError> {
         let Some(place) = hypothesis.effects.len().checked_sub(1) else { return Ok(None) };
         let Part { descriptor, values } = &hypothesis.effects[place];
-        let Some(mut curve) = descriptor.parameters_of(values).curve else { return Ok(None) };
+        let Some(mut curve) = descriptor.curve_of(values) else { return Ok(None) };
         if curve.coordinate != Coordinate::Time || curve.jump.is_some() {
             return Ok(None);
         }
@@ -270,15 +270,11 @@ impl Search<'_> {
         everywhere: bool,
         effort: FitBudget,
     ) -> Result<Fitted, IdentifyError> {
-        let has_jump = |part: &Part| part.value_of("jump").is_some_and(|height| height != 0.0);
+        let has_jump = |part: &Part| part.curve().is_some_and(|curve| curve.jump.is_some());
         let Some(curve) = fitted.hypothesis.effects.iter().rposition(has_jump) else {
             return Ok(fitted);
         };
-        let at = fitted.hypothesis.effects[curve]
-            .descriptor
-            .parameters
-            .iter()
-            .position(|one| one.name == "jump_at");
+        let at = fitted.hypothesis.effects[curve].descriptor.place_of(ParameterKind::Instant);
         let (Some(at), false) = (at, curve < self.declared_effects()) else { return Ok(fitted) };
         let moved = |stands: &Hypothesis, aside: f64| {
             let mut moved = stands.clone();

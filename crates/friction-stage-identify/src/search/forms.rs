@@ -145,7 +145,7 @@ impl Search<'_> {
         let (descriptor, on_motor) =
             (part.descriptor, part.side() == Side::Motor && self.has_cell());
         let columns = Columns::new(&self.best.hypothesis.without(index), self.train)?;
-        let Some(values) = (descriptor.propose)(&columns.residual(on_motor)) else {
+        let Some(values) = descriptor.propose(&columns.residual(on_motor)) else {
             return Ok(Vec::new());
         };
         let held = self.best.hypothesis.holding_guides(true);
@@ -284,7 +284,7 @@ mod tests {
         let start = Hypothesis::new(&model, Tolerances::default()).unwrap();
         let search = Search::new(&start, &train, &holdout, &Silent).unwrap();
         let columns = Columns::new(&start, &train).unwrap();
-        let values = (lag.descriptor.propose)(&columns.residual(true)).unwrap();
+        let values = lag.descriptor.propose(&columns.residual(true)).unwrap();
         let proposed = starts(&Part { descriptor: lag.descriptor, values }, &train);
         let forms: Vec<Hypothesis> = proposed.into_iter().map(|part| start.with(part)).collect();
         let fitted = search.fitted_forms(&forms, Sides::BOTH, FitBudget::KEPT);

@@ -31,7 +31,6 @@ pub(super) use gain::RIVAL;
 pub use gain::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
 pub use selection::{Errors, Evidence, Inseparable, Outcome, Selection, Silent, Verdict, Watch};
 pub use state::MOST_LAWS;
-pub(super) use state::SEVERAL;
 
 /// Part of a force beyond which the noise of the sensors hides it: a friction that is a part of it
 /// would be nothing but noise. Assumed.
@@ -119,7 +118,7 @@ impl Search<'_> {
         // Two laws that are both there are no rivals: each has taken out what the other one could
         // not.
         self.inseparable.retain(|pair| !there(pair.rival));
-        if !there("map") {
+        if !self.best.hypothesis.effects.iter().any(|part| part.descriptor.is_curve()) {
             self.coordinate = None;
         }
         // Nor is what came later a runner-up.

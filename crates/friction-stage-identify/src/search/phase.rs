@@ -9,6 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::hypothesis::{Hypothesis, Part, Sides};
 use crate::record::measured::Measured;
 use friction_stage_core::model::ModelError;
+use friction_stage_core::plant::effects::ParameterKind;
 
 /// Ratio of amplitudes up to which two ripples pass for the same one, and fewest periods that make
 /// a ripple. Assumed.
@@ -48,26 +49,21 @@ impl RippleElsewhere {
     }
 }
 
-/// How a law that is a sinusoid over position (`cogging`, `ball_passage`) fares in another record;
+/// How a law that is a force of sinusoidal course over position fares in another record;
 /// `None` for other laws. `without` is the hypothesis that lacks it.
 pub fn ripple_elsewhere(
     part: &Part,
     without: &Hypothesis,
     other: &Measured,
 ) -> Result<Option<RippleElsewhere>, ModelError> {
-    if !["cogging", "ball_passage"].contains(&part.descriptor.name) {
+    if !part.role().is_force() {
         return Ok(None);
     }
-    let value = |name: &str| {
-        part.descriptor
-            .parameters
-            .iter()
-            .position(|parameter| parameter.name == name)
-            .map(|index| part.values[index])
-    };
-    let (Some(amplitude), Some(period), Some(phase)) =
-        (value("amplitude"), value("period"), value("phase"))
-    else {
+    let (Some(amplitude), Some(period), Some(phase)) = (
+        part.value_of_kind(ParameterKind::Amplitude),
+        part.value_of_kind(ParameterKind::Period),
+        part.value_of_kind(ParameterKind::Phase),
+    ) else {
         return Ok(None);
     };
     let missing = without.missing(other, Sides::BOTH)?;

@@ -9,8 +9,7 @@ use rayon::prelude::*;
 use crate::error::IdentifyError;
 use crate::fit::{FitBudget, Fitted, fit};
 use crate::hypothesis::{Hypothesis, Part, Sides};
-use crate::residual::slipping;
-use friction_stage_core::plant::effects::ALL;
+use friction_stage_core::plant::effects::{ALL, CommandStage, Multiplicity, ParameterKind, Role};
 use friction_stage_core::plant::{EffectDescriptor, Side};
 
 use super::columns::Columns;
@@ -19,8 +18,7 @@ use super::forms::{Forms, starts};
 use super::gain::{HALF_OF_THE_REST, RIVAL, SIMPLER};
 use super::selection::{Errors, Evidence, Inseparable, Outcome};
 use super::state::{
-    MOST_OF_ONE, SEVERAL, Search, by_chance, correlation_of_taken, errors, errors_on,
-    gain_elsewhere,
+    MOST_OF_ONE, Search, by_chance, correlation_of_taken, errors, errors_on, gain_elsewhere,
 };
 
 /// Share of what laws have taken out of the hold-out below which the next one may be what they
@@ -188,14 +186,16 @@ impl Search<'_> {
         let there = |name: &str| {
             self.best.hypothesis.effects.iter().any(|part| part.descriptor.name == name)
         };
-        let may_be_added = |name: &str| match SEVERAL.contains(&name) {
-            true => {
-                self.added_of(name) < MOST_OF_ONE && (self.added_of(name) > 0 || !self.is_full())
-            }
-            false => !there(name) && !self.is_full(),
+        let may_be_added = |law: &&EffectDescriptor| {
+            let added = self.added_of(law.name);
+            law.proposal.is_some()
+                && match law.may_repeat() {
+                    true => added < MOST_OF_ONE && (added > 0 || !self.is_full()),
+                    false => !there(law.name) && !self.is_full(),
+                }
         };
         let candidates: Vec<&'static EffectDescriptor> =
-            ALL.iter().copied().filter(|law| law.name != "map" && may_be_added(law.name)).collect();
+            ALL.iter().copied().filter(may_be_added).collect();
         let done = AtomicUsize::new(0);
         let tried: Vec<Option<Candidate>> = candidates
             .par_iter()
@@ -242,8 +242,8 @@ impl Search<'_> {
         // refit moves them.
         let held = self.best.hypothesis.holding_guides(true);
         let mut best: Option<Candidate> = None;
-        for on_motor in looks(descriptor.side, is_late(descriptor), self.has_cell()) {
-            let Some(values) = (descriptor.propose)(&columns.residual(*on_motor)) else { continue };
+        for on_motor in looks(descriptor.role, self.has_cell()) {
+            let Some(values) = descriptor.propose(&columns.residual(*on_motor)) else { continue };
             let part = Part { descriptor, values };
             let sides = self.sides_beside(&part);
             let starts: Vec<_> =
@@ -252,7 +252,7 @@ impl Search<'_> {
             let forms = self.fitted_forms(&starts, sides, effort);
             let Some(fitted) = self.best_form(forms.clone(), sides, Forms::Quick) else { continue };
             let Some((mut one, mut with)) = self.as_fitted(round, fitted)? else { continue };
-            if descriptor.name == slipping::LAW {
+            if descriptor.multiplicity == Multiplicity::OnePerGuide {
                 (one, with) = self.of_all_guides(one, with)?;
             }
             if best.as_ref().is_none_or(|best| one.holdout_gain >= best.one.holdout_gain) {
@@ -264,7 +264,7 @@ impl Search<'_> {
 
     /// Sides that the fit of a candidate looks at.
     fn sides_beside(&self, part: &Part) -> Sides {
-        if is_late(part.descriptor) { Sides::BOTH } else { self.sides_of(part.side()) }
+        if is_late(part.role()) { Sides::BOTH } else { self.sides_of(part.side()) }
     }
 
     /// A fit whose last effect is a candidate.
@@ -332,7 +332,7 @@ impl Search<'_> {
                 break;
             }
             let columns = Columns::new(&last, self.train)?;
-            let Some(values) = (descriptor.propose)(&columns.residual(side == Side::Motor)) else {
+            let Some(values) = descriptor.propose(&columns.residual(side == Side::Motor)) else {
                 break;
             };
             let next = last.with(Part { descriptor, values });
@@ -358,13 +358,14 @@ impl Search<'_> {
 }
 
 /// Whether a law makes the command late.
-fn is_late(descriptor: &EffectDescriptor) -> bool {
-    descriptor.parameters.iter().any(|parameter| parameter.name == "delay")
+fn is_late(role: Role) -> bool {
+    role == Role::Command(CommandStage::Lag)
 }
 
 /// Whether ripples have periods as guides of one type have them.
 fn are_of_one_type(ripples: &[Part]) -> bool {
-    let periods: Vec<f64> = ripples.iter().filter_map(|part| part.value_of("period")).collect();
+    let periods: Vec<f64> =
+        ripples.iter().filter_map(|part| part.value_of_kind(ParameterKind::Period)).collect();
     let (shortest, longest) = friction_stage_core::numerics::range(&periods);
     periods.len() == ripples.len() && longest <= (1.0 + OF_ONE_TYPE) * shortest
 }
@@ -395,9 +396,9 @@ fn winner(tried: &[Candidate], strongest: f64) -> usize {
 
 /// Residuals that a candidate looks at: on the motor side (true) or the carriage side (false). What
 /// is late by less than a cycle is there when the cell reads: the carriage alone shows it.
-fn looks(side: Side, late: bool, has_cell: bool) -> &'static [bool] {
-    match side {
-        Side::Motor if late && has_cell => &[true, false],
+fn looks(role: Role, has_cell: bool) -> &'static [bool] {
+    match role.side() {
+        Side::Motor if is_late(role) && has_cell => &[true, false],
         Side::Motor => &[true],
         Side::Carriage => &[false],
         Side::Sensor if has_cell => &[true, false],
@@ -429,7 +430,7 @@ pub(super) mod tests {
             let evidence = Evidence {
                 round: 0,
                 name: descriptor.name,
-                side: descriptor.side,
+                side: descriptor.role.side(),
                 free,
                 part: Part { descriptor, values },
                 errors: Errors::default(),

@@ -147,6 +147,6 @@ impl Watch for Silent {}
 
 /// Laws among effects, those of which there are several counted once; a map is none.
 pub(super) fn different_laws(effects: &[Part]) -> usize {
-    let names: BTreeSet<&str> = effects.iter().map(|part| part.descriptor.name).collect();
-    names.iter().filter(|name| **name != "map").count()
+    let laws = effects.iter().map(|part| part.descriptor).filter(|law| !law.is_curve());
+    laws.map(|law| law.name).collect::<BTreeSet<_>>().len()
 }

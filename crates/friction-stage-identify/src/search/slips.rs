@@ -26,7 +26,7 @@ impl Search<'_> {
         }
         // What passed for one with a fixed phase, or for a curve, goes: this would be in their
         // place.
-        let goes = |part: &Part| ["map", slipping::LAW].contains(&part.descriptor.name);
+        let goes = |part: &Part| part.descriptor.is_curve() || slipping::may_slip(part.descriptor);
         let mut with = self.best.hypothesis.holding_guides(true);
         for index in (self.declared_effects()..with.effects.len()).rev() {
             if goes(&with.effects[index]) {

@@ -16,10 +16,7 @@ use super::selection::{Errors, Evidence, Inseparable, Watch, different_laws};
 
 /// Most laws that are added.
 pub const MOST_LAWS: usize = 4;
-/// Effects of which there may be several: harmonics of a period, lines of a spectrum.
-pub(crate) const SEVERAL: [&str; 5] =
-    ["cogging", "force_ripple", "ball_passage", "external_vibration", "encoder_sde"];
-/// Most effects of such a law.
+/// Most effects of a law that may repeat.
 pub(super) const MOST_OF_ONE: usize = 4;
 
 /// Parts of a record of which one alone is not to speak for a law. Assumed: a rest, or a move, is

@@ -9,7 +9,8 @@
 
 use super::regression::{along, largest_over_decades, least_squares};
 use super::{
-    Drive, Effect, EffectDescriptor, EffectParameter, ForceOverStep, Motion, Residual, Side,
+    Action, CommandLaw, CommandStage, EffectDescriptor, EffectParameter, ForceOverStep, Motion,
+    Multiplicity, RecordSpecific, Residual, Role, descriptor,
 };
 
 /// Longest time constant and delay, s.
@@ -28,7 +29,7 @@ const INSTANT: f64 = 1e-9;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "actuator_lag",
-    side: Side::Motor,
+    role: Role::Command(CommandStage::Lag),
     law: "F = y - command, time_constant dy/dt = command(t - delay) - y",
     source: "first-order current loop, pure delay of bus and drive (assumed)",
     telltale: "proportional to the rate of the command: peaks at the edges of acceleration, seen \
@@ -44,12 +45,16 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         ),
         EffectParameter::optional("delay", "s", "pure delay", (0.0, LONGEST), 1e-4, 0.0),
     ],
-    check: super::any,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[2e-4, 0.0],
+    check: descriptor::any,
     // A form that is not there stays away.
     free: |values, index| values[index] > 0.0,
-    build: |values| Box::new(ActuatorLag::new(values[0], values[1])),
-    propose,
+    build: |values| Action::Command(Box::new(ActuatorLag::new(values[0], values[1]))),
+    proposal: Some(propose),
     starts: lag_or_delay,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -138,21 +143,17 @@ impl ActuatorLag {
     }
 }
 
-impl Effect for ActuatorLag {
-    fn force(&mut self, motion: &Motion, step: f64) -> f64 {
-        self.force_over(motion, step).mean
+impl CommandLaw for ActuatorLag {
+    fn change(&mut self, command: f64, motion: &Motion, step: f64) -> f64 {
+        self.change_over(command, motion, step).mean
     }
 
-    fn force_over(&mut self, motion: &Motion, step: f64) -> ForceOverStep {
+    fn change_over(&mut self, command: f64, motion: &Motion, step: f64) -> ForceOverStep {
         if step <= 0.0 {
-            return ForceOverStep { mean: self.output - motion.motor_force, moment: 0.0 };
+            return ForceOverStep { mean: self.output - command, moment: 0.0 };
         }
-        let arrived = self.lead(motion.time - 0.5 * step, step, motion.motor_force);
-        ForceOverStep { mean: arrived.mean - motion.motor_force, ..arrived }
-    }
-
-    fn drive(&self) -> Option<Drive> {
-        Some(Drive::Lag)
+        let arrived = self.lead(motion.time - 0.5 * step, step, command);
+        ForceOverStep { mean: arrived.mean - command, ..arrived }
     }
 
     fn reset(&mut self) {
@@ -168,8 +169,10 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
     forms
         .into_iter()
         .filter_map(|form| {
-            let column =
-                |length: f64| along(ActuatorLag::new(form(length)[0], form(length)[1]), residual);
+            let column = |length: f64| {
+                let mut lag = ActuatorLag::new(form(length)[0], form(length)[1]);
+                along(residual, |motion, step| lag.change(motion.motor_force, motion, step))
+            };
             let explained = |length: f64| {
                 let rest = residual
                     .force
@@ -230,7 +233,7 @@ mod tests {
                     motor_force: 100.0,
                     ..Motion::default()
                 };
-                100.0 + lag.force(&motion, step)
+                100.0 + lag.change(100.0, &motion, step)
             })
             .collect()
     }
@@ -296,7 +299,7 @@ mod tests {
                     motor_force: command(k.into()),
                     ..Motion::default()
                 };
-                let over = lag.force_over(&motion, cycle);
+                let over = lag.change_over(motion.motor_force, &motion, cycle);
                 let (found, expected) =
                     ([over.mean + motion.motor_force, over.moment], [mean, moment]);
                 for (found, expected) in found.iter().zip(expected) {
@@ -318,7 +321,7 @@ mod tests {
                 motor_force: f64::from(k),
                 ..Motion::default()
             };
-            let force = lag.force(&motion, 1e-5) + f64::from(k);
+            let force = lag.change(motion.motor_force, &motion, 1e-5) + f64::from(k);
             assert!(force.is_finite() && (0.0..=f64::from(k)).contains(&force), "{k}: {force}");
         }
         // 50 ms are 5000 changes, of which the ring has the last 1024: the oldest of them stands

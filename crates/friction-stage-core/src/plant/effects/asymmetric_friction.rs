@@ -8,12 +8,14 @@
 
 use super::regression::{least_squares, viscous_friction};
 use super::{
-    Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side,
+    Action, EffectDescriptor, EffectParameter, FrictionLaw, FrictionTerms, Motion, Multiplicity,
+    RecordSpecific, Residual, Role, descriptor,
 };
+use crate::plant::guides::FrictionScale;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "asymmetric_friction",
-    side: Side::Carriage,
+    role: Role::Friction(FrictionTerms::BOTH),
     law: "Fc, Fs (1 + fraction sign(v)); sigma2 (1 + viscous_fraction sign(v))",
     source: "Janot, Gautier, Brunot 2019 (EMPS): friction per direction",
     telltale: "residual of the same sign in both directions, gone at rest, not seen by the force \
@@ -35,13 +37,15 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             0.0,
         ),
     ],
-    check: super::any,
-    free: super::all_free,
-    build: |values| {
-        Box::new(AsymmetricFriction { fraction: values[0], viscous_fraction: values[1] })
-    },
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.05, 0.05],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::Friction(Box::new(AsymmetricFriction::new(values))),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 /// Friction must stay positive.
@@ -53,16 +57,18 @@ struct AsymmetricFriction {
     viscous_fraction: f64,
 }
 
-impl Effect for AsymmetricFriction {
-    fn friction(&mut self, motion: &Motion, _step: f64, scale: &mut FrictionScale) {
+impl AsymmetricFriction {
+    fn new(values: &[f64]) -> AsymmetricFriction {
+        AsymmetricFriction { fraction: values[0], viscous_fraction: values[1] }
+    }
+}
+
+impl FrictionLaw for AsymmetricFriction {
+    fn scale(&mut self, motion: &Motion, _step: f64, scale: &mut FrictionScale) {
         let direction = if motion.velocity == 0.0 { 0.0 } else { motion.velocity.signum() };
         scale.coulomb *= 1.0 + self.fraction * direction;
         scale.stat *= 1.0 + self.fraction * direction;
         scale.viscous *= 1.0 + self.viscous_fraction * direction;
-    }
-
-    fn scales(&self) -> Scaled {
-        Scaled::BOTH
     }
 }
 
@@ -91,13 +97,13 @@ mod tests {
     #[test]
     fn steady_friction_is_higher_one_way_and_lower_the_other() {
         let guide = Catalogue::builtin().guide("guide_2").unwrap();
-        let mut effect = (DESCRIPTOR.build)(&[0.1, -0.2]);
+        let mut effect = AsymmetricFriction::new(&[0.1, -0.2]);
         for velocity in [0.3, -0.3] {
             let mut bank = GuideBank::new(std::slice::from_ref(&guide));
             let mut force = 0.0;
             for _ in 0..2000 {
                 let mut scale = FrictionScale::ONE;
-                effect.friction(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
+                effect.scale(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
                 force = bank.drive(velocity, 1e-3, &scale);
             }
             let direction = velocity.signum();

@@ -20,7 +20,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::regression::strongest_wave;
-use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side, SlippingRipple};
+use super::{
+    Action, EffectDescriptor, EffectParameter, ForceLaw, Motion, Multiplicity, ParameterKind,
+    RecordSpecific, Residual, Role, SlippingRipple, descriptor,
+};
 
 /// Shortest and longest period, m.
 const PERIODS: (f64, f64) = (1e-3, 0.1);
@@ -36,7 +39,7 @@ const FARTHEST: f64 = 5.0;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "ball_passage",
-    side: Side::Carriage,
+    role: Role::CarriageForce,
     law: "F = amplitude / 4 sum sin(2 pi x / period_g + phase + W_g(x) + S_g(distance)), periods \
           within spread, W_g and S_g random walks of wander and slip",
     source: "assumed; period of twice the ball pitch",
@@ -49,15 +52,18 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             "peak force with all guides in phase",
             (0.0, 100.0),
             0.5,
-        ),
+        )
+        .of_kind(ParameterKind::Amplitude),
         EffectParameter::required(
             "period",
             "m",
             "mean distance after which the force repeats",
             PERIODS,
             1e-3,
-        ),
-        EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
+        )
+        .of_kind(ParameterKind::Period),
+        EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0)
+            .of_kind(ParameterKind::Phase),
         EffectParameter::optional(
             "wander",
             "rad/sqrt(m)",
@@ -81,19 +87,30 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             (0.0, 10.0),
             0.1,
             0.0,
-        ),
+        )
+        .of_kind(ParameterKind::PhaseWalk),
     ],
-    check: super::any,
+    multiplicity: Multiplicity::OnePerGuide,
+    record_specific: RecordSpecific::Ripple(slipping_ripple),
+    typical: &[0.5, 9e-3, 0.0, 0.0, 0.0, 0.0],
+    check: descriptor::any,
     // The walk of a real stage is another one: its size cannot be fitted by a fixed walk. Of balls
     // that slip each record has its own force.
     free: |values, index| match values[5] > 0.0 {
         true => index == 1,
         false => index < 3 || (index == 4 && values[4] > 0.0),
     },
-    build: |values| Box::new(BallPassage::new(values)),
-    propose,
-    starts: super::as_proposed,
+    build: |values| Action::CarriageForce(Box::new(BallPassage::new(values))),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
+
+/// The ripple of balls that slip, whose phase is each recording's own.
+fn slipping_ripple(values: &[f64]) -> Option<SlippingRipple> {
+    let (period, slip) = (values[1], values[5]);
+    (slip > 0.0).then(|| SlippingRipple { period, piece: (WALK_OF_A_PIECE / slip).powi(2) })
+}
 
 #[derive(Debug)]
 struct BallPassage {
@@ -234,17 +251,12 @@ fn walk(seed: u64, deviation: f64) -> Vec<f64> {
     walk
 }
 
-impl Effect for BallPassage {
+impl ForceLaw for BallPassage {
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
         if let Some(slip) = &mut self.slip {
             slip.move_to(motion.position);
         }
         self.amplitude * self.phases(motion.position).map(|(phase, _)| phase.sin()).sum::<f64>()
-    }
-
-    fn slipping_ripple(&self) -> Option<SlippingRipple> {
-        let slip = self.slip.as_ref()?;
-        Some(SlippingRipple { period: slip.period, piece: (WALK_OF_A_PIECE / slip.size).powi(2) })
     }
 
     fn stiffness(&self) -> f64 {
@@ -260,7 +272,7 @@ impl Effect for BallPassage {
 
     /// Exact without a walk; with one, exact between its points, with jumps at them. Balls that
     /// slip have no potential: that of their present phases.
-    fn stored_energy(&self, _time: f64, position: f64) -> f64 {
+    fn stored_energy(&self, position: f64) -> f64 {
         self.amplitude
             * self.phases(position).map(|(phase, slope)| phase.cos() / slope).sum::<f64>()
     }
@@ -316,8 +328,8 @@ mod tests {
             // Away from the points of the walk, 2 mm apart.
             for position in [-0.0311, 0.0007, 0.0213] {
                 let h = 1e-7;
-                let slope = (passage.stored_energy(0.0, position + h)
-                    - passage.stored_energy(0.0, position - h))
+                let slope = (passage.stored_energy(position + h)
+                    - passage.stored_energy(position - h))
                     / (2.0 * h);
                 let force = at(&mut passage, position);
                 assert!((force + slope).abs() < 1e-5, "{position} m: {force} {slope}");

@@ -13,7 +13,10 @@
 //! over the stroke. Not modelled: bumps of single links, dwell-time creep of the cables.
 
 use super::regression::{along, largest_over_decades, least_squares};
-use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, ForceLaw, Motion, Multiplicity, RecordSpecific,
+    Residual, Role, descriptor,
+};
 
 /// Path over which the hysteresis turns where a model does not say it, m. Assumed.
 const WIDTH: f64 = 1e-3;
@@ -23,9 +26,12 @@ const WIDTHS: (f64, f64) = (1e-4, 0.3);
 /// Least stiffness of a proposal, N/m: with less, a fit cannot find the center.
 const SOFTEST: f64 = 0.1;
 
+/// Names of the forms, in the order of their numbers in a slice of values.
+const FORMS: [&str; 3] = ["dahl", "bouc_wen", "slider"];
+
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "cable_chain",
-    side: Side::Carriage,
+    role: Role::CarriageForce,
     law: "F = -stiffness (x - center) - amplitude h, u = h sign(v); form 0: du/ds = (1 - u) / \
           width, 1: (1 - u |u|) / width, 2: 1 / width up to u = 1",
     source: "linear spring (assumed) and hysteresis of Dahl 1968 (0), Bouc and Wen 1976 (1), Iwan \
@@ -63,20 +69,21 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             1e-3,
             WIDTH,
         ),
-        EffectParameter::optional(
+        EffectParameter::choice(
             "form",
-            "1",
-            "hysteresis of Dahl (0), of Bouc and Wen (1), of a spring and a slider (2)",
-            (0.0, 2.0),
-            1.0,
-            0.0,
+            "law of the hysteresis: of Dahl, of Bouc and Wen, or of a spring and a slider",
+            &FORMS,
         ),
     ],
-    check: super::any,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[20.0, 0.0, 0.5, 1e-3, 0.0],
+    check: descriptor::any,
     free: |values, index| index < WIDTH_AT || (index == WIDTH_AT && values[2] > 0.0),
-    build: |values| Box::new(CableChain::new(values)),
-    propose,
+    build: |values| Action::CarriageForce(Box::new(CableChain::new(values))),
+    proposal: Some(propose),
     starts: forms_and_widths,
+    curve: None,
 };
 
 /// Where these values stand.
@@ -135,7 +142,7 @@ impl CableChain {
     }
 }
 
-impl Effect for CableChain {
+impl ForceLaw for CableChain {
     fn force(&mut self, motion: &Motion, step: f64) -> f64 {
         let before = self.hysteresis;
         if self.amplitude > 0.0 {
@@ -151,7 +158,7 @@ impl Effect for CableChain {
         self.stiffness + self.amplitude / self.width
     }
 
-    fn stored_energy(&self, _time: f64, position: f64) -> f64 {
+    fn stored_energy(&self, position: f64) -> f64 {
         let stretch = position - self.center;
         0.5 * self.stiffness * stretch * stretch
             + 0.5 * self.amplitude * self.width * self.hysteresis * self.hysteresis
@@ -167,7 +174,10 @@ impl Effect for CableChain {
 fn propose(residual: &Residual) -> Option<Vec<f64>> {
     let base = least_squares(residual.force, |_| [1.0])?;
     let fit = |width: f64| {
-        let hysteresis = along(CableChain::new(&[0.0, 0.0, 1.0, width, 0.0]), residual);
+        let hysteresis = {
+            let mut chain = CableChain::new(&[0.0, 0.0, 1.0, width, 0.0]);
+            along(residual, |motion, step| chain.force(motion, step))
+        };
         least_squares(residual.force, |k| [1.0, residual.position[k], hysteresis[k]])
     };
     let width = largest_over_decades(WIDTHS.0, WIDTHS.1, |width| {
@@ -185,7 +195,10 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
 fn forms_and_widths(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let mut assumed = values.to_vec();
     assumed[WIDTH_AT] = WIDTH;
-    [values, &assumed].into_iter().flat_map(|values| super::every_form(values, FORM, 3)).collect()
+    [values, &assumed]
+        .into_iter()
+        .flat_map(|values| descriptor::every_form(values, FORM, 3))
+        .collect()
 }
 
 #[cfg(test)]

@@ -10,36 +10,44 @@
 use std::f64::consts::TAU;
 
 use super::regression::strongest_wave;
-use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, ForceLaw, Motion, Multiplicity, ParameterKind,
+    RecordSpecific, Residual, Role, descriptor,
+};
 
 /// Shortest and longest period, m.
 const PERIODS: (f64, f64) = (1e-4, 1.0);
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "cogging",
-    side: Side::Motor,
+    role: Role::MotorForce,
     law: "F = amplitude sin(2 pi x / period + phase)",
     source: "Gieras, Piech, Tomczuk 2011, first harmonic of the detent force",
     telltale: "periodic in position at every speed, independent of the force, seen by the force \
                cell",
     parameters: &[
-        EffectParameter::required("amplitude", "N", "peak force", (0.0, 1000.0), 1.0),
+        EffectParameter::required("amplitude", "N", "peak force", (0.0, 1000.0), 1.0)
+            .of_kind(ParameterKind::Amplitude),
         EffectParameter::required(
             "period",
             "m",
             "distance after which the force repeats",
             PERIODS,
             1e-3,
-        ),
-        EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
+        )
+        .of_kind(ParameterKind::Period),
+        EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0)
+            .of_kind(ParameterKind::Phase),
     ],
-    check: super::any,
-    free: super::all_free,
-    build: |values| {
-        Box::new(Cogging { amplitude: values[0], wave_number: TAU / values[1], phase: values[2] })
-    },
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::Several,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[2.0, 24e-3, 0.0],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::MotorForce(Box::new(Cogging::new(values))),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -49,7 +57,13 @@ struct Cogging {
     phase: f64,
 }
 
-impl Effect for Cogging {
+impl Cogging {
+    fn new(values: &[f64]) -> Cogging {
+        Cogging { amplitude: values[0], wave_number: TAU / values[1], phase: values[2] }
+    }
+}
+
+impl ForceLaw for Cogging {
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
         self.amplitude * (self.wave_number * motion.position + self.phase).sin()
     }
@@ -58,7 +72,7 @@ impl Effect for Cogging {
         self.amplitude * self.wave_number
     }
 
-    fn stored_energy(&self, _time: f64, position: f64) -> f64 {
+    fn stored_energy(&self, position: f64) -> f64 {
         self.amplitude / self.wave_number * (self.wave_number * position + self.phase).cos()
     }
 }
@@ -79,8 +93,7 @@ mod tests {
         let mut cogging = Cogging { amplitude: 6.0, wave_number: TAU / 0.024, phase: 0.4 };
         for position in [-0.03, 0.0, 0.007, 0.021] {
             let h = 1e-6;
-            let slope = (cogging.stored_energy(0.0, position + h)
-                - cogging.stored_energy(0.0, position - h))
+            let slope = (cogging.stored_energy(position + h) - cogging.stored_energy(position - h))
                 / (2.0 * h);
             let motion = Motion { position, ..Motion::default() };
             assert!((cogging.force(&motion, 1e-5) + slope).abs() < 1e-6);

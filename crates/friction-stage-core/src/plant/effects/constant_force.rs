@@ -5,11 +5,14 @@
 //! kg. It has the potential -A x. Not modelled: tilt that changes along the rail.
 
 use super::regression::least_squares;
-use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, ForceLaw, Motion, Multiplicity, RecordSpecific,
+    Residual, Role, descriptor,
+};
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "constant_force",
-    side: Side::Carriage,
+    role: Role::CarriageForce,
     law: "F = amplitude",
     source: "weight on an incline, m g sin(a)",
     telltale: "the same at every position, speed and direction, not seen by the force cell",
@@ -20,11 +23,15 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         (-1000.0, 1000.0),
         1.0,
     )],
-    check: super::any,
-    free: super::all_free,
-    build: |values| Box::new(ConstantForce { amplitude: values[0] }),
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.5],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::CarriageForce(Box::new(ConstantForce { amplitude: values[0] })),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -32,12 +39,12 @@ struct ConstantForce {
     amplitude: f64,
 }
 
-impl Effect for ConstantForce {
+impl ForceLaw for ConstantForce {
     fn force(&mut self, _motion: &Motion, _step: f64) -> f64 {
         self.amplitude
     }
 
-    fn stored_energy(&self, _time: f64, position: f64) -> f64 {
+    fn stored_energy(&self, position: f64) -> f64 {
         -self.amplitude * position
     }
 }
@@ -58,8 +65,8 @@ mod tests {
 
     #[test]
     fn force_is_the_slope_of_the_stored_energy() {
-        let mut force = (DESCRIPTOR.build)(&[-3.0]);
-        let slope = (force.stored_energy(0.0, 0.2) - force.stored_energy(0.0, 0.1)) / 0.1;
+        let mut force = ConstantForce { amplitude: -3.0 };
+        let slope = (force.stored_energy(0.2) - force.stored_energy(0.1)) / 0.1;
         assert!((force.force(&Motion::default(), 1e-4) + slope).abs() < 1e-12);
     }
 

@@ -22,14 +22,18 @@ use nalgebra::{DMatrix, DVector};
 
 use super::regression::{beyond_chance, break_away, sliding_loop, slow_loop};
 use super::{
-    BristleElements, BristleShare, Effect, EffectDescriptor, EffectParameter, MAX_ELEMENTS,
-    Residual, Side, Slip,
+    Action, EffectDescriptor, EffectParameter, Multiplicity, RecordSpecific, Residual, Role,
+    descriptor,
 };
-use crate::model::ModelError;
+use crate::model::{Catalogue, EffectParameters, Guide, ModelError};
+use crate::plant::guides::{BristleElements, BristleShare, MAX_ELEMENTS, Slip};
+
+/// Names of the forms, in the order of their numbers in a slice of values.
+const FORMS: [&str; 2] = ["gradual", "sudden"];
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "distributed_bristles",
-    side: Side::Carriage,
+    role: Role::Bristles,
     law: "up to four bristles in parallel per guide: stiffness c a_i sigma0, damping a_i sigma1, \
           level b_i g(v); they slip gradually (form 0, LuGre) or suddenly (1, Maxwell slip)",
     source: "Iwan 1966; Al-Bender, Lampaert, Swevers 2005; form 0 with LuGre elements",
@@ -92,23 +96,42 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             0.5,
             1.0,
         ),
-        EffectParameter::optional(
-            "form",
-            "1",
-            "elements that slip gradually (0) or suddenly (1)",
-            (0.0, 1.0),
-            1.0,
-            0.0,
-        ),
+        EffectParameter::choice("form", "elements that slip gradually or suddenly", &FORMS),
     ],
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.5, 0.2, 0.3, 0.3, 0.2, 0.5, 1.0, 0.0],
     check,
     free: |_, index| index != FORM,
-    build: |values| Box::new(DistributedBristles { elements: elements(values) }),
-    propose,
+    build: |values| Action::Bristles(elements(values)),
+    proposal: Some(propose),
     starts: |values, _| {
-        super::every_form(values, FORM, 2).into_iter().chain([evenly_spread(values)]).collect()
+        descriptor::every_form(values, FORM, 2).into_iter().chain([evenly_spread(values)]).collect()
     },
+    curve: None,
 };
+
+impl Catalogue {
+    /// A guide with its parallel bristles: its parameters and the effect that belongs to them.
+    /// `None` where the catalogue has no such guide or none for it.
+    pub fn distributed_bristles(&self, name: &str) -> Option<(Guide, EffectParameters)> {
+        let of = self.entry(name)?.distributed_bristles.as_ref()?;
+        let guide = Guide {
+            stiffness: of.stiffness.value,
+            bristle_damping: of.bristle_damping.value,
+            ..self.guide(name)?
+        };
+        let values = [
+            ("stiffness_share_1", &of.stiffness_share_1),
+            ("strength_share_1", &of.strength_share_1),
+            ("stiffness_share_2", &of.stiffness_share_2),
+            ("strength_share_2", &of.strength_share_2),
+        ];
+        let values = values.map(|(key, quantity)| (key, quantity.value));
+        let effect = EffectParameters::new(DESCRIPTOR.name, values);
+        Some((guide, effect))
+    }
+}
 
 /// Where these values stand.
 const STIFFNESS: usize = 6;
@@ -165,17 +188,6 @@ fn elements(values: &[f64]) -> BristleElements {
     BristleElements {
         shares: shares(values),
         slip: if values[FORM] < 0.5 { Slip::Gradual } else { Slip::Sudden },
-    }
-}
-
-#[derive(Debug)]
-struct DistributedBristles {
-    elements: BristleElements,
-}
-
-impl Effect for DistributedBristles {
-    fn bristle_elements(&self) -> Option<BristleElements> {
-        Some(self.elements)
     }
 }
 
@@ -291,11 +303,12 @@ fn propose(residual: &Residual) -> Option<Vec<f64>> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Effects;
     use super::super::regression::record::{Record, assert_silent_on_noise};
-    use super::super::{Effects, FrictionScale};
     use super::*;
-    use crate::model::{Catalogue, EffectParameters, Guide, StageModel};
-    use crate::plant::{Body, GuideBank};
+    use crate::model::StageModel;
+    use crate::plant::Body;
+    use crate::plant::guides::{FrictionScale, GuideBank};
 
     const SHARES: [f64; 8] = [0.6, 0.1, 0.3, 0.3, 0.0, 0.0, 1.2, 0.0];
 

@@ -7,14 +7,17 @@
 //! along the scale.
 
 use super::regression::least_squares;
-use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, Multiplicity, ReadingLaw, RecordSpecific, Residual,
+    Role, descriptor,
+};
 
 /// Largest error that is still an error and not another encoder.
 const LIMIT: f64 = 0.5;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "encoder_scale",
-    side: Side::Sensor,
+    role: Role::Encoder,
     law: "reading = x (1 + fraction), in a residual F = m fraction a",
     source: "linear scale error (assumed)",
     telltale: "proportional to the acceleration, as a payload of the opposite sign; distances \
@@ -26,11 +29,15 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         (-LIMIT, LIMIT),
         0.01,
     )],
-    check: super::any,
-    free: super::all_free,
-    build: |values| Box::new(EncoderScale { fraction: values[0] }),
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.01],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::Encoder(Box::new(EncoderScale { fraction: values[0] })),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -38,12 +45,8 @@ struct EncoderScale {
     fraction: f64,
 }
 
-impl Effect for EncoderScale {
-    fn is_of_encoder(&self) -> bool {
-        true
-    }
-
-    fn encoder(&self, _time: f64, position: f64) -> f64 {
+impl ReadingLaw for EncoderScale {
+    fn reading(&self, _time: f64, position: f64) -> f64 {
         position + self.fraction * position
     }
 }

@@ -13,14 +13,17 @@ use std::f64::consts::TAU;
 use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::regression::{Fit, beyond_chance, golden_maximum, least_squares};
-use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, Multiplicity, ParameterKind, ReadingLaw,
+    RecordSpecific, Residual, Role, descriptor,
+};
 
 /// Shortest and longest signal period, m.
 const PERIODS: (f64, f64) = (1e-7, 1e-2);
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "encoder_sde",
-    side: Side::Sensor,
+    role: Role::Encoder,
     law: "reading = x + amplitude sin(2 pi x / period + phase)",
     source: "Heydemann 1981, first harmonic",
     telltale: "apparent force of micrometre period over position that grows with v^2",
@@ -31,21 +34,22 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             "largest error of the reading",
             (0.0, 1e-3),
             1e-8,
-        ),
-        EffectParameter::required("period", "m", "signal period of the scale", PERIODS, 1e-7),
-        EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
+        )
+        .of_kind(ParameterKind::Amplitude),
+        EffectParameter::required("period", "m", "signal period of the scale", PERIODS, 1e-7)
+            .of_kind(ParameterKind::Period),
+        EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0)
+            .of_kind(ParameterKind::Phase),
     ],
-    check: super::any,
-    free: super::all_free,
-    build: |values| {
-        Box::new(EncoderSde {
-            amplitude: values[0],
-            wave_number: TAU / values[1],
-            phase: values[2],
-        })
-    },
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::Several,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[2e-8, 4e-6, 0.0],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::Encoder(Box::new(EncoderSde::new(values))),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -55,12 +59,14 @@ struct EncoderSde {
     phase: f64,
 }
 
-impl Effect for EncoderSde {
-    fn is_of_encoder(&self) -> bool {
-        true
+impl EncoderSde {
+    fn new(values: &[f64]) -> EncoderSde {
+        EncoderSde { amplitude: values[0], wave_number: TAU / values[1], phase: values[2] }
     }
+}
 
-    fn encoder(&self, _time: f64, position: f64) -> f64 {
+impl ReadingLaw for EncoderSde {
+    fn reading(&self, _time: f64, position: f64) -> f64 {
         position + self.amplitude * (self.wave_number * position + self.phase).sin()
     }
 }
@@ -148,11 +154,10 @@ mod tests {
 
     #[test]
     fn error_repeats_with_the_signal_period_and_has_the_amplitude() {
-        let sde = (DESCRIPTOR.build)(&[30e-9, 4e-6, 0.0]);
+        let sde = EncoderSde::new(&[30e-9, 4e-6, 0.0]);
         for (position, error) in [(0.0, 0.0), (1e-6, 30e-9), (3e-6, -30e-9), (101e-6, 30e-9)] {
-            assert!((sde.encoder(0.0, position) - position - error).abs() < 1e-18, "{position} m");
+            assert!((sde.reading(0.0, position) - position - error).abs() < 1e-18, "{position} m");
         }
-        assert_eq!(sde.force_cell(0.0, 3.0), 3.0);
     }
 
     /// 1 mm to and fro at up to 0.9 mm/s, as a slow loop of a guide test.

@@ -11,7 +11,10 @@ use std::f64::consts::TAU;
 use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::regression::{beyond_chance, evenly, golden_maximum, least_squares, step_of};
-use super::{Effect, EffectDescriptor, EffectParameter, ForceOverStep, Motion, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, ForceLaw, ForceOverStep, Motion, Multiplicity,
+    ParameterKind, RecordSpecific, Residual, Role, descriptor,
+};
 
 /// Half angle of a step, rad, below which its mean and moment are taken from their series: what
 /// that leaves out is below 1e-9 of the amplitude, and so is what the difference in the closed form
@@ -22,26 +25,27 @@ const FREQUENCIES: (f64, f64) = (0.1, 1000.0);
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "external_vibration",
-    side: Side::Carriage,
+    role: Role::CarriageForce,
     law: "F = amplitude sin(2 pi frequency t + phase)",
     source: "inertia force of a harmonic base motion",
     telltale: "a narrow line in time at every speed and at rest, not seen by the force cell",
     parameters: &[
-        EffectParameter::required("amplitude", "N", "peak force", (0.0, 1000.0), 1.0),
-        EffectParameter::required("frequency", "Hz", "frequency", FREQUENCIES, 0.1),
-        EffectParameter::optional("phase", "rad", "phase at time 0", (-TAU, TAU), 1.0, 0.0),
+        EffectParameter::required("amplitude", "N", "peak force", (0.0, 1000.0), 1.0)
+            .of_kind(ParameterKind::Amplitude),
+        EffectParameter::required("frequency", "Hz", "frequency", FREQUENCIES, 0.1)
+            .of_kind(ParameterKind::Frequency),
+        EffectParameter::optional("phase", "rad", "phase at time 0", (-TAU, TAU), 1.0, 0.0)
+            .of_kind(ParameterKind::Phase),
     ],
-    check: super::any,
-    free: super::all_free,
-    build: |values| {
-        Box::new(ExternalVibration {
-            amplitude: values[0],
-            rate: TAU * values[1],
-            phase: values[2],
-        })
-    },
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::Several,
+    record_specific: RecordSpecific::Phase,
+    typical: &[0.5, 30.0, 0.0],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::CarriageForce(Box::new(ExternalVibration::new(values))),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -52,7 +56,13 @@ struct ExternalVibration {
     phase: f64,
 }
 
-impl Effect for ExternalVibration {
+impl ExternalVibration {
+    fn new(values: &[f64]) -> ExternalVibration {
+        ExternalVibration { amplitude: values[0], rate: TAU * values[1], phase: values[2] }
+    }
+}
+
+impl ForceLaw for ExternalVibration {
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
         self.amplitude * (self.rate * motion.time + self.phase).sin()
     }
@@ -170,7 +180,7 @@ mod tests {
     fn over_a_long_step_it_is_the_force_of_its_pieces() {
         let (step, pieces) = (5e-4, 10_000);
         for frequency in [0.1, 1.2, 1.4, 69.0, 900.0] {
-            let mut vibration = (DESCRIPTOR.build)(&[2.0, frequency, 0.7]);
+            let mut vibration = ExternalVibration::new(&[2.0, frequency, 0.7]);
             for time in [0.0, 0.013, 1.7] {
                 let motion = Motion { time, ..Motion::default() };
                 let mut expected = ForceOverStep::default();

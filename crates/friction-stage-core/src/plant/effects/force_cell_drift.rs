@@ -6,14 +6,17 @@
 //! that follows the load.
 
 use super::regression::{largest_over_decades, least_squares};
-use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, Multiplicity, ReadingLaw, RecordSpecific, Residual,
+    Role, descriptor,
+};
 
 /// Shortest and longest time constant, s.
 const TIMES: (f64, f64) = (0.1, 1e5);
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "force_cell_drift",
-    side: Side::Sensor,
+    role: Role::ForceCell,
     law: "reading = F + offset + rate t + amplitude (1 - exp(-t / time_constant))",
     source: "assumed: zero error, linear drift and one thermal mode",
     telltale: "cell less command follows slow time alone, and so does the carriage's residual, \
@@ -45,19 +48,16 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         ),
         EffectParameter::optional("time_constant", "s", "time of the warm-up", TIMES, 1.0, 10.0),
     ],
-    check: super::any,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.01, 0.1, 0.0, 10.0],
+    check: descriptor::any,
     // A warm-up that is not there stays away.
     free: |values, index| index < 2 || values[2] != 0.0,
-    build: |values| {
-        Box::new(ForceCellDrift {
-            rate: values[0],
-            offset: values[1],
-            amplitude: values[2],
-            time_constant: values[3],
-        })
-    },
-    propose,
+    build: |values| Action::ForceCell(Box::new(ForceCellDrift::new(values))),
+    proposal: Some(propose),
     starts: line_and_warm_up,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -68,8 +68,19 @@ struct ForceCellDrift {
     time_constant: f64,
 }
 
-impl Effect for ForceCellDrift {
-    fn force_cell(&self, time: f64, force: f64) -> f64 {
+impl ForceCellDrift {
+    fn new(values: &[f64]) -> ForceCellDrift {
+        ForceCellDrift {
+            rate: values[0],
+            offset: values[1],
+            amplitude: values[2],
+            time_constant: values[3],
+        }
+    }
+}
+
+impl ReadingLaw for ForceCellDrift {
+    fn reading(&self, time: f64, force: f64) -> f64 {
         force + self.offset + self.rate * time
             - self.amplitude * (-time / self.time_constant).exp_m1()
     }
@@ -113,11 +124,10 @@ mod tests {
 
     #[test]
     fn reading_drifts_from_its_offset_by_the_rate_and_the_warm_up() {
-        let drift = (DESCRIPTOR.build)(&[0.01, -0.2, 0.5, 10.0]);
-        assert!((drift.force_cell(0.0, 7.0) - 6.8).abs() < 1e-12);
+        let drift = ForceCellDrift::new(&[0.01, -0.2, 0.5, 10.0]);
+        assert!((drift.reading(0.0, 7.0) - 6.8).abs() < 1e-12);
         let expected = 7.0 - 0.2 + 0.2 + 0.5 * (1.0 - (-2.0f64).exp());
-        assert!((drift.force_cell(20.0, 7.0) - expected).abs() < 1e-12);
-        assert_eq!(drift.encoder(20.0, 0.1), 0.1);
+        assert!((drift.reading(20.0, 7.0) - expected).abs() < 1e-12);
     }
 
     #[test]

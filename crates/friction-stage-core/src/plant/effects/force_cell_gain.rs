@@ -5,11 +5,14 @@
 //! Not modelled: crosstalk, hysteresis of the cell.
 
 use super::regression::least_squares;
-use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, Multiplicity, ReadingLaw, RecordSpecific, Residual,
+    Role, descriptor,
+};
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "force_cell_gain",
-    side: Side::Sensor,
+    role: Role::ForceCell,
     law: "reading = F (1 + fraction)",
     source: "linear calibration error (assumed)",
     telltale: "cell less command proportional to the command, and mass and friction seem larger by \
@@ -21,11 +24,15 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         (-0.9, 0.9),
         0.01,
     )],
-    check: super::any,
-    free: super::all_free,
-    build: |values| Box::new(ForceCellGain { fraction: values[0] }),
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.01],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::ForceCell(Box::new(ForceCellGain { fraction: values[0] })),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -33,8 +40,8 @@ struct ForceCellGain {
     fraction: f64,
 }
 
-impl Effect for ForceCellGain {
-    fn force_cell(&self, _time: f64, force: f64) -> f64 {
+impl ReadingLaw for ForceCellGain {
+    fn reading(&self, _time: f64, force: f64) -> f64 {
         force + self.fraction * force
     }
 }

@@ -11,14 +11,17 @@
 use std::f64::consts::TAU;
 
 use super::regression::strongest_wave;
-use super::{Drive, Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{
+    Action, CommandLaw, CommandStage, EffectDescriptor, EffectParameter, Motion, Multiplicity,
+    ParameterKind, RecordSpecific, Residual, Role, descriptor,
+};
 
 /// Shortest and longest period, m.
 const PERIODS: (f64, f64) = (1e-4, 1.0);
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "force_ripple",
-    side: Side::Motor,
+    role: Role::Command(CommandStage::Ripple),
     law: "F = command fraction sin(2 pi x / period + phase)",
     source: "Gieras, Piech, Tomczuk 2011, first harmonic of the force constant",
     telltale: "periodic in position and proportional to the force, seen by the force cell",
@@ -36,20 +39,20 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             "distance after which the ripple repeats",
             PERIODS,
             1e-3,
-        ),
-        EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0),
+        )
+        .of_kind(ParameterKind::Period),
+        EffectParameter::optional("phase", "rad", "phase at position 0", (-TAU, TAU), 1.0, 0.0)
+            .of_kind(ParameterKind::Phase),
     ],
-    check: super::any,
-    free: super::all_free,
-    build: |values| {
-        Box::new(ForceRipple {
-            fraction: values[0],
-            wave_number: TAU / values[1],
-            phase: values[2],
-        })
-    },
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::Several,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.02, 24e-3, 0.0],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::Command(Box::new(ForceRipple::new(values))),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -59,13 +62,15 @@ struct ForceRipple {
     phase: f64,
 }
 
-impl Effect for ForceRipple {
-    fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
-        motion.motor_force * self.fraction * (self.wave_number * motion.position + self.phase).sin()
+impl ForceRipple {
+    fn new(values: &[f64]) -> ForceRipple {
+        ForceRipple { fraction: values[0], wave_number: TAU / values[1], phase: values[2] }
     }
+}
 
-    fn drive(&self) -> Option<Drive> {
-        Some(Drive::Ripple)
+impl CommandLaw for ForceRipple {
+    fn change(&mut self, command: f64, motion: &Motion, _step: f64) -> f64 {
+        command * self.fraction * (self.wave_number * motion.position + self.phase).sin()
     }
 }
 
@@ -87,12 +92,12 @@ mod tests {
 
     #[test]
     fn ripple_grows_with_the_command_and_turns_with_it() {
-        let mut ripple = (DESCRIPTOR.build)(&[0.02, 0.024, 0.0]);
-        let at = |motor_force| Motion { position: 0.006, motor_force, ..Motion::default() };
+        let mut ripple = ForceRipple::new(&[0.02, 0.024, 0.0]);
         // A quarter of a period: the peak.
-        assert!((ripple.force(&at(100.0), 1e-4) - 2.0).abs() < 1e-12);
-        assert!((ripple.force(&at(-50.0), 1e-4) + 1.0).abs() < 1e-12);
-        assert_eq!(ripple.force(&at(0.0), 1e-4), 0.0);
+        let motion = Motion { position: 0.006, ..Motion::default() };
+        assert!((ripple.change(100.0, &motion, 1e-4) - 2.0).abs() < 1e-12);
+        assert!((ripple.change(-50.0, &motion, 1e-4) + 1.0).abs() < 1e-12);
+        assert_eq!(ripple.change(0.0, &motion, 1e-4), 0.0);
     }
 
     #[test]

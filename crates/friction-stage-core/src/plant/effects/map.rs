@@ -12,9 +12,13 @@
 //! Over position the force has a potential; over velocity and time it has none. Not modelled:
 //! dependence on two coordinates at once, a second jump.
 
-use crate::model::{Coordinate, Curve, CurveSide, Jump, ModelError};
+use crate::model::{Coordinate, Curve, CurveSide, EffectParameters, Jump, ModelError};
 
-use super::{Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Scaled, Side};
+use super::{
+    Action, CurveValues, EffectDescriptor, EffectParameter, ForceLaw, FrictionLaw, FrictionTerms,
+    MassLaw, Motion, Multiplicity, ParameterKind, RecordSpecific, Role, descriptor,
+};
+use crate::plant::guides::FrictionScale;
 
 /// Values before the knots: coordinate, side, from, to, and the height and the place of the jump,
 /// both 0 where there is none.
@@ -22,30 +26,23 @@ const HEAD: usize = 6;
 const HEIGHT: usize = 4;
 const AT: usize = 5;
 
+/// Names of coordinates and sides, in the order of their numbers in a slice of values.
+const COORDINATES: [&str; 3] = ["position", "velocity", "time"];
+const SIDES: [&str; 5] = ["carriage", "motor", "friction", "viscous", "mass"];
+
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "map",
-    side: Side::Carriage,
+    role: Role::CarriageForce,
     law: "F, or a change of friction or mass, is values[(c - from) / (to - from)], linear between \
           equidistant knots, constant beyond; c position, velocity or time",
     source: "none: an empirical curve",
     telltale: "a force, a friction or a mass that repeats over one coordinate and follows no law \
                of the list",
     parameters: &[
-        EffectParameter::required(
-            "coordinate",
-            "",
-            "0 position, 1 velocity, 2 time",
-            (0.0, 2.0),
-            1.0,
-        ),
-        EffectParameter::optional(
-            "side",
-            "",
-            "0 carriage, 1 motor, 2 friction, 3 viscous, 4 mass",
-            (0.0, 4.0),
-            1.0,
-            0.0,
-        ),
+        EffectParameter::required("coordinate", "", "what the curve runs over", (0.0, 2.0), 1.0)
+            .of_kind(ParameterKind::Choice(&COORDINATES)),
+        EffectParameter::optional("side", "", "what the curve is", (0.0, 4.0), 1.0, 0.0)
+            .of_kind(ParameterKind::Choice(&SIDES)),
         EffectParameter::required("from", "m, m/s or s", "first knot", (-1e6, 1e6), 0.1),
         EffectParameter::required("to", "m, m/s or s", "last knot", (-1e6, 1e6), 0.1),
         EffectParameter::optional(
@@ -56,18 +53,38 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             1.0,
             0.0,
         ),
-        EffectParameter::optional("jump_at", "s", "its place", (-1e6, 1e6), 1.0, 0.0),
+        EffectParameter::optional("jump_at", "s", "its place", (-1e6, 1e6), 1.0, 0.0)
+            .of_kind(ParameterKind::Instant),
     ],
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[],
     check,
     free: |_, index| index >= HEAD,
-    build: |values| Box::new(Map::new(curve(values))),
+    build: |values| {
+        let curve = curve(values);
+        match curve.side {
+            CurveSide::Motor => Action::MotorForce(Box::new(Map::new(curve))),
+            CurveSide::Carriage => Action::CarriageForce(Box::new(Map::new(curve))),
+            CurveSide::Friction | CurveSide::Viscous => Action::Friction(Box::new(Map::new(curve))),
+            CurveSide::Mass => Action::VaryingMass(Box::new(Map::new(curve))),
+        }
+    },
     // Identification draws curves by cross-validation, after all laws.
-    propose: |_| None,
-    starts: super::as_proposed,
+    proposal: None,
+    starts: descriptor::as_proposed,
+    curve: Some(CurveValues { curve, values, heights, role: |values| role(side(values)) }),
 };
 
+impl EffectParameters {
+    /// An empirical curve.
+    pub fn map(curve: Curve) -> EffectParameters {
+        EffectParameters::of_curve(DESCRIPTOR.name, curve)
+    }
+}
+
 /// The curve's vector of values.
-pub(super) fn values(curve: &Curve) -> Vec<f64> {
+fn values(curve: &Curve) -> Vec<f64> {
     let coordinate = match curve.coordinate {
         Coordinate::Position => 0.0,
         Coordinate::Velocity => 1.0,
@@ -89,32 +106,46 @@ pub(super) fn values(curve: &Curve) -> Vec<f64> {
 
 /// Places in a vector of values of the heights that make the curve: that of its jump, where there
 /// is one, and those of its knots.
-pub fn heights(values: &[f64]) -> impl Iterator<Item = usize> + use<> {
-    (values[HEIGHT] != 0.0).then_some(HEIGHT).into_iter().chain(HEAD..values.len())
+fn heights(values: &[f64]) -> Vec<usize> {
+    (values[HEIGHT] != 0.0).then_some(HEIGHT).into_iter().chain(HEAD..values.len()).collect()
 }
 
 /// The inverse of [`values`].
-pub(super) fn curve(values: &[f64]) -> Curve {
+fn curve(values: &[f64]) -> Curve {
     let coordinate = match values[0] {
         code if code < 0.5 => Coordinate::Position,
         code if code < 1.5 => Coordinate::Velocity,
         _ => Coordinate::Time,
     };
-    let side = match values[1] {
+    let jump = (values[HEIGHT] != 0.0).then_some(Jump { at: values[AT], height: values[HEIGHT] });
+    Curve {
+        coordinate,
+        side: side(values),
+        from: values[2],
+        to: values[3],
+        values: values[HEAD..].to_vec(),
+        jump,
+    }
+}
+
+/// What the curve of these values is.
+fn side(values: &[f64]) -> CurveSide {
+    match values[1] {
         code if code < 0.5 => CurveSide::Carriage,
         code if code < 1.5 => CurveSide::Motor,
         code if code < 2.5 => CurveSide::Friction,
         code if code < 3.5 => CurveSide::Viscous,
         _ => CurveSide::Mass,
-    };
-    let jump = (values[HEIGHT] != 0.0).then_some(Jump { at: values[AT], height: values[HEIGHT] });
-    Curve {
-        coordinate,
-        side,
-        from: values[2],
-        to: values[3],
-        values: values[HEAD..].to_vec(),
-        jump,
+    }
+}
+
+fn role(side: CurveSide) -> Role {
+    match side {
+        CurveSide::Carriage => Role::CarriageForce,
+        CurveSide::Motor => Role::MotorForce,
+        CurveSide::Friction => Role::Friction(FrictionTerms::BRISTLES),
+        CurveSide::Viscous => Role::Friction(FrictionTerms::VISCOUS),
+        CurveSide::Mass => Role::VaryingMass,
     }
 }
 
@@ -169,7 +200,7 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
             return refuse("effects.map.jump.at", at, "be given over the time only".to_owned());
         }
     }
-    if scaled(curve.side) != Scaled::NOTHING {
+    if curve.side.is_of_friction() {
         let limit = || "be at least -1, where no friction is left".to_owned();
         if let Some(index) = knots.iter().position(|value| *value < -1.0) {
             return refuse(&format!("effects.map.values[{index}]"), knots[index], limit());
@@ -191,14 +222,6 @@ fn check(values: &[f64]) -> Result<(), ModelError> {
             refuse(&format!("effects.map.values[{index}]"), knots[index], "be finite".to_owned())
         }
         None => Ok(()),
-    }
-}
-
-fn scaled(side: CurveSide) -> Scaled {
-    match side {
-        CurveSide::Carriage | CurveSide::Motor | CurveSide::Mass => Scaled::NOTHING,
-        CurveSide::Friction => Scaled::BRISTLES,
-        CurveSide::Viscous => Scaled::VISCOUS,
     }
 }
 
@@ -235,60 +258,18 @@ impl Map {
         self.at(along(self.curve.coordinate, motion))
     }
 
-    fn is_force_over_position(&self) -> bool {
-        self.curve.coordinate == Coordinate::Position && self.is_force()
-    }
-
-    fn is_force(&self) -> bool {
-        matches!(self.curve.side, CurveSide::Carriage | CurveSide::Motor)
-    }
-
-    fn is_mass(&self) -> bool {
-        self.curve.side == CurveSide::Mass
+    fn is_over_position(&self) -> bool {
+        self.curve.coordinate == Coordinate::Position
     }
 }
 
-impl Effect for Map {
+impl ForceLaw for Map {
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
-        if self.is_force() { self.along(motion) } else { 0.0 }
-    }
-
-    fn friction(&mut self, motion: &Motion, _step: f64, scale: &mut FrictionScale) {
-        let factor = 1.0 + self.along(motion);
-        match self.curve.side {
-            CurveSide::Carriage | CurveSide::Motor | CurveSide::Mass => {}
-            CurveSide::Friction => {
-                scale.coulomb *= factor;
-                scale.stat *= factor;
-            }
-            CurveSide::Viscous => scale.viscous *= factor,
-        }
-    }
-
-    fn scales(&self) -> Scaled {
-        scaled(self.curve.side)
-    }
-
-    fn side(&self) -> Option<Side> {
-        Some(match self.curve.side {
-            CurveSide::Motor => Side::Motor,
-            CurveSide::Carriage | CurveSide::Friction | CurveSide::Viscous | CurveSide::Mass => {
-                Side::Carriage
-            }
-        })
-    }
-
-    fn mass_along(&self, motion: &Motion) -> f64 {
-        if self.is_mass() { self.along(motion) } else { 0.0 }
-    }
-
-    fn least_mass(&self) -> Option<f64> {
-        let values = self.curve.corners().into_iter().map(|(_, value)| value);
-        self.is_mass().then(|| values.fold(f64::INFINITY, f64::min))
+        self.along(motion)
     }
 
     fn stiffness(&self) -> f64 {
-        if !self.is_force_over_position() {
+        if !self.is_over_position() {
             return 0.0;
         }
         self.density
@@ -296,8 +277,8 @@ impl Effect for Map {
     }
 
     /// Minus the integral of the force over position from the first knot.
-    fn stored_energy(&self, _time: f64, position: f64) -> f64 {
-        if !self.is_force_over_position() {
+    fn stored_energy(&self, position: f64) -> f64 {
+        if !self.is_over_position() {
             return 0.0;
         }
         let (knot, part) = self.curve.locate(position);
@@ -308,11 +289,34 @@ impl Effect for Map {
     }
 }
 
+impl FrictionLaw for Map {
+    fn scale(&mut self, motion: &Motion, _step: f64, scale: &mut FrictionScale) {
+        let factor = 1.0 + self.along(motion);
+        if self.curve.side == CurveSide::Viscous {
+            scale.viscous *= factor;
+        } else {
+            scale.coulomb *= factor;
+            scale.stat *= factor;
+        }
+    }
+}
+
+impl MassLaw for Map {
+    fn mass(&self, motion: &Motion) -> f64 {
+        self.along(motion)
+    }
+
+    fn least(&self) -> f64 {
+        let values = self.curve.corners().into_iter().map(|(_, value)| value);
+        values.fold(f64::INFINITY, f64::min)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::Effects;
     use super::*;
-    use crate::model::{EffectParameters, StageModel};
+    use crate::model::StageModel;
     use crate::plant::Body;
 
     fn tent(coordinate: Coordinate) -> Curve {
@@ -365,16 +369,18 @@ mod tests {
             ..tent(Coordinate::Time)
         };
         assert_eq!(curve(&values(&given)), given);
+        let mut effects = Effects::new(&[EffectParameters::map(given.clone())]).unwrap();
+        assert_eq!(effects.advance(&Motion { time: 1.0, ..Motion::default() }, 1e-4), (0.0, 0.0));
         let mut map = Map::new(given.clone());
         for (time, expected) in [(0.0, 1.0), (0.5, 1.2), (1.0, 1.4), (2.0, 0.8), (5.0, 0.8)] {
             let motion = Motion { time, velocity: 0.1, ..Motion::default() };
             let mut scale = FrictionScale::ONE;
-            map.friction(&motion, 1e-4, &mut scale);
+            map.scale(&motion, 1e-4, &mut scale);
             assert!(
                 (scale.coulomb - expected).abs() < 1e-12 && (scale.stat - expected).abs() < 1e-12,
                 "{time} s: {scale:?}"
             );
-            assert_eq!((scale.viscous, map.force(&motion, 1e-4)), (1.0, 0.0));
+            assert_eq!(scale.viscous, 1.0);
         }
         let message =
             Effects::new(&[EffectParameters::map(Curve { values: vec![0.0, -1.5], ..given })])
@@ -398,10 +404,9 @@ mod tests {
         let mut map = Map::new(given);
         let motion = Motion { position: 0.05, velocity: 0.1, ..Motion::default() };
         let mut scale = FrictionScale::ONE;
-        map.friction(&motion, 1e-4, &mut scale);
+        map.scale(&motion, 1e-4, &mut scale);
         assert!((scale.viscous - 1.45).abs() < 1e-12, "{scale:?}");
-        assert_eq!((scale.coulomb, scale.stat, map.force(&motion, 1e-4)), (1.0, 1.0, 0.0));
-        assert_eq!(map.stored_energy(0.0, 0.05), 0.0);
+        assert_eq!((scale.coulomb, scale.stat), (1.0, 1.0));
     }
 
     /// Put down after half a second: from then on the stage moves as one that never had it.
@@ -443,9 +448,8 @@ mod tests {
         let mut map = Map::new(tent(Coordinate::Position));
         for position in [-0.15, -0.07, 0.03, 0.099, 0.2] {
             let h = 1e-6;
-            let slope = (map.stored_energy(0.0, position + h)
-                - map.stored_energy(0.0, position - h))
-                / (2.0 * h);
+            let slope =
+                (map.stored_energy(position + h) - map.stored_energy(position - h)) / (2.0 * h);
             let force = map.force(&Motion { position, ..Motion::default() }, 1e-4);
             assert!((force + slope).abs() < 1e-4, "{position} m: {force} {slope}");
         }
@@ -457,7 +461,7 @@ mod tests {
             EffectParameters::map(Curve { side: CurveSide::Motor, ..tent(Coordinate::Time) });
         let values = DESCRIPTOR.values_of(&given).unwrap();
         assert_eq!(DESCRIPTOR.parameters_of(&values), given);
-        assert_eq!((DESCRIPTOR.build)(&values).side(), Some(Side::Motor));
+        assert_eq!(DESCRIPTOR.role_of(&values), Role::MotorForce);
     }
 
     #[test]
@@ -499,7 +503,7 @@ mod tests {
         assert!(Effects::new(&[bare]).unwrap_err().to_string().contains("at least 2"));
         let law = EffectParameters {
             curve: Some(tent(Coordinate::Time)),
-            ..EffectParameters::new("cogging", [])
+            ..EffectParameters::new("cogging", [("amplitude", 1.0), ("period", 0.01)])
         };
         assert!(Effects::new(&[law]).is_err());
     }

@@ -5,11 +5,14 @@
 //! 1 to 5 %. Not modelled: saturation, change with temperature.
 
 use super::regression::least_squares;
-use super::{Drive, Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{
+    Action, CommandLaw, CommandStage, EffectDescriptor, EffectParameter, Motion, Multiplicity,
+    RecordSpecific, Residual, Role, descriptor,
+};
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "motor_gain",
-    side: Side::Motor,
+    role: Role::Command(CommandStage::Gain),
     law: "F = command fraction",
     source: "linear error of the force constant (assumed)",
     telltale: "proportional to the command at every position and speed, seen by the force cell",
@@ -20,11 +23,15 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         (-0.9, 0.9),
         0.01,
     )],
-    check: super::any,
-    free: super::all_free,
-    build: |values| Box::new(MotorGain { fraction: values[0] }),
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.01],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::Command(Box::new(MotorGain { fraction: values[0] })),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -32,13 +39,9 @@ struct MotorGain {
     fraction: f64,
 }
 
-impl Effect for MotorGain {
-    fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
-        self.fraction * motion.motor_force
-    }
-
-    fn drive(&self) -> Option<Drive> {
-        Some(Drive::Gain)
+impl CommandLaw for MotorGain {
+    fn change(&mut self, command: f64, _motion: &Motion, _step: f64) -> f64 {
+        self.fraction * command
     }
 }
 
@@ -56,10 +59,10 @@ mod tests {
 
     #[test]
     fn three_percent_more_force_is_three_percent_of_the_command() {
-        let mut gain = (DESCRIPTOR.build)(&[0.03]);
-        let at = |motor_force| Motion { motor_force, velocity: 1.0, ..Motion::default() };
-        assert!((gain.force(&at(200.0), 1e-4) - 6.0).abs() < 1e-12);
-        assert!((gain.force(&at(-200.0), 1e-4) + 6.0).abs() < 1e-12);
+        let mut gain = MotorGain { fraction: 0.03 };
+        let motion = Motion { velocity: 1.0, ..Motion::default() };
+        assert!((gain.change(200.0, &motion, 1e-4) - 6.0).abs() < 1e-12);
+        assert!((gain.change(-200.0, &motion, 1e-4) + 6.0).abs() < 1e-12);
     }
 
     #[test]

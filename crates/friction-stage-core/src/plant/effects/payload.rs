@@ -6,11 +6,14 @@
 //! swings or changes during the run.
 
 use super::regression::least_squares;
-use super::{Effect, EffectDescriptor, EffectParameter, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, Multiplicity, RecordSpecific, Residual, Role,
+    descriptor,
+};
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "payload",
-    side: Side::Carriage,
+    role: Role::Mass,
     law: "moving mass m + mass, in a residual F = -mass a",
     source: "Newton's second law",
     telltale: "proportional to the acceleration and not to the jerk, not seen by the force cell",
@@ -21,23 +24,16 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         (-1000.0, 1000.0),
         1.0,
     )],
-    check: super::any,
-    free: super::all_free,
-    build: |values| Box::new(Payload { mass: values[0] }),
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[1.0],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::Mass(values[0]),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
-
-#[derive(Debug)]
-struct Payload {
-    mass: f64,
-}
-
-impl Effect for Payload {
-    fn added_mass(&self) -> f64 {
-        self.mass
-    }
-}
 
 /// Slope of the residual over the acceleration.
 fn propose(residual: &Residual) -> Option<Vec<f64>> {

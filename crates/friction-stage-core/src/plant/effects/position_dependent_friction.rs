@@ -12,8 +12,10 @@ use super::regression::{
     Wave, golden_maximum, largest_over_decades, least_squares, strongest_wave, viscous_friction,
 };
 use super::{
-    Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side,
+    Action, EffectDescriptor, EffectParameter, FrictionLaw, FrictionTerms, Motion, Multiplicity,
+    ParameterKind, RecordSpecific, Residual, Role, descriptor,
 };
+use crate::plant::guides::FrictionScale;
 
 /// Friction must stay positive.
 const LIMIT: f64 = 0.95;
@@ -26,7 +28,7 @@ const WIDTH: f64 = 0.05;
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "position_dependent_friction",
-    side: Side::Carriage,
+    role: Role::Friction(FrictionTerms::BRISTLES),
     law: "Fc, Fs (1 + fraction shape(x)); shape = exp(-((x - center) / width)^2), or with period > \
           0 sin(2 pi x / period + phase)",
     source: "assumed shapes: a place on the rail, or a rail that repeats",
@@ -56,7 +58,8 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             (0.0, 10.0),
             1e-3,
             0.0,
-        ),
+        )
+        .of_kind(ParameterKind::Period),
         EffectParameter::optional(
             "phase",
             "rad",
@@ -64,23 +67,19 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             (-TAU, TAU),
             1.0,
             0.0,
-        ),
+        )
+        .of_kind(ParameterKind::Phase),
     ],
-    check: super::any,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.1, 0.0, 0.02, 0.0, 0.0],
+    check: descriptor::any,
     // The shape stays what it is.
     free: |values, index| index == 0 || (values[3] > 0.0) == (index > 2),
-    build: |values| {
-        Box::new(PositionDependentFriction {
-            fraction: values[0],
-            shape: if values[3] > 0.0 {
-                Shape::Wave { wave_number: TAU / values[3], phase: values[4] }
-            } else {
-                Shape::Bump { center: values[1], width: values[2] }
-            },
-        })
-    },
-    propose,
+    build: |values| Action::Friction(Box::new(PositionDependentFriction::new(values))),
+    proposal: Some(propose),
     starts: bump_or_wave,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -89,24 +88,33 @@ struct PositionDependentFriction {
     shape: Shape,
 }
 
+impl PositionDependentFriction {
+    fn new(values: &[f64]) -> PositionDependentFriction {
+        PositionDependentFriction {
+            fraction: values[0],
+            shape: if values[3] > 0.0 {
+                Shape::Wave { wave_number: TAU / values[3], phase: values[4] }
+            } else {
+                Shape::Bump { center: values[1], width: values[2] }
+            },
+        }
+    }
+}
+
 #[derive(Debug)]
 enum Shape {
     Bump { center: f64, width: f64 },
     Wave { wave_number: f64, phase: f64 },
 }
 
-impl Effect for PositionDependentFriction {
-    fn friction(&mut self, motion: &Motion, _step: f64, scale: &mut FrictionScale) {
+impl FrictionLaw for PositionDependentFriction {
+    fn scale(&mut self, motion: &Motion, _step: f64, scale: &mut FrictionScale) {
         let shape = match self.shape {
             Shape::Bump { center, width } => bump(motion.position, center, width),
             Shape::Wave { wave_number, phase } => (wave_number * motion.position + phase).sin(),
         };
         scale.coulomb *= 1.0 + self.fraction * shape;
         scale.stat *= 1.0 + self.fraction * shape;
-    }
-
-    fn scales(&self) -> Scaled {
-        Scaled::BRISTLES
     }
 }
 
@@ -216,7 +224,7 @@ mod tests {
 
     fn scale_at(values: &[f64], position: f64) -> FrictionScale {
         let mut scale = FrictionScale::ONE;
-        (DESCRIPTOR.build)(values).friction(
+        PositionDependentFriction::new(values).scale(
             &Motion { position, velocity: -0.1, ..Motion::default() },
             1e-4,
             &mut scale,

@@ -6,11 +6,14 @@
 //! air's inertia, laminar gaps (those are viscous).
 
 use super::regression::least_squares;
-use super::{Effect, EffectDescriptor, EffectParameter, Motion, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, ForceLaw, Motion, Multiplicity, RecordSpecific,
+    Residual, Role, descriptor,
+};
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "quadratic_drag",
-    side: Side::Carriage,
+    role: Role::CarriageForce,
     law: "F = -coefficient v |v|",
     source: "drag of a bluff body, c = rho Cd S / 2",
     telltale: "against the motion, grows with the square of the speed, not seen by the force cell",
@@ -21,11 +24,15 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         (0.0, 1e5),
         10.0,
     )],
-    check: super::any,
-    free: super::all_free,
-    build: |values| Box::new(QuadraticDrag { coefficient: values[0] }),
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[5.0],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::CarriageForce(Box::new(QuadraticDrag { coefficient: values[0] })),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -33,7 +40,7 @@ struct QuadraticDrag {
     coefficient: f64,
 }
 
-impl Effect for QuadraticDrag {
+impl ForceLaw for QuadraticDrag {
     fn force(&mut self, motion: &Motion, _step: f64) -> f64 {
         -self.coefficient * motion.velocity * motion.velocity.abs()
     }
@@ -57,7 +64,7 @@ mod tests {
 
     #[test]
     fn drag_opposes_the_motion_and_quadruples_at_double_speed() {
-        let mut drag = (DESCRIPTOR.build)(&[8.0]);
+        let mut drag = QuadraticDrag { coefficient: 8.0 };
         let mut at = |velocity| drag.force(&Motion { velocity, ..Motion::default() }, 1e-4);
         assert!((at(0.5) + 2.0).abs() < 1e-12);
         assert!((at(-1.0) - 8.0).abs() < 1e-12);

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 
 use nalgebra::{SMatrix, SVector};
 
-use super::{Effect, Motion, Residual};
+use super::{Motion, Residual};
 
 /// Chance with which a fit of pure white noise passes for something.
 const CHANCE: f64 = 1e-3;
@@ -202,8 +202,9 @@ pub(super) fn largest_over_decades(
     }))
 }
 
-/// Force of an effect along the motion of a residual, N: a column for a fit.
-pub(super) fn along(mut effect: impl Effect, residual: &Residual) -> Vec<f64> {
+/// Force of a law along the motion of a residual, N: a column for a fit. `force` is given each
+/// step's motion and length, s.
+pub(super) fn along(residual: &Residual, mut force: impl FnMut(&Motion, f64) -> f64) -> Vec<f64> {
     let (count, step) = (residual.time.len(), step_of(residual));
     (0..count)
         .map(|k| {
@@ -215,7 +216,7 @@ pub(super) fn along(mut effect: impl Effect, residual: &Residual) -> Vec<f64> {
                 motor_force: residual.command[k],
                 friction: residual.friction[k],
             };
-            effect.force(&motion, step)
+            force(&motion, step)
         })
         .collect()
 }
@@ -433,9 +434,9 @@ pub(super) mod record {
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    use super::super::{EffectDescriptor, Motion, Residual, Samples};
+    use super::super::{EffectDescriptor, Effects, Motion, Residual, Samples};
     use crate::model::Catalogue;
-    use crate::plant::{FrictionScale, GuideBank};
+    use crate::plant::guides::{FrictionScale, GuideBank};
 
     /// 12 s at 2 kHz: moves to and fro over 0.2 m at three speeds with rests between them, on four
     /// guides.
@@ -530,23 +531,25 @@ pub(super) mod record {
         /// The residual that an effect leaves: its force, the friction that it changes, the mass
         /// that it adds, the acceleration that the encoder sees and does not happen, and the error
         /// of the cell's reading.
-        pub fn with_effect(mut self, descriptor: &EffectDescriptor, values: &[f64]) -> Record {
-            let mut effect = (descriptor.build)(values);
+        pub fn with_effect(
+            mut self,
+            descriptor: &'static EffectDescriptor,
+            values: &[f64],
+        ) -> Record {
+            let mut effects = Effects::from_values([(descriptor, values)]).unwrap();
             let guides = vec![Catalogue::builtin().guide("guide_1").unwrap(); 4];
-            let mut bank = effect.bristle_elements().map_or_else(
+            let mut bank = effects.bristle_elements().map_or_else(
                 || GuideBank::new(&guides),
                 |elements| GuideBank::with_elements(&guides, &elements),
             );
-            let error = |effect: &dyn super::super::Effect, k: usize| {
-                let k = k.min(self.time.len() - 1);
-                effect.encoder(self.time[k], self.position[k]) - self.position[k]
-            };
             for k in 0..self.time.len() {
-                let effect = effect.as_mut();
-                let errors = [k.saturating_sub(1), k, k + 1].map(|k| error(effect, k));
+                let errors = [k.saturating_sub(1), k, k + 1].map(|k| {
+                    let k = k.min(self.time.len() - 1);
+                    effects.read(self.time[k], self.position[k], 0.0).0 - self.position[k]
+                });
                 let apparent = (errors[2] - 2.0 * errors[1] + errors[0]) / (STEP * STEP);
-                self.force[k] += MASS * apparent + effect.force_cell(self.time[k], self.command[k])
-                    - self.command[k];
+                let (_, cell) = effects.read(self.time[k], self.position[k], self.command[k]);
+                self.force[k] += MASS * apparent + cell - self.command[k];
                 let motion = Motion {
                     time: self.time[k] + 0.5 * STEP,
                     position: self.position[k] + 0.5 * STEP * self.velocity[k],
@@ -555,12 +558,12 @@ pub(super) mod record {
                     motor_force: self.command[k],
                     friction: self.friction[k],
                 };
-                let mut scale = FrictionScale::ONE;
-                effect.friction(&motion, STEP, &mut scale);
+                let scale = effects.friction(&motion, STEP);
                 let friction = bank.drive(motion.velocity, STEP, &scale);
-                self.force[k] += effect.force(&motion, STEP) + self.friction[k]
+                let (motor_side, carriage_side) = effects.advance(&motion, STEP);
+                self.force[k] += motor_side + carriage_side + self.friction[k]
                     - friction
-                    - effect.added_mass() * self.acceleration[k];
+                    - effects.added_mass() * self.acceleration[k];
             }
             self
         }
@@ -581,16 +584,16 @@ pub(super) mod record {
     }
 
     /// What an effect proposes for its own residual under noise of 0.3 N.
-    pub fn proposal(descriptor: &EffectDescriptor, values: &[f64]) -> Vec<f64> {
+    pub fn proposal(descriptor: &'static EffectDescriptor, values: &[f64]) -> Vec<f64> {
         let record = Record::motion().with_effect(descriptor, values).with_noise(0.3, 11);
-        (descriptor.propose)(&record.residual()).expect("the effect is there")
+        descriptor.propose(&record.residual()).expect("the effect is there")
     }
 
     /// Noise alone gives no proposal, whatever the seed.
     pub fn assert_silent_on_noise(descriptor: &EffectDescriptor) {
         for seed in 0..8 {
             let record = Record::motion().with_noise(0.3, seed);
-            let found = (descriptor.propose)(&record.residual());
+            let found = descriptor.propose(&record.residual());
             assert!(found.is_none(), "seed {seed}: {} from noise: {found:?}", descriptor.name);
         }
     }

@@ -15,8 +15,10 @@
 
 use super::regression::{break_away, largest_over_decades, least_squares, step_of};
 use super::{
-    Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side,
+    Action, EffectDescriptor, EffectParameter, FrictionLaw, FrictionTerms, Motion, Multiplicity,
+    RecordSpecific, Residual, Role, descriptor,
 };
+use crate::plant::guides::FrictionScale;
 
 /// Distance that renews the contacts where nothing else is known, m. Assumed: some times the 40 um
 /// at which the paper's guides 1 and 3 have not yet broken away; over less the contacts would be
@@ -25,9 +27,12 @@ const WIDTH: f64 = 200e-6;
 /// Shortest and longest time constant, s.
 const TIMES: (f64, f64) = (1e-2, 1e4);
 
+/// Names of the forms, in the order of their numbers in a slice of values.
+const FORMS: [&str; 2] = ["saturating", "logarithmic"];
+
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "stiction_aging",
-    side: Side::Carriage,
+    role: Role::Friction(FrictionTerms::BRISTLES),
     law: "Fs (1 + fraction s); form 0: ds/dt = (1 - s) / time_constant - s |v| / width; 1: s = \
           ln(1 + a / time_constant), da/dt = 1 - a |v| / width",
     source: "Dieterich 1979, Ruina 1983; form 0: the same, saturating",
@@ -57,20 +62,17 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             1e-4,
             WIDTH,
         ),
-        EffectParameter::optional(
-            "form",
-            "1",
-            "towards an end (0), or with the logarithm of time (1)",
-            (0.0, 1.0),
-            1.0,
-            0.0,
-        ),
+        EffectParameter::choice("form", "towards an end, or with the logarithm of time", &FORMS),
     ],
-    check: super::any,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.1, 1.0, 2e-4, 0.0],
+    check: descriptor::any,
     free: |_, index| index != FORM,
-    build: |values| Box::new(StictionAging::new(values)),
-    propose,
+    build: |values| Action::Friction(Box::new(StictionAging::new(values))),
+    proposal: Some(propose),
     starts: |values, _| forms(values),
+    curve: None,
 };
 
 /// Where this value stands.
@@ -141,13 +143,9 @@ impl StictionAging {
     }
 }
 
-impl Effect for StictionAging {
-    fn friction(&mut self, motion: &Motion, step: f64, scale: &mut FrictionScale) {
+impl FrictionLaw for StictionAging {
+    fn scale(&mut self, motion: &Motion, step: f64, scale: &mut FrictionScale) {
         scale.stat *= 1.0 + self.fraction * self.advance(motion.velocity, step);
-    }
-
-    fn scales(&self) -> Scaled {
-        Scaled::BRISTLES
     }
 
     fn reset(&mut self) {
@@ -202,15 +200,11 @@ mod tests {
     use crate::plant::GuideBank;
 
     /// Scale of the static friction after a time at a velocity.
-    fn stat(aging: &mut dyn Effect, velocity: f64, duration: f64) -> f64 {
+    fn stat(aging: &mut StictionAging, velocity: f64, duration: f64) -> f64 {
         let mut scale = FrictionScale::ONE;
         for _ in 0..10_000 {
             scale = FrictionScale::ONE;
-            aging.friction(
-                &Motion { velocity, ..Motion::default() },
-                duration / 10_000.0,
-                &mut scale,
-            );
+            aging.scale(&Motion { velocity, ..Motion::default() }, duration / 10_000.0, &mut scale);
         }
         assert_eq!((scale.coulomb, scale.viscous), (1.0, 1.0));
         scale.stat
@@ -218,33 +212,33 @@ mod tests {
 
     #[test]
     fn static_friction_grows_at_rest_and_is_renewed_by_sliding() {
-        let mut aging = (DESCRIPTOR.build)(&[0.5, 2.0, 50e-6, 0.0]);
-        let after_rest = stat(&mut *aging, 0.0, 3.0);
+        let mut aging = StictionAging::new(&[0.5, 2.0, 50e-6, 0.0]);
+        let after_rest = stat(&mut aging, 0.0, 3.0);
         assert!((after_rest - (1.0 + 0.5 * (1.0 - (-1.5f64).exp()))).abs() < 1e-4, "{after_rest}");
         // Five widths of sliding.
-        assert!((stat(&mut *aging, 0.25, 1e-3) - 1.0).abs() < 0.01 * 0.5);
+        assert!((stat(&mut aging, 0.25, 1e-3) - 1.0).abs() < 0.01 * 0.5);
     }
 
     /// Ruina's law at rest and in steady sliding, where the age is the width over the speed.
     #[test]
     fn in_the_other_form_it_grows_with_the_logarithm_of_the_age() {
-        let mut aging = (DESCRIPTOR.build)(&[0.2, 0.5, 50e-6, 1.0]);
-        let after_rest = stat(&mut *aging, 0.0, 30.0);
+        let mut aging = StictionAging::new(&[0.2, 0.5, 50e-6, 1.0]);
+        let after_rest = stat(&mut aging, 0.0, 30.0);
         assert!((after_rest - (1.0 + 0.2 * 61f64.ln())).abs() < 1e-4, "{after_rest}");
-        let sliding = stat(&mut *aging, -25e-6, 60.0);
+        let sliding = stat(&mut aging, -25e-6, 60.0);
         assert!((sliding - (1.0 + 0.2 * 5f64.ln())).abs() < 1e-4, "{sliding}");
     }
 
     /// Peak of the friction, N, when a guide starts slowly after a rest of `rest` seconds.
     fn break_away(rest: f64) -> f64 {
-        let mut aging = (DESCRIPTOR.build)(&[0.5, 1.0, WIDTH, 0.0]);
+        let mut aging = StictionAging::new(&[0.5, 1.0, WIDTH, 0.0]);
         let mut bank = GuideBank::new(&[Catalogue::builtin().guide("guide_1").unwrap()]);
         let mut peak = 0.0f64;
         let rests = (rest / 1e-3) as usize;
         for k in 0..rests + 2000 {
             let velocity = if k < rests { 0.0 } else { 1e-3 };
             let mut scale = FrictionScale::ONE;
-            aging.friction(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
+            aging.scale(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
             peak = peak.max(bank.drive(velocity, 1e-3, &scale));
         }
         peak

@@ -14,7 +14,10 @@ use std::f64::consts::TAU;
 use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::regression::{beyond_chance, evenly, step_of};
-use super::{Effect, EffectDescriptor, EffectParameter, ForceOverStep, Motion, Residual, Side};
+use super::{
+    Action, EffectDescriptor, EffectParameter, ForceLaw, ForceOverStep, Motion, Multiplicity,
+    RecordSpecific, Residual, Role, descriptor,
+};
 
 /// Largest part, kg.
 const HEAVIEST: f64 = 1000.0;
@@ -25,7 +28,7 @@ const DAMPINGS: (f64, f64) = (0.0, 0.9);
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "structural_mode",
-    side: Side::Carriage,
+    role: Role::CarriageForce,
     law: "mass d2u/dt2 = -k (u - x) - c (u - x)', F = k (u - x) + c (u - x)', k = mass (2 pi \
           frequency)^2, c = 2 damping mass 2 pi frequency",
     source: "two masses on a spring",
@@ -48,20 +51,15 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         ),
         EffectParameter::optional("damping", "1", "damping ratio", DAMPINGS, 0.01, 0.02),
     ],
-    check: super::any,
-    free: super::all_free,
-    build: |values| {
-        Box::new(StructuralMode {
-            mass: values[0],
-            rate: TAU * values[1],
-            damping: values[2],
-            stretch: 0.0,
-            velocity: None,
-            swing: Swing::default(),
-        })
-    },
-    propose,
-    starts: super::as_proposed,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[4.0, 100.0, 0.02],
+    check: descriptor::any,
+    free: descriptor::all_free,
+    build: |values| Action::CarriageForce(Box::new(StructuralMode::new(values))),
+    proposal: Some(propose),
+    starts: descriptor::as_proposed,
+    curve: None,
 };
 
 #[derive(Debug)]
@@ -75,6 +73,19 @@ struct StructuralMode {
     /// du/dt, m/s; `None` before the first step, which it begins with the carriage.
     velocity: Option<f64>,
     swing: Swing,
+}
+
+impl StructuralMode {
+    fn new(values: &[f64]) -> StructuralMode {
+        StructuralMode {
+            mass: values[0],
+            rate: TAU * values[1],
+            damping: values[2],
+            stretch: 0.0,
+            velocity: None,
+            swing: Swing::default(),
+        }
+    }
 }
 
 /// What a free part does over a step: it hangs on the length of the step alone, which is nearly
@@ -121,7 +132,7 @@ impl StructuralMode {
     }
 }
 
-impl Effect for StructuralMode {
+impl ForceLaw for StructuralMode {
     fn force(&mut self, motion: &Motion, step: f64) -> f64 {
         if step <= 0.0 {
             let rate = self.velocity.map_or(0.0, |velocity| velocity - motion.velocity);
@@ -153,15 +164,15 @@ impl Effect for StructuralMode {
         }
     }
 
-    fn added_mass(&self) -> f64 {
-        -self.mass
+    fn carried_mass(&self) -> f64 {
+        self.mass
     }
 
     fn stiffness(&self) -> f64 {
         self.mass * self.rate * self.rate
     }
 
-    fn stored_energy(&self, _time: f64, _position: f64) -> f64 {
+    fn stored_energy(&self, _position: f64) -> f64 {
         let velocity = self.velocity.unwrap_or(0.0);
         0.5 * self.mass * (velocity * velocity + (self.rate * self.stretch).powi(2))
     }
@@ -352,7 +363,7 @@ mod tests {
     /// The closed form of a step against the force in many pieces of it, each at its own velocity.
     #[test]
     fn over_a_long_step_it_is_the_force_of_its_pieces() {
-        let built = || (DESCRIPTOR.build)(&[8.0, 70.0, 0.05]);
+        let built = || StructuralMode::new(&[8.0, 70.0, 0.05]);
         let (mut whole, mut in_pieces) = (built(), built());
         let (step, pieces) = (5e-4, 1000);
         let mut velocity = 0.1;

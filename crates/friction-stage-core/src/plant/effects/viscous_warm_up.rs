@@ -19,12 +19,17 @@
 
 use super::regression::{largest_over_decades, least_squares, viscous_friction};
 use super::{
-    Effect, EffectDescriptor, EffectParameter, FrictionScale, Motion, Residual, Scaled, Side,
+    Action, EffectDescriptor, EffectParameter, FrictionLaw, FrictionTerms, Motion, Multiplicity,
+    RecordSpecific, Residual, Role, descriptor,
 };
+use crate::plant::guides::FrictionScale;
+
+/// Names of the forms, in the order of their numbers in a slice of values.
+const FORMS: [&str; 5] = ["proportion", "distance", "time", "work", "structure"];
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "viscous_warm_up",
-    side: Side::Carriage,
+    role: Role::Friction(FrictionTerms::VISCOUS),
     law: "sigma2 (1 - fraction g); form 0: g = min(1, s / width), 1: 1 - exp(-s / width), ds/dt = \
           |v| - s / time_constant; 2: 1 - exp(-t / warm_up_time); 3: 1 - exp(-W / work), dW/dt = F \
           v - W / time_constant; 4: dg/dt = (1 - g) |v| / width - g / time_constant",
@@ -56,14 +61,11 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             10.0,
             NEVER,
         ),
-        EffectParameter::optional(
+        EffectParameter::choice(
             "form",
-            "1",
-            "with the distance in proportion (0) or ever slower (1), with time (2), with work (3), \
-             as a structure breaks (4)",
-            (0.0, 4.0),
-            1.0,
-            0.0,
+            "with the distance in proportion or ever slower, with time, with work, or as a \
+             structure breaks",
+            &FORMS,
         ),
         EffectParameter::optional(
             "warm_up_time",
@@ -82,7 +84,10 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
             100.0,
         ),
     ],
-    check: super::any,
+    multiplicity: Multiplicity::One,
+    record_specific: RecordSpecific::Nothing,
+    typical: &[0.1, 1.0, 1e6, 0.0, 10.0, 100.0],
+    check: descriptor::any,
     // One form alone, and no recovery where there is none.
     free: |values, index| match (Form::of(values), index) {
         (_, 0)
@@ -93,9 +98,10 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         (_, TIME_CONSTANT) => values[TIME_CONSTANT] < NEVER,
         _ => false,
     },
-    build: |values| Box::new(ViscousWarmUp::new(values)),
-    propose,
+    build: |values| Action::Friction(Box::new(ViscousWarmUp::new(values))),
+    proposal: Some(propose),
     starts: warm_up_forms,
+    curve: None,
 };
 
 /// Time constant of grease that does not recover, s.
@@ -204,16 +210,12 @@ impl ViscousWarmUp {
     }
 }
 
-impl Effect for ViscousWarmUp {
-    fn friction(&mut self, motion: &Motion, step: f64, scale: &mut FrictionScale) {
+impl FrictionLaw for ViscousWarmUp {
+    fn scale(&mut self, motion: &Motion, step: f64, scale: &mut FrictionScale) {
         let before = self.gone_through;
         self.gone_through = self.after(before, motion, step);
         let through = 0.5 * (before + self.gone_through);
         scale.viscous *= 1.0 - self.fraction * self.form.gone(through, self.extent);
-    }
-
-    fn scales(&self) -> Scaled {
-        Scaled::VISCOUS
     }
 
     fn feels_friction(&self) -> bool {
@@ -329,31 +331,31 @@ mod tests {
 
     #[test]
     fn viscous_friction_falls_with_the_distance_in_either_direction_and_nothing_else_does() {
-        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 2.0, 1e6, 0.0, 10.0, 100.0]);
+        let mut warm_up = ViscousWarmUp::new(&[0.4, 2.0, 1e6, 0.0, 10.0, 100.0]);
         let mut scale = FrictionScale::ONE;
         // 1 m in all, half of it back.
         for k in 0..2000 {
             scale = FrictionScale::ONE;
             let velocity = if k < 1000 { 0.5 } else { -0.5 };
-            warm_up.friction(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
+            warm_up.scale(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
         }
         let expected = 1.0 - 0.4 * 0.5;
         assert!((scale.viscous - expected).abs() < 1e-4, "{scale:?} {expected}");
         assert_eq!((scale.coulomb, scale.stat), (1.0, 1.0));
         warm_up.reset();
         scale = FrictionScale::ONE;
-        warm_up.friction(&Motion { velocity: 0.5, ..Motion::default() }, 1e-6, &mut scale);
+        warm_up.scale(&Motion { velocity: 0.5, ..Motion::default() }, 1e-6, &mut scale);
         assert!((scale.viscous - 1.0).abs() < 1e-6);
     }
 
     #[test]
     fn in_the_other_form_it_falls_ever_slower() {
-        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 0.5, 1e6, 1.0, 10.0, 100.0]);
+        let mut warm_up = ViscousWarmUp::new(&[0.4, 0.5, 1e6, 1.0, 10.0, 100.0]);
         let mut scale = FrictionScale::ONE;
         // 2 m.
         for _ in 0..2000 {
             scale = FrictionScale::ONE;
-            warm_up.friction(&Motion { velocity: 1.0, ..Motion::default() }, 1e-3, &mut scale);
+            warm_up.scale(&Motion { velocity: 1.0, ..Motion::default() }, 1e-3, &mut scale);
         }
         assert!((scale.viscous - (1.0 - 0.4 * (1.0 - (-4.0f64).exp()))).abs() < 1e-4, "{scale:?}");
     }
@@ -362,12 +364,12 @@ mod tests {
     /// the time is divided into steps.
     #[test]
     fn what_is_remembered_does_not_hang_on_the_lengths_of_the_steps() {
-        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 1.0, 0.7, 0.0, 10.0, 100.0]);
+        let mut warm_up = ViscousWarmUp::new(&[0.4, 1.0, 0.7, 0.0, 10.0, 100.0]);
         let motion = Motion { velocity: 0.3, ..Motion::default() };
         let (mut time, mut scale) = (0.0, FrictionScale::ONE);
         for step in [5e-4, 5e-4, 2e-3, 1e-4].into_iter().cycle().take(2000) {
             scale = FrictionScale::ONE;
-            warm_up.friction(&motion, step, &mut scale);
+            warm_up.scale(&motion, step, &mut scale);
             time += step;
         }
         // The mean of a step is that of its middle, but for the square of the step.
@@ -378,11 +380,11 @@ mod tests {
     #[test]
     fn with_time_it_falls_at_rest_too_and_with_work_it_falls_by_what_friction_takes() {
         let left = |values: &[f64], motion: Motion| {
-            let mut warm_up = (DESCRIPTOR.build)(values);
+            let mut warm_up = ViscousWarmUp::new(values);
             let mut scale = FrictionScale::ONE;
             for _ in 0..2000 {
                 scale = FrictionScale::ONE;
-                warm_up.friction(&motion, 1e-3, &mut scale);
+                warm_up.scale(&motion, 1e-3, &mut scale);
             }
             scale.viscous
         };
@@ -401,12 +403,12 @@ mod tests {
 
     #[test]
     fn a_structure_breaks_with_shear_and_builds_up_at_rest() {
-        let mut warm_up = (DESCRIPTOR.build)(&[0.4, 0.5, 2.0, 4.0, 10.0, 100.0]);
+        let mut warm_up = ViscousWarmUp::new(&[0.4, 0.5, 2.0, 4.0, 10.0, 100.0]);
         let mut viscous = |velocity: f64, seconds: usize| {
             let mut scale = FrictionScale::ONE;
             for _ in 0..1000 * seconds {
                 scale = FrictionScale::ONE;
-                warm_up.friction(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
+                warm_up.scale(&Motion { velocity, ..Motion::default() }, 1e-3, &mut scale);
             }
             scale.viscous
         };
