@@ -6,7 +6,9 @@ use crate::plant::{Sample, Stage};
 /// What happened at one sample: what the sensors said and what the controller answered.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cycle {
+    /// What the sensors read.
     pub sample: Sample,
+    /// What the controller answered.
     pub terms: Terms,
 }
 
@@ -45,6 +47,7 @@ impl ClosedLoop {
         Ok(Cycle { sample, terms })
     }
 
+    /// The stage as it is now.
     pub fn stage(&self) -> &Stage {
         &self.stage
     }

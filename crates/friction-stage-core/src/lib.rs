@@ -1,7 +1,5 @@
-//! A friction-loaded positioning stage as software: 40 kg on four recirculating ball guides.
-//!
-//! [`model`] says what a stage is, [`plant`] moves it, [`control`] drives it, and [`ClosedLoop`]
-//! runs both in one process. Pure: no clock, no I/O, no random source of its own.
+#![doc = include_str!("../README.md")]
+#![warn(missing_docs)]
 
 pub mod closed_loop;
 pub mod control;

@@ -88,15 +88,11 @@ fn requests_of_a_move(model: &StageModel) -> u64 {
     let settings = ControllerSettings::paper(model.mass, rates.control(), model.motor.force_limit);
     let mut controller = Controller::new(settings).unwrap();
     let mut follower = Follower::new(f64::INFINITY);
-    let point = |time, position| Point {
-        time,
-        position,
-        velocity: Some(0.0),
-        acceleration: Some(0.0),
-        effort: 0.0,
-    };
-    let trajectory =
-        Trajectory::new(0, vec![point(50_000_000, 0.0), point(150_000_000, 50e-3)]).unwrap();
+    let trajectory = Trajectory::new(
+        0,
+        vec![Point::at_rest(50_000_000, 0.0), Point::at_rest(150_000_000, 50e-3)],
+    )
+    .unwrap();
     follower.follow(0, trajectory).unwrap();
     let mut travelled = 0.0f64;
     let requests = requests_during(|| {

@@ -7,8 +7,11 @@ use super::trajectory::{Follower, Reference};
 /// What a controller is made of. Rates in Hz.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControllerSettings {
+    /// Rate at which it is sampled, Hz.
     pub rate: f64,
+    /// Gains of the PID.
     pub gains: Gains,
+    /// What the integral does at a limit of the force.
     pub anti_windup: AntiWindup,
     /// Smallest and largest force, N.
     pub limits: (f64, f64),
@@ -19,6 +22,7 @@ pub struct ControllerSettings {
 }
 
 /// Settings that no controller can have.
+#[expect(missing_docs, reason = "the message of each says what its fields are")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ControllerError {
     #[error("{name} is {value}, must {limit}")]
@@ -28,20 +32,27 @@ pub enum ControllerError {
 /// Everything that the controller adds up for one sample, SI units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Terms {
+    /// Where the carriage should be.
     pub reference: Reference,
     /// Measured position, m.
     pub position: f64,
     /// Reference less position, m.
     pub error: f64,
+    /// Proportional term, N.
     pub proportional: f64,
+    /// Integral term, N.
     pub integral: f64,
+    /// Derivative term, N.
     pub derivative: f64,
     /// Sum of the three behind the lowpass, N.
     pub feedback: f64,
+    /// Mass times acceleration of the reference, N.
     pub mass_feedforward: f64,
+    /// Viscous coefficient times velocity of the reference, N.
     pub viscous_feedforward: f64,
     /// Sum of feedback, feedforward and the effort of the reference, within the limits, N.
     pub output: f64,
+    /// Whether the output is at a limit.
     pub saturated: bool,
     /// No motion is being followed.
     pub holding: bool,
@@ -85,6 +96,7 @@ impl ControllerSettings {
         ControllerSettings { gains, ..self.clone() }
     }
 
+    /// Refuses settings that no controller can have.
     pub fn check(&self) -> Result<(), ControllerError> {
         let refuse =
             |name, value, limit: String| Err(ControllerError::Value { name, value, limit });
@@ -125,6 +137,7 @@ impl ControllerSettings {
 }
 
 impl Controller {
+    /// A controller that has seen no sample yet.
     pub fn new(settings: ControllerSettings) -> Result<Controller, ControllerError> {
         settings.check()?;
         let period = settings.rate.recip();
@@ -197,6 +210,7 @@ impl Controller {
         Ok(())
     }
 
+    /// The settings in use.
     pub fn settings(&self) -> &ControllerSettings {
         &self.settings
     }

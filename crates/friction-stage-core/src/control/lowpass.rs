@@ -24,6 +24,7 @@ impl Lowpass {
         }
     }
 
+    /// The output for the next input, in the unit of the input.
     #[inline]
     pub fn filter(&mut self, input: f64) -> f64 {
         let scaled = self.input_gain * input;
@@ -38,6 +39,7 @@ impl Lowpass {
         (self.input_gain, self.feedback) = (other.input_gain, other.feedback);
     }
 
+    /// Forgets all inputs.
     pub fn reset(&mut self) {
         self.memory = [0.0; 2];
     }

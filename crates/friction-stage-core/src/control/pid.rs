@@ -77,6 +77,7 @@ impl AntiWindup {
     /// Names as in the pid_controller of ros2_control.
     pub const NAMES: [&'static str; 3] = ["none", "conditional_integration", "back_calculation"];
 
+    /// The strategy of this name, as parameters give it; `None` for an unknown one.
     pub fn from_name(name: &str) -> Option<AntiWindup> {
         match name {
             "none" => Some(AntiWindup::None),
@@ -93,6 +94,7 @@ impl Pid {
         Pid { gains, period, strategy, integral: 0.0, last_error: None }
     }
 
+    /// Terms for the next sample of the error, m; once per period.
     #[inline]
     pub fn update(&mut self, error: f64) -> PidTerms {
         self.integral += self.gains.i * self.period * error;
@@ -130,6 +132,7 @@ impl Pid {
         (self.gains, self.strategy) = (gains, strategy);
     }
 
+    /// Forgets the integral and the last error.
     pub fn reset(&mut self) {
         self.integral = 0.0;
         self.last_error = None;

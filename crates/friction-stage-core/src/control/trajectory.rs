@@ -4,9 +4,13 @@
 /// Where the stage should be: m, m/s, m/s^2; `effort` is a force feedforward of the sender, N.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reference {
+    /// m
     pub position: f64,
+    /// m/s
     pub velocity: f64,
+    /// m/s^2
     pub acceleration: f64,
+    /// Force that is added to the controller's, N.
     pub effort: f64,
 }
 
@@ -14,11 +18,23 @@ pub struct Reference {
 /// order of interpolation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Point {
+    /// After the start of the trajectory, ns.
     pub time: i64,
+    /// m
     pub position: f64,
+    /// m/s
     pub velocity: Option<f64>,
+    /// m/s^2
     pub acceleration: Option<f64>,
+    /// Force that is added to the controller's, N.
     pub effort: f64,
+}
+
+impl Point {
+    /// At rest at a position, m, `time` ns after the start of the trajectory.
+    pub fn at_rest(time: i64, position: f64) -> Point {
+        Point { time, position, velocity: Some(0.0), acceleration: Some(0.0), ..Point::default() }
+    }
 }
 
 /// A checked list of points with its start, ns on the clock of the samples.
@@ -33,6 +49,7 @@ pub struct Trajectory {
 }
 
 /// Why a setpoint or a trajectory is refused. Index counts points from 0.
+#[expect(missing_docs, reason = "the message of each says what its fields are")]
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrajectoryError {
     #[error("the trajectory has no points")]
@@ -129,10 +146,12 @@ impl Trajectory {
         Trajectory { start: self.start + by, ..self }
     }
 
+    /// Start on the clock of the samples, ns.
     pub fn start(&self) -> i64 {
         self.start
     }
 
+    /// The points, in the order of time.
     pub fn points(&self) -> &[Point] {
         &self.points
     }

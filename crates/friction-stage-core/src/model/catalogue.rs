@@ -20,15 +20,25 @@ pub struct Catalogue {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CatalogueEntry {
+    /// What the guide is, in words.
     pub description: String,
+    /// Whether it has seals.
     pub seals: bool,
+    /// Its lubricant.
     pub lubricant: String,
+    /// Whether a cage keeps the balls apart.
     pub cage: bool,
+    /// Bristle stiffness sigma0, N/m.
     pub stiffness: Quantity,
+    /// Bristle damping sigma1, N s/m.
     pub bristle_damping: Quantity,
+    /// Viscous friction sigma2, N s/m.
     pub viscous_friction: Quantity,
+    /// Coulomb friction Fc, N.
     pub coulomb_force: Quantity,
+    /// Static friction Fs, N.
     pub static_force: Quantity,
+    /// Stribeck velocity vs, m/s.
     pub stribeck_velocity: Quantity,
     /// What the paper states of the loops; one bristle cannot meet all of it.
     #[serde(default)]
@@ -46,9 +56,13 @@ pub struct DistributedBristles {
     pub stiffness: Quantity,
     /// Bristle damping sigma1 of all elements together.
     pub bristle_damping: Quantity,
+    /// Part of the stiffness in element 1.
     pub stiffness_share_1: Quantity,
+    /// Part of the friction level in element 1.
     pub strength_share_1: Quantity,
+    /// Part of the stiffness in element 2.
     pub stiffness_share_2: Quantity,
+    /// Part of the friction level in element 2.
     pub strength_share_2: Quantity,
 }
 
@@ -56,8 +70,11 @@ pub struct DistributedBristles {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quantity {
+    /// In its unit.
     pub value: f64,
+    /// Unit of the value.
     pub unit: String,
+    /// How far the source supports it.
     pub provenance: Provenance,
     /// Section of the paper, the derivation, the recordings, or what the assumption rests on.
     pub source: String,
@@ -88,7 +105,9 @@ pub struct EffectiveStiffness {
     pub amplitude: f64,
     /// N/m
     pub stiffness: f64,
+    /// How far the source supports it.
     pub provenance: Provenance,
+    /// Where it comes from.
     pub source: String,
 }
 
@@ -173,6 +192,7 @@ impl Catalogue {
         Ok(())
     }
 
+    /// Whether it has no guide.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
@@ -182,10 +202,12 @@ impl Catalogue {
         self.entries.iter().map(|(name, entry)| (name.as_str(), entry))
     }
 
+    /// Names of the guides, in alphabetical order.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.entries.keys().map(String::as_str)
     }
 
+    /// The entry of a guide by name.
     pub fn entry(&self, name: &str) -> Option<&CatalogueEntry> {
         self.entries.get(name)
     }

@@ -59,6 +59,7 @@ impl From<&str> for ParameterValue {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Curve {
+    /// What the curve runs over.
     pub coordinate: Coordinate,
     /// Where the force enters.
     #[serde(default, skip_serializing_if = "CurveSide::is_carriage")]
@@ -181,6 +182,7 @@ impl Coordinate {
         }
     }
 
+    /// Its unit.
     pub fn unit(self) -> &'static str {
         match self {
             Coordinate::Position => "m",

@@ -1,6 +1,7 @@
 //! What can be wrong with a model, each with the numbers that a user needs to mend it.
 
 /// A model that cannot be read or that no stage could have.
+#[expect(missing_docs, reason = "the message of each says what its fields are")]
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
     #[error("cannot read the model file {path}: {source}")]

@@ -35,7 +35,9 @@ pub struct Guide {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum GuideSource {
+    /// By name from the catalogue.
     Catalogue(String),
+    /// With its own parameters.
     Inline(Guide),
 }
 

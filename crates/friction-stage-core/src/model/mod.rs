@@ -53,10 +53,13 @@ pub struct StageModel {
     /// How far the carriage can go; without it, there is no end.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stroke: Option<Stroke>,
+    /// The motor.
     #[serde(default)]
     pub motor: Motor,
+    /// The force cell.
     #[serde(default)]
     pub force_cell: ForceCell,
+    /// The encoder.
     #[serde(default)]
     pub encoder: Encoder,
     /// Present on the measuring rig: motor and carriage are two bodies with a flexure between them.

@@ -341,6 +341,7 @@ impl Body {
         (push + carriage_side + stop - self.guides.force(self.velocity)) * self.inverse_mass
     }
 
+    /// The guides with their bristles.
     pub fn guides(&self) -> &GuideBank {
         &self.guides
     }
@@ -351,6 +352,7 @@ impl Body {
         self.guides.forces(self.velocity, &self.guide_viscous)
     }
 
+    /// The effects with the forces of the last step.
     pub fn effects(&self) -> &Effects {
         &self.effects
     }

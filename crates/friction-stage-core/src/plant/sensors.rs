@@ -25,6 +25,7 @@ pub struct Reading {
 }
 
 impl Sensors {
+    /// The sensors of a model; `seed` starts their noise.
     pub fn new(model: &StageModel, seed: u64) -> Sensors {
         Sensors {
             random: ChaCha8Rng::seed_from_u64(seed),

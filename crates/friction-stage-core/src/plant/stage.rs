@@ -15,6 +15,7 @@ pub struct Rates {
 }
 
 /// Rates that do not fit each other.
+#[expect(missing_docs, reason = "the message of each says what its fields are")]
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum RatesError {
     #[error("{name} is {value} Hz, must be between {min} and {max} Hz")]
@@ -44,16 +45,27 @@ pub struct Sample {
 /// The truth behind a sample. `Copy`, so that it passes through a ring buffer without allocation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageState {
+    /// Number of the sample, counted from construction.
     pub index: u64,
+    /// Time since construction, ns.
     pub time: i64,
+    /// True position, m.
     pub position: f64,
+    /// True velocity, m/s.
     pub velocity: f64,
+    /// True acceleration, m/s^2.
     pub acceleration: f64,
+    /// Commanded force of the motor, within its limit, N.
     pub motor_force: f64,
+    /// Number of guides.
     pub guides: usize,
+    /// Mean deflection of the bristles of each guide, m.
     pub bristle_deflection: [f64; MAX_GUIDES],
+    /// Friction of each guide, N, positive against positive motion.
     pub guide_force: [f64; MAX_GUIDES],
+    /// Number of effects.
     pub effects: usize,
+    /// Force of each effect along +x, N.
     pub effect_force: [f64; MAX_EFFECTS],
 }
 
@@ -132,6 +144,8 @@ impl Rates {
 }
 
 impl Stage {
+    /// A stage at rest at position 0 with unloaded bristles; `seed` starts the noise of its
+    /// sensors.
     pub fn new(model: &StageModel, rates: Rates, seed: u64) -> Result<Stage, ModelError> {
         Ok(Stage {
             body: Body::new(model, rates.physics().recip())?,
@@ -181,10 +195,12 @@ impl Stage {
         self.clamped
     }
 
+    /// Control rate and internal rate.
     pub fn rates(&self) -> Rates {
         self.rates
     }
 
+    /// Largest force of the motor in either direction, N.
     pub fn force_limit(&self) -> f64 {
         self.force_limit
     }
@@ -194,6 +210,7 @@ impl Stage {
         self.index
     }
 
+    /// The mechanics.
     pub fn body(&self) -> &Body {
         &self.body
     }

@@ -34,6 +34,7 @@ pub struct BristleSlopes {
 impl BristleSlopes {
     /// Places of parameters in the order of the derivatives.
     pub const STIFFNESS: usize = 0;
+    /// Place of static friction.
     pub const STATIC_FORCE: usize = 2;
     const BRISTLE_DAMPING: usize = 4;
 
