@@ -4,13 +4,15 @@
 //! F = -k (x - xc) - A h, along +x on the carriage: k stiffness (N/m), xc center (m), A amplitude
 //! of the hysteresis (N). h runs from -1 to 1 with the path, w width of the transition (m), in one
 //! of three forms: with u = h sign(v) and s the path,
-//! - 0: du/ds = (1 - u) / w, 1: du/ds = (1 - u |u|) / w, 2: du/ds = 1 / w up to u = 1.
+//! - `dahl`: du/ds = (1 - u) / w,
+//! - `bouc_wen`: du/ds = (1 - u |u|) / w,
+//! - `slider`: du/ds = 1 / w up to u = 1.
 //!
-//! Exact for each step. Source of the hysteresis: form 0: Dahl's model with exponent 1 (P. Dahl, "A
-//! solid friction model", 1968); 1: that of Bouc and Wen with exponent 2 (Wen, J. Eng. Mech. Div.
-//! ASCE 102(2), 1976) and equal parts in loading and unloading; 2: spring and slider (Iwan, J.
-//! Appl. Mech. 33, 1966). Of the spring: assumed linear over the stroke. Sizes: assumed, 1 to 10 N
-//! over the stroke. Not modelled: bumps of single links, dwell-time creep of the cables.
+//! Exact for each step. Source of the hysteresis: Dahl's model with exponent 1 (P. Dahl, "A solid
+//! friction model", 1968); that of Bouc and Wen with exponent 2 (Wen, J. Eng. Mech. Div. ASCE
+//! 102(2), 1976) and equal parts in loading and unloading; spring and slider (Iwan, J. Appl. Mech.
+//! 33, 1966). Of the spring: assumed linear over the stroke. Sizes: assumed, 1 to 10 N over the
+//! stroke. Not modelled: bumps of single links, dwell-time creep of the cables.
 
 use super::regression::{along, largest_over_decades, least_squares};
 use super::{
@@ -32,10 +34,10 @@ const FORMS: [&str; 3] = ["dahl", "bouc_wen", "slider"];
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "cable_chain",
     role: Role::CarriageForce,
-    law: "F = -stiffness (x - center) - amplitude h, u = h sign(v); form 0: du/ds = (1 - u) / \
-          width, 1: (1 - u |u|) / width, 2: 1 / width up to u = 1",
-    source: "linear spring (assumed) and hysteresis of Dahl 1968 (0), Bouc and Wen 1976 (1), Iwan \
-             1966 (2)",
+    law: "F = -stiffness (x - center) - amplitude h, u = h sign(v); dahl: du/ds = (1 - u) / \
+          width, bouc_wen: (1 - u |u|) / width, slider: 1 / width up to u = 1",
+    source: "linear spring (assumed) and hysteresis of Dahl 1968, Bouc and Wen 1976, or Iwan 1966 \
+             (slider)",
     telltale: "low-order polynomial in position at every speed, not seen by the force cell",
     parameters: &[
         EffectParameter::required(

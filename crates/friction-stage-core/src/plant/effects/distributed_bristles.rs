@@ -3,20 +3,20 @@
 //!
 //! F = sum of a_i (c sigma0 z_i + sigma1 dz_i/dt) + sigma2 v, i = 1 to 4, where z_i slips at the
 //! deflection l_i = b_i g(v) / (c a_i sigma0), in one of two forms:
-//! - 0: gradually, dz_i/dt = v - |v| z_i / l_i, as LuGre's bristle;
-//! - 1: suddenly (Maxwell slip), dz_i/dt = v up to |z_i| = l_i, where it stays.
+//! - `gradual`: dz_i/dt = v - |v| z_i / l_i, as LuGre's bristle;
+//! - `sudden` (Maxwell slip): dz_i/dt = v up to |z_i| = l_i, where it stays.
 //!
 //! a_i stiffness_share_i, b_i strength_share_i, of which the fourth element has what the others
 //! leave (each kind sums to 1); c stiffness, the stiffness at the smallest motion over sigma0. A
 //! share of 0 takes an element away. The same shares in every guide. Effective stiffness of a slow
-//! loop of amplitude A: form 0: sum of b_i Fs tanh(c a_i sigma0 A / (b_i Fs)) / A, 1: sum of min(c
-//! a_i sigma0, b_i Fs / A): it falls over a wider range of A than one bristle's. Source: parallel
-//! elements of a spring and a slider (W. Iwan, J. Appl. Mech. 33, 1966), of the level of the
-//! Stribeck curve (generalized Maxwell slip: Al-Bender, Lampaert, Swevers, IEEE TAC 50(11), 2005);
-//! form 0 with LuGre's bristles in their place. Sizes: assumed. Stored energy: that of the
-//! bristles. Memory of loops within loops is exact with form 1; with form 0 as good as the elements
-//! are many: each forgets over its own break-away distance. Not modelled: shares that differ
-//! between guides, elements of their own damping.
+//! loop of amplitude A: gradual: sum of b_i Fs tanh(c a_i sigma0 A / (b_i Fs)) / A, sudden: sum of
+//! min(c a_i sigma0, b_i Fs / A): it falls over a wider range of A than one bristle's. Source:
+//! parallel elements of a spring and a slider (W. Iwan, J. Appl. Mech. 33, 1966), of the level of
+//! the Stribeck curve (generalized Maxwell slip: Al-Bender, Lampaert, Swevers, IEEE TAC 50(11),
+//! 2005); gradual: with LuGre's bristles in their place. Sizes: assumed. Stored energy: that of the
+//! bristles. Memory of loops within loops is exact with sudden slip; with gradual slip as good as
+//! the elements are many: each forgets over its own break-away distance. Not modelled: shares that
+//! differ between guides, elements of their own damping.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -35,8 +35,8 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "distributed_bristles",
     role: Role::Bristles,
     law: "up to four bristles in parallel per guide: stiffness c a_i sigma0, damping a_i sigma1, \
-          level b_i g(v); they slip gradually (form 0, LuGre) or suddenly (1, Maxwell slip)",
-    source: "Iwan 1966; Al-Bender, Lampaert, Swevers 2005; form 0 with LuGre elements",
+          level b_i g(v); they slip gradually (LuGre) or suddenly (Maxwell slip)",
+    source: "Iwan 1966; Al-Bender, Lampaert, Swevers 2005; gradual: LuGre elements",
     telltale: "stiffer at the smallest loops and softer at larger ones than one bristle, loops \
                within loops",
     parameters: &[

@@ -2,16 +2,16 @@
 //! it has stood.
 //!
 //! Fs times 1 + f s: f fraction, T time_constant (s), w width (m), in one of two forms:
-//! - 0: ds/dt = (1 - s) / T - s |v| / w, from 0 (just moved) to 1 (rested long); at rest s = 1 -
-//!   exp(-t / T);
-//! - 1: s = ln(1 + a / T) with the age a (s) of the contacts, da/dt = 1 - a |v| / w; at rest a = t,
-//!   and s grows without end.
+//! - `saturating`: ds/dt = (1 - s) / T - s |v| / w, from 0 (just moved) to 1 (rested long); at rest
+//!   s = 1 - exp(-t / T);
+//! - `logarithmic`: s = ln(1 + a / T) with the age a (s) of the contacts, da/dt = 1 - a |v| / w; at
+//!   rest a = t, and s grows without end.
 //!
-//! Sliding renews the contacts over the width. Exact over a step of constant velocity. Starts at
-//! s = 0. Source: form 1: aging law of rate-and-state friction (Dieterich, J. Geophys. Res. 84,
-//! 1979; Ruina, J. Geophys. Res. 88, 1983); form 0: the same, saturating (assumed). Sizes: assumed,
-//! some 10 %, time constant about 1 s, width of about the distance over which the guides break
-//! away. It only takes energy. Not modelled: normal load.
+//! Sliding renews the contacts over the width. Exact over a step of constant velocity. Starts at s
+//! = 0. Source: aging law of rate-and-state friction (Dieterich, J. Geophys. Res. 84, 1979; Ruina,
+//! J. Geophys. Res. 88, 1983); saturating: the same with an end (assumed). Sizes: assumed, some 10
+//! %, time constant about 1 s, width of about the distance over which the guides break away. It
+//! only takes energy. Not modelled: normal load.
 
 use super::regression::{break_away, largest_over_decades, least_squares, step_of};
 use super::{
@@ -33,16 +33,16 @@ const FORMS: [&str; 2] = ["saturating", "logarithmic"];
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "stiction_aging",
     role: Role::Friction(FrictionTerms::BRISTLES),
-    law: "Fs (1 + fraction s); form 0: ds/dt = (1 - s) / time_constant - s |v| / width; 1: s = \
-          ln(1 + a / time_constant), da/dt = 1 - a |v| / width",
-    source: "Dieterich 1979, Ruina 1983; form 0: the same, saturating",
+    law: "Fs (1 + fraction s); saturating: ds/dt = (1 - s) / time_constant - s |v| / width; \
+          logarithmic: s = ln(1 + a / time_constant), da/dt = 1 - a |v| / width",
+    source: "Dieterich 1979, Ruina 1983; saturating: the same with an end (assumed)",
     telltale: "a peak at break-away that grows with the rest before it, not seen by the force cell",
     parameters: &[
         EffectParameter::required(
             "fraction",
             "1",
-            "part by which Fs has risen after a long rest (form 0), or rises for each factor of e \
-             (1)",
+            "part by which Fs has risen after a long rest, or, logarithmic, rises for each factor \
+             of e",
             (0.0, 10.0),
             0.1,
         ),
@@ -90,7 +90,7 @@ struct StictionAging {
     fraction: f64,
     time_constant: f64,
     width: f64,
-    /// s of form 0; a / T of form 1.
+    /// s of the saturating form; a / T of the logarithmic one.
     age: f64,
 }
 

@@ -1,18 +1,18 @@
 //! Viscous warm-up: grease that is worked through gets thinner.
 //!
 //! sigma2 times 1 - f g, f fraction, and g from 0 to 1 in one of five forms:
-//! - 0: min(1, s / w), 1: 1 - exp(-s / w), with the distance (m) that the grease remembers, ds/dt =
-//!   |v| - s / T: w width (m), T time_constant (s) in which it recovers;
-//! - 2: 1 - exp(-t / H) with the time t since the start: H warm_up_time (s), of the machine as a
-//!   whole that gets warm;
-//! - 3: 1 - exp(-W / E) with the heat (J) that friction leaves in it, dW/dt = F v - W / T: E work
-//!   (J), T time_constant (s) in which it cools;
-//! - 4: dg/dt = (1 - g) |v| / w - g / T, of a structure that shear breaks and that builds up again:
-//!   w width (m), T time_constant (s).
+//! - `proportion`: min(1, s / w), `distance`: 1 - exp(-s / w), with the distance (m) that the
+//!   grease remembers, ds/dt = |v| - s / T: w width (m), T time_constant (s) in which it recovers;
+//! - `time`: 1 - exp(-t / H) with the time t since the start: H warm_up_time (s), of the machine as
+//!   a whole that gets warm;
+//! - `work`: 1 - exp(-W / E) with the heat (J) that friction leaves in it, dW/dt = F v - W / T: E
+//!   work (J), T time_constant (s) in which it cools;
+//! - `structure`: dg/dt = (1 - g) |v| / w - g / T, of a structure that shear breaks and that builds
+//!   up again: w width (m), T time_constant (s).
 //!
 //! A time_constant of 1e6 s is none.
 //!
-//! Source: form 4: Moore, Trans. Br. Ceram. Soc. 58, 1959, where g is the broken part of the
+//! Source of structure: Moore, Trans. Br. Ceram. Soc. 58, 1959, where g is the broken part of the
 //! structure; the others assumed; viscosity falls by 1 to 3 % per kelvin (assumed). It only takes
 //! energy (f below 1). Each start is a cold one. Not modelled: change of the Coulomb part, heat
 //! from elsewhere.
@@ -30,11 +30,12 @@ const FORMS: [&str; 5] = ["proportion", "distance", "time", "work", "structure"]
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "viscous_warm_up",
     role: Role::Friction(FrictionTerms::VISCOUS),
-    law: "sigma2 (1 - fraction g); form 0: g = min(1, s / width), 1: 1 - exp(-s / width), ds/dt = \
-          |v| - s / time_constant; 2: 1 - exp(-t / warm_up_time); 3: 1 - exp(-W / work), dW/dt = F \
-          v - W / time_constant; 4: dg/dt = (1 - g) |v| / width - g / time_constant",
+    law: "sigma2 (1 - fraction g); proportion: g = min(1, s / width), distance: 1 - exp(-s / \
+          width), ds/dt = |v| - s / time_constant; time: 1 - exp(-t / warm_up_time); work: 1 - \
+          exp(-W / work), dW/dt = F v - W / time_constant; structure: dg/dt = (1 - g) |v| / width \
+          - g / time_constant",
     source: "assumed forms, saturating with the distance worked through, the time or the work of \
-             friction; form 4: Moore 1959",
+             friction; structure: Moore 1959",
     telltale: "proportional to v, sets in with the distance travelled or the time, not seen by the \
                force cell",
     parameters: &[
@@ -70,7 +71,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::optional(
             "warm_up_time",
             "s",
-            "time over which it goes, form 2",
+            "time over which it falls, form time",
             (1e-2, 1e6),
             10.0,
             10.0,
@@ -78,7 +79,7 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
         EffectParameter::optional(
             "work",
             "J",
-            "work over which it goes, form 3",
+            "work over which it falls, form work",
             (1e-3, 1e9),
             10.0,
             100.0,
@@ -151,7 +152,7 @@ struct ViscousWarmUp {
     extent: f64,
     /// T, s.
     time_constant: f64,
-    /// s, t or W; g itself in form 4.
+    /// s, t or W; g itself of a structure.
     gone_through: f64,
     /// Length of the last step, s, and what of s or W it left: one step is as long as the other.
     remains: (f64, f64),
@@ -230,7 +231,7 @@ impl FrictionLaw for ViscousWarmUp {
 /// Recovery times that a proposal tries, as multiples of the record's length.
 const RECOVERIES: [f64; 3] = [0.1, 0.3, 1.0];
 
-/// Every form, with and without recovery; without it form 4 is form 1.
+/// Every form, with and without recovery; without it structure is distance.
 fn warm_up_forms(values: &[f64], _step: f64) -> Vec<Vec<f64>> {
     let form = |code: f64, time_constant: f64| {
         let mut start = values.to_vec();
