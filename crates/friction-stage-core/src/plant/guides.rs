@@ -24,7 +24,7 @@ const NOTHING_LEFT: f64 = 64.0;
 
 /// Largest sum of bristle damping and viscous friction times step over mass: the explicit carriage
 /// step is stable below 1.
-pub const MAX_STEP_DAMPING: f64 = 0.5;
+pub(super) const MAX_STEP_DAMPING: f64 = 0.5;
 
 /// The guides of one stage with their bristles. Lanes without a guide stay at zero force.
 ///

@@ -18,7 +18,6 @@ pub use effects::{
 };
 pub use guides::{
     BRISTLE_PARAMETERS, BristleElements, BristleShare, BristleSlopes, FrictionScale, GuideBank,
-    MAX_ELEMENTS, MAX_STEP_DAMPING, Slip,
+    MAX_ELEMENTS, Slip,
 };
-pub use sensors::{Reading, Sensors};
 pub use stage::{Rates, RatesError, Sample, Stage, StageState};

@@ -8,7 +8,7 @@ use crate::model::StageModel;
 
 /// Encoder and force cell. The same seed and the same truth give the same readings.
 #[derive(Clone, Debug)]
-pub struct Sensors {
+pub(super) struct Sensors {
     random: ChaCha8Rng,
     resolution: f64,
     position_noise: f64,
@@ -17,7 +17,7 @@ pub struct Sensors {
 
 /// One reading of both sensors.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reading {
+pub(super) struct Reading {
     /// m, quantised
     pub position: f64,
     /// N
@@ -26,7 +26,7 @@ pub struct Reading {
 
 impl Sensors {
     /// The sensors of a model; `seed` starts their noise.
-    pub fn new(model: &StageModel, seed: u64) -> Sensors {
+    pub(super) fn new(model: &StageModel, seed: u64) -> Sensors {
         Sensors {
             random: ChaCha8Rng::seed_from_u64(seed),
             resolution: model.encoder.resolution,
@@ -37,7 +37,7 @@ impl Sensors {
 
     /// Reads the true position (m) and coupling force (N). Always draws twice, so that noise levels
     /// do not shift the sequence.
-    pub fn read(&mut self, position: f64, force: f64) -> Reading {
+    pub(super) fn read(&mut self, position: f64, force: f64) -> Reading {
         let mut normal = || -> f64 { StandardNormal.sample(&mut self.random) };
         let noisy = position + self.position_noise * normal();
         let force_cell = force + self.force_noise * normal();

@@ -31,12 +31,12 @@ pub struct EffectDescriptor {
     /// typical shape.
     pub typical: &'static [f64],
     /// Refuses values within their bounds that do not go together.
-    pub check: fn(&[f64]) -> Result<(), ModelError>,
+    pub(crate) check: fn(&[f64]) -> Result<(), ModelError>,
     /// Whether a fit that starts at these values may change the value of this index: some choose
     /// between forms of a law.
     pub free: fn(&[f64], usize) -> bool,
     /// Builds the effect from checked values, in the order of `parameters`.
-    pub build: fn(&[f64]) -> Action,
+    pub(crate) build: fn(&[f64]) -> Action,
     /// Guesses values from a residual, for a joint refit to start from; it gives `None` where the
     /// residual shows nothing of this kind. `None` for what a search over laws does not add.
     pub proposal: Option<Proposal>,

@@ -11,7 +11,7 @@ use super::{ForceOverStep, Motion};
 
 /// An effect at work, by its role.
 #[derive(Debug)]
-pub enum Action {
+pub(crate) enum Action {
     /// Changes the command of the motor.
     Command(Box<dyn CommandLaw>),
     /// Adds a force before the force cell.
@@ -34,7 +34,7 @@ pub enum Action {
 }
 
 /// A change of the motor's command on its way to becoming a force.
-pub trait CommandLaw: Debug + Send + Sync {
+pub(crate) trait CommandLaw: Debug + Send + Sync {
     /// Mean force, N, by which what leaves differs from the command that arrives, N, over a step of
     /// `step` seconds.
     fn change(&mut self, command: f64, motion: &Motion, step: f64) -> f64;
@@ -50,7 +50,7 @@ pub trait CommandLaw: Debug + Send + Sync {
 }
 
 /// A force on motor or carriage.
-pub trait ForceLaw: Debug + Send + Sync {
+pub(crate) trait ForceLaw: Debug + Send + Sync {
     /// Mean force along +x over a step of `step` seconds, N.
     fn force(&mut self, motion: &Motion, step: f64) -> f64;
 
@@ -80,7 +80,7 @@ pub trait ForceLaw: Debug + Send + Sync {
 }
 
 /// Factors on the laws of the guides.
-pub trait FrictionLaw: Debug + Send + Sync {
+pub(crate) trait FrictionLaw: Debug + Send + Sync {
     /// Multiplies the factors on the guides' laws over a step of `step` seconds.
     fn scale(&mut self, motion: &Motion, step: f64, scale: &mut FrictionScale);
 
@@ -95,7 +95,7 @@ pub trait FrictionLaw: Debug + Send + Sync {
 }
 
 /// A mass that moves with the carriage at times.
-pub trait MassLaw: Debug + Send + Sync {
+pub(crate) trait MassLaw: Debug + Send + Sync {
     /// Mass beyond that of the model as the carriage moves now, kg.
     fn mass(&self, motion: &Motion) -> f64;
 
@@ -104,7 +104,7 @@ pub trait MassLaw: Debug + Send + Sync {
 }
 
 /// What a sensor reads.
-pub trait ReadingLaw: Debug + Send + Sync {
+pub(crate) trait ReadingLaw: Debug + Send + Sync {
     /// Reading at a time since the start, s, for a true value; both in the unit of the sensor.
     fn reading(&self, time: f64, truth: f64) -> f64;
 }

@@ -17,7 +17,7 @@ pub use descriptor::{
     CurveValues, EffectDescriptor, EffectParameter, Multiplicity, ParameterKind, Proposal,
     RecordSpecific, SlippingRipple,
 };
-pub use law::{Action, CommandLaw, ForceLaw, FrictionLaw, MassLaw, ReadingLaw};
+pub(crate) use law::{Action, CommandLaw, ForceLaw, FrictionLaw, MassLaw, ReadingLaw};
 pub use motion::{ForceOverStep, Motion};
 pub use regression::{golden_maximum, viscous_friction};
 pub use residual::{Residual, Samples};
