@@ -24,8 +24,8 @@ pub enum ModelError {
     UnknownEffect { name: String, hint: String, known: String },
     #[error("effects.{effect}: unknown parameter `{name}`{hint}; it takes {known}")]
     UnknownEffectParameter { effect: &'static str, name: String, hint: String, known: String },
-    #[error("{key}: unknown form `{name}`{hint}; it takes {known}")]
-    UnknownForm { key: String, name: String, hint: String, known: String },
+    #[error("{key}: unknown form `{name}`{hint}")]
+    UnknownForm { key: String, name: String, hint: String },
     #[error("{key} is `{text}`, must be a number, {unit}")]
     NotANumber { key: String, text: String, unit: &'static str },
     #[error("effects.{effect}: parameter `{name}` is missing ({description}, {unit})")]

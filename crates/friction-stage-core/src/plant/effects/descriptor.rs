@@ -347,8 +347,11 @@ impl EffectDescriptor {
                 place.map(|place| place as f64).ok_or_else(|| ModelError::UnknownForm {
                     key: key(),
                     name: name.clone(),
-                    hint: nearest(name, names.iter().copied()),
-                    known: names.join(", "),
+                    hint: format!(
+                        "{}; it takes {}",
+                        nearest(name, names.iter().copied()),
+                        names.join(", ")
+                    ),
                 })
             }
             (ParameterValue::Name(text), _) => {
