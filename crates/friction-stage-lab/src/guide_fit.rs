@@ -8,10 +8,13 @@
 //! sigma0 z + sigma1 dz/dt + sigma2 v + offset, with the bristle moved exactly over each sampling
 //! interval.
 
+use std::slice;
+
 use super::least_squares::{FitError, Minimum, minimise};
 use super::specimen::Recording;
 use friction_stage_core::model::Guide;
 use friction_stage_core::numerics::TWO_SIDED_95;
+use friction_stage_core::plant::GuideBank;
 
 /// What the measuring rig records, one row per sample, SI units.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -550,24 +553,17 @@ impl Motion {
         deflection: f64,
         trembling: f64,
     ) -> Vec<f64> {
-        let mut bristle = deflection;
+        let mut bank = GuideBank::new(slice::from_ref(guide));
+        bank.set_bristles(&[deflection], 0.0);
+        let speed = |velocity: f64| (velocity * velocity + trembling).max(0.0).sqrt();
         let mut residuals = Vec::with_capacity(self.force.len());
         for k in 0..self.force.len() {
             if k > 0 {
-                let way = self.position[k] - self.position[k - 1];
-                let slipped = (way * way + trembling * self.step * self.step).max(0.0).sqrt();
-                // Slip in units of the deflection of steady sliding; (1 - exp(-u))/u without loss
-                // of digits.
-                let u = slipped * guide.stiffness / guide.level(way / self.step);
-                let share = if u > 1e-12 { -(-u).exp_m1() / u } else { 1.0 };
-                bristle = bristle * (-u).exp() + way * share;
+                let path = self.position[k] - self.position[k - 1];
+                bank.move_trembling(path, speed(path / self.step), self.step);
             }
             let velocity = self.velocity[k];
-            let speed = (velocity * velocity + trembling).max(0.0).sqrt();
-            let rate = velocity - guide.stiffness * speed * bristle / guide.level(velocity);
-            let friction = guide.stiffness * bristle
-                + guide.bristle_damping * rate
-                + guide.viscous_friction * velocity;
+            let friction = bank.trembling_force(velocity, speed(velocity));
             residuals.push(self.force[k] - friction - mass * self.acceleration[k] - offset);
         }
         residuals

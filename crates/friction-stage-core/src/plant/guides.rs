@@ -108,6 +108,7 @@ pub enum Slip {
 pub struct BristleElements {
     /// Not negative; those of damping and of strength sum to 1.
     pub shares: [BristleShare; MAX_ELEMENTS],
+    /// How each element slips.
     pub slip: Slip,
 }
 
@@ -197,6 +198,7 @@ impl GuideBank {
         bank
     }
 
+    /// Number of guides.
     pub fn count(&self) -> usize {
         self.count
     }
@@ -459,6 +461,27 @@ impl GuideBank {
         (impulse * f64x4::splat(step.recip())).to_array()
     }
 
+    /// Moves the bristles along a path, m, over `step` seconds (greater than 0), exactly, while they
+    /// slip at the rate of `speed`, m/s: a guide that trembles slips while its mean stands still.
+    /// For guides of one bristle each.
+    pub fn move_trembling(&mut self, path: f64, speed: f64, step: f64) {
+        let velocity = path / step;
+        let level = self.level(f64x4::splat(velocity * velocity));
+        let power = self.relaxation * f64x4::splat(speed * step) / level;
+        let decay = exp2_of_negative(power);
+        self.bristle = self.bristle * decay + f64x4::splat(path) * mean_of_decay(power, decay);
+    }
+
+    /// Sum of the friction at velocity v, N, of guides of one bristle each that slip at the rate of
+    /// `speed`, m/s.
+    pub fn trembling_force(&self, velocity: f64, speed: f64) -> f64 {
+        let squared = f64x4::splat(velocity * velocity);
+        let slip = self.stiffness * f64x4::splat(speed) / self.level(squared);
+        let rate = f64x4::splat(velocity) - slip * self.bristle;
+        let of_bristles = self.stiffness * self.bristle + self.damping_at(squared) * rate;
+        of_bristles.reduce_add() + self.viscous_friction * velocity
+    }
+
     /// One step of all bristles at constant velocity: momentum that each guide takes from the
     /// carriage, N s, with g and sigma1. The mean deflection of the step is that of its ends, or
     /// with `EXACT` that of the exponential between them.
@@ -585,6 +608,36 @@ mod tests {
             );
             assert!((bank.force(velocity) / force - 1.0).abs() < 1e-9, "{}", bank.force(velocity));
         }
+    }
+
+    /// Without trembling it is the motion and the friction of the plant.
+    #[test]
+    fn guides_that_do_not_tremble_move_and_rub_as_they_do_in_the_plant() {
+        let (mut driven, mut still) = (GuideBank::new(&[guide()]), GuideBank::new(&[guide()]));
+        for k in 0..2000 {
+            let velocity = 2e-3 * (0.01 * f64::from(k)).sin();
+            driven.drive(velocity, 1e-4, &FrictionScale::ONE);
+            still.move_trembling(1e-4 * velocity, velocity.abs(), 1e-4);
+            let deflections = [driven.bristles()[0], still.bristles()[0]];
+            assert!((deflections[0] - deflections[1]).abs() < 1e-17, "{k}: {deflections:?}");
+            let forces = [driven.force(velocity), still.trembling_force(velocity, velocity.abs())];
+            assert!((forces[0] - forces[1]).abs() < 1e-11, "{k}: {forces:?}");
+        }
+    }
+
+    /// A guide whose mean stands still forgets its deflection as it trembles: z' = -sigma0 s z / Fs.
+    #[test]
+    fn a_guide_that_trembles_where_it_stands_lets_go() {
+        let guide = guide();
+        let mut bank = GuideBank::new(std::slice::from_ref(&guide));
+        bank.set_bristles(&[1e-6], 0.0);
+        (0..100).for_each(|_| bank.move_trembling(0.0, 1e-5, 1e-2));
+        let rate = guide.stiffness * 1e-5 / guide.static_force;
+        let expected = 1e-6 * (-rate).exp();
+        assert!((bank.bristles()[0] / expected - 1.0).abs() < 1e-12, "{:?}", bank.bristles());
+        let force = bank.trembling_force(0.0, 1e-5);
+        let expected = expected * (guide.stiffness - guide.bristle_damping * rate);
+        assert!((force / expected - 1.0).abs() < 1e-12, "{force} {expected}");
     }
 
     /// The mean over a long step is the mean over the short steps that it is made of.
