@@ -16,8 +16,10 @@ use super::inlet::{Inlet, Waiter};
 use super::outlet::Outlet;
 use super::participant::{Network, Participant, Reach};
 use super::qos::{COMMANDS, DIAGNOSTICS};
+use super::socket_filter::LARGEST_SAMPLE;
 use super::wire::joint_trajectory;
 use friction_stage_core::control::Point;
+use friction_stage_data::message::to_cdr;
 use friction_stage_data::message::{DiagnosticArray, DiagnosticStatus, JointTrajectory};
 
 /// Longest wait for the next sign of progress: for a process to be found, to take the motion, to
@@ -233,6 +235,14 @@ impl Driver {
         progress: &mut dyn FnMut(f64),
     ) -> anyhow::Result<RunResult> {
         let start = super::LOCKSTEP_EPOCH;
+        let motion = joint_trajectory("stage", start, &run.points);
+        let size = to_cdr(&motion)?.len();
+        anyhow::ensure!(
+            size < LARGEST_SAMPLE,
+            "a motion of {} points is a message of {size} bytes, and the nodes hear less than \
+             {LARGEST_SAMPLE}: leave points out, they are interpolated",
+            run.points.len()
+        );
         let end = start + run.points.last().map_or(0, |point| point.time);
         let waiter = Waiter::new();
         let mut setpoint =
@@ -278,7 +288,7 @@ impl Driver {
                 "the recorder did not hear the controller in {PATIENCE:?}"
             );
         }
-        let _ = setpoint.publish(joint_trajectory("stage", start, &run.points));
+        let _ = setpoint.publish(motion);
         let mut deadline = Instant::now() + PATIENCE;
         let (mut first, mut last) = (None, None);
         loop {

@@ -19,16 +19,15 @@ def run(*command: str) -> None:
     subprocess.run(command, check=True)
 
 
-def command_stage(address: str, own_address: str) -> None:
-    """Pushes the stage with 200 N for a second."""
+def command_stage(process: str, address: str, own_address: str) -> None:
+    """Pushes the stage with 200 N for three seconds."""
     from rtps import Stranger
 
-    stranger = Stranger(DOMAIN, address, own_address)
-    for _ in range(10):
-        stranger.send(stranger.announcement())
-        stranger.send(stranger.publication("rt/stage/force", "geometry_msgs::msg::dds_::WrenchStamped_"))
-        time.sleep(0.1)
-    for sequence in range(1, 101):
+    stranger = Stranger(int(process), address, own_address)
+    for sequence in range(1, 301):
+        if sequence % 10 == 1:
+            stranger.send(stranger.announcement())
+            stranger.send(stranger.publication("rt/stage/force", "geometry_msgs::msg::dds_::WrenchStamped_"))
         stranger.send(stranger.force(sequence, 200.0))
         time.sleep(0.01)
 
@@ -37,9 +36,9 @@ def moved(stage_node: str, log: Path, discovery_range: str, sender: list[str]) -
     """Largest distance from 0 that a new stage reports after the sender has tried, m."""
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = discovery_range
     os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
-    from ros import Ros
+    from ros import Ros, nanoseconds
 
-    parameters = ["mode:=realtime", "control_rate:=1000.0", "physics_rate:=10000.0", "noise:=false"]
+    parameters = ["mode:=realtime", "control_rate:=100.0", "physics_rate:=10000.0", "noise:=false"]
     arguments = [part for parameter in parameters for part in ("-p", parameter)]
     with log.open("wb") as out:
         stage = subprocess.Popen([stage_node, "--ros-args", *arguments], stdout=out, stderr=out)
@@ -47,11 +46,12 @@ def moved(stage_node: str, log: Path, discovery_range: str, sender: list[str]) -
         with Ros(DOMAIN, []) as ros:
             encoder = ros.collect("/stage/encoder")
             ros.until(lambda: encoder, "a sample")
-            attack = subprocess.Popen([*sender, sys.executable, __file__, "send", *sender_addresses(sender)])
+            attack = subprocess.Popen([*sender, sys.executable, __file__, "send", str(stage.pid), *sender_addresses(sender)])
             ros.until(lambda: attack.poll() is not None, "the end of the sender")
             assert attack.returncode == 0
-            count = len(encoder)
-            ros.until(lambda: len(encoder) > count + 100, "more samples")
+            # In real time stamps are system time: everything until now has been heard.
+            end = time.time_ns()
+            ros.until(lambda: nanoseconds(encoder[-1].header.stamp) > end, "the samples until the end")
             return max(abs(message.position[0]) for message in encoder)
     finally:
         stage.terminate()

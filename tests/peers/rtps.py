@@ -3,6 +3,7 @@
 import os
 import socket
 import struct
+from pathlib import Path
 
 HEARTBEAT, GAP, NACK_FRAG, ACKNACK, DATA, DATA_FRAG = 0x07, 0x08, 0x12, 0x06, 0x15, 0x16
 PARTICIPANTS = bytes.fromhex("000100c7 000100c2")
@@ -60,24 +61,30 @@ def fragment_request(entities: bytes, sequence: int, first: int, count: int = 1)
     return submessage(NACK_FRAG, entities + number(sequence) + struct.pack("<IIIi", first, 32, 0xFFFFFFFF, count))
 
 
-class Stranger:
-    """A participant of its own that only sends."""
+def unicast_ports(process: int) -> list[int]:
+    """The ports at which a participant of this process hears what is sent to it alone (DDSI-RTPS 2.5, 9.6.2.3)."""
+    links = [os.readlink(link.path) for link in os.scandir(f"/proc/{process}/fd")]
+    lines = [line.split() for line in Path(f"/proc/{process}/net/udp").read_text().splitlines()[1:]]
+    ports = sorted({int(line[1].partition(":")[2], 16) for line in lines if f"socket:[{line[9]}]" in links})
+    first = 7400 + 250 * int(os.environ["ROS_DOMAIN_ID"])
+    return [port for port in ports if first + 10 <= port < first + 250]
 
-    def __init__(self, domain: int, address: str = "127.0.0.1", own_address: str = "127.0.0.1") -> None:
+
+class Stranger:
+    """A participant of its own that only sends, to all ports of one process."""
+
+    def __init__(self, process: int, address: str = "127.0.0.1", own_address: str = "127.0.0.1") -> None:
         self.prefix = bytes([1, 15]) + os.urandom(10)
         self.own_address = own_address
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind((own_address, 0))
-        # Discovery and user traffic of the first participants (DDSI-RTPS 2.5, 9.6.2.3).
-        base = 7400 + 250 * domain
-        self.discovery = [(address, base + 10 + 2 * participant) for participant in range(6)]
-        self.user = [(address, base + 11 + 2 * participant) for participant in range(6)]
+        self.targets = [(address, port) for port in unicast_ports(process)]
 
     def message(self, *submessages: bytes, prefix: bytes | None = None) -> bytes:
         return b"RTPS\2\3\1\x0f" + (prefix or self.prefix) + b"".join(submessages)
 
     def send(self, datagram: bytes) -> None:
-        for target in self.discovery + self.user:
+        for target in self.targets:
             self.socket.sendto(datagram, target)
 
     def announcement(self) -> bytes:
@@ -109,4 +116,6 @@ class Stranger:
         payload = b"\0\1\0\0" + struct.pack("<iI", 0, 0) + string("") + bytes(3)
         # CDR aligns doubles to 8 bytes after the encapsulation header.
         payload += bytes(-(len(payload) - 4) % 8) + struct.pack("<6d", newton, 0, 0, 0, 0, 0)
-        return self.message(data(ANY_READER + WRITER, sequence, payload))
+        # Whoever has missed those before does not wait for them.
+        entities = ANY_READER + WRITER
+        return self.message(heartbeat(entities, sequence, sequence, sequence), data(entities, sequence, payload))

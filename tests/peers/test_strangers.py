@@ -52,10 +52,10 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("case", HOSTILE)
-def test_a_hostile_datagram_costs_the_stage_nothing(ros, stage, domain, case):
+def test_a_hostile_datagram_costs_the_stage_nothing(ros, stage, case):
     process = stage(**REALTIME)
     before = memory(process)
-    stranger = Stranger(domain)
+    stranger = Stranger(process.popen.pid)
     # As a participant that the stage has discovered: its heartbeats would count.
     for _ in range(3):
         stranger.send(stranger.announcement())
@@ -86,12 +86,12 @@ def mutated(stranger: Stranger, chaos: random.Random) -> bytes:
     return bytes(datagram[: len(datagram) - chaos.choice([0, 0, 0, chaos.randrange(len(datagram))])])
 
 
-def test_random_datagrams_cost_the_stage_nothing(ros, stage, domain):
+def test_random_datagrams_cost_the_stage_nothing(ros, stage):
     process = stage(**REALTIME)
     before = memory(process)
     chaos = random.Random(1)
-    strangers = [Stranger(domain) for _ in range(5)]
-    for sent in range(DATAGRAMS // 12):
+    strangers = [Stranger(process.popen.pid) for _ in range(5)]
+    for sent in range(DATAGRAMS // len(strangers[0].targets)):
         stranger = chaos.choice(strangers)
         stranger.send(chaos.randbytes(chaos.randrange(200)) if sent % 10 == 0 else mutated(stranger, chaos))
         # What comes faster than it can be read is lost in the socket's buffer and tests nothing.
@@ -100,16 +100,15 @@ def test_random_datagrams_cost_the_stage_nothing(ros, stage, domain):
     assert_in_order(ros, process, before)
 
 
-def test_a_stage_that_is_filled_up_closes_its_bag_and_ends(ros, start, domain, tmp_path):
+def test_a_stage_that_is_filled_up_closes_its_bag_and_ends(ros, start, tmp_path):
     process = start("stage_node", **REALTIME, record=tmp_path / "bag")
     ros.first("/stage/encoder")
     # Fragments of the largest samples that are heard, each of another writer: a MiB for a hundred bytes.
-    stranger = Stranger(domain)
+    stranger = Stranger(process.popen.pid)
     for _ in range(5000):
         prefix = bytes([1, 15]) + os.urandom(10)
         datagram = stranger.message(rtps.fragment(PUBLICATIONS, 1, (1 << 20) - 1), prefix=prefix)
-        for target in stranger.discovery[:1]:
-            stranger.socket.sendto(datagram, target)
+        stranger.socket.sendto(datagram, stranger.targets[0])
         ros.spin(0.001)
         if process.popen.poll() is not None:
             break
