@@ -25,8 +25,8 @@ impl Outcome {
 #[error("{0}")]
 pub struct WrongArguments(pub String);
 
-/// Exit code of a program that ended with `result`; a failure is reported on stderr. Wrong arguments
-/// have ended it with 2 before.
+/// Exit code of a program that ended with `result`; a failure is reported on stderr. Wrong
+/// arguments have ended it with 2 before.
 pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -9,7 +9,9 @@
 //! # let home = tempfile::tempdir()?;
 //! # let path = home.path().join("drive.csv");
 //! let rows = (0..2000).map(|k| f64::from(k) * 0.5e-3);
-//! let lines = rows.map(|t| format!("{},{},{}\n", 1e3 * t, 20.0 * (6.0 * t).sin(), (6.0 * t).cos()));
+//! let lines = rows.map(|t| {
+//!     format!("{},{},{}\n", 1e3 * t, 20.0 * (6.0 * t).sin(), (6.0 * t).cos())
+//! });
 //! std::fs::write(&path, "t,x,i\n".to_owned() + &lines.collect::<String>())?;
 //!
 //! let mapping = Mapping::from_yaml(

@@ -326,7 +326,12 @@ mod tests {
         let jump = Some(Jump { at: 3.0, height: -0.18 });
         let values = vec![-0.1, -0.1, 0.3];
         let curve = Curve { coordinate, side, from: 0.0, to: 8.0, values, jump };
-        let expected = IdentifyFinding::MapJumps { at: 3.0, height: -0.18, before: -0.1, side };
-        assert_eq!(IdentifyFinding::of_jump(&curve), Some(expected));
+        let Some(IdentifyFinding::MapJumps { at, height, before, side: of }) =
+            IdentifyFinding::of_jump(&curve)
+        else {
+            panic!("a curve with a jump");
+        };
+        assert_eq!((at, height, of), (3.0, -0.18, side));
+        assert!((before + 0.1).abs() < 1e-12, "{before}");
     }
 }

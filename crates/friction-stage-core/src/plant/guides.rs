@@ -461,9 +461,9 @@ impl GuideBank {
         (impulse * f64x4::splat(step.recip())).to_array()
     }
 
-    /// Moves the bristles along a path, m, over `step` seconds (greater than 0), exactly, while they
-    /// slip at the rate of `speed`, m/s: a guide that trembles slips while its mean stands still.
-    /// For guides of one bristle each.
+    /// Moves the bristles along a path, m, over `step` seconds (greater than 0), exactly, while
+    /// they slip at the rate of `speed`, m/s: a guide that trembles slips while its mean stands
+    /// still. For guides of one bristle each.
     pub fn move_trembling(&mut self, path: f64, speed: f64, step: f64) {
         let velocity = path / step;
         let level = self.level(f64x4::splat(velocity * velocity));
@@ -625,7 +625,8 @@ mod tests {
         }
     }
 
-    /// A guide whose mean stands still forgets its deflection as it trembles: z' = -sigma0 s z / Fs.
+    /// A guide whose mean stands still forgets its deflection as it trembles: z' = -sigma0 s z /
+    /// Fs.
     #[test]
     fn a_guide_that_trembles_where_it_stands_lets_go() {
         let guide = guide();

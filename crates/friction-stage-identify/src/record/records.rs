@@ -1,8 +1,8 @@
 //! The records that identification gets: read, examined, joined, and compared with each other.
 //!
-//! What comes in are paths of bags or CSV files for both sides of the split, and the declared model;
-//! what goes out are [`Records`] that can be compared sample by sample, with what a user should know
-//! of them. Data that nothing can be identified from are an error.
+//! What comes in are paths of bags or CSV files for both sides of the split, and the declared
+//! model; what goes out are [`Records`] that can be compared sample by sample, with what a user
+//! should know of them. Data that nothing can be identified from are an error.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -125,8 +125,8 @@ fn codes(findings: &[DataFinding]) -> String {
 }
 
 impl Records {
-    /// Reads both sides: bags or CSV files, several of a side are joined. Every guard of the command
-    /// line is here.
+    /// Reads both sides: bags or CSV files, several of a side are joined. Every guard of the
+    /// command line is here.
     pub fn load(
         train: &[PathBuf],
         holdout: &[PathBuf],

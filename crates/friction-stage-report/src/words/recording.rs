@@ -253,7 +253,8 @@ pub fn import_text(report: &ImportReport, out: &Path) -> String {
     }
     if report.moved_s > 0.0 {
         text += &format!(
-            "the times begin at {} s; a bag holds none before 0, so they are moved to begin there\n",
+            "the times begin at {} s; a bag holds none before 0, so they are moved to begin \
+             there\n",
             -report.moved_s
         );
     }
