@@ -144,6 +144,8 @@ impl Specimen {
                 guides: vec![first],
                 mass: rig.mass,
                 coupling: rig.coupling,
+                // The rig moves as far as its experiments ask.
+                stroke: None,
                 ..same
             };
             (rig, model.clone())
