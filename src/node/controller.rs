@@ -53,6 +53,8 @@ const BURST_WITHIN: Duration = Duration::from_millis(5);
 /// answer.
 const SETTLE: Duration = Duration::from_secs(1);
 
+/// How long the last states can be asked for again: three heartbeats of the DDS library.
+const LINGER: Duration = Duration::from_millis(300);
 /// Positions beyond this, m, are no positions of a stage.
 const FAR: f64 = 1e6;
 /// Least share of its bandwidth that a late loop keeps.
@@ -351,7 +353,12 @@ impl ControllerLoop {
                         format!("a setpoint could not be read: {error}"),
                     );
                 }
-                Some(Event::Control(Control::Shutdown)) => return self.publish_states(),
+                Some(Event::Control(Control::Shutdown)) => {
+                    self.publish_states();
+                    // A writer that ends can repeat nothing.
+                    std::thread::sleep(LINGER);
+                    return;
+                }
                 Some(Event::Control(control)) => self.obey(control),
             }
         }

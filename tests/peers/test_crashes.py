@@ -303,7 +303,7 @@ def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_h
     start("stage_node", mode=mode, control_rate=rate, command_timeout=1.0, answer_timeout=10.0)
     # Whether the loop holds on a busy machine is not what is looked at here.
     unsupervised = {"supervision__enabled": False, "supervision__delay": 3600.0}
-    start("controller_node", rate=rate, **unsupervised)
+    start("controller_node", rate=rate, bandwidth=30.0, **unsupervised)
     period = round(1e9 / rate)
     encoder = ros.collect("/stage/encoder")
     frozen, killed = subscriber(*topics), subscriber(*topics)

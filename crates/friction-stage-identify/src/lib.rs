@@ -11,10 +11,17 @@
 //! # fn recorded(model: &StageModel, seed: u64) -> Result<Trace, Box<dyn std::error::Error>> {
 //! #     let stage = Stage::new(model, Rates::new(1000.0, 20_000.0)?, seed)?;
 //! #     let controller = Controller::new(ControllerSettings::paper(model.mass, 1000.0, 2000.0))?;
-//! #     let there = Trajectory::rest_to_rest(0, 0.02, 1_000_000_000);
-//! #     let mut run = ClosedLoop::new(stage, controller, there);
+//! #     let at = |time, position| Point {
+//! #         time,
+//! #         position,
+//! #         velocity: Some(0.0),
+//! #         acceleration: Some(0.0),
+//! #         effort: 0.0,
+//! #     };
+//! #     let both_ways = vec![at(1_000_000_000, 0.02), at(2_000_000_000, 0.0)];
+//! #     let mut run = ClosedLoop::new(stage, controller, Trajectory::new(0, both_ways)?);
 //! #     let mut trace = Trace::default();
-//! #     for _ in 0..1500 {
+//! #     for _ in 0..2500 {
 //! #         let cycle = run.cycle()?;
 //! #         trace.push(&cycle.sample, &cycle.terms);
 //! #     }

@@ -9,10 +9,10 @@
 //! use friction_stage_lab::{Settings, Specimen, stribeck};
 //!
 //! let guide = Specimen::of_guide("guide_2")?;
-//! let (curve, _recording) = stribeck(&guide, &Settings::default(), &[0.01, 0.1], &|| ())?;
-//! let [slow, fast] = [curve.points[2], curve.points[3]];
-//! assert!((slow.velocity - 0.01).abs() < 1e-4 && (fast.velocity - 0.1).abs() < 1e-3);
-//! println!("{:.2} N at 10 mm/s, {:.2} N at 100 mm/s", slow.force.value, fast.force.value);
+//! let (curve, _recording) = stribeck(&guide, &Settings::default(), &[0.01, 0.2, 0.4], &|| ())?;
+//! for point in &curve.points {
+//!     println!("{:.2} N at {:.3} m/s", point.force.value, point.velocity);
+//! }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
