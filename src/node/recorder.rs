@@ -564,6 +564,8 @@ struct Listener {
     inlet: Inlet<ControllerState>,
     /// Who sent the last state, and its number.
     last: Option<(Gid, i64)>,
+    /// Two states of this sender have come in a row.
+    met: bool,
     /// Stamp of the last state, ns.
     stamp: i64,
     /// Between the last two states, ns.
@@ -590,6 +592,7 @@ impl Listener {
         Ok(Listener {
             inlet,
             last: None,
+            met: false,
             stamp: i64::MIN,
             interval: i64::MAX,
             period: setup.period,
@@ -627,6 +630,13 @@ impl Listener {
                         Some((last_sender, last)) if last_sender == sender => number - last - 1,
                         _ => 0,
                     };
+                    // A reader and a writer that are just meeting pass each other: what comes
+                    // before two in a row is of before they met.
+                    self.met = match self.last {
+                        Some((last_sender, _)) if last_sender == sender => self.met || missing == 0,
+                        _ => false,
+                    };
+                    let missing = if self.met { missing } else { 0 };
                     self.last = Some((sender, number));
                     let stamp = state.header.stamp.to_nanos();
                     if stamp != self.stamp {
