@@ -17,7 +17,7 @@ use rustdds::{
 };
 use thiserror::Error;
 
-use super::socket_filter::NewSockets;
+use super::socket_filter;
 use super::{graph_watch::GraphWatch, qos::Qos, signals::Threads};
 
 /// Largest domain whose UDP ports exist: 7400 + 250 * domain + 11 must stay below 65536
@@ -269,13 +269,12 @@ impl Participant {
                 name: name.to_owned(),
                 source,
             })?;
-        let filter_error = |source| ParticipantError::Filter { network, source };
-        let sockets = NewSockets::watch().map_err(filter_error)?;
+        socket_filter::hear(network.reach)
+            .map_err(|source| ParticipantError::Filter { network, source })?;
         // rustdds ends its threads when a signal interrupts their wait: they must never see one.
         let (joined, threads) =
             Threads::started_by(|| without_signals(|| network.domain_participant()));
         let domain_participant = joined?;
-        sockets.filter(network.reach).map_err(filter_error)?;
         let context = Context::from_domain_participant(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
         let node =

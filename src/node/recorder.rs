@@ -190,7 +190,7 @@ impl TickFeed {
     }
 
     /// The same for a loop that may wait, because simulated time stands still meanwhile: never
-    /// drops, and comes back when the bag lags no more than [`BACKLOG`] samples behind.
+    /// drops, and comes back when the bag lags no more than `BACKLOG` samples behind.
     #[inline]
     pub fn insist(&mut self, tick: &Tick) {
         const PAUSE: Duration = Duration::from_micros(100);

@@ -3,7 +3,8 @@
 //! In: the terms of each sample. Out: fine, a warning, or the cause for which the loop has to stop.
 //! What is watched are shares of time, because a loop that swings passes through zero, too: each
 //! condition has a share of the last samples (a first-order lag) and stops the loop where more than
-//! half of them meet it for as long as the settings say.
+//! half of them meet it for as long as the settings say. An error counts for a moment after it, so
+//! that a swing whose peaks alone are beyond the limit stops the loop as well.
 
 use super::controller::Terms;
 
@@ -109,6 +110,8 @@ pub struct Supervisor {
     square: f64,
     /// Time since the reference came to rest, s.
     rested: f64,
+    /// The last error beyond its limit, m, and the time since, s.
+    beyond: (f64, f64),
 }
 
 impl Supervisor {
@@ -122,6 +125,7 @@ impl Supervisor {
             mean: 0.0,
             square: 0.0,
             rested: 0.0,
+            beyond: (0.0, f64::INFINITY),
         }
     }
 
@@ -140,14 +144,19 @@ impl Supervisor {
         self.rested = if rests { self.rested + period } else { 0.0 };
         let settled = self.rested > SETTLE;
         let limit = self.settings.error * if settled { 1.0 } else { MOVING };
-        self.astray.update(terms.error.abs() > limit, period);
+        self.beyond = if terms.error.abs() > limit {
+            (terms.error.abs(), 0.0)
+        } else {
+            (self.beyond.0, self.beyond.1 + period)
+        };
+        self.astray.update(self.beyond.1 < LAG, period);
         self.saturated.update(terms.saturated, period);
         let weight = (period / LAG).min(1.0);
         self.mean += weight * (terms.output - self.mean);
         self.square += weight * ((terms.output - self.mean).powi(2) - self.square);
         self.swinging.update(settled && self.square.sqrt() > self.settings.swing, period);
 
-        let error = Cause::Error { error: terms.error.abs(), limit };
+        let error = Cause::Error { error: self.beyond.0, limit };
         let saturated = Cause::Saturated { seconds: self.saturated.seconds };
         let swings = Cause::Swings { rms: self.square.sqrt() };
         let found = [(&self.astray, error), (&self.saturated, saturated), (&self.swinging, swings)];
@@ -249,6 +258,29 @@ mod tests {
         let (at, cause) = stopped.unwrap();
         assert!(warned.unwrap() < 0.3 && at < 1.0, "{warned:?} {at}");
         assert!(matches!(cause, Cause::Error { .. } | Cause::Saturated { .. }));
+    }
+
+    #[test]
+    fn a_swing_whose_peaks_alone_are_beyond_the_limit_stops_the_loop() {
+        let peak = |peak: f64| {
+            move |time: f64| Terms {
+                error: peak * (2.0 * std::f64::consts::PI * 4.0 * time).sin(),
+                ..Terms::default()
+            }
+        };
+        assert_eq!(observed(peak(0.99e-3)), (None, None));
+        let stopped = observed(peak(1.05e-3)).1;
+        assert!(matches!(stopped, Some((_, Cause::Error { error, .. })) if error > 1e-3));
+    }
+
+    #[test]
+    fn a_push_that_ends_is_a_warning() {
+        let terms = |time: f64| Terms {
+            error: if (time - 2.0).abs() < 0.02 { 2e-3 } else { 0.0 },
+            ..Terms::default()
+        };
+        let (warned, stopped) = observed(terms);
+        assert!(warned.is_some() && stopped.is_none(), "{warned:?} {stopped:?}");
     }
 
     #[test]
