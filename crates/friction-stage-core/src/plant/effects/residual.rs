@@ -3,9 +3,9 @@
 /// What is left of a measured force after the declared model, sample by sample at a uniform rate;
 /// all slices of one length.
 ///
-/// `force` has the sign of [`Effect::force`]: what the effect would have to add along +x on its
-/// side. Motor side: force cell less command. Carriage side and encoder: mass times acceleration
-/// plus friction less force cell. Readings of the force cell: cell less command.
+/// `force` has the sign of an effect's force: what it would have to add along +x on its side. Motor
+/// side: force cell less command. Carriage side and encoder: mass times acceleration plus friction
+/// less force cell. Readings of the force cell: cell less command.
 #[derive(Clone, Copy, Debug)]
 pub struct Residual<'a> {
     /// Since the start of the record, s.
