@@ -1,37 +1,45 @@
-//! `friction-stage import`: a CSV file as a bag of our own layout.
+//! `friction-stage import`: a CSV file as a bag of our own layout, and a mapping for one.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::Args;
 
 use super::Outcome;
-use friction_stage_data::signals::{self, Mapping};
-use friction_stage_report::words::import_text;
+use friction_stage_data::signals::{self, Mapping, Proposal};
+use friction_stage_report::words::{import_text, proposal_text};
 
-/// Make a bag of our own layout from a CSV file.
+/// Make a bag of our own layout from a text table, or first a mapping for it.
 ///
-/// The mapping says which column is which signal, in which unit. Every row becomes one sample with
-/// its own time; values are brought to SI, nothing is resampled. The bag plays with `ros2 bag play`
-/// and goes into check, replay and identify.
+/// Without --mapping it looks at the file, says what it sees, and writes a mapping to confirm: which
+/// column is which signal, in which unit. What the file does not say is marked CHECK in it.
 ///
-/// Exit code: 0 done, 3 rows without a usable time were left out or times go back, 1 failed.
+/// With --mapping and --out every row becomes one sample with its own time; values are brought to
+/// SI, nothing is resampled. The bag plays with `ros2 bag play` and goes into check, replay and
+/// identify.
+///
+/// Exit code: 0 done, 3 rows were left out (no usable time, cut off) or times go back, or the mapping
+/// has something to check, 1 failed.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = "Example:\n  friction-stage import drive.csv --mapping drive.yaml --out \
-                  drive\n\nA mapping:\n  csv: {delimiter: \";\"}\n  signals:\n    time: {column: \
-                  t_ms, unit: ms}\n    position: {column: x, unit: mm}\n    force: {column: u, \
-                  scale: 35.15}   # N per V")]
+#[command(after_help = "Example:\n  friction-stage import drive.csv                  # writes \
+                        drive.mapping.yaml\n  friction-stage import drive.csv --mapping \
+                        drive.mapping.yaml --out drive\n\nA mapping:\n  signals:\n    time: \
+                        {column: t_ms, unit: ms}\n    position: {column: x, unit: mm}\n    \
+                        force: {column: u, scale: 35.15}   # N per V")]
 pub struct ImportArgs {
-    /// CSV file
-    #[arg(value_name = "CSV")]
+    /// Text table: CSV, TSV, columns between blanks
+    #[arg(value_name = "FILE")]
     pub csv: PathBuf,
-    /// YAML file that says which column is which signal
-    #[arg(long, value_name = "FILE")]
-    pub mapping: PathBuf,
+    /// YAML file that says which column is which signal; without it one is proposed
+    #[arg(long, value_name = "FILE", requires = "out")]
+    pub mapping: Option<PathBuf>,
     /// Directory to make; it must not exist
-    #[arg(long, value_name = "BAG")]
-    pub out: PathBuf,
+    #[arg(long, value_name = "BAG", requires = "mapping")]
+    pub out: Option<PathBuf>,
+    /// Where to write the proposed mapping, instead of NAME.mapping.yaml here
+    #[arg(long, value_name = "FILE", conflicts_with = "mapping")]
+    pub write: Option<PathBuf>,
     /// Print JSON instead of text
     #[arg(long)]
     pub json: bool,
@@ -39,20 +47,59 @@ pub struct ImportArgs {
 
 /// Runs the command; the report goes to `out`.
 pub fn run(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
-    let text = std::fs::read_to_string(&args.mapping)
-        .with_context(|| format!("cannot read {}", args.mapping.display()))?;
-    let mapping = Mapping::from_yaml(&text, &args.mapping.display().to_string())?;
-    let report = signals::import(&args.csv, &mapping, &text, &args.out)?;
+    match (&args.mapping, &args.out) {
+        (Some(mapping), Some(bag)) => import(args, mapping, bag, out),
+        _ => propose(args, out),
+    }
+}
+
+fn import(
+    args: &ImportArgs,
+    mapping: &Path,
+    bag: &Path,
+    out: &mut dyn Write,
+) -> anyhow::Result<Outcome> {
+    let text = std::fs::read_to_string(mapping)
+        .with_context(|| format!("cannot read {}", mapping.display()))?;
+    let mapping = Mapping::from_yaml(&text, &mapping.display().to_string())?;
+    let report = signals::import(&args.csv, &mapping, &text, bag)?;
     anyhow::ensure!(
         report.rows > 0,
         "{} has a header and no rows: {} is empty",
         args.csv.display(),
-        args.out.display()
+        bag.display()
     );
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
-        write!(out, "{}", import_text(&report, &args.out))?;
+        write!(out, "{}", import_text(&report, bag))?;
     }
-    Ok(Outcome::warned(report.without_time + report.not_later > 0))
+    Ok(Outcome::warned(report.without_time + report.not_later + report.left_out > 0))
+}
+
+fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    let proposal = Proposal::of(&args.csv)?;
+    let name = args.csv.file_stem().unwrap_or(args.csv.as_os_str()).to_string_lossy();
+    let path = args.write.clone().unwrap_or_else(|| format!("{name}.mapping.yaml").into());
+    let has_position = proposal.has_position();
+    if has_position {
+        let text = proposal.to_yaml(&args.csv.display().to_string());
+        std::fs::File::create_new(&path)
+            .and_then(|mut file| file.write_all(text.as_bytes()))
+            .with_context(|| {
+                format!("cannot write {}; name another file with --write", path.display())
+            })?;
+    }
+    if args.json {
+        writeln!(out, "{}", serde_json::to_string_pretty(&proposal)?)?;
+    } else {
+        let written = has_position.then_some(path.as_path());
+        write!(out, "{}", proposal_text(&proposal, &args.csv, written))?;
+    }
+    anyhow::ensure!(
+        has_position,
+        "no column of {} looks like a position: write the mapping by hand (README, mappings)",
+        args.csv.display()
+    );
+    Ok(Outcome::warned(proposal.signals.iter().any(|signal| signal.check.is_some())))
 }

@@ -35,7 +35,7 @@ impl RecordingCheck {
     ) -> Result<RecordingCheck, SignalError> {
         let asked = mapping.is_some() || model.is_some();
         let mut model = model;
-        let mut messages = if is_csv(path) { None } else { Some(check(path)?) };
+        let mut messages = if is_csv(path, mapping) { None } else { Some(check(path)?) };
         if let (None, Some(messages)) = (&model, &mut messages) {
             model = BagReader::open(path)?.model().unwrap_or_else(|error| {
                 let reason = error.to_string();

@@ -1,16 +1,25 @@
 //! The raw samples of signals in a CSV file, read row by row.
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use super::data_quality::SignalNote;
 use super::error::SignalError;
-use super::mapping::{Column, CsvLayout, Mapping, Place, Signal, SignalSource};
-use super::source::{Request, Stream, seconds_to_nanos};
-use super::trace::csv_error;
+use super::mapping::{Column, Mapping, Place, Signal, SignalSource};
+use super::source::{NO_TIME, Request, Stream, seconds_to_nanos};
+use super::text_layout::{KNOWN_UNITS, TextLayout, bare_unit, name};
+use super::text_lines::{Lines, Splitter};
+use super::text_value::{Decimal, Value};
+use crate::bag::BagError;
+
+/// A time that goes back by more than so many usual intervals is not a row that was written late.
+const LATE_ROWS: i64 = 50;
+const HALF_A_DAY: i64 = 43_200_000_000_000;
 
 /// A CSV file by a mapping: where its columns are, and what says the time of a row.
 pub(super) struct CsvFile {
     pub path: PathBuf,
-    layout: CsvLayout,
+    layout: TextLayout,
     time: Option<SignalSource>,
     rate: Option<f64>,
 }
@@ -29,39 +38,47 @@ impl CsvFile {
                 reason: "the recording is a CSV file, but the mapping names topics".into(),
             });
         }
-        let named = |name: &str| {
-            CsvTable::open(path, &mapping.csv)
-                .is_ok_and(|table| table.names.iter().any(|known| known == name))
-        };
+        let layout =
+            TextLayout::find(path, &mapping.csv).map_err(|e| BagError::reading(path, e))?;
+        if layout.either_decimal && mapping.csv.decimal_comma.is_none() {
+            return Err(SignalError::Csv {
+                path: path.to_owned(),
+                line: layout.data_line,
+                reason: "its numbers may have a decimal mark or a mark between thousands: say \
+                         `csv: {decimal_comma: true}` or `false` in the mapping"
+                    .into(),
+            });
+        }
+        let is_named = layout.names.iter().any(|name| name == Signal::Time.name());
         let time = mapping
             .signals
             .get(&Signal::Time)
             .and_then(|sources| sources.first().cloned())
-            .filter(|_| mapping.asked_for || named(Signal::Time.name()));
-        Ok(Self { path: path.to_owned(), layout: mapping.csv.clone(), time, rate: mapping.rate })
+            .filter(|_| mapping.asked_for || is_named);
+        Ok(Self { path: path.to_owned(), layout, time, rate: mapping.rate })
     }
 
     /// Whether there is a column for a signal.
     pub fn has(&self, source: &SignalSource) -> bool {
-        CsvTable::open(&self.path, &self.layout).and_then(|table| table.column(source)).is_ok()
+        column(&self.path, &self.layout, source).is_ok()
     }
 
     /// Its columns, for people.
     pub fn inventory(&self) -> String {
-        match CsvTable::open(&self.path, &self.layout) {
-            Ok(table) => table.names(),
-            Err(error) => error.to_string(),
-        }
+        self.layout.inventory()
     }
 
-    /// The rows from the first one on, with the values of these columns.
+    /// The rows from the first one on, with the values of these signals.
     pub fn rows<'a>(
-        &'a self,
-        columns: impl IntoIterator<Item = &'a SignalSource>,
-    ) -> Result<CsvRows<'a>, SignalError> {
+        &self,
+        columns: impl IntoIterator<Item = &'a (Signal, SignalSource)>,
+    ) -> Result<CsvRows, SignalError> {
         let table = CsvTable::open(&self.path, &self.layout)?;
         let clock = match (&self.time, self.rate) {
-            (Some(source), _) => RowClock::Column(table.column(source)?, source),
+            (Some(source), _) => {
+                let (column, source) = table.resolve(Signal::Time, source)?;
+                RowClock::Column(column, source)
+            }
             (None, Some(rate)) => RowClock::Rate(rate),
             (None, None) => {
                 return Err(SignalError::MissingSignal {
@@ -70,21 +87,27 @@ impl CsvFile {
                     needs: "a column `time`, or a mapping that says which column it is, or the \
                             `rate` of the rows"
                         .into(),
-                    has: table.names(),
+                    has: table.layout.inventory(),
                 });
             }
         };
         let columns = columns
             .into_iter()
-            .map(|source| Ok((table.column(source)?, source)))
+            .map(|(signal, source)| table.resolve(*signal, source))
             .collect::<Result<Vec<_>, SignalError>>()?;
-        Ok(CsvRows { values: vec![f64::NAN; columns.len()], table, clock, columns, count: 0 })
+        Ok(CsvRows {
+            values: vec![f64::NAN; columns.len()],
+            table,
+            clock,
+            columns,
+            count: 0,
+            order: RowOrder::default(),
+        })
     }
 
     /// Each request as a stream; one pass over the file.
     pub fn read(&self, requests: &[Request]) -> Result<Vec<Stream>, SignalError> {
-        let sources = requests.iter().flat_map(|request| &request.signals);
-        let mut rows = self.rows(sources.map(|(_, source)| source))?;
+        let mut rows = self.rows(requests.iter().flat_map(|request| &request.signals))?;
         let mut streams: Vec<Stream> =
             requests.iter().map(|request| Stream::new(request, 0)).collect();
         while let Some(stamp) = rows.next()? {
@@ -96,36 +119,53 @@ impl CsvFile {
                 }
             }
         }
+        if let Some(first) = streams.first_mut() {
+            first.notes.extend(rows.left_out());
+        }
         Ok(streams)
     }
 }
 
 /// What says when a row was taken.
-enum RowClock<'a> {
-    Column(usize, &'a SignalSource),
+enum RowClock {
+    Column(usize, SignalSource),
     /// Hz.
     Rate(f64),
 }
 
 /// The rows of a CSV file: the time of each, and its values in SI units. Whoever takes signals from
 /// a CSV file, to store them or to examine them, takes them from here.
-pub(super) struct CsvRows<'a> {
+pub(super) struct CsvRows {
     table: CsvTable,
-    clock: RowClock<'a>,
-    columns: Vec<(usize, &'a SignalSource)>,
+    clock: RowClock,
+    columns: Vec<(usize, SignalSource)>,
     count: u64,
+    order: RowOrder,
     /// Values of the row that was read last; NaN for an empty field.
     pub values: Vec<f64>,
 }
 
-impl CsvRows<'_> {
-    /// Reads the next row; its time in ns, [`NO_TIME`](super::source::NO_TIME) where it has none.
+impl CsvRows {
+    /// Reads the next row; its time in ns, [`NO_TIME`] where it has none.
     pub fn next(&mut self) -> Result<Option<i64>, SignalError> {
         if !self.table.next()? {
             return Ok(None);
         }
-        let stamp = match self.clock {
-            RowClock::Column(column, source) => self.table.stamp(column, source)?,
+        let stamp = match &self.clock {
+            RowClock::Column(column, source) => {
+                let stamp = self.table.stamp(*column, source)?;
+                match self.order.next(stamp, self.table.is_time_of_day(*column)) {
+                    Ok(stamp) => stamp,
+                    Err(back) => {
+                        return Err(self.table.wrong(format!(
+                            "the time goes back by {:.6} s: several captures in one file, or a \
+                             counter that starts anew; split the file, or leave `time` out of the \
+                             mapping and give the `rate` of the rows",
+                            back as f64 * 1e-9
+                        )));
+                    }
+                }
+            }
             RowClock::Rate(rate) => seconds_to_nanos(self.count as f64 / rate),
         };
         self.count += 1;
@@ -134,113 +174,239 @@ impl CsvRows<'_> {
         }
         Ok(Some(stamp))
     }
+
+    /// What was left out up to here.
+    pub fn left_out(&self) -> Option<SignalNote> {
+        let (rows, first_line) = self.table.left_out;
+        (rows > 0).then_some(SignalNote::RowsLeftOut { rows, first_line })
+    }
+}
+
+/// Whether rows come in the order of time. A file is written by one clock: a step back is a row
+/// that was written late, or another capture.
+#[derive(Default)]
+struct RowOrder {
+    first: Option<i64>,
+    latest: i64,
+    rows: i64,
+    /// What was added to times of day behind midnight, ns.
+    days: i64,
+}
+
+impl RowOrder {
+    /// The time of the next row, which has passed midnight where it jumps back by half a day; or
+    /// by how much it goes back, ns.
+    fn next(&mut self, stamp: i64, is_time_of_day: bool) -> Result<i64, i64> {
+        if stamp == NO_TIME {
+            return Ok(stamp);
+        }
+        if is_time_of_day && self.latest.saturating_sub(stamp + self.days) > HALF_A_DAY {
+            self.days += 2 * HALF_A_DAY;
+        }
+        let Some(first) = self.first else {
+            (self.first, self.latest, self.rows) = (Some(stamp), stamp, 1);
+            return Ok(stamp);
+        };
+        let stamp = stamp.saturating_add(self.days);
+        let back = self.latest.saturating_sub(stamp);
+        let usual = self.latest.saturating_sub(first) / self.rows;
+        let is_other_run = stamp <= first || back > usual.saturating_mul(LATE_ROWS);
+        if back > 0 && self.rows > 1 && is_other_run {
+            return Err(back);
+        }
+        self.rows += 1;
+        self.latest = self.latest.max(stamp);
+        Ok(stamp)
+    }
 }
 
 /// A CSV file, read row by row.
 struct CsvTable {
     path: PathBuf,
-    layout: CsvLayout,
-    names: Vec<String>,
-    reader: csv::Reader<std::fs::File>,
-    record: csv::StringRecord,
+    layout: TextLayout,
+    lines: Lines<Box<dyn Read>>,
+    row: Splitter,
+    /// Line of the row.
+    line: u64,
+    /// Rows that are none of the table, and the line of the first.
+    left_out: (u64, u64),
+    /// A line of words, which only the end of the file may have: its line.
+    words: Option<u64>,
 }
 
 impl CsvTable {
-    fn open(path: &Path, layout: &CsvLayout) -> Result<Self, SignalError> {
-        let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
-            .delimiter(layout.delimiter)
-            .comment(layout.comment)
-            .has_headers(layout.header)
-            .from_path(path)
-            .map_err(|e| csv_error(path, e))?;
-        let names = reader.headers().map_err(|e| csv_error(path, e))?;
-        // an editor's byte order mark is no part of the first name
-        let names =
-            names.iter().map(|name| name.trim_start_matches('\u{feff}').to_owned()).collect();
+    fn open(path: &Path, layout: &TextLayout) -> Result<Self, SignalError> {
         Ok(Self {
             path: path.to_owned(),
             layout: layout.clone(),
-            names,
-            reader,
-            record: csv::StringRecord::new(),
+            lines: layout.rows(path).map_err(|e| BagError::reading(path, e))?,
+            row: Splitter::new(layout.delimiter),
+            line: layout.data_line - 1,
+            left_out: (0, 0),
+            words: None,
         })
     }
 
-    fn names(&self) -> String {
-        if self.layout.header {
-            self.names.join(", ")
-        } else {
-            format!("{} columns without names", self.names.len())
-        }
-    }
-
-    /// Index of a column.
-    fn column(&self, source: &SignalSource) -> Result<usize, SignalError> {
-        let missing =
-            |reason: String| SignalError::Csv { path: self.path.clone(), line: 1, reason };
-        match &source.place {
-            Place::Column(Column::Number(number)) if *number <= self.names.len() => Ok(number - 1),
-            Place::Column(Column::Number(number)) => {
-                Err(missing(format!("no column {number}, there are {}", self.names.len())))
-            }
-            Place::Column(Column::Name(name)) => {
-                self.names.iter().position(|n| n == name).ok_or_else(|| {
-                    let hint = friction_stage_core::model::nearest(
-                        name,
-                        self.names.iter().map(String::as_str),
-                    );
-                    missing(format!("no column {name:?}; columns are {:?}{hint}", self.names))
-                })
-            }
-            place @ Place::Topic { .. } => {
-                Err(missing(format!("{place} is a topic, not a column")))
+    /// Index of a column and what its values are, with the unit that the file gives where the
+    /// mapping gives neither unit nor scale.
+    fn resolve(
+        &self,
+        signal: Signal,
+        source: &SignalSource,
+    ) -> Result<(usize, SignalSource), SignalError> {
+        let column = column(&self.path, &self.layout, source)?;
+        let mut source = source.clone();
+        let written = self.layout.units.get(column).map_or("", |unit| bare_unit(unit));
+        if source.unit.is_none() && !written.is_empty() {
+            source.unit = signal.unit(written);
+            let is_other = KNOWN_UNITS.contains(&written);
+            if source.unit.is_none() && is_other {
+                return Err(SignalError::Csv {
+                    path: self.path.clone(),
+                    line: self.layout.units_line.or(self.layout.names_line).unwrap_or(1),
+                    reason: format!(
+                        "column {} is in {written}, which is no unit of {signal}: give its \
+                         `scale` in the mapping ({} per {written})",
+                        column + 1,
+                        signal.units()[0].0
+                    ),
+                });
             }
         }
+        Ok((column, source))
     }
 
     /// Goes to the next row; false at the end.
+    ///
+    /// A row that is cut off, and lines of words at the end, are left out and counted.
     fn next(&mut self) -> Result<bool, SignalError> {
-        self.reader.read_record(&mut self.record).map_err(|e| csv_error(&self.path, e))
-    }
-
-    fn field(&self, column: usize) -> &str {
-        self.record.get(column).unwrap_or("")
-    }
-
-    fn wrong(&self, column: usize) -> SignalError {
-        let name = self.names.get(column).map_or("", String::as_str);
-        SignalError::Csv {
-            path: self.path.clone(),
-            line: self.record.position().map_or(0, csv::Position::line),
-            reason: format!(
-                "{:?} in column {} ({name}) is not a number",
-                self.field(column),
-                column + 1
-            ),
+        while let Some((number, line)) =
+            self.lines.next().map_err(|error| BagError::reading(&self.path, error))?
+        {
+            let is_comment = self.layout.comment.is_some_and(|mark| line.first() == Some(&mark));
+            if is_comment || line.trim_ascii().is_empty() {
+                continue;
+            }
+            self.line = number;
+            self.row.split(line);
+            let values = || self.row.fields().map(|field| Value::of(field, self.layout.decimal));
+            let is_of_words = !values().any(|value| value.is_value())
+                && values().any(|value| matches!(value, Value::Text));
+            if is_of_words {
+                self.words = self.words.or(Some(number));
+            }
+            if is_of_words || self.row.len() < self.layout.columns {
+                self.leave_out(number);
+                continue;
+            }
+            if let Some(words) = self.words {
+                return Err(SignalError::Csv {
+                    path: self.path.clone(),
+                    line: words,
+                    reason: format!(
+                        "words, and values again in line {number}: another capture or table; \
+                         split the file"
+                    ),
+                });
+            }
+            return Ok(true);
         }
+        Ok(false)
     }
 
-    /// The number in a column of this row; NaN for an empty field.
+    fn leave_out(&mut self, line: u64) {
+        let (rows, first) = self.left_out;
+        self.left_out = (rows + 1, if rows == 0 { line } else { first });
+    }
+
+    fn field(&self, column: usize) -> &[u8] {
+        self.row.field(column)
+    }
+
+    fn wrong(&self, reason: String) -> SignalError {
+        SignalError::Csv { path: self.path.clone(), line: self.line, reason }
+    }
+
+    fn not_a_number(&self, column: usize) -> SignalError {
+        let field = name(self.field(column));
+        let other = match self.layout.decimal {
+            Decimal::Comma => Decimal::Point,
+            Decimal::Point => Decimal::Comma,
+        };
+        let why = match (Value::of(self.field(column), other), self.layout.decimal) {
+            (Value::Number { .. }, Decimal::Comma) => {
+                " with a decimal comma, as the others or the mapping have it"
+            }
+            (Value::Number { .. }, Decimal::Point) => {
+                " with a decimal point, as the others or the mapping have it"
+            }
+            _ => "",
+        };
+        let called = self.layout.names.get(column).map_or("", String::as_str);
+        self.wrong(format!("{field:?} in column {} ({called}) is not a number{why}", column + 1))
+    }
+
+    fn is_time_of_day(&self, column: usize) -> bool {
+        let value = Value::of(self.field(column), self.layout.decimal);
+        matches!(value, Value::Time { has_date: false, .. })
+    }
+
+    /// The number in a column of this row; NaN where there is none.
     fn number(&self, column: usize) -> Result<f64, SignalError> {
-        let field = self.field(column);
-        if field.is_empty() {
-            return Ok(f64::NAN);
+        match Value::of(self.field(column), self.layout.decimal) {
+            Value::Number { value, .. } => Ok(value),
+            Value::Missing => Ok(f64::NAN),
+            Value::Time { .. } | Value::Text => Err(self.not_a_number(column)),
         }
-        let parsed =
-            if self.layout.decimal_comma { field.replace(',', ".").parse() } else { field.parse() };
-        parsed.map_err(|_| self.wrong(column))
     }
 
-    /// The time in a column of this row, ns; exact for whole nanoseconds.
+    /// The time in a column of this row, ns; exact for whole nanoseconds, dates and times of day.
     fn stamp(&self, column: usize, source: &SignalSource) -> Result<i64, SignalError> {
-        if source.unit == 1e-9
+        if let Value::Time { nanoseconds, .. } = Value::of(self.field(column), self.layout.decimal)
+        {
+            return Ok(nanoseconds);
+        }
+        if source.unit == Some(1e-9)
             && source.scale == 1.0
             && source.offset == 0.0
-            && let Ok(nanoseconds) = self.field(column).parse()
+            && let Ok(text) = std::str::from_utf8(self.field(column))
+            && let Ok(nanoseconds) = text.parse()
         {
             return Ok(nanoseconds);
         }
         Ok(seconds_to_nanos(source.to_si(self.number(column)?)))
+    }
+}
+
+/// Index of a column.
+fn column(path: &Path, layout: &TextLayout, source: &SignalSource) -> Result<usize, SignalError> {
+    let names = &layout.names;
+    let missing = |reason: String| SignalError::Csv {
+        path: path.to_owned(),
+        line: layout.names_line.unwrap_or(1),
+        reason,
+    };
+    match &source.place {
+        Place::Column(Column::Number(number)) if *number <= layout.columns => Ok(number - 1),
+        Place::Column(Column::Number(number)) => {
+            Err(missing(format!("no column {number}, there are {}", layout.columns)))
+        }
+        Place::Column(Column::Name(name)) => {
+            let mut found = (0..names.len()).filter(|column| names[*column] == *name);
+            let Some(column) = found.next() else {
+                let hint =
+                    friction_stage_core::model::nearest(name, names.iter().map(String::as_str));
+                return Err(missing(format!("no column {name:?}; columns are {names:?}{hint}")));
+            };
+            match found.next() {
+                Some(again) => Err(missing(format!(
+                    "columns {} and {} are both called {name:?}: give the number",
+                    column + 1,
+                    again + 1
+                ))),
+                None => Ok(column),
+            }
+        }
+        place @ Place::Topic { .. } => Err(missing(format!("{place} is a topic, not a column"))),
     }
 }

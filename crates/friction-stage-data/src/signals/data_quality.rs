@@ -82,6 +82,13 @@ pub enum SignalNote {
         /// The stamp, ns.
         stamp_ns: i64,
     },
+    /// Rows of a CSV file that are none of the table: cut off, or words at its end.
+    RowsLeftOut {
+        /// How many.
+        rows: u64,
+        /// Line of the first, from 1.
+        first_line: u64,
+    },
 }
 
 impl SignalNote {
@@ -90,6 +97,7 @@ impl SignalNote {
         match self {
             Self::SamePlace { .. } => "same_place",
             Self::UnfilledStamps { .. } => "unfilled_stamps",
+            Self::RowsLeftOut { .. } => "rows_left_out",
         }
     }
 }

@@ -10,6 +10,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::csv_table::CsvFile;
+use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::mapping::{Mapping, Signal, SignalSource};
 use super::source::NO_TIME;
@@ -30,6 +31,8 @@ pub struct ImportReport {
     pub without_time: u64,
     /// Rows whose time is not behind that of the row before.
     pub not_later: u64,
+    /// Rows that are none of the table, cut off or words at its end, which are left out.
+    pub left_out: u64,
     /// By how much the times were moved for the first one to be 0 where it was before that, s.
     pub moved_s: f64,
 }
@@ -43,13 +46,13 @@ pub fn import(
     out: &Path,
 ) -> Result<ImportReport, SignalError> {
     let file = CsvFile::new(csv, mapping)?;
-    let columns: Vec<(Signal, &SignalSource)> = mapping
+    let columns: Vec<(Signal, SignalSource)> = mapping
         .signals
         .iter()
         .filter(|(signal, _)| **signal != Signal::Time)
-        .filter_map(|(signal, sources)| Some((*signal, sources.first()?)))
+        .filter_map(|(signal, sources)| Some((*signal, sources.first()?.clone())))
         .collect();
-    let mut rows = file.rows(columns.iter().map(|(_, source)| *source))?;
+    let mut rows = file.rows(&columns)?;
     let has = |signal: Signal| columns.iter().any(|(s, ..)| *s == signal);
     let has_reference = has(Signal::ReferencePosition)
         || has(Signal::ReferenceVelocity)
@@ -81,6 +84,7 @@ pub fn import(
         messages: BTreeMap::new(),
         without_time: 0,
         not_later: 0,
+        left_out: 0,
         moved_s: 0.0,
     };
     let (mut moved, mut last): (Option<i64>, Option<i64>) = (None, None);
@@ -149,5 +153,8 @@ pub fn import(
         }
     }
     bag.finish()?;
+    if let Some(SignalNote::RowsLeftOut { rows, .. }) = rows.left_out() {
+        report.left_out = rows;
+    }
     Ok(report)
 }

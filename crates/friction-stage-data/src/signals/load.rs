@@ -145,6 +145,8 @@ impl Loading<'_> {
             groups.iter().map(|signals| Request { signals: signals.clone() }).collect();
         let mut streams = self.source.read(&requests, &self.mapping.joint)?;
         for stream in &mut streams {
+            // What is so of a file is told once, however often it is read.
+            stream.notes.retain(|note| !self.notes.contains(note));
             self.notes.append(&mut stream.notes);
         }
         Ok(streams)

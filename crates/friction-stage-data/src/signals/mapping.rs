@@ -15,7 +15,7 @@
 //! and for a CSV file:
 //!
 //! ```yaml
-//! csv: {delimiter: ";"}          # without it a comma and a line of names on top
+//! csv: {delimiter: ";"}          # may be left out, as all of this line: found by looking at the file
 //! signals:
 //!   time: {column: t_ms, unit: ms}
 //!   position: {column: x, unit: mm, offset: -0.1}
@@ -72,10 +72,24 @@ impl Signal {
         super::trace::COLUMNS[self as usize]
     }
 
+    /// Size in SI of a unit that a mapping or a file gives.
+    pub(super) fn unit(self, name: &str) -> Option<f64> {
+        let plain = name.replace(['µ', 'μ'], "u").replace('²', "^2");
+        self.units().iter().find(|(name, _)| *name == plain).map(|(_, size)| *size)
+    }
+
     /// Units that a mapping may give, with their size in SI.
-    fn units(self) -> &'static [(&'static str, f64)] {
+    pub(super) fn units(self) -> &'static [(&'static str, f64)] {
         match self {
-            Self::Time => &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)],
+            Self::Time => &[
+                ("s", 1.0),
+                ("ms", 1e-3),
+                ("us", 1e-6),
+                ("ns", 1e-9),
+                ("min", 60.0),
+                ("h", 3600.0),
+                ("d", 86_400.0),
+            ],
             Self::ReferencePosition | Self::Position => {
                 &[("m", 1.0), ("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9), ("in", 0.0254)]
             }
@@ -149,8 +163,8 @@ impl fmt::Display for Place {
 pub struct SignalSource {
     /// Where its values stand.
     pub place: Place,
-    /// Size of its unit in SI.
-    pub unit: f64,
+    /// Size of its unit in SI; `None` where the mapping does not say it.
+    pub unit: Option<f64>,
     /// Factor.
     pub scale: f64,
     /// What is added, in SI units.
@@ -159,35 +173,53 @@ pub struct SignalSource {
 
 impl SignalSource {
     fn plain(place: Place) -> Self {
-        Self { place, unit: 1.0, scale: 1.0, offset: 0.0 }
+        Self { place, unit: None, scale: 1.0, offset: 0.0 }
     }
 
     /// A value in SI; exactly itself if there is no unit, scale or offset.
     pub fn to_si(&self, value: f64) -> f64 {
-        if (self.unit, self.scale, self.offset) == (1.0, 1.0, 0.0) {
+        let unit = self.unit.unwrap_or(1.0);
+        if (unit, self.scale, self.offset) == (1.0, 1.0, 0.0) {
             return value;
         }
-        self.scale * (value * self.unit) + self.offset
+        self.scale * (value * unit) + self.offset
     }
 }
 
-/// How a CSV file is written.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// What separates the columns of a text table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Delimiter {
+    /// One character.
+    Byte(u8),
+    /// Any number of blanks and tabs.
+    Blanks,
+}
+
+impl fmt::Display for Delimiter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Blanks => f.write_str("blanks"),
+            Self::Byte(b'\t') => f.write_str("tabs"),
+            Self::Byte(byte) => write!(f, "`{}`", char::from(*byte)),
+        }
+    }
+}
+
+/// What a mapping says of how a CSV file is written; the rest is found by looking at it.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct CsvLayout {
     /// Between columns.
-    pub delimiter: u8,
-    /// Whether the first line names the columns.
-    pub header: bool,
+    pub delimiter: Option<Delimiter>,
+    /// Whether a line above the values names the columns.
+    pub header: Option<bool>,
     /// Lines that begin with this are left out.
     pub comment: Option<u8>,
     /// Whether numbers have a comma for the decimal point.
-    pub decimal_comma: bool,
-}
-
-impl Default for CsvLayout {
-    fn default() -> Self {
-        Self { delimiter: b',', header: true, comment: None, decimal_comma: false }
-    }
+    pub decimal_comma: Option<bool>,
+    /// Line of the names, from 1.
+    pub names_line: Option<u64>,
+    /// First line of values, from 1.
+    pub data_line: Option<u64>,
 }
 
 /// Which topic and field, or column, is which signal.
@@ -226,6 +258,8 @@ struct CsvFile {
     header: Option<bool>,
     comment: Option<String>,
     decimal_comma: Option<bool>,
+    names_in_line: Option<u64>,
+    data_from_line: Option<u64>,
 }
 
 #[derive(Deserialize)]
@@ -280,18 +314,43 @@ impl Mapping {
                 [byte] => Ok(*byte),
                 _ => Err(wrong(key, format!("it is {text:?}, must be one ASCII character"))),
             };
-            if let Some(text) = &csv.delimiter {
-                mapping.csv.delimiter = byte("csv.delimiter", text)?;
+            mapping.csv = CsvLayout {
+                delimiter: match csv.delimiter.as_deref() {
+                    None => None,
+                    Some("blanks" | "whitespace") => Some(Delimiter::Blanks),
+                    Some("tab" | "tabs") => Some(Delimiter::Byte(b'\t')),
+                    Some(text) => Some(Delimiter::Byte(byte("csv.delimiter", text)?)),
+                },
+                header: csv.header,
+                comment: csv
+                    .comment
+                    .as_deref()
+                    .map(|text| byte("csv.comment", text))
+                    .transpose()?,
+                decimal_comma: csv.decimal_comma,
+                names_line: csv.names_in_line,
+                data_line: csv.data_from_line,
+            };
+            for (key, line) in
+                [("names_in_line", csv.names_in_line), ("data_from_line", csv.data_from_line)]
+            {
+                if line == Some(0) {
+                    return Err(wrong(&format!("csv.{key}"), "lines are counted from 1".into()));
+                }
             }
-            mapping.csv.comment =
-                csv.comment.as_deref().map(|text| byte("csv.comment", text)).transpose()?;
-            mapping.csv.header = csv.header.unwrap_or(true);
-            mapping.csv.decimal_comma = csv.decimal_comma.unwrap_or(false);
-            if mapping.csv.decimal_comma && mapping.csv.delimiter == b',' {
+            if mapping.csv.decimal_comma == Some(true)
+                && mapping.csv.delimiter == Some(Delimiter::Byte(b','))
+            {
                 return Err(wrong(
                     "csv.decimal_comma",
                     "the comma also separates columns: give another `delimiter`".into(),
                 ));
+            }
+            if let (Some(names), Some(data)) = (csv.names_in_line, csv.data_from_line)
+                && names >= data
+            {
+                let reason = format!("it is {names}, but the values begin in line {data}");
+                return Err(wrong("csv.names_in_line", reason));
             }
         }
         let stamp = file.stamp.as_deref().map_or(Stamp::Auto, stamp);
@@ -317,7 +376,9 @@ impl Mapping {
                 (None, None, Some(column)) => match column.parse::<usize>() {
                     Ok(0) => return Err(wrong(&key, "columns are counted from 1".into())),
                     Ok(number) => Place::Column(Column::Number(number)),
-                    Err(_) if mapping.csv.header => Place::Column(Column::Name(column)),
+                    Err(_) if mapping.csv.header != Some(false) => {
+                        Place::Column(Column::Name(column))
+                    }
                     Err(_) => {
                         let reason = format!(
                             "column {column:?}: without a line of names give its number, from 1"
@@ -341,26 +402,18 @@ impl Mapping {
                 }
             };
             let unit = match entry.unit {
-                None => 1.0,
-                Some(unit) => {
-                    let known = signal.units();
-                    let plain = unit.replace(['µ', 'μ'], "u").replace('²', "^2");
-                    known
-                        .iter()
-                        .find(|(name, _)| *name == plain)
-                        .map(|(_, size)| *size)
-                        .ok_or_else(|| {
-                            let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
-                            wrong(
-                                &key,
-                                format!(
-                                    "unit `{unit}`: for {name} it is one of {}; others with \
-                                     `scale`",
-                                    names.join(", ")
-                                ),
-                            )
-                        })?
-                }
+                // Whoever gives a scale knows the unit.
+                None => entry.scale.map(|_| 1.0),
+                Some(unit) => Some(signal.unit(&unit).ok_or_else(|| {
+                    let names: Vec<&str> = signal.units().iter().map(|(name, _)| *name).collect();
+                    wrong(
+                        &key,
+                        format!(
+                            "unit `{unit}`: for {name} it is one of {}; others with `scale`",
+                            names.join(", ")
+                        ),
+                    )
+                })?),
             };
             let (scale, offset) = (entry.scale.unwrap_or(1.0), entry.offset.unwrap_or(0.0));
             if !scale.is_finite() || scale == 0.0 || !offset.is_finite() {
@@ -528,7 +581,18 @@ mod tests {
                 &["csv.delimiter", "\"ab\""],
             ),
             ("csv: {header: false}\nsignals: {position: {column: x}}", &["number"]),
-            ("csv: {decimal_comma: true}\nsignals: {position: {column: x}}", &["delimiter"]),
+            (
+                "csv: {decimal_comma: true, delimiter: ','}\nsignals: {position: {column: x}}",
+                &["delimiter"],
+            ),
+            (
+                "csv: {names_in_line: 3, data_from_line: 2}\nsignals: {position: {column: x}}",
+                &["csv.names_in_line", "line 2"],
+            ),
+            (
+                "csv: {data_from_line: 0}\nsignals: {position: {column: x}}",
+                &["csv.data_from_line", "from 1"],
+            ),
             ("rate: -1\nsignals: {position: {column: x}}", &["rate", "-1"]),
             ("signals: [", &["m.yaml"]),
             ("", &["m.yaml"]),

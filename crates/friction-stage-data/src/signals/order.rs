@@ -33,8 +33,8 @@ pub(crate) fn order(stream: Stream) -> Result<Ordered, SignalError> {
         if latest > i64::MIN && latest.saturating_sub(stamp) > LATEST_NS {
             return Err(clock(format!(
                 "they go back by {:.3} s at sample {} of {samples}: these are several runs, or the \
-                 clock was set; split the recording, or take the time of recording (`stamp: \
-                 log_time` in a mapping)",
+                 clock was set; split the recording, or, in a bag, take the time of recording \
+                 (`stamp: log_time` in a mapping)",
                 latest.saturating_sub(stamp) as f64 * 1e-9,
                 index + 1
             )));

@@ -47,7 +47,7 @@ pub(crate) enum Source {
 impl Source {
     /// Opens a bag, or a CSV file if `path` is one (`.csv`, `.tsv`, `.txt`).
     pub fn open(path: &Path, mapping: Option<&Mapping>) -> Result<(Self, Mapping), SignalError> {
-        let is_csv = is_csv(path);
+        let is_csv = is_csv(path, mapping);
         let mapping = match mapping {
             Some(mapping) => mapping.clone(),
             None if is_csv => Mapping::own_csv(),
@@ -106,10 +106,12 @@ impl Source {
     }
 }
 
-/// Whether a path is a CSV file, by its ending: `.csv`, `.tsv` or `.txt`.
-pub fn is_csv(path: &Path) -> bool {
+/// Whether a path is a CSV file: by its ending, `.csv`, `.tsv` or `.txt`, or because `mapping` names
+/// columns.
+pub fn is_csv(path: &Path, mapping: Option<&Mapping>) -> bool {
     let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-    ending.is_some_and(|e| ["csv", "tsv", "txt"].contains(&e.as_str())) && !path.is_dir()
+    let has_ending = ending.is_some_and(|e| ["csv", "tsv", "txt"].contains(&e.as_str()));
+    (has_ending || mapping.is_some_and(Mapping::is_for_csv)) && !path.is_dir()
 }
 
 impl Stream {

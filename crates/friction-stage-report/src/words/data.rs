@@ -62,8 +62,9 @@ impl Words for DataFinding {
             ),
             Self::Conflicting { signal, samples } => format!(
                 "{samples} samples of {signal} have a stamp that another sample with another value \
-                 has; the first counts: two sources on one topic, or stamps that are too coarse \
-                 (try `stamp: log_time` in a mapping)"
+                 has; the first counts: two sources on one topic (try `stamp: log_time` in a \
+                 mapping), or stamps that are too coarse (in a CSV file leave `time` out of the \
+                 mapping and give the `rate` of the rows)"
             ),
             Self::Sparse { signal, share } => format!(
                 "{signal} has values in {:.1} % of the rows only and does not count as recorded",
@@ -185,6 +186,10 @@ impl Words for SignalNote {
             Self::UnfilledStamps { topic, stamp_ns } => format!(
                 "{topic}: all header stamps are {stamp_ns} ns, so the time of recording counts \
                  instead"
+            ),
+            Self::RowsLeftOut { rows, first_line } => format!(
+                "{rows} rows are left out, the first is line {first_line}: cut off, or words at \
+                 the end of the table"
             ),
         }
     }

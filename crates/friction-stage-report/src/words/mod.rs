@@ -10,7 +10,7 @@ mod recording;
 pub(crate) use data::subject;
 pub(crate) use identify::times_noise;
 pub use identify::{comparison_notes, records_error};
-pub use recording::{import_text, messages_text, recording_text, recover_text};
+pub use recording::{import_text, messages_text, proposal_text, recording_text, recover_text};
 
 /// What can be said in a sentence.
 pub trait Words {

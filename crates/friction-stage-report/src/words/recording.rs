@@ -5,7 +5,7 @@ use std::path::Path;
 
 use friction_stage_data::bag::{Damage, RecoverReport};
 use friction_stage_data::quality::{CheckReport, Excitation, RecordingCheck};
-use friction_stage_data::signals::{ClockKind, DataQuality, ImportReport, SignalQuality};
+use friction_stage_data::signals::{ClockKind, DataQuality, ImportReport, Proposal, SignalQuality};
 
 use super::data::{severity, signals, subject};
 use super::{Words, short};
@@ -244,6 +244,12 @@ pub fn import_text(report: &ImportReport, out: &Path) -> String {
             report.without_time
         );
     }
+    if report.left_out > 0 {
+        text += &format!(
+            "warning: {} rows that are cut off, or words at the end of the table, are left out\n",
+            report.left_out
+        );
+    }
     if report.not_later > 0 {
         text += &format!(
             "warning: {} rows have a time that is not after that of the row before: was a clock \
@@ -256,6 +262,52 @@ pub fn import_text(report: &ImportReport, out: &Path) -> String {
             "the times begin at {} s; a bag holds none before 0, so they are moved to begin \
              there\n",
             -report.moved_s
+        );
+    }
+    text
+}
+
+/// What a text table looks like and what is proposed for it.
+pub fn proposal_text(proposal: &Proposal, file: &Path, written: Option<&Path>) -> String {
+    let mark = if proposal.decimal_comma { "comma" } else { "point" };
+    let either = if proposal.either_decimal { " (or the other: CHECK)" } else { "" };
+    let line = |what: &str, line: Option<u64>| {
+        line.map_or(format!("no {what}"), |line| format!("{what} in line {line}"))
+    };
+    let mut text = format!(
+        "{}: {} between columns, decimal {mark}{either}, {}, {}, values from line {}\n",
+        file.display(),
+        proposal.delimiter,
+        line("names", proposal.names_line),
+        line("units", proposal.units_line),
+        proposal.data_line
+    );
+    let rate = proposal.rate_hz.map_or(String::new(), |rate| format!(", {} Hz", short(rate)));
+    text += &format!("{} rows looked at{rate}\n\n", proposal.rows);
+    text += "  column  signal              from       to         unit   name\n";
+    for column in &proposal.columns {
+        let value = |value: Option<f64>| value.map_or("-".to_owned(), short);
+        text += &format!(
+            "  {:>6}  {:<18}  {:<9}  {:<9}  {:<5}  {}\n",
+            column.number,
+            column.signal.map_or("-", |signal| signal.name()),
+            value(column.smallest),
+            value(column.largest),
+            if column.unit.is_empty() { "-" } else { &column.unit },
+            column.name
+        );
+    }
+    for signal in &proposal.signals {
+        if let Some(check) = &signal.check {
+            text += &format!("check {}: {check}\n", signal.signal);
+        }
+    }
+    if let Some(path) = written {
+        text += &format!(
+            "\n{path} is written; when it is right:\n  friction-stage import {} --mapping {path} \
+             --out BAG\n",
+            file.display(),
+            path = path.display()
         );
     }
     text

@@ -1,0 +1,432 @@
+//! A mapping for a text table that nobody has described yet.
+//!
+//! In goes a file; out comes a [`Proposal`]: what it looks like, and which column is likely which
+//! signal, by its unit, its name, or the way it moves. What the file does not say is marked, for a
+//! person to check.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::error::SignalError;
+use super::mapping::{CsvLayout, Signal};
+use super::text_layout::{TextLayout, bare_unit};
+use super::text_lines::Splitter;
+use super::text_value::{Decimal, Value};
+use crate::bag::BagError;
+
+/// Rows that are looked at.
+const LOOKED_AT: usize = 20_000;
+
+/// A column as the file shows it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TableColumn {
+    /// Number, from 1.
+    pub number: usize,
+    /// Name; empty where the file gives none.
+    pub name: String,
+    /// Unit as the file writes it; empty where it gives none.
+    pub unit: String,
+    /// Smallest value, in that unit; absent for words and times of day.
+    pub smallest: Option<f64>,
+    /// Largest value.
+    pub largest: Option<f64>,
+    /// Which signal it is likely, if any.
+    pub signal: Option<Signal>,
+}
+
+/// A signal that is proposed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ProposedSignal {
+    /// The signal.
+    pub signal: Signal,
+    /// Number of its column, from 1.
+    pub column: usize,
+    /// Unit for the mapping, if the file says a known one.
+    pub unit: Option<String>,
+    /// What a person has to check, if anything.
+    pub check: Option<String>,
+}
+
+/// What a text table looks like, and a mapping for it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Proposal {
+    /// What separates columns.
+    pub delimiter: String,
+    /// Whether numbers have a decimal comma.
+    pub decimal_comma: bool,
+    /// Whether the numbers could be read the other way, too.
+    pub either_decimal: bool,
+    /// Line of the names, from 1.
+    pub names_line: Option<u64>,
+    /// Line of the units, from 1.
+    pub units_line: Option<u64>,
+    /// First line of values, from 1.
+    pub data_line: u64,
+    /// Rows that were looked at.
+    pub rows: usize,
+    /// Rows per second of the time column, Hz.
+    pub rate_hz: Option<f64>,
+    /// The columns.
+    pub columns: Vec<TableColumn>,
+    /// The signals.
+    pub signals: Vec<ProposedSignal>,
+}
+
+/// The values of a column, and whether some are dates or times of day.
+struct Samples {
+    values: Vec<f64>,
+    is_clock: bool,
+}
+
+impl Proposal {
+    /// Looks at the file at `path`.
+    ///
+    /// # Errors
+    /// It cannot be read, or holds no table of numbers.
+    pub fn of(path: &Path) -> Result<Proposal, SignalError> {
+        let reading = |error| BagError::reading(path, error);
+        let layout = TextLayout::find(path, &CsvLayout::default()).map_err(reading)?;
+        let samples = samples(path, &layout).map_err(reading)?;
+        let rows = samples.first().map_or(0, |column| column.values.len());
+        if rows == 0 {
+            return Err(SignalError::Csv {
+                path: path.to_owned(),
+                line: layout.data_line,
+                reason: "no rows of numbers were found".into(),
+            });
+        }
+        let names =
+            (0..samples.len()).map(|column| layout.names.get(column).cloned().unwrap_or_default());
+        let units = |column: usize| layout.units.get(column).map_or("", |unit| bare_unit(unit));
+        let mut columns: Vec<TableColumn> = names
+            .enumerate()
+            .map(|(index, name)| {
+                let finite = || samples[index].values.iter().copied().filter(|v| v.is_finite());
+                let has_values = finite().next().is_some() && !samples[index].is_clock;
+                TableColumn {
+                    number: index + 1,
+                    name,
+                    unit: units(index).to_owned(),
+                    smallest: has_values.then(|| finite().fold(f64::INFINITY, f64::min)),
+                    largest: has_values.then(|| finite().fold(f64::NEG_INFINITY, f64::max)),
+                    signal: None,
+                }
+            })
+            .collect();
+        let mut signals = Vec::new();
+        for signal in [
+            Signal::Time,
+            Signal::Position,
+            Signal::ReferencePosition,
+            Signal::ReferenceVelocity,
+            Signal::ForceCell,
+            Signal::Force,
+        ] {
+            let free = columns.iter().filter(|column| column.signal.is_none());
+            let best = free
+                .map(|column| {
+                    (likeness(signal, column, &samples[column.number - 1]), column.number)
+                })
+                .filter(|(likeness, _)| *likeness > 0.0)
+                .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+            if let Some((_, number)) = best {
+                let column = &mut columns[number - 1];
+                column.signal = Some(signal);
+                signals.push(proposed(signal, column, &samples[number - 1]));
+            }
+        }
+        let time = signals.iter().find(|found| found.signal == Signal::Time);
+        let rate_hz = time.and_then(|time| {
+            let unit = time.unit.as_deref().and_then(|unit| Signal::Time.unit(unit)).unwrap_or(1.0);
+            let rate = 1.0 / (unit * usual_step(&samples[time.column - 1].values)?);
+            rate.is_finite().then_some(rate)
+        });
+        Ok(Proposal {
+            delimiter: layout.delimiter.to_string(),
+            decimal_comma: layout.decimal == Decimal::Comma,
+            either_decimal: layout.either_decimal,
+            names_line: layout.names_line,
+            units_line: layout.units_line,
+            data_line: layout.data_line,
+            rows,
+            rate_hz,
+            columns,
+            signals,
+        })
+    }
+
+    /// Whether there is a position, without which a mapping is none.
+    pub fn has_position(&self) -> bool {
+        self.signals.iter().any(|found| found.signal == Signal::Position)
+    }
+
+    /// The mapping file, with what to check in comments.
+    pub fn to_yaml(&self, file: &str) -> String {
+        let mut text = format!(
+            "# Proposed for {file}. What it does not say itself is marked CHECK.\n\
+             # Positive is along +x; `scale: -1` turns a signal round.\n"
+        );
+        let delimiter = match self.delimiter.as_str() {
+            quoted if quoted.starts_with('`') => quoted.trim_matches('`').to_owned(),
+            word => word.to_owned(),
+        };
+        let names = match self.names_line {
+            Some(line) => format!("names_in_line: {line}"),
+            None => "header: false".to_owned(),
+        };
+        let check = if self.either_decimal { "   # CHECK: or true?" } else { "" };
+        let _ = writeln!(
+            text,
+            "csv: {{delimiter: \"{delimiter}\", decimal_comma: {}, {names}, data_from_line: {}}}\
+             {check}",
+            self.decimal_comma, self.data_line
+        );
+        if !self.signals.iter().any(|found| found.signal == Signal::Time) {
+            text += "rate: 1000   # CHECK: rows per second; no column is a time\n";
+        }
+        text += "signals:\n";
+        for found in &self.signals {
+            let column = &self.columns[found.column - 1];
+            let again = self.columns.iter().filter(|other| other.name == column.name).count() > 1;
+            let place = if column.name.is_empty() || self.names_line.is_none() || again {
+                column.number.to_string()
+            } else {
+                // A string of JSON is one of YAML.
+                serde_json::Value::from(column.name.as_str()).to_string()
+            };
+            let unit = found.unit.as_ref().map_or(String::new(), |unit| format!(", unit: {unit}"));
+            let check = found.check.as_ref().map_or(String::new(), |c| format!("   # CHECK: {c}"));
+            let _ = writeln!(text, "  {}: {{column: {place}{unit}}}{check}", found.signal);
+        }
+        let others: Vec<String> = self
+            .columns
+            .iter()
+            .filter(|column| column.signal.is_none())
+            .map(|column| match column.name.as_str() {
+                "" => column.number.to_string(),
+                name => name.to_owned(),
+            })
+            .collect();
+        if !others.is_empty() {
+            let _ = writeln!(text, "# Not used: {}", others.join(", "));
+        }
+        text
+    }
+}
+
+/// The columns of the first rows. Times are in s since the first row.
+fn samples(path: &Path, layout: &TextLayout) -> std::io::Result<Vec<Samples>> {
+    let mut lines = layout.rows(path)?;
+    let mut row = Splitter::new(layout.delimiter);
+    let mut columns: Vec<Samples> =
+        (0..layout.columns).map(|_| Samples { values: Vec::new(), is_clock: false }).collect();
+    let mut begins: Vec<Option<i64>> = vec![None; layout.columns];
+    while let Some((_, line)) = lines.next()? {
+        row.split(line);
+        let values: Vec<Value> = row.fields().map(|f| Value::of(f, layout.decimal)).collect();
+        if values.len() < layout.columns || !values.iter().any(Value::is_value) {
+            continue;
+        }
+        for ((value, column), begin) in values.iter().zip(&mut columns).zip(&mut begins) {
+            column.values.push(match value {
+                Value::Number { value, .. } => *value,
+                Value::Time { nanoseconds, .. } => {
+                    column.is_clock = true;
+                    let since = nanoseconds - *begin.get_or_insert(*nanoseconds);
+                    since as f64 * 1e-9
+                }
+                Value::Missing | Value::Text => f64::NAN,
+            });
+        }
+        if columns.first().is_some_and(|column| column.values.len() >= LOOKED_AT) {
+            break;
+        }
+    }
+    Ok(columns)
+}
+
+/// Words of a name, in small letters: `posActual_mm` has pos, actual, mm.
+fn words(name: &str) -> Vec<String> {
+    let mut words = vec![String::new()];
+    let mut before = ' ';
+    for c in name.chars() {
+        let begins = c.is_uppercase() && before.is_lowercase();
+        if !c.is_alphabetic() || begins {
+            words.push(String::new());
+        }
+        if c.is_alphabetic() {
+            words.last_mut().into_iter().for_each(|word| word.extend(c.to_lowercase()));
+        }
+        before = c;
+    }
+    words.retain(|word| !word.is_empty());
+    words
+}
+
+const TIME: &[&str] = &["t", "time", "timestamp", "stamp", "zeit", "temps", "clock", "secs"];
+const POSITION: &[&str] = &[
+    "x",
+    "q",
+    "qm",
+    "pos",
+    "position",
+    "encoder",
+    "enc",
+    "displacement",
+    "travel",
+    "lage",
+    "weg",
+    "istposition",
+    "posn",
+];
+const VELOCITY: &[&str] = &["v", "vel", "velocity", "speed", "geschwindigkeit", "drehzahl"];
+const FORCE: &[&str] = &[
+    "f",
+    "u",
+    "force",
+    "torque",
+    "effort",
+    "current",
+    "curr",
+    "iq",
+    "kraft",
+    "moment",
+    "strom",
+    "drehmoment",
+    "thrust",
+    "trq",
+    "i",
+    "motor",
+];
+const CELL: &[&str] = &["cell", "loadcell", "kraftsensor", "dynamometer", "fx"];
+const REFERENCE: &[&str] = &[
+    "set",
+    "setpoint",
+    "sp",
+    "ref",
+    "reference",
+    "cmd",
+    "command",
+    "commanded",
+    "demand",
+    "demanded",
+    "desired",
+    "target",
+    "soll",
+    "sollposition",
+    "nominal",
+    "qg",
+];
+const NO_SIGNAL: &[&str] =
+    &["error", "err", "deviation", "lag", "following", "status", "temperature"];
+
+/// How much a column looks like a signal; 0: not at all. By its unit, its name, how it moves.
+fn likeness(signal: Signal, column: &TableColumn, samples: &Samples) -> f64 {
+    let words = words(&column.name);
+    let has = |known: &[&str]| words.iter().any(|word| known.contains(&word.as_str()));
+    let unit = column.unit.as_str();
+    let has_unit = |of: Signal| of.unit(unit).is_some();
+    let is_named = |named: bool| f64::from(u8::from(named));
+    let moves = column.smallest < column.largest;
+    let other = has(NO_SIGNAL);
+    match signal {
+        Signal::Time => {
+            let rises = increases(&samples.values);
+            let score = 2.0 * is_named(samples.is_clock)
+                + is_named(has(TIME) || has_unit(Signal::Time))
+                + 0.5 * is_named(is_uniform(&samples.values));
+            if rises && (score >= 1.0 || column.number == 1) { score } else { 0.0 }
+        }
+        Signal::Position if moves && !other && !has(REFERENCE) && !has(VELOCITY) && !has(FORCE) => {
+            let score = 2.0 * is_named(has_unit(signal)) + 2.0 * is_named(has(POSITION));
+            let angle =
+                is_named(["rad", "deg", "°", "rev", "inc", "counts", "cts"].contains(&unit));
+            let smooth =
+                is_named(unit.is_empty() && words.is_empty() && is_smooth(&samples.values));
+            score + angle + 0.5 * smooth
+        }
+        Signal::ReferencePosition if moves && !other && has(REFERENCE) && !has(VELOCITY) => {
+            2.0 * is_named(has_unit(signal)) + is_named(has(POSITION)) + 0.5 * is_named(!has(FORCE))
+        }
+        Signal::ReferenceVelocity if moves && !other && has(REFERENCE) && has(VELOCITY) => 1.0,
+        Signal::ForceCell if moves && !other && has(CELL) => 1.0 + is_named(has_unit(signal)),
+        Signal::Force if moves && !other && !has(VELOCITY) && !has(POSITION) => {
+            let drive = ["A", "mA", "%", "Nm", "N m", "mNm", "V"].contains(&unit);
+            2.0 * is_named(has_unit(signal)) + 1.5 * is_named(has(FORCE)) + is_named(drive)
+        }
+        _ => 0.0,
+    }
+}
+
+/// The signal with its unit, and what the file does not say of it.
+fn proposed(signal: Signal, column: &TableColumn, samples: &Samples) -> ProposedSignal {
+    let si = signal.units()[0].0;
+    let behind_name = || {
+        let last = column.name.rsplit('_').next().unwrap_or("");
+        (last != column.name).then_some(last)
+    };
+    let written = Some(column.unit.as_str()).filter(|unit| !unit.is_empty()).or_else(behind_name);
+    let known = written.filter(|unit| signal.unit(unit).is_some());
+    let (unit, check) = match (signal, known, written) {
+        (Signal::Time, None, _) if samples.is_clock => (None, None),
+        (_, Some(unit), _) => (Some(unit.to_owned()), None),
+        (Signal::Time, None, _) => {
+            let unit = unit_of_epoch(&samples.values);
+            (Some(unit.to_owned()), Some(format!("{unit} by the size of its numbers")))
+        }
+        (_, None, Some(unit)) if !column.unit.is_empty() => {
+            (None, Some(format!("it is in {unit}: give its `scale`, {si} per {unit}")))
+        }
+        (_, None, _) => (Some(si.to_owned()), Some(format!("the file gives no unit, {si}?"))),
+    };
+    ProposedSignal { signal, column: column.number, unit, check }
+}
+
+/// Unit of times, by how large they are: since 1970, days of a spreadsheet, else seconds.
+fn unit_of_epoch(values: &[f64]) -> &'static str {
+    let first = values.iter().copied().find(|value| value.is_finite()).unwrap_or(0.0);
+    let is_of_days = usual_step(values).is_some_and(|step| step < 1e-3);
+    match first {
+        // From 2001 to 2286 in each unit.
+        first if (1e18..1e19).contains(&first) => "ns",
+        first if (1e15..1e16).contains(&first) => "us",
+        first if (1e12..1e13).contains(&first) => "ms",
+        // From 1982 to 2119, counted from 1900.
+        first if (30_000.0..80_000.0).contains(&first) && is_of_days => "d",
+        _ => "s",
+    }
+}
+
+fn steps(values: &[f64]) -> impl Iterator<Item = f64> + '_ {
+    values.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| step.is_finite())
+}
+
+/// Median of the steps; none for less than two values.
+fn usual_step(values: &[f64]) -> Option<f64> {
+    let mut steps: Vec<f64> = steps(values).collect();
+    let middle = steps.len() / 2;
+    (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Whether values hardly ever fall, and rise.
+fn increases(values: &[f64]) -> bool {
+    let falling = steps(values).filter(|step| *step < 0.0).count();
+    usual_step(values).is_some_and(|step| step > 0.0) && falling * 20 <= values.len()
+}
+
+fn is_uniform(values: &[f64]) -> bool {
+    let Some(usual) = usual_step(values) else { return false };
+    let alike = steps(values).filter(|step| (step / usual - 1.0).abs() < 0.1).count();
+    alike * 10 >= 9 * (values.len() - 1)
+}
+
+/// Whether values move as a position does: from row to row they go on as before.
+fn is_smooth(values: &[f64]) -> bool {
+    let steps: Vec<f64> = steps(values).collect();
+    let size = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
+    let changes = size(&mut steps.windows(2).map(|pair| pair[1] - pair[0]));
+    let moves = size(&mut steps.iter().copied());
+    changes < 0.1 * moves
+}

@@ -1,0 +1,422 @@
+//! Text tables as loggers, drives and spreadsheets write them: the same numbers come out whatever
+//! the dialect.
+
+use std::path::PathBuf;
+
+use friction_stage_data::signals::{
+    Mapping, Proposal, Recording, Signal, SignalError, SignalNote, load,
+};
+use proptest::prelude::*;
+
+const ROWS: usize = 200;
+const RATE: f64 = 1000.0;
+const MAPPING: &str = "signals: {time: {column: t}, position: {column: x}, force: {column: u}}";
+
+/// Position, m, and force, N, of row `k`; to 10 nm and 1 uN.
+fn values(k: usize) -> (f64, f64) {
+    let phase = 12.0 * k as f64 / RATE;
+    (((0.05 * phase.sin()) * 1e8).round() / 1e8, ((20.0 * phase.cos()) * 1e6).round() / 1e6)
+}
+
+/// Rows of time, position and force with these marks; times in s.
+fn rows(delimiter: &str, decimal: char, end: &str) -> String {
+    (0..ROWS)
+        .map(|k| {
+            let (x, u) = values(k);
+            let row = format!("{:.3}{delimiter}{x:.8}{delimiter}{u:.6}{end}", k as f64 / RATE);
+            row.replace('.', &decimal.to_string())
+        })
+        .collect()
+}
+
+struct File {
+    _directory: tempfile::TempDir,
+    path: PathBuf,
+}
+
+fn file(name: &str, bytes: impl AsRef<[u8]>) -> File {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    File { _directory: directory, path }
+}
+
+fn read(name: &str, bytes: impl AsRef<[u8]>, mapping: &str) -> Result<Recording, SignalError> {
+    let mapping = Mapping::from_yaml(mapping, "mapping.yaml").unwrap();
+    load(&file(name, bytes).path, Some(&mapping))
+}
+
+/// Reads what must come out as the numbers of [`values`]; `rows` of them.
+fn assert_read(name: &str, bytes: impl AsRef<[u8]>, mapping: &str, rows: usize) -> Recording {
+    let recording = read(name, bytes, mapping).unwrap();
+    assert_eq!(recording.trace.len(), rows);
+    assert!((recording.rate - RATE).abs() < 1e-3, "{} Hz", recording.rate);
+    for k in 0..rows {
+        let (x, u) = values(k);
+        assert!((recording.trace.position[k] - x).abs() < 1e-12, "row {k}");
+        assert!((recording.trace.force[k] - u).abs() < 1e-9, "row {k}");
+    }
+    recording
+}
+
+fn error(bytes: impl AsRef<[u8]>, mapping: &str) -> String {
+    match read("table.csv", bytes, mapping) {
+        Ok(recording) => panic!("{} rows were read", recording.trace.len()),
+        Err(error) => error.to_string(),
+    }
+}
+
+#[test]
+fn lines_above_the_names_and_units_below_are_found() {
+    let rows = rows(",", '.', "\n");
+    for above in [
+        "t,x,u\n",
+        "Date:,2020-07-08\nSampling period:,1.000\nt,x,u\n",
+        "Trace 1\nDevice,ABC,rev 3,x\n\nt,x,u\n",
+        "t,x,u\ns,m,N\n",
+        "t,x,u\n[s],[m],[N]\n",
+        "Scale:,0,True,100.0,0.5,-400.5\nScale:,1,True,20.0,-2.6,-77.3\n\nt,x,u\ns,m,N\n",
+        "# written by a logger\n# t,x,u\n",
+        "# 12 rows a page\nt,x,u\n",
+        "\u{feff}t,x,u\n",
+        "t,x,u,\n",
+        "t , x , u \n",
+        "\"t\",\"x\",\"u\"\n",
+    ] {
+        assert_read("table.csv", format!("{above}{rows}"), MAPPING, ROWS);
+    }
+    // Sixty lines of settings in the same number of columns as the table.
+    let settings: String = (0..60).map(|k| format!("setting {k},value,a\n")).collect();
+    assert_read("table.csv", format!("{settings}t,x,u\n{rows}"), MAPPING, ROWS);
+    // A mapping may say it.
+    let said = format!("csv: {{names_in_line: 2, data_from_line: 4}}\n{MAPPING}");
+    assert_read("table.csv", format!("1,2,3\nt,x,u\n9,9,9\n{rows}"), &said, ROWS);
+}
+
+#[test]
+fn delimiters_and_endings_are_found() {
+    for (delimiter, decimal) in [
+        (",", '.'),
+        (";", '.'),
+        (";", ','),
+        ("\t", '.'),
+        ("\t", ','),
+        (" ", '.'),
+        ("   ", '.'),
+        ("|", '.'),
+    ] {
+        for end in ["\n", "\r\n", "\r"] {
+            for name in ["table.csv", "table.txt", "table.dat", "table.LOG", "table"] {
+                let text = ["t", "x", "u"].join(delimiter) + end + &rows(delimiter, decimal, end);
+                assert_read(name, text, MAPPING, ROWS);
+            }
+        }
+    }
+    let aligned: String = (0..ROWS)
+        .map(|k| format!("  {:8.3} {:14.8}  {:12.6}\n", k as f64 / RATE, values(k).0, values(k).1))
+        .collect();
+    assert_read("table.dat", format!("   t        x       u\n{aligned}"), MAPPING, ROWS);
+    assert_read("table.csv", format!("sep=;\nt;x;u\n{}", rows(";", '.', "\n")), MAPPING, ROWS);
+}
+
+#[test]
+fn a_delimiter_at_the_end_of_rows_is_no_column() {
+    assert_read("t.csv", format!("t,x,u\n{}", rows(",", '.', ",\n")), MAPPING, ROWS);
+    assert_read("t.csv", format!("t,x,u,\n{}", rows(",", '.', ",\n")), MAPPING, ROWS);
+}
+
+#[test]
+fn thousands_are_read_or_refused_and_never_a_factor_of_1000() {
+    let counts = |mark: &str| -> String {
+        let rows: String = (0..ROWS)
+            .map(|k| {
+                // Counts of 10 nm.
+                let counts = (values(k).0 * 1e8).round() as i64;
+                let digits = counts.abs().to_string();
+                let grouped = digits
+                    .as_bytes()
+                    .rchunks(3)
+                    .rev()
+                    .map(|group| std::str::from_utf8(group).unwrap())
+                    .collect::<Vec<_>>()
+                    .join(mark);
+                let sign = if counts < 0 { "-" } else { "" };
+                let force = format!("{:.6}", values(k).1).replace('.', ",");
+                format!(
+                    "{};{sign}{grouped};{force}\n",
+                    format!("{:.3}", k as f64 / RATE).replace('.', ",")
+                )
+            })
+            .collect();
+        format!("t;x;u\n{rows}")
+    };
+    let scaled = MAPPING.replace("{column: x}", "{column: x, scale: 1.0e-8}");
+    for mark in [".", " ", "'", "\u{a0}", "\u{202f}"] {
+        for said in ["", "csv: {delimiter: \";\", decimal_comma: true}\n"] {
+            assert_read("t.csv", counts(mark), &format!("{said}{scaled}"), ROWS);
+        }
+    }
+    let said = format!("csv: {{decimal_comma: true}}\n{MAPPING}");
+    let message = error("t;x;u\n0,001;0.5;1\n0,002;0.25;1\n0,003;0,5;1\n", &said);
+    assert!(message.contains("\"0.5\"") && message.contains("decimal comma"), "{message}");
+    // Nothing says whether 1,250 is 1.25 or 1250.
+    let either: String = (1..50).map(|k| format!("{k};{k},250;{k}\n")).collect();
+    let message = error(format!("t;x;u\n{either}"), MAPPING);
+    assert!(message.contains("decimal_comma"), "{message}");
+    let said = format!("csv: {{decimal_comma: true}}\n{MAPPING}");
+    let recording = read("t.csv", format!("t;x;u\n{either}"), &said).unwrap();
+    assert_eq!(recording.trace.position[1], 2.25);
+}
+
+#[test]
+fn other_encodings_are_read() {
+    let text = format!("t,x µm,u\n{}", rows(",", '.', "\r\n"));
+    let mapping = "signals: {time: {column: 1}, position: {column: 2}, force: {column: 3}}";
+    let latin: Vec<u8> = text.chars().map(|c| u8::try_from(u32::from(c)).unwrap()).collect();
+    assert_read("latin1.csv", &latin, mapping, ROWS);
+    assert_read("latin1.csv", &latin, &MAPPING.replace("column: x", "column: x µm"), ROWS);
+    let units = |swap: bool| -> Vec<u8> {
+        text.encode_utf16()
+            .flat_map(|unit| if swap { unit.to_be_bytes() } else { unit.to_le_bytes() })
+            .collect()
+    };
+    for swap in [false, true] {
+        let mark = if swap { [0xfe, 0xff] } else { [0xff, 0xfe] };
+        assert_read("utf16.csv", [&mark[..], &units(swap)].concat(), mapping, ROWS);
+        assert_read("utf16.csv", units(swap), mapping, ROWS);
+    }
+}
+
+#[test]
+fn times_of_every_kind_are_read() {
+    let with_times = |time: &dyn Fn(usize) -> String| -> String {
+        let row = |k: usize| format!("{};{:.8};{:.6}\n", time(k), values(k).0, values(k).1);
+        format!("t;x;u\n{}", (0..ROWS).map(row).collect::<String>())
+    };
+    let fraction = |k: usize| k as f64 / RATE;
+    let times: [&dyn Fn(usize) -> String; 7] = [
+        &|k| format!("2024-05-01T10:00:{:06.3}Z", fraction(k)),
+        &|k| format!("2024-05-01 10:00:{:06.3}+02:00", fraction(k)),
+        &|k| format!("01.05.2024 10:00:{:06.3}", fraction(k)),
+        &|k| format!("5/1/2024 10:00:{:06.3} PM", fraction(k)),
+        &|k| format!("10:00:{:06.3}", fraction(k)),
+        // Over midnight.
+        &|k| {
+            if k < 100 {
+                format!("23:59:{:06.3}", 59.9 + fraction(k))
+            } else {
+                format!("00:00:{:06.3}", fraction(k - 100))
+            }
+        },
+        &|k| format!("17145576{:02}.{:03}", k / 1000, k % 1000),
+    ];
+    for time in times {
+        assert_read("t.csv", with_times(time), MAPPING, ROWS);
+    }
+    let ticks =
+        with_times(&|k| format!("{}", 1_714_557_600_000_000_000_u64 + 1_000_000 * k as u64));
+    assert_read("t.csv", ticks, &MAPPING.replace("{column: t}", "{column: t, unit: ns}"), ROWS);
+    let days = with_times(&|k| format!("{:.12}", 45_413.0 + fraction(k) / 86_400.0));
+    let mapping = MAPPING.replace("{column: t}", "{column: t, unit: d}");
+    let recording = read("t.csv", days, &mapping).unwrap();
+    assert!((recording.rate - RATE).abs() < 1.0 && recording.trace.len() == ROWS);
+}
+
+#[test]
+fn a_unit_that_the_file_gives_counts_where_the_mapping_gives_none() {
+    let in_mm: String =
+        (0..ROWS).map(|k| format!("{k},{:.5},{:.6}\n", 1e3 * values(k).0, values(k).1)).collect();
+    for (names, mapping) in [
+        ("t,x,u\nms,mm,N\n", MAPPING.to_owned()),
+        (
+            "t [ms],x [mm],u [N]\n",
+            MAPPING
+                .replace(": t}", ": 't [ms]'}")
+                .replace(": x}", ": 'x [mm]'}")
+                .replace(": u}", ": 'u [N]'}"),
+        ),
+        ("t,x,u\n", MAPPING.replace(": t}", ": t, unit: ms}").replace(": x}", ": x, unit: mm}")),
+    ] {
+        assert_read("t.csv", format!("{names}{in_mm}"), &mapping, ROWS);
+    }
+    let message = error(format!("t,x,u\nms,mm,A\n{in_mm}"), MAPPING);
+    assert!(message.contains("is in A") && message.contains("N per A"), "{message}");
+}
+
+#[test]
+fn what_is_no_row_is_left_out_and_counted() {
+    let rows = rows(",", '.', "\n");
+    let whole = format!("t,x,u\n{rows}");
+    let missing = |line: usize| {
+        let short = |(k, row): (usize, &str)| {
+            if k == line { row.rsplit_once(',').unwrap().0.to_owned() } else { row.to_owned() }
+        };
+        whole.lines().enumerate().map(short).collect::<Vec<_>>().join("\n")
+    };
+    for (text, rows, left_out, first_line) in [
+        (missing(ROWS), ROWS - 1, 1, ROWS + 1),
+        (format!("{whole}End of recording\n"), ROWS, 1, ROWS + 2),
+        (format!("{whole}\nEnd\nFile,written,by\n"), ROWS, 2, ROWS + 3),
+    ] {
+        let recording = assert_read("t.csv", text, MAPPING, rows);
+        let note = SignalNote::RowsLeftOut { rows: left_out, first_line: first_line as u64 };
+        assert_eq!(recording.quality.notes, [note]);
+    }
+    let recording = read("t.csv", missing(100), MAPPING).unwrap();
+    assert_eq!(recording.quality.notes, [SignalNote::RowsLeftOut { rows: 1, first_line: 101 }]);
+    let na = whole.replacen(&format!("{:.6}", values(50).1), "N/A", 1);
+    assert!(read("t.csv", na, MAPPING).unwrap().trace.force[50].is_finite(), "one is filled in");
+}
+
+#[test]
+fn several_captures_are_refused_with_the_line() {
+    let capture = rows(",", '.', "\n");
+    for (text, line) in [
+        (format!("t,x,u\n{capture}{capture}"), ROWS + 2),
+        (format!("t,x,u\n{capture}t,x,u\n{capture}"), ROWS + 2),
+        (format!("t,x,u\n{capture}\nTrigger 2\nt,x,u\n{capture}"), ROWS + 3),
+        // The later one is longer.
+        (format!("t,x,u\n0.0,1.0,2.0\n0.1,1.1,2.0\nTrigger 2\nt,x,u\n{capture}"), 4),
+    ] {
+        let message = error(&text, MAPPING);
+        assert!(message.contains(&format!("line {line}:")), "{message}");
+        assert!(message.contains("split"), "{message}");
+    }
+    // An 8-bit counter for a clock.
+    let counter: String = (0..ROWS * 2).map(|k| format!("{},{},{}\n", k % 256, k, k)).collect();
+    let message = error(format!("t,x,u\n{counter}"), MAPPING);
+    assert!(message.contains("line 258") && message.contains("`rate`"), "{message}");
+    // Rows that were written in another order by a few are no captures.
+    let mut lines: Vec<&str> = capture.lines().collect();
+    lines.swap(20, 21);
+    let text = format!("t,x,u\n{}\n", lines.join("\n"));
+    assert_read("t.csv", text, MAPPING, ROWS);
+}
+
+#[test]
+fn a_name_that_two_columns_have_is_refused() {
+    let message = error("t,x,x,u\n0,1,2,3\n1,1,2,3\n2,1,2,3\n", MAPPING);
+    assert!(message.contains("columns 2 and 3") && message.contains("number"), "{message}");
+}
+
+#[test]
+fn a_text_that_is_no_number_is_told_with_its_line() {
+    let mut lines: Vec<String> = rows(",", '.', "\n").lines().map(str::to_owned).collect();
+    lines[29] = "0.029,abc,1.0".into();
+    let message = error(format!("Trace\n\nt,x,u\n{}\n", lines.join("\n")), MAPPING);
+    assert!(message.contains("line 33: \"abc\" in column 2 (x)"), "{message}");
+}
+
+/// What is proposed for a table, and the recording that the proposal gives without an edit.
+fn proposed(name: &str, bytes: impl AsRef<[u8]>) -> (Proposal, Recording) {
+    let file = file(name, bytes);
+    let proposal = Proposal::of(&file.path).unwrap();
+    let yaml = proposal.to_yaml(name);
+    let mapping = Mapping::from_yaml(&yaml, "proposed").unwrap_or_else(|e| panic!("{e}\n{yaml}"));
+    let recording = load(&file.path, Some(&mapping)).unwrap_or_else(|e| panic!("{e}\n{yaml}"));
+    (proposal, recording)
+}
+
+#[test]
+fn a_mapping_is_proposed_that_fits_without_an_edit_where_the_file_says_enough() {
+    let values_of = |k: usize| [k as f64, 1e3 * values(k).0, values(k).1, 0.5 * k as f64];
+    let table = |delimiter: &str, decimal: char| -> String {
+        let row = |k: usize| {
+            let fields = values_of(k).map(|v| format!("{v:.6}").replace('.', &decimal.to_string()));
+            fields.join(delimiter) + "\n"
+        };
+        (0..ROWS).map(row).collect()
+    };
+    // Layouts after exports of drives and loggers; a column more than is needed.
+    for (head, delimiter, decimal) in [
+        ("t [ms],position [mm],force [N],temp [C]\n", ",", '.'),
+        ("Time;Position actual value;Force;Status\nms;mm;N;-\n", ";", ','),
+        ("Zeit (ms)\tIstposition (mm)\tKraft (N)\tT\n", "\t", ','),
+        ("Date:;2020-07-08\nChannels:;3;a;b\n\nms;x;force;n\nms;mm;N;-\n", ";", '.'),
+        ("# time pos force n\n# ms mm N -\n", " ", '.'),
+    ] {
+        let (proposal, recording) =
+            proposed("t.txt", format!("{head}{}", table(delimiter, decimal)));
+        assert!(proposal.signals.iter().all(|found| found.check.is_none()), "{proposal:#?}");
+        assert!((recording.rate - RATE).abs() < 1e-6 && recording.trace.len() == ROWS);
+        for k in 0..ROWS {
+            let (x, u) = values(k);
+            assert!((recording.trace.position[k] - x).abs() < 1e-9);
+            assert!((recording.trace.force[k] - u).abs() < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn what_the_file_does_not_say_is_to_be_checked() {
+    let rows: String = (0..ROWS)
+        .map(|k| format!("{:.3};{:.8};{:.6}\n", k as f64 / RATE, values(k).0, values(k).1))
+        .collect();
+    let file = file("t.csv", format!("t;x;motor current [A]\n{rows}"));
+    let proposal = Proposal::of(&file.path).unwrap();
+    let check = |signal: Signal| {
+        let found = proposal.signals.iter().find(|found| found.signal == signal).unwrap();
+        found.check.clone().unwrap()
+    };
+    assert!(check(Signal::Position).contains("no unit"));
+    assert!(check(Signal::Force).contains("N per A"));
+    // What would be wrong as it is is refused until it is edited.
+    let yaml = proposal.to_yaml("t.csv");
+    let refused = load(&file.path, Some(&Mapping::from_yaml(&yaml, "proposed").unwrap()));
+    assert!(refused.unwrap_err().to_string().contains("N per A"));
+    let edited = yaml.replace("[A]\"}", "[A]\", scale: 1}");
+    assert!(load(&file.path, Some(&Mapping::from_yaml(&edited, "edited").unwrap())).is_ok());
+    // Without names the one that moves like a position is.
+    let (proposal, _) = proposed("t.csv", &rows);
+    let found = proposal.signals.iter().find(|found| found.signal == Signal::Position);
+    assert_eq!(found.map(|found| found.column), Some(2), "{proposal:#?}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(200) })]
+
+    #[test]
+    fn a_dialect_changes_no_number(
+        delimiter in prop::sample::select(vec![",", ";", "\t", "|", "  "]),
+        comma in any::<bool>(),
+        end in prop::sample::select(vec!["\n", "\r\n"]),
+        above in prop::collection::vec("[A-Za-z][A-Za-z :=]{0,20}", 0..30),
+        units in any::<bool>(),
+        trailing in any::<bool>(),
+        wide in any::<bool>(),
+        numbers in prop::collection::vec((-1e3..1e3_f64, -1e-3..1e-3_f64), 20..80),
+    ) {
+        let comma = comma && delimiter != ",";
+        let delimited = |fields: &[String]| {
+            let last = if trailing && delimiter != "  " { delimiter } else { "" };
+            fields.join(delimiter) + last + end
+        };
+        let words = |words: [&str; 3]| delimited(&words.map(str::to_owned));
+        let mut text: String = above.iter().map(|line| format!("{line}{end}")).collect();
+        text += &words(["t", "x", "u"]);
+        if units {
+            text += &words(["ms", "mm", "N"]);
+        }
+        for (k, (x, u)) in numbers.iter().enumerate() {
+            let written = [format!("{k}.0"), format!("{x:e}"), format!("{u:.9}")];
+            let mark = |text: String| if comma { text.replace('.', ",") } else { text };
+            text += &delimited(&written.map(mark));
+        }
+        let bytes: Vec<u8> = if wide {
+            [0xfeff].into_iter().chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect()
+        } else {
+            text.into_bytes()
+        };
+        let mapping = if units {
+            MAPPING.to_owned()
+        } else {
+            MAPPING.replace("{column: t}", "{column: t, unit: ms}").replace("{column: x}", "{column: x, unit: mm}")
+        };
+        let recording = read("t.csv", &bytes, &mapping).unwrap();
+        prop_assert_eq!(recording.trace.len(), numbers.len());
+        for (k, (x, u)) in numbers.iter().enumerate() {
+            prop_assert!((recording.trace.position[k] - 1e-3 * x).abs() <= 1e-15);
+            prop_assert!((recording.trace.force[k] - u).abs() <= 1e-9);
+        }
+    }
+}
