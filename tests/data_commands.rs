@@ -162,7 +162,39 @@ fn a_wrong_unit_a_wrong_mapping_and_a_wrong_file_are_told() {
     let missing = friction_stage(&["check", text(&home.path().join("nothing.csv"))]);
     assert_eq!(missing.status.code(), Some(1));
     assert!(stderr(&missing).contains("nothing.csv"), "{}", stderr(&missing));
-    assert_eq!(friction_stage(&["import", text(&csv)]).status.code(), Some(2));
+    let half = friction_stage(&["import", text(&csv), "--mapping", text(&mapping)]);
+    assert_eq!(half.status.code(), Some(2));
+}
+
+#[test]
+fn a_mapping_is_proposed_and_then_imported() {
+    let home = TempDir::new().unwrap();
+    let (csv, _) = drive(home.path(), 1.0);
+    let rows = std::fs::read_to_string(&csv).unwrap();
+    let rows = rows.split_once('\n').unwrap().1;
+    let head = "Drive 1\n\nTime,Position actual value,Force\ns,m,N\n";
+    std::fs::write(&csv, format!("{head}{rows}")).unwrap();
+    let mapping = home.path().join("proposed.yaml");
+    let propose = || friction_stage(&["import", text(&csv), "--write", text(&mapping)]);
+    let proposed = propose();
+    assert_eq!(proposed.status.code(), Some(0), "{}{}", stdout(&proposed), stderr(&proposed));
+    let told = stdout(&proposed);
+    for words in ["names in line 3", "units in line 4", "1000 Hz", "Position actual value"] {
+        assert!(told.contains(words), "{told}");
+    }
+    let bag = home.path().join("bag");
+    let imported =
+        friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
+    assert_eq!(imported.status.code(), Some(0), "{}", stderr(&imported));
+    assert!(stdout(&imported).contains("8000 on /stage/encoder"), "{}", stdout(&imported));
+    // Nothing is overwritten.
+    let again = propose();
+    assert_eq!(again.status.code(), Some(1));
+    assert!(stderr(&again).contains("--write"), "{}", stderr(&again));
+    std::fs::write(&csv, "words\nwithout numbers\n").unwrap();
+    let nothing = friction_stage(&["import", text(&csv)]);
+    assert_eq!(nothing.status.code(), Some(1));
+    assert!(stderr(&nothing).contains("no rows of numbers"), "{}", stderr(&nothing));
 }
 
 /// Times that count from a trigger, rows whose clock goes back or stands still, rows without a

@@ -74,7 +74,8 @@ fn import(
     } else {
         write!(out, "{}", import_text(&report, bag))?;
     }
-    Ok(Outcome::warned(report.without_time + report.not_later + report.left_out > 0))
+    let is_whole = report.without_time + report.not_later == 0 && report.notes.is_empty();
+    Ok(Outcome::warned(!is_whole))
 }
 
 fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {

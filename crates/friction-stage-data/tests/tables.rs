@@ -223,24 +223,26 @@ fn times_of_every_kind_are_read() {
 }
 
 #[test]
-fn a_unit_that_the_file_gives_counts_where_the_mapping_gives_none() {
-    let in_mm: String =
-        (0..ROWS).map(|k| format!("{k},{:.5},{:.6}\n", 1e3 * values(k).0, values(k).1)).collect();
-    for (names, mapping) in [
-        ("t,x,u\nms,mm,N\n", MAPPING.to_owned()),
-        (
-            "t [ms],x [mm],u [N]\n",
-            MAPPING
-                .replace(": t}", ": 't [ms]'}")
-                .replace(": x}", ": 'x [mm]'}")
-                .replace(": u}", ": 'u [N]'}"),
-        ),
-        ("t,x,u\n", MAPPING.replace(": t}", ": t, unit: ms}").replace(": x}", ": x, unit: mm}")),
-    ] {
-        assert_read("t.csv", format!("{names}{in_mm}"), &mapping, ROWS);
+fn a_unit_that_the_file_gives_and_the_mapping_does_not_take_is_told() {
+    let in_mm: String = (0..ROWS)
+        .map(|k| format!("{:.3},{:.5},{:.6}\n", k as f64 / RATE, 1e3 * values(k).0, values(k).1))
+        .collect();
+    for names in ["t,x,u\ns,mm,A\n", "t,x,u\n[s],[mm],[A]\n", "t,x,u [A]\n,mm,\n"] {
+        let mapping = "signals: {time: {column: 1}, position: {column: 2}, force: {column: 3}}";
+        let recording = read("t.csv", format!("{names}{in_mm}"), mapping).unwrap();
+        assert!((recording.trace.position[1] - 1e3 * values(1).0).abs() < 1e-9);
+        let note =
+            |signal, unit: &str, taken| SignalNote::UnitOfFile { signal, unit: unit.into(), taken };
+        let notes = &recording.quality.notes;
+        assert!(notes.contains(&note(Signal::Position, "mm", "m")), "{names} {notes:?}");
+        assert!(notes.contains(&note(Signal::Force, "A", "N")), "{names} {notes:?}");
+        assert_eq!(notes.len(), 2, "{notes:?}");
+        let said = mapping
+            .replace("column: 2", "column: 2, unit: mm")
+            .replace("column: 3", "column: 3, scale: 1");
+        let recording = assert_read("t.csv", format!("{names}{in_mm}"), &said, ROWS);
+        assert_eq!(recording.quality.notes, []);
     }
-    let message = error(format!("t,x,u\nms,mm,A\n{in_mm}"), MAPPING);
-    assert!(message.contains("is in A") && message.contains("N per A"), "{message}");
 }
 
 #[test]
@@ -360,12 +362,10 @@ fn what_the_file_does_not_say_is_to_be_checked() {
     };
     assert!(check(Signal::Position).contains("no unit"));
     assert!(check(Signal::Force).contains("N per A"));
-    // What would be wrong as it is is refused until it is edited.
+    // As it is it is read with a warning.
     let yaml = proposal.to_yaml("t.csv");
-    let refused = load(&file.path, Some(&Mapping::from_yaml(&yaml, "proposed").unwrap()));
-    assert!(refused.unwrap_err().to_string().contains("N per A"));
-    let edited = yaml.replace("[A]\"}", "[A]\", scale: 1}");
-    assert!(load(&file.path, Some(&Mapping::from_yaml(&edited, "edited").unwrap())).is_ok());
+    let recording = load(&file.path, Some(&Mapping::from_yaml(&yaml, "proposed").unwrap()));
+    assert!(matches!(recording.unwrap().quality.notes[..], [SignalNote::UnitOfFile { .. }]));
     // Without names the one that moves like a position is.
     let (proposal, _) = proposed("t.csv", &rows);
     let found = proposal.signals.iter().find(|found| found.signal == Signal::Position);
@@ -407,16 +407,36 @@ proptest! {
         } else {
             text.into_bytes()
         };
-        let mapping = if units {
-            MAPPING.to_owned()
-        } else {
-            MAPPING.replace("{column: t}", "{column: t, unit: ms}").replace("{column: x}", "{column: x, unit: mm}")
-        };
+        let mapping = MAPPING
+            .replace("{column: t}", "{column: t, unit: ms}")
+            .replace("{column: x}", "{column: x, unit: mm}");
         let recording = read("t.csv", &bytes, &mapping).unwrap();
         prop_assert_eq!(recording.trace.len(), numbers.len());
         for (k, (x, u)) in numbers.iter().enumerate() {
             prop_assert!((recording.trace.position[k] - 1e-3 * x).abs() <= 1e-15);
             prop_assert!((recording.trace.force[k] - u).abs() <= 1e-9);
+        }
+    }
+
+    #[test]
+    fn bytes_of_any_kind_are_read_or_refused(
+        bytes in prop::collection::vec(
+            prop_oneof![
+                prop::sample::select(b"0123456789.,;\t -+eE:\"\n\rtxu#\xff\0".to_vec()),
+                any::<u8>(),
+            ],
+            0..600,
+        ),
+    ) {
+        // No panic, whatever it says.
+        let _ = read("t.csv", &bytes, MAPPING);
+        let _ = read("t.csv", &bytes, "rate: 10\nsignals: {position: {column: 1}}");
+        let file = file("t.csv", &bytes);
+        if let Ok(proposal) = Proposal::of(&file.path) {
+            let yaml = proposal.to_yaml("t.csv");
+            if proposal.has_position() {
+                prop_assert!(Mapping::from_yaml(&yaml, "proposed").is_ok(), "{}", yaml);
+            }
         }
     }
 }

@@ -394,8 +394,26 @@ impl Definition {
         }
     }
 
-    /// Index of the joint in the list of names that is field `names`: by name, or the only one.
+    /// Index of the joint in the list of names that is field `names`.
     fn index_of(&self, names: usize, joint: &str, message: &[u8]) -> Result<Option<usize>, String> {
+        let (mut cursor, count) = self.names(names, message)?;
+        for index in 0..count {
+            if cursor.text()? == joint.as_bytes() {
+                return Ok(Some(index));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The names of a message among which `[joint]` of `path` is looked up; none for a path without.
+    pub fn joints(&self, path: &FieldPath, message: &[u8]) -> Result<Vec<String>, String> {
+        let Some(names) = path.names else { return Ok(Vec::new()) };
+        let (mut cursor, count) = self.names(names, message)?;
+        (0..count).map(|_| Ok(String::from_utf8_lossy(cursor.text()?).into_owned())).collect()
+    }
+
+    /// Where the list of names that is field `names` begins, and how many they are.
+    fn names<'a>(&self, names: usize, message: &'a [u8]) -> Result<(Cursor<'a>, usize), String> {
         let mut cursor = Cursor::new(message)?;
         for field in &self.messages[0].fields[..names] {
             self.skip(&mut cursor, field)?;
@@ -404,12 +422,7 @@ impl Definition {
             Many::Fixed(count) => count,
             _ => cursor.count()?,
         };
-        for index in 0..count {
-            if cursor.text()? == joint.as_bytes() {
-                return Ok(Some(index));
-            }
-        }
-        Ok((count == 1).then_some(0))
+        Ok((cursor, count))
     }
 
     fn skip(&self, cursor: &mut Cursor<'_>, field: &Field) -> Result<(), String> {
@@ -583,7 +596,7 @@ mod tests {
         assert_eq!(read(&joints(), "header.stamp"), Some(Value::Nanoseconds(-1_700_000_000)));
         assert_eq!(read(&joints(), "header.stamp.sec"), Some(Value::Whole(-2)));
         let one = JointState { name: vec!["x".into()], position: vec![4.0], ..joints() };
-        assert_eq!(read(&one, "position[joint]"), Some(Value::Number(4.0)));
+        assert_eq!(read(&one, "position[joint]"), None);
         let another = JointState { name: vec!["x".into(), "y".into()], ..joints() };
         assert_eq!(read(&another, "position[joint]"), None);
         let wrench = WrenchStamped::along_x(Header::new(5, "stage"), -3.5);

@@ -73,11 +73,10 @@ impl CsvFile {
         &self,
         columns: impl IntoIterator<Item = &'a (Signal, SignalSource)>,
     ) -> Result<CsvRows, SignalError> {
-        let table = CsvTable::open(&self.path, &self.layout)?;
+        let mut table = CsvTable::open(&self.path, &self.layout)?;
         let clock = match (&self.time, self.rate) {
             (Some(source), _) => {
-                let (column, source) = table.resolve(Signal::Time, source)?;
-                RowClock::Column(column, source)
+                RowClock::Column(table.place(Signal::Time, source)?, source.clone())
             }
             (None, Some(rate)) => RowClock::Rate(rate),
             (None, None) => {
@@ -93,7 +92,7 @@ impl CsvFile {
         };
         let columns = columns
             .into_iter()
-            .map(|(signal, source)| table.resolve(*signal, source))
+            .map(|(signal, source)| Ok((table.place(*signal, source)?, source.clone())))
             .collect::<Result<Vec<_>, SignalError>>()?;
         Ok(CsvRows {
             values: vec![f64::NAN; columns.len()],
@@ -120,7 +119,7 @@ impl CsvFile {
             }
         }
         if let Some(first) = streams.first_mut() {
-            first.notes.extend(rows.left_out());
+            first.notes.extend(rows.notes());
         }
         Ok(streams)
     }
@@ -154,17 +153,18 @@ impl CsvRows {
         let stamp = match &self.clock {
             RowClock::Column(column, source) => {
                 let stamp = self.table.stamp(*column, source)?;
-                match self.order.next(stamp, self.table.is_time_of_day(*column)) {
-                    Ok(stamp) => stamp,
-                    Err(back) => {
-                        return Err(self.table.wrong(format!(
-                            "the time goes back by {:.6} s: several captures in one file, or a \
-                             counter that starts anew; split the file, or leave `time` out of the \
-                             mapping and give the `rate` of the rows",
-                            back as f64 * 1e-9
-                        )));
-                    }
-                }
+                let is_time_of_day = self.table.is_time_of_day(*column);
+                let placed = self.order.next(stamp, is_time_of_day, self.table.line);
+                placed.map_err(|(back, line)| SignalError::Csv {
+                    path: self.table.path.clone(),
+                    line,
+                    reason: format!(
+                        "the time goes back by {:.6} s: several captures in one file, or a \
+                         counter that starts anew; split the file, or leave `time` out of the \
+                         mapping and give the `rate` of the rows",
+                        back as f64 * 1e-9
+                    ),
+                })?
             }
             RowClock::Rate(rate) => seconds_to_nanos(self.count as f64 / rate),
         };
@@ -175,44 +175,50 @@ impl CsvRows {
         Ok(Some(stamp))
     }
 
-    /// What was left out up to here.
-    pub fn left_out(&self) -> Option<SignalNote> {
+    /// What a user should know of the rows up to here.
+    pub fn notes(&self) -> Vec<SignalNote> {
         let (rows, first_line) = self.table.left_out;
-        (rows > 0).then_some(SignalNote::RowsLeftOut { rows, first_line })
+        let left_out = (rows > 0).then_some(SignalNote::RowsLeftOut { rows, first_line });
+        self.table.notes.iter().cloned().chain(left_out).collect()
     }
 }
 
-/// Whether rows come in the order of time. A file is written by one clock: a step back is a row
-/// that was written late, or another capture.
+/// Whether rows come in the order of time. A file is written by one clock: a row that is behind is
+/// one that was written late, or one wrong stamp; two of them that are far behind, or not after the
+/// first row, begin another capture.
 #[derive(Default)]
 struct RowOrder {
     first: Option<i64>,
     latest: i64,
     rows: i64,
-    /// What was added to times of day behind midnight, ns.
+    /// By how much the row before was far behind, ns, and its line.
+    behind: Option<(i64, u64)>,
+    /// What was added to times of day after midnight, ns.
     days: i64,
 }
 
 impl RowOrder {
-    /// The time of the next row, which has passed midnight where it jumps back by half a day; or
-    /// by how much it goes back, ns.
-    fn next(&mut self, stamp: i64, is_time_of_day: bool) -> Result<i64, i64> {
+    /// The time of the next row, in `line`; or by how much the time goes back, ns, and in which
+    /// line. A time of day that jumps back by half a day has passed midnight.
+    fn next(&mut self, stamp: i64, is_time_of_day: bool, line: u64) -> Result<i64, (i64, u64)> {
         if stamp == NO_TIME {
             return Ok(stamp);
         }
         if is_time_of_day && self.latest.saturating_sub(stamp + self.days) > HALF_A_DAY {
             self.days += 2 * HALF_A_DAY;
         }
+        let stamp = stamp.saturating_add(self.days);
         let Some(first) = self.first else {
             (self.first, self.latest, self.rows) = (Some(stamp), stamp, 1);
             return Ok(stamp);
         };
-        let stamp = stamp.saturating_add(self.days);
         let back = self.latest.saturating_sub(stamp);
         let usual = self.latest.saturating_sub(first) / self.rows;
-        let is_other_run = stamp <= first || back > usual.saturating_mul(LATE_ROWS);
-        if back > 0 && self.rows > 1 && is_other_run {
-            return Err(back);
+        let is_far = back > 0 && (stamp <= first || back > usual.saturating_mul(LATE_ROWS));
+        match (is_far && self.rows > 1, self.behind) {
+            (true, Some(begin)) => return Err(begin),
+            (true, None) => self.behind = Some((back, line)),
+            (false, _) => self.behind = None,
         }
         self.rows += 1;
         self.latest = self.latest.max(stamp);
@@ -230,6 +236,7 @@ struct CsvTable {
     line: u64,
     /// Rows that are none of the table, and the line of the first.
     left_out: (u64, u64),
+    notes: Vec<SignalNote>,
     /// A line of words, which only the end of the file may have: its line.
     words: Option<u64>,
 }
@@ -243,37 +250,22 @@ impl CsvTable {
             row: Splitter::new(layout.delimiter),
             line: layout.data_line - 1,
             left_out: (0, 0),
+            notes: Vec::new(),
             words: None,
         })
     }
 
-    /// Index of a column and what its values are, with the unit that the file gives where the
-    /// mapping gives neither unit nor scale.
-    fn resolve(
-        &self,
-        signal: Signal,
-        source: &SignalSource,
-    ) -> Result<(usize, SignalSource), SignalError> {
+    /// Index of the column of a signal. A unit that the file gives and the mapping does not take is
+    /// worth a note.
+    fn place(&mut self, signal: Signal, source: &SignalSource) -> Result<usize, SignalError> {
         let column = column(&self.path, &self.layout, source)?;
-        let mut source = source.clone();
         let written = self.layout.units.get(column).map_or("", |unit| bare_unit(unit));
-        if source.unit.is_none() && !written.is_empty() {
-            source.unit = signal.unit(written);
-            let is_other = KNOWN_UNITS.contains(&written);
-            if source.unit.is_none() && is_other {
-                return Err(SignalError::Csv {
-                    path: self.path.clone(),
-                    line: self.layout.units_line.or(self.layout.names_line).unwrap_or(1),
-                    reason: format!(
-                        "column {} is in {written}, which is no unit of {signal}: give its \
-                         `scale` in the mapping ({} per {written})",
-                        column + 1,
-                        signal.units()[0].0
-                    ),
-                });
-            }
+        let is_si = signal.unit(written) == Some(1.0);
+        if source.unit.is_none() && KNOWN_UNITS.contains(&written) && !is_si {
+            let unit = written.to_owned();
+            self.notes.push(SignalNote::UnitOfFile { signal, unit, taken: signal.units()[0].0 });
         }
-        Ok((column, source))
+        Ok(column)
     }
 
     /// Goes to the next row; false at the end.

@@ -82,6 +82,15 @@ pub enum SignalNote {
         /// The stamp, ns.
         stamp_ns: i64,
     },
+    /// A CSV file gives a unit, the mapping neither unit nor scale.
+    UnitOfFile {
+        /// The signal.
+        signal: Signal,
+        /// Unit in the file.
+        unit: String,
+        /// Unit that its values are taken in.
+        taken: &'static str,
+    },
     /// Rows of a CSV file that are none of the table: cut off, or words at its end.
     RowsLeftOut {
         /// How many.
@@ -97,6 +106,7 @@ impl SignalNote {
         match self {
             Self::SamePlace { .. } => "same_place",
             Self::UnfilledStamps { .. } => "unfilled_stamps",
+            Self::UnitOfFile { .. } => "unit_of_file",
             Self::RowsLeftOut { .. } => "rows_left_out",
         }
     }

@@ -31,8 +31,8 @@ pub struct ImportReport {
     pub without_time: u64,
     /// Rows whose time is not behind that of the row before.
     pub not_later: u64,
-    /// Rows that are none of the table, cut off or words at its end, which are left out.
-    pub left_out: u64,
+    /// What a user should know about how they were read.
+    pub notes: Vec<SignalNote>,
     /// By how much the times were moved for the first one to be 0 where it was before that, s.
     pub moved_s: f64,
 }
@@ -84,7 +84,7 @@ pub fn import(
         messages: BTreeMap::new(),
         without_time: 0,
         not_later: 0,
-        left_out: 0,
+        notes: Vec::new(),
         moved_s: 0.0,
     };
     let (mut moved, mut last): (Option<i64>, Option<i64>) = (None, None);
@@ -153,8 +153,6 @@ pub fn import(
         }
     }
     bag.finish()?;
-    if let Some(SignalNote::RowsLeftOut { rows, .. }) = rows.left_out() {
-        report.left_out = rows;
-    }
+    report.notes = rows.notes();
     Ok(report)
 }

@@ -143,7 +143,7 @@ impl Loading<'_> {
     fn read(&mut self, groups: &[Vec<(Signal, SignalSource)>]) -> Result<Vec<Stream>, SignalError> {
         let requests: Vec<Request> =
             groups.iter().map(|signals| Request { signals: signals.clone() }).collect();
-        let mut streams = self.source.read(&requests, &self.mapping.joint)?;
+        let mut streams = self.source.read(&requests, self.mapping.joint.as_deref())?;
         for stream in &mut streams {
             // What is so of a file is told once, however often it is read.
             stream.notes.retain(|note| !self.notes.contains(note));

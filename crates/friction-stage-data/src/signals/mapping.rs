@@ -3,7 +3,7 @@
 //! A mapping is a small YAML file. For a bag:
 //!
 //! ```yaml
-//! joint: x_axis                  # which joint `[joint]` means; without it "stage"
+//! joint: x_axis                  # which joint `[joint]` means; without it "stage", or the only one
 //! stamp: header.stamp            # or log_time, publish_time, any field; without it the header's
 //!                                # where it is filled
 //! signals:
@@ -225,12 +225,13 @@ pub struct CsvLayout {
 /// Which topic and field, or column, is which signal.
 ///
 /// A field is a path through the message: `wrench.force.x`, `data[2]`; `position[joint]` is the
-/// element of the joint that the message names so in `name` or `joint_names` (or its only one);
+/// element of the joint that the message names so in `name` or `joint_names`;
 /// `points[only]` is the element of a list of one, and a message with several of them has no value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mapping {
-    /// Name of the joint that `[joint]` stands for.
-    pub joint: String,
+    /// Name of the joint that `[joint]` stands for; without it [`topics::JOINT`], or the only one
+    /// that the messages name.
+    pub joint: Option<String>,
     /// Rate of the rows, Hz; without it that of the position.
     pub rate: Option<f64>,
     /// How a CSV file is written.
@@ -298,12 +299,8 @@ impl Mapping {
             };
             wrong("the file", format!("{}{hint}", error.without_snippet()))
         })?;
-        let mut mapping = Self {
-            joint: file.joint.unwrap_or_else(|| topics::JOINT.into()),
-            rate: file.rate,
-            asked_for: true,
-            ..Self::empty()
-        };
+        let mut mapping =
+            Self { joint: file.joint, rate: file.rate, asked_for: true, ..Self::empty() };
         if let Some(rate) = mapping.rate
             && !(rate.is_finite() && rate > 0.0)
         {
@@ -448,7 +445,7 @@ impl Mapping {
 
     fn empty() -> Self {
         Self {
-            joint: topics::JOINT.into(),
+            joint: None,
             rate: None,
             csv: CsvLayout::default(),
             signals: BTreeMap::new(),
@@ -533,7 +530,7 @@ mod tests {
             "m.yaml",
         )
         .unwrap();
-        assert_eq!(mapping.joint, "x");
+        assert_eq!(mapping.joint.as_deref(), Some("x"));
         let position = &mapping.signals[&Signal::Position][0];
         assert_eq!(position.to_si(200.0), 0.5 - 0.2);
         let stamp_of = |source: &SignalSource| match &source.place {

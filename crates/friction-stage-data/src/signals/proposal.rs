@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::error::SignalError;
 use super::mapping::{CsvLayout, Signal};
-use super::text_layout::{TextLayout, bare_unit};
+use super::text_layout::{KNOWN_UNITS, TextLayout, bare_unit};
 use super::text_lines::Splitter;
 use super::text_value::{Decimal, Value};
 use crate::bag::BagError;
@@ -99,7 +99,16 @@ impl Proposal {
         }
         let names =
             (0..samples.len()).map(|column| layout.names.get(column).cloned().unwrap_or_default());
-        let units = |column: usize| layout.units.get(column).map_or("", |unit| bare_unit(unit));
+        // The file's unit, or one behind the name: `t_ms`.
+        let units = |column: usize| {
+            let written = layout.units.get(column).map_or("", |unit| bare_unit(unit));
+            let name = layout.names.get(column).map_or("", String::as_str);
+            let behind = name.rsplit_once('_').map_or("", |(_, unit)| unit);
+            match written {
+                "" if KNOWN_UNITS.contains(&behind) => behind,
+                written => written,
+            }
+        };
         let mut columns: Vec<TableColumn> = names
             .enumerate()
             .map(|(index, name)| {
@@ -363,11 +372,7 @@ fn likeness(signal: Signal, column: &TableColumn, samples: &Samples) -> f64 {
 /// The signal with its unit, and what the file does not say of it.
 fn proposed(signal: Signal, column: &TableColumn, samples: &Samples) -> ProposedSignal {
     let si = signal.units()[0].0;
-    let behind_name = || {
-        let last = column.name.rsplit('_').next().unwrap_or("");
-        (last != column.name).then_some(last)
-    };
-    let written = Some(column.unit.as_str()).filter(|unit| !unit.is_empty()).or_else(behind_name);
+    let written = Some(column.unit.as_str()).filter(|unit| !unit.is_empty());
     let known = written.filter(|unit| signal.unit(unit).is_some());
     let (unit, check) = match (signal, known, written) {
         (Signal::Time, None, _) if samples.is_clock => (None, None),
@@ -376,7 +381,7 @@ fn proposed(signal: Signal, column: &TableColumn, samples: &Samples) -> Proposed
             let unit = unit_of_epoch(&samples.values);
             (Some(unit.to_owned()), Some(format!("{unit} by the size of its numbers")))
         }
-        (_, None, Some(unit)) if !column.unit.is_empty() => {
+        (_, None, Some(unit)) => {
             (None, Some(format!("it is in {unit}: give its `scale`, {si} per {unit}")))
         }
         (_, None, _) => (Some(si.to_owned()), Some(format!("the file gives no unit, {si}?"))),

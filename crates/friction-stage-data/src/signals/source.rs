@@ -98,7 +98,11 @@ impl Source {
     }
 
     /// Reads each request as a stream; one pass over the recording.
-    pub fn read(&self, requests: &[Request], joint: &str) -> Result<Vec<Stream>, SignalError> {
+    pub fn read(
+        &self,
+        requests: &[Request],
+        joint: Option<&str>,
+    ) -> Result<Vec<Stream>, SignalError> {
         match self {
             Self::Bag(reader) => read_bag(reader, requests, joint),
             Self::Csv(file) => file.read(requests),

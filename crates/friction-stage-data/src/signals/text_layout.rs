@@ -88,13 +88,15 @@ fn utf_16(begin: &[u8]) -> Option<&'static Encoding> {
     }
 }
 
-/// A text field: UTF-8, else as Windows writes it in the west.
+/// A text field: UTF-8, else as Windows writes it in the west; without control characters.
 pub(super) fn name(field: &[u8]) -> String {
     let text = match std::str::from_utf8(field) {
         Ok(text) => text.to_owned(),
         Err(_) => WINDOWS_1252.decode_without_bom_handling(field).0.into_owned(),
     };
-    text.trim().trim_start_matches('\u{feff}').to_owned()
+    // A name goes to terminals and into files.
+    let shown = |c: char| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c };
+    text.trim().trim_start_matches('\u{feff}').chars().map(shown).collect()
 }
 
 /// A line with its number.

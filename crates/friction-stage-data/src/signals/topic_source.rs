@@ -1,12 +1,14 @@
 //! The raw samples of signals in the messages of a bag: any field of any type that the bag
 //! defines.
 
+use std::collections::BTreeSet;
+
 use super::data_quality::SignalNote;
 use super::error::SignalError;
-use super::mapping::{Place, SignalSource, Stamp};
+use super::mapping::{Place, Signal, SignalSource, Stamp};
 use super::source::{Request, Stream, seconds_to_nanos};
 use crate::bag::definition::{Definition, FieldPath, Value};
-use crate::bag::{BagReader, Topic};
+use crate::bag::{BagReader, Topic, topics};
 use crate::message::*;
 
 /// The definition of a topic's type: that of the bag, or our own for types that this program knows.
@@ -109,10 +111,77 @@ impl Extraction {
     }
 }
 
+/// Which joint is read, and which others the messages name.
+struct Joints {
+    /// The one that is asked for, or found.
+    wanted: Option<String>,
+    is_asked_for: bool,
+    /// Names in messages that do not name the wanted one, in order; the first of them.
+    others: BTreeSet<String>,
+}
+
+impl Joints {
+    /// Other names that an error lists.
+    const MOST: usize = 20;
+
+    fn new(asked: Option<&str>) -> Self {
+        Joints {
+            wanted: asked.map(str::to_owned),
+            is_asked_for: asked.is_some(),
+            others: BTreeSet::new(),
+        }
+    }
+
+    /// The joint that is read. Where nobody asked for one it is ours, or the only one that the
+    /// first message names.
+    fn wanted(
+        &mut self,
+        names: impl FnOnce() -> Result<Vec<String>, String>,
+    ) -> Result<&str, String> {
+        if self.wanted.is_none() {
+            let names = names()?;
+            self.wanted = match names.as_slice() {
+                [] => None,
+                [only] => Some(only.clone()),
+                _ => Some(topics::JOINT.to_owned()),
+            };
+        }
+        Ok(self.read())
+    }
+
+    fn read(&self) -> &str {
+        self.wanted.as_deref().unwrap_or(topics::JOINT)
+    }
+
+    /// A message without the wanted joint names these.
+    fn heard(&mut self, names: Vec<String>) {
+        let room = Joints::MOST.saturating_sub(self.others.len());
+        self.others.extend(names.into_iter().take(room));
+    }
+
+    /// What is wrong at the end of a recording, from which nothing was read or something.
+    fn judge(&self, is_empty: bool) -> Result<(), String> {
+        let others: Vec<&str> = self.others.iter().map(String::as_str).collect();
+        let wanted = self.read();
+        if others.is_empty() || others.contains(&wanted) {
+            Ok(())
+        } else if is_empty {
+            Err(format!("no joint {wanted}; its messages name {}", others.join(", ")))
+        } else if self.is_asked_for || wanted == topics::JOINT {
+            Ok(())
+        } else {
+            Err(format!(
+                "its messages name {wanted} and {}: say which with `joint` in a mapping",
+                others.join(", ")
+            ))
+        }
+    }
+}
+
 pub(super) fn read_bag(
     reader: &BagReader,
     requests: &[Request],
-    joint: &str,
+    joint: Option<&str>,
 ) -> Result<Vec<Stream>, SignalError> {
     let mut extractions = Vec::new();
     let mut streams = Vec::new();
@@ -122,10 +191,12 @@ pub(super) fn read_bag(
             .push(Stream::new(request, reader.topic(&extraction.topic).map_or(0, |t| t.messages)));
         extractions.push(extraction);
     }
+    let mut joints: Vec<Joints> = extractions.iter().map(|_| Joints::new(joint)).collect();
     let mut row = Vec::new();
     for message in reader.messages() {
         let message = message?;
-        for (extraction, stream) in extractions.iter().zip(&mut streams) {
+        let places = extractions.iter().zip(&mut joints).zip(&mut streams);
+        for ((extraction, joints), stream) in places {
             if extraction.topic != message.topic.name {
                 continue;
             }
@@ -137,15 +208,24 @@ pub(super) fn read_bag(
             };
             row.clear();
             for (path, source) in &extraction.sources {
-                let value = extraction.definition.value(path, joint, &message).map_err(failed)?;
+                let definition = &extraction.definition;
+                let joint = joints.wanted(|| definition.joints(path, &message)).map_err(failed)?;
+                let value = definition.value(path, joint, &message).map_err(failed)?;
                 row.push(value.map(|value| source.to_si(value.as_f64())));
             }
             if row.iter().all(Option::is_none) {
+                for (path, _) in &extraction.sources {
+                    joints.heard(extraction.definition.joints(path, &message).map_err(failed)?);
+                }
                 continue;
             }
             let stamp = match &extraction.stamp {
                 Some(path) => {
-                    match extraction.definition.value(path, joint, &message).map_err(failed)? {
+                    match extraction
+                        .definition
+                        .value(path, joints.read(), &message)
+                        .map_err(failed)?
+                    {
                         Some(Value::Nanoseconds(stamp)) => stamp,
                         Some(value) => seconds_to_nanos(value.as_f64()),
                         None => continue,
@@ -167,6 +247,21 @@ pub(super) fn read_bag(
         }
     }
     for (index, extraction) in extractions.iter().enumerate() {
+        // Without a mapping only the position must be there.
+        let is_needed = |(signal, _): &(Signal, SignalSource)| *signal == Signal::Position;
+        let judged = if joint.is_some() || requests[index].signals.iter().any(is_needed) {
+            joints[index].judge(streams[index].stamps.is_empty())
+        } else {
+            Ok(())
+        };
+        judged.map_err(|reason| SignalError::Field {
+            topic: extraction.topic.clone(),
+            type_name: reader
+                .topic(&extraction.topic)
+                .map_or_else(String::new, |topic| topic.type_name.clone()),
+            field: streams[index].places.join(", "),
+            reason,
+        })?;
         let stamps = &streams[index].stamps;
         let unfilled = stamps.len() > 1 && stamps.iter().all(|stamp| *stamp == stamps[0]);
         if extraction.automatic && unfilled {

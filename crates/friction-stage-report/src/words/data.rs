@@ -187,6 +187,10 @@ impl Words for SignalNote {
                 "{topic}: all header stamps are {stamp_ns} ns, so the time of recording counts \
                  instead"
             ),
+            Self::UnitOfFile { signal, unit, taken } => format!(
+                "the file gives {signal} in {unit}, the mapping neither unit nor scale, so its \
+                 numbers are taken in {taken}: say `unit` or `scale`"
+            ),
             Self::RowsLeftOut { rows, first_line } => format!(
                 "{rows} rows are left out, the first is line {first_line}: cut off, or words at \
                  the end of the table"

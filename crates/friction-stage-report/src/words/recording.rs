@@ -244,11 +244,8 @@ pub fn import_text(report: &ImportReport, out: &Path) -> String {
             report.without_time
         );
     }
-    if report.left_out > 0 {
-        text += &format!(
-            "warning: {} rows that are cut off, or words at the end of the table, are left out\n",
-            report.left_out
-        );
+    for note in &report.notes {
+        text += &format!("warning: {}\n", note.words());
     }
     if report.not_later > 0 {
         text += &format!(
