@@ -82,8 +82,8 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let proposal = Proposal::of(&args.csv)?;
     let name = args.csv.file_stem().unwrap_or(args.csv.as_os_str()).to_string_lossy();
     let path = args.write.clone().unwrap_or_else(|| format!("{name}.mapping.yaml").into());
-    let has_position = proposal.has_position();
-    if has_position {
+    let has_motion = proposal.has_motion();
+    if has_motion {
         let text = proposal.to_yaml(&args.csv.display().to_string());
         std::fs::File::create_new(&path)
             .and_then(|mut file| file.write_all(text.as_bytes()))
@@ -94,12 +94,12 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&proposal)?)?;
     } else {
-        let written = has_position.then_some(path.as_path());
+        let written = has_motion.then_some(path.as_path());
         write!(out, "{}", proposal_text(&proposal, &args.csv, written))?;
     }
     anyhow::ensure!(
-        has_position,
-        "no column of {} looks like a position: write the mapping by hand (README, mappings)",
+        has_motion,
+        "no column of {} looks like a position or a velocity: write the mapping by hand (README, mappings)",
         args.csv.display()
     );
     Ok(Outcome::warned(proposal.signals.iter().any(|signal| signal.check.is_some())))

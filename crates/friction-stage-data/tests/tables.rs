@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use friction_stage_data::signals::{
-    Mapping, Proposal, Recording, Signal, SignalError, SignalNote, load,
+    Mapping, Proposal, Recording, Signal, SignalError, SignalNote, import, load,
 };
 use proptest::prelude::*;
 
@@ -246,6 +246,40 @@ fn a_unit_that_the_file_gives_and_the_mapping_does_not_take_is_told() {
 }
 
 #[test]
+fn a_velocity_is_integrated_where_there_is_no_position() {
+    // A drive's export without a position: ms, rpm, percent; 2 mm per turn.
+    let lead = 2e-3;
+    let rows: String = (0..ROWS)
+        .map(|k| {
+            let turns = 300.0 * (20.0 * k as f64 / RATE).sin();
+            format!("{}.000;{turns:.9};{:.6}\n", k, values(k).1)
+        })
+        .collect();
+    let text =
+        format!("Date:;2020-07-08 21:54:05\n;Velocity actual;Torque actual\nms;rpm;%\n{rows}");
+    let file = file("t.csv", text);
+    let proposal = Proposal::of(&file.path).unwrap();
+    let yaml = proposal.to_yaml("t.csv");
+    assert!(yaml.contains("m/s per rpm") && yaml.contains("N per %"), "{yaml}");
+    let said = yaml
+        .replace("\"Velocity actual\"}", &format!("2, scale: {}}}", lead / 60.0))
+        .replace("\"Torque actual\"}", "3, scale: 2}");
+    let recording = load(&file.path, Some(&Mapping::from_yaml(&said, "said").unwrap())).unwrap();
+    assert_eq!(recording.quality.notes, [SignalNote::Integrated]);
+    for (time, x) in recording.trace.time.iter().zip(&recording.trace.position) {
+        // The integral of 300 rpm times the sine.
+        let wanted = 300.0 * lead / 60.0 / 20.0 * (1.0 - (20.0 * time).cos());
+        assert!((x - wanted).abs() < 1e-7, "{time} s: {x}, not {wanted}");
+    }
+    let bag = file.path.with_extension("bag");
+    import(&file.path, &Mapping::from_yaml(&said, "said").unwrap(), &said, &bag).unwrap();
+    let imported = load(&bag, None).unwrap();
+    for (one, two) in imported.trace.position.iter().zip(&recording.trace.position) {
+        assert!((one - two).abs() < 1e-12);
+    }
+}
+
+#[test]
 fn what_is_no_row_is_left_out_and_counted() {
     let rows = rows(",", '.', "\n");
     let whole = format!("t,x,u\n{rows}");
@@ -434,7 +468,7 @@ proptest! {
         let file = file("t.csv", &bytes);
         if let Ok(proposal) = Proposal::of(&file.path) {
             let yaml = proposal.to_yaml("t.csv");
-            if proposal.has_position() {
+            if proposal.has_motion() {
                 prop_assert!(Mapping::from_yaml(&yaml, "proposed").is_ok(), "{}", yaml);
             }
         }

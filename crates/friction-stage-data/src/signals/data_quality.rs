@@ -82,6 +82,8 @@ pub enum SignalNote {
         /// The stamp, ns.
         stamp_ns: i64,
     },
+    /// There is no position but a velocity, which was integrated.
+    Integrated,
     /// A CSV file gives a unit, the mapping neither unit nor scale.
     UnitOfFile {
         /// The signal.
@@ -106,6 +108,7 @@ impl SignalNote {
         match self {
             Self::SamePlace { .. } => "same_place",
             Self::UnfilledStamps { .. } => "unfilled_stamps",
+            Self::Integrated => "integrated_velocity",
             Self::UnitOfFile { .. } => "unit_of_file",
             Self::RowsLeftOut { .. } => "rows_left_out",
         }

@@ -12,6 +12,7 @@ use serde::Serialize;
 use super::csv_table::CsvFile;
 use super::data_quality::SignalNote;
 use super::error::SignalError;
+use super::load::Integral;
 use super::mapping::{Mapping, Signal, SignalSource};
 use super::source::NO_TIME;
 use crate::bag::{BagOptions, BagWriter, OfferedQos, topics};
@@ -87,6 +88,7 @@ pub fn import(
         notes: Vec::new(),
         moved_s: 0.0,
     };
+    let mut travelled = Integral::default();
     let (mut moved, mut last): (Option<i64>, Option<i64>) = (None, None);
     let mut written = |topic: &str| *report.messages.entry(topic.to_owned()).or_insert(0) += 1;
     while let Some(stamp) = rows.next()? {
@@ -105,9 +107,13 @@ pub fn import(
         };
         report.not_later += u64::from(last.is_some_and(|last| stamp <= last));
         last = Some(stamp);
-        let mut values = [f64::NAN; 7];
+        let mut values = [f64::NAN; 8];
         for ((signal, _), value) in columns.iter().zip(&rows.values) {
             values[*signal as usize] = *value;
+        }
+        if has(Signal::Velocity) {
+            values[Signal::Position as usize] =
+                travelled.next(stamp, values[Signal::Velocity as usize]);
         }
         let value = |signal: Signal| values[signal as usize];
         let header = Header::new(stamp, topics::JOINT);
@@ -154,5 +160,8 @@ pub fn import(
     }
     bag.finish()?;
     report.notes = rows.notes();
+    if has(Signal::Velocity) {
+        report.notes.push(SignalNote::Integrated);
+    }
     Ok(report)
 }

@@ -42,10 +42,20 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
         needs: needs(&mapping),
         has: source.inventory(),
     };
-    let position = loading.candidates(Signal::Position).next().ok_or_else(missing)?;
-    let stream = loading.read(&[vec![(Signal::Position, position)]])?.remove(0);
+    let measured = [Signal::Position, Signal::Velocity]
+        .into_iter()
+        .find_map(|signal| Some((signal, loading.candidates(signal).next()?)));
+    let (signal, place) = measured.ok_or_else(missing)?;
+    let mut stream = loading.read(&[vec![(signal, place)]])?.remove(0);
+    stream.signals[0] = Signal::Position;
     let total = stream.stamps.len();
-    let Ordered { stamps, values, mut quality } = order(stream)?;
+    let Ordered { stamps, mut values, mut quality } = order(stream)?;
+    if signal == Signal::Velocity {
+        let mut position = Integral::default();
+        let rows = stamps.iter().zip(&mut values[0]);
+        rows.for_each(|(stamp, value)| *value = position.next(*stamp, *value));
+        loading.notes.push(SignalNote::Integrated);
+    }
     let known = values[0].iter().filter(|v| v.is_finite()).count();
     if stamps.len() < 2 || known < 2 {
         return Err(SignalError::TooFewSamples {
@@ -88,6 +98,30 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
     Ok(Recording { trace, rate, valid, filled, quality })
 }
 
+/// The position of a stage whose velocity is measured, from 0 on: the trapezoidal sum.
+#[derive(Debug, Default)]
+pub(super) struct Integral {
+    /// m
+    position: f64,
+    /// Time, ns, and velocity, m/s, of the last sample that had one.
+    last: Option<(i64, f64)>,
+}
+
+impl Integral {
+    /// The position at `stamp`, ns; NaN where the velocity is.
+    pub fn next(&mut self, stamp: i64, velocity: f64) -> f64 {
+        if !velocity.is_finite() {
+            return f64::NAN;
+        }
+        if let Some((before, last)) = self.last {
+            let step = stamp.saturating_sub(before) as f64 * 1e-9;
+            self.position += 0.5 * (last + velocity) * step;
+        }
+        self.last = Some((stamp, velocity));
+        self.position
+    }
+}
+
 /// Signals that a mapping takes from the same place: a slip of the pen, most likely.
 fn same_place(mapping: &Mapping) -> Vec<SignalNote> {
     let first = |signal: &Signal| mapping.signals.get(signal).and_then(|sources| sources.first());
@@ -113,6 +147,7 @@ fn needs(mapping: &Mapping) -> String {
     let places: Vec<String> = mapping
         .signals
         .get(&Signal::Position)
+        .or_else(|| mapping.signals.get(&Signal::Velocity))
         .into_iter()
         .flatten()
         .map(|s| s.place.to_string())
@@ -263,7 +298,7 @@ impl Loading<'_> {
                 Signal::ReferenceAcceleration => trace.reference_acceleration = column,
                 Signal::ForceCell => trace.force_cell = column,
                 Signal::Force => trace.force = column,
-                Signal::Time | Signal::Position => {}
+                Signal::Time | Signal::Position | Signal::Velocity => {}
             }
             quality.push(found);
         }

@@ -53,6 +53,8 @@ pub enum Signal {
     ForceCell,
     /// Force command, N.
     Force,
+    /// Measured velocity, m/s. Only in a mapping, in place of a position: it is integrated.
+    Velocity,
 }
 
 impl Signal {
@@ -67,9 +69,15 @@ impl Signal {
         Signal::Force,
     ];
 
+    /// All that a mapping may name.
+    const MAPPED: [Signal; 8] = {
+        let [a, b, c, d, e, f, g] = Signal::ALL;
+        [a, b, c, d, e, f, g, Signal::Velocity]
+    };
+
     /// Name in mapping files, the same as the column of a trace.
     pub fn name(self) -> &'static str {
-        super::trace::COLUMNS[self as usize]
+        super::trace::COLUMNS.get(self as usize).copied().unwrap_or("velocity")
     }
 
     /// Size in SI of a unit that a mapping or a file gives.
@@ -93,7 +101,9 @@ impl Signal {
             Self::ReferencePosition | Self::Position => {
                 &[("m", 1.0), ("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9), ("in", 0.0254)]
             }
-            Self::ReferenceVelocity => &[("m/s", 1.0), ("mm/s", 1e-3), ("um/s", 1e-6)],
+            Self::ReferenceVelocity | Self::Velocity => {
+                &[("m/s", 1.0), ("mm/s", 1e-3), ("um/s", 1e-6)]
+            }
             Self::ReferenceAcceleration => {
                 &[("m/s^2", 1.0), ("mm/s^2", 1e-3), ("um/s^2", 1e-6), ("g", 9.80665)]
             }
@@ -353,17 +363,18 @@ impl Mapping {
         let stamp = file.stamp.as_deref().map_or(Stamp::Auto, stamp);
         for (name, entry) in file.signals {
             let key = format!("signals.{name}");
-            let signal = Signal::ALL.into_iter().find(|s| s.name() == name).ok_or_else(|| {
-                let names = || Signal::ALL.iter().map(|s| s.name());
-                wrong(
-                    &key,
-                    format!(
-                        "signals are {}{}",
-                        names().collect::<Vec<_>>().join(", "),
-                        nearest(&name, names())
-                    ),
-                )
-            })?;
+            let signal =
+                Signal::MAPPED.into_iter().find(|s| s.name() == name).ok_or_else(|| {
+                    let names = || Signal::MAPPED.iter().map(|s| s.name());
+                    wrong(
+                        &key,
+                        format!(
+                            "signals are {}{}",
+                            names().collect::<Vec<_>>().join(", "),
+                            nearest(&name, names())
+                        ),
+                    )
+                })?;
             let place = match (entry.topic, entry.field, entry.column) {
                 (Some(topic), Some(field), None) if signal != Signal::Time => Place::Topic {
                     topic,
@@ -421,11 +432,22 @@ impl Mapping {
             }
             mapping.signals.insert(signal, vec![SignalSource { place, unit, scale, offset }]);
         }
-        if !mapping.signals.contains_key(&Signal::Position) {
-            return Err(wrong(
-                "signals.position",
-                "it is missing: without a position there is nothing to look at".into(),
-            ));
+        let has = |signal: Signal| mapping.signals.contains_key(&signal);
+        match (has(Signal::Position), has(Signal::Velocity)) {
+            (false, false) => {
+                return Err(wrong(
+                    "signals.position",
+                    "it is missing: without a position, or a velocity, there is nothing to look at"
+                        .into(),
+                ));
+            }
+            (true, true) => {
+                return Err(wrong(
+                    "signals.velocity",
+                    "a velocity is integrated where there is no position: give one of them".into(),
+                ));
+            }
+            _ => {}
         }
         let columns = mapping
             .signals
@@ -559,6 +581,10 @@ mod tests {
     fn wrong_mappings_are_told_with_the_key_and_what_would_be_right() {
         let cases: &[(&str, &[&str])] = &[
             ("signals: {}", &["signals.position", "missing"]),
+            (
+                "signals: {position: {column: x}, velocity: {column: v}}",
+                &["signals.velocity", "one of them"],
+            ),
             ("signals: {positon: {column: x}}", &["signals.positon", "did you mean `position`"]),
             ("signals: {position: {colum: x}}", &["did you mean `column`"]),
             ("signals: {position: {column: 0}}", &["from 1"]),

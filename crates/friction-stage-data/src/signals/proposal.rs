@@ -128,11 +128,16 @@ impl Proposal {
         for signal in [
             Signal::Time,
             Signal::Position,
+            Signal::Velocity,
             Signal::ReferencePosition,
             Signal::ReferenceVelocity,
             Signal::ForceCell,
             Signal::Force,
         ] {
+            let has_position = |found: &ProposedSignal| found.signal == Signal::Position;
+            if signal == Signal::Velocity && signals.iter().any(has_position) {
+                continue;
+            }
             let free = columns.iter().filter(|column| column.signal.is_none());
             let best = free
                 .map(|column| {
@@ -166,9 +171,10 @@ impl Proposal {
         })
     }
 
-    /// Whether there is a position, without which a mapping is none.
-    pub fn has_position(&self) -> bool {
-        self.signals.iter().any(|found| found.signal == Signal::Position)
+    /// Whether there is a position or a velocity, without which a mapping is none.
+    pub fn has_motion(&self) -> bool {
+        let motion = [Signal::Position, Signal::Velocity];
+        self.signals.iter().any(|found| motion.contains(&found.signal))
     }
 
     /// The mapping file, with what to check in comments.
@@ -355,6 +361,10 @@ fn likeness(signal: Signal, column: &TableColumn, samples: &Samples) -> f64 {
             let smooth =
                 is_named(unit.is_empty() && words.is_empty() && is_smooth(&samples.values));
             score + angle + 0.5 * smooth
+        }
+        Signal::Velocity if moves && !other && !has(REFERENCE) => {
+            let turns = ["rpm", "r/min", "rad/s"].contains(&unit);
+            2.0 * is_named(has_unit(signal)) + is_named(turns) + 1.5 * is_named(has(VELOCITY))
         }
         Signal::ReferencePosition if moves && !other && has(REFERENCE) && !has(VELOCITY) => {
             2.0 * is_named(has_unit(signal)) + is_named(has(POSITION)) + 0.5 * is_named(!has(FORCE))

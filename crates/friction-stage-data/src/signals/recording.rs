@@ -68,7 +68,7 @@ impl Recording {
     fn column_mut(&mut self, signal: Signal) -> Option<&mut Vec<f64>> {
         let trace = &mut self.trace;
         Some(match signal {
-            Signal::Time => return None,
+            Signal::Time | Signal::Velocity => return None,
             Signal::Position => &mut trace.position,
             Signal::ForceCell => &mut trace.force_cell,
             Signal::Force => &mut trace.force,

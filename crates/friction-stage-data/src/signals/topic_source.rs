@@ -248,7 +248,9 @@ pub(super) fn read_bag(
     }
     for (index, extraction) in extractions.iter().enumerate() {
         // Without a mapping only the position must be there.
-        let is_needed = |(signal, _): &(Signal, SignalSource)| *signal == Signal::Position;
+        let is_needed = |(signal, _): &(Signal, SignalSource)| {
+            [Signal::Position, Signal::Velocity].contains(signal)
+        };
         let judged = if joint.is_some() || requests[index].signals.iter().any(is_needed) {
             joints[index].judge(streams[index].stamps.is_empty())
         } else {

@@ -187,6 +187,9 @@ impl Words for SignalNote {
                 "{topic}: all header stamps are {stamp_ns} ns, so the time of recording counts \
                  instead"
             ),
+            Self::Integrated => "there is no position: the velocity is integrated, from 0 on, so \
+                                 effects over the position drift with its errors"
+                .to_owned(),
             Self::UnitOfFile { signal, unit, taken } => format!(
                 "the file gives {signal} in {unit}, the mapping neither unit nor scale, so its \
                  numbers are taken in {taken}: say `unit` or `scale`"
