@@ -60,7 +60,7 @@ impl CsvFile {
 
     /// Whether there is a column for a signal.
     pub fn has(&self, source: &SignalSource) -> bool {
-        column(&self.path, &self.layout, source).is_ok()
+        column_of(&self.path, &self.layout, source).is_ok()
     }
 
     /// Its columns, for people.
@@ -92,7 +92,16 @@ impl CsvFile {
         };
         let columns = columns
             .into_iter()
-            .map(|(signal, source)| Ok((table.place(*signal, source)?, source.clone())))
+            .map(|(signal, source)| {
+                let minus = source.minus.as_ref();
+                Ok(PlacedColumn {
+                    column: table.place(*signal, source)?,
+                    minus: minus
+                        .map(|place| column(&self.path, &self.layout, place))
+                        .transpose()?,
+                    source: source.clone(),
+                })
+            })
             .collect::<Result<Vec<_>, SignalError>>()?;
         Ok(CsvRows {
             values: vec![f64::NAN; columns.len()],
@@ -132,12 +141,19 @@ enum RowClock {
     Rate(f64),
 }
 
+/// Where the values of a signal stand.
+struct PlacedColumn {
+    column: usize,
+    minus: Option<usize>,
+    source: SignalSource,
+}
+
 /// The rows of a CSV file: the time of each, and its values in SI units. Whoever takes signals from
 /// a CSV file, to store them or to examine them, takes them from here.
 pub(super) struct CsvRows {
     table: CsvTable,
     clock: RowClock,
-    columns: Vec<(usize, SignalSource)>,
+    columns: Vec<PlacedColumn>,
     count: u64,
     order: RowOrder,
     /// Values of the row that was read last; NaN for an empty field.
@@ -169,8 +185,11 @@ impl CsvRows {
             RowClock::Rate(rate) => seconds_to_nanos(self.count as f64 / rate),
         };
         self.count += 1;
-        for (value, (column, source)) in self.values.iter_mut().zip(&self.columns) {
-            *value = source.to_si(self.table.number(*column)?);
+        for (value, PlacedColumn { column, minus, source }) in
+            self.values.iter_mut().zip(&self.columns)
+        {
+            let minus = minus.map_or(Ok(0.0), |minus| self.table.number(minus))?;
+            *value = source.to_si(self.table.number(*column)? - minus);
         }
         Ok(Some(stamp))
     }
@@ -258,7 +277,7 @@ impl CsvTable {
     /// Index of the column of a signal. A unit that the file gives and the mapping does not take is
     /// worth a note.
     fn place(&mut self, signal: Signal, source: &SignalSource) -> Result<usize, SignalError> {
-        let column = column(&self.path, &self.layout, source)?;
+        let column = column_of(&self.path, &self.layout, source)?;
         let written = self.layout.units.get(column).map_or("", |unit| bare_unit(unit));
         let is_si = signal.unit(written) == Some(1.0);
         if source.unit.is_none() && KNOWN_UNITS.contains(&written) && !is_si {
@@ -370,20 +389,42 @@ impl CsvTable {
     }
 }
 
+/// Index of the column of a signal.
+fn column_of(
+    path: &Path,
+    layout: &TextLayout,
+    source: &SignalSource,
+) -> Result<usize, SignalError> {
+    match &source.place {
+        Place::Column(place) => column(path, layout, place),
+        place @ Place::Topic { .. } => Err(SignalError::Csv {
+            path: path.to_owned(),
+            line: 1,
+            reason: format!("{place} is a topic, not a column"),
+        }),
+    }
+}
+
 /// Index of a column.
-fn column(path: &Path, layout: &TextLayout, source: &SignalSource) -> Result<usize, SignalError> {
+fn column(path: &Path, layout: &TextLayout, place: &Column) -> Result<usize, SignalError> {
     let names = &layout.names;
     let missing = |reason: String| SignalError::Csv {
         path: path.to_owned(),
         line: layout.names_line.unwrap_or(1),
         reason,
     };
-    match &source.place {
-        Place::Column(Column::Number(number)) if *number <= layout.columns => Ok(number - 1),
-        Place::Column(Column::Number(number)) => {
+    if layout.columns == 0 {
+        return Err(missing(format!(
+            "no rows of numbers were found with {} between columns",
+            layout.delimiter
+        )));
+    }
+    match place {
+        Column::Number(number) if *number <= layout.columns => Ok(number - 1),
+        Column::Number(number) => {
             Err(missing(format!("no column {number}, there are {}", layout.columns)))
         }
-        Place::Column(Column::Name(name)) => {
+        Column::Name(name) => {
             let mut found = (0..names.len()).filter(|column| names[*column] == *name);
             let Some(column) = found.next() else {
                 let hint =
@@ -399,6 +440,5 @@ fn column(path: &Path, layout: &TextLayout, source: &SignalSource) -> Result<usi
                 None => Ok(column),
             }
         }
-        place @ Place::Topic { .. } => Err(missing(format!("{place} is a topic, not a column"))),
     }
 }

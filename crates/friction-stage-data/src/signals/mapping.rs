@@ -22,7 +22,8 @@
 //!   force: {column: 4}           # the fourth
 //! ```
 //!
-//! A value in SI is `scale * (value * unit) + offset`, the offset in SI units. Signals that a
+//! A value in SI is `scale * (value * unit) + offset`, the offset in SI units; `minus: COLUMN` takes
+//! another column from the value first. Signals that a
 //! recording lacks are left out.
 
 use std::collections::BTreeMap;
@@ -179,11 +180,14 @@ pub struct SignalSource {
     pub scale: f64,
     /// What is added, in SI units.
     pub offset: f64,
+    /// A column that is taken from the values before anything else: a position is the reference
+    /// less the following error.
+    pub minus: Option<Column>,
 }
 
 impl SignalSource {
     fn plain(place: Place) -> Self {
-        Self { place, unit: None, scale: 1.0, offset: 0.0 }
+        Self { place, unit: None, scale: 1.0, offset: 0.0, minus: None }
     }
 
     /// A value in SI; exactly itself if there is no unit, scale or offset.
@@ -284,6 +288,7 @@ struct SignalFile {
     unit: Option<String>,
     scale: Option<f64>,
     offset: Option<f64>,
+    minus: Option<String>,
 }
 
 impl Mapping {
@@ -375,25 +380,29 @@ impl Mapping {
                         ),
                     )
                 })?;
+            let column = |text: String| match text.parse::<usize>() {
+                Ok(0) => Err(wrong(&key, "columns are counted from 1".into())),
+                Ok(number) => Ok(Column::Number(number)),
+                Err(_) if mapping.csv.header != Some(false) => Ok(Column::Name(text)),
+                Err(_) => {
+                    let reason =
+                        format!("column {text:?}: without a line of names give its number, from 1");
+                    Err(wrong(&key, reason))
+                }
+            };
+            if entry.minus.is_some() && (entry.column.is_none() || signal == Signal::Time) {
+                let reason = "`minus` takes a column from another one: it needs `column`, and is \
+                              not for times";
+                return Err(wrong(&key, reason.into()));
+            }
+            let minus = entry.minus.map(column).transpose()?;
             let place = match (entry.topic, entry.field, entry.column) {
                 (Some(topic), Some(field), None) if signal != Signal::Time => Place::Topic {
                     topic,
                     field,
                     stamp: entry.stamp.as_deref().map_or(stamp.clone(), self::stamp),
                 },
-                (None, None, Some(column)) => match column.parse::<usize>() {
-                    Ok(0) => return Err(wrong(&key, "columns are counted from 1".into())),
-                    Ok(number) => Place::Column(Column::Number(number)),
-                    Err(_) if mapping.csv.header != Some(false) => {
-                        Place::Column(Column::Name(column))
-                    }
-                    Err(_) => {
-                        let reason = format!(
-                            "column {column:?}: without a line of names give its number, from 1"
-                        );
-                        return Err(wrong(&key, reason));
-                    }
-                },
+                (None, None, Some(text)) => Place::Column(column(text)?),
                 (Some(_), _, None) if signal == Signal::Time => {
                     return Err(wrong(
                         &key,
@@ -430,7 +439,9 @@ impl Mapping {
                     format!("scale {scale} and offset {offset}: both finite, scale not 0"),
                 ));
             }
-            mapping.signals.insert(signal, vec![SignalSource { place, unit, scale, offset }]);
+            mapping
+                .signals
+                .insert(signal, vec![SignalSource { place, unit, scale, offset, minus }]);
         }
         let has = |signal: Signal| mapping.signals.contains_key(&signal);
         match (has(Signal::Position), has(Signal::Velocity)) {
@@ -589,6 +600,10 @@ mod tests {
             ("signals: {position: {colum: x}}", &["did you mean `column`"]),
             ("signals: {position: {column: 0}}", &["from 1"]),
             ("signals: {position: {topic: /j}}", &["`topic` and `field`"]),
+            (
+                "signals: {position: {topic: /j, field: x, minus: e}}",
+                &["signals.position", "`minus`", "`column`"],
+            ),
             ("signals: {position: {column: x, unit: kN}}", &["unit `kN`", "m, mm"]),
             ("signals: {position: {column: x, scale: 0}}", &["scale 0"]),
             (

@@ -43,6 +43,8 @@ pub struct ProposedSignal {
     pub signal: Signal,
     /// Number of its column, from 1.
     pub column: usize,
+    /// Number of a column that is to be taken from it, from 1.
+    pub minus: Option<usize>,
     /// Unit for the mapping, if the file says a known one.
     pub unit: Option<String>,
     /// What a person has to check, if anything.
@@ -151,6 +153,7 @@ impl Proposal {
                 signals.push(proposed(signal, column, &samples[number - 1]));
             }
         }
+        signals.extend(from_following_error(&signals, &mut columns));
         let time = signals.iter().find(|found| found.signal == Signal::Time);
         let rate_hz = time.and_then(|time| {
             let unit = time.unit.as_deref().and_then(|unit| Signal::Time.unit(unit)).unwrap_or(1.0);
@@ -175,6 +178,18 @@ impl Proposal {
     pub fn has_motion(&self) -> bool {
         let motion = [Signal::Position, Signal::Velocity];
         self.signals.iter().any(|found| motion.contains(&found.signal))
+    }
+
+    /// A column as a mapping names it: by its name where no other has it, else by its number.
+    fn place(&self, number: usize) -> String {
+        let name = &self.columns[number - 1].name;
+        let again = self.columns.iter().filter(|other| other.name == *name).count() > 1;
+        if name.is_empty() || self.names_line.is_none() || again {
+            number.to_string()
+        } else {
+            // A string of JSON is one of YAML.
+            serde_json::Value::from(name.as_str()).to_string()
+        }
     }
 
     /// The mapping file, with what to check in comments.
@@ -203,17 +218,13 @@ impl Proposal {
         }
         text += "signals:\n";
         for found in &self.signals {
-            let column = &self.columns[found.column - 1];
-            let again = self.columns.iter().filter(|other| other.name == column.name).count() > 1;
-            let place = if column.name.is_empty() || self.names_line.is_none() || again {
-                column.number.to_string()
-            } else {
-                // A string of JSON is one of YAML.
-                serde_json::Value::from(column.name.as_str()).to_string()
-            };
+            let place = self.place(found.column);
+            let minus = found
+                .minus
+                .map_or(String::new(), |column| format!(", minus: {}", self.place(column)));
             let unit = found.unit.as_ref().map_or(String::new(), |unit| format!(", unit: {unit}"));
             let check = found.check.as_ref().map_or(String::new(), |c| format!("   # CHECK: {c}"));
-            let _ = writeln!(text, "  {}: {{column: {place}{unit}}}{check}", found.signal);
+            let _ = writeln!(text, "  {}: {{column: {place}{minus}{unit}}}{check}", found.signal);
         }
         let others: Vec<String> = self
             .columns
@@ -229,6 +240,33 @@ impl Proposal {
         }
         text
     }
+}
+
+/// Without a position, but with a reference and a following error: the one less the other.
+fn from_following_error(
+    signals: &[ProposedSignal],
+    columns: &mut [TableColumn],
+) -> Option<ProposedSignal> {
+    const ERROR: &[&str] = &["error", "err", "deviation", "lag", "following"];
+    let found = |signal: Signal| signals.iter().find(|found| found.signal == signal);
+    if found(Signal::Position).or(found(Signal::Velocity)).is_some() {
+        return None;
+    }
+    let reference = found(Signal::ReferencePosition)?;
+    let is_error = |column: &&mut TableColumn| {
+        column.signal.is_none()
+            && column.smallest < column.largest
+            && words(&column.name).iter().any(|word| ERROR.contains(&word.as_str()))
+    };
+    let error = columns.iter_mut().find(is_error)?;
+    error.signal = Some(Signal::Position);
+    let sign = "the reference less the error; its sign?".to_owned();
+    Some(ProposedSignal {
+        signal: Signal::Position,
+        minus: Some(error.number),
+        check: Some(reference.check.as_ref().map_or(sign.clone(), |unit| format!("{sign} {unit}"))),
+        ..reference.clone()
+    })
 }
 
 /// The columns of the first rows. Times are in s since the first row.
@@ -396,7 +434,7 @@ fn proposed(signal: Signal, column: &TableColumn, samples: &Samples) -> Proposed
         }
         (_, None, _) => (Some(si.to_owned()), Some(format!("the file gives no unit, {si}?"))),
     };
-    ProposedSignal { signal, column: column.number, unit, check }
+    ProposedSignal { signal, column: column.number, minus: None, unit, check }
 }
 
 /// Unit of times, by how large they are: since 1970, days of a spreadsheet, else seconds.
