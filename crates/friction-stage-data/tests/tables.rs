@@ -284,10 +284,8 @@ fn a_position_is_the_reference_less_the_following_error() {
     let rows: String = (0..ROWS)
         .map(|k| {
             let (x, u) = values(k);
-            {
-                let error = 0.25 + 0.01 * (k % 3) as f64;
-                format!("{:.3},{:.6},{error:.6},{u:.6}\n", k as f64 / RATE, 1e3 * x + error)
-            }
+            let error = 0.25 + 0.01 * (k % 3) as f64;
+            format!("{:.3},{:.6},{error:.6},{u:.6}\n", k as f64 / RATE, 1e3 * x + error)
         })
         .collect();
     let text = format!("time [s],set_point [mm],position_error [mm],force [N]\n{rows}");
