@@ -3,10 +3,11 @@
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import DescribeParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters
 from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
+from rclpy.serialization import serialize_message
 from ros import nanoseconds
 from std_srvs.srv import SetBool, Trigger
 
@@ -103,6 +104,28 @@ def test_descriptors_say_type_range_and_whether_read_only(ros, on_controller):
     assert gain.description and rate.description
     assert gain.floating_point_range[0].from_value == 0.0 and not gain.read_only
     assert rate.read_only
+
+
+def test_all_parameters_at_once_are_told_and_described(ros, on_controller):
+    """Answers that are longer than a frame of the network: several kilobytes."""
+    names = sorted(on_controller.names())
+    values = ros.call(GetParameters, "/controller/get_parameters", names=names).values
+    assert len(values) == len(names)
+    described = ros.call(DescribeParameters, "/controller/describe_parameters", names=names)
+    assert [descriptor.name for descriptor in described.descriptors] == names
+    # More than an Ethernet frame.
+    assert len(serialize_message(described)) > 1500
+
+
+def test_a_program_with_many_topics_and_clients_is_answered(ros, stage):
+    """Its discovery messages fill datagrams of tens of kilobytes when the stage asks for them."""
+    publishers = [ros.node.create_publisher(WrenchStamped, f"/other_{k}", 10) for k in range(150)]
+    stage(mode="lockstep", control_rate=1000.0)
+    clients = [ros.node.create_client(Trigger, "/stage/reset") for _ in range(3)]
+    for client in clients:
+        ros.until(client.service_is_ready, "the service")
+        assert ros.result(client.call_async(Trigger.Request()), "the answer").success
+    assert len(publishers) == 150
 
 
 def test_reset_puts_the_stage_back_to_0_and_time_goes_on(ros, stage):
