@@ -360,6 +360,20 @@ fn a_text_that_is_no_number_is_told_with_its_line() {
     lines[29] = "0.029,abc,1.0".into();
     let message = error(format!("Trace\n\nt,x,u\n{}\n", lines.join("\n")), MAPPING);
     assert!(message.contains("line 33: \"abc\" in column 2 (x)"), "{message}");
+    // In the first row, too, with names above or without.
+    lines[29] = "0.029,1.0,1.0".into();
+    lines[0] = "0.000,overload,1.0".into();
+    let message = error(format!("t,x,u\n{}\n", lines.join("\n")), MAPPING);
+    assert!(message.contains("line 2: \"overload\" in column 2 (x)"), "{message}");
+    let by_number = "signals: {time: {column: 1}, position: {column: 2}}";
+    let message = error(lines.join("\n"), by_number);
+    assert!(message.contains("line 1: \"overload\" in column 2"), "{message}");
+    // An infinite value is a missing one.
+    lines[0] = "0.000,inf,1.0".into();
+    let text = format!("t,x,u\n{}\n", lines.join("\n"));
+    let recording = read("t.csv", text, MAPPING).unwrap();
+    let position = recording.quality.signal(Signal::Position).unwrap();
+    assert_eq!((position.samples, position.not_finite), (ROWS as u64, 1));
 }
 
 /// What is proposed for a table, and the recording that the proposal gives without an edit.

@@ -170,8 +170,8 @@ impl Reading {
         // The table begins with the first row of this kind, even where words come after it: then it
         // is for whoever reads the rows to refuse them.
         let mut first = rows.iter().position(|row| row.is_alike(example)).unwrap_or(rows.len());
-        // Rows above whose last values are missing belong to it.
-        while first > 0 && rows[first - 1].begins_like(example) {
+        // Rows above whose last values are missing, or that have a word among numbers, belong to it.
+        while first > 0 && rows[first - 1].is_broken(example) {
             first -= 1;
         }
         let is_marked = rows[first..].iter().any(|row| row.is_marked);
@@ -223,8 +223,12 @@ impl Row {
         pairs.into_iter().all(|(one, two)| one.is_none() || two.is_none() || one == two)
     }
 
-    fn begins_like(&self, other: &Row) -> bool {
-        self.is_row() && self.kinds.len() < other.kinds.len() && self.agrees(other)
+    /// Whether it is a row like another one with a fault: too short, or a word among its numbers.
+    fn is_broken(&self, other: &Row) -> bool {
+        let is_short = self.kinds.len() < other.kinds.len() && self.agrees(other);
+        let has_word =
+            self.kinds.len() == other.kinds.len() && self.count(true) > self.count(false);
+        self.is_row() && (is_short || has_word)
     }
 }
 

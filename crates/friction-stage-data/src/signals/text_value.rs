@@ -71,16 +71,20 @@ fn number(text: &str, decimal: Decimal) -> Option<(f64, bool)> {
         Decimal::Point => ('.', ','),
         Decimal::Comma => (',', '.'),
     };
+    let unsigned = text.trim_start_matches(['+', '-']);
+    if ["inf", "infinity"].iter().any(|word| word.eq_ignore_ascii_case(unsigned)) {
+        let sign = if text.starts_with('-') { -1.0 } else { 1.0 };
+        return Some((sign * f64::INFINITY, false));
+    }
     let begins_like_one = |c: char| c.is_ascii_digit() || matches!(c, '+' | '-' | '.' | ',');
     if !text.starts_with(begins_like_one) {
-        // `inf` is a number that no sensor shows, `nan` is none.
         return None;
     }
     let marked = text.contains(['.', ',']);
     if decimal == Decimal::Point
         && let Ok(value) = text.parse::<f64>()
     {
-        return value.is_finite().then_some((value, marked));
+        return Some((value, marked));
     }
     let (whole, fraction) = match text.split_once(mark) {
         Some((whole, fraction)) => (whole, Some(fraction)),
@@ -91,8 +95,7 @@ fn number(text: &str, decimal: Decimal) -> Option<(f64, bool)> {
         Some(fraction) => format!("{whole}.{fraction}"),
         None => whole,
     };
-    let value: f64 = plain.parse().ok()?;
-    value.is_finite().then_some((value, marked))
+    Some((plain.parse().ok()?, marked))
 }
 
 /// Digits without what stands between groups of three: `mark`, a blank or an apostrophe.
@@ -233,8 +236,9 @@ mod tests {
             ("68.36", Comma, None),
             ("1\u{a0}234,5", Comma, Some(1234.5)),
             ("1,5e-3", Comma, Some(1.5e-3)),
-            ("1e999", Point, None),
-            ("inf", Point, None),
+            ("1e999", Point, Some(f64::INFINITY)),
+            ("inf", Point, Some(f64::INFINITY)),
+            ("-Infinity", Comma, Some(f64::NEG_INFINITY)),
             ("1 2", Point, None),
         ] {
             assert_eq!(number_of(text, decimal), value, "{text} {decimal:?}");
