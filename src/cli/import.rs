@@ -12,15 +12,15 @@ use friction_stage_report::words::{import_text, proposal_text};
 
 /// Make a bag of our own layout from a text table, or first a mapping for it.
 ///
-/// Without --mapping it looks at the file, says what it sees, and writes a mapping to confirm: which
-/// column is which signal, in which unit. What the file does not say is marked CHECK in it.
+/// Without --mapping it detects the layout, prints it, and writes a mapping to confirm: the column
+/// and the unit of each signal. What the file does not say is marked CHECK.
 ///
 /// With --mapping and --out every row becomes one sample with its own time; values are brought to
 /// SI, nothing is resampled. The bag plays with `ros2 bag play` and goes into check, replay and
 /// identify.
 ///
-/// Exit code: 0 done, 3 rows were left out (no usable time, cut off) or times go back, or the mapping
-/// has something to check, 1 failed.
+/// Exit code: 0 done; 3 rows were left out, times go back, or the mapping has something to check;
+/// 1 failed.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Example:\n  friction-stage import drive.csv                  # writes \
                         drive.mapping.yaml\n  friction-stage import drive.csv --mapping \
@@ -99,7 +99,8 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     }
     anyhow::ensure!(
         has_motion,
-        "no column of {} looks like a position or a velocity: write the mapping by hand (README, mappings)",
+        "no column of {} looks like a position or a velocity: write the mapping by hand (README, \
+         Recordings of others)",
         args.csv.display()
     );
     Ok(Outcome::warned(proposal.signals.iter().any(|signal| signal.check.is_some())))

@@ -17,6 +17,14 @@ struct Worded<'a, F> {
     finding: &'a F,
 }
 
+fn worded<F: Words + Serialize>(
+    code: &'static str,
+    severity: &'static str,
+    finding: &F,
+) -> Result<Value, serde_json::Error> {
+    serde_json::to_value(Worded { code, severity, text: finding.words(), finding })
+}
+
 /// The JSON of a check: the messages of a bag with `findings` and `warnings`, the signals as
 /// `data`, and what they can identify as `identification`.
 pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error> {
@@ -27,12 +35,7 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
                 .findings
                 .iter()
                 .map(|finding: &FileFinding| {
-                    serde_json::to_value(Worded {
-                        code: finding.code(),
-                        severity: finding.severity().name(),
-                        text: finding.words(),
-                        finding,
-                    })
+                    worded(finding.code(), finding.severity().name(), finding)
                 })
                 .collect::<Result<_, _>>()?;
             found["warnings"] = json!(all_words(&messages.findings));
@@ -46,10 +49,7 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
             found["findings"] = data
                 .notes
                 .iter()
-                .map(|finding: &SignalNote| {
-                    let (code, text) = (finding.code(), finding.words());
-                    serde_json::to_value(Worded { code, severity: "warning", text, finding })
-                })
+                .map(|finding: &SignalNote| worded(finding.code(), "warning", finding))
                 .collect::<Result<_, _>>()?;
             found["notes"] = json!(all_words(&data.notes));
             found
@@ -63,12 +63,7 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
                 .findings
                 .iter()
                 .map(|finding: &DataFinding| {
-                    serde_json::to_value(Worded {
-                        code: finding.code(),
-                        severity: finding.severity().name(),
-                        text: finding.words(),
-                        finding,
-                    })
+                    worded(finding.code(), finding.severity().name(), finding)
                 })
                 .collect::<Result<_, _>>()?;
             found["judgements"] = identification

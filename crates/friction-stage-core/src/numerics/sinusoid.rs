@@ -20,7 +20,7 @@ pub struct Sinusoid {
     pub cosine: f64,
     /// c
     pub constant: f64,
-    /// Squares that it takes out of those of the samples.
+    /// Reduction of the sum of squares of the samples.
     pub explained: f64,
 }
 

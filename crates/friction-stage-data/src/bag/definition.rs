@@ -405,7 +405,7 @@ impl Definition {
         Ok(None)
     }
 
-    /// The names of a message among which `[joint]` of `path` is looked up; none for a path without.
+    /// The names in which `[joint]` of `path` is looked up; none for a path without `[joint]`.
     pub fn joints(&self, path: &FieldPath, message: &[u8]) -> Result<Vec<String>, String> {
         let Some(names) = path.names else { return Ok(Vec::new()) };
         let (mut cursor, count) = self.names(names, message)?;

@@ -176,7 +176,7 @@ impl CsvRows {
                     line,
                     reason: format!(
                         "the time goes back by {:.6} s: several captures in one file, or a \
-                         counter that starts anew; split the file, or leave `time` out of the \
+                         counter that restarts; split the file, or leave `time` out of the \
                          mapping and give the `rate` of the rows",
                         back as f64 * 1e-9
                     ),

@@ -3,7 +3,7 @@
 //! A mapping is a small YAML file. For a bag:
 //!
 //! ```yaml
-//! joint: x_axis                  # which joint `[joint]` means; without it "stage", or the only one
+//! joint: x_axis                  # which joint `[joint]` means; default: "stage", or the only one
 //! stamp: header.stamp            # or log_time, publish_time, any field; without it the header's
 //!                                # where it is filled
 //! signals:
@@ -15,15 +15,15 @@
 //! and for a CSV file:
 //!
 //! ```yaml
-//! csv: {delimiter: ";"}          # may be left out, as all of this line: found by looking at the file
+//! csv: {delimiter: ";"}          # optional: the layout of the file is detected
 //! signals:
 //!   time: {column: t_ms, unit: ms}
 //!   position: {column: x, unit: mm, offset: -0.1}
 //!   force: {column: 4}           # the fourth
 //! ```
 //!
-//! A value in SI is `scale * (value * unit) + offset`, the offset in SI units; `minus: COLUMN` takes
-//! another column from the value first. Signals that a
+//! A value in SI is `scale * (value * unit) + offset`, the offset in SI units. `minus: COLUMN`
+//! subtracts another column from the value first. Signals that a
 //! recording lacks are left out.
 
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! A mapping for a text table that nobody has described yet.
+//! Proposes a mapping for a text table.
 //!
 //! In goes a file; out comes a [`Proposal`]: what it looks like, and which column is likely which
 //! signal, by its unit, its name, or the way it moves. What the file does not say is marked, for a

@@ -110,8 +110,7 @@ impl Source {
     }
 }
 
-/// Whether a path is a CSV file: by its ending, `.csv`, `.tsv` or `.txt`, or because `mapping` names
-/// columns.
+/// Whether a path is a text table: it ends in `.csv`, `.tsv` or `.txt`, or `mapping` names columns.
 pub fn is_csv(path: &Path, mapping: Option<&Mapping>) -> bool {
     let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     let has_ending = ending.is_some_and(|e| ["csv", "tsv", "txt"].contains(&e.as_str()));

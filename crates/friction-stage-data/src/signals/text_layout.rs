@@ -170,7 +170,7 @@ impl Reading {
         // The table begins with the first row of this kind, even where words come after it: then it
         // is for whoever reads the rows to refuse them.
         let mut first = rows.iter().position(|row| row.is_alike(example)).unwrap_or(rows.len());
-        // Rows above whose last values are missing, or that have a word among numbers, belong to it.
+        // Rows above with missing last values, or with a word between numbers, belong to it.
         while first > 0 && rows[first - 1].is_broken(example) {
             first -= 1;
         }

@@ -132,8 +132,8 @@ impl Joints {
         }
     }
 
-    /// The joint that is read. Where nobody asked for one it is ours, or the only one that the
-    /// first message names.
+    /// The joint that is read. If the mapping gives none: [`topics::JOINT`], or the only joint of
+    /// the first message.
     fn wanted(
         &mut self,
         names: impl FnOnce() -> Result<Vec<String>, String>,

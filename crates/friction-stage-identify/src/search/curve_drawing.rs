@@ -615,8 +615,8 @@ mod tests {
         assert!((curve.jump.unwrap().height + 0.59).abs() < 1e-12, "{curve:?}");
     }
 
-    /// Guides that were biased to 0.8 of their Coulomb friction, and beside them half as much
-    /// again, up to a jump; static friction may rise by a tenth only.
+    /// The fit of the guides is 0.8 of their true Coulomb friction; the friction over position is
+    /// 1.5 times as large up to a jump. Static friction may rise to 1.5 or 1.1 times its value.
     #[test]
     fn what_changes_friction_everywhere_goes_to_the_guides() {
         let value_of = |moved: &[hypothesis::FreeParameter], which: NominalParameter| {
