@@ -624,13 +624,8 @@ fn check_tells_rates_gaps_and_bad_values() {
     let force = &report.topics[1];
     assert_eq!((force.non_finite, force.decode_failures, force.gaps), (1, 1, 0));
     assert_eq!(force.jitter_s, Some(0.0));
-    let coverage = report.coverage.as_ref().unwrap();
-    assert!((coverage.stroke - 2e-3).abs() < 1e-6);
-    assert_eq!(coverage.reversals, 6);
     let text = messages_text(&report);
-    for part in
-        ["/stage/encoder", "1000.0", "stamps go back", "not finite", "do not decode", "reversals"]
-    {
+    for part in ["/stage/encoder", "1000.0", "stamps go back", "not finite", "do not decode"] {
         assert!(text.contains(part), "{part} is missing in\n{text}");
     }
     let json = serde_json::to_value(&report).unwrap();

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use friction_stage_core::model::StageModel;
+use friction_stage_core::model::{JointType, StageModel};
 use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos};
 use friction_stage_data::message::{
     Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped,
@@ -267,7 +267,7 @@ fn a_clock_that_was_set_back_is_refused_and_empty_headers_are_replaced() {
     let recording = signals::load(home.path().join("unfilled"), None).unwrap();
     assert_eq!(recording.trace.position, trace.position);
     assert!(
-        recording.quality.notes[0].words().contains("time of recording"),
+        recording.quality.notes[0].words(JointType::Prismatic).contains("time of recording"),
         "{:?}",
         recording.quality.notes
     );
@@ -410,7 +410,7 @@ fn good_data_have_no_problem_and_show_their_noise_mass_and_friction() {
     assert!((fit.mass - MASS).abs() < 0.5 && (fit.coulomb - COULOMB).abs() < 1.0, "{fit:?}");
     // 10 s of 0.25 Hz with ripples that never turn round at speed: turns near the five extremes
     assert!(found.reversals >= 5 && found.reversals % 2 == 1, "{}", found.reversals);
-    assert!(found.judgements.iter().any(|j| j.subject == Subject::Mass && j.possible));
+    assert!(found.judgements.iter().any(|j| j.subject == Subject::Mass && j.possible()));
 }
 
 /// What is done to a good run, and whether the right problem is told with the right severity.
@@ -629,7 +629,7 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
         let problem = found.iter().find(|p| expected(p));
         let problem = problem.unwrap_or_else(|| panic!("{name} is not told: {found:#?}"));
         assert_eq!(problem.severity(), *severity, "{name}: {problem:?}");
-        assert!(problem.words().len() > 20, "{name}: {problem:?}");
+        assert!(problem.words(JointType::Prismatic).len() > 20, "{name}: {problem:?}");
         // a swapped or wrong signal is not blamed on another one
         if *severity == Severity::Fatal {
             let blamed = |p: &&DataFinding| {

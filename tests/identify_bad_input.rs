@@ -183,7 +183,7 @@ fn wrong_signs_and_units_are_named_with_the_signal() {
         (
             "position_mm",
             |c| each(&mut c.position, |x| 1e3 * x),
-            &["position seems to be in mm", "40.0000 kg is declared"],
+            &["position seems to be in mm", "40 kg is declared"],
         ),
         (
             "all_mm",
@@ -216,15 +216,11 @@ fn wrong_signs_and_units_are_named_with_the_signal() {
         ),
         ("time_ms", |c| each(&mut c.time, |t| 1e3 * t), &["time seems to be in ms"]),
         (
-            "half",
-            |c| both_forces(c, |f| 0.5 * f),
-            &["declares 40.0000 kg", "another machine, a payload, or a wrong unit"],
+            "less_than_half",
+            |c| both_forces(c, |f| 0.45 * f),
+            &["declares 40 kg", "another machine, a payload, or a wrong unit"],
         ),
-        (
-            "nine_times",
-            |c| both_forces(c, |f| 7.0 * f),
-            &["declares 40.0000 kg", "another machine"],
-        ),
+        ("nine_times", |c| both_forces(c, |f| 7.0 * f), &["declares 40 kg", "another machine"]),
     ];
     refused_on_either_side(&cases);
 }

@@ -53,6 +53,7 @@ pub struct CheckArgs {
 pub fn run(args: &CheckArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
     let model = args.model.as_deref().map(StageModel::named).transpose()?;
+    super::tell_assumptions(model.as_ref());
     let check = RecordingCheck::new(&args.bag, mapping.as_ref(), model)?;
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&recording_json(&check)?)?)?;

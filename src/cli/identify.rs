@@ -13,7 +13,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Outcome, WrongArguments};
-use friction_stage_core::model::StageModel;
+use friction_stage_core::model::{JointType, StageModel};
 use friction_stage_data::bag::topics;
 use friction_stage_data::signals::Mapping;
 use friction_stage_identify::{
@@ -153,6 +153,7 @@ impl Watch for Progress {
 pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
     let declared = StageModel::named(&args.model)?;
+    super::tell_assumptions(Some(&declared));
     may_write(&args.out)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
@@ -169,8 +170,8 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     bar.set_message("reading");
     tell_of_stop(&bar, &stop);
 
-    let records =
-        Records::load(&args.train, &args.holdout, mapping.as_ref(), &declared).map_err(refused)?;
+    let records = Records::load(&args.train, &args.holdout, mapping.as_ref(), &declared)
+        .map_err(|error| refused(error, declared.joint))?;
     let limits = args
         .next_experiment
         .as_ref()
@@ -220,7 +221,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let page = args.out.join("report.html");
     write(&page, &html)?;
     if let (Some(file), Some(plan)) = (&motion_file, &found.next) {
-        let comments = next_experiment_lines(&plan.next);
+        let comments = next_experiment_lines(&plan.next, declared.joint);
         write(file, &next_experiment::trajectory_yaml(&plan.points, topics::JOINT, &comments))?;
     }
     let json = serde_json::to_string_pretty(&summary)? + "\n";
@@ -236,8 +237,8 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
 }
 
 /// Recordings that stand where they must not are wrong arguments.
-fn refused(error: RecordsError) -> anyhow::Error {
-    let text = records_error(&error);
+fn refused(error: RecordsError, joint: JointType) -> anyhow::Error {
+    let text = records_error(&error, joint);
     match error {
         RecordsError::Twice { .. } | RecordsError::BothSides { .. } => WrongArguments(text).into(),
         RecordsError::Unusable { .. } => anyhow::Error::msg(text),

@@ -16,6 +16,7 @@ mod selection_output;
 use std::io::Write;
 
 use clap::{Parser, Subcommand};
+use friction_stage_core::model::StageModel;
 
 pub use crate::outcome::{Outcome, WrongArguments, exit_code};
 
@@ -119,5 +120,12 @@ impl<W: Write> Write for Printed<W> {
 
     fn flush(&mut self) -> std::io::Result<()> {
         self.tell((), Write::flush)
+    }
+}
+
+/// Says on stderr what a model does not say of its guides and is assumed.
+fn tell_assumptions(model: Option<&StageModel>) {
+    for assumption in model.iter().flat_map(|model| model.assumptions()) {
+        eprintln!("note: {assumption}");
     }
 }

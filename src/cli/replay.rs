@@ -11,11 +11,11 @@ use serde::Serialize;
 use super::Outcome;
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
-use friction_stage_data::bag::BagReader;
-use friction_stage_data::quality::contradictions;
+use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, Provenance};
+use friction_stage_data::quality::{FileFinding, contradictions};
 use friction_stage_data::signals::{Trace, load};
 use friction_stage_identify::ModelComparison;
-use friction_stage_report::words::{all_words, comparison_notes};
+use friction_stage_report::words::{all_words, comparison_notes, in_prefix};
 
 /// Play the recorded forces of a bag on a stage and compare its encoder with the recorded one.
 ///
@@ -61,7 +61,8 @@ struct ReplayReport {
     identical: usize,
     position_rms_m: f64,
     position_max_m: f64,
-    force_cell_rms_n: f64,
+    /// Force cell less the recorded one; null where none is recorded.
+    force_cell_rms_n: Option<f64>,
     /// Force that the model misses along the recorded motion; null where the recording does not
     /// show it.
     missing_force_rms_n: Option<f64>,
@@ -123,15 +124,20 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         identical: 0,
         position_rms_m: 0.0,
         position_max_m: 0.0,
-        force_cell_rms_n: 0.0,
+        force_cell_rms_n: None,
         missing_force_rms_n: None,
         closed_loop_position_rms_m: None,
         notes: Vec::new(),
         warnings: match &recording {
-            Ok(recording) => all_words(&contradictions(recording, &model)),
+            Ok(recording) => all_words(&contradictions(recording, &model), model.joint),
             Err(error) => vec![error.to_string()],
         },
     };
+    // What does not hold the data that were written cannot be compared with anything.
+    let checksums = reader.verify_checksums()?;
+    if !checksums.is_empty() {
+        report.warnings.extend(all_words(&[FileFinding::Damaged], model.joint));
+    }
     let mut table = args
         .csv
         .as_ref()
@@ -148,17 +154,21 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         .with_context(|| cannot_write(path))?;
     }
     let columns = trace.position.iter().zip(&trace.force_cell).zip(&trace.force).zip(&trace.time);
+    // Sum of squares, and readings of the cell.
+    let mut cell = (0.0, 0usize);
     for (((position, force_cell), force), time) in columns {
         let sample = stage.sample();
         let difference = sample.position - position;
         report.identical += usize::from(sample.position.to_bits() == position.to_bits());
         report.position_rms_m += difference * difference;
         report.position_max_m = report.position_max_m.max(difference.abs());
-        report.force_cell_rms_n += (sample.force_cell - force_cell).powi(2);
+        if force_cell.is_finite() {
+            cell = (cell.0 + (sample.force_cell - force_cell).powi(2), cell.1 + 1);
+        }
         report.unforced += usize::from(!force.is_finite());
         if let Some((path, table)) = &mut table {
-            let (replayed, cell) = (sample.position, sample.force_cell);
-            writeln!(table, "{time:.9},{force},{position},{replayed},{force_cell},{cell}")
+            let (replayed, read) = (sample.position, sample.force_cell);
+            writeln!(table, "{time:.9},{force},{position},{replayed},{force_cell},{read}")
                 .with_context(|| cannot_write(path))?;
         }
         stage.advance(if force.is_finite() { *force } else { 0.0 });
@@ -168,9 +178,26 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     }
     let count = report.samples.max(1) as f64;
     report.position_rms_m = (report.position_rms_m / count).sqrt();
-    report.force_cell_rms_n = (report.force_cell_rms_n / count).sqrt();
+    anyhow::ensure!(
+        report.position_rms_m.is_finite(),
+        "the replayed positions are not finite: model and recorded forces do not go together"
+    );
+    report.force_cell_rms_n = (cell.1 > 0).then(|| (cell.0 / cell.1 as f64).sqrt());
     // The forces are played sample by sample as they stand in the bag; what is compared along the
     // motion is read as `identify` reads it.
+    let repeats = args.model.is_none()
+        && args.seed.is_none()
+        && trace.origin_ns == LOCKSTEP_EPOCH
+        && provenance.as_ref().is_some_and(Provenance::is_of_lockstep);
+    if repeats && report.identical < report.samples {
+        report.warnings.push(format!(
+            "{} of {} samples are other than the stage in the bag gives them: model, seed, forces \
+             or samples were changed, the stage was reset while it was recorded, or another \
+             version of this program recorded it",
+            report.samples - report.identical,
+            report.samples
+        ));
+    }
     if let Ok(recording) = &recording {
         let comparison = ModelComparison::new(&model, &recording.trace);
         report.missing_force_rms_n = comparison.missing_force.as_ref().ok().copied();
@@ -180,32 +207,39 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
+        let [m, n] = ["m", "N"].map(|unit| model.joint.unit(unit));
+        for warning in &report.warnings {
+            writeln!(out, "warning: {warning}")?;
+        }
         writeln!(
             out,
-            "{} samples, {} without a force; encoder: {} bit for bit, rms {:.3} nm, largest {:.3} \
-             nm; force cell: rms {:.4} N",
+            "{} samples, {} without a force; encoder: {} bit for bit, rms {}, largest {}; {}",
             report.samples,
             report.unforced,
             report.identical,
-            report.position_rms_m * 1e9,
-            report.position_max_m * 1e9,
-            report.force_cell_rms_n
+            in_prefix(report.position_rms_m, &m),
+            in_prefix(report.position_max_m, &m),
+            match report.force_cell_rms_n {
+                Some(rms) => format!("force cell: rms {}", in_prefix(rms, &n)),
+                None => "no force cell is recorded".to_owned(),
+            }
         )?;
         if let Some(rms) = report.missing_force_rms_n {
-            writeln!(out, "along the recorded motion the model misses a force of {rms:.4} N rms")?;
+            writeln!(
+                out,
+                "along the recorded motion the model misses a force of {} rms",
+                in_prefix(rms, &n)
+            )?;
         }
         if let Some(rms) = report.closed_loop_position_rms_m {
             writeln!(
                 out,
-                "in closed loop, with the recorded setpoint and controller: encoder rms {:.3} nm",
-                rms * 1e9
+                "in closed loop, with the recorded setpoint and controller: encoder rms {}",
+                in_prefix(rms, &m)
             )?;
         }
         for note in &report.notes {
             writeln!(out, "{note}")?;
-        }
-        for warning in &report.warnings {
-            writeln!(out, "warning: {warning}")?;
         }
     }
     Ok(Outcome::warned(!report.warnings.is_empty()))

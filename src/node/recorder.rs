@@ -566,6 +566,8 @@ struct Listener {
     last: Option<(Gid, i64)>,
     /// Two states of this sender have come in a row.
     met: bool,
+    /// The last state.
+    latest: Option<ControllerState>,
     /// Stamp of the last state, ns.
     stamp: i64,
     /// Between the last two states, ns.
@@ -593,6 +595,7 @@ impl Listener {
             inlet,
             last: None,
             met: false,
+            latest: None,
             stamp: i64::MIN,
             interval: i64::MAX,
             period: setup.period,
@@ -639,11 +642,17 @@ impl Listener {
                     let missing = if self.met { missing } else { 0 };
                     self.last = Some((sender, number));
                     let stamp = state.header.stamp.to_nanos();
+                    // A stage that waits for its first answer sends its sample again, and the
+                    // controller says the same of it again.
+                    if stamp == self.stamp && self.latest.as_ref() == Some(&state) {
+                        continue;
+                    }
                     if stamp != self.stamp {
                         self.interval = stamp.saturating_sub(self.stamp);
                         self.stamp = stamp;
                     }
                     self.taken = Instant::now();
+                    self.latest = Some(state.clone());
                     return Some((state, u64::try_from(missing).unwrap_or(0)));
                 }
                 Err(error) => {

@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use friction_stage_core::model::JointType;
 use friction_stage_data::signals::{
     Mapping, Proposal, Recording, Signal, SignalError, SignalNote, import, load,
 };
@@ -231,8 +232,11 @@ fn a_unit_that_the_file_gives_and_the_mapping_does_not_take_is_told() {
         let mapping = "signals: {time: {column: 1}, position: {column: 2}, force: {column: 3}}";
         let recording = read("t.csv", format!("{names}{in_mm}"), mapping).unwrap();
         assert!((recording.trace.position[1] - 1e3 * values(1).0).abs() < 1e-9);
-        let note =
-            |signal, unit: &str, taken| SignalNote::UnitOfFile { signal, unit: unit.into(), taken };
+        let note = |signal, unit: &str, taken: &str| SignalNote::UnitOfFile {
+            signal,
+            unit: unit.into(),
+            taken: taken.into(),
+        };
         let notes = &recording.quality.notes;
         assert!(notes.contains(&note(Signal::Position, "mm", "m")), "{names} {notes:?}");
         assert!(notes.contains(&note(Signal::Force, "A", "N")), "{names} {notes:?}");
@@ -260,10 +264,13 @@ fn a_velocity_is_integrated_where_there_is_no_position() {
     let file = file("t.csv", text);
     let proposal = Proposal::of(&file.path).unwrap();
     let yaml = proposal.to_yaml("t.csv");
-    assert!(yaml.contains("m/s per rpm") && yaml.contains("N per %"), "{yaml}");
+    assert!(yaml.contains("unit: \"rpm\"}") && yaml.contains("N m of 100 %"), "{yaml}");
+    // As it is it is of the motor, in multiples of the rated torque.
+    let motor = load(&file.path, Some(&Mapping::from_yaml(&yaml, "proposed").unwrap())).unwrap();
+    assert_eq!(motor.joint, Some(JointType::Revolute));
     let said = yaml
-        .replace("\"Velocity actual\"}", &format!("2, scale: {}}}", lead / 60.0))
-        .replace("\"Torque actual\"}", "3, scale: 2}");
+        .replace("\"rpm\"}", &format!("\"rpm\", scale: {}}}", lead / std::f64::consts::TAU))
+        .replace("\"%\", scale: 1}", "\"%\", scale: 200}");
     let recording = load(&file.path, Some(&Mapping::from_yaml(&said, "said").unwrap())).unwrap();
     assert_eq!(recording.quality.notes, [SignalNote::Integrated]);
     for (time, x) in recording.trace.time.iter().zip(&recording.trace.position) {
@@ -432,7 +439,8 @@ fn what_the_file_does_not_say_is_to_be_checked() {
     // As it is it is read with a warning.
     let yaml = proposal.to_yaml("t.csv");
     let recording = load(&file.path, Some(&Mapping::from_yaml(&yaml, "proposed").unwrap()));
-    assert!(matches!(recording.unwrap().quality.notes[..], [SignalNote::UnitOfFile { .. }]));
+    assert!(yaml.contains("current: {"), "{yaml}");
+    assert_eq!(recording.unwrap().quality.notes, [SignalNote::NoForceConstant]);
     // Without names the one that moves like a position is.
     let (proposal, _) = proposed("t.csv", &rows);
     let found = proposal.signals.iter().find(|found| found.signal == Signal::Position);

@@ -13,7 +13,7 @@ use crate::hypothesis::{FreeParameter, ParameterId, Part};
 use crate::next_experiment::NextExperiment;
 use crate::record::measured::Measured;
 use crate::search::{Selection, Verdict};
-use friction_stage_core::model::Curve;
+use friction_stage_core::model::{Curve, JointType};
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::plant::{EffectDescriptor, Side};
 
@@ -31,6 +31,9 @@ pub struct Summary {
     pub schema_version: u32,
     /// `found`, `none`, `unknown` or `not_separable`.
     pub verdict: String,
+    /// Joint type, of which the units are; a prismatic joint where it is missing.
+    #[serde(default)]
+    pub joint: JointType,
     /// Effects that the declared model lacked, in the order in which they were found.
     pub effects: Vec<FoundEffect>,
     /// Before and after.
@@ -242,7 +245,7 @@ impl Summary {
                 declared_parameters.insert(format!("{label}.{name}"), parameter);
             }
         }
-        let effects =
+        let mut effects: Vec<FoundEffect> =
             estimate
                 .fitted
                 .hypothesis
@@ -269,6 +272,12 @@ impl Summary {
                         .collect(),
                 })
                 .collect();
+        let joint = estimate.fitted.hypothesis.model().joint;
+        let of_effects =
+            effects.iter_mut().flat_map(|effect: &mut FoundEffect| effect.parameters.values_mut());
+        for parameter in of_effects.chain(declared_parameters.values_mut()) {
+            parameter.unit = joint.unit(&parameter.unit).into_owned();
+        }
         let (before, after) = (selection.errors_before, selection.errors_after);
         let record = |measured: &Measured, before: f64, after: f64, position_rms: Change| {
             let force_rms = Change { before: Some(before.sqrt()), after: Some(after.sqrt()) };
@@ -287,6 +296,7 @@ impl Summary {
         Summary {
             schema_version: SCHEMA_VERSION,
             verdict: selection.verdict.name().to_owned(),
+            joint,
             effects,
             errors: SummaryErrors {
                 train: record(train, before.train(), after.train(), position.train),

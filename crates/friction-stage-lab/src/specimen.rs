@@ -155,7 +155,7 @@ impl Specimen {
 
     /// The guide type, parameters resolved.
     pub fn guide(&self) -> Result<Guide, ModelError> {
-        self.rig.guides[0].resolve("guides[0]", &friction_stage_core::model::Catalogue::builtin())
+        Ok(self.rig.resolved_guides()?.swap_remove(0))
     }
 
     /// Longest break-away distance of the rig's bristles, m: Fs/sigma0 of one bristle; of several

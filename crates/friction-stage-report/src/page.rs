@@ -102,12 +102,16 @@ impl Cell {
         Cell::Text(text.into())
     }
 
-    /// A number with so many digits behind the point; a dash where it is not finite.
+    /// A number with so many digits behind the point, or with an exponent where that leaves less
+    /// than two that count; a dash where it is not finite.
     pub fn number(value: f64, digits: usize) -> Cell {
-        Cell::Text(if value.is_finite() {
+        let least = 10f64.powi(1 - digits as i32);
+        Cell::Text(if !value.is_finite() {
+            "\u{2013}".to_owned()
+        } else if value == 0.0 || digits < 2 || value.abs() >= least {
             format!("{value:.digits$}")
         } else {
-            "\u{2013}".to_owned()
+            format!("{value:.2e}")
         })
     }
 

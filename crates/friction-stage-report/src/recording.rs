@@ -4,6 +4,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::words::{Words, all_words, subject};
+use friction_stage_core::model::JointType;
 use friction_stage_data::quality::{DataFinding, FileFinding, RecordingCheck};
 use friction_stage_data::signals::SignalNote;
 
@@ -21,13 +22,15 @@ fn worded<F: Words + Serialize>(
     code: &'static str,
     severity: &'static str,
     finding: &F,
+    joint: JointType,
 ) -> Result<Value, serde_json::Error> {
-    serde_json::to_value(Worded { code, severity, text: finding.words(), finding })
+    serde_json::to_value(Worded { code, severity, text: finding.words(joint), finding })
 }
 
 /// The JSON of a check: the messages of a bag with `findings` and `warnings`, the signals as
 /// `data`, and what they can identify as `identification`.
 pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error> {
+    let joint = check.identification.as_ref().map_or(JointType::default(), |found| found.joint);
     let mut document = match &check.messages {
         Some(messages) => {
             let mut found = serde_json::to_value(messages)?;
@@ -35,10 +38,10 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
                 .findings
                 .iter()
                 .map(|finding: &FileFinding| {
-                    worded(finding.code(), finding.severity().name(), finding)
+                    worded(finding.code(), finding.severity().name(), finding, joint)
                 })
                 .collect::<Result<_, _>>()?;
-            found["warnings"] = json!(all_words(&messages.findings));
+            found["warnings"] = json!(all_words(&messages.findings, joint));
             found
         }
         None => json!({}),
@@ -49,9 +52,9 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
             found["findings"] = data
                 .notes
                 .iter()
-                .map(|finding: &SignalNote| worded(finding.code(), "warning", finding))
+                .map(|finding: &SignalNote| worded(finding.code(), "warning", finding, joint))
                 .collect::<Result<_, _>>()?;
-            found["notes"] = json!(all_words(&data.notes));
+            found["notes"] = json!(all_words(&data.notes, joint));
             found
         }
         None => Value::Null,
@@ -63,7 +66,7 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
                 .findings
                 .iter()
                 .map(|finding: &DataFinding| {
-                    worded(finding.code(), finding.severity().name(), finding)
+                    worded(finding.code(), finding.severity().name(), finding, joint)
                 })
                 .collect::<Result<_, _>>()?;
             found["judgements"] = identification
@@ -72,9 +75,10 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
                 .map(|judgement| {
                     json!({
                         "subject": subject(judgement.subject),
-                        "possible": judgement.possible,
-                        "because": judgement.words(),
-                        "evidence": judgement.evidence,
+                        "possible": judgement.possible(),
+                        "because": judgement.words(joint),
+                        "evidence": judgement.answer.as_ref().ok(),
+                        "obstacle": judgement.answer.as_ref().err(),
                     })
                 })
                 .collect();

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize, de};
 
-use super::Catalogue;
 use super::error::{self, ModelError, nearest};
+use super::{Catalogue, JointType};
 
 /// LuGre parameters of one guide (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40(3), 1995,
 /// eqs. 1 to 4).
@@ -39,6 +39,104 @@ pub enum GuideSource {
     Catalogue(String),
     /// With its own parameters.
     Inline(Guide),
+    /// With those of its own parameters that are known.
+    Partial(PartialGuide),
+}
+
+/// What is known of a guide: its Coulomb friction at least. Values for the rest are assumed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartialGuide {
+    /// Coulomb friction Fc, N.
+    pub coulomb_force: f64,
+    /// Viscous friction sigma2, N s/m; 0 is assumed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub viscous_friction: Option<f64>,
+    /// Static friction Fs, N; that of Coulomb is assumed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub static_force: Option<f64>,
+    /// Stribeck velocity vs, m/s; see [`JointType`] for what is assumed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stribeck_velocity: Option<f64>,
+    /// Bristle stiffness sigma0, N/m; assumed so that the guide breaks away after 30 µm, or 1 mrad.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stiffness: Option<f64>,
+    /// Bristle damping sigma1, N s/m; assumed so that the bristles relax within 1 ms.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bristle_damping: Option<f64>,
+    /// Velocity vd, m/s; the Stribeck velocity is assumed where the bristle damping is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub damping_velocity: Option<f64>,
+}
+
+impl PartialGuide {
+    /// Assumed: deflection at which a guide breaks away, m or rad. Of the guides of the catalogue
+    /// it is 6 to 40 µm.
+    fn break_away(joint: JointType) -> f64 {
+        match joint {
+            JointType::Prismatic => 30e-6,
+            JointType::Revolute => 1e-3,
+        }
+    }
+
+    /// Assumed: Stribeck velocity, m/s or rad/s.
+    fn usual_stribeck_velocity(joint: JointType) -> f64 {
+        match joint {
+            JointType::Prismatic => 5e-3,
+            JointType::Revolute => 0.1,
+        }
+    }
+
+    /// Assumed: time in which the bristles relax, sigma1 / sigma0, s.
+    const RELAXATION: f64 = 1e-3;
+
+    /// The whole guide.
+    pub fn complete(&self, joint: JointType) -> Guide {
+        let static_force = self.static_force.unwrap_or(self.coulomb_force);
+        let stiffness = self.stiffness.unwrap_or(static_force / Self::break_away(joint));
+        let stribeck_velocity =
+            self.stribeck_velocity.unwrap_or(Self::usual_stribeck_velocity(joint));
+        let fading = self.bristle_damping.is_none().then_some(stribeck_velocity);
+        Guide {
+            stiffness,
+            bristle_damping: self.bristle_damping.unwrap_or(Self::RELAXATION * stiffness),
+            viscous_friction: self.viscous_friction.unwrap_or(0.0),
+            coulomb_force: self.coulomb_force,
+            static_force,
+            stribeck_velocity,
+            damping_velocity: self.damping_velocity.or(fading),
+        }
+    }
+
+    /// The guide, if all that a guide must say is known.
+    fn whole(&self) -> Option<Guide> {
+        Some(Guide {
+            stiffness: self.stiffness?,
+            bristle_damping: self.bristle_damping?,
+            viscous_friction: self.viscous_friction?,
+            coulomb_force: self.coulomb_force,
+            static_force: self.static_force?,
+            stribeck_velocity: self.stribeck_velocity?,
+            damping_velocity: self.damping_velocity,
+        })
+    }
+
+    /// What is assumed of the guide, with its values; `key` says where it stands in the model.
+    pub(super) fn warning(&self, key: &str, joint: JointType) -> String {
+        let guide = self.complete(joint);
+        let values = [
+            ("viscous_friction", self.viscous_friction, guide.viscous_friction, "N s/m"),
+            ("static_force", self.static_force, guide.static_force, "N"),
+            ("stribeck_velocity", self.stribeck_velocity, guide.stribeck_velocity, "m/s"),
+            ("stiffness", self.stiffness, guide.stiffness, "N/m"),
+            ("bristle_damping", self.bristle_damping, guide.bristle_damping, "N s/m"),
+        ];
+        let assumed = values.iter().filter(|(_, given, ..)| given.is_none());
+        let assumed: Vec<String> = assumed
+            .map(|(name, _, value, unit)| format!("{name} {value:.3e} {}", joint.unit(unit)))
+            .collect();
+        format!("{key} does not say all of a guide; assumed: {}", assumed.join(", "))
+    }
 }
 
 impl Guide {
@@ -114,9 +212,15 @@ impl Guide {
 impl GuideSource {
     /// The parameters behind a name, or those given inline; `key` says where it stands in the
     /// model.
-    pub fn resolve(&self, key: &str, catalogue: &Catalogue) -> Result<Guide, ModelError> {
+    pub fn resolve(
+        &self,
+        key: &str,
+        catalogue: &Catalogue,
+        joint: JointType,
+    ) -> Result<Guide, ModelError> {
         match self {
             GuideSource::Inline(guide) => Ok(guide.clone()),
+            GuideSource::Partial(guide) => Ok(guide.complete(joint)),
             GuideSource::Catalogue(name) => {
                 catalogue.guide(name).ok_or_else(|| ModelError::UnknownGuide {
                     key: key.to_owned(),
@@ -145,8 +249,11 @@ impl<'de> Deserialize<'de> for GuideSource {
             }
 
             fn visit_map<A: de::MapAccess<'de>>(self, map: A) -> Result<GuideSource, A::Error> {
-                Guide::deserialize(de::value::MapAccessDeserializer::new(map))
-                    .map(GuideSource::Inline)
+                let guide = PartialGuide::deserialize(de::value::MapAccessDeserializer::new(map))?;
+                Ok(match guide.whole() {
+                    Some(guide) => GuideSource::Inline(guide),
+                    None => GuideSource::Partial(guide),
+                })
             }
         }
         deserializer.deserialize_any(Visitor)

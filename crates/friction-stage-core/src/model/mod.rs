@@ -8,6 +8,7 @@ mod catalogue;
 mod effect;
 mod error;
 mod guide;
+mod joint;
 mod stroke;
 
 use std::path::{Path, PathBuf};
@@ -20,7 +21,8 @@ pub use catalogue::{
 pub use effect::locate;
 pub use effect::{Coordinate, Curve, CurveSide, EffectParameters, Jump, ParameterValue};
 pub use error::{ModelError, nearest};
-pub use guide::{Guide, GuideSource};
+pub use guide::{Guide, GuideSource, PartialGuide};
+pub use joint::JointType;
 pub use stroke::Stroke;
 
 /// Most guides that one stage may have: the plant integrates this many lanes at once.
@@ -34,6 +36,10 @@ pub struct StageModel {
     /// Name for people; it does not change what the stage does.
     #[serde(default = "default_name")]
     pub name: String,
+    /// Whether it moves along an axis or turns about one: then kg is kg m², N is N m, and m is rad
+    /// in all that is said here.
+    #[serde(default, skip_serializing_if = "JointType::is_prismatic")]
+    pub joint: JointType,
     /// Moving mass of the carriage, kg (paper, section 4: 40 kg).
     #[serde(default = "default_mass")]
     pub mass: f64,
@@ -143,6 +149,7 @@ impl Default for StageModel {
     fn default() -> Self {
         StageModel {
             name: default_name(),
+            joint: JointType::default(),
             mass: default_mass(),
             guides: default_guides(),
             catalogue: None,
@@ -179,7 +186,8 @@ impl StageModel {
     /// kg, the motor's slider 5 kg.
     pub fn measuring_rig(guide: &str) -> Result<StageModel, ModelError> {
         let source = GuideSource::Catalogue(guide.to_owned());
-        let stiffness = 100.0 * source.resolve("guides[0]", &Catalogue::builtin())?.stiffness;
+        let stiffness = 100.0
+            * source.resolve("guides[0]", &Catalogue::builtin(), JointType::Prismatic)?.stiffness;
         Ok(StageModel {
             name: format!("measuring rig with {guide}"),
             mass: 1.0,
@@ -244,7 +252,7 @@ impl StageModel {
         let mut all = Catalogue::builtin();
         all.add(own.clone(), &path.display().to_string())?;
         for (index, source) in self.guides.iter_mut().enumerate() {
-            let guide = source.resolve(&format!("guides[{index}]"), &all)?;
+            let guide = source.resolve(&format!("guides[{index}]"), &all, self.joint)?;
             if matches!(source, GuideSource::Catalogue(name) if own.entry(name).is_some()) {
                 *source = GuideSource::Inline(guide);
             }
@@ -271,7 +279,9 @@ impl StageModel {
         self.guides
             .iter()
             .enumerate()
-            .map(|(index, source)| source.resolve(&format!("guides[{index}]"), &catalogue))
+            .map(|(index, source)| {
+                source.resolve(&format!("guides[{index}]"), &catalogue, self.joint)
+            })
             .collect()
     }
 
@@ -300,17 +310,32 @@ impl StageModel {
         Ok(())
     }
 
-    /// What is allowed but deserves a word: guides that are not passive, each kind once.
+    /// What is allowed but deserves a word: what is assumed, and guides that are not passive, each
+    /// kind once.
     pub fn warnings(&self) -> Result<Vec<String>, ModelError> {
         let guides = self.resolved_guides()?;
         let first_of_its_kind =
             |(index, guide): &(usize, &Guide)| !guides[..*index].contains(guide);
-        Ok(guides
+        let passivity = guides
             .iter()
             .enumerate()
             .filter(first_of_its_kind)
-            .filter_map(|(index, guide)| guide.passivity_warning(&format!("guides[{index}]")))
-            .collect())
+            .filter_map(|(index, guide)| guide.passivity_warning(&format!("guides[{index}]")));
+        Ok(self.assumptions().into_iter().chain(passivity).collect())
+    }
+
+    /// What the file does not say of its guides and is assumed, each kind once.
+    pub fn assumptions(&self) -> Vec<String> {
+        let guides = self.guides.iter().enumerate();
+        guides
+            .filter(|(index, source)| !self.guides[..*index].contains(source))
+            .filter_map(|(index, source)| match source {
+                GuideSource::Partial(guide) => {
+                    Some(guide.warning(&format!("guides[{index}]"), self.joint))
+                }
+                _ => None,
+            })
+            .collect()
     }
 }
 
@@ -324,6 +349,25 @@ mod tests {
         assert_eq!(model.mass, 40.0);
         assert_eq!(model.resolved_guides().unwrap().len(), 4);
         model.check().unwrap();
+    }
+
+    #[test]
+    fn a_guide_of_two_parameters_is_completed_and_says_how() {
+        let text = "joint: revolute\nmass: 1e-4\nguides: [{coulomb_force: 0.02, viscous_friction: \
+                    1e-3}]\n";
+        let model = StageModel::from_yaml(text, "joint").unwrap();
+        let guide = &model.resolved_guides().unwrap()[0];
+        assert_eq!((guide.coulomb_force, guide.static_force), (0.02, 0.02));
+        assert!((guide.static_force / guide.stiffness - 1e-3).abs() < 1e-12);
+        let warnings = model.warnings().unwrap();
+        assert_eq!(warnings.len(), 1, "{warnings:?}");
+        for words in ["guides[0]", "assumed", "stiffness 2.000e1 N m/rad", "static_force"] {
+            assert!(warnings[0].contains(words), "{warnings:?}");
+        }
+        // What a user did not say is not written as if it had been.
+        let written = model.to_yaml().unwrap();
+        assert!(written.contains("revolute") && !written.contains("stiffness"), "{written}");
+        assert_eq!(StageModel::from_yaml(&written, "again").unwrap(), model);
     }
 
     #[test]
@@ -391,6 +435,9 @@ mod tests {
             ("guides: []", &["1 to 4 guides", "0"]),
             ("guides: [guide_1, guide_1, guide_1, guide_1, guide_1]", &["1 to 4 guides", "5"]),
             ("guides: [{stifness: 1e5}]", &["stifness", "did you mean `stiffness`"]),
+            ("guides: [{stiffness: 1e5}]", &["coulomb_force"]),
+            ("guides: [{coulomb_force: -1}]", &["guides[0].coulomb_force", "greater than 0"]),
+            ("joint: rotary", &["rotary", "revolute"]),
             (
                 "guides: [{stiffness: 1e5, bristle_damping: 1, viscous_friction: 1, coulomb_force: \
                  5, static_force: 4, stribeck_velocity: 1e-3}]",

@@ -3,6 +3,8 @@
 /// Share of a record, the slowest, that shows the noise of the encoder. Assumed: a recording of a
 /// stage has rests or slow moves in it.
 const SLOWEST: f64 = 0.1;
+/// Samples of a third difference and one to either side.
+const WINDOW: usize = 6;
 /// Part by which a multiple of a count may be off: numbers in a file have some digits only.
 /// Assumed.
 const WHOLE: f64 = 1e-3;
@@ -51,23 +53,48 @@ pub fn count_size(values: &[f64]) -> f64 {
     if whole && (several || stands) { least } else { 0.0 }
 }
 
-/// White noise of a signal from its third differences, whose variance is 20 times that of the
-/// noise: median-based so that steps do not count, and of the slowest part of the record, so that
-/// an encoder's error that repeats with the position does not. A window with a missing value (NaN)
-/// does not count; `None` where too few are left.
+/// White noise of a signal with samples at equal intervals. From its third differences, whose
+/// variance is 20 times that of the noise: median-based so that steps do not count, and of the
+/// slowest part of the record, so that an encoder's error that repeats with the position does not.
+/// How slow it is, the samples to either side of a difference say, whose noise is another.
+/// A window with a missing value (NaN) does not count; `None` where too few are left.
 pub fn white_noise(values: &[f64]) -> Option<f64> {
-    let mut windows: Vec<(f64, f64)> = values
-        .windows(4)
-        .map(|w| ((w[3] - w[0]).abs(), (w[3] - 3.0 * w[2] + 3.0 * w[1] - w[0]).abs()))
-        .filter(|(_, third)| third.is_finite())
-        .collect();
+    let windows = values.windows(WINDOW).map(|w| {
+        let third = w[4] - 3.0 * w[3] + 3.0 * w[2] - w[1];
+        ((w[5] - w[0]).abs(), third.abs() / 20f64.sqrt())
+    });
+    of_slowest(windows)
+}
+
+/// White noise of a signal with samples at any times, s: as [`white_noise`], from third divided
+/// differences over the root of the sum of squares of their weights.
+pub fn white_noise_at(times: &[f64], values: &[f64]) -> Option<f64> {
+    let windows = times.windows(WINDOW).zip(values.windows(WINDOW)).map(|(t, x)| {
+        let (mut third, mut squares) = (0.0, 0.0);
+        for i in 1..5 {
+            let others = (1..5).filter(|j| *j != i).map(|j| t[i] - t[j]);
+            // In units of the window, so that no short interval overflows.
+            let weight = (t[4] - t[1]).powi(3) / others.product::<f64>();
+            third += weight * (x[i] - x[1]);
+            squares += weight * weight;
+        }
+        ((x[5] - x[0]).abs() / (t[5] - t[0]), third.abs() / squares.sqrt())
+    });
+    of_slowest(windows)
+}
+
+/// Standard deviation of normal deviates, given by their size, in the slowest windows: each with
+/// its speed.
+fn of_slowest(windows: impl Iterator<Item = (f64, f64)>) -> Option<f64> {
+    let mut windows: Vec<(f64, f64)> =
+        windows.filter(|(speed, size)| speed.is_finite() && size.is_finite()).collect();
     let slow = (SLOWEST * windows.len() as f64) as usize;
     if slow == 0 {
         return None;
     }
     let (slowest, ..) = windows.select_nth_unstable_by(slow, |a, b| a.0.total_cmp(&b.0));
     let (_, median, _) = slowest.select_nth_unstable_by(slow / 2, |a, b| a.1.total_cmp(&b.1));
-    Some(median.1 / 0.6745 / 20f64.sqrt())
+    Some(median.1 / 0.6745)
 }
 
 #[cfg(test)]
@@ -98,6 +125,34 @@ mod tests {
         assert!((found / 2e-9 - 1.0).abs() < 0.1, "{found:e}");
         assert!((encoder_noise(&position, 1e-7) - 1e-7 / 12f64.sqrt()).abs() < 1e-20);
         assert_eq!(white_noise(&[f64::NAN; 100]), None);
+    }
+
+    /// Where nothing moves, the slowest part is no less noisy than the rest.
+    #[test]
+    fn noise_at_rest_has_no_bias() {
+        let mut random = ChaCha8Rng::seed_from_u64(5);
+        let rest: Vec<f64> = (0..200_000).map(|_| StandardNormal.sample(&mut random)).collect();
+        let found = white_noise(&rest).unwrap();
+        assert!((found - 1.0).abs() < 0.02, "{found}");
+    }
+
+    /// Samples at times that jitter by a tenth to nine tenths of an interval.
+    #[test]
+    fn noise_of_samples_at_any_times_is_that_of_uniform_ones() {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        let times: Vec<f64> = (0..20_000)
+            .map(|k| 1e-3 * (f64::from(k) + 0.8 * (f64::from(k * k % 7) / 6.0)))
+            .collect();
+        let read: Vec<f64> = times
+            .iter()
+            .map(|t| {
+                let noise: f64 = StandardNormal.sample(&mut random);
+                0.02 * (TAU * t).sin() + 1e-6 * noise
+            })
+            .collect();
+        let found = white_noise_at(&times, &read).unwrap();
+        assert!((found / 1e-6 - 1.0).abs() < 0.1, "{found:e}");
+        assert_eq!(white_noise_at(&[0.0; 100], &[1.0; 100]), None);
     }
 
     /// What the controller makes of the noise is in the command, a sample before the cell has it.

@@ -29,6 +29,13 @@ pub struct Provenance {
 }
 
 impl Provenance {
+    /// Whether it is a run in lockstep of a stage that forces drive: they lead to the same samples
+    /// again.
+    pub fn is_of_lockstep(&self) -> bool {
+        let is = |key: &str, value: &str| self.extra.get(key).is_some_and(|found| found == value);
+        is("mode", "lockstep") && is("drive", "force")
+    }
+
     pub(crate) fn to_map(&self) -> BTreeMap<String, String> {
         let mut map = self.extra.clone();
         map.insert("seed".into(), self.seed.clone());

@@ -1,5 +1,5 @@
-//! Says what a recording holds and what is wrong with it: per topic rate, gaps and bad values, and
-//! what the motion covers.
+//! Says what messages a recording holds and what is wrong with them: per topic rate, gaps and bad
+//! values.
 //!
 //! One pass over all messages, in bounded memory: intervals between stamps are kept as counts, to
 //! four digits.
@@ -12,16 +12,9 @@ use serde::Serialize;
 use super::finding::FileFinding;
 use crate::bag::{BagError, BagMessage, BagReader, Damage, topics};
 use crate::message::*;
-use crate::signals::joint_index;
 
 /// An interval of more than this many usual ones is a gap.
 const GAP: f64 = 1.5;
-/// The carriage has turned round when it has gone back by this much, m: a hundred counts of the
-/// encoder.
-const REVERSAL: f64 = 1e-7;
-/// Velocity is taken over at least this time, s, so that a count of the encoder is 1 um/s.
-const VELOCITY_BASE: f64 = 1e-3;
-
 /// One topic of a checked recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TopicCheck {
@@ -53,25 +46,6 @@ pub struct TopicCheck {
     pub decoded: bool,
 }
 
-/// What the motion in `/stage/encoder` covers.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Coverage {
-    /// Joint that was looked at.
-    pub joint: String,
-    /// Lowest position, m.
-    pub lowest_position: f64,
-    /// Highest position, m.
-    pub highest_position: f64,
-    /// Highest minus lowest position, m.
-    pub stroke: f64,
-    /// Lowest velocity, m/s, over at least 1 ms.
-    pub lowest_velocity: f64,
-    /// Highest velocity, m/s, over at least 1 ms.
-    pub highest_velocity: f64,
-    /// Turns round by at least 0.1 um.
-    pub reversals: u64,
-}
-
 /// What a recording holds and what is wrong with it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckReport {
@@ -91,8 +65,6 @@ pub struct CheckReport {
     pub joints: Vec<String>,
     /// Per topic.
     pub topics: Vec<TopicCheck>,
-    /// What the motion covers, if there is an encoder.
-    pub coverage: Option<Coverage>,
     /// Places in the files that are not as they should be.
     pub damage: Vec<Damage>,
     /// What is wrong with it.
@@ -108,7 +80,6 @@ pub fn check(path: &Path) -> Result<CheckReport, BagError> {
     let mut damage = reader.damage();
     damage.extend(reader.verify_checksums()?);
     let mut joints = BTreeSet::new();
-    let mut motion = Motion::default();
     let mut range: Option<(u64, u64)> = None;
     let mut count = 0;
     for message in reader.messages() {
@@ -134,11 +105,10 @@ pub fn check(path: &Path) -> Result<CheckReport, BagError> {
             Some((first, last)) => (first.min(message.log_time), last.max(message.log_time)),
         });
         if let Some(watch) = topics.iter_mut().find(|w| w.report.name == message.topic.name) {
-            watch.take(&message, &mut joints, &mut motion);
+            watch.take(&message, &mut joints);
         }
     }
     let topics: Vec<TopicCheck> = topics.into_iter().map(Watch::finish).collect();
-    let coverage = motion.coverage();
     let complete = reader.is_complete();
     let mut findings = Vec::new();
     if !complete {
@@ -163,7 +133,6 @@ pub fn check(path: &Path) -> Result<CheckReport, BagError> {
         has_provenance: reader.provenance().is_some(),
         joints: joints.into_iter().collect(),
         topics,
-        coverage,
         damage,
         findings,
     })
@@ -187,11 +156,7 @@ impl Facts {
 }
 
 /// Looks into a message; `None` if the type is not one of ours.
-fn facts(
-    message: &BagMessage,
-    joints: &mut BTreeSet<String>,
-    motion: &mut Motion,
-) -> Option<Result<Facts, CdrError>> {
+fn facts(message: &BagMessage, joints: &mut BTreeSet<String>) -> Option<Result<Facts, CdrError>> {
     fn decode<M: RosMessage>(
         message: &BagMessage,
         facts: impl FnOnce(M) -> Facts,
@@ -201,9 +166,6 @@ fn facts(
     match message.topic.type_name.as_str() {
         "sensor_msgs/msg/JointState" => decode(message, |m: JointState| {
             joints.extend(m.name.iter().cloned());
-            if message.topic.name == topics::ENCODER {
-                motion.take(&m);
-            }
             Facts::new(Some(m.header.stamp))
                 .values(&m.position)
                 .values(&m.velocity)
@@ -289,10 +251,10 @@ impl Watch {
         }
     }
 
-    fn take(&mut self, message: &BagMessage, joints: &mut BTreeSet<String>, motion: &mut Motion) {
+    fn take(&mut self, message: &BagMessage, joints: &mut BTreeSet<String>) {
         let report = &mut self.report;
         report.messages += 1;
-        let facts = match facts(message, joints, motion) {
+        let facts = match facts(message, joints) {
             None => {
                 report.decoded = false;
                 Facts::new(None)
@@ -396,81 +358,6 @@ impl TopicCheck {
     }
 }
 
-/// Follows the encoder.
-#[derive(Default)]
-struct Motion {
-    joint: Option<String>,
-    range: Option<(f64, f64)>,
-    velocity: Option<(f64, f64)>,
-    /// Time and position from which the next velocity is taken.
-    base: Option<(i64, f64)>,
-    /// Direction of travel and the farthest position in it.
-    travel: Option<(f64, f64)>,
-    reversals: u64,
-}
-
-impl Motion {
-    fn take(&mut self, state: &JointState) {
-        let Some(joint) = joint_index(&state.name) else {
-            return;
-        };
-        let Some(&position) = state.position.get(joint).filter(|p| p.is_finite()) else {
-            return;
-        };
-        let time = state.header.stamp.to_nanos();
-        self.joint.get_or_insert_with(|| state.name[joint].clone());
-        let wider = |range: Option<(f64, f64)>, value: f64| match range {
-            None => Some((value, value)),
-            Some((low, high)) => Some((low.min(value), high.max(value))),
-        };
-        self.range = wider(self.range, position);
-        match self.base {
-            None => self.base = Some((time, position)),
-            Some((from, start)) => {
-                let step = time.saturating_sub(from) as f64 * 1e-9;
-                if step < 0.0 {
-                    self.base = Some((time, position));
-                } else if step >= VELOCITY_BASE {
-                    self.velocity = wider(self.velocity, (position - start) / step);
-                    self.base = Some((time, position));
-                }
-            }
-        }
-        match &mut self.travel {
-            None => self.travel = Some((0.0, position)),
-            Some((direction, farthest)) => {
-                let moved = position - *farthest;
-                if *direction == 0.0 {
-                    if moved.abs() >= REVERSAL {
-                        *direction = moved.signum();
-                        *farthest = position;
-                    }
-                } else if moved * *direction > 0.0 {
-                    *farthest = position;
-                } else if moved.abs() >= REVERSAL {
-                    self.reversals += 1;
-                    *direction = -*direction;
-                    *farthest = position;
-                }
-            }
-        }
-    }
-
-    fn coverage(self) -> Option<Coverage> {
-        let (low, high) = self.range?;
-        let (slowest, fastest) = self.velocity.unwrap_or((0.0, 0.0));
-        Some(Coverage {
-            joint: self.joint?,
-            lowest_position: low,
-            highest_position: high,
-            stroke: high - low,
-            lowest_velocity: slowest,
-            highest_velocity: fastest,
-            reversals: self.reversals,
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -483,30 +370,5 @@ mod tests {
         assert_eq!(four_digits(999_960), 1_000_000);
         assert_eq!(four_digits(7), 7);
         assert_eq!(four_digits(i64::MAX as u64), 9_223_000_000_000_000_000);
-    }
-
-    fn encoder(time: i64, position: f64) -> JointState {
-        JointState {
-            header: Header::new(time, "stage"),
-            name: vec!["stage".into()],
-            position: vec![position],
-            ..Default::default()
-        }
-    }
-
-    #[test]
-    fn reversals_ignore_noise_of_the_encoder() {
-        let mut motion = Motion::default();
-        // two periods of 1 mm at 1 kHz with 2 nm of alternation: turns at +1, -1, +1, -1 mm
-        for k in 0..=2000 {
-            let phase = f64::from(k) / 1000.0 * std::f64::consts::TAU;
-            let noise = if k % 2 == 0 { 1e-9 } else { -1e-9 };
-            motion.take(&encoder(i64::from(k) * 1_000_000, 1e-3 * phase.sin() + noise));
-        }
-        let coverage = motion.coverage().unwrap();
-        assert_eq!(coverage.reversals, 4);
-        assert!((coverage.stroke - 2e-3).abs() < 1e-8);
-        let peak = 1e-3 * std::f64::consts::TAU;
-        assert!((coverage.highest_velocity - peak).abs() < 1e-4 * peak + 3e-6);
     }
 }

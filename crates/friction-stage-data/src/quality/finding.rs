@@ -4,9 +4,12 @@
 //! A fatal finding means that nothing can be identified; a warning says what cannot, or what to
 //! examine first.
 
+use std::ops::Range;
+
 use serde::Serialize;
 
 use crate::signals::{ClockKind, Signal};
+use friction_stage_core::model::JointType;
 
 /// How much a finding stands in the way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -36,6 +39,16 @@ pub enum Disagreement {
     Factor(f64),
     /// The first shows each sample of the second before it, this many times as well as after it.
     Before(f64),
+}
+
+/// What shows that a sensor is dead where its value repeats.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DeadEvidence {
+    /// The noise that the signal has around it is gone.
+    Silent,
+    /// The motion would have to stop or start more abruptly than it does anywhere else.
+    Abrupt,
 }
 
 /// Something about the signals that stands in the way of identification.
@@ -85,16 +98,20 @@ pub enum DataFinding {
         /// Rows that have it.
         rows: usize,
     },
-    /// A signal that stops changing on the way.
+    /// A sensor that is dead for a while.
     Stuck {
         /// The signal.
         signal: Signal,
-        /// Its value there, SI.
+        /// Its value in the longest stretch, SI.
         value: f64,
-        /// Length, s.
+        /// Length of it, s.
         seconds: f64,
-        /// Rows that have it.
+        /// Rows in it.
         rows: usize,
+        /// What shows it.
+        evidence: DeadEvidence,
+        /// The rows of every stretch.
+        stretches: Vec<Range<usize>>,
     },
     /// Samples far from those around them.
     Outliers {
@@ -194,12 +211,21 @@ pub enum DataFinding {
         /// Its standard deviation, kg.
         deviation: f64,
     },
+    /// The units of the recording are those of another joint type than the model's.
+    OtherJoint {
+        /// The model's.
+        declared: JointType,
+        /// That of the recording's units.
+        recorded: JointType,
+    },
     /// Friction of another size than the model declares.
     OtherFriction {
         /// Declared, N.
         declared: f64,
         /// By a rough fit, N.
         measured: f64,
+        /// Its standard deviation, N.
+        deviation: f64,
     },
     /// The force does not follow the motion.
     Unrelated {
@@ -258,6 +284,7 @@ impl DataFinding {
             Self::WrongUnit { .. } => "wrong_unit",
             Self::Disagree { .. } => "signals_disagree",
             Self::OtherMachine { .. } => "other_machine",
+            Self::OtherJoint { .. } => "other_joint",
             Self::OtherFriction { .. } => "other_friction",
             Self::Unrelated { .. } => "unrelated_force",
             Self::Noise { .. } => "noise_not_as_declared",
@@ -270,9 +297,10 @@ impl DataFinding {
     pub fn severity(&self) -> Severity {
         match self {
             Self::TooShort { .. } | Self::NoForce | Self::NoMotion { .. } => Severity::Fatal,
-            Self::SwappedSign { .. } | Self::WrongUnit { .. } | Self::Disagree { .. } => {
-                Severity::Fatal
-            }
+            Self::SwappedSign { .. }
+            | Self::WrongUnit { .. }
+            | Self::Disagree { .. }
+            | Self::OtherJoint { .. } => Severity::Fatal,
             // a payload may double the mass, more is no payload; 0.5 to 2 is assumed
             Self::OtherMachine { declared, measured, .. }
                 if !(0.5..=2.0).contains(&(measured / declared)) =>

@@ -10,10 +10,10 @@ mod finding;
 mod outliers;
 mod recording_check;
 
-pub use check::{CheckReport, Coverage, TopicCheck, check};
+pub use check::{CheckReport, TopicCheck, check};
 pub use excitation::{
-    Excitation, Judgement, JudgementBasis, NoiseFound, RoughFit, Spread, Subject, examine,
+    Excitation, Judgement, JudgementBasis, NoiseFound, Obstacle, RoughFit, Spread, Subject, examine,
 };
-pub use finding::{DataFinding, Disagreement, FileFinding, Severity};
+pub use finding::{DataFinding, DeadEvidence, Disagreement, FileFinding, Severity};
 pub use outliers::outlier_rows;
 pub use recording_check::{RecordingCheck, contradictions};

@@ -7,10 +7,12 @@ use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::mapping::{Column, Mapping, Place, Signal, SignalSource};
 use super::source::{NO_TIME, Request, Stream, seconds_to_nanos};
-use super::text_layout::{KNOWN_UNITS, TextLayout, bare_unit, name};
+use super::text_layout::{TextLayout, bare_unit, name};
 use super::text_lines::{Lines, Splitter};
 use super::text_value::{Decimal, Value};
+use super::unit::Unit;
 use crate::bag::BagError;
+use friction_stage_core::model::JointType;
 
 /// A time that goes back by more than so many usual intervals is not a row that was written late.
 const LATE_ROWS: i64 = 50;
@@ -22,6 +24,7 @@ pub(super) struct CsvFile {
     layout: TextLayout,
     time: Option<SignalSource>,
     rate: Option<f64>,
+    joint: JointType,
 }
 
 impl CsvFile {
@@ -55,7 +58,8 @@ impl CsvFile {
             .get(&Signal::Time)
             .and_then(|sources| sources.first().cloned())
             .filter(|_| mapping.asked_for || is_named);
-        Ok(Self { path: path.to_owned(), layout, time, rate: mapping.rate })
+        let joint = mapping.joint_type.unwrap_or_default();
+        Ok(Self { path: path.to_owned(), layout, time, rate: mapping.rate, joint })
     }
 
     /// Whether there is a column for a signal.
@@ -73,7 +77,7 @@ impl CsvFile {
         &self,
         columns: impl IntoIterator<Item = &'a (Signal, SignalSource)>,
     ) -> Result<CsvRows, SignalError> {
-        let mut table = CsvTable::open(&self.path, &self.layout)?;
+        let mut table = CsvTable::open(&self.path, &self.layout, self.joint)?;
         let clock = match (&self.time, self.rate) {
             (Some(source), _) => {
                 RowClock::Column(table.place(Signal::Time, source)?, source.clone())
@@ -256,12 +260,14 @@ struct CsvTable {
     /// Rows that are none of the table, and the line of the first.
     left_out: (u64, u64),
     notes: Vec<SignalNote>,
+    /// Of which the units are.
+    joint: JointType,
     /// A line of words, which only the end of the file may have: its line.
     words: Option<u64>,
 }
 
 impl CsvTable {
-    fn open(path: &Path, layout: &TextLayout) -> Result<Self, SignalError> {
+    fn open(path: &Path, layout: &TextLayout, joint: JointType) -> Result<Self, SignalError> {
         Ok(Self {
             path: path.to_owned(),
             layout: layout.clone(),
@@ -270,6 +276,7 @@ impl CsvTable {
             line: layout.data_line - 1,
             left_out: (0, 0),
             notes: Vec::new(),
+            joint,
             words: None,
         })
     }
@@ -279,10 +286,11 @@ impl CsvTable {
     fn place(&mut self, signal: Signal, source: &SignalSource) -> Result<usize, SignalError> {
         let column = column_of(&self.path, &self.layout, source)?;
         let written = self.layout.units.get(column).map_or("", |unit| bare_unit(unit));
-        let is_si = signal.unit(written) == Some(1.0);
-        if source.unit.is_none() && KNOWN_UNITS.contains(&written) && !is_si {
-            let unit = written.to_owned();
-            self.notes.push(SignalNote::UnitOfFile { signal, unit, taken: signal.units()[0].0 });
+        let unit = Unit::named(written);
+        let is_si = |unit: Unit| unit.size == 1.0 && signal.has_dimension(unit.dimension);
+        if source.unit.is_none() && unit.is_some_and(|unit| !is_si(unit)) {
+            let (unit, taken) = (written.to_owned(), signal.si_unit(self.joint).to_owned());
+            self.notes.push(SignalNote::UnitOfFile { signal, unit, taken });
         }
         Ok(column)
     }

@@ -36,6 +36,9 @@ pub struct SignalQuality {
     pub longest_interval_s: f64,
     /// Share of the rows that have a value.
     pub coverage: f64,
+    /// Standard deviation of the white noise that its samples show, SI; none where they are too
+    /// few.
+    pub noise: Option<f64>,
 }
 
 /// What the data were like and what was done to them.
@@ -84,6 +87,8 @@ pub enum SignalNote {
     },
     /// There is no position but a velocity, which was integrated.
     Integrated,
+    /// The force is a current, without the force that it makes.
+    NoForceConstant,
     /// A CSV file gives a unit, the mapping neither unit nor scale.
     UnitOfFile {
         /// The signal.
@@ -91,7 +96,7 @@ pub enum SignalNote {
         /// Unit in the file.
         unit: String,
         /// Unit that its values are taken in.
-        taken: &'static str,
+        taken: String,
     },
     /// Rows of a CSV file that are none of the table: cut off, or words at its end.
     RowsLeftOut {
@@ -109,6 +114,7 @@ impl SignalNote {
             Self::SamePlace { .. } => "same_place",
             Self::UnfilledStamps { .. } => "unfilled_stamps",
             Self::Integrated => "integrated_velocity",
+            Self::NoForceConstant => "no_force_constant",
             Self::UnitOfFile { .. } => "unit_of_file",
             Self::RowsLeftOut { .. } => "rows_left_out",
         }

@@ -41,6 +41,13 @@ pub enum ClockKind {
     OtherRate,
 }
 
+impl ClockKind {
+    /// Whether every value is as it was recorded; interpolated otherwise.
+    pub fn keeps_values(self) -> bool {
+        matches!(self, Self::Regular | Self::UniformBehindJitter)
+    }
+}
+
 /// The uniform grid.
 #[derive(Debug, Clone)]
 pub(crate) struct Grid {

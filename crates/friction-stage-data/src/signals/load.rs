@@ -16,6 +16,7 @@ use super::recording::{LEAST_COVERAGE, Recording, valid_rows};
 use super::resample::{self, Between, Placed};
 use super::source::{Request, Source, Stream};
 use super::trace::Trace;
+use friction_stage_core::numerics::noise;
 
 /// Raw samples that are held at once besides the result, in bytes.
 const AT_ONCE: u64 = 128 * 1024 * 1024;
@@ -75,8 +76,12 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
     quality[0].jitter_s = Some(grid.jitter_s);
     let Placed { column, filled: positions, .. } =
         resample::place(&grid, &stamps, &values[0], Between::Smooth, &mut quality[0]);
+    quality[0].noise = noise_of_samples(&grid, &stamps, &values[0], &column);
     trace.position = column;
     drop((stamps, values));
+    if mapping.without_force_constant {
+        loading.notes.push(SignalNote::NoForceConstant);
+    }
     loading.others(&grid, &mut trace, &mut quality)?;
     resample::along_command(&mut trace.force_cell, &loading.between, &trace.force);
     let mut filled = vec![false; grid.rows];
@@ -95,7 +100,7 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
         signals: quality,
         notes: loading.notes,
     };
-    Ok(Recording { trace, rate, valid, filled, quality })
+    Ok(Recording { joint: mapping.joint_type, trace, rate, valid, filled, quality })
 }
 
 /// The position of a stage whose velocity is measured, from 0 on: the trapezoidal sum.
@@ -120,6 +125,18 @@ impl Integral {
         self.last = Some((stamp, velocity));
         self.position
     }
+}
+
+/// White noise of a signal's samples: of the rows where each of them is one, else of the samples at
+/// their times, since what lies between them is smoother than they are.
+fn noise_of_samples(grid: &Grid, stamps: &[i64], values: &[f64], column: &[f64]) -> Option<f64> {
+    if grid.clock.keeps_values() {
+        return noise::white_noise(column);
+    }
+    let first = *stamps.first()?;
+    let times: Vec<f64> =
+        stamps.iter().map(|stamp| stamp.saturating_sub(first) as f64 * 1e-9).collect();
+    noise::white_noise_at(&times, values)
 }
 
 /// Signals that a mapping takes from the same place: a slip of the pen, most likely.
@@ -273,6 +290,7 @@ impl Loading<'_> {
             let raw = std::mem::take(&mut values[index]);
             let Placed { column, filled, between } =
                 resample::place(grid, &stamps, &raw, Between::of(found.signal), &mut found);
+            found.noise = noise_of_samples(grid, &stamps, &raw, &column);
             drop(raw);
             if found.coverage == 0.0 {
                 continue;

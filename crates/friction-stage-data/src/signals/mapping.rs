@@ -3,12 +3,13 @@
 //! A mapping is a small YAML file. For a bag:
 //!
 //! ```yaml
+//! joint_type: revolute           # or prismatic; default: by the units
 //! joint: x_axis                  # which joint `[joint]` means; default: "stage", or the only one
 //! stamp: header.stamp            # or log_time, publish_time, any field; without it the header's
 //!                                # where it is filled
 //! signals:
 //!   position: {topic: /joint_states, field: "position[joint]", unit: mm}
-//!   force: {topic: /drive/current, field: "data[0]", scale: 12.4}    # N per A
+//!   current: {topic: /drive/current, field: "data[0]", unit: A, scale: 12.4}    # N per A
 //!   force_cell: {topic: /loadcell, field: wrench.force.z, scale: -1}
 //! ```
 //!
@@ -22,9 +23,10 @@
 //!   force: {column: 4}           # the fourth
 //! ```
 //!
-//! A value in SI is `scale * (value * unit) + offset`, the offset in SI units. `minus: COLUMN`
-//! subtracts another column from the value first. Signals that a
-//! recording lacks are left out.
+//! A value in SI is `scale * (value * unit) + offset`, the offset in SI units. A unit of another
+//! dimension needs a `scale`, in SI too: the lead over 2 pi for turns of a spindle, N per A for a
+//! current, which counts as the force. `minus: COLUMN` subtracts another column from the value
+//! first. Signals that a recording lacks are left out.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -33,10 +35,12 @@ use std::path::Path;
 use serde::Deserialize;
 
 use super::error::SignalError;
+use super::unit::{Dimension, Unit};
 use crate::bag::{BagError, topics};
-use friction_stage_core::model::nearest;
+use friction_stage_core::model::{JointType, nearest};
 
-/// A signal of the stage; SI units, positive along +x.
+/// A signal of the stage; SI units, positive along +x. Units are those of a prismatic joint, see
+/// [`JointType`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Signal {
@@ -79,39 +83,6 @@ impl Signal {
     /// Name in mapping files, the same as the column of a trace.
     pub fn name(self) -> &'static str {
         super::trace::COLUMNS.get(self as usize).copied().unwrap_or("velocity")
-    }
-
-    /// Size in SI of a unit that a mapping or a file gives.
-    pub(super) fn unit(self, name: &str) -> Option<f64> {
-        let plain = name.replace(['µ', 'μ'], "u").replace('²', "^2");
-        self.units().iter().find(|(name, _)| *name == plain).map(|(_, size)| *size)
-    }
-
-    /// Units that a mapping may give, with their size in SI.
-    pub(super) fn units(self) -> &'static [(&'static str, f64)] {
-        match self {
-            Self::Time => &[
-                ("s", 1.0),
-                ("ms", 1e-3),
-                ("us", 1e-6),
-                ("ns", 1e-9),
-                ("min", 60.0),
-                ("h", 3600.0),
-                ("d", 86_400.0),
-            ],
-            Self::ReferencePosition | Self::Position => {
-                &[("m", 1.0), ("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9), ("in", 0.0254)]
-            }
-            Self::ReferenceVelocity | Self::Velocity => {
-                &[("m/s", 1.0), ("mm/s", 1e-3), ("um/s", 1e-6)]
-            }
-            Self::ReferenceAcceleration => {
-                &[("m/s^2", 1.0), ("mm/s^2", 1e-3), ("um/s^2", 1e-6), ("g", 9.80665)]
-            }
-            Self::ForceCell | Self::Force => {
-                &[("N", 1.0), ("mN", 1e-3), ("kN", 1e3), ("lbf", 4.448_221_615_260_5)]
-            }
-        }
     }
 }
 
@@ -248,6 +219,10 @@ pub struct Mapping {
     pub joint: Option<String>,
     /// Rate of the rows, Hz; without it that of the position.
     pub rate: Option<f64>,
+    /// Joint type, where the mapping says it or its units do.
+    pub joint_type: Option<JointType>,
+    /// Whether the force is a current of which nobody said how much force it makes.
+    pub without_force_constant: bool,
     /// How a CSV file is written.
     pub csv: CsvLayout,
     /// For each signal the places to look: the first that has it counts.
@@ -260,6 +235,7 @@ pub struct Mapping {
 #[serde(deny_unknown_fields)]
 struct MappingFile {
     joint: Option<String>,
+    joint_type: Option<JointType>,
     stamp: Option<String>,
     rate: Option<f64>,
     csv: Option<CsvFile>,
@@ -314,8 +290,13 @@ impl Mapping {
             };
             wrong("the file", format!("{}{hint}", error.without_snippet()))
         })?;
-        let mut mapping =
-            Self { joint: file.joint, rate: file.rate, asked_for: true, ..Self::empty() };
+        let mut mapping = Self {
+            joint: file.joint,
+            rate: file.rate,
+            joint_type: file.joint_type,
+            asked_for: true,
+            ..Self::empty()
+        };
         if let Some(rate) = mapping.rate
             && !(rate.is_finite() && rate > 0.0)
         {
@@ -366,20 +347,22 @@ impl Mapping {
             }
         }
         let stamp = file.stamp.as_deref().map_or(Stamp::Auto, stamp);
+        let mut joints = JointsOfUnits::default();
         for (name, entry) in file.signals {
             let key = format!("signals.{name}");
-            let signal =
-                Signal::MAPPED.into_iter().find(|s| s.name() == name).ok_or_else(|| {
-                    let names = || Signal::MAPPED.iter().map(|s| s.name());
-                    wrong(
-                        &key,
-                        format!(
-                            "signals are {}{}",
-                            names().collect::<Vec<_>>().join(", "),
-                            nearest(&name, names())
-                        ),
-                    )
-                })?;
+            let is_current = name == CURRENT;
+            let known = Signal::MAPPED.into_iter().find(|s| s.name() == name);
+            let signal = known.or(is_current.then_some(Signal::Force)).ok_or_else(|| {
+                let names = || Signal::MAPPED.iter().map(|s| s.name()).chain([CURRENT]);
+                wrong(
+                    &key,
+                    format!(
+                        "signals are {}{}",
+                        names().collect::<Vec<_>>().join(", "),
+                        nearest(&name, names())
+                    ),
+                )
+            })?;
             let column = |text: String| match text.parse::<usize>() {
                 Ok(0) => Err(wrong(&key, "columns are counted from 1".into())),
                 Ok(number) => Ok(Column::Number(number)),
@@ -419,19 +402,36 @@ impl Mapping {
                 }
             };
             let unit = match entry.unit {
-                // Whoever gives a scale knows the unit.
-                None => entry.scale.map(|_| 1.0),
-                Some(unit) => Some(signal.unit(&unit).ok_or_else(|| {
-                    let names: Vec<&str> = signal.units().iter().map(|(name, _)| *name).collect();
-                    wrong(
-                        &key,
-                        format!(
-                            "unit `{unit}`: for {name} it is one of {}; others with `scale`",
-                            names.join(", ")
-                        ),
-                    )
+                None => None,
+                Some(unit) => Some(Unit::named(&unit).ok_or_else(|| {
+                    let names = signal.unit_names();
+                    let reason = format!(
+                        "unit `{unit}` is not known: for {name} it is one of {names}; for others \
+                         leave it out and give the `scale` to SI"
+                    );
+                    wrong(&key, reason)
                 })?),
             };
+            if let Some(unit) = unit {
+                let is_of_signal = signal.has_dimension(unit.dimension);
+                let is_plain_current = is_current && unit.dimension == Dimension::Current;
+                if !is_of_signal && !is_plain_current && entry.scale.is_none() {
+                    let reason = format!(
+                        "unit `{}` is none of {name} itself: give the `scale` that makes it one, \
+                         in SI units per {}",
+                        unit.name, unit.name
+                    );
+                    return Err(wrong(&key, reason));
+                }
+                joints.take(signal, unit, entry.scale);
+            }
+            // Whoever gives a scale knows the unit.
+            let unit = unit.map(|unit| unit.size).or(entry.scale.map(|_| 1.0));
+            mapping.without_force_constant |= is_current && entry.scale.is_none();
+            if signal == Signal::Force && mapping.signals.contains_key(&signal) {
+                let reason = "a current counts as the force: give one of them";
+                return Err(wrong("signals.current", reason.into()));
+            }
             let (scale, offset) = (entry.scale.unwrap_or(1.0), entry.offset.unwrap_or(0.0));
             if !scale.is_finite() || scale == 0.0 || !offset.is_finite() {
                 return Err(wrong(
@@ -443,6 +443,15 @@ impl Mapping {
                 .signals
                 .insert(signal, vec![SignalSource { place, unit, scale, offset, minus }]);
         }
+        if let Some((first, second)) = joints.contradiction() {
+            let reason = format!(
+                "{} is in {}, {} in {}: one joint does not move along and turn; give one of them \
+                 the `scale` of the gear or spindle (rad per m, or m per rad)",
+                first.0, first.1.name, second.0, second.1.name
+            );
+            return Err(wrong(&format!("signals.{}", second.0), reason));
+        }
+        mapping.joint_type = mapping.joint_type.or(joints.joint());
         let has = |signal: Signal| mapping.signals.contains_key(&signal);
         match (has(Signal::Position), has(Signal::Velocity)) {
             (false, false) => {
@@ -480,6 +489,8 @@ impl Mapping {
         Self {
             joint: None,
             rate: None,
+            joint_type: None,
+            without_force_constant: false,
             csv: CsvLayout::default(),
             signals: BTreeMap::new(),
             asked_for: false,
@@ -538,6 +549,39 @@ impl Mapping {
             (s, vec![SignalSource::plain(Place::Column(Column::Name(s.name().to_owned())))])
         });
         Self { signals: signals.into(), ..Self::empty() }
+    }
+}
+
+/// Name in mappings of a force that is a current.
+const CURRENT: &str = "current";
+
+/// The joint type that the units of a mapping speak of.
+#[derive(Default)]
+struct JointsOfUnits {
+    found: Vec<(Signal, Unit)>,
+}
+
+impl JointsOfUnits {
+    /// A unit of its own signal says it; one that a scale makes another does not. A scale of -1
+    /// turns a sign.
+    fn take(&mut self, signal: Signal, unit: Unit, scale: Option<f64>) {
+        if signal.has_dimension(unit.dimension)
+            && unit.joint().is_some()
+            && scale.is_none_or(|scale| scale.abs() == 1.0)
+        {
+            self.found.push((signal, unit));
+        }
+    }
+
+    fn joint(&self) -> Option<JointType> {
+        self.found.iter().min_by_key(|(signal, _)| *signal).and_then(|(_, unit)| unit.joint())
+    }
+
+    fn contradiction(&self) -> Option<((Signal, Unit), (Signal, Unit))> {
+        // The motion says what joint it is, the forces follow.
+        let first = *self.found.iter().min_by_key(|(signal, _)| *signal)?;
+        let other = self.found.iter().find(|(_, unit)| unit.joint() != first.1.joint())?;
+        Some((first, *other))
     }
 }
 
@@ -604,7 +648,21 @@ mod tests {
                 "signals: {position: {topic: /j, field: x, minus: e}}",
                 &["signals.position", "`minus`", "`column`"],
             ),
-            ("signals: {position: {column: x, unit: kN}}", &["unit `kN`", "m, mm"]),
+            ("signals: {position: {column: x, unit: kN}}", &["unit `kN`", "`scale`"]),
+            ("signals: {position: {column: x, unit: ell}}", &["unit `ell`", "m, cm, mm", "deg"]),
+            (
+                "signals: {position: {column: x, unit: mm}, force: {column: f, unit: Nm}}",
+                &["signals.force", "position is in mm", "N m", "`scale`"],
+            ),
+            (
+                "signals: {position: {column: x}, force: {column: f, unit: '%'}}",
+                &["`%`", "`scale`"],
+            ),
+            (
+                "signals: {position: {column: x}, force: {column: f}, current: {column: i}}",
+                &["signals", "one of them"],
+            ),
+            ("joint_type: rotary\nsignals: {position: {column: x}}", &["rotary", "revolute"]),
             ("signals: {position: {column: x, scale: 0}}", &["scale 0"]),
             (
                 "signals: {position: {column: x}, force: {topic: /f, field: x}}",

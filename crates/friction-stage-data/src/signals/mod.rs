@@ -21,6 +21,7 @@ mod text_lines;
 mod text_value;
 mod topic_source;
 mod trace;
+mod unit;
 
 pub use data_quality::{DataQuality, SignalNote, SignalQuality};
 pub use error::SignalError;
@@ -31,5 +32,5 @@ pub use mapping::{Mapping, Signal};
 pub use proposal::{Proposal, ProposedSignal, TableColumn};
 pub use recording::Recording;
 pub use source::is_csv;
-pub(crate) use trace::joint_index;
 pub use trace::{COLUMNS, Trace};
+pub use unit::{Dimension, Unit};

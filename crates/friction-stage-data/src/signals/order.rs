@@ -69,6 +69,7 @@ pub(crate) fn order(stream: Stream) -> Result<Ordered, SignalError> {
             gaps: 0,
             longest_interval_s: f64::NAN,
             coverage: 0.0,
+            noise: None,
         })
         .collect();
     let mut kept = 0;

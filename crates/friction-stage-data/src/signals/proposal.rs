@@ -11,10 +11,12 @@ use serde::Serialize;
 
 use super::error::SignalError;
 use super::mapping::{CsvLayout, Signal};
-use super::text_layout::{KNOWN_UNITS, TextLayout, bare_unit};
+use super::text_layout::{TextLayout, bare_unit};
 use super::text_lines::Splitter;
 use super::text_value::{Decimal, Value};
+use super::unit::{Dimension, Unit};
 use crate::bag::BagError;
+use friction_stage_core::model::JointType;
 
 /// Rows that are looked at.
 const LOOKED_AT: usize = 20_000;
@@ -45,8 +47,12 @@ pub struct ProposedSignal {
     pub column: usize,
     /// Number of a column that is to be taken from it, from 1.
     pub minus: Option<usize>,
+    /// Whether it is a current, which a mapping calls so.
+    pub is_current: bool,
     /// Unit for the mapping, if the file says a known one.
     pub unit: Option<String>,
+    /// Factor for the mapping, where it needs one that the file does not say.
+    pub scale: Option<f64>,
     /// What a person has to check, if anything.
     pub check: Option<String>,
 }
@@ -107,7 +113,7 @@ impl Proposal {
             let name = layout.names.get(column).map_or("", String::as_str);
             let behind = name.rsplit_once('_').map_or("", |(_, unit)| unit);
             match written {
-                "" if KNOWN_UNITS.contains(&behind) => behind,
+                "" if Unit::named(behind).is_some() => behind,
                 written => written,
             }
         };
@@ -150,13 +156,14 @@ impl Proposal {
             if let Some((_, number)) = best {
                 let column = &mut columns[number - 1];
                 column.signal = Some(signal);
-                signals.push(proposed(signal, column, &samples[number - 1]));
+                let joint = joint_of(&signals);
+                signals.push(proposed(signal, column, &samples[number - 1], joint));
             }
         }
         signals.extend(from_following_error(&signals, &mut columns));
         let time = signals.iter().find(|found| found.signal == Signal::Time);
         let rate_hz = time.and_then(|time| {
-            let unit = time.unit.as_deref().and_then(|unit| Signal::Time.unit(unit)).unwrap_or(1.0);
+            let unit = time.unit.as_deref().and_then(Unit::named).map_or(1.0, |unit| unit.size);
             let rate = 1.0 / (unit * usual_step(&samples[time.column - 1].values)?);
             rate.is_finite().then_some(rate)
         });
@@ -222,9 +229,13 @@ impl Proposal {
             let minus = found
                 .minus
                 .map_or(String::new(), |column| format!(", minus: {}", self.place(column)));
-            let unit = found.unit.as_ref().map_or(String::new(), |unit| format!(", unit: {unit}"));
+            let quoted =
+                |unit: &String| format!(", unit: {}", serde_json::Value::from(unit.as_str()));
+            let unit = found.unit.as_ref().map_or(String::new(), quoted);
+            let scale = found.scale.map_or(String::new(), |scale| format!(", scale: {scale}"));
             let check = found.check.as_ref().map_or(String::new(), |c| format!("   # CHECK: {c}"));
-            let _ = writeln!(text, "  {}: {{column: {place}{minus}{unit}}}{check}", found.signal);
+            let name = if found.is_current { "current" } else { found.signal.name() };
+            let _ = writeln!(text, "  {name}: {{column: {place}{minus}{unit}{scale}}}{check}");
         }
         let others: Vec<String> = self
             .columns
@@ -335,6 +346,8 @@ const POSITION: &[&str] = &[
     "posn",
 ];
 const VELOCITY: &[&str] = &["v", "vel", "velocity", "speed", "geschwindigkeit", "drehzahl"];
+const CURRENT: &[&str] =
+    &["current", "curr", "iq", "strom", "courant", "amp", "amps", "ampere", "amperes"];
 const FORCE: &[&str] = &[
     "f",
     "u",
@@ -380,7 +393,8 @@ fn likeness(signal: Signal, column: &TableColumn, samples: &Samples) -> f64 {
     let words = words(&column.name);
     let has = |known: &[&str]| words.iter().any(|word| known.contains(&word.as_str()));
     let unit = column.unit.as_str();
-    let has_unit = |of: Signal| of.unit(unit).is_some();
+    let dimension = Unit::named(unit).map(|unit| unit.dimension);
+    let has_unit = |of: Signal| dimension.is_some_and(|dimension| of.has_dimension(dimension));
     let is_named = |named: bool| f64::from(u8::from(named));
     let moves = column.smallest < column.largest;
     let other = has(NO_SIGNAL);
@@ -394,15 +408,13 @@ fn likeness(signal: Signal, column: &TableColumn, samples: &Samples) -> f64 {
         }
         Signal::Position if moves && !other && !has(REFERENCE) && !has(VELOCITY) && !has(FORCE) => {
             let score = 2.0 * is_named(has_unit(signal)) + 2.0 * is_named(has(POSITION));
-            let angle =
-                is_named(["rad", "deg", "°", "rev", "inc", "counts", "cts"].contains(&unit));
+            let counts = is_named(Unit::named(unit).is_some_and(|unit| unit.name == "count"));
             let smooth =
                 is_named(unit.is_empty() && words.is_empty() && is_smooth(&samples.values));
-            score + angle + 0.5 * smooth
+            score + counts + 0.5 * smooth
         }
         Signal::Velocity if moves && !other && !has(REFERENCE) => {
-            let turns = ["rpm", "r/min", "rad/s"].contains(&unit);
-            2.0 * is_named(has_unit(signal)) + is_named(turns) + 1.5 * is_named(has(VELOCITY))
+            2.0 * is_named(has_unit(signal)) + 1.5 * is_named(has(VELOCITY))
         }
         Signal::ReferencePosition if moves && !other && has(REFERENCE) && !has(VELOCITY) => {
             2.0 * is_named(has_unit(signal)) + is_named(has(POSITION)) + 0.5 * is_named(!has(FORCE))
@@ -410,31 +422,63 @@ fn likeness(signal: Signal, column: &TableColumn, samples: &Samples) -> f64 {
         Signal::ReferenceVelocity if moves && !other && has(REFERENCE) && has(VELOCITY) => 1.0,
         Signal::ForceCell if moves && !other && has(CELL) => 1.0 + is_named(has_unit(signal)),
         Signal::Force if moves && !other && !has(VELOCITY) && !has(POSITION) => {
-            let drive = ["A", "mA", "%", "Nm", "N m", "mNm", "V"].contains(&unit);
+            let of_drive = [Dimension::Current, Dimension::Voltage, Dimension::Number];
+            let drive = dimension.is_some_and(|dimension| of_drive.contains(&dimension));
             2.0 * is_named(has_unit(signal)) + 1.5 * is_named(has(FORCE)) + is_named(drive)
         }
         _ => 0.0,
     }
 }
 
+/// The joint type that the units of the signals up to here speak of.
+fn joint_of(signals: &[ProposedSignal]) -> JointType {
+    let units = signals.iter().filter_map(|found| Unit::named(found.unit.as_deref()?));
+    units.filter_map(Unit::joint).next().unwrap_or_default()
+}
+
 /// The signal with its unit, and what the file does not say of it.
-fn proposed(signal: Signal, column: &TableColumn, samples: &Samples) -> ProposedSignal {
-    let si = signal.units()[0].0;
+fn proposed(
+    signal: Signal,
+    column: &TableColumn,
+    samples: &Samples,
+    joint: JointType,
+) -> ProposedSignal {
     let written = Some(column.unit.as_str()).filter(|unit| !unit.is_empty());
-    let known = written.filter(|unit| signal.unit(unit).is_some());
-    let (unit, check) = match (signal, known, written) {
-        (Signal::Time, None, _) if samples.is_clock => (None, None),
-        (_, Some(unit), _) => (Some(unit.to_owned()), None),
-        (Signal::Time, None, _) => {
+    let known = written.and_then(Unit::named);
+    let names_current = || words(&column.name).iter().any(|word| CURRENT.contains(&word.as_str()));
+    let is_current = signal == Signal::Force
+        && known.map_or(written.is_none() && names_current(), |unit| {
+            unit.dimension == Dimension::Current
+        });
+    // The first signal of the motion says what joint it is.
+    let is_motion = [Signal::Position, Signal::Velocity].contains(&signal);
+    let joint = known.and_then(Unit::joint).filter(|_| is_motion).unwrap_or(joint);
+    let si = signal.si_unit(joint);
+    let (unit, scale, check) = match known {
+        None if signal == Signal::Time && samples.is_clock => (None, None, None),
+        Some(unit) if unit.dimension == signal.dimension(joint) => (written, None, None),
+        _ if signal == Signal::Time => {
             let unit = unit_of_epoch(&samples.values);
-            (Some(unit.to_owned()), Some(format!("{unit} by the size of its numbers")))
+            (Some(unit), None, Some(format!("{unit} by the size of its numbers")))
         }
-        (_, None, Some(unit)) => {
-            (None, Some(format!("it is in {unit}: give its `scale`, {si} per {unit}")))
+        Some(_) if is_current => (written, None, Some(format!("give the `scale`, {si} per A"))),
+        None if is_current => (Some("A"), None, Some(format!("A? And its `scale`, {si} per A"))),
+        Some(Unit { name: "%", .. }) => {
+            (written, Some(1.0), Some(format!("the `scale` is the {si} of 100 %")))
         }
-        (_, None, _) => (Some(si.to_owned()), Some(format!("the file gives no unit, {si}?"))),
+        Some(unit) => {
+            let per = unit.dimension.si();
+            (written, Some(1.0), Some(format!("the `scale`, {si} per {per}")))
+        }
+        None => match written {
+            Some(unit) => {
+                (None, Some(1.0), Some(format!("it is in {unit}: its `scale`, {si} per {unit}")))
+            }
+            None => (Some(si), None, Some(format!("the file gives no unit, {si}?"))),
+        },
     };
-    ProposedSignal { signal, column: column.number, minus: None, unit, check }
+    let unit = unit.map(str::to_owned);
+    ProposedSignal { signal, column: column.number, minus: None, is_current, unit, scale, check }
 }
 
 /// Unit of times, by how large they are: since 1970, days of a spreadsheet, else seconds.

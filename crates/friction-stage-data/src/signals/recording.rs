@@ -6,6 +6,7 @@ use super::data_quality::{DataQuality, SignalQuality};
 use super::grid::stretches;
 use super::mapping::Signal;
 use super::trace::Trace;
+use friction_stage_core::model::JointType;
 
 /// A signal with values in less than this share of the rows does not count as recorded. Assumed.
 pub(super) const LEAST_COVERAGE: f64 = 0.5;
@@ -13,6 +14,8 @@ pub(super) const LEAST_COVERAGE: f64 = 0.5;
 /// A uniform trace with the rows that can be used and the account of the data.
 #[derive(Debug, Clone)]
 pub struct Recording {
+    /// Joint type of which the units are, where the mapping or its units say it.
+    pub joint: Option<JointType>,
     /// Columns on a uniform grid. NaN where a signal is not known: absent, or in a gap of more than
     /// three samples.
     pub trace: Trace,
@@ -46,7 +49,7 @@ impl Recording {
     pub fn leave_out_rows(&mut self, signal: Signal, rows: &[usize]) {
         if let Some(column) = self.column_mut(signal) {
             rows.iter().for_each(|row| column[*row] = f64::NAN);
-            self.count_valid();
+            self.count_values(signal);
         }
     }
 
@@ -92,19 +95,23 @@ impl Recording {
     /// Takes the values of a signal for which `unusable` holds as missing, as if they had not been
     /// recorded.
     pub fn leave_out(&mut self, signal: Signal, unusable: impl Fn(f64) -> bool) {
+        if let Some(column) = self.column_mut(signal) {
+            column.iter_mut().filter(|value| unusable(**value)).for_each(|value| *value = f64::NAN);
+            self.count_values(signal);
+        }
+    }
+
+    /// Counts anew what a signal still covers; one without any value is not recorded.
+    fn count_values(&mut self, signal: Signal) {
         let Some(column) = self.column_mut(signal) else {
             return;
         };
-        column.iter_mut().filter(|value| unusable(**value)).for_each(|value| *value = f64::NAN);
         let coverage = column.iter().filter(|value| value.is_finite()).count() as f64
             / column.len().max(1) as f64;
-        let quality = &mut self.quality;
-        quality
-            .signals
-            .iter_mut()
-            .filter(|found| found.signal == signal)
-            .for_each(|found| found.coverage = coverage);
-        quality.signals.retain(|found| found.signal != signal || coverage > 0.0);
+        let signals = &mut self.quality.signals;
+        let found = signals.iter_mut().filter(|found| found.signal == signal);
+        found.for_each(|found| found.coverage = coverage);
+        signals.retain(|found| found.signal != signal || coverage > 0.0);
         self.count_valid();
     }
 

@@ -16,6 +16,7 @@ use encoding_rs_io::DecodeReaderBytesBuilder;
 use super::mapping::{CsvLayout, Delimiter};
 use super::text_lines::{Lines, Splitter};
 use super::text_value::{Decimal, Value};
+use super::unit::Unit;
 
 /// So much of a file is looked at, bytes.
 const LOOKED_AT: usize = 64 * 1024;
@@ -400,18 +401,10 @@ fn are_units(texts: &[String]) -> bool {
     const LONGEST: usize = 12;
     let bare = |text: &String| bare_unit(text).to_owned();
     texts.iter().all(|text| text.chars().count() <= LONGEST)
-        && texts.iter().map(bare).any(|text| KNOWN_UNITS.contains(&text.as_str()))
+        && texts.iter().map(bare).any(|text| Unit::named(&text).is_some())
 }
 
 /// A unit without brackets.
 pub(super) fn bare_unit(text: &str) -> &str {
     text.trim().trim_matches(['[', ']', '(', ')', '{', '}'])
 }
-
-/// Units by which a line of units is known as one.
-pub(super) const KNOWN_UNITS: [&str; 44] = [
-    "s", "ms", "us", "µs", "μs", "ns", "sec", "min", "h", "d", "m", "mm", "um", "µm", "μm", "nm",
-    "cm", "in", "inch", "m/s", "mm/s", "m/s^2", "mm/s^2", "rad", "deg", "°", "rev", "rpm", "r/min",
-    "rad/s", "inc", "counts", "cts", "N", "mN", "kN", "lbf", "Nm", "N m", "mNm", "A", "mA", "V",
-    "%",
-];

@@ -260,10 +260,12 @@ impl Record {
 /// Takes the values that a finding is about as missing.
 fn leave_out(recording: &mut Recording, finding: &DataFinding) {
     match finding {
-        DataFinding::Constant { signal, value }
-        | DataFinding::Clipped { signal, value, .. }
-        | DataFinding::Stuck { signal, value, .. } => {
+        DataFinding::Constant { signal, value } | DataFinding::Clipped { signal, value, .. } => {
             recording.leave_out(*signal, |found| found == *value);
+        }
+        DataFinding::Stuck { signal, stretches, .. } => {
+            let rows: Vec<usize> = stretches.iter().cloned().flatten().collect();
+            recording.leave_out_rows(*signal, &rows);
         }
         DataFinding::Outliers { signal, .. } => {
             let rows = outlier_rows(recording, *signal);

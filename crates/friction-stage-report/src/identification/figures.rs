@@ -4,11 +4,10 @@
 use crate::chart::{Chart, Style};
 use crate::error::ReportError;
 use crate::words::Words;
-use friction_stage_core::model::{Coordinate, Curve, CurveSide, StageModel};
+use friction_stage_core::model::{Coordinate, Curve, CurveSide, JointType, StageModel};
 use friction_stage_core::plant::effects::CURVE;
 use friction_stage_identify::{
-    Identification, IdentifyFinding, LoopError, Measured, Missing, Record, Records, Selection,
-    Sides, spectrum,
+    Identification, IdentifyFinding, LoopError, Measured, Missing, Record, Records, Sides, spectrum,
 };
 
 /// A drawn figure; `name` is its file without the ending.
@@ -45,14 +44,20 @@ const CLOSE_UP: f64 = 1.0;
 
 /// What both models miss on a record.
 struct Residuals<'a> {
+    joint: JointType,
     measured: &'a Measured,
     before: Missing,
     after: Missing,
 }
 
 impl Residuals<'_> {
-    fn of<'a>(selection: &Selection, measured: &'a Measured) -> Result<Residuals<'a>, ReportError> {
+    fn of<'a>(
+        identification: &Identification,
+        measured: &'a Measured,
+    ) -> Result<Residuals<'a>, ReportError> {
+        let selection = &identification.selection;
         Ok(Residuals {
+            joint: identification.model.joint,
             measured,
             before: selection.before.hypothesis.missing(measured, Sides::BOTH)?,
             after: selection
@@ -86,18 +91,26 @@ impl Residuals<'_> {
     }
 }
 
+/// The label of an axis, a quantity and its unit, with the units of a joint.
+fn axis(joint: JointType, label: &str) -> String {
+    match label.split_once(", ") {
+        Some((quantity, unit)) => format!("{quantity}, {}", joint.unit(unit)),
+        None => label.to_owned(),
+    }
+}
+
 /// Draws all of them.
 pub fn identification_figures(
     identification: &Identification,
     records: &Records,
 ) -> Result<Vec<IdentificationFigure>, ReportError> {
-    let selection = &identification.selection;
-    let train = Residuals::of(selection, &records.train.measured)?;
-    let holdout = Residuals::of(selection, &records.holdout.measured)?;
+    let joint = identification.model.joint;
+    let train = Residuals::of(identification, &records.train.measured)?;
+    let holdout = Residuals::of(identification, &records.holdout.measured)?;
     let mut figures: Vec<IdentificationFigure> = maps(&identification.model)?;
     figures.extend(force(&holdout)?);
     if let Some(loops) = &identification.loops {
-        figures.push(position(&records.holdout, &loops.holdout)?);
+        figures.push(position(&records.holdout, &loops.holdout, joint)?);
     }
     figures.extend(over_time(&holdout, "hold-out")?);
     figures.extend(over_time(&train, "train")?);
@@ -138,13 +151,13 @@ pub fn identification_figures(
         let along: Vec<f64> = along.iter().map(|value| value * scale).collect();
         let mut chart = Chart::new(
             format!("Residual over {word}: mean of each bin"),
-            label,
-            "missing force, N",
+            axis(joint, label),
+            axis(joint, "missing force, N"),
         );
         let mut spread = Chart::new(
             format!("Residual over {word}: rms in each bin"),
-            label,
-            "missing force, N rms",
+            axis(joint, label),
+            axis(joint, "missing force, N rms"),
         );
         for (side, colour, before, after) in holdout.sides() {
             for (values, style, when) in
@@ -212,13 +225,13 @@ fn maps(model: &StageModel) -> Result<Vec<IdentificationFigure>, ReportError> {
         };
         let mut chart = Chart::new(
             format!("{what} over {word} that no law of the list explains"),
-            label,
-            ordinate,
+            axis(model.joint, label),
+            axis(model.joint, ordinate),
         );
         let points = curve.corners().into_iter().map(|(place, value)| (scale * place, value));
         chart.add(CURVE.name, 0, Style::Line, points);
         let jump = IdentifyFinding::of_jump(curve)
-            .map_or_else(String::new, |jump| format!("; {}", jump.words()));
+            .map_or_else(String::new, |jump| format!("; {}", jump.words(model.joint)));
         Ok(IdentificationFigure {
             name: match index {
                 0 => CURVE.name.to_owned(),
@@ -259,7 +272,7 @@ fn force(residuals: &Residuals) -> Result<[IdentificationFigure; 2], ReportError
     let part = start..(start + window).min(time.len());
     let what = if measured.cell.is_some() { "force cell" } else { "force command" };
     let draw = |title: String, part: std::ops::Range<usize>| {
-        let mut chart = Chart::new(title, "time, s", "force, N");
+        let mut chart = Chart::new(title, "time, s", axis(residuals.joint, "force, N"));
         let series = [
             ("measured", 4, Style::Line, &reading),
             ("model before", 1, Style::Line, &before),
@@ -292,7 +305,11 @@ fn force(residuals: &Residuals) -> Result<[IdentificationFigure; 2], ReportError
     ])
 }
 
-fn position(record: &Record, error: &LoopError) -> Result<IdentificationFigure, ReportError> {
+fn position(
+    record: &Record,
+    error: &LoopError,
+    joint: JointType,
+) -> Result<IdentificationFigure, ReportError> {
     let mut time = Vec::new();
     for trace in record.traces() {
         let from = time.last().copied().unwrap_or(0.0);
@@ -304,12 +321,12 @@ fn position(record: &Record, error: &LoopError) -> Result<IdentificationFigure, 
         .chain(&error.after)
         .filter(|e| e.is_finite())
         .fold(0.0, |m: f64, e| m.max(e.abs()));
-    let (scale, unit) = if largest < 1e-6 { (1e9, "nm") } else { (1e6, "um") };
+    let (scale, unit) = if largest < 1e-6 { (1e9, "nm") } else { (1e6, "µm") };
     let scaled = |values: &[f64]| values.iter().map(|value| value * scale).collect::<Vec<_>>();
     let mut chart = Chart::new(
         "Position in closed loop, hold-out record",
         "time, s",
-        format!("simulated less encoder, {unit}"),
+        format!("simulated less encoder, {}", joint.unit(unit)),
     );
     pair(&mut chart, &time, &scaled(&error.before), &scaled(&error.after));
     Ok(IdentificationFigure {
@@ -334,7 +351,7 @@ fn over_time(
             let mut chart = Chart::new(
                 format!("Residual over time, {side}, {record} record"),
                 "time, s",
-                "missing force, N",
+                axis(residuals.joint, "missing force, N"),
             );
             pair(&mut chart, &time, before, after);
             let law = match side {
@@ -400,10 +417,12 @@ fn spectra(residuals: &Residuals) -> Result<Vec<IdentificationFigure>, ReportErr
     let measured = residuals.measured;
     let (position, velocity) =
         (measured.at_rows(&measured.position), measured.at_rows(&measured.velocity));
-    let mut time = Chart::new("Spectrum over time", "frequency, Hz", "N per root of Hz")
+    let label = |text: &str| axis(residuals.joint, text);
+    let mut time = Chart::new("Spectrum over time", "frequency, Hz", label("amplitude, N/√Hz"))
         .logarithmic(true, true);
     let mut space =
-        Chart::new("Spectrum over position", "period, mm", "amplitude, N").logarithmic(true, false);
+        Chart::new("Spectrum over position", label("period, mm"), label("amplitude, N"))
+            .logarithmic(true, false);
     for (side, colour, before, after) in residuals.sides() {
         for (values, style, when) in
             [(before, Style::Dashed, "before"), (after, Style::Line, "after")]

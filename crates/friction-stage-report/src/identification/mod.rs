@@ -7,7 +7,8 @@ mod page;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::words::Words;
+use crate::words::{Words, in_prefix, short};
+use friction_stage_core::model::JointType;
 use friction_stage_identify::{Change, Identification, Records, Summary, in_digits, taking_part};
 
 pub use figures::{FigureGroup, IdentificationFigure, identification_figures};
@@ -21,21 +22,19 @@ pub fn identification_summary(
     records: &Records,
     model_file: &str,
 ) -> Summary {
-    identification.summary(records, model_file, &Words::words)
+    let joint = identification.model.joint;
+    identification.summary(records, model_file, &|finding| finding.words(joint))
 }
 
-/// A number with its unit in a size that reads well.
-fn metres(value: Option<f64>) -> String {
-    match value {
-        None => "-".to_owned(),
-        Some(value) if value < 1e-6 => format!("{:.2} nm", value * 1e9),
-        Some(value) if value < 1e-3 => format!("{:.3} um", value * 1e6),
-        Some(value) => format!("{:.3} mm", value * 1e3),
-    }
+/// A length, m, or an angle, rad, in a size that reads well.
+fn travel(value: Option<f64>, joint: JointType) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| in_prefix(value, &joint.unit("m")))
 }
 
 /// The verdict with its numbers, as text for a person; ends with the path of the page.
 pub fn identification_text(summary: &Summary, page: &Path) -> String {
+    let joint = summary.joint;
+    let force = joint.unit("N");
     let mut out = String::new();
     let _ = writeln!(out, "verdict: {}", summary.verdict);
     for effect in &summary.effects {
@@ -52,29 +51,33 @@ pub fn identification_text(summary: &Summary, page: &Path) -> String {
     }
     for (name, errors) in [("train", &summary.errors.train), ("hold-out", &summary.errors.holdout)]
     {
-        let number = |value: Option<f64>| {
-            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"))
-        };
+        let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), short);
         let _ = writeln!(
             out,
-            "{name:9} force residual {} -> {} N ({} -> {} %){}",
+            "{name:9} force residual {} -> {} {force} ({} -> {} %){}",
             number(errors.force_rms.before),
             number(errors.force_rms.after),
             number(errors.force_relative.before),
             number(errors.force_relative.after),
             match errors.position_rms {
                 Change { before: None, after: None } => String::new(),
-                Change { before, after } =>
-                    format!(", position {} -> {}", metres(before), metres(after)),
+                Change { before, after } => {
+                    format!(", position {} -> {}", travel(before, joint), travel(after, joint))
+                }
             }
         );
     }
     let _ = writeln!(
         out,
-        "explained share {:.3} of the held-out residual above the floor of {:.4} N",
-        summary.explained_share, summary.floor.force_rms
+        "explained share {:.3} of the held-out residual above the floor of {} {force}",
+        summary.explained_share,
+        short(summary.floor.force_rms)
     );
-    for (index, line) in summary.next_experiment.iter().flat_map(next_experiment_lines).enumerate()
+    for (index, line) in summary
+        .next_experiment
+        .iter()
+        .flat_map(|next| next_experiment_lines(next, joint))
+        .enumerate()
     {
         let _ = writeln!(out, "{}{line}", if index == 0 { "" } else { "  " });
     }

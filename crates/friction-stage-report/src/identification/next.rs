@@ -1,14 +1,21 @@
 //! The next experiment in words: what the motion is and what it is for.
 
+use crate::words::short;
+use friction_stage_core::model::JointType;
 use friction_stage_identify::NextExperiment;
 
 /// What the motion is and what it is for, a line each.
-pub fn next_experiment_lines(next: &NextExperiment) -> Vec<String> {
+pub fn next_experiment_lines(next: &NextExperiment, joint: JointType) -> Vec<String> {
+    let [m, n, speed] = ["m", "N", "m/s"].map(|unit| joint.unit(unit));
     let mut lines = vec![
         format!("next experiment: {}", next.file),
         format!(
-            "{:.1} s between {:.4} and {:.4} m, up to {:.3} m/s and {:.0} N",
-            next.duration, next.stroke[0], next.stroke[1], next.peak_speed, next.peak_force
+            "{:.1} s between {} and {} {m}, up to {} {speed} and {} {n}",
+            next.duration,
+            short(next.stroke[0]),
+            short(next.stroke[1]),
+            short(next.peak_speed),
+            short(next.peak_force)
         ),
     ];
     lines.extend(next.segments.iter().map(|segment| {
@@ -50,7 +57,7 @@ pub fn next_experiment_lines(next: &NextExperiment) -> Vec<String> {
         let reach = |value: Option<f64>| match (value, parameter.unit.as_str()) {
             (None, _) => "nothing".to_owned(),
             (Some(value), "1") => format!("{:.1} %", 100.0 * value),
-            (Some(value), unit) => format!("{value:.3e} {unit}"),
+            (Some(value), unit) => format!("{value:.3e} {}", joint.unit(unit)),
         };
         format!(
             "sharpens {}: known to {} now, to {} with this motion",

@@ -1,11 +1,11 @@
 //! The report of an identification as one page.
 
 use super::figures::{FigureGroup, IdentificationFigure};
-use super::metres;
+use super::travel;
 use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
-use crate::words::times_noise;
-use friction_stage_core::model::{CurveSide, StageModel};
+use crate::words::{short, times_noise};
+use friction_stage_core::model::{CurveSide, JointType, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
     Evidence, Hypothesis, Identification, Inseparable, LEFT_AT_MOST, NextExperiment,
@@ -28,6 +28,7 @@ pub fn identification_page(
 ) -> Result<String, ReportError> {
     let (declared, identified) = (identification.declared(), &identification.model);
     let selection = &identification.selection;
+    let n = summary.joint.unit("N");
     let paths = |paths: &[std::path::PathBuf]| {
         paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
     };
@@ -59,10 +60,10 @@ pub fn identification_page(
         }
     }
     page.section("Candidates");
-    candidates(&mut page, selection);
+    candidates(&mut page, selection, &n);
     if let Some(next) = &summary.next_experiment {
         page.section("Next experiment");
-        next_experiment(&mut page, next);
+        next_experiment(&mut page, next, summary.joint);
     }
     page.section("Data and method");
     let record = |record: &Record| {
@@ -91,8 +92,9 @@ pub fn identification_page(
         (
             "floor of the residual",
             format!(
-                "motor side {:.4} N, carriage side {:.4} N, from the noise of the sensors",
-                selection.floor.motor, selection.floor.carriage
+                "motor side {} {n}, carriage side {} {n}, from the noise of the sensors",
+                short(selection.floor.motor),
+                short(selection.floor.carriage)
             ),
         ),
         ("identified model", summary.model.clone()),
@@ -115,6 +117,7 @@ pub fn identification_page(
 }
 
 fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
+    let n = summary.joint.unit("N");
     let names: Vec<&str> = summary.effects.iter().map(|effect| effect.name.as_str()).collect();
     let names = names.join(", ");
     let (mark, sentence) = match selection.verdict {
@@ -122,8 +125,9 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
         Verdict::None => (
             Mark::Good,
             format!(
-                "Nothing is missing that these data show: the refitted model leaves {:.4} N, {}.",
-                selection.errors_after.holdout().sqrt(),
+                "Nothing is missing that these data show: the refitted model leaves {} {}, {}.",
+                short(selection.errors_after.holdout().sqrt()),
+                n,
                 times_noise(selection.errors_after.holdout().sqrt(), selection.floor.total())
             ),
         ),
@@ -185,14 +189,18 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
         ),
         tile(
             "force residual, hold-out",
-            format!("{} N", number(force.after)),
-            format!("before {} N, floor {:.3} N", number(force.before), summary.floor.force_rms),
+            format!("{} {n}", number(force.after)),
+            format!(
+                "before {} {n}, floor {} {n}",
+                number(force.before),
+                short(summary.floor.force_rms)
+            ),
             better(force),
         ),
         tile(
             "position error, hold-out",
-            metres(position.after),
-            format!("before {}", metres(position.before)),
+            travel(position.after, summary.joint),
+            format!("before {}", travel(position.before, summary.joint)),
             better(position),
         ),
         tile(
@@ -233,11 +241,17 @@ fn interval(ci95: Option<[f64; 2]>) -> String {
     )
 }
 
-fn next_experiment(page: &mut Page, next: &NextExperiment) {
+fn next_experiment(page: &mut Page, next: &NextExperiment, joint: JointType) {
+    let [m, n, speed] = ["m", "N", "m/s"].map(|unit| joint.unit(unit));
     page.text(&format!(
         "The motion that settles most of what these data leave open, within the limits: {}, {:.1} \
-         s between {:.4} m and {:.4} m, up to {:.3} m/s and {:.0} N.",
-        next.file, next.duration, next.stroke[0], next.stroke[1], next.peak_speed, next.peak_force
+         s between {} and {} {m}, up to {} {speed} and {} {n}.",
+        next.file,
+        next.duration,
+        short(next.stroke[0]),
+        short(next.stroke[1]),
+        short(next.peak_speed),
+        short(next.peak_force)
     ));
     let mut table =
         Table::new(&[("piece", Align::Left), ("motion", Align::Left), ("s", Align::Right)]);
@@ -315,6 +329,7 @@ fn next_experiment(page: &mut Page, next: &NextExperiment) {
 }
 
 fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
+    let n = summary.joint.unit("N");
     if summary.effects.is_empty() {
         page.text("No effect was added to the declared model.");
         return;
@@ -363,7 +378,7 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         page.table(&table);
         if let Some(other) = &effect.runner_up {
             page.text(&format!(
-                "Next best in its place: {}, which would leave {:.4} N rms on the hold-out.",
+                "Next best in its place: {}, which would leave {:.4} {n} rms on the hold-out.",
                 other.name, other.holdout_force_rms
             ));
         }
@@ -381,6 +396,7 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
 }
 
 fn errors(page: &mut Page, summary: &Summary) {
+    let [m, n] = ["m", "N"].map(|unit| summary.joint.unit(unit));
     let mut table = Table::new(&[
         ("record", Align::Left),
         ("figure of merit", Align::Left),
@@ -393,9 +409,9 @@ fn errors(page: &mut Page, summary: &Summary) {
         [("train", &summary.errors.train), ("hold-out", &summary.errors.holdout)]
     {
         let rows = [
-            ("force residual, N rms", errors.force_rms, 1.0, 4),
-            ("force residual, % of the force", errors.force_relative, 1.0, 3),
-            ("position in closed loop, um rms", errors.position_rms, 1e6, 4),
+            (format!("force residual, {n} rms"), errors.force_rms, 1.0, 4),
+            ("force residual, % of the force".to_owned(), errors.force_relative, 1.0, 3),
+            (format!("position in closed loop, µ{m} rms"), errors.position_rms, 1e6, 4),
         ];
         for (name, change, scale, digits) in rows {
             let (share, badge) = match (change.before, change.after) {
@@ -427,8 +443,9 @@ fn errors(page: &mut Page, summary: &Summary) {
          hold-out record.",
     ));
     page.text(&format!(
-        "The declared sensor noise alone leaves a force residual of {:.4} N rms.",
-        summary.floor.force_rms
+        "The declared sensor noise alone leaves a force residual of {} {} rms.",
+        short(summary.floor.force_rms),
+        summary.joint.unit("N")
     ));
 }
 
@@ -479,7 +496,13 @@ fn parameters(
     Ok(())
 }
 
-fn candidates(page: &mut Page, selection: &Selection) {
+fn candidates(page: &mut Page, selection: &Selection, n: &str) {
+    let labels = [
+        format!("train, {n} rms"),
+        format!("hold-out, {n} rms"),
+        format!("gain on train, ({n})\u{b2}"),
+        format!("gain on hold-out, ({n})\u{b2}"),
+    ];
     if selection.evidence.is_empty() {
         page.text(
             "No candidate proposed itself: the residual shows nothing of any law in the list.",
@@ -496,10 +519,10 @@ fn candidates(page: &mut Page, selection: &Selection) {
             ("candidate", Align::Left),
             ("side", Align::Left),
             ("free", Align::Right),
-            ("train, N rms", Align::Right),
-            ("hold-out, N rms", Align::Right),
-            ("gain on train, N\u{b2}", Align::Right),
-            ("gain on hold-out, N\u{b2}", Align::Right),
+            (&labels[0], Align::Right),
+            (&labels[1], Align::Right),
+            (&labels[2], Align::Right),
+            (&labels[3], Align::Right),
             ("outcome", Align::Left),
         ]);
         for one in tried {

@@ -1,11 +1,15 @@
 //! Words for what is wrong with a file, its signals, and for what they can identify.
 
 use friction_stage_data::quality::{
-    DataFinding, Disagreement, FileFinding, Judgement, JudgementBasis, Severity, Subject,
+    DataFinding, DeadEvidence, Disagreement, FileFinding, Judgement, JudgementBasis, Obstacle,
+    Severity, Subject,
 };
 use friction_stage_data::signals::{ClockKind, Signal, SignalNote};
 
+use friction_stage_core::model::JointType;
+
 use super::{Words, short};
+use friction_stage_identify::{in_digits, readable};
 
 /// A noise above this many declared ones is high, one below its inverse low: as the finding has it.
 fn consequence_of_noise(present: f64, declared: f64) -> &'static str {
@@ -17,7 +21,8 @@ fn consequence_of_noise(present: f64, declared: f64) -> &'static str {
 }
 
 impl Words for DataFinding {
-    fn words(&self) -> String {
+    fn words(&self, joint: JointType) -> String {
+        let [m, n, kg, speed] = ["m", "N", "kg", "m/s"].map(|unit| joint.unit(unit));
         match self {
             Self::TooShort { rows, seconds, needed } => format!(
                 "the longest stretch without a gap has {rows} rows ({seconds:.3} s), {needed} are \
@@ -33,8 +38,8 @@ impl Words for DataFinding {
                               /stage/force_cell or /stage/force, or name them in a mapping"
                 .to_owned(),
             Self::NoMotion { range, noise } => format!(
-                "nothing moves: the position stays within {range:.3e} m, of which its noise of \
-                 {noise:.3e} m explains all: record a motion"
+                "nothing moves: the position stays within {range:.3e} {m}, of which its noise of \
+                 {noise:.3e} {m} explains all: record a motion"
             ),
             Self::Constant { signal, value } => format!(
                 "{signal} is constant ({value}) although the position moves: it is not connected, \
@@ -44,17 +49,31 @@ impl Words for DataFinding {
                 "{signal} stays at its extreme {value} in {rows} rows and is cut off there: a \
                  range or limit is reached"
             ),
-            Self::Stuck { signal, value, seconds, rows } => format!(
-                "{signal} stays at {value} for {seconds:.2} s ({rows} rows) while the stage is \
-                 driven, and changes from row to row elsewhere: it was cut off there"
-            ),
+            Self::Stuck { signal, value, seconds, rows, evidence, stretches } => {
+                let others = match stretches.len() {
+                    1 => String::new(),
+                    count => format!(", the longest of {count} such stretches"),
+                };
+                let why = match evidence {
+                    DeadEvidence::Silent => "the noise that it has around it is gone",
+                    DeadEvidence::Abrupt => {
+                        "no stop and no start elsewhere is as abrupt as those there"
+                    }
+                };
+                format!(
+                    "{signal} stays at {value} for {seconds:.2} s ({rows} rows{others}), and {why}: \
+                     the sensor was dead"
+                )
+            }
             Self::Outliers { signal, samples, value, seconds } => format!(
                 "{signal} is {value:.6e} at {seconds:.4} s, far from what is around it, in \
                  {samples} of the samples in all: a sensor or a line dropped out there"
             ),
             Self::Saturated { largest, limit, rows } => format!(
-                "the command reaches {largest:.1} N, the declared motor limits the force to \
-                 {limit:.1} N in {rows} rows"
+                "the command reaches {} {n}, the declared motor limits the force to \
+                 {} {n} in {rows} rows",
+                short(*largest),
+                short(*limit)
             ),
             Self::NotFinite { signal, samples, total } => format!(
                 "{samples} of {total} samples of {signal} are NaN or infinite; they are taken as \
@@ -79,24 +98,28 @@ impl Words for DataFinding {
             Self::NoSetpoint => "there is no setpoint: the closed loop cannot be simulated, only \
                                  forces are compared"
                 .to_owned(),
-            Self::OneSpeed { speed, share } => format!(
-                "the carriage moves at one speed only ({speed:.4} m/s for {:.0} % of the time that \
+            Self::OneSpeed { speed: at, share } => format!(
+                "the carriage moves at one speed only ({} {speed} for {:.0} % of the time that \
                  it moves): viscous friction cannot be told from Coulomb friction, nor a force \
                  periodic in position from one periodic in time; record at least two speeds, a \
                  factor of 2 apart",
+                short(*at),
                 100.0 * share
             ),
             Self::OneDirection => "the carriage moves in one direction only: friction cannot be \
                                    told from a constant force; record both directions"
                 .to_owned(),
             Self::SwappedSign { signal, mass, or_every_force } => format!(
-                "{signal} has the wrong sign: force over acceleration gives {mass:.4} kg{}; give \
+                "{signal} has the wrong sign: force over acceleration gives {} {kg}{}; give \
                  it `scale: -1` in a mapping",
+                short(*mass),
                 if *or_every_force { ", unless it is every force that has it" } else { "" }
             ),
             Self::WrongUnit { signal, unit, mass, declared, friction_fits } => format!(
-                "{signal} seems to be in {unit}: force over acceleration gives {mass:.4e} kg where \
-                 {declared:.4} kg is declared{}; give its unit in a mapping",
+                "{signal} seems to be in {unit}: force over acceleration gives {} {kg} where {} \
+                 {kg} is declared{}; give its unit in a mapping",
+                short(*mass),
+                readable(*declared),
                 if *friction_fits { ", and Coulomb friction is right" } else { "" }
             ),
             Self::Disagree { first, second, evidence } => {
@@ -114,13 +137,23 @@ impl Words for DataFinding {
                 format!("{first} and {second} do not fit together: {evidence}")
             }
             Self::OtherMachine { declared, measured, deviation } => format!(
-                "the model declares {declared:.4} kg, force over acceleration shows {measured:.4} \
-                 +- {deviation:.4} kg: another machine, a payload, or a wrong unit (the model's \
-                 mass is in kg)"
+                "the model declares {} {kg}, force over acceleration shows {} {kg}: another \
+                 machine, a payload, or a wrong unit (the model's mass is in {kg})",
+                readable(*declared),
+                with_deviation(*measured, *deviation)
             ),
-            Self::OtherFriction { declared, measured } => format!(
-                "the model declares {declared:.2} N of Coulomb friction, a rough fit shows \
-                 {measured:.2} N: another machine?"
+            Self::OtherFriction { declared, measured, deviation } => format!(
+                "the model declares {} {n} of Coulomb friction, a rough fit shows {} {n}: another \
+                 machine?",
+                readable(*declared),
+                with_deviation(*measured, *deviation)
+            ),
+            Self::OtherJoint { declared, recorded } => format!(
+                "the model has a {} joint, the units of the recording are those of a {} one: say \
+                 `joint: {}` in the model, or give `scale` in the mapping",
+                declared.name(),
+                recorded.name(),
+                recorded.name()
             ),
             Self::Unrelated { signal, share } => format!(
                 "mass, Coulomb and viscous friction explain only {:.0} % of {signal} while moving: \
@@ -128,8 +161,8 @@ impl Words for DataFinding {
                 100.0 * share
             ),
             Self::Noise { signal, unit, present, declared } => format!(
-                "{signal} has {present:.3e} {unit} of noise where {declared:.3e} {unit} is \
-                 declared: {}",
+                "{signal} has {present:.3e} {0} of noise where {declared:.3e} {0} is declared: {1}",
+                joint.unit(unit),
                 consequence_of_noise(*present, *declared)
             ),
             Self::Jitter { jitter, clock } => format!(
@@ -151,7 +184,7 @@ impl Words for DataFinding {
 }
 
 impl Words for FileFinding {
-    fn words(&self) -> String {
+    fn words(&self, _: JointType) -> String {
         match self {
             Self::Incomplete => {
                 "it is cut off or damaged: `friction-stage recover` keeps what is whole".to_owned()
@@ -178,7 +211,7 @@ impl Words for FileFinding {
 }
 
 impl Words for SignalNote {
-    fn words(&self) -> String {
+    fn words(&self, _: JointType) -> String {
         match self {
             Self::SamePlace { first, second } => format!(
                 "the mapping takes {first} and {second} from the same place: is one of them meant?"
@@ -189,6 +222,10 @@ impl Words for SignalNote {
             ),
             Self::Integrated => "there is no position: the velocity is integrated, from 0 on, so \
                                  effects over the position drift with its errors"
+                .to_owned(),
+            Self::NoForceConstant => "the force is a current, and nobody says how much force it \
+                                      makes (`scale`): forces and masses are multiples of what \
+                                      the motor makes of 1 A"
                 .to_owned(),
             Self::UnitOfFile { signal, unit, taken } => format!(
                 "the file gives {signal} in {unit}, the mapping neither unit nor scale, so its \
@@ -220,73 +257,143 @@ pub(crate) fn subject(subject: Subject) -> &'static str {
     }
 }
 
-fn held(speeds: &[f64]) -> String {
+fn held(speeds: &[f64], joint: JointType) -> String {
     if speeds.is_empty() {
         return "none held".to_owned();
     }
     let speeds: Vec<String> = speeds.iter().copied().map(short).collect();
-    format!("{} m/s", speeds.join(", "))
+    format!("{} {}", speeds.join(", "), joint.unit("m/s"))
 }
 
-/// Why something can be identified, or what is missing for it.
+/// Where a Stribeck velocity comes from, after it.
+fn source(declared: bool) -> &'static str {
+    if declared { "" } else { " (assumed: no model declares one)" }
+}
+
+/// Why something can be identified, or what stands in the way.
 impl Words for Judgement {
-    fn words(&self) -> String {
-        match &self.evidence {
-            JudgementBasis::Inertia { acceleration, share, mass, deviation } => format!(
-                "acceleration reaches {acceleration:.3} m/s^2 and brings {:.1} % of the force; a \
-                 rough fit gives {mass:.4} +- {deviation:.4} kg",
-                100.0 * share
-            ),
-            JudgementBasis::NoForce => "there is no force over a motion".to_owned(),
-            JudgementBasis::Reversals { count } if self.subject == Subject::BristleStiffness => {
-                format!("{count} reversals pass through pre-sliding")
-            }
-            JudgementBasis::Reversals { count } => format!("{count} reversals"),
-            JudgementBasis::Speeds { fastest, speeds } => {
-                format!("velocities up to {fastest:.4} m/s; speeds that are held: {}", held(speeds))
-            }
-            JudgementBasis::HeldSpeeds { speeds } => {
-                format!("speeds that are held: {}", held(speeds))
-            }
-            JudgementBasis::SlowSpeed { slowest, stribeck_velocity, declared } => {
-                let source = if *declared { "" } else { " (assumed: no model declares one)" };
-                match slowest {
-                    Some(slow) => format!(
-                        "it is held at {slow:.2e} m/s, below the Stribeck velocity of \
-                         {stribeck_velocity:.1e} m/s{source}"
-                    ),
-                    None => format!(
-                        "no speed below the Stribeck velocity of {stribeck_velocity:.1e} \
-                         m/s{source} is held, so only reversals pass through it"
-                    ),
-                }
-            }
-            JudgementBasis::Velocities { lowest, highest } => {
-                format!("velocities from {lowest:.4} to {highest:.4} m/s")
-            }
-            JudgementBasis::Forces { cell, command } => match (cell, command) {
-                (true, true) => "force cell and command are there",
-                (true, false) => "there is no command",
-                (false, _) => {
-                    "there is no force cell: they cannot be told from carriage-side effects"
-                }
-            }
-            .to_owned(),
-            JudgementBasis::Stroke { stroke } => format!(
-                "periods up to {:.4} m fit twice into the stroke of {stroke:.4} m",
-                0.5 * stroke
-            ),
-            JudgementBasis::Rests { count, least, largest } => {
-                format!("{count} rests of {least:.2} to {largest:.2} s")
-            }
-            JudgementBasis::NoRest => "the carriage never rests".to_owned(),
-            JudgementBasis::Travel { duration_s, distance } => {
-                format!("{duration_s:.1} s and {distance:.2} m travelled")
-            }
-            JudgementBasis::Setpoint { recorded: true } => "the setpoint is there".to_owned(),
-            JudgementBasis::Setpoint { recorded: false } => "there is no setpoint".to_owned(),
+    fn words(&self, joint: JointType) -> String {
+        match &self.answer {
+            Ok(basis) => basis_words(self.subject, basis, joint),
+            Err(obstacle) => obstacle.words(joint),
         }
     }
+}
+
+fn basis_words(subject: Subject, basis: &JudgementBasis, joint: JointType) -> String {
+    let [m, kg, speed, rate] = ["m", "kg", "m/s", "m/s^2"].map(|unit| joint.unit(unit));
+    match basis {
+        JudgementBasis::Inertia { acceleration, share, mass, deviation } => format!(
+            "acceleration reaches {} {rate} and brings {:.1} % of the force; a rough \
+             fit gives {} {kg}",
+            short(*acceleration),
+            100.0 * share,
+            with_deviation(*mass, *deviation)
+        ),
+        JudgementBasis::Reversals { count } if subject == Subject::BristleStiffness => {
+            format!("{count} reversals pass through pre-sliding")
+        }
+        JudgementBasis::Reversals { count } => format!("{count} reversals"),
+        JudgementBasis::Speeds { fastest, speeds } => {
+            format!(
+                "velocities up to {} {speed}; speeds that are held: {}",
+                short(*fastest),
+                held(speeds, joint)
+            )
+        }
+        JudgementBasis::HeldSpeeds { speeds } => {
+            format!("speeds that are held: {}", held(speeds, joint))
+        }
+        JudgementBasis::SlowSpeed { slowest, stribeck_velocity, declared } => format!(
+            "it is held at {slowest:.2e} {speed}, below the Stribeck velocity of \
+             {stribeck_velocity:.1e} {speed}{}",
+            source(*declared)
+        ),
+        JudgementBasis::Velocities { lowest, highest } => {
+            format!("velocities from {} to {} {speed}", short(*lowest), short(*highest))
+        }
+        JudgementBasis::BothForces => "force cell and command are recorded".to_owned(),
+        JudgementBasis::Stroke { stroke } => format!(
+            "periods up to {} {m} fit twice into the stroke of {} {m}",
+            short(0.5 * stroke),
+            short(*stroke)
+        ),
+        JudgementBasis::Rests { count, least, largest } => {
+            format!("{count} rests of {least:.2} to {largest:.2} s")
+        }
+        JudgementBasis::Travel { duration_s, distance } => {
+            format!("{duration_s:.1} s and {} {m} travelled", short(*distance))
+        }
+        JudgementBasis::Setpoint => "the setpoint is recorded".to_owned(),
+    }
+}
+
+impl Words for Obstacle {
+    fn words(&self, joint: JointType) -> String {
+        let [m, speed, rate] = ["m", "m/s", "m/s^2"].map(|unit| joint.unit(unit));
+        match self {
+            Self::Unusable { code } => {
+                format!("the recording is not usable: see the fatal finding `{code}` below")
+            }
+            Self::NoForce => "there is no force".to_owned(),
+            Self::TooSlow { fastest, clear } => format!(
+                "velocities up to {} {speed}, too few of them above {} {speed}, where neither the \
+                 encoder's noise nor the spring of the bristles passes for motion",
+                short(*fastest),
+                short(*clear)
+            ),
+            Self::LittleInertia { acceleration, share } => format!(
+                "acceleration reaches {} {rate} only and brings {:.1} % of the force",
+                short(*acceleration),
+                100.0 * share
+            ),
+            Self::AccelerationIsNoise { share } => format!(
+                "{:.0} % of the mean square of the acceleration are noise of the encoder",
+                100.0 * share
+            ),
+            Self::OneDirection => "all motion is in one direction".to_owned(),
+            Self::OneSpeed => "all motion is at one speed".to_owned(),
+            Self::NoSlowSpeed { stribeck_velocity, declared } => format!(
+                "no speed below the Stribeck velocity of {stribeck_velocity:.1e} {speed}{} is held, so \
+                 only reversals pass through it",
+                source(*declared)
+            ),
+            Self::NoFastSpeed { fastest, stribeck_velocity } => format!(
+                "velocities up to {} {speed} only, which is not far above the Stribeck velocity of \
+                 {stribeck_velocity:.1e} {speed}",
+                short(*fastest)
+            ),
+            Self::FewReversals { count, needed } => {
+                format!("{count} reversals, at least {needed} are needed")
+            }
+            Self::NoForceCell => {
+                "there is no force cell: they cannot be told from carriage-side effects".to_owned()
+            }
+            Self::NoCommand => "there is no command".to_owned(),
+            Self::NoRest => "the carriage never rests".to_owned(),
+            Self::FewRests { count, needed } => {
+                format!("{count} rests, at least {needed} are needed")
+            }
+            Self::RestsAlike { least, largest } => format!(
+                "all rests last {least:.2} to {largest:.2} s: some must be much longer than others"
+            ),
+            Self::Short { duration_s, needed_s } => {
+                format!("{duration_s:.1} s only, more than {needed_s:.0} s are needed")
+            }
+            Self::LittleTravel { distance, needed } => format!(
+                "{} {m} travelled only, more than {} {m} are needed",
+                short(*distance),
+                short(*needed)
+            ),
+            Self::NoSetpoint => "there is no setpoint".to_owned(),
+        }
+    }
+}
+
+/// A value with its standard deviation, as many digits as the latter makes sense of.
+fn with_deviation(value: f64, deviation: f64) -> String {
+    let digits = in_digits(value, Some([value - deviation, value + deviation]));
+    format!("{digits} +- {}", short(deviation))
 }
 
 /// A severity as a word before a sentence.

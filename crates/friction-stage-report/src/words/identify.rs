@@ -1,6 +1,6 @@
 //! Words for what a user should know about records, fit and verdict.
 
-use friction_stage_core::model::CurveSide;
+use friction_stage_core::model::{CurveSide, JointType};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
     BoundSide, ComparisonNote, FigureOfMerit, IdentifyFinding, ModelComparison, RecordSide,
@@ -19,16 +19,17 @@ fn instant(at: f64, length: f64) -> String {
 }
 
 /// What happens where a curve over the time jumps by `height` after the value `before`.
-fn jump(at: f64, height: f64, before: f64, side: CurveSide) -> String {
+fn jump(at: f64, height: f64, before: f64, side: CurveSide, joint: JointType) -> String {
+    let [n, kg] = ["N", "kg"].map(|unit| joint.unit(unit));
     let moves = if height > 0.0 { "rises" } else { "falls" };
     let size = readable((1e3 * height.abs()).round() / 1e3);
     let part = 100.0 * height.abs() / (1.0 + before);
     let by = match side {
-        CurveSide::Carriage => format!("the force on the carriage {moves} by {size} N"),
-        CurveSide::Motor => format!("the force of the motor {moves} by {size} N"),
+        CurveSide::Carriage => format!("the force on the carriage {moves} by {size} {n}"),
+        CurveSide::Motor => format!("the force of the motor {moves} by {size} {n}"),
         CurveSide::Friction => format!("the Coulomb friction {moves} by {part:.1} %"),
         CurveSide::Viscous => format!("the viscous friction {moves} by {part:.1} %"),
-        CurveSide::Mass => format!("the moving mass {moves} by {size} kg"),
+        CurveSide::Mass => format!("the moving mass {moves} by {size} {kg}"),
     };
     format!("at {at:.3} s {by}")
 }
@@ -54,15 +55,16 @@ fn record(side: RecordSide) -> &'static str {
 }
 
 impl Words for IdentifyFinding {
-    fn words(&self) -> String {
+    fn words(&self, joint: JointType) -> String {
+        let [m, n] = ["m", "N"].map(|unit| joint.unit(unit));
         match self {
             Self::Reading { recording, note } => {
-                format!("{}: {}", recording.display(), note.words())
+                format!("{}: {}", recording.display(), note.words(joint))
             }
             Self::Data { recording, finding, left_out } => format!(
                 "{}: {}{}",
                 recording.display(),
-                finding.words(),
+                finding.words(joint),
                 if *left_out { "; these values are left out" } else { "" }
             ),
             Self::Truncated { recording, samples, used, seconds } => format!(
@@ -137,27 +139,32 @@ impl Words for IdentifyFinding {
                 coordinate.name()
             ),
             Self::MapJumps { at, height, before, side } => {
-                format!("the map jumps: {}", jump(*at, *height, *before, *side))
+                format!("the map jumps: {}", jump(*at, *height, *before, *side, joint))
             }
             Self::NoiseAboveDeclared { found, declared } => format!(
-                "the sensors' noise in the hold-out leaves {found:.4} N where the declared one \
-                 leaves {declared:.4} N: everything is judged against the former"
+                "the sensors' noise in the hold-out leaves {} {n} where the declared one \
+                 leaves {} {n}: everything is judged against the former",
+                readable(*found),
+                readable(*declared)
             ),
             Self::Unexplained { left, noise_floor } => format!(
-                "what is left, {left:.4} N, is {}, and neither a law of the list nor a map takes \
+                "what is left, {} {n}, is {}, and neither a law of the list nor a map takes \
                  it out of the hold-out: an effect whose phase or state differs between the \
                  records would look like this, or one over the force, as a dead zone or a curved \
                  characteristic of motor or cell",
+                readable(*left),
                 times_noise(*left, *noise_floor)
             ),
             Self::WanderingZero { wander } => format!(
-                "the zero of the force cell wanders by {wander:.4} N rms in the hold-out beyond \
+                "the zero of the force cell wanders by {} {n} rms in the hold-out beyond \
                  the law that was found for it, and nothing else is left: the train record cannot \
-                 tell how, take the zero before each record"
+                 tell how, take the zero before each record",
+                readable(*wander)
             ),
             Self::RoughLaws { left, noise_floor } => format!(
-                "what is left, {left:.4} N, is {}: the laws that were found hold roughly, and \
+                "what is left, {} {n}, is {}: the laws that were found hold roughly, and \
                  their values no better than they do",
+                readable(*left),
                 times_noise(*left, *noise_floor)
             ),
             Self::MostLaws { laws } => format!(
@@ -165,23 +172,26 @@ impl Words for IdentifyFinding {
                  are right in --model, and identify again"
             ),
             Self::AtBound { parameter, bound, value, unit } => format!(
-                "{parameter} ended on its {} bound ({} {unit}): the truth may lie beyond, or \
+                "{parameter} ended on its {} bound ({} {}): the truth may lie beyond, or \
                  another effect hides in it",
                 match bound {
                     BoundSide::Lower => "lower",
                     BoundSide::Upper => "upper",
                 },
-                readable(*value)
+                readable(*value),
+                joint.unit(unit)
             ),
             Self::NotIdentifiable { parameter, value, unit } => format!(
-                "{parameter} is not identifiable from these data; {} {unit} is where the fit left \
+                "{parameter} is not identifiable from these data; {} {} is where the fit left \
                  it",
-                readable(*value)
+                readable(*value),
+                joint.unit(unit)
             ),
             Self::HardlyIdentifiable { parameter, value, unit, half_width, tolerance } => format!(
-                "{parameter} is hardly identifiable from these data: {} {unit}, known to {:.1} % \
+                "{parameter} is hardly identifiable from these data: {} {}, known to {:.1} % \
                  at the best, its tolerance is {:.1} %",
                 in_digits(*value, Some([1.0, -1.0].map(|side| value * (1.0 - side * half_width)))),
+                joint.unit(unit),
                 100.0 * half_width,
                 100.0 * tolerance
             ),
@@ -190,15 +200,15 @@ impl Words for IdentifyFinding {
                  two together better than each of them"
             ),
             Self::MovedRipple { effects, period, phase_shift } => format!(
-                "{} with a period of {period:.4e} m is on both records, but shifted by \
+                "{} with a period of {period:.4e} {m} is on both records, but shifted by \
                  {phase_shift:.2} rad on the hold-out: with a fixed phase it would make the \
                  hold-out worse, so that it is left out",
                 effects.join(" or ")
             ),
             Self::Worse { figure, record: side, before, after } => {
                 let (figure, unit) = match figure {
-                    FigureOfMerit::ForceResidual => ("force residual", "N"),
-                    FigureOfMerit::PositionError => ("closed-loop position error", "m"),
+                    FigureOfMerit::ForceResidual => ("force residual", n),
+                    FigureOfMerit::PositionError => ("closed-loop position error", m),
                 };
                 format!(
                     "the {figure} on the {} record is worse with the identified model: {after:.4e} \
@@ -219,7 +229,7 @@ impl Words for IdentifyFinding {
 }
 
 impl Words for ComparisonNote {
-    fn words(&self) -> String {
+    fn words(&self, _: JointType) -> String {
         match self {
             Self::Slips => {
                 "balls that slip have the amplitude and phase here that fit this record \
@@ -239,7 +249,7 @@ impl Words for ComparisonNote {
 
 /// What the figures of a comparison take for granted, and why one of them is missing.
 pub fn comparison_notes(comparison: &ModelComparison) -> Vec<String> {
-    let mut notes = all_words(&comparison.notes);
+    let mut notes = all_words(&comparison.notes, JointType::default());
     if let Err(error) = &comparison.missing_force {
         notes.push(format!("no missing force: {error}"));
     }
@@ -250,12 +260,12 @@ pub fn comparison_notes(comparison: &ModelComparison) -> Vec<String> {
 }
 
 /// Why no records can be made of recordings, with the words for what is wrong with their signals.
-pub fn records_error(error: &RecordsError) -> String {
+pub fn records_error(error: &RecordsError, joint: JointType) -> String {
     match error {
         RecordsError::Unusable { path, findings } => format!(
             "nothing can be identified from {}: {}",
             path.display(),
-            all_words(findings).join("; ")
+            all_words(findings, joint).join("; ")
         ),
         other => other.to_string(),
     }
@@ -267,7 +277,7 @@ mod tests {
 
     #[test]
     fn a_jump_is_told_in_newtons_or_as_a_part_of_the_friction_before_it() {
-        let words = |side, height| jump(3.0, height, -0.1, side);
+        let words = |side, height| jump(3.0, height, -0.1, side, JointType::Prismatic);
         for (side, height, expected) in [
             (CurveSide::Friction, -0.18, "at 3.000 s the Coulomb friction falls by 20.0 %"),
             (CurveSide::Viscous, 0.45, "at 3.000 s the viscous friction rises by 50.0 %"),

@@ -3,6 +3,8 @@
 //! The rooms below decide what a finding is and how much it matters; only here is it said in a
 //! language. What comes in are typed findings, what goes out is text without the word "warning".
 
+use friction_stage_core::model::JointType;
+
 mod data;
 mod identify;
 mod recording;
@@ -14,18 +16,36 @@ pub use recording::{import_text, messages_text, proposal_text, recording_text, r
 
 /// What can be said in a sentence.
 pub trait Words {
-    /// The sentence, without a full stop, as a part of a list or after a colon.
-    fn words(&self) -> String;
+    /// The sentence, without a full stop, as a part of a list or after a colon; with the units of a
+    /// joint.
+    fn words(&self, joint: JointType) -> String;
 }
 
 /// The sentences of several findings.
-pub fn all_words<'a, F: Words + 'a>(findings: impl IntoIterator<Item = &'a F>) -> Vec<String> {
-    findings.into_iter().map(Words::words).collect()
+pub fn all_words<'a, F: Words + 'a>(
+    findings: impl IntoIterator<Item = &'a F>,
+    joint: JointType,
+) -> Vec<String> {
+    findings.into_iter().map(|finding| finding.words(joint)).collect()
+}
+
+/// A value in SI with its unit, in the prefix that reads well: 2.5e-5 m is 25.0 µm.
+pub fn in_prefix(value: f64, unit: &str) -> String {
+    const PREFIXES: [(f64, &str); 4] = [(1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")];
+    let size = value.abs();
+    if !size.is_finite() || size == 0.0 {
+        return format!("{value} {unit}");
+    }
+    let (scale, prefix) =
+        PREFIXES.into_iter().find(|(scale, _)| size >= *scale).unwrap_or(PREFIXES[3]);
+    format!("{} {prefix}{unit}", short(value / scale))
 }
 
 /// A number to three digits.
 pub(crate) fn short(value: f64) -> String {
-    if (1e-3..1e4).contains(&value.abs()) {
+    if value == 0.0 {
+        "0".to_owned()
+    } else if (1e-3..1e4).contains(&value.abs()) {
         let decimals = (2 - value.abs().log10().floor() as i32).max(0) as usize;
         format!("{value:.decimals$}")
     } else {

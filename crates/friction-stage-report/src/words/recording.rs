@@ -3,8 +3,9 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use friction_stage_core::model::JointType;
 use friction_stage_data::bag::{Damage, RecoverReport};
-use friction_stage_data::quality::{CheckReport, Excitation, RecordingCheck};
+use friction_stage_data::quality::{CheckReport, Excitation, Judgement, Obstacle, RecordingCheck};
 use friction_stage_data::signals::{ClockKind, DataQuality, ImportReport, Proposal, SignalQuality};
 
 use super::data::{severity, signals, subject};
@@ -42,24 +43,11 @@ pub fn messages_text(report: &CheckReport) -> String {
         },
     );
     text += &topics_table(report);
-    if let Some(c) = &report.coverage {
-        text += &format!(
-            "motion of joint {}: {:.6} to {:.6} m (stroke {:.6} m), {:.6} to {:.6} m/s, {} \
-             reversals\n",
-            c.joint,
-            c.lowest_position,
-            c.highest_position,
-            c.stroke,
-            c.lowest_velocity,
-            c.highest_velocity,
-            c.reversals
-        );
-    }
     for damage in &report.damage {
         text += &format!("damaged: {}\n", place(damage));
     }
     for finding in &report.findings {
-        text += &format!("warning: {}\n", finding.words());
+        text += &format!("warning: {}\n", finding.words(JointType::default()));
     }
     text
 }
@@ -149,7 +137,7 @@ fn data_text(data: &DataQuality) -> String {
         }
     }
     for note in &data.notes {
-        text += &format!("data: {}\n", note.words());
+        text += &format!("data: {}\n", note.words(JointType::default()));
     }
     text
 }
@@ -181,13 +169,15 @@ fn account(signal: &SignalQuality, rate_hz: f64) -> Option<String> {
 }
 
 fn identification_text(found: &Excitation) -> String {
+    let joint = found.joint;
+    let [m, n, speed, rate] = ["m", "N", "m/s", "m/s^2"].map(|unit| joint.unit(unit));
     let mut text = format!(
         "signals: {}; {:.3} s of usable rows\n",
         signals(&found.recorded),
         found.duration_s
     );
     text += &format!(
-        "motion: {} to {} m, {} to {} m/s, up to {} m/s^2; {} reversals, {} m travelled, {:.2} s \
+        "motion: {} to {} {m}, {} to {} {speed}, up to {} {rate}; {} reversals, {} {m} travelled, {:.2} s \
          at rest\n",
         short(found.position_range[0]),
         short(found.position_range[1]),
@@ -202,19 +192,22 @@ fn identification_text(found: &Excitation) -> String {
     text += &match speeds.as_slice() {
         [] => "speeds held for 50 ms or more: none\n".to_owned(),
         speeds => {
-            format!("speeds held for 50 ms or more: {} ({} m/s)\n", speeds.len(), speeds.join(", "))
+            format!(
+                "speeds held for 50 ms or more: {} ({} {speed})\n",
+                speeds.len(),
+                speeds.join(", ")
+            )
         }
     };
     if let Some(travel) = found.amplitude {
         text += &format!(
-            "travel between reversals: {} to {} m, median {} m\n",
+            "travel between reversals: {} to {} {m}, median {} {m}\n",
             short(travel.least),
             short(travel.largest),
             short(travel.median)
         );
     }
-    let noises =
-        [("encoder", "m", found.encoder_noise), ("force cell", "N", found.force_cell_noise)];
+    let noises = [("encoder", m, found.encoder_noise), ("force cell", n, found.force_cell_noise)];
     for (name, unit, noise) in noises {
         let Some(noise) = noise else { continue };
         let declared = noise.declared.map_or_else(
@@ -223,12 +216,19 @@ fn identification_text(found: &Excitation) -> String {
         );
         text += &format!("noise of the {name}: {} {unit} rms, {declared}\n", short(noise.present));
     }
-    for judgement in &found.judgements {
-        let verdict = if judgement.possible { "can be identified" } else { "cannot be identified" };
-        text += &format!("{}: {verdict} ({})\n", subject(judgement.subject), judgement.words());
+    let unusable =
+        |judgement: &&Judgement| matches!(judgement.answer, Err(Obstacle::Unusable { .. }));
+    if let Some(judgement) = found.judgements.iter().find(unusable) {
+        text += &format!("nothing can be identified: {}\n", judgement.words(joint));
+    }
+    for judgement in found.judgements.iter().filter(|judgement| !unusable(judgement)) {
+        let verdict =
+            if judgement.possible() { "can be identified" } else { "cannot be identified" };
+        text +=
+            &format!("{}: {verdict} ({})\n", subject(judgement.subject), judgement.words(joint));
     }
     for finding in &found.findings {
-        text += &format!("{}: {}\n", severity(finding.severity()), finding.words());
+        text += &format!("{}: {}\n", severity(finding.severity()), finding.words(joint));
     }
     text
 }
@@ -245,7 +245,7 @@ pub fn import_text(report: &ImportReport, out: &Path) -> String {
         );
     }
     for note in &report.notes {
-        text += &format!("warning: {}\n", note.words());
+        text += &format!("warning: {}\n", note.words(JointType::default()));
     }
     if report.not_later > 0 {
         text += &format!(

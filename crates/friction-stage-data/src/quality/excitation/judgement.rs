@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::Excitation;
+use super::{Excitation, RoughFit, Spread};
 use crate::quality::finding::{DataFinding, Severity};
 use crate::signals::Signal;
 use friction_stage_core::model::StageModel;
@@ -41,7 +41,7 @@ pub enum Subject {
     ClosedLoop,
 }
 
-/// What a judgement rests on; SI units.
+/// Why something can be identified; SI units.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum JudgementBasis {
@@ -56,8 +56,6 @@ pub enum JudgementBasis {
         /// Its standard deviation, kg.
         deviation: f64,
     },
-    /// There is no force over a motion.
-    NoForce,
     /// Turns round.
     Reversals {
         /// How many.
@@ -75,10 +73,10 @@ pub enum JudgementBasis {
         /// m/s.
         speeds: Vec<f64>,
     },
-    /// The slowest speed that is held, against the Stribeck velocity.
+    /// A slow speed that is held.
     SlowSpeed {
-        /// A speed below the Stribeck velocity that is held, m/s, if there is one.
-        slowest: Option<f64>,
+        /// The slowest, m/s.
+        slowest: f64,
         /// Stribeck velocity, m/s.
         stribeck_velocity: f64,
         /// Whether a model declares it; assumed otherwise.
@@ -91,13 +89,8 @@ pub enum JudgementBasis {
         /// Highest, m/s.
         highest: f64,
     },
-    /// Which forces are recorded.
-    Forces {
-        /// The force cell.
-        cell: bool,
-        /// The command.
-        command: bool,
-    },
+    /// Both forces are recorded.
+    BothForces,
     /// Highest minus lowest position.
     Stroke {
         /// m.
@@ -112,8 +105,6 @@ pub enum JudgementBasis {
         /// The longest, s.
         largest: f64,
     },
-    /// The carriage never rests.
-    NoRest,
     /// Time and distance.
     Travel {
         /// Length of the valid rows, s.
@@ -121,122 +112,308 @@ pub enum JudgementBasis {
         /// Distance travelled, m.
         distance: f64,
     },
-    /// Whether the setpoint is recorded.
-    Setpoint {
-        /// It is.
-        recorded: bool,
+    /// The setpoint is recorded.
+    Setpoint,
+}
+
+/// Why something cannot be identified; SI units.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Obstacle {
+    /// A finding that stands in the way of everything, by its code.
+    Unusable {
+        /// See [`DataFinding::code`].
+        code: &'static str,
     },
+    /// There is no force to compare with.
+    NoForce,
+    /// Too few moments are clear of rest and noise.
+    TooSlow {
+        /// Largest speed, m/s.
+        fastest: f64,
+        /// Speed above which the carriage clearly moves, m/s.
+        clear: f64,
+    },
+    /// Acceleration brings too little of the force.
+    LittleInertia {
+        /// Largest acceleration, m/s².
+        acceleration: f64,
+        /// Share of the mean square of the force that it brings.
+        share: f64,
+    },
+    /// What there is of acceleration is the encoder's noise.
+    AccelerationIsNoise {
+        /// Share of its mean square that is.
+        share: f64,
+    },
+    /// All motion is in one direction.
+    OneDirection,
+    /// All motion is at one speed.
+    OneSpeed,
+    /// No slow speed is held.
+    NoSlowSpeed {
+        /// Stribeck velocity, m/s.
+        stribeck_velocity: f64,
+        /// Whether a model declares it; assumed otherwise.
+        declared: bool,
+    },
+    /// No speed is well above the Stribeck velocity.
+    NoFastSpeed {
+        /// Largest speed, m/s.
+        fastest: f64,
+        /// Stribeck velocity, m/s.
+        stribeck_velocity: f64,
+    },
+    /// It turns round too seldom.
+    FewReversals {
+        /// How often.
+        count: usize,
+        /// How often it should.
+        needed: usize,
+    },
+    /// There is no force cell.
+    NoForceCell,
+    /// There is no command.
+    NoCommand,
+    /// The carriage never rests.
+    NoRest,
+    /// It rests too seldom.
+    FewRests {
+        /// How often.
+        count: usize,
+        /// How often it should.
+        needed: usize,
+    },
+    /// All rests are as long as each other, or short.
+    RestsAlike {
+        /// The shortest, s.
+        least: f64,
+        /// The longest, s.
+        largest: f64,
+    },
+    /// It lasts too short.
+    Short {
+        /// Length of the valid rows, s.
+        duration_s: f64,
+        /// Length that is needed, s.
+        needed_s: f64,
+    },
+    /// It travels too little.
+    LittleTravel {
+        /// Distance travelled, m.
+        distance: f64,
+        /// Distance that is needed, m.
+        needed: f64,
+    },
+    /// There is no setpoint.
+    NoSetpoint,
 }
 
 /// Whether something can be identified, and why or why not.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Judgement {
     /// What is asked for.
     pub subject: Subject,
-    /// Whether the data can tell.
-    pub possible: bool,
-    /// Why, or what is missing.
-    pub evidence: JudgementBasis,
+    /// Why it can be identified, or what stands in the way.
+    pub answer: Result<JudgementBasis, Obstacle>,
 }
+
+impl Judgement {
+    /// Whether the data can tell.
+    pub fn possible(&self) -> bool {
+        self.answer.is_ok()
+    }
+}
+
+/// Share of the mean square of the force that acceleration must bring for a mass. Assumed.
+const LEAST_INERTIA: f64 = 0.01;
+/// Stribeck velocities that the fastest speed must reach. Assumed: there the curve is flat.
+const FAST: f64 = 3.0;
+/// Rests that show ageing, the ratio of the longest to the shortest, and the length of the longest,
+/// s. Assumed.
+const RESTS: (usize, f64, f64) = (4, 2.0, 0.2);
+/// Time, s, and strokes that warm a stage up. Assumed.
+const WARM: (f64, f64) = (10.0, 4.0);
 
 /// What the data can and cannot tell.
 pub(super) fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judgement> {
-    let has = |signal: Signal| found.recorded.contains(&signal);
-    let fatal = found.findings.iter().any(|finding| finding.severity() == Severity::Fatal);
-    let is_found = |wanted: fn(&DataFinding) -> bool| found.findings.iter().any(wanted);
-    let one_direction = is_found(|finding| matches!(finding, DataFinding::OneDirection));
-    let one_speed = is_found(|finding| matches!(finding, DataFinding::OneSpeed { .. }));
-    let fit = found.cell_fit.or(found.command_fit);
-    let fastest = found.velocity_range.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-    let declared = model
-        .and_then(|m| m.resolved_guides().ok())
-        .map(|guides| guides.iter().map(|g| g.stribeck_velocity).fold(f64::INFINITY, f64::min));
-    let stribeck_velocity = declared.unwrap_or(USUAL_STRIBECK_VELOCITY);
-    let slowest = found.speeds.iter().copied().find(|s| *s < stribeck_velocity);
-    let (cell, command) = (has(Signal::ForceCell), has(Signal::Force));
-    let stroke = found.position_range[1] - found.position_range[0];
-    let rests = found.rests.filter(|r| r.largest > 2.0 * r.least && r.largest > 0.2);
-    let (speeds, count) = (found.speeds.clone(), found.reversals);
-    let judgements = [
-        (
-            Subject::Mass,
-            fit.is_some_and(|fit| fit.inertial > 0.01),
-            fit.map_or(JudgementBasis::NoForce, |fit| JudgementBasis::Inertia {
-                acceleration: found.largest_acceleration,
-                share: fit.inertial,
-                mass: fit.mass,
-                deviation: fit.mass_deviation,
-            }),
-        ),
-        (
-            Subject::CoulombFriction,
-            fit.is_some() && !one_direction,
-            JudgementBasis::Reversals { count },
-        ),
-        (
-            Subject::ViscousFriction,
-            fit.is_some() && !one_speed,
-            JudgementBasis::Speeds { fastest, speeds: speeds.clone() },
-        ),
-        (
-            Subject::StribeckCurve,
-            fit.is_some() && slowest.is_some() && fastest > 3.0 * stribeck_velocity,
-            JudgementBasis::SlowSpeed { slowest, stribeck_velocity, declared: declared.is_some() },
-        ),
-        (
-            Subject::BristleStiffness,
-            fit.is_some() && count >= 2,
-            JudgementBasis::Reversals { count },
-        ),
-        (
-            Subject::Asymmetry,
-            fit.is_some() && !one_direction,
-            JudgementBasis::Velocities {
-                lowest: found.velocity_range[0],
-                highest: found.velocity_range[1],
-            },
-        ),
-        (
-            Subject::MotorSide,
-            cell && command && found.cell_fit.is_some() && found.command_fit.is_some(),
-            JudgementBasis::Forces { cell, command },
-        ),
-        (
-            Subject::OverPosition,
-            fit.is_some() && stroke > 0.0 && count >= 1,
-            JudgementBasis::Stroke { stroke },
-        ),
-        (
-            Subject::PositionOrTime,
-            fit.is_some() && !one_speed,
-            JudgementBasis::HeldSpeeds { speeds },
-        ),
-        (
-            Subject::StictionAging,
-            fit.is_some() && rests.is_some() && found.rest_count >= 4,
-            found.rests.map_or(JudgementBasis::NoRest, |rests| JudgementBasis::Rests {
-                count: found.rest_count,
-                least: rests.least,
-                largest: rests.largest,
-            }),
-        ),
-        (
-            Subject::WarmUp,
-            fit.is_some() && found.duration_s > 10.0 && found.distance > 4.0 * stroke,
-            JudgementBasis::Travel { duration_s: found.duration_s, distance: found.distance },
-        ),
-        (
-            Subject::ClosedLoop,
-            has(Signal::ReferencePosition),
-            JudgementBasis::Setpoint { recorded: has(Signal::ReferencePosition) },
-        ),
+    let fatal = found.findings.iter().find(|finding| finding.severity() == Severity::Fatal);
+    let unusable = fatal.map(|finding| Obstacle::Unusable { code: finding.code() });
+    let judge = Judge::new(found, model);
+    let answers = [
+        (Subject::Mass, judge.mass()),
+        (Subject::CoulombFriction, judge.both_directions().map(|()| judge.reversals())),
+        (Subject::ViscousFriction, judge.speeds()),
+        (Subject::StribeckCurve, judge.stribeck_curve()),
+        (Subject::BristleStiffness, judge.turns_round(2).map(|()| judge.reversals())),
+        (Subject::Asymmetry, judge.both_directions().map(|()| judge.velocities())),
+        (Subject::MotorSide, judge.motor_side()),
+        (Subject::OverPosition, judge.turns_round(1).map(|()| judge.stroke())),
+        (Subject::PositionOrTime, judge.held_speeds()),
+        (Subject::StictionAging, judge.rests()),
+        (Subject::WarmUp, judge.warm_up()),
+        (Subject::ClosedLoop, judge.closed_loop()),
     ];
-    judgements
+    answers
         .into_iter()
-        .map(|(subject, possible, evidence)| Judgement {
-            subject,
-            possible: possible && !fatal,
-            evidence,
+        .map(|(subject, answer)| match &unusable {
+            Some(obstacle) => Judgement { subject, answer: Err(obstacle.clone()) },
+            None => Judgement { subject, answer },
         })
         .collect()
+}
+
+type Answer = Result<JudgementBasis, Obstacle>;
+
+struct Judge<'a> {
+    found: &'a Excitation,
+    fastest: f64,
+    stribeck_velocity: f64,
+    declared: bool,
+}
+
+impl<'a> Judge<'a> {
+    fn new(found: &'a Excitation, model: Option<&StageModel>) -> Self {
+        let guides = model.and_then(|model| model.resolved_guides().ok());
+        let declared = guides
+            .map(|guides| guides.iter().map(|g| g.stribeck_velocity).fold(f64::INFINITY, f64::min));
+        Self {
+            found,
+            fastest: found.velocity_range.iter().fold(0.0f64, |m, v| m.max(v.abs())),
+            stribeck_velocity: declared.unwrap_or(USUAL_STRIBECK_VELOCITY),
+            declared: declared.is_some(),
+        }
+    }
+
+    fn has(&self, signal: Signal) -> bool {
+        self.found.recorded.contains(&signal)
+    }
+
+    fn finds(&self, wanted: fn(&DataFinding) -> bool) -> bool {
+        self.found.findings.iter().any(wanted)
+    }
+
+    /// The force over the motion; every question about friction needs it.
+    fn fit(&self) -> Result<RoughFit, Obstacle> {
+        let too_slow =
+            || Obstacle::TooSlow { fastest: self.fastest, clear: self.found.clear_speed };
+        match self.found.cell_fit.or(self.found.command_fit) {
+            Some(fit) => Ok(fit),
+            None if self.has(Signal::ForceCell) || self.has(Signal::Force) => Err(too_slow()),
+            None => Err(Obstacle::NoForce),
+        }
+    }
+
+    fn mass(&self) -> Answer {
+        let fit = self.fit()?;
+        let (acceleration, share) = (self.found.largest_acceleration, fit.inertial);
+        if !fit.acceleration_is_seen() {
+            let share = fit.apparent_acceleration.min(1.0);
+            return Err(Obstacle::AccelerationIsNoise { share });
+        }
+        if share <= LEAST_INERTIA {
+            return Err(Obstacle::LittleInertia { acceleration, share });
+        }
+        let (mass, deviation) = (fit.mass, fit.mass_deviation);
+        Ok(JudgementBasis::Inertia { acceleration, share, mass, deviation })
+    }
+
+    fn both_directions(&self) -> Result<(), Obstacle> {
+        self.fit()?;
+        match self.finds(|finding| matches!(finding, DataFinding::OneDirection)) {
+            true => Err(Obstacle::OneDirection),
+            false => Ok(()),
+        }
+    }
+
+    fn turns_round(&self, needed: usize) -> Result<(), Obstacle> {
+        self.fit()?;
+        let count = self.found.reversals;
+        if count < needed { Err(Obstacle::FewReversals { count, needed }) } else { Ok(()) }
+    }
+
+    fn several_speeds(&self) -> Result<Vec<f64>, Obstacle> {
+        self.fit()?;
+        match self.finds(|finding| matches!(finding, DataFinding::OneSpeed { .. })) {
+            true => Err(Obstacle::OneSpeed),
+            false => Ok(self.found.speeds.clone()),
+        }
+    }
+
+    fn reversals(&self) -> JudgementBasis {
+        JudgementBasis::Reversals { count: self.found.reversals }
+    }
+
+    fn velocities(&self) -> JudgementBasis {
+        let [lowest, highest] = self.found.velocity_range;
+        JudgementBasis::Velocities { lowest, highest }
+    }
+
+    fn stroke(&self) -> JudgementBasis {
+        JudgementBasis::Stroke { stroke: self.found.stroke() }
+    }
+
+    fn speeds(&self) -> Answer {
+        let speeds = self.several_speeds()?;
+        Ok(JudgementBasis::Speeds { fastest: self.fastest, speeds })
+    }
+
+    fn held_speeds(&self) -> Answer {
+        Ok(JudgementBasis::HeldSpeeds { speeds: self.several_speeds()? })
+    }
+
+    fn stribeck_curve(&self) -> Answer {
+        self.fit()?;
+        let (stribeck_velocity, declared) = (self.stribeck_velocity, self.declared);
+        let slowest = self.found.speeds.iter().copied().find(|s| *s < stribeck_velocity);
+        let slowest = slowest.ok_or(Obstacle::NoSlowSpeed { stribeck_velocity, declared })?;
+        if self.fastest <= FAST * stribeck_velocity {
+            return Err(Obstacle::NoFastSpeed { fastest: self.fastest, stribeck_velocity });
+        }
+        Ok(JudgementBasis::SlowSpeed { slowest, stribeck_velocity, declared })
+    }
+
+    fn motor_side(&self) -> Answer {
+        self.fit()?;
+        match (self.found.cell_fit, self.found.command_fit) {
+            (Some(_), Some(_)) => Ok(JudgementBasis::BothForces),
+            (None, _) => Err(Obstacle::NoForceCell),
+            (_, None) => Err(Obstacle::NoCommand),
+        }
+    }
+
+    fn rests(&self) -> Answer {
+        self.fit()?;
+        let Some(Spread { least, largest, .. }) = self.found.rests else {
+            return Err(Obstacle::NoRest);
+        };
+        let (count, (needed, ratio, long)) = (self.found.rest_count, RESTS);
+        if count < needed {
+            return Err(Obstacle::FewRests { count, needed });
+        }
+        if largest <= ratio * least || largest <= long {
+            return Err(Obstacle::RestsAlike { least, largest });
+        }
+        Ok(JudgementBasis::Rests { count, least, largest })
+    }
+
+    fn warm_up(&self) -> Answer {
+        self.fit()?;
+        let (duration_s, distance) = (self.found.duration_s, self.found.distance);
+        let (needed_s, needed) = (WARM.0, WARM.1 * self.found.stroke());
+        if duration_s <= needed_s {
+            return Err(Obstacle::Short { duration_s, needed_s });
+        }
+        if distance <= needed {
+            return Err(Obstacle::LittleTravel { distance, needed });
+        }
+        Ok(JudgementBasis::Travel { duration_s, distance })
+    }
+
+    fn closed_loop(&self) -> Answer {
+        match self.has(Signal::ReferencePosition) {
+            true => Ok(JudgementBasis::Setpoint),
+            false => Err(Obstacle::NoSetpoint),
+        }
+    }
 }

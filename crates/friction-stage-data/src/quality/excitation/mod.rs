@@ -10,6 +10,7 @@ mod judgement;
 mod motion;
 mod noise;
 mod regression;
+mod repeats;
 mod signals;
 mod units;
 
@@ -19,9 +20,9 @@ use serde::Serialize;
 
 use super::finding::{DataFinding, Severity};
 use crate::signals::{Recording, Signal};
-use friction_stage_core::model::StageModel;
+use friction_stage_core::model::{JointType, StageModel};
 
-pub use judgement::{Judgement, JudgementBasis, Subject};
+pub use judgement::{Judgement, JudgementBasis, Obstacle, Subject};
 
 /// Least rows in one piece. Assumed: some fifty parameters' worth of filtered samples.
 const LEAST_ROWS: usize = 500;
@@ -29,6 +30,12 @@ const LEAST_ROWS: usize = 500;
 /// Half of the time over which velocity and acceleration are taken, s. Assumed: short against a 60
 /// Hz loop's 17 ms period, long enough that 1 nm of noise is 0.1 mm/s² of acceleration.
 const HALF_BASE: f64 = 5e-3;
+
+/// Part of the rms of the acceleration that noise may make up, and part of the time between two
+/// reversals that half of the base may last: it grows within the latter until the former holds.
+/// Assumed: noise of a tenth makes a mass by 1 % too small.
+const NOISE_IN_ACCELERATION: f64 = 0.1;
+const LONGEST_BASE: f64 = 0.05;
 
 /// Slower than this, m/s, the carriage rests. Assumed: a hundredth of a usual Stribeck velocity of
 /// 1 mm/s and more.
@@ -66,6 +73,8 @@ pub struct RoughFit {
     pub mass_deviation: f64,
     /// Coulomb friction, N.
     pub coulomb: f64,
+    /// Its standard deviation, N, as if the residual were white.
+    pub coulomb_deviation: f64,
     /// Viscous friction, N s/m.
     pub viscous: f64,
     /// Constant force, N.
@@ -76,18 +85,22 @@ pub struct RoughFit {
     pub inertial: f64,
     /// Share of the mean square that nothing but acceleration explains.
     pub by_acceleration_alone: f64,
+    /// Share of the mean square of the acceleration that is noise of the encoder.
+    pub apparent_acceleration: f64,
 }
 
 /// What a recording covers and can identify.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Excitation {
+    /// Joint type, of which the units are: the model's, else that of the recording's units.
+    pub joint: JointType,
     /// Length of the valid rows, s.
     pub duration_s: f64,
     /// Lowest and highest position, m.
     pub position_range: [f64; 2],
-    /// Lowest and highest velocity, m/s, over 10 ms.
+    /// Lowest and highest velocity, m/s, over 10 ms, or longer where the encoder is noisy.
     pub velocity_range: [f64; 2],
-    /// Largest acceleration, m/s², over 10 ms.
+    /// Largest acceleration, m/s², over 10 ms, or longer where the encoder is noisy.
     pub largest_acceleration: f64,
     /// Travel between two reversals, m.
     pub amplitude: Option<Spread>,
@@ -117,11 +130,19 @@ pub struct Excitation {
     /// What is wrong, worst first.
     #[serde(rename = "problems")]
     pub findings: Vec<DataFinding>,
+    /// Speed, m/s, above which the carriage clearly moves: no noise, and no spring of the bristles.
+    pub clear_speed: f64,
     /// What can be identified and what cannot.
+    #[serde(skip)]
     pub judgements: Vec<Judgement>,
 }
 
 impl Excitation {
+    /// Highest minus lowest position, m.
+    pub fn stroke(&self) -> f64 {
+        self.position_range[1] - self.position_range[0]
+    }
+
     /// The worst severity, if anything was found.
     pub fn severity(&self) -> Option<Severity> {
         self.findings.iter().map(DataFinding::severity).max()
@@ -169,7 +190,10 @@ impl<'a> Examiner<'a> {
         let encoder_noise = self.encoder_noise();
         let force_cell_noise = self.cell_noise();
         let noise = encoder_noise.map_or(0.0, |n| n.present);
-        let moments = self.moments();
+        let turn = (20.0 * noise).max(1e-7);
+        let (amplitudes, reversals, distance) = self.travel(turn);
+        self.half = self.half_base(noise, reversals);
+        let moments = self.moments(turn);
         let range = |values: &mut dyn Iterator<Item = f64>| {
             values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
                 [low.min(v), high.max(v)]
@@ -186,12 +210,16 @@ impl<'a> Examiner<'a> {
         let moves = stroke > 20.0 * noise
             && stroke > 0.0
             && moments.iter().any(|m| m.velocity.abs() > rest_speed);
-        let (amplitudes, reversals, distance) = self.travel((20.0 * noise).max(1e-7));
         let (speeds, held) = self.speeds(&moments, rest_speed);
         let rests = self.rests(&moments, rest_speed);
         let moving = moments.iter().filter(|m| m.velocity.abs() > rest_speed).count();
         let moment_s = self.half as f64 * self.step;
 
+        let recorded_joint = self.recording.joint;
+        let joint = self.model.map(|model| model.joint).or(recorded_joint).unwrap_or_default();
+        if let Some(recorded) = recorded_joint.filter(|recorded| *recorded != joint) {
+            self.findings.push(DataFinding::OtherJoint { declared: joint, recorded });
+        }
         self.about_quality();
         let rows = self.segments.iter().map(Range::len).max().unwrap_or(0);
         if rows < LEAST_ROWS {
@@ -206,19 +234,17 @@ impl<'a> Examiner<'a> {
             if *usable && moves && self.constant(*signal) {
                 *usable = false;
             }
-            if *usable {
-                self.clipped(*signal);
-            }
         }
-        self.clipped_position(noise);
+        if usable[0].1 {
+            self.dead_cell();
+        }
+        if usable[1].1 {
+            self.saturated();
+        }
+        self.dead_encoder();
         for (signal, is_there) in [(Signal::Position, rows > 0), usable[0], usable[1]] {
             if is_there {
                 self.outliers(signal);
-            }
-        }
-        for (signal, is_there) in [(Signal::Position, moves), usable[0], usable[1]] {
-            if is_there && moves {
-                self.stuck(signal);
             }
         }
         let [(_, cell_usable), (_, command_usable)] = usable;
@@ -245,10 +271,10 @@ impl<'a> Examiner<'a> {
                 self.findings.push(DataFinding::OneSpeed { speed, share });
             }
             if cell_usable {
-                cell_fit = self.regress(Signal::ForceCell, &moments, rest_speed);
+                cell_fit = self.regress(Signal::ForceCell, &moments, rest_speed, noise);
             }
             if command_usable {
-                command_fit = self.regress(Signal::Force, &moments, rest_speed);
+                command_fit = self.regress(Signal::Force, &moments, rest_speed, noise);
             }
             self.signs_and_units(cell_fit, command_fit);
             self.noise(encoder_noise, force_cell_noise);
@@ -256,6 +282,7 @@ impl<'a> Examiner<'a> {
         self.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity()));
         let rest_spread = spread(rests.clone());
         let mut excitation = Excitation {
+            joint,
             duration_s: valid_rows as f64 * self.step,
             position_range,
             velocity_range,
@@ -273,11 +300,24 @@ impl<'a> Examiner<'a> {
             cell_fit,
             command_fit,
             findings: self.findings,
+            clear_speed: clear_speed(rest_speed),
             judgements: Vec::new(),
         };
         excitation.judgements = judgement::judge(&excitation, self.model);
         excitation
     }
+}
+
+/// Speed, m/s, above which the carriage clearly moves, by the one up to which it may rest: the
+/// bristles spring no faster.
+fn clear_speed(rest_speed: f64) -> f64 {
+    rest_speed.max(20.0 * REST_SPEED)
+}
+
+/// What white noise of standard deviation `noise`, m, makes of an acceleration over `base` to
+/// either side, s.
+fn rms_of_acceleration_noise(noise: f64, base: f64) -> f64 {
+    6f64.sqrt() * noise / (base * base)
 }
 
 fn spread(mut values: Vec<f64>) -> Option<Spread> {

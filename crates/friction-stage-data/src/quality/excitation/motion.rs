@@ -1,10 +1,12 @@
 //! The motion of a recording: travel between reversals, speeds that are held, rests.
 
-use super::Examiner;
+use super::{Examiner, LONGEST_BASE, NOISE_IN_ACCELERATION, rms_of_acceleration_noise};
 use crate::signals::Signal;
 
 /// Shortest stretch of one speed, and of rest, s. Assumed.
 const SHORTEST_STRETCH: f64 = 0.05;
+/// Moments, at least, for which a speed is held: a few are alike in any slow motion. Assumed.
+const HELD_MOMENTS: usize = 10;
 /// Speeds within this ratio are the same. Assumed.
 const SAME_SPEED: f64 = 1.1;
 
@@ -13,21 +15,90 @@ pub(super) struct Moment {
     pub row: usize,
     pub velocity: f64,
     pub acceleration: f64,
+    /// Travel since the carriage turned round last, or since the start, m.
+    pub since_turn: f64,
+    /// Travel in the half in which it is less, in that of the other one; negative where they have
+    /// other directions.
+    pub evenness: f64,
+}
+
+/// A position that goes to and fro.
+struct Travel {
+    direction: f64,
+    /// Where it turned last, or began.
+    turned: f64,
+    farthest: f64,
+}
+
+impl Travel {
+    fn from(start: f64) -> Self {
+        Self { direction: 0.0, turned: start, farthest: start }
+    }
+
+    /// The next position; how far it had gone if it has turned round by `least`.
+    fn goes_to(&mut self, here: f64, least: f64) -> Option<f64> {
+        let moved = here - self.farthest;
+        if self.direction == 0.0 {
+            if moved.abs() >= least {
+                self.direction = moved.signum();
+                self.farthest = here;
+            }
+        } else if moved * self.direction > 0.0 {
+            self.farthest = here;
+        } else if moved.abs() >= least {
+            let amplitude = (self.farthest - self.turned).abs();
+            self.direction = -self.direction;
+            (self.turned, self.farthest) = (self.farthest, here);
+            return Some(amplitude);
+        }
+        None
+    }
 }
 
 impl Examiner<'_> {
+    /// Rows to either side over which velocity and acceleration are taken: as many more than
+    /// usual as the noise asks for and the motion allows.
+    pub(super) fn half_base(&self, noise: f64, reversals: usize) -> usize {
+        let rows: usize = self.segments.iter().map(ExactSizeIterator::len).sum();
+        let longest = LONGEST_BASE * rows as f64 / (reversals + 1) as f64;
+        let mut tried = Self { findings: Vec::new(), segments: self.segments.clone(), ..*self };
+        loop {
+            let moments = tried.moments(f64::INFINITY);
+            let squares: f64 = moments.iter().map(|m| m.acceleration * m.acceleration).sum();
+            let rms = (squares / moments.len().max(1) as f64).sqrt();
+            let of_noise = rms_of_acceleration_noise(noise, tried.half as f64 * self.step);
+            if of_noise <= NOISE_IN_ACCELERATION * rms || 2.0 * tried.half as f64 > longest {
+                return tried.half;
+            }
+            tried.half *= 2;
+        }
+    }
+
     /// Moments every half base, in the order of time; moments of different pieces never touch.
-    pub(super) fn moments(&self) -> Vec<Moment> {
+    pub(super) fn moments(&self, turn: f64) -> Vec<Moment> {
         let (x, w) = (self.column(Signal::Position), self.half);
         let base = w as f64 * self.step;
         let mut moments = Vec::new();
         for segment in &self.segments {
+            let mut travel = Travel::from(x[segment.start]);
+            let mut seen = segment.start;
             for row in (segment.start + w..segment.end.saturating_sub(w)).step_by(w) {
+                x[seen..=row].iter().for_each(|here| {
+                    travel.goes_to(*here, turn);
+                });
+                seen = row + 1;
                 let (before, here, after) = (x[row - w], x[row], x[row + w]);
                 moments.push(Moment {
                     row,
                     velocity: (after - before) / (2.0 * base),
                     acceleration: ((after - here) - (here - before)) / (base * base),
+                    evenness: {
+                        let (one, two) = (here - before, after - here);
+                        let (less, more) =
+                            if one.abs() < two.abs() { (one, two) } else { (two, one) };
+                        less / more
+                    },
+                    since_turn: (here - travel.turned).abs(),
                 });
             }
         }
@@ -40,27 +111,15 @@ impl Examiner<'_> {
         let x = self.column(Signal::Position);
         let (mut amplitudes, mut reversals, mut distance) = (Vec::new(), 0, 0.0);
         for segment in &self.segments {
-            let (mut direction, mut turned, mut farthest) =
-                (0.0, x[segment.start], x[segment.start]);
+            let mut travel = Travel::from(x[segment.start]);
             for &here in &x[segment.clone()] {
-                let moved = here - farthest;
-                if direction == 0.0 {
-                    if moved.abs() >= least {
-                        direction = moved.signum();
-                        farthest = here;
-                    }
-                } else if moved * direction > 0.0 {
-                    farthest = here;
-                } else if moved.abs() >= least {
-                    amplitudes.push((farthest - turned).abs());
-                    distance += (farthest - turned).abs();
+                if let Some(amplitude) = travel.goes_to(here, least) {
+                    amplitudes.push(amplitude);
+                    distance += amplitude;
                     reversals += 1;
-                    direction = -direction;
-                    turned = farthest;
-                    farthest = here;
                 }
             }
-            distance += (farthest - turned).abs();
+            distance += (travel.farthest - travel.turned).abs();
         }
         (amplitudes, reversals, distance)
     }
@@ -93,7 +152,7 @@ impl Examiner<'_> {
                 to += 1;
             }
             let time = (to - from) as f64 * moment_s;
-            if time >= SHORTEST_STRETCH {
+            if time >= SHORTEST_STRETCH && to - from >= HELD_MOMENTS {
                 let mean =
                     moments[from..to].iter().map(|m| m.velocity).sum::<f64>() / (to - from) as f64;
                 stretches.push((mean.abs(), time));

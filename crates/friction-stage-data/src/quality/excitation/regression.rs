@@ -3,16 +3,31 @@
 use nalgebra::{Matrix4, Vector4};
 
 use super::motion::Moment;
-use super::{Examiner, RoughFit};
+use super::{Examiner, NOISE_IN_ACCELERATION, RoughFit, clear_speed, rms_of_acceleration_noise};
 use crate::signals::Signal;
+use friction_stage_core::model::Guide;
+
+/// Evenness from which on no turn is within a moment, of which the force is a mean: of a carriage
+/// that accelerates evenly from rest, at the moment's start, it is a third.
+const ONE_WAY: f64 = 1.0 / 3.0;
+/// Break-away distances after a turn from which on a guide slides: its bristles are then at
+/// 1 - e^-5 of their force.
+const BREAK_AWAYS: f64 = 5.0;
 
 impl RoughFit {
     /// Whether the mass is known well enough to say that a sign, a unit or the machine is another:
     /// where the acceleration explains less than the fit leaves, what the fit lacks passes for a
     /// mass.
     pub(super) fn knows_the_mass(&self) -> bool {
-        self.mass_deviation < 0.1 * self.mass.abs()
+        self.acceleration_is_seen()
+            && self.mass_deviation < 0.1 * self.mass.abs()
             && self.by_acceleration_alone >= 1.0 - self.explained
+    }
+
+    /// Whether the acceleration is one of the carriage, not of the encoder's noise, which would
+    /// make the mass too small.
+    pub(super) fn acceleration_is_seen(&self) -> bool {
+        self.apparent_acceleration < NOISE_IN_ACCELERATION
     }
 }
 
@@ -27,15 +42,29 @@ impl Examiner<'_> {
         sum / (w * w) as f64
     }
 
+    /// Travel after a turn from which on the guides slide, m: before, they are springs.
+    fn sliding_distance(&self) -> f64 {
+        let guides = self.model.and_then(|model| model.resolved_guides().ok()).unwrap_or_default();
+        let break_away = |guide: &Guide| guide.static_force / guide.stiffness;
+        BREAK_AWAYS * guides.iter().map(break_away).fold(0.0, f64::max)
+    }
+
     pub(super) fn regress(
         &self,
         signal: Signal,
         moments: &[Moment],
         rest_speed: f64,
+        noise: f64,
     ) -> Option<RoughFit> {
         let column = self.column(signal);
-        // clear of the bristles' own travel: twenty times the speed that still counts as rest
-        let moving = || moments.iter().filter(|m| m.velocity.abs() > 20.0 * rest_speed);
+        let least = clear_speed(rest_speed);
+        let slides = self.sliding_distance();
+        let moving = || {
+            let clear = |m: &&Moment| {
+                m.velocity.abs() > least && m.since_turn > slides && m.evenness > ONE_WAY
+            };
+            moments.iter().filter(clear)
+        };
         let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
         let (mut count, mut squares) = (0usize, 0.0);
         // scaled, so that the matrix is well conditioned
@@ -58,22 +87,26 @@ impl Examiner<'_> {
         // one direction or one speed only: the least solution is taken, and told elsewhere
         let inverse = normal.pseudo_inverse(1e-9 * count as f64).ok()?;
         let fit = inverse * right;
-        let (mut rest, mut inertial) = (0.0, 0.0);
+        let (mut rest, mut inertial, mut accelerations) = (0.0, 0.0, 0.0);
         for moment in moving() {
             let difference = self.force_at(column, moment.row) - row(moment).dot(&fit);
             rest += difference * difference;
             inertial += (fit[0] * moment.acceleration / scale_a).powi(2);
+            accelerations += moment.acceleration * moment.acceleration;
         }
+        let apparent = rms_of_acceleration_noise(noise, self.half as f64 * self.step).powi(2);
         let variance = rest / (count as f64 - 4.0);
         Some(RoughFit {
             mass: fit[0] / scale_a,
             mass_deviation: (variance * inverse[(0, 0)]).sqrt() / scale_a,
             coulomb: fit[1],
+            coulomb_deviation: (variance * inverse[(1, 1)]).sqrt(),
             viscous: fit[2] / scale_v,
             offset: fit[3],
             explained: 1.0 - rest / squares,
             inertial: inertial / squares,
             by_acceleration_alone: fit[0] * fit[0] / inverse[(0, 0)] / squares,
+            apparent_acceleration: apparent * count as f64 / accelerations.max(f64::MIN_POSITIVE),
         })
     }
 

@@ -10,8 +10,9 @@ use friction_stage_core::plant::EffectDescriptor;
 /// Part of what a cell is off the command before it that it must be off the one behind it for the
 /// two to be swapped. Assumed: what a motor adds is as far from either.
 const SWAPPED: f64 = 0.3;
-/// Break-away distances that a stage has to span for its Coulomb friction to be seen. Assumed.
-const SLIDES: f64 = 50.0;
+/// Standard deviations that a rough fit must be away from what is declared. Assumed: what the fit
+/// lacks is no white noise.
+const SURELY: f64 = 5.0;
 
 impl Examiner<'_> {
     /// Signs and units, by whatever can be compared: reference and position, cell and command,
@@ -125,30 +126,22 @@ impl Examiner<'_> {
                         deviation: fit.mass_deviation,
                     });
                 }
-                if let Some(friction) = coulomb.filter(|f| *f > 0.0 && self.slides())
-                    && !told
-                    && !(0.4..2.5).contains(&(fit.coulomb / friction))
-                {
+                let is_another = |friction: &f64| {
+                    *friction > 0.0
+                        && !(0.4..2.5).contains(&(fit.coulomb / friction))
+                        && (fit.coulomb - friction).abs() > SURELY * fit.coulomb_deviation
+                };
+                if let Some(declared) = coulomb.filter(is_another).filter(|_| !told) {
+                    let (measured, deviation) = (fit.coulomb, fit.coulomb_deviation);
                     self.findings.push(DataFinding::OtherFriction {
-                        declared: friction,
-                        measured: fit.coulomb,
+                        declared,
+                        measured,
+                        deviation,
                     });
                 }
             }
         }
         self.cell_and_command(told);
-    }
-
-    /// Whether the stage goes so far that its guides slide most of the way: within their break-away
-    /// distances they only spring.
-    fn slides(&self) -> bool {
-        let guides = self.model.and_then(|model| model.resolved_guides().ok()).unwrap_or_default();
-        let longest =
-            guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max);
-        let finite = || self.column(Signal::Position).iter().copied().filter(|x| x.is_finite());
-        let span =
-            finite().fold(f64::NEG_INFINITY, f64::max) - finite().fold(f64::INFINITY, f64::min);
-        span > SLIDES * longest
     }
 
     fn reference_slope(&self) -> Option<f64> {
