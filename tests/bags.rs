@@ -213,7 +213,7 @@ fn what_is_no_recording_is_said_so() {
     let home = TempDir::new().unwrap();
     let open = |path: &Path| BagReader::open(path).unwrap_err().to_string();
     assert!(open(&home.path().join("nothing")).contains("cannot read"));
-    assert!(open(home.path()).contains("neither metadata.yaml nor a file *.mcap"));
+    assert!(open(home.path()).contains("neither metadata.yaml nor a file *.mcap or *.db3"));
     let text = home.path().join("text.mcap");
     std::fs::write(&text, "hello, this is not an MCAP file").unwrap();
     let error = BagReader::open(&text).unwrap_err();

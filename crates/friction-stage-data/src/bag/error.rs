@@ -100,14 +100,48 @@ pub enum BagError {
         /// What is missing or different.
         reason: String,
     },
-    /// A file that is not MCAP at all.
-    #[error("{} is not an MCAP file: expected {} at byte 0, found {found}", path.display(), "89 4d \
-        43 41 50 30 0d 0a")]
-    NotMcap {
+    /// A file of another kind.
+    #[error(
+        "{} is not an MCAP file, nor sqlite3 of rosbag2, nor one of them under zstd: it begins \
+         with {found}",
+        path.display()
+    )]
+    UnknownFormat {
         /// The file.
         path: PathBuf,
         /// What it begins with.
         found: String,
+    },
+    /// A compressed file could not be unpacked to where temporary files go.
+    #[error(
+        "cannot unpack {} into {}: {source}; the variable TMPDIR names another place",
+        path.display(),
+        place.display()
+    )]
+    Unpack {
+        /// The file.
+        path: PathBuf,
+        /// Directory of temporary files.
+        place: PathBuf,
+        /// What the operating system says.
+        source: io::Error,
+    },
+    /// A compressed file unpacks to more than there is room for.
+    #[error(
+        "{} ({packed} bytes) unpacks to more than the {room} bytes that it may take in {}; the \
+         variable TMPDIR names another place, or unpack it with `zstd -d`",
+        path.display(),
+        place.display()
+    )]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Its size, bytes.
+        packed: u64,
+        /// Most bytes that it may unpack to.
+        room: u64,
+        /// Directory of temporary files.
+        place: PathBuf,
     },
     /// A place in a file that is not as it should be.
     #[error("{} is damaged at byte {offset}: expected {expected}, found {found}; `friction-stage \
@@ -172,7 +206,7 @@ impl BagError {
     pub fn offset(&self) -> Option<u64> {
         match self {
             Self::Broken { offset, .. } => Some(*offset),
-            Self::NotMcap { .. } => Some(0),
+            Self::UnknownFormat { .. } => Some(0),
             _ => None,
         }
     }

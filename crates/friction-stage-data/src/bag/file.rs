@@ -58,7 +58,7 @@ impl Damage {
 }
 
 /// Schema of a channel.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Schema {
     pub name: String,
     pub encoding: String,
@@ -310,22 +310,10 @@ fn read_summary(
     Ok(Some(Ok(summary)))
 }
 
-/// Finds the records of a file.
-pub(crate) fn scan(path: &Path) -> Result<Layout, BagError> {
-    let file = File::open(path).map_err(|e| BagError::reading(path, e))?;
+/// Finds the records of an MCAP file, which people know as `path`.
+pub(crate) fn scan(path: &Path, file: File) -> Result<Layout, BagError> {
     let size = file.metadata().map_err(|e| BagError::reading(path, e))?.len();
     let mut window = Window { path, file: &file, start: 0, bytes: Vec::new() };
-    let magic = MAGIC.len() as u64;
-    if size < magic || window.get(0, magic)? != MAGIC {
-        let found = if size < magic {
-            format!("{size} bytes in all")
-        } else {
-            let bytes = window.get(0, magic)?;
-            let hex: Vec<String> = bytes.iter().map(|b| format!("{b:02x}")).collect();
-            hex.join(" ")
-        };
-        return Err(BagError::NotMcap { path: path.to_owned(), found });
-    }
     let summary = read_summary(&mut window, size)?;
     let mut scanner = Scanner {
         window,

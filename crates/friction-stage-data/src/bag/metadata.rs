@@ -1,4 +1,5 @@
-//! `metadata.yaml` of a rosbag2 directory: version 5 written, any version read.
+//! `metadata.yaml` of a rosbag2 directory: version 5 written, any version read, also as
+//! `ros2 bag reindex` leaves it.
 
 use std::fs;
 use std::io::Write as _;
@@ -12,13 +13,12 @@ use super::error::BagError;
 pub(crate) const FILE_NAME: &str = "metadata.yaml";
 
 #[derive(Debug, Serialize, Deserialize)]
-pub(crate) struct Document {
-    pub rosbag2_bagfile_information: Information,
+struct Document<T> {
+    rosbag2_bagfile_information: T,
 }
 
-/// The keys of version 5 in the order in which rosbag2 writes them; later versions add keys, which
-/// are ignored.
-#[derive(Debug, Serialize, Deserialize)]
+/// The keys of version 5 in the order in which rosbag2 writes them.
+#[derive(Debug, Serialize)]
 pub(crate) struct Information {
     pub version: u32,
     pub storage_identifier: String,
@@ -26,43 +26,38 @@ pub(crate) struct Information {
     pub starting_time: SinceEpoch,
     pub message_count: u64,
     pub topics_with_message_count: Vec<TopicCount>,
-    #[serde(default)]
     pub compression_format: String,
-    #[serde(default)]
     pub compression_mode: String,
     pub relative_file_paths: Vec<String>,
-    #[serde(default)]
     pub files: Vec<FileInformation>,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Serialize)]
 pub(crate) struct Nanoseconds {
     pub nanoseconds: i64,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Serialize)]
 pub(crate) struct SinceEpoch {
     pub nanoseconds_since_epoch: i64,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Serialize)]
 pub(crate) struct TopicCount {
     pub topic_metadata: TopicMetadata,
     pub message_count: u64,
 }
 
-/// Of the profiles, versions up to 8 hold text and later ones a list; nothing here needs them back.
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Serialize)]
 pub(crate) struct TopicMetadata {
     pub name: String,
     #[serde(rename = "type")]
     pub kind: String,
     pub serialization_format: String,
-    #[serde(skip_deserializing)]
     pub offered_qos_profiles: String,
 }
 
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Serialize)]
 pub(crate) struct FileInformation {
     pub path: String,
     pub starting_time: SinceEpoch,
@@ -151,6 +146,39 @@ impl Information {
         }
         Ok(())
     }
+}
+
+/// What is read of a `metadata.yaml`: only what the files themselves do not say. Any of it may be
+/// missing, whatever the version.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+pub(crate) struct Found {
+    version: Option<u32>,
+    storage_identifier: Option<String>,
+    message_count: Option<u64>,
+    compression_format: Option<String>,
+    compression_mode: Option<String>,
+    relative_file_paths: Option<Vec<String>>,
+    topics_with_message_count: Option<Vec<FoundTopic>>,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+struct FoundTopic {
+    topic_metadata: FoundTopicMetadata,
+}
+
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+struct FoundTopicMetadata {
+    name: String,
+    #[serde(rename = "type")]
+    kind: Option<String>,
+}
+
+impl Found {
+    /// Versions before this one name files with the directory before them.
+    const PLAIN_PATHS: u32 = 4;
 
     /// Reads `metadata.yaml` of `directory`; `None` if there is none.
     pub fn read(directory: &Path) -> Result<Option<Self>, BagError> {
@@ -160,12 +188,49 @@ impl Information {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(source) => return Err(BagError::reading(&path, source)),
         };
-        serde_saphyr::from_str::<Document>(&text)
-            .map(|d| Some(d.rosbag2_bagfile_information))
-            .map_err(|e| BagError::NotABag {
+        serde_saphyr::from_str::<Document<Self>>(&text)
+            .map(|document| Some(document.rosbag2_bagfile_information))
+            .map_err(|error| BagError::NotABag {
                 path,
-                reason: format!("it does not read as rosbag2 metadata: {e}"),
+                reason: format!(
+                    "it does not read as rosbag2 metadata: {}; `ros2 bag reindex` writes it anew",
+                    error.without_snippet()
+                ),
             })
+    }
+
+    /// Reads the copy that a data file holds, with or without the key above it.
+    pub fn of_information(text: &str) -> Option<Self> {
+        let whole = serde_saphyr::from_str::<Document<Self>>(text);
+        let whole = whole.map(|document| document.rosbag2_bagfile_information);
+        whole.or_else(|_| serde_saphyr::from_str(text)).ok()
+    }
+
+    pub fn message_count(&self) -> Option<u64> {
+        self.message_count
+    }
+
+    pub fn storage_identifier(&self) -> &str {
+        self.storage_identifier.as_deref().unwrap_or_default()
+    }
+
+    pub fn compression_mode(&self) -> &str {
+        self.compression_mode.as_deref().unwrap_or_default()
+    }
+
+    pub fn compression_format(&self) -> &str {
+        self.compression_format.as_deref().unwrap_or_default()
+    }
+
+    pub fn relative_file_paths(&self) -> &[String] {
+        self.relative_file_paths.as_deref().unwrap_or_default()
+    }
+
+    /// Type of the messages of a topic, if it says.
+    pub fn type_of(&self, topic: &str) -> Option<&str> {
+        let topics = self.topics_with_message_count.as_deref().unwrap_or_default();
+        let found = topics.iter().find(|found| found.topic_metadata.name == topic)?;
+        found.topic_metadata.kind.as_deref().filter(|kind| !kind.is_empty())
     }
 
     /// The data files, inside `directory`.
@@ -173,17 +238,19 @@ impl Information {
     /// # Errors
     /// [`BagError::NotABag`] where a path leads out of it: a bag opens nothing but itself.
     pub fn paths(&self, directory: &Path) -> Result<Vec<PathBuf>, BagError> {
+        let has_directory = self.version.is_some_and(|version| version < Self::PLAIN_PATHS);
         let inside = |text: &String| {
             let path = Path::new(text);
             let mut parts = path.components();
             let is_inside = parts.all(|part| matches!(part, Component::Normal(_)));
             if is_inside && !text.is_empty() {
-                return Ok(directory.join(path));
+                let plain = path.file_name().filter(|_| has_directory).map(Path::new);
+                return Ok(directory.join(plain.unwrap_or(path)));
             }
             let reason =
                 format!("it names the file {text:?}: a bag's files lie in its own directory");
             Err(BagError::NotABag { path: directory.join(FILE_NAME), reason })
         };
-        self.relative_file_paths.iter().map(inside).collect()
+        self.relative_file_paths().iter().map(inside).collect()
     }
 }

@@ -1,10 +1,10 @@
-//! Storage: rosbag2 directories with MCAP, written, read and repaired.
+//! Storage: rosbag2 directories, written and repaired as MCAP, read as MCAP or sqlite3, compressed
+//! or not.
 //!
 //! What comes in are messages as CDR bytes with a time; what goes out is a directory that
 //! `ros2 bag play` takes from Humble on, or the messages of one in the order of time. What the
 //! messages mean is not looked at here: see [`signals`](crate::signals).
 
-pub(crate) mod definition;
 mod error;
 mod file;
 mod metadata;
@@ -12,6 +12,8 @@ mod provenance;
 mod qos;
 mod reader;
 mod recover;
+mod sqlite;
+mod storage;
 pub mod topics;
 mod writer;
 

@@ -1,21 +1,28 @@
-//! Reads recordings: rosbag2 directories (any version, MCAP) and single MCAP files, whole or cut
-//! off.
+//! Reads recordings: rosbag2 directories of any version and single files, MCAP or sqlite3,
+//! compressed by file, by message or by chunk, whole or cut off.
 //!
-//! Messages come in the order of log time, over all files of the bag. In memory are only the chunks
-//! whose times overlap at the place that is being read.
+//! Messages come in the order of log time, over all files of the bag. In memory are only the parts
+//! of the files whose times overlap at the place that is being read.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BinaryHeap};
+use std::collections::{BTreeMap, BinaryHeap, VecDeque};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use rusqlite::Connection;
+
 use super::error::BagError;
-use super::file::{Damage, Directory, Layout, Schema, Span, StoredAttachment, scan};
-use super::metadata::Information;
+use super::file::{Damage, Directory, Layout, Span, StoredAttachment};
+use super::metadata::Found;
 use super::provenance::{METADATA_NAME, MODEL_NAME, Provenance};
+use super::sqlite::{Database, Position};
+use super::storage::{
+    Content, Files, StoredFile, ZSTD_MAGIC, check_compression, unpack_message,
+};
 use super::writer::{HASH_KEY, QOS_KEY};
-use crate::message::{RosMessage, from_cdr};
+use crate::message::type_layout::TypeLayout;
+use crate::message::{RosMessage, from_cdr, known};
 use friction_stage_core::model::{ModelError, StageModel};
 
 /// A topic of a recording.
@@ -23,7 +30,8 @@ use friction_stage_core::model::{ModelError, StageModel};
 pub struct Topic {
     /// Name, with its leading `/`.
     pub name: String,
-    /// Type, e.g. `sensor_msgs/msg/JointState`; empty if the file does not say.
+    /// Type, e.g. `sensor_msgs/msg/JointState`; empty if neither the file nor `metadata.yaml` says,
+    /// and the messages do not show it.
     pub type_name: String,
     /// Language of the definition, `ros2msg` or `ros2idl`.
     pub schema_encoding: String,
@@ -46,6 +54,13 @@ impl Topic {
     /// The type hash, if the file has it.
     pub fn type_hash(&self) -> Option<&str> {
         self.metadata.get(HASH_KEY).map(String::as_str)
+    }
+
+    /// Whether the type is one that is read without a definition.
+    pub(crate) fn is_of_known_type(&self) -> bool {
+        self.type_name
+            .split_once("/msg/")
+            .is_some_and(|(package, name)| known::fields(&format!("{package}/{name}")).is_some())
     }
 }
 
@@ -92,10 +107,13 @@ impl BagMessage {
     }
 }
 
-/// A file of the recording with its channels resolved to topics.
+/// A file of the recording.
 struct OpenFile {
-    layout: Layout,
+    stored: StoredFile,
+    /// Channels of an MCAP file; a complete file has them in its index.
     directory: Directory,
+    /// Topic of each channel, or of each number of a database.
+    topics: BTreeMap<i64, Arc<Topic>>,
 }
 
 /// A recording, opened.
@@ -104,6 +122,7 @@ pub struct BagReader {
     files: Vec<OpenFile>,
     topics: Vec<Arc<Topic>>,
     provenance: Option<Provenance>,
+    has_metadata: bool,
     metadata_count: Option<u64>,
     missing: Vec<Damage>,
 }
@@ -119,84 +138,165 @@ impl std::fmt::Debug for BagReader {
 }
 
 impl BagReader {
-    /// Opens a rosbag2 directory or an MCAP file. A cut-off recording opens:
+    /// Opens a rosbag2 directory or one of its files. A cut-off recording opens:
     /// [`damage`](Self::damage) says where it ends. An error means that nothing of it can be read.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, BagError> {
         let path = path.as_ref();
         let kind = std::fs::metadata(path).map_err(|e| BagError::reading(path, e))?;
-        let (paths, metadata_count) =
-            if kind.is_dir() { data_files(path)? } else { (vec![path.to_owned()], None) };
+        let Files { paths, mut missing, metadata } = if kind.is_dir() {
+            Files::of_directory(path)?
+        } else {
+            Files { paths: vec![path.to_owned()], missing: Vec::new(), metadata: None }
+        };
+        if let Some(metadata) = &metadata {
+            check_compression(path, metadata)?;
+        }
         let mut files = Vec::new();
-        let mut missing = Vec::new();
         let several = paths.len() > 1;
         for file in paths {
-            match scan(&file) {
-                Ok(layout) => files.push(OpenFile { directory: layout.directory.clone(), layout }),
+            let opened = StoredFile::open(&file);
+            let storage = metadata.as_ref().map_or("", Found::storage_identifier);
+            match opened {
+                Ok(stored) => files.push(OpenFile::new(stored)),
                 // one file of several does not make the rest unreadable
                 Err(error) if several => missing.push(Damage {
                     path: file,
                     offset: error.offset().unwrap_or(0),
                     bytes: 0,
-                    expected: "a readable MCAP file".into(),
+                    expected: "a readable file of a bag".into(),
                     found: error.to_string(),
                 }),
+                Err(BagError::UnknownFormat { .. }) if !READ_STORAGES.contains(&storage) => {
+                    return Err(BagError::NotABag {
+                        path: path.to_owned(),
+                        reason: format!(
+                            "its storage is {storage:?}, read are mcap and sqlite3; \
+                             `ros2 bag convert` makes one from the other"
+                        ),
+                    });
+                }
                 Err(error) => return Err(error),
             }
         }
-        let mut counts: BTreeMap<String, u64> = BTreeMap::new();
-        for file in &mut files {
-            let mut per_channel = BTreeMap::new();
-            match &file.layout.statistics {
-                Some(statistics)
-                    if file.layout.damage.is_empty()
-                        && statistics.channel_count as usize == file.directory.channels.len() =>
-                {
-                    per_channel.clone_from(&statistics.channel_message_counts);
-                }
-                _ => {
-                    // without an index the channels stand in the chunks only
-                    for span in &file.layout.spans {
-                        let unpacked = file.layout.unpack(span, &mut file.directory)?;
-                        for message in unpacked.messages {
-                            *per_channel.entry(message.header.channel_id).or_insert(0) += 1;
-                        }
-                    }
-                }
-            }
-            for (id, channel) in &file.directory.channels {
-                *counts.entry(channel.topic.clone()).or_insert(0) +=
-                    per_channel.get(id).copied().unwrap_or(0);
-            }
+        if files.is_empty() {
+            let what = missing.iter().map(|damage| damage.found.as_str());
+            return Err(BagError::NotABag {
+                path: path.to_owned(),
+                reason: format!(
+                    "none of its files can be read: {}",
+                    what.collect::<Vec<_>>().join("; ")
+                ),
+            });
         }
-        let mut topics: Vec<Arc<Topic>> = Vec::new();
         for file in &files {
-            for channel in file.directory.channels.values() {
-                if topics.iter().any(|t| t.name == channel.topic) {
-                    continue;
-                }
-                let schema =
-                    file.directory.schemas.get(&channel.schema_id).cloned().unwrap_or_else(|| {
-                        Schema { name: String::new(), encoding: String::new(), data: Vec::new() }
-                    });
-                topics.push(Arc::new(Topic {
-                    messages: counts.get(&channel.topic).copied().unwrap_or(0),
-                    name: channel.topic.clone(),
-                    type_name: schema.name,
-                    schema_encoding: schema.encoding,
-                    definition: schema.data,
-                    message_encoding: channel.message_encoding.clone(),
-                    metadata: channel.metadata.clone(),
-                }));
+            if let Some(metadata) = file.own_metadata() {
+                check_compression(file.path(), &metadata)?;
             }
         }
-        let provenance = files.iter().find_map(|f| {
-            let (_, map) = f.layout.metadata.iter().find(|(n, _)| n == METADATA_NAME)?;
-            let model = f.layout.attachments.iter().find(|a| a.name == MODEL_NAME);
+        let provenance = files.iter().filter_map(OpenFile::layout).find_map(|layout| {
+            let (_, map) = layout.metadata.iter().find(|(n, _)| n == METADATA_NAME)?;
+            let model = layout.attachments.iter().find(|a| a.name == MODEL_NAME);
             let model =
                 model.map_or_else(String::new, |a| String::from_utf8_lossy(&a.data).into_owned());
             Some(Provenance::from_map(map.clone(), model))
         });
-        Ok(Self { path: path.to_owned(), files, topics, provenance, metadata_count, missing })
+        let mut reader = Self {
+            path: path.to_owned(),
+            files,
+            topics: Vec::new(),
+            provenance,
+            has_metadata: metadata.is_some(),
+            metadata_count: metadata.as_ref().and_then(Found::message_count),
+            missing,
+        };
+        reader.find_topics(metadata.as_ref())?;
+        Ok(reader)
+    }
+
+    /// Takes in the topics of all files. Where a file does not say the type, `metadata` does, the
+    /// copy of it in a file, or the messages.
+    fn find_topics(&mut self, metadata: Option<&Found>) -> Result<(), BagError> {
+        let mut found: Vec<(usize, i64, Topic)> = Vec::new();
+        for (index, file) in self.files.iter_mut().enumerate() {
+            let topics = file.topics_in_it()?;
+            found.extend(topics.into_iter().map(|(id, topic)| (index, id, topic)));
+        }
+        let mut merged: Vec<Topic> = Vec::new();
+        for (_, _, topic) in &found {
+            match merged.iter_mut().find(|known| known.name == topic.name) {
+                Some(known) => known.messages += topic.messages,
+                None => merged.push(topic.clone()),
+            }
+        }
+        let inside: Vec<Found> = self.files.iter().filter_map(OpenFile::own_metadata).collect();
+        for topic in &mut merged {
+            if topic.type_name.is_empty() {
+                let mut all = metadata.into_iter().chain(&inside);
+                let kind = all.find_map(|metadata| metadata.type_of(&topic.name));
+                topic.type_name = kind.unwrap_or_default().to_owned();
+            }
+            topic.type_name = known::full_name(&topic.type_name);
+        }
+        let share = |topics: Vec<Topic>, files: &mut [OpenFile]| -> Vec<Arc<Topic>> {
+            let topics: Vec<Arc<Topic>> = topics.into_iter().map(Arc::new).collect();
+            for (file, id, topic) in &found {
+                if let Some(shared) = topics.iter().find(|shared| shared.name == topic.name) {
+                    files[*file].topics.insert(*id, Arc::clone(shared));
+                }
+            }
+            topics
+        };
+        self.topics = share(merged.clone(), &mut self.files);
+        let shown = self.types_by_messages();
+        for topic in &mut merged {
+            if let Some(shown) = shown.get(&topic.name) {
+                topic.type_name.clone_from(shown);
+            }
+            if topic.definition.is_empty()
+                && let Some((package, name)) = topic.type_name.split_once("/msg/")
+                && let Some(text) = known::definition(&format!("{package}/{name}"))
+            {
+                topic.schema_encoding = "ros2msg".into();
+                topic.definition = text.into_bytes();
+            }
+        }
+        self.topics = share(merged, &mut self.files);
+        Ok(())
+    }
+
+    /// For topics without a type: the only known one that their first messages are, byte for byte.
+    fn types_by_messages(&self) -> BTreeMap<String, String> {
+        let mut candidates: BTreeMap<String, (usize, Vec<(String, TypeLayout)>)> = BTreeMap::new();
+        for topic in self.topics.iter().filter(|topic| topic.type_name.is_empty()) {
+            let layouts = known::names()
+                .filter_map(|name| {
+                    let name = known::full_name(&name);
+                    let layout = TypeLayout::parse(&name, "").ok()?;
+                    Some((name, layout))
+                })
+                .collect();
+            if topic.message_encoding == "cdr" {
+                candidates.insert(topic.name.clone(), (0, layouts));
+            }
+        }
+        if candidates.is_empty() {
+            return BTreeMap::new();
+        }
+        for message in self.messages().take(LOOKED_AT).filter_map(Result::ok) {
+            if let Some((count, layouts)) = candidates.get_mut(&message.topic.name) {
+                layouts.retain(|(_, layout)| layout.fits(&message));
+                *count += 1;
+            }
+            if candidates.values().all(|(count, _)| *count >= ENOUGH) {
+                break;
+            }
+        }
+        let only = |(topic, (count, layouts)): (String, (usize, Vec<(String, TypeLayout)>))| {
+            let mut layouts = layouts.into_iter();
+            let first = layouts.next().filter(|_| count > 0)?;
+            layouts.next().is_none().then_some((topic, first.0))
+        };
+        candidates.into_iter().filter_map(only).collect()
     }
 
     /// The path that was opened.
@@ -236,22 +336,20 @@ impl BagReader {
 
     /// Bytes of the data files.
     pub fn size(&self) -> u64 {
-        self.files.iter().map(|f| f.layout.size()).sum()
+        self.files.iter().map(OpenFile::size).sum()
     }
 
-    /// First and last log time, ns, as the chunks say.
+    /// First and last log time, ns, as the files say.
     pub fn time_range(&self) -> Option<(u64, u64)> {
-        let spans = || self.files.iter().flat_map(|f| &f.layout.spans);
-        // a chunk of schemas only has no times
-        let timed = || spans().filter(|s| s.end > 0);
-        Some((timed().map(|s| s.start).min()?, timed().map(|s| s.end).max()?))
+        let ranges = self.files.iter().filter_map(OpenFile::time_range);
+        ranges.reduce(|(begin, end), (first, last)| (begin.min(first), end.max(last)))
     }
 
     /// Places that are not as they should be, as far as they show without reading the messages.
     pub fn damage(&self) -> Vec<Damage> {
         self.missing
             .iter()
-            .chain(self.files.iter().flat_map(|f| &f.layout.damage))
+            .chain(self.files.iter().flat_map(OpenFile::damage))
             .cloned()
             .collect()
     }
@@ -259,14 +357,15 @@ impl BagReader {
     /// Whether every file ends with its index and nothing is known to be damaged. What is inside
     /// the chunks shows only when the messages are read.
     pub fn is_complete(&self) -> bool {
-        self.missing.is_empty()
-            && self
-                .files
-                .iter()
-                .all(|f| f.layout.damage.is_empty() && f.layout.statistics.is_some())
+        self.missing.is_empty() && self.files.iter().all(OpenFile::is_complete)
     }
 
-    /// Messages that `metadata.yaml` counts, if there is one.
+    /// Whether the recording is a directory with a readable `metadata.yaml`.
+    pub fn has_metadata(&self) -> bool {
+        self.has_metadata
+    }
+
+    /// Messages that `metadata.yaml` counts, if there is one that does.
     pub fn declared_count(&self) -> Option<u64> {
         self.metadata_count
     }
@@ -275,7 +374,10 @@ impl BagReader {
     pub fn verify_checksums(&self) -> Result<Vec<Damage>, BagError> {
         let mut damage = Vec::new();
         for file in &self.files {
-            damage.extend(file.layout.verify_checksum()?);
+            damage.extend(match &file.stored.content {
+                Content::Mcap(layout) => layout.verify_checksum()?,
+                Content::Sqlite(database) => database.verify(),
+            });
         }
         Ok(damage)
     }
@@ -284,186 +386,373 @@ impl BagReader {
     pub(crate) fn span_length(&self, path: &Path, offset: u64) -> u64 {
         self.files
             .iter()
-            .filter(|f| f.layout.path == path)
-            .flat_map(|f| &f.layout.spans)
+            .filter_map(OpenFile::layout)
+            .filter(|layout| layout.path == path)
+            .flat_map(|layout| &layout.spans)
             .find(|s| s.offset == offset)
             .map_or(0, |s| s.length)
     }
 
     /// MCAP metadata records, for copying.
     pub(crate) fn metadata(&self) -> impl Iterator<Item = &(String, BTreeMap<String, String>)> {
-        self.files.iter().flat_map(|f| &f.layout.metadata)
+        self.files.iter().filter_map(OpenFile::layout).flat_map(|layout| &layout.metadata)
     }
 
     /// Attachments, for copying.
     pub(crate) fn attachments(&self) -> impl Iterator<Item = &StoredAttachment> {
-        self.files.iter().flat_map(|f| &f.layout.attachments)
+        self.files.iter().filter_map(OpenFile::layout).flat_map(|layout| &layout.attachments)
     }
 
     /// All messages in the order of log time; messages of the same time as they stand in the file.
     /// A damaged place is an error in the sequence: those that follow an error are the messages
     /// after the place. Damage that [`damage`](Self::damage) lists comes last.
     pub fn messages(&self) -> Messages<'_> {
-        let mut spans: Vec<(usize, Span)> = self
-            .files
-            .iter()
-            .enumerate()
-            .flat_map(|(i, f)| f.layout.spans.iter().map(move |s| (i, *s)))
-            .collect();
-        // the earliest is taken from the end
-        spans.sort_by_key(|&(file, s)| Reverse((s.start, file, s.offset)));
-        let by_channel = self
-            .files
-            .iter()
-            .map(|f| {
-                f.directory
-                    .channels
-                    .values()
-                    .filter_map(|c| Some((c.id, Arc::clone(self.topic(&c.topic)?))))
-                    .collect()
-            })
-            .collect();
+        let mut parts = BinaryHeap::new();
+        for (file, open) in self.files.iter().enumerate() {
+            let mut add = |begin: u64, order: u64, part: PartKind| {
+                parts.push(Reverse(Part { begin, file, order, part }));
+            };
+            match &open.stored.content {
+                Content::Mcap(layout) => {
+                    layout.spans.iter().for_each(|span| {
+                        add(span.start, span.offset, PartKind::Span(*span));
+                    });
+                }
+                Content::Sqlite(database) => {
+                    let begin = database.range.map_or(0, |(first, _)| log_time(first));
+                    add(begin, 0, PartKind::Rows(database.begin()));
+                }
+            }
+        }
         Messages {
             reader: self,
-            by_channel,
-            spans,
+            parts,
+            connections: BTreeMap::new(),
             heap: BinaryHeap::new(),
-            errors: Vec::new(),
-            last: self.damage(),
+            errors: VecDeque::new(),
+            last: self.damage().into(),
             ordinal: 0,
         }
     }
 }
 
-/// The data files of a rosbag2 directory and the message count of its `metadata.yaml`. A directory
-/// without `metadata.yaml`, or with a broken one, is its `*.mcap` files.
-fn data_files(directory: &Path) -> Result<(Vec<PathBuf>, Option<u64>), BagError> {
-    let not_a_bag = |reason: String| BagError::NotABag { path: directory.to_owned(), reason };
-    let information = Information::read(directory);
-    if let Ok(Some(information)) = &information {
-        if information.storage_identifier != "mcap" {
-            return Err(not_a_bag(format!(
-                "its storage is {:?}, read is \"mcap\"; `ros2 bag convert` makes one from the \
-                 other",
-                information.storage_identifier
-            )));
-        }
-        if !information.compression_mode.is_empty()
-            && !information.compression_mode.eq_ignore_ascii_case("none")
-        {
-            return Err(not_a_bag(format!(
-                "it is compressed by {} ({}), read are bags that are compressed by chunk inside \
-                 the MCAP; `ros2 bag convert` makes one from the other",
-                information.compression_mode, information.compression_format
-            )));
-        }
-        let paths = information.paths(directory)?;
-        if !paths.is_empty() && paths.iter().all(|p| p.is_file()) {
-            return Ok((paths, Some(information.message_count)));
-        }
-    }
-    let mut paths = Vec::new();
-    let entries = std::fs::read_dir(directory).map_err(|e| BagError::reading(directory, e))?;
-    for entry in entries {
-        let path = entry.map_err(|e| BagError::reading(directory, e))?.path();
-        if path.extension().is_some_and(|e| e == "mcap") && path.is_file() {
-            paths.push(path);
-        }
-    }
-    if paths.is_empty() {
-        return match information {
-            Err(error) => Err(error),
-            Ok(Some(information)) => Err(not_a_bag(format!(
-                "metadata.yaml names {:?}, which are not there",
-                information.relative_file_paths
-            ))),
-            Ok(None) => Err(not_a_bag("it has neither metadata.yaml nor a file *.mcap".into())),
+/// Storages that a bag may name; a reindexed one names none.
+const READ_STORAGES: [&str; 3] = ["", "mcap", "sqlite3"];
+/// Messages that show the type of a topic.
+const ENOUGH: usize = 16;
+/// Messages that are looked at for that, over all topics.
+const LOOKED_AT: usize = 20_000;
+
+/// A time of a database as log time, ns.
+fn log_time(time: i64) -> u64 {
+    u64::try_from(time).unwrap_or(0)
+}
+
+impl OpenFile {
+    fn new(stored: StoredFile) -> Self {
+        let directory = match &stored.content {
+            Content::Mcap(layout) => layout.directory.clone(),
+            Content::Sqlite(_) => Directory::default(),
         };
+        Self { stored, directory, topics: BTreeMap::new() }
     }
-    // numbered as rosbag2 does: name_2 before name_10
-    paths.sort_by_key(|p| {
-        let stem = p.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        let number = stem.rsplit('_').next().and_then(|n| n.parse::<u64>().ok());
-        (number, stem)
-    });
-    Ok((paths, None))
+
+    fn layout(&self) -> Option<&Layout> {
+        match &self.stored.content {
+            Content::Mcap(layout) => Some(layout),
+            Content::Sqlite(_) => None,
+        }
+    }
+
+    fn path(&self) -> &Path {
+        match &self.stored.content {
+            Content::Mcap(layout) => &layout.path,
+            Content::Sqlite(database) => &database.path,
+        }
+    }
+
+    fn size(&self) -> u64 {
+        match &self.stored.content {
+            Content::Mcap(layout) => layout.size(),
+            Content::Sqlite(database) => database.size,
+        }
+    }
+
+    fn damage(&self) -> &[Damage] {
+        match &self.stored.content {
+            Content::Mcap(layout) => &layout.damage,
+            Content::Sqlite(database) => &database.damage,
+        }
+    }
+
+    fn is_complete(&self) -> bool {
+        self.damage().is_empty() && self.layout().is_none_or(|layout| layout.statistics.is_some())
+    }
+
+    fn time_range(&self) -> Option<(u64, u64)> {
+        match &self.stored.content {
+            Content::Mcap(layout) => {
+                // a chunk of schemas only has no times
+                let timed = || layout.spans.iter().filter(|s| s.end > 0);
+                Some((timed().map(|s| s.start).min()?, timed().map(|s| s.end).max()?))
+            }
+            Content::Sqlite(database) => {
+                database.range.map(|(first, last)| (log_time(first), log_time(last)))
+            }
+        }
+    }
+
+    /// What the file itself says of the recording, as `metadata.yaml` does.
+    fn own_metadata(&self) -> Option<Found> {
+        match &self.stored.content {
+            Content::Mcap(layout) => {
+                let (_, map) = layout.metadata.iter().find(|(name, _)| name == "rosbag2")?;
+                Found::of_information(map.get("serialized_metadata")?)
+            }
+            Content::Sqlite(database) => database.metadata.clone(),
+        }
+    }
+
+    /// The topics with what messages refer to them by.
+    fn topics_in_it(&mut self) -> Result<Vec<(i64, Topic)>, BagError> {
+        let layout = match &self.stored.content {
+            Content::Mcap(layout) => layout,
+            Content::Sqlite(database) => {
+                let topic = |stored: &super::sqlite::StoredTopic| {
+                    let (schema_encoding, definition) = stored.definition.clone();
+                    let known = [(QOS_KEY, &stored.qos), (HASH_KEY, &stored.type_hash)];
+                    let known = known.into_iter().filter(|(_, value)| !value.is_empty());
+                    let topic = Topic {
+                        name: stored.name.clone(),
+                        type_name: stored.type_name.clone(),
+                        schema_encoding,
+                        definition: definition.into_bytes(),
+                        message_encoding: match stored.encoding.as_str() {
+                            "" => "cdr".into(),
+                            encoding => encoding.into(),
+                        },
+                        metadata: known.map(|(k, v)| (k.to_owned(), v.clone())).collect(),
+                        messages: stored.messages,
+                    };
+                    (stored.id, topic)
+                };
+                return Ok(database.topics.iter().map(topic).collect());
+            }
+        };
+        let mut counts = BTreeMap::new();
+        match &layout.statistics {
+            Some(statistics)
+                if layout.damage.is_empty()
+                    && statistics.channel_count as usize == self.directory.channels.len() =>
+            {
+                counts.clone_from(&statistics.channel_message_counts);
+            }
+            _ => {
+                // without an index the channels stand in the chunks only
+                for span in &layout.spans {
+                    let unpacked = layout.unpack(span, &mut self.directory)?;
+                    for message in unpacked.messages {
+                        *counts.entry(message.header.channel_id).or_insert(0) += 1;
+                    }
+                }
+            }
+        }
+        let topic = |(id, channel): (&u16, &mcap::records::Channel)| {
+            let schema = self.directory.schemas.get(&channel.schema_id).cloned();
+            let schema = schema.unwrap_or_default();
+            let topic = Topic {
+                messages: counts.get(id).copied().unwrap_or(0),
+                name: channel.topic.clone(),
+                type_name: schema.name,
+                schema_encoding: schema.encoding,
+                definition: schema.data,
+                message_encoding: channel.message_encoding.clone(),
+                metadata: channel.metadata.clone(),
+            };
+            (i64::from(*id), topic)
+        };
+        Ok(self.directory.channels.iter().map(topic).collect())
+    }
+}
+
+/// A part of a file that is not yet read.
+struct Part {
+    /// No message of it is earlier.
+    begin: u64,
+    file: usize,
+    /// Its place among those of the same file and begin.
+    order: u64,
+    part: PartKind,
+}
+
+#[derive(Clone, Copy)]
+enum PartKind {
+    Span(Span),
+    Rows(Position),
 }
 
 struct Waiting {
     key: (u64, u64),
     message: BagMessage,
+    /// File, and place in it.
+    place: (usize, u64),
 }
 
-impl PartialEq for Waiting {
-    fn eq(&self, other: &Self) -> bool {
-        self.key == other.key
-    }
+/// By the first of these that differ.
+macro_rules! ordered_by {
+    ($kind:ty, |$it:ident| $key:expr) => {
+        impl PartialEq for $kind {
+            fn eq(&self, other: &Self) -> bool {
+                self.cmp(other).is_eq()
+            }
+        }
+        impl Eq for $kind {}
+        impl PartialOrd for $kind {
+            fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+                Some(self.cmp(other))
+            }
+        }
+        impl Ord for $kind {
+            fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+                let key = |$it: &Self| $key;
+                key(self).cmp(&key(other))
+            }
+        }
+    };
 }
-impl Eq for Waiting {}
-impl PartialOrd for Waiting {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
-}
-impl Ord for Waiting {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.key.cmp(&other.key)
-    }
-}
+ordered_by!(Part, |part| (part.begin, part.file, part.order));
+ordered_by!(Waiting, |waiting| waiting.key);
 
 /// Messages of a recording in the order of log time, see [`BagReader::messages`].
 pub struct Messages<'a> {
     reader: &'a BagReader,
-    /// Topic of each channel, per file.
-    by_channel: Vec<BTreeMap<u16, Arc<Topic>>>,
-    /// Spans not yet unpacked, the earliest last.
-    spans: Vec<(usize, Span)>,
+    /// Parts not yet read, the earliest first.
+    parts: BinaryHeap<Reverse<Part>>,
+    /// To the databases that are being read.
+    connections: BTreeMap<usize, Connection>,
     heap: BinaryHeap<Reverse<Waiting>>,
-    errors: Vec<BagError>,
-    last: Vec<Damage>,
+    errors: VecDeque<BagError>,
+    last: VecDeque<Damage>,
     ordinal: u64,
 }
 
 impl Messages<'_> {
-    fn unpack(&mut self, index: usize, span: &Span) {
+    fn read(&mut self, part: &Part) {
+        let file = &self.reader.files[part.file];
+        match (part.part, &file.stored.content) {
+            (PartKind::Span(span), Content::Mcap(layout)) => {
+                self.unpack(part.file, layout, &span);
+            }
+            (PartKind::Rows(position), Content::Sqlite(database)) => {
+                self.read_rows(part, database, position);
+            }
+            _ => {}
+        }
+    }
+
+    /// Puts a message into the order of time.
+    fn wait(&mut self, message: BagMessage, place: (usize, u64)) {
+        self.ordinal += 1;
+        let key = (message.log_time, self.ordinal);
+        self.heap.push(Reverse(Waiting { key, message, place }));
+    }
+
+    fn unpack(&mut self, index: usize, layout: &Layout, span: &Span) {
         let file = &self.reader.files[index];
-        // every channel is known since the bag was opened; a complete file has them in its index
+        // every channel is known since the bag was opened
         let mut directory = file.directory.clone();
-        let unpacked = match file.layout.unpack(span, &mut directory) {
+        let unpacked = match layout.unpack(span, &mut directory) {
             Ok(unpacked) => unpacked,
-            Err(error) => return self.errors.push(error),
+            Err(error) => return self.errors.push_back(error),
         };
         let mut undeclared = None;
         for located in unpacked.messages {
-            let Some(topic) = self.by_channel[index].get(&located.header.channel_id) else {
+            let Some(topic) = file.topics.get(&i64::from(located.header.channel_id)) else {
                 undeclared = Some(located.header.channel_id);
                 continue;
             };
-            self.ordinal += 1;
-            self.heap.push(Reverse(Waiting {
-                key: (located.header.log_time, self.ordinal),
-                message: BagMessage {
-                    topic: Arc::clone(topic),
-                    log_time: located.header.log_time,
-                    publish_time: located.header.publish_time,
-                    sequence: located.header.sequence,
-                    chunk: Arc::clone(&unpacked.bytes),
-                    from: located.from,
-                    to: located.to,
-                },
-            }));
+            let message = BagMessage {
+                topic: Arc::clone(topic),
+                log_time: located.header.log_time,
+                publish_time: located.header.publish_time,
+                sequence: located.header.sequence,
+                chunk: Arc::clone(&unpacked.bytes),
+                from: located.from,
+                to: located.to,
+            };
+            self.wait(message, (index, span.offset));
         }
         if let Some(damage) = unpacked.damage {
-            self.errors.push(damage.error());
+            self.errors.push_back(damage.error());
         }
         if let Some(channel) = undeclared {
-            self.errors.push(BagError::Broken {
-                path: file.layout.path.clone(),
+            self.errors.push_back(BagError::Broken {
+                path: layout.path.clone(),
                 offset: span.offset,
                 expected: "messages of channels that the index lists".into(),
                 found: format!("channel {channel}"),
             });
         }
+    }
+
+    fn read_rows(&mut self, part: &Part, database: &Database, position: Position) {
+        let connection = match self.connections.remove(&part.file) {
+            Some(connection) => connection,
+            None => match database.connect() {
+                Ok(connection) => connection,
+                Err(error) => {
+                    return self.errors.push_back(database.broken(&error).error());
+                }
+            },
+        };
+        let page = database.page(&connection, position);
+        let (mut begin, index) = (part.begin, part.file);
+        let file = &self.reader.files[index];
+        for stored in page.messages {
+            // Messages of topics that the file does not list are damage since it was opened.
+            let Some(topic) = file.topics.get(&stored.topic) else { continue };
+            let time = log_time(stored.time);
+            begin = begin.max(time);
+            let message = BagMessage {
+                topic: Arc::clone(topic),
+                log_time: time,
+                publish_time: time,
+                sequence: 0,
+                from: 0,
+                to: stored.data.len(),
+                chunk: Arc::new(stored.data),
+            };
+            self.wait(message, (index, 0));
+        }
+        if let Some(next) = page.next {
+            self.connections.insert(index, connection);
+            let order = part.order + 1;
+            let part = PartKind::Rows(next);
+            self.parts.push(Reverse(Part { begin, file: index, order, part }));
+        }
+        if let Some(damage) = page.damage.filter(|damage| !database.damage.contains(damage)) {
+            self.errors.push_back(damage.error());
+        }
+    }
+
+    /// The message, unpacked if its recorder compressed it.
+    fn unpacked(&self, waiting: Waiting) -> Result<BagMessage, BagError> {
+        let mut message = waiting.message;
+        if !message.starts_with(&ZSTD_MAGIC) {
+            return Ok(message);
+        }
+        let bytes = unpack_message(&message).map_err(|found| BagError::Broken {
+            path: self.reader.files[waiting.place.0].path().to_owned(),
+            offset: waiting.place.1,
+            expected: format!(
+                "a message on {} at {} ns that unpacks with zstd to at most 256 MiB",
+                message.topic.name, message.log_time
+            ),
+            found,
+        })?;
+        (message.from, message.to) = (0, bytes.len());
+        message.chunk = Arc::new(bytes);
+        Ok(message)
     }
 }
 
@@ -472,24 +761,22 @@ impl Iterator for Messages<'_> {
 
     fn next(&mut self) -> Option<Self::Item> {
         loop {
-            if let Some(error) = self.errors.pop() {
+            if let Some(error) = self.errors.pop_front() {
                 return Some(Err(error));
             }
-            let earliest = self.heap.peek().map(|Reverse(w)| w.key.0);
-            match self.spans.last().copied() {
-                Some((index, span)) if earliest.is_none_or(|time| span.start <= time) => {
-                    self.spans.pop();
-                    self.unpack(index, &span);
+            let earliest = self.heap.peek().map(|Reverse(waiting)| waiting.key.0);
+            match self.parts.peek() {
+                Some(Reverse(part)) if earliest.is_none_or(|time| part.begin <= time) => {
+                    if let Some(Reverse(part)) = self.parts.pop() {
+                        self.read(&part);
+                    }
                 }
                 _ => break,
             }
         }
         if let Some(Reverse(waiting)) = self.heap.pop() {
-            return Some(Ok(waiting.message));
+            return Some(self.unpacked(waiting));
         }
-        if self.last.is_empty() {
-            return None;
-        }
-        Some(Err(self.last.remove(0).error()))
+        self.last.pop_front().map(|damage| Err(damage.error()))
     }
 }

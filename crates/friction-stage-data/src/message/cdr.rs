@@ -1,11 +1,19 @@
 //! Messages to and from CDR, the byte format of ROS 2 on the wire and in bags.
 //!
 //! Four bytes of encapsulation (representation and options), then plain CDR (XCDR1), aligned from
-//! the byte after them.
+//! the byte after them. That is what is written; XCDR2 is read, too.
+
+use std::borrow::Cow;
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::rc::Rc;
 
 use byteorder::{BigEndian, LittleEndian};
-use serde::{Serialize, de::DeserializeOwned};
+use serde::Serialize;
 use thiserror::Error;
+
+use super::RosMessage;
+use super::type_layout::TypeLayout;
 
 /// Encapsulation of plain CDR, little endian.
 const LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
@@ -27,14 +35,13 @@ pub enum CdrError {
         /// Bytes that are there.
         length: usize,
     },
-    /// An encapsulation other than plain CDR.
-    #[error(
-        "CDR representation {found:#06x}, supported are 0x0000 (big endian) and 0x0001 (little \
-         endian)"
-    )]
+    /// An encapsulation that is not read, or a message of it that does not fit its type.
+    #[error("{kind}: {reason}")]
     Representation {
-        /// The representation identifier of the message.
-        found: u16,
+        /// Rust type that was asked for.
+        kind: &'static str,
+        /// What it is and what would be right.
+        reason: String,
     },
     /// The content does not fit the type.
     #[error("{length} bytes do not decode as {kind}: {source}")]
@@ -63,16 +70,22 @@ pub fn to_cdr_into<M: Serialize>(message: &M, bytes: &mut Vec<u8>) -> Result<(),
         .map_err(|source| CdrError::Encode { kind: std::any::type_name::<M>(), source })
 }
 
-/// Decodes a message from plain CDR of either endianness. Bytes after the message (padding) are
-/// ignored.
-pub fn from_cdr<M: DeserializeOwned>(bytes: &[u8]) -> Result<M, CdrError> {
-    let Some((head, body)) = bytes.split_first_chunk::<4>() else {
+/// Decodes a message from CDR of either version and endianness. Bytes after the message (padding)
+/// are ignored.
+pub fn from_cdr<M: RosMessage>(bytes: &[u8]) -> Result<M, CdrError> {
+    if bytes.len() < 4 {
         return Err(CdrError::NoEncapsulation { length: bytes.len() });
+    }
+    let plain = match bytes {
+        [0, 0 | 1, ..] => Ok(Cow::Borrowed(bytes)),
+        other => layout_of::<M>().and_then(|layout| Ok(layout.plain(other)?.into_owned().into())),
     };
-    let decoded = match u16::from_be_bytes([head[0], head[1]]) {
+    let plain: Cow<'_, [u8]> = plain
+        .map_err(|reason| CdrError::Representation { kind: std::any::type_name::<M>(), reason })?;
+    let body = &plain[4..];
+    let decoded = match plain[1] {
         0 => cdr_encoding::from_bytes::<M, BigEndian>(body),
-        1 => cdr_encoding::from_bytes::<M, LittleEndian>(body),
-        found => return Err(CdrError::Representation { found }),
+        _ => cdr_encoding::from_bytes::<M, LittleEndian>(body),
     };
     match decoded {
         Ok((message, _)) => Ok(message),
@@ -80,6 +93,22 @@ pub fn from_cdr<M: DeserializeOwned>(bytes: &[u8]) -> Result<M, CdrError> {
             Err(CdrError::Content { length: bytes.len(), kind: std::any::type_name::<M>(), source })
         }
     }
+}
+
+/// The layout of `M`, which is worked out once for each thread.
+fn layout_of<M: RosMessage>() -> Result<Rc<TypeLayout>, String> {
+    thread_local! {
+        static LAYOUTS: RefCell<HashMap<&'static str, Rc<TypeLayout>>> = RefCell::default();
+    }
+    LAYOUTS.with_borrow_mut(|layouts| {
+        let kind = std::any::type_name::<M>();
+        if let Some(layout) = layouts.get(kind) {
+            return Ok(Rc::clone(layout));
+        }
+        let layout = Rc::new(TypeLayout::parse(&M::type_name(), &M::definition())?);
+        layouts.insert(kind, Rc::clone(&layout));
+        Ok(layout)
+    })
 }
 
 #[cfg(test)]
@@ -138,8 +167,8 @@ mod tests {
 
     #[test]
     fn other_representations_are_named() {
-        let error = from_cdr::<Clock>(&[0, 7, 0, 0, 1, 2, 3, 4]).unwrap_err();
-        assert!(error.to_string().contains("0x0007"), "{error}");
+        let error = from_cdr::<Clock>(&[0, 17, 0, 0, 1, 2, 3, 4]).unwrap_err();
+        assert!(error.to_string().contains("0x0011"), "{error}");
         let error = from_cdr::<Clock>(&[0, 1]).unwrap_err();
         assert!(error.to_string().starts_with("2 bytes"), "{error}");
         let error = from_cdr::<Clock>(&[0, 1, 0, 0, 1]).unwrap_err();

@@ -9,10 +9,13 @@ pub mod cdr;
 pub mod diagnostic_msgs;
 pub mod friction_stage;
 pub mod geometry_msgs;
+pub(crate) mod known;
 pub mod rosgraph_msgs;
 pub mod sensor_msgs;
 pub mod std_msgs;
 pub mod trajectory_msgs;
+pub(crate) mod type_layout;
+mod xcdr2;
 
 pub use builtin_interfaces::{Duration, Time};
 pub use cdr::{CdrError, from_cdr, to_cdr};

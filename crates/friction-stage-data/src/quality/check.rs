@@ -71,7 +71,7 @@ pub struct CheckReport {
     pub findings: Vec<FileFinding>,
 }
 
-/// Checks a rosbag2 directory or an MCAP file. An error means that nothing of it can be read;
+/// Checks a rosbag2 directory or one of its files. An error means that nothing of it can be read;
 /// everything else that is wrong is in the report.
 pub fn check(path: &Path) -> Result<CheckReport, BagError> {
     let reader = BagReader::open(path)?;
@@ -120,7 +120,7 @@ pub fn check(path: &Path) -> Result<CheckReport, BagError> {
         Some(declared) if declared != count => {
             findings.push(FileFinding::MessageCount { declared, read: count });
         }
-        None if path.is_dir() => findings.push(FileFinding::NoMetadata),
+        None if path.is_dir() && !reader.has_metadata() => findings.push(FileFinding::NoMetadata),
         _ => {}
     }
     findings.extend(topics.iter().flat_map(TopicCheck::findings));

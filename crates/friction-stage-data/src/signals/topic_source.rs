@@ -7,37 +7,41 @@ use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::mapping::{Place, Signal, SignalSource, Stamp};
 use super::source::{Request, Stream, seconds_to_nanos};
-use crate::bag::definition::{Definition, FieldPath, Value};
 use crate::bag::{BagReader, Topic, topics};
-use crate::message::*;
+use crate::message::type_layout::{FieldPath, TypeLayout, Value};
 
-/// The definition of a topic's type: that of the bag, or our own for types that this program knows.
-fn definition(topic: &Topic) -> Result<Definition, String> {
-    let known = || {
-        Some(match topic.type_name.as_str() {
-            "sensor_msgs/msg/JointState" => JointState::definition(),
-            "geometry_msgs/msg/WrenchStamped" => WrenchStamped::definition(),
-            "trajectory_msgs/msg/JointTrajectory" => JointTrajectory::definition(),
-            "std_msgs/msg/Float64MultiArray" => Float64MultiArray::definition(),
-            "friction_stage/msg/StageState" => StageState::definition(),
-            "friction_stage/msg/ControllerState" => ControllerState::definition(),
-            _ => return None,
-        })
-    };
-    if topic.schema_encoding == "ros2msg" && !topic.definition.is_empty() {
-        Definition::parse(&topic.type_name, &String::from_utf8_lossy(&topic.definition))
-    } else if let Some(text) = known() {
-        Definition::parse(&topic.type_name, &text)
+/// The layout of a topic's messages: by the definition in the bag, or our own for types that this
+/// program knows.
+fn layout(topic: &Topic) -> Result<TypeLayout, String> {
+    if topic.type_name.is_empty() {
+        return Err("the bag does not say of which type its messages are, and they fit none or \
+                    several of the known types; `ros2 bag convert` from a bag whose metadata.yaml \
+                    names it writes type and definition"
+            .into());
+    }
+    let (text, is_known) = (&topic.definition, topic.is_of_known_type());
+    if topic.schema_encoding == "ros2msg" && !text.is_empty() {
+        TypeLayout::parse(&topic.type_name, &String::from_utf8_lossy(text))
+    } else if is_known {
+        TypeLayout::parse(&topic.type_name, "")
     } else {
-        let what = if topic.schema_encoding.is_empty() { "none" } else { &topic.schema_encoding };
-        Err(format!("the bag defines its type in {what}, read is ros2msg"))
+        let what = match topic.schema_encoding.as_str() {
+            "" => "the bag has no definition of its type".to_owned(),
+            _ if text.is_empty() => "the bag has no definition of its type".to_owned(),
+            encoding => format!("the bag defines its type in {encoding}, read is ros2msg"),
+        };
+        Err(format!(
+            "{what}; with the package {} installed, `ros2 bag convert` to mcap (from Iron on) \
+             adds one",
+            topic.type_name.split('/').next().unwrap_or("of the type")
+        ))
     }
 }
 
 /// A request with its paths found in the type of its topic.
 struct Extraction {
     topic: String,
-    definition: Definition,
+    layout: TypeLayout,
     stamp: Option<FieldPath>,
     publish_time: bool,
     sources: Vec<(FieldPath, SignalSource)>,
@@ -67,17 +71,16 @@ impl Extraction {
                 ));
             }
             if found.is_none() {
-                let definition =
-                    definition(topic).map_err(|reason| unknown(Some(topic), reason))?;
+                let layout = layout(topic).map_err(|reason| unknown(Some(topic), reason))?;
                 let (path, publish_time, automatic) = match stamp {
-                    Stamp::Auto => match definition.path("header.stamp") {
+                    Stamp::Auto => match layout.path("header.stamp") {
                         Ok(path) => (Some(path), false, true),
                         Err(_) => (None, false, false),
                     },
                     Stamp::LogTime => (None, false, false),
                     Stamp::PublishTime => (None, true, false),
                     Stamp::Field(text) => {
-                        let path = definition.path(text).map_err(|reason| SignalError::Field {
+                        let path = layout.path(text).map_err(|reason| SignalError::Field {
                             topic: name.clone(),
                             type_name: topic.type_name.clone(),
                             field: text.clone(),
@@ -88,7 +91,7 @@ impl Extraction {
                 };
                 found = Some(Self {
                     topic: name.clone(),
-                    definition,
+                    layout,
                     stamp: path,
                     publish_time,
                     sources: Vec::new(),
@@ -97,7 +100,7 @@ impl Extraction {
             }
             if let Some(extraction) = &mut found {
                 let path = extraction
-                    .definition
+                    .layout
                     .path(field)
                     .map_err(|reason| unknown(Some(topic), reason))?;
                 extraction.sources.push((path, source.clone()));
@@ -207,25 +210,22 @@ pub(super) fn read_bag(
                 reason: format!("message at {} ns: {reason}", message.log_time),
             };
             row.clear();
+            let layout = &extraction.layout;
+            let plain = layout.plain(&message).map_err(failed)?;
             for (path, source) in &extraction.sources {
-                let definition = &extraction.definition;
-                let joint = joints.wanted(|| definition.joints(path, &message)).map_err(failed)?;
-                let value = definition.value(path, joint, &message).map_err(failed)?;
+                let joint = joints.wanted(|| layout.joints(path, &plain)).map_err(failed)?;
+                let value = layout.value(path, joint, &plain).map_err(failed)?;
                 row.push(value.map(|value| source.to_si(value.as_f64())));
             }
             if row.iter().all(Option::is_none) {
                 for (path, _) in &extraction.sources {
-                    joints.heard(extraction.definition.joints(path, &message).map_err(failed)?);
+                    joints.heard(layout.joints(path, &plain).map_err(failed)?);
                 }
                 continue;
             }
             let stamp = match &extraction.stamp {
                 Some(path) => {
-                    match extraction
-                        .definition
-                        .value(path, joints.read(), &message)
-                        .map_err(failed)?
-                    {
+                    match layout.value(path, joints.read(), &plain).map_err(failed)? {
                         Some(Value::Nanoseconds(stamp)) => stamp,
                         Some(value) => seconds_to_nanos(value.as_f64()),
                         None => continue,

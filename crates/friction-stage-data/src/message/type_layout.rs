@@ -3,38 +3,42 @@
 //! What comes in is the text of a `ros2msg` schema, a path such as `points[only].positions[joint]`
 //! and messages as CDR bytes; what goes out is a number per message. Fields before the wanted one
 //! are skipped, those behind it not looked at; no memory is taken for what a message claims to
-//! hold. Source of the layout: OMG DDS-XTypes 1.3, 7.4.1 (plain CDR, version 1) and the message
+//! hold. Parts that the text lacks are those of [`known`]. Source of the layout: OMG DDS-XTypes 1.3,
+//! 7.4.1 (plain CDR, version 1; [`xcdr2`](super::xcdr2) brings version 2 to it) and the message
 //! definitions of ROS 2.
 //!
 //! Not read: schemas in `ros2idl`, and fields that stand behind a `wstring`, whose characters are
 //! of two or four bytes depending on the middleware that wrote them.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 
 use friction_stage_core::model::nearest;
 
+use super::{known, xcdr2};
+
 /// A message type with everything that it contains.
 #[derive(Debug, Clone)]
-pub(crate) struct Definition {
+pub(crate) struct TypeLayout {
     /// The type itself comes first.
-    messages: Vec<MessageType>,
+    pub(super) messages: Vec<MessageType>,
 }
 
 #[derive(Debug, Clone)]
-struct MessageType {
-    name: String,
-    fields: Vec<Field>,
+pub(super) struct MessageType {
+    pub name: String,
+    pub fields: Vec<Field>,
 }
 
 #[derive(Debug, Clone)]
-struct Field {
-    name: String,
-    kind: Kind,
-    many: Many,
+pub(super) struct Field {
+    pub name: String,
+    pub kind: Kind,
+    pub many: Many,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+pub(super) enum Kind {
     Bool,
     U8,
     I8,
@@ -52,7 +56,7 @@ enum Kind {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Many {
+pub(super) enum Many {
     One,
     Fixed(usize),
     Sequence,
@@ -79,7 +83,7 @@ impl Kind {
     }
 
     /// Bytes of a number, which is also its alignment.
-    fn size(self) -> Option<usize> {
+    pub fn size(self) -> Option<usize> {
         match self {
             Self::Bool | Self::U8 | Self::I8 => Some(1),
             Self::U16 | Self::I16 => Some(2),
@@ -137,72 +141,61 @@ impl Value {
     }
 }
 
-impl Definition {
-    /// Reads the text that a bag stores with encoding `ros2msg`. The error says what is wrong with
-    /// it.
+impl TypeLayout {
+    /// Reads the text that a bag stores with encoding `ros2msg`; an empty one stands for a known
+    /// type. The error says what is wrong with it.
     pub fn parse(type_name: &str, text: &str) -> Result<Self, String> {
         let mut sections = vec![(short_name(type_name), Vec::new())];
         let mut between = false;
-        for line in text.lines() {
-            let line = line.split('#').next().unwrap_or("").trim();
+        for line in field_lines(text) {
             if line.len() >= 3 && line.bytes().all(|b| b == b'=') {
                 between = true;
             } else if let Some(name) = line.strip_prefix("MSG: ").filter(|_| between) {
                 sections.push((short_name(name.trim()), Vec::new()));
                 between = false;
-            } else if !line.is_empty()
-                && let Some((_, lines)) = sections.last_mut()
-            {
+            } else if let Some((_, lines)) = sections.last_mut() {
                 lines.push(line);
             }
         }
-        let index: HashMap<&str, usize> =
-            sections.iter().enumerate().rev().map(|(i, (name, _))| (name.as_str(), i)).collect();
+        if sections[0].1.is_empty()
+            && let Some(text) = known::fields(&sections[0].0)
+        {
+            sections[0].1 = field_lines(text).collect();
+        }
+        let mut index: HashMap<String, usize> =
+            sections.iter().enumerate().rev().map(|(i, (name, _))| (name.clone(), i)).collect();
         let mut messages = Vec::new();
-        for (name, lines) in &sections {
+        while messages.len() < sections.len() {
+            let (name, lines) = sections[messages.len()].clone();
             let package = name.split('/').next().unwrap_or("");
             let mut fields = Vec::new();
             for line in lines {
-                let mut words = line.split_whitespace();
-                let (Some(kind), Some(field)) = (words.next(), words.next()) else {
-                    return Err(format!(
-                        "{name}: `{line}` is no field: it needs a type and a name"
-                    ));
-                };
-                // a constant takes no place in the message; a default value neither
-                if field.contains('=') || words.next().is_some_and(|word| word.starts_with('=')) {
+                let Some(FieldText { kind, many, field }) = FieldText::of(line, &name)? else {
                     continue;
-                }
-                let (kind, many) = match kind.split_once('[') {
-                    None => (kind, Many::One),
-                    Some((kind, "]")) => (kind, Many::Sequence),
-                    Some((kind, bound)) if bound.starts_with("<=") && bound.ends_with(']') => {
-                        (kind, Many::Sequence)
-                    }
-                    Some((base, length)) => {
-                        match length.strip_suffix(']').and_then(|n| n.parse().ok()) {
-                            Some(length) => (base, Many::Fixed(length)),
-                            None => return Err(format!("{name}: `{kind}` is no array type")),
-                        }
-                    }
                 };
                 let kind = match Kind::of(kind) {
                     Some(kind) => kind,
                     None => {
-                        let full = if kind.contains('/') {
-                            short_name(kind)
-                        } else {
-                            format!("{package}/{kind}")
-                        };
                         // `Header` alone is an old way to write std_msgs/Header
-                        let found = index
-                            .get(full.as_str())
-                            .or_else(|| index.get(format!("std_msgs/{kind}").as_str()));
-                        match found {
-                            Some(&message) => Kind::Message(message),
+                        let names = if kind.contains('/') {
+                            vec![short_name(kind)]
+                        } else {
+                            vec![format!("{package}/{kind}"), format!("std_msgs/{kind}")]
+                        };
+                        let part = names.iter().find_map(|name| index.get(name).copied());
+                        let known = || {
+                            let mut known = names.iter().map(|name| (name, known::fields(name)));
+                            let (name, text) = known.find(|(_, text)| text.is_some())?;
+                            sections.push((name.clone(), field_lines(text?).collect()));
+                            index.insert(name.clone(), sections.len() - 1);
+                            Some(sections.len() - 1)
+                        };
+                        match part.or_else(known) {
+                            Some(message) => Kind::Message(message),
                             None => {
                                 return Err(format!(
-                                    "{name}: type `{kind}` of `{field}` is not defined"
+                                    "{name}: type `{kind}` of `{field}` is neither defined in the \
+                                     bag nor known here"
                                 ));
                             }
                         }
@@ -210,11 +203,11 @@ impl Definition {
                 };
                 fields.push(Field { name: field.to_owned(), kind, many });
             }
-            messages.push(MessageType { name: name.clone(), fields });
+            messages.push(MessageType { name, fields });
         }
-        let definition = Self { messages };
-        definition.check_finite(0, &mut vec![Visit::Not; definition.messages.len()])?;
-        Ok(definition)
+        let layout = Self { messages };
+        layout.check_finite(0, &mut vec![Visit::Not; layout.messages.len()])?;
+        Ok(layout)
     }
 
     /// ROS 2 has no recursive types, a broken file may claim one.
@@ -233,6 +226,27 @@ impl Definition {
         }
         visits[message] = Visit::Done;
         Ok(())
+    }
+
+    /// The message in plain CDR of version 1, which the other methods take. The error says why it
+    /// cannot be read.
+    pub fn plain<'a>(&self, message: &'a [u8]) -> Result<Cow<'a, [u8]>, String> {
+        match xcdr2::Encoding::of(message)? {
+            None => Ok(Cow::Borrowed(message)),
+            Some(encoding) => xcdr2::to_version_1(self, encoding, message).map(Cow::Owned),
+        }
+    }
+
+    /// Whether a message (CDR with encapsulation) is of this type, as far as its bytes show: it
+    /// ends where the type does, and its texts are texts.
+    pub fn fits(&self, message: &[u8]) -> bool {
+        let Ok(message) = self.plain(message) else { return false };
+        let Ok(mut cursor) = Cursor::new(&message) else { return false };
+        cursor.is_strict = true;
+        let mut fields = self.messages[0].fields.iter();
+        // Writers fill up to four bytes.
+        fields.all(|field| self.skip(&mut cursor, field).is_ok())
+            && cursor.body.len() - cursor.at < 4
     }
 
     /// Finds a path such as `wrench.force.x`, `data[2]`, `position[joint]` or
@@ -465,6 +479,44 @@ impl Definition {
     }
 }
 
+/// The lines of a definition without comments and without empty ones.
+fn field_lines(text: &str) -> impl Iterator<Item = &str> {
+    text.lines().map(|line| line.split('#').next().unwrap_or("").trim()).filter(|l| !l.is_empty())
+}
+
+/// A line of a definition: the type of the elements, how many, and the name.
+struct FieldText<'a> {
+    kind: &'a str,
+    many: Many,
+    field: &'a str,
+}
+
+impl<'a> FieldText<'a> {
+    /// The field that a line of the type `name` defines; none for a constant.
+    fn of(line: &'a str, name: &str) -> Result<Option<Self>, String> {
+        let mut words = line.split_whitespace();
+        let (Some(kind), Some(field)) = (words.next(), words.next()) else {
+            return Err(format!("{name}: `{line}` is no field: it needs a type and a name"));
+        };
+        // a constant takes no place in the message; a default value neither
+        if field.contains('=') || words.next().is_some_and(|word| word.starts_with('=')) {
+            return Ok(None);
+        }
+        let (kind, many) = match kind.split_once('[') {
+            None => (kind, Many::One),
+            Some((kind, "]")) => (kind, Many::Sequence),
+            Some((kind, bound)) if bound.starts_with("<=") && bound.ends_with(']') => {
+                (kind, Many::Sequence)
+            }
+            Some((base, length)) => match length.strip_suffix(']').and_then(|n| n.parse().ok()) {
+                Some(length) => (base, Many::Fixed(length)),
+                None => return Err(format!("{name}: `{kind}` is no array type")),
+            },
+        };
+        Ok(Some(Self { kind, many, field }))
+    }
+}
+
 /// `package/msg/Name` and `package/Name` as `package/Name`.
 fn short_name(name: &str) -> String {
     match name.split_once("/msg/") {
@@ -474,31 +526,33 @@ fn short_name(name: &str) -> String {
 }
 
 /// Reads forward in the body of a CDR message.
-struct Cursor<'a> {
-    body: &'a [u8],
-    at: usize,
-    big_endian: bool,
+pub(super) struct Cursor<'a> {
+    pub body: &'a [u8],
+    pub at: usize,
+    pub big_endian: bool,
+    /// Largest alignment, bytes: 8, in version 2 of CDR 4.
+    pub most: usize,
+    /// Whether a text must end with a zero and be UTF-8.
+    pub is_strict: bool,
 }
 
 impl<'a> Cursor<'a> {
+    /// A message in plain CDR of version 1.
     fn new(message: &'a [u8]) -> Result<Self, String> {
-        match message {
-            [0, representation @ (0 | 1), _, _, body @ ..] => {
-                Ok(Self { body, at: 0, big_endian: *representation == 0 })
-            }
-            [high, low, _, _, ..] => Err(format!(
-                "it is in CDR representation {:#06x}, supported are 0x0000 and 0x0001",
-                u16::from_be_bytes([*high, *low])
-            )),
-            short => Err(format!(
-                "it has {} bytes, a CDR message begins with 4 bytes of encapsulation",
-                short.len()
-            )),
+        match (xcdr2::Encoding::of(message)?, message) {
+            (None, [_, representation, _, _, body @ ..]) => Ok(Self {
+                body,
+                at: 0,
+                big_endian: *representation == 0,
+                most: 8,
+                is_strict: false,
+            }),
+            _ => Err("it is in version 2 of CDR".into()),
         }
     }
 
-    fn take(&mut self, alignment: usize, length: usize) -> Result<&'a [u8], String> {
-        let from = self.at.next_multiple_of(alignment);
+    pub fn take(&mut self, alignment: usize, length: usize) -> Result<&'a [u8], String> {
+        let from = self.at.next_multiple_of(alignment.min(self.most));
         let bytes = from.checked_add(length).and_then(|to| self.body.get(from..to));
         let bytes = bytes.ok_or_else(|| {
             format!(
@@ -519,10 +573,14 @@ impl<'a> Cursor<'a> {
         Ok(bytes)
     }
 
+    pub fn length(&mut self) -> Result<usize, String> {
+        Ok(u32::from_le_bytes(self.array()?) as usize)
+    }
+
     /// Length of a sequence; not more than there are bytes left, since every element takes one at
     /// least.
-    fn count(&mut self) -> Result<usize, String> {
-        let count = u32::from_le_bytes(self.array()?) as usize;
+    pub fn count(&mut self) -> Result<usize, String> {
+        let count = self.length()?;
         let left = self.body.len() - self.at;
         if count > left {
             return Err(format!("it claims {count} elements in {left} bytes"));
@@ -531,10 +589,14 @@ impl<'a> Cursor<'a> {
     }
 
     /// Bytes of a string, without its terminating zero.
-    fn text(&mut self) -> Result<&'a [u8], String> {
+    pub fn text(&mut self) -> Result<&'a [u8], String> {
         let length = self.count()?;
         let bytes = self.take(1, length)?;
-        Ok(bytes.strip_suffix(&[0]).unwrap_or(bytes))
+        let text = bytes.strip_suffix(&[0]);
+        if self.is_strict && !text.is_some_and(|text| std::str::from_utf8(text).is_ok()) {
+            return Err("it has a text that is none".into());
+        }
+        Ok(text.unwrap_or(bytes))
     }
 
     fn number(&mut self, kind: Kind) -> Result<Value, String> {
@@ -558,6 +620,27 @@ impl<'a> Cursor<'a> {
 }
 
 #[cfg(test)]
+impl TypeLayout {
+    /// Names and kinds of all fields in their order in a message.
+    pub(crate) fn flat(&self) -> Vec<String> {
+        fn walk(layout: &TypeLayout, message: usize, found: &mut Vec<String>) {
+            for field in &layout.messages[message].fields {
+                match field.kind {
+                    Kind::Message(inner) => {
+                        found.push(format!("{} {:?}", field.name, field.many));
+                        walk(layout, inner, found);
+                    }
+                    kind => found.push(format!("{} {kind:?} {:?}", field.name, field.many)),
+                }
+            }
+        }
+        let mut found = Vec::new();
+        walk(self, 0, &mut found);
+        found
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::message::{
@@ -566,8 +649,8 @@ mod tests {
     };
     use proptest::prelude::*;
 
-    fn definition<M: RosMessage>() -> Definition {
-        Definition::parse(&M::type_name(), &M::definition()).unwrap()
+    fn definition<M: RosMessage>() -> TypeLayout {
+        TypeLayout::parse(&M::type_name(), &M::definition()).unwrap()
     }
 
     fn read<M: RosMessage>(message: &M, path: &str) -> Option<Value> {
@@ -648,7 +731,7 @@ mod tests {
                     string<=10[<=2] words\nInner[] inner\nfloat32 value 1.5 # default\nempty/Empty \
                     nothing\nuint16 after\n\
                     ===\nMSG: other/Inner\nuint8 a\nint64 b\n===\nMSG: empty/Empty\n";
-        let definition = Definition::parse("other/msg/Outer", text).unwrap();
+        let definition = TypeLayout::parse("other/msg/Outer", text).unwrap();
         let mut bytes = vec![0, 1, 0, 0, 9, 1, 0, 1];
         bytes.extend([1, 0, 0, 0, 3, 0, 0, 0, b'h', b'i', 0, 0xff]); // words, to 16
         bytes.extend([2, 0, 0, 0, 7, 0xff, 0xff, 0xff]); // count 2, then a at 20, pad to 24
@@ -670,7 +753,7 @@ mod tests {
 
     #[test]
     fn unreadable_definitions_are_told() {
-        let error = |text: &str| Definition::parse("a/msg/B", text).unwrap_err();
+        let error = |text: &str| TypeLayout::parse("a/msg/B", text).unwrap_err();
         assert!(error("Unknown x").contains("`Unknown`"));
         assert!(error("float64").contains("type and a name"));
         assert!(error("float64[x] y").contains("array type"));
@@ -688,7 +771,7 @@ mod tests {
             let mut bytes = vec![0, 1, 0, 0];
             bytes.extend(body);
             let _ = definition.value(&path, "stage", &bytes);
-            let _ = Definition::parse("a/msg/B", &text);
+            let _ = TypeLayout::parse("a/msg/B", &text);
         }
     }
 }

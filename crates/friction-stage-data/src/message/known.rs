@@ -1,0 +1,98 @@
+//! Definitions of message types by name, for recordings that lack them.
+//!
+//! Our own messages come from their structs; of the common interfaces the fields are listed in
+//! `common_types.txt`.
+
+use super::*;
+
+const COMMON: &str = include_str!("common_types.txt");
+/// What stands before each type in [`COMMON`].
+const BEGIN: &str = "MSG: ";
+
+/// Own types, with their texts.
+const OWN: [Definition; 2] = [Definition::of::<StageState>(), Definition::of::<ControllerState>()];
+
+/// The fields of the type `package/Name`; its parts have definitions of their own.
+pub(crate) fn fields(name: &str) -> Option<&'static str> {
+    let own = OWN.iter().find(|own| name.split_once('/') == Some((own.package, own.name)));
+    own.map(|own| own.text).or_else(|| {
+        let sections = COMMON.split(BEGIN).skip(1);
+        let mut named = sections.filter_map(|section| section.split_once('\n'));
+        let (_, text) = named.find(|(found, _)| *found == name)?;
+        Some(text.split_once("\n==").map_or(text, |(text, _)| text))
+    })
+}
+
+/// The text that a bag stores for the type `package/Name`: its fields and those of its parts.
+pub(crate) fn definition(name: &str) -> Option<String> {
+    let mut text = fields(name)?.trim_end().to_owned() + "\n";
+    let mut parts = vec![name.to_owned()];
+    let mut at = 0;
+    while let Some(part) = parts.get(at).cloned() {
+        at += 1;
+        let package = part.split('/').next().unwrap_or("");
+        for line in fields(&part).unwrap_or("").lines() {
+            let kind = line.split_whitespace().next().unwrap_or("").split('[').next();
+            let kind = kind.unwrap_or("");
+            let names = [kind.to_owned(), format!("{package}/{kind}")];
+            let Some(name) = names.into_iter().find(|name| fields(name).is_some()) else {
+                continue;
+            };
+            if !parts.contains(&name) {
+                let fields = fields(&name).unwrap_or("").trim_end();
+                text += &format!("{}\nMSG: {name}\n{fields}\n", "=".repeat(80));
+                parts.push(name);
+            }
+        }
+    }
+    Some(text)
+}
+
+/// Names of all known types, as `package/Name`.
+pub(crate) fn names() -> impl Iterator<Item = String> {
+    let own = OWN.iter().map(|own| format!("{}/{}", own.package, own.name));
+    let common = COMMON.lines().filter_map(|line| line.strip_prefix(BEGIN));
+    own.chain(common.map(str::to_owned))
+}
+
+/// `package/msg/Name` for any way in which a name of a type is written.
+pub(crate) fn full_name(name: &str) -> String {
+    match name.split_once('/') {
+        Some((package, name)) if !name.contains('/') => format!("{package}/msg/{name}"),
+        _ => name.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::type_layout::TypeLayout;
+    use super::*;
+
+    fn same_layout<M: RosMessage>() {
+        let layout = |text: &str| TypeLayout::parse(&M::type_name(), text).unwrap().flat();
+        let name = format!("{}/{}", M::PACKAGE, M::NAME);
+        assert_eq!(layout(""), layout(&M::definition()), "{name}");
+        assert_eq!(layout(&definition(&name).unwrap()), layout(&M::definition()), "{name}");
+    }
+
+    #[test]
+    fn every_known_type_is_whole() {
+        assert!(names().count() > 80);
+        for name in names() {
+            let layout = TypeLayout::parse(&full_name(&name), "");
+            assert!(layout.is_ok(), "{name}: {layout:?}");
+        }
+    }
+
+    #[test]
+    fn types_with_a_struct_have_its_layout() {
+        same_layout::<JointState>();
+        same_layout::<WrenchStamped>();
+        same_layout::<JointTrajectory>();
+        same_layout::<Float64MultiArray>();
+        same_layout::<DiagnosticArray>();
+        same_layout::<Clock>();
+        same_layout::<StageState>();
+        same_layout::<ControllerState>();
+    }
+}
