@@ -221,16 +221,21 @@ fn what_is_no_recording_is_said_so() {
     assert!(
         error.to_string().contains("text.mcap") && error.to_string().contains("not an MCAP file")
     );
-    let sqlite = home.path().join("sqlite");
-    write_bag(&sqlite, &options(), 1);
-    let metadata = sqlite.join("metadata.yaml");
+    let other = home.path().join("other");
+    write_bag(&other, &options(), 1);
+    let metadata = other.join("metadata.yaml");
     let yaml = std::fs::read_to_string(&metadata).unwrap();
-    std::fs::write(
-        &metadata,
-        yaml.replace("storage_identifier: mcap", "storage_identifier: sqlite3"),
-    )
-    .unwrap();
-    assert!(open(&sqlite).contains("sqlite3"));
+    let named = |storage: &str| {
+        let named = format!("storage_identifier: {storage}");
+        std::fs::write(&metadata, yaml.replace("storage_identifier: mcap", &named)).unwrap();
+    };
+    named("sqlite3");
+    assert!(BagReader::open(&other).unwrap().is_complete(), "the files say what they are");
+    named("rosbag_v2");
+    std::fs::write(mcap_file(&other), "#ROSBAG V2.0\n").unwrap();
+    let message = open(&other);
+    assert!(message.contains("rosbag_v2") && message.contains("ros2 bag convert"), "{message}");
+    assert!(open(&mcap_file(&other)).contains("rosbags-convert"));
 }
 
 #[test]

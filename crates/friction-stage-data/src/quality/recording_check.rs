@@ -7,7 +7,7 @@ use super::check::{CheckReport, check};
 use super::excitation::{Excitation, examine};
 use super::finding::{DataFinding, FileFinding};
 use crate::bag::BagReader;
-use crate::signals::{DataQuality, Mapping, Recording, SignalError, is_csv, load};
+use crate::signals::{DataQuality, Mapping, Recording, SignalError, is_table, load};
 use friction_stage_core::model::StageModel;
 
 /// What a recording holds, what is wrong with it, and what can be identified from it.
@@ -26,7 +26,7 @@ pub struct RecordingCheck {
 }
 
 impl RecordingCheck {
-    /// Checks a rosbag2 directory, an MCAP file or a CSV file. Without a model the one in the bag
+    /// Checks a rosbag2 directory, a file of one, or a table. Without a model the one in the bag
     /// counts. A bag without the signals of a stage is an error if somebody asked for them.
     pub fn new(
         path: &Path,
@@ -35,7 +35,7 @@ impl RecordingCheck {
     ) -> Result<RecordingCheck, SignalError> {
         let asked = mapping.is_some() || model.is_some();
         let mut model = model;
-        let mut messages = if is_csv(path, mapping) { None } else { Some(check(path)?) };
+        let mut messages = if is_table(path, mapping) { None } else { Some(check(path)?) };
         if let (None, Some(messages)) = (&model, &mut messages) {
             model = BagReader::open(path)?.model().unwrap_or_else(|error| {
                 let reason = error.to_string();

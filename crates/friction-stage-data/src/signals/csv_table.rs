@@ -1,8 +1,10 @@
-//! The raw samples of signals in a CSV file, read row by row.
+//! The raw samples of signals in a table, read row by row: a CSV file, or a file of arrays.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use super::array_table::{self, ArrayTable, is_array_file};
+use super::arrays::ArrayFile;
 use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::mapping::{Column, Mapping, Place, Signal, SignalSource};
@@ -18,10 +20,16 @@ use friction_stage_core::model::JointType;
 const LATE_ROWS: i64 = 50;
 const HALF_A_DAY: i64 = 43_200_000_000_000;
 
-/// A CSV file by a mapping: where its columns are, and what says the time of a row.
+/// What a file looks like.
+enum Layout {
+    Text(TextLayout),
+    Arrays(ArrayFile),
+}
+
+/// A table by a mapping: where its columns are, and what says the time of a row.
 pub(super) struct CsvFile {
     pub path: PathBuf,
-    layout: TextLayout,
+    layout: Layout,
     time: Option<SignalSource>,
     rate: Option<f64>,
     joint: JointType,
@@ -38,8 +46,17 @@ impl CsvFile {
             return Err(SignalError::Mapping {
                 origin: path.display().to_string(),
                 key: format!("signals.{signal}"),
-                reason: "the recording is a CSV file, but the mapping names topics".into(),
+                reason: "the recording is a table, but the mapping names topics".into(),
             });
+        }
+        let time = mapping.signals.get(&Signal::Time).and_then(|sources| sources.first().cloned());
+        let joint = mapping.joint_type.unwrap_or_default();
+        if is_array_file(path) {
+            let file = ArrayFile::open(path)?;
+            let is_there = |time: &SignalSource| array_table::column(&file, &time.place).is_ok();
+            let time = time.filter(|time| mapping.asked_for || is_there(time));
+            let (path, layout) = (path.to_owned(), Layout::Arrays(file));
+            return Ok(Self { path, layout, time, rate: mapping.rate, joint });
         }
         let layout =
             TextLayout::find(path, &mapping.csv).map_err(|e| BagError::reading(path, e))?;
@@ -53,31 +70,36 @@ impl CsvFile {
             });
         }
         let is_named = layout.names.iter().any(|name| name == Signal::Time.name());
-        let time = mapping
-            .signals
-            .get(&Signal::Time)
-            .and_then(|sources| sources.first().cloned())
-            .filter(|_| mapping.asked_for || is_named);
-        let joint = mapping.joint_type.unwrap_or_default();
-        Ok(Self { path: path.to_owned(), layout, time, rate: mapping.rate, joint })
+        let time = time.filter(|_| mapping.asked_for || is_named);
+        let (path, layout) = (path.to_owned(), Layout::Text(layout));
+        Ok(Self { path, layout, time, rate: mapping.rate, joint })
     }
 
     /// Whether there is a column for a signal.
     pub fn has(&self, source: &SignalSource) -> bool {
-        column_of(&self.path, &self.layout, source).is_ok()
+        match &self.layout {
+            Layout::Text(layout) => column_of(&self.path, layout, source).is_ok(),
+            Layout::Arrays(file) => array_table::column(file, &source.place).is_ok(),
+        }
     }
 
     /// Its columns, for people.
     pub fn inventory(&self) -> String {
-        self.layout.inventory()
+        match &self.layout {
+            Layout::Text(layout) => layout.inventory(),
+            Layout::Arrays(file) => array_table::inventory(file),
+        }
     }
 
     /// The rows from the first one on, with the values of these signals.
     pub fn rows<'a>(
         &self,
         columns: impl IntoIterator<Item = &'a (Signal, SignalSource)>,
-    ) -> Result<CsvRows, SignalError> {
-        let mut table = CsvTable::open(&self.path, &self.layout, self.joint)?;
+    ) -> Result<CsvRows<'_>, SignalError> {
+        let mut table = match &self.layout {
+            Layout::Text(layout) => Table::Text(Box::new(CsvTable::open(&self.path, layout, self.joint)?)),
+            Layout::Arrays(file) => Table::Arrays(ArrayTable::new(file)),
+        };
         let clock = match (&self.time, self.rate) {
             (Some(source), _) => {
                 RowClock::Column(table.place(Signal::Time, source)?, source.clone())
@@ -90,7 +112,7 @@ impl CsvFile {
                     needs: "a column `time`, or a mapping that says which column it is, or the \
                             `rate` of the rows"
                         .into(),
-                    has: table.layout.inventory(),
+                    has: self.inventory(),
                 });
             }
         };
@@ -100,13 +122,14 @@ impl CsvFile {
                 let minus = source.minus.as_ref();
                 Ok(PlacedColumn {
                     column: table.place(*signal, source)?,
-                    minus: minus
-                        .map(|place| column(&self.path, &self.layout, place))
-                        .transpose()?,
+                    minus: minus.map(|place| table.place_plain(place)).transpose()?,
                     source: source.clone(),
                 })
             })
             .collect::<Result<Vec<_>, SignalError>>()?;
+        if let Table::Arrays(table) = &mut table {
+            table.read()?;
+        }
         Ok(CsvRows {
             values: vec![f64::NAN; columns.len()],
             table,
@@ -152,10 +175,10 @@ struct PlacedColumn {
     source: SignalSource,
 }
 
-/// The rows of a CSV file: the time of each, and its values in SI units. Whoever takes signals from
-/// a CSV file, to store them or to examine them, takes them from here.
-pub(super) struct CsvRows {
-    table: CsvTable,
+/// The rows of a table: the time of each, and its values in SI units. Whoever takes signals from a
+/// table, to store them or to examine them, takes them from here.
+pub(super) struct CsvRows<'a> {
+    table: Table<'a>,
     clock: RowClock,
     columns: Vec<PlacedColumn>,
     count: u64,
@@ -164,7 +187,7 @@ pub(super) struct CsvRows {
     pub values: Vec<f64>,
 }
 
-impl CsvRows {
+impl CsvRows<'_> {
     /// Reads the next row; its time in ns, [`NO_TIME`] where it has none.
     pub fn next(&mut self) -> Result<Option<i64>, SignalError> {
         if !self.table.next()? {
@@ -174,16 +197,15 @@ impl CsvRows {
             RowClock::Column(column, source) => {
                 let stamp = self.table.stamp(*column, source)?;
                 let is_time_of_day = self.table.is_time_of_day(*column);
-                let placed = self.order.next(stamp, is_time_of_day, self.table.line);
-                placed.map_err(|(back, line)| SignalError::Csv {
-                    path: self.table.path.clone(),
-                    line,
-                    reason: format!(
+                let placed = self.order.next(stamp, is_time_of_day, self.table.line());
+                placed.map_err(|(back, line)| {
+                    let reason = format!(
                         "the time goes back by {:.6} s: several captures in one file, or a \
                          counter that restarts; split the file, or leave `time` out of the \
                          mapping and give the `rate` of the rows",
                         back as f64 * 1e-9
-                    ),
+                    );
+                    self.table.wrong(line, reason)
                 })?
             }
             RowClock::Rate(rate) => seconds_to_nanos(self.count as f64 / rate),
@@ -200,9 +222,74 @@ impl CsvRows {
 
     /// What a user should know of the rows up to here.
     pub fn notes(&self) -> Vec<SignalNote> {
-        let (rows, first_line) = self.table.left_out;
-        let left_out = (rows > 0).then_some(SignalNote::RowsLeftOut { rows, first_line });
-        self.table.notes.iter().cloned().chain(left_out).collect()
+        match &self.table {
+            Table::Text(table) => table.notes(),
+            Table::Arrays(table) => table.notes.clone(),
+        }
+    }
+}
+
+/// A table that is read row by row.
+enum Table<'a> {
+    Text(Box<CsvTable>),
+    Arrays(ArrayTable<'a>),
+}
+
+impl Table<'_> {
+    /// Index of the column of a signal.
+    fn place(&mut self, signal: Signal, source: &SignalSource) -> Result<usize, SignalError> {
+        match self {
+            Table::Text(table) => table.place(signal, source),
+            Table::Arrays(table) => table.place(signal, source),
+        }
+    }
+
+    /// Index of another column.
+    fn place_plain(&mut self, place: &Column) -> Result<usize, SignalError> {
+        match self {
+            Table::Text(table) => column(&table.path, &table.layout, place),
+            Table::Arrays(table) => table.place_plain(place),
+        }
+    }
+
+    fn next(&mut self) -> Result<bool, SignalError> {
+        match self {
+            Table::Text(table) => table.next(),
+            Table::Arrays(table) => Ok(table.next()),
+        }
+    }
+
+    /// Line of the row, or its number.
+    fn line(&self) -> u64 {
+        match self {
+            Table::Text(table) => table.line,
+            Table::Arrays(table) => table.row(),
+        }
+    }
+
+    fn wrong(&self, line: u64, reason: String) -> SignalError {
+        match self {
+            Table::Text(table) => SignalError::Csv { path: table.path.clone(), line, reason },
+            Table::Arrays(table) => table.wrong(format!("row {line}: {reason}")),
+        }
+    }
+
+    fn is_time_of_day(&self, column: usize) -> bool {
+        matches!(self, Table::Text(table) if table.is_time_of_day(column))
+    }
+
+    fn number(&self, column: usize) -> Result<f64, SignalError> {
+        match self {
+            Table::Text(table) => table.number(column),
+            Table::Arrays(table) => table.number(column),
+        }
+    }
+
+    fn stamp(&self, column: usize, source: &SignalSource) -> Result<i64, SignalError> {
+        match self {
+            Table::Text(table) => table.stamp(column, source),
+            Table::Arrays(table) => Ok(table.stamp(column, source)),
+        }
     }
 }
 
@@ -331,6 +418,12 @@ impl CsvTable {
             return Ok(true);
         }
         Ok(false)
+    }
+
+    fn notes(&self) -> Vec<SignalNote> {
+        let (rows, first_line) = self.left_out;
+        let left_out = (rows > 0).then_some(SignalNote::RowsLeftOut { rows, first_line });
+        self.notes.iter().cloned().chain(left_out).collect()
     }
 
     fn leave_out(&mut self, line: u64) {

@@ -72,6 +72,14 @@ pub enum SignalError {
         /// Samples that there are.
         total: usize,
     },
+    /// A file of arrays that cannot be read, or lacks what is asked for.
+    #[error("{}: {reason}", path.display())]
+    Array {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong and what would be right.
+        reason: String,
+    },
     /// A CSV file with something else than numbers under the right names.
     #[error("{} line {line}: {reason}", path.display())]
     Csv {

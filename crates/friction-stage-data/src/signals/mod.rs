@@ -1,9 +1,11 @@
 //! The signals of a stage in a recording: which topic or column is which signal, in which unit, and
 //! all of them on one uniform grid.
 //!
-//! What comes in is a bag of our own, a foreign bag or a CSV file with a [`Mapping`]; what goes out
-//! is a [`Recording`] with the account of its samples ([`DataQuality`]).
+//! What comes in is a bag of our own, a foreign bag, or a table (CSV or a file of arrays) with a
+//! [`Mapping`]; what goes out is a [`Recording`] with the account of its samples ([`DataQuality`]).
 
+mod array_table;
+mod arrays;
 mod csv_table;
 mod data_quality;
 mod error;
@@ -31,6 +33,6 @@ pub use load::load;
 pub use mapping::{Mapping, Signal};
 pub use proposal::{Proposal, ProposedSignal, TableColumn};
 pub use recording::Recording;
-pub use source::is_csv;
+pub use source::is_table;
 pub use trace::{COLUMNS, Trace};
 pub use unit::{Dimension, Unit};

@@ -1,4 +1,4 @@
-//! Proposes a mapping for a text table.
+//! Proposes a mapping for a table, of text or of arrays.
 //!
 //! In goes a file; out comes a [`Proposal`]: what it looks like, and which column is likely which
 //! signal, by its unit, its name, or the way it moves. What the file does not say is marked, for a
@@ -9,6 +9,8 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use super::array_table::{self, is_array_file};
+use super::arrays::ArrayFile;
 use super::error::SignalError;
 use super::mapping::{CsvLayout, Signal};
 use super::text_layout::{TextLayout, bare_unit};
@@ -57,10 +59,14 @@ pub struct ProposedSignal {
     pub check: Option<String>,
 }
 
-/// What a text table looks like, and a mapping for it.
+/// What a table looks like, and a mapping for it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Proposal {
-    /// What separates columns.
+    /// `text`, or how arrays are stored: `npy`, `npz`, `mat`, `mat 7.3`.
+    pub format: &'static str,
+    /// What of a file of arrays makes no column of this table: words, arrays of other lengths.
+    pub not_used: Vec<String>,
+    /// What separates columns; empty for arrays.
     pub delimiter: String,
     /// Whether numbers have a decimal comma.
     pub decimal_comma: bool,
@@ -70,7 +76,7 @@ pub struct Proposal {
     pub names_line: Option<u64>,
     /// Line of the units, from 1.
     pub units_line: Option<u64>,
-    /// First line of values, from 1.
+    /// First line of values, from 1; 0 for arrays.
     pub data_line: u64,
     /// Rows that were looked at.
     pub rows: usize,
@@ -94,37 +100,91 @@ impl Proposal {
     /// # Errors
     /// It cannot be read, or holds no table of numbers.
     pub fn of(path: &Path) -> Result<Proposal, SignalError> {
+        if is_array_file(path) { Self::of_arrays(path) } else { Self::of_text(path) }
+    }
+
+    fn of_text(path: &Path) -> Result<Proposal, SignalError> {
         let reading = |error| BagError::reading(path, error);
         let layout = TextLayout::find(path, &CsvLayout::default()).map_err(reading)?;
         let samples = samples(path, &layout).map_err(reading)?;
-        let rows = samples.first().map_or(0, |column| column.values.len());
-        if rows == 0 {
+        if samples.first().is_none_or(|column| column.values.is_empty()) {
             return Err(SignalError::Csv {
                 path: path.to_owned(),
                 line: layout.data_line,
                 reason: "no rows of numbers were found".into(),
             });
         }
-        let names =
-            (0..samples.len()).map(|column| layout.names.get(column).cloned().unwrap_or_default());
+        let named = |texts: &[String]| -> Vec<String> {
+            (0..samples.len()).map(|at| texts.get(at).cloned().unwrap_or_default()).collect()
+        };
+        let (names, units) = (named(&layout.names), named(&layout.units));
+        Ok(Proposal {
+            format: "text",
+            not_used: Vec::new(),
+            delimiter: layout.delimiter.to_string(),
+            decimal_comma: layout.decimal == Decimal::Comma,
+            either_decimal: layout.either_decimal,
+            names_line: layout.names_line,
+            units_line: layout.units_line,
+            data_line: layout.data_line,
+            ..Self::of_columns(&names, &units, &samples)
+        })
+    }
+
+    /// Of a file of arrays, those of the length that a time has, or that most of them have.
+    fn of_arrays(path: &Path) -> Result<Proposal, SignalError> {
+        let file = ArrayFile::open(path)?;
+        let is_time = |name: &str| words(name).iter().any(|word| TIME.contains(&word.as_str()));
+        let times = |length: u64| {
+            file.columns.iter().filter(|c| c.length == length && is_time(&c.name)).count()
+        };
+        let count = |length: u64| file.columns.iter().filter(|c| c.length == length).count();
+        let lengths = file.columns.iter().map(|column| column.length).filter(|length| *length > 1);
+        let longest = lengths
+            .max_by_key(|length| (times(*length).min(1), count(*length), *length))
+            .ok_or_else(|| SignalError::Array {
+                path: path.to_owned(),
+                reason: match file.others(0).as_slice() {
+                    [] => "it holds no arrays".into(),
+                    others => format!("no array of numbers; it has {}", others.join(", ")),
+                },
+            })?;
+        let columns: Vec<usize> =
+            (0..file.columns.len()).filter(|at| file.columns[*at].length == longest).collect();
+        let samples: Vec<Samples> = array_table::samples(&file, &columns, LOOKED_AT)?
+            .into_iter()
+            .map(|(values, is_clock)| Samples { values, is_clock })
+            .collect();
+        let names: Vec<String> = columns.iter().map(|at| file.columns[*at].name.clone()).collect();
+        Ok(Proposal {
+            format: file.format.name(),
+            not_used: file.others(longest),
+            ..Self::of_columns(&names, &vec![String::new(); names.len()], &samples)
+        })
+    }
+
+    /// Which of these columns are which signals; says nothing of the file.
+    fn of_columns(names: &[String], units: &[String], samples: &[Samples]) -> Proposal {
+        let rows = samples.first().map_or(0, |column| column.values.len());
         // The file's unit, or one behind the name: `t_ms`.
         let units = |column: usize| {
-            let written = layout.units.get(column).map_or("", |unit| bare_unit(unit));
-            let name = layout.names.get(column).map_or("", String::as_str);
+            // Without the index of a column of an array.
+            let name = names[column].split(['[', '(']).next().unwrap_or_default();
             let behind = name.rsplit_once('_').map_or("", |(_, unit)| unit);
-            match written {
+            match bare_unit(&units[column]) {
                 "" if Unit::named(behind).is_some() => behind,
                 written => written,
             }
         };
         let mut columns: Vec<TableColumn> = names
+            .iter()
             .enumerate()
             .map(|(index, name)| {
                 let finite = || samples[index].values.iter().copied().filter(|v| v.is_finite());
                 let has_values = finite().next().is_some() && !samples[index].is_clock;
                 TableColumn {
                     number: index + 1,
-                    name,
+                    name: name.clone(),
                     unit: units(index).to_owned(),
                     smallest: has_values.then(|| finite().fold(f64::INFINITY, f64::min)),
                     largest: has_values.then(|| finite().fold(f64::NEG_INFINITY, f64::max)),
@@ -167,18 +227,25 @@ impl Proposal {
             let rate = 1.0 / (unit * usual_step(&samples[time.column - 1].values)?);
             rate.is_finite().then_some(rate)
         });
-        Ok(Proposal {
-            delimiter: layout.delimiter.to_string(),
-            decimal_comma: layout.decimal == Decimal::Comma,
-            either_decimal: layout.either_decimal,
-            names_line: layout.names_line,
-            units_line: layout.units_line,
-            data_line: layout.data_line,
+        Proposal {
+            format: "",
+            not_used: Vec::new(),
+            delimiter: String::new(),
+            decimal_comma: false,
+            either_decimal: false,
+            names_line: None,
+            units_line: None,
+            data_line: 0,
             rows,
             rate_hz,
             columns,
             signals,
-        })
+        }
+    }
+
+    /// Whether it is of a file of arrays.
+    pub fn is_of_arrays(&self) -> bool {
+        self.format != "text"
     }
 
     /// Whether there is a position or a velocity, without which a mapping is none.
@@ -191,7 +258,8 @@ impl Proposal {
     fn place(&self, number: usize) -> String {
         let name = &self.columns[number - 1].name;
         let again = self.columns.iter().filter(|other| other.name == *name).count() > 1;
-        if name.is_empty() || self.names_line.is_none() || again {
+        let is_named = self.is_of_arrays() || self.names_line.is_some() && !again;
+        if name.is_empty() || !is_named {
             number.to_string()
         } else {
             // A string of JSON is one of YAML.
@@ -205,6 +273,15 @@ impl Proposal {
             "# Proposed for {file}. What it does not say itself is marked CHECK.\n\
              # Positive is along +x; `scale: -1` turns a signal round.\n"
         );
+        if !self.is_of_arrays() {
+            self.write_layout(&mut text);
+        }
+        self.write_signals(&mut text);
+        text
+    }
+
+    /// How a text is written.
+    fn write_layout(&self, text: &mut String) {
         let delimiter = match self.delimiter.as_str() {
             quoted if quoted.starts_with('`') => quoted.trim_matches('`').to_owned(),
             word => word.to_owned(),
@@ -220,10 +297,13 @@ impl Proposal {
              {check}",
             self.decimal_comma, self.data_line
         );
+    }
+
+    fn write_signals(&self, text: &mut String) {
         if !self.signals.iter().any(|found| found.signal == Signal::Time) {
-            text += "rate: 1000   # CHECK: rows per second; no column is a time\n";
+            *text += "rate: 1000   # CHECK: rows per second; no column is a time\n";
         }
-        text += "signals:\n";
+        *text += "signals:\n";
         for found in &self.signals {
             let place = self.place(found.column);
             let minus = found
@@ -245,11 +325,11 @@ impl Proposal {
                 "" => column.number.to_string(),
                 name => name.to_owned(),
             })
+            .chain(self.not_used.iter().cloned())
             .collect();
         if !others.is_empty() {
             let _ = writeln!(text, "# Not used: {}", others.join(", "));
         }
-        text
     }
 }
 

@@ -1,4 +1,4 @@
-//! The raw samples of signals, as a bag or a CSV file has them: with their own stamps, in SI units,
+//! The raw samples of signals, as a bag or a table has them: with their own stamps, in SI units,
 //! not yet on one grid.
 //!
 //! What comes in is an open recording and where each signal stands; what goes out are [`Stream`]s.
@@ -6,6 +6,7 @@
 
 use std::path::Path;
 
+use super::array_table::is_array_file;
 use super::csv_table::CsvFile;
 use super::data_quality::SignalNote;
 use super::error::SignalError;
@@ -45,9 +46,9 @@ pub(crate) enum Source {
 }
 
 impl Source {
-    /// Opens a bag, or a CSV file if `path` is one (`.csv`, `.tsv`, `.txt`).
+    /// Opens a bag, or a table if `path` is one ([`is_table`]).
     pub fn open(path: &Path, mapping: Option<&Mapping>) -> Result<(Self, Mapping), SignalError> {
-        let is_csv = is_csv(path, mapping);
+        let is_csv = is_table(path, mapping);
         let mapping = match mapping {
             Some(mapping) => mapping.clone(),
             None if is_csv => Mapping::own_csv(),
@@ -110,11 +111,13 @@ impl Source {
     }
 }
 
-/// Whether a path is a text table: it ends in `.csv`, `.tsv` or `.txt`, or `mapping` names columns.
-pub fn is_csv(path: &Path, mapping: Option<&Mapping>) -> bool {
+/// Whether a path is a table: of text, if it ends in `.csv`, `.tsv` or `.txt`; of arrays, if it ends
+/// in `.mat`, `.npz` or `.npy`; or because `mapping` names columns.
+pub fn is_table(path: &Path, mapping: Option<&Mapping>) -> bool {
     let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     let has_ending = ending.is_some_and(|e| ["csv", "tsv", "txt"].contains(&e.as_str()));
-    (has_ending || mapping.is_some_and(Mapping::is_for_csv)) && !path.is_dir()
+    let is_named = has_ending || is_array_file(path) || mapping.is_some_and(Mapping::is_for_csv);
+    is_named && !path.is_dir()
 }
 
 impl Stream {

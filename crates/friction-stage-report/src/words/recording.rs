@@ -264,21 +264,25 @@ pub fn import_text(report: &ImportReport, out: &Path) -> String {
     text
 }
 
-/// What a text table looks like and what is proposed for it.
+/// What a table looks like and what is proposed for it.
 pub fn proposal_text(proposal: &Proposal, file: &Path, written: Option<&Path>) -> String {
     let mark = if proposal.decimal_comma { "comma" } else { "point" };
     let either = if proposal.either_decimal { " (or the other: CHECK)" } else { "" };
     let line = |what: &str, line: Option<u64>| {
         line.map_or(format!("no {what}"), |line| format!("{what} in line {line}"))
     };
-    let mut text = format!(
-        "{}: {} between columns, decimal {mark}{either}, {}, {}, values from line {}\n",
-        file.display(),
-        proposal.delimiter,
-        line("names", proposal.names_line),
-        line("units", proposal.units_line),
-        proposal.data_line
-    );
+    let mut text = if proposal.is_of_arrays() {
+        format!("{}: arrays ({})\n", file.display(), proposal.format)
+    } else {
+        format!(
+            "{}: {} between columns, decimal {mark}{either}, {}, {}, values from line {}\n",
+            file.display(),
+            proposal.delimiter,
+            line("names", proposal.names_line),
+            line("units", proposal.units_line),
+            proposal.data_line
+        )
+    };
     let rate = proposal.rate_hz.map_or(String::new(), |rate| format!(", {} Hz", short(rate)));
     text += &format!("{} rows looked at{rate}\n\n", proposal.rows);
     text += "  column  signal              from       to         unit   name\n";
@@ -293,6 +297,9 @@ pub fn proposal_text(proposal: &Proposal, file: &Path, written: Option<&Path>) -
             if column.unit.is_empty() { "-" } else { &column.unit },
             column.name
         );
+    }
+    if !proposal.not_used.is_empty() {
+        text += &format!("not used: {}\n", proposal.not_used.join(", "));
     }
     for signal in &proposal.signals {
         if let Some(check) = &signal.check {
