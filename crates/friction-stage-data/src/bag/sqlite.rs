@@ -98,11 +98,11 @@ impl Database {
         database.damage.extend(database.unfinished());
         let connection = database.connect().map_err(|error| database.broken(&error).error())?;
         if let Err(error) = database.read_tables(&connection) {
-            let found = error.map_or_else(
-                |missing| BagError::NotABag { path: path.to_owned(), reason: missing },
-                |error| database.broken(&error).error(),
-            );
-            return Err(found);
+            return Err(match (error, database.damage.first()) {
+                (_, Some(damage)) => damage.error(),
+                (Ok(error), None) => database.broken(&error).error(),
+                (Err(reason), None) => BagError::NotABag { path: path.to_owned(), reason },
+            });
         }
         if let Err(error) = database.count(&connection) {
             let damage = database.broken(&error);
@@ -130,7 +130,7 @@ impl Database {
         // recorder that was killed are read from there, the index over the log being kept in
         // memory.
         let has_log = self.has_beside("-wal");
-        address += if has_log { "?mode=ro&nolock=1" } else { "?mode=ro&immutable=1" };
+        address += if has_log { "?mode=ro&vfs=unix-none" } else { "?mode=ro&immutable=1" };
         let flags = OpenFlags::SQLITE_OPEN_READ_ONLY
             | OpenFlags::SQLITE_OPEN_URI
             | OpenFlags::SQLITE_OPEN_NO_MUTEX;
