@@ -96,7 +96,10 @@ fn arrays_of_every_kind_of_file_are_columns() {
             "records.npy",
             "time: {column: t}, position: {column: x, unit: mm}, force: {column: force}".into(),
         ),
-        ("times.npz", "time: {column: time}, position: {column: position}, force: {column: force}".into()),
+        (
+            "times.npz",
+            "time: {column: time}, position: {column: position}, force: {column: force}".into(),
+        ),
     ];
     for (name, signals) in cases {
         let recording = read(&fixture(name), signals).unwrap();
@@ -252,7 +255,10 @@ fn what_unpacks_without_end_takes_no_memory() {
     let zeros = vec![0; 1 << 20];
     (0..2048).for_each(|_| archive.write_all(&zeros).unwrap());
     archive.finish().unwrap();
-    let error = load(&file, Some(&Mapping::from_yaml("rate: 1\nsignals: {position: {column: x}}", "m").unwrap()));
+    let error = load(
+        &file,
+        Some(&Mapping::from_yaml("rate: 1\nsignals: {position: {column: x}}", "m").unwrap()),
+    );
     let error = error.unwrap_err().to_string();
     assert!(error.contains("12500000000") && error.contains("CSV"), "{error}");
     let status = fs::read_to_string("/proc/self/status").unwrap();

@@ -181,7 +181,10 @@ fn sqlite_files_of_every_version_are_read() {
         let reader = BagReader::open(&file).unwrap();
         assert_eq!(reader.topics()[0].messages, 40);
         assert_eq!(reader.topics()[0].type_hash().is_some(), version == 4);
-        assert_eq!(reader.time_range(), Some(((BEGIN + 500) as u64, (BEGIN + 39 * STEP + 500) as u64)));
+        assert_eq!(
+            reader.time_range(),
+            Some(((BEGIN + 500) as u64, (BEGIN + 39 * STEP + 500) as u64))
+        );
         assert_eq!(contents(file.parent().unwrap()).len(), 1, "no journal, no log");
     }
 }
@@ -392,18 +395,50 @@ fn mcap_without_schemas_or_with_parts_of_them_is_read_for_known_types() {
     let report = check(&mcap_file(&path, None, plain)).unwrap();
     assert_eq!(report.topics[0].type_name, name);
     assert!(report.topics[0].decoded && report.topics[0].decode_failures == 0);
+    let FileFinding::TypeByMessages { type_name, .. } = &report.findings[0] else {
+        panic!("{:?}", report.findings)
+    };
+    assert_eq!(type_name, name);
+    // one joint, whose bytes fit other types, too
+    let one = |k: usize| {
+        to_cdr(&JointState {
+            header: Header::new(BEGIN + k as i64 * STEP, ""),
+            name: vec!["x_axis".into()],
+            position: vec![position(k)],
+            velocity: vec![0.0],
+            effort: vec![force(k)],
+        })
+        .unwrap()
+    };
+    let several = mcap_file(&path, None, one);
+    assert!(BagReader::open(&several).unwrap().topics()[0].fitting_types.len() > 1);
+    has_signals(&several, 30);
+    // without text only the field tells: a wrench is no twist
+    let wrench = |k: usize| {
+        let numbers = [position(k), 0.0, 0.0, 0.0, 0.0, force(k)];
+        [&[0, 1, 0, 0][..], &numbers.map(f64::to_le_bytes).concat()].concat()
+    };
+    let several = mcap_file(&path, None, wrench);
+    let field = |field: &str| {
+        let text = format!("signals: {{position: {{topic: /joint_states, field: {field}}}}}");
+        load(&several, Some(&Mapping::from_yaml(&text, "m.yaml").unwrap()))
+    };
+    assert_eq!(field("force.x").unwrap().trace.position[3], position(3));
+    let error = field("linear.x").unwrap_err().to_string();
+    assert!(error.contains("Twist or ") || error.contains("Accel or "), "{error}");
     // an unknown part, and another language
     let refused = |schema: (&str, &str, &str)| {
         load(mcap_file(&path, Some(schema), plain), Some(&mapping())).unwrap_err().to_string()
     };
-    let error = refused(("own_msgs/msg/State", "ros2msg", "own_msgs/Part part\nfloat64[] position"));
+    let error =
+        refused(("own_msgs/msg/State", "ros2msg", "own_msgs/Part part\nfloat64[] position"));
     assert!(error.contains("own_msgs/Part") && error.contains("part"), "{error}");
     let error = refused(("own_msgs/msg/State", "ros2idl", "module own_msgs {};"));
     assert!(error.contains("ros2idl") && error.contains("ros2msg"), "{error}");
     // schema 0 with messages that are of no known type
     let path = mcap_file(&path, None, |k| vec![0, 1, 0, 0, k as u8, 2, 3]);
     let error = load(&path, Some(&mapping())).unwrap_err().to_string();
-    assert!(error.contains("of which type"), "{error}");
+    assert!(error.contains("of which type") && error.contains("no known type"), "{error}");
     // metadata.yaml says it
     mcap_file(&path, None, plain);
     let topics = "  topics_with_message_count: [{message_count: 30, topic_metadata: {name: \

@@ -23,4 +23,5 @@ pub use provenance::{LOCKSTEP_EPOCH, Provenance};
 pub use qos::{Durability, History, OfferedQos, Reliability};
 pub use reader::{BagMessage, BagReader, Messages, Topic};
 pub use recover::{KeptTopic, RecoverReport, recover};
+pub(crate) use storage::is_recording;
 pub use writer::{BagOptions, BagWriter, Compression, Sync, TopicId};

@@ -17,9 +17,7 @@ use super::file::{Damage, Directory, Layout, Span, StoredAttachment};
 use super::metadata::Found;
 use super::provenance::{METADATA_NAME, MODEL_NAME, Provenance};
 use super::sqlite::{Database, Position};
-use super::storage::{
-    Content, Files, StoredFile, ZSTD_MAGIC, check_compression, unpack_message,
-};
+use super::storage::{Content, Files, StoredFile, ZSTD_MAGIC, check_compression, unpack_message};
 use super::writer::{HASH_KEY, QOS_KEY};
 use crate::message::type_layout::TypeLayout;
 use crate::message::{RosMessage, from_cdr, known};
@@ -43,6 +41,9 @@ pub struct Topic {
     pub metadata: BTreeMap<String, String>,
     /// Messages in the recording; for a recording without index, those that can be read.
     pub messages: u64,
+    /// Where nothing but the messages shows the type: the known types that they fit, the type that
+    /// is taken first.
+    pub fitting_types: Vec<String>,
 }
 
 impl Topic {
@@ -247,10 +248,11 @@ impl BagReader {
             topics
         };
         self.topics = share(merged.clone(), &mut self.files);
-        let shown = self.types_by_messages();
+        let mut shown = self.types_by_messages();
         for topic in &mut merged {
-            if let Some(shown) = shown.get(&topic.name) {
-                topic.type_name.clone_from(shown);
+            if let Some((kind, fitting)) = shown.remove(&topic.name) {
+                topic.type_name = kind.unwrap_or_default();
+                topic.fitting_types = fitting;
             }
             if topic.definition.is_empty()
                 && let Some((package, name)) = topic.type_name.split_once("/msg/")
@@ -264,39 +266,59 @@ impl BagReader {
         Ok(())
     }
 
-    /// For topics without a type: the only known one that their first messages are, byte for byte.
-    fn types_by_messages(&self) -> BTreeMap<String, String> {
-        let mut candidates: BTreeMap<String, (usize, Vec<(String, TypeLayout)>)> = BTreeMap::new();
-        for topic in self.topics.iter().filter(|topic| topic.type_name.is_empty()) {
-            let layouts = known::names()
-                .filter_map(|name| {
-                    let name = known::full_name(&name);
-                    let layout = TypeLayout::parse(&name, "").ok()?;
-                    Some((name, layout))
-                })
-                .collect();
-            if topic.message_encoding == "cdr" {
-                candidates.insert(topic.name.clone(), (0, layouts));
-            }
+    /// For topics without a type: the known types that their first messages fit to the last byte.
+    /// One of them is the type if there is no other, or if it has more text in it than any other:
+    /// numbers hardly ever pass for text.
+    fn types_by_messages(&self) -> BTreeMap<String, (Option<String>, Vec<String>)> {
+        struct Candidate {
+            name: String,
+            layout: TypeLayout,
+            text: usize,
+        }
+        let is_unknown = |topic: &&Arc<Topic>| {
+            topic.type_name.is_empty() && topic.message_encoding == "cdr" && topic.messages > 0
+        };
+        let mut candidates: BTreeMap<&str, (usize, Vec<Candidate>)> = BTreeMap::new();
+        for topic in self.topics.iter().filter(is_unknown) {
+            let all = known::names().filter_map(|name| {
+                let name = known::full_name(&name);
+                let layout = TypeLayout::parse(&name, "").ok()?;
+                Some(Candidate { name, layout, text: 0 })
+            });
+            candidates.insert(topic.name.as_str(), (0, all.collect()));
         }
         if candidates.is_empty() {
             return BTreeMap::new();
         }
         for message in self.messages().take(LOOKED_AT).filter_map(Result::ok) {
-            if let Some((count, layouts)) = candidates.get_mut(&message.topic.name) {
-                layouts.retain(|(_, layout)| layout.fits(&message));
+            if let Some((count, candidates)) = candidates.get_mut(message.topic.name.as_str())
+                && *count < ENOUGH
+            {
+                candidates.retain_mut(|candidate| {
+                    let text = candidate.layout.text_if_it_fits(&message);
+                    candidate.text += text.unwrap_or(0);
+                    text.is_some()
+                });
                 *count += 1;
             }
             if candidates.values().all(|(count, _)| *count >= ENOUGH) {
                 break;
             }
         }
-        let only = |(topic, (count, layouts)): (String, (usize, Vec<(String, TypeLayout)>))| {
-            let mut layouts = layouts.into_iter();
-            let first = layouts.next().filter(|_| count > 0)?;
-            layouts.next().is_none().then_some((topic, first.0))
+        let chosen = |(topic, (count, mut found)): (&str, (usize, Vec<Candidate>))| {
+            if count == 0 {
+                found.clear();
+            }
+            found.sort_by_key(|candidate| Reverse(candidate.text));
+            let is_sure = match found.as_slice() {
+                [] => false,
+                [_] => true,
+                [first, second, ..] => first.text > second.text,
+            };
+            let names: Vec<String> = found.into_iter().map(|candidate| candidate.name).collect();
+            (topic.to_owned(), (names.first().filter(|_| is_sure).cloned(), names))
         };
-        candidates.into_iter().filter_map(only).collect()
+        candidates.into_iter().map(chosen).collect()
     }
 
     /// The path that was opened.
@@ -347,11 +369,7 @@ impl BagReader {
 
     /// Places that are not as they should be, as far as they show without reading the messages.
     pub fn damage(&self) -> Vec<Damage> {
-        self.missing
-            .iter()
-            .chain(self.files.iter().flat_map(OpenFile::damage))
-            .cloned()
-            .collect()
+        self.missing.iter().chain(self.files.iter().flat_map(OpenFile::damage)).cloned().collect()
     }
 
     /// Whether every file ends with its index and nothing is known to be damaged. What is inside
@@ -533,6 +551,7 @@ impl OpenFile {
                         },
                         metadata: known.map(|(k, v)| (k.to_owned(), v.clone())).collect(),
                         messages: stored.messages,
+                        fitting_types: Vec::new(),
                     };
                     (stored.id, topic)
                 };
@@ -568,6 +587,7 @@ impl OpenFile {
                 definition: schema.data,
                 message_encoding: channel.message_encoding.clone(),
                 metadata: channel.metadata.clone(),
+                fitting_types: Vec::new(),
             };
             (i64::from(*id), topic)
         };

@@ -159,8 +159,7 @@ impl Database {
     fn missing_end(&self) -> Result<Option<Damage>, BagError> {
         use std::os::unix::fs::FileExt;
         let mut header = [0; 100];
-        let file =
-            std::fs::File::open(&self.file).map_err(|e| BagError::reading(&self.path, e))?;
+        let file = std::fs::File::open(&self.file).map_err(|e| BagError::reading(&self.path, e))?;
         if file.read_exact_at(&mut header, 0).is_err() {
             return Ok(Some(self.cut_off(100)));
         }

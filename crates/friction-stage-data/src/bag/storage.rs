@@ -153,10 +153,9 @@ impl StoredFile {
         let mut file = File::open(path).map_err(reading)?;
         let begin = begin_of(&mut file).map_err(reading)?;
         match Format::of(&begin) {
-            Some(Format::Mcap) => Ok(Self {
-                content: Content::Mcap(Box::new(scan(path, file)?)),
-                _unpacked: None,
-            }),
+            Some(Format::Mcap) => {
+                Ok(Self { content: Content::Mcap(Box::new(scan(path, file)?)), _unpacked: None })
+            }
             Some(Format::Sqlite) => Ok(Self {
                 content: Content::Sqlite(Box::new(Database::open(path, path)?)),
                 _unpacked: None,
@@ -189,17 +188,29 @@ fn begin_of(file: &mut impl Read) -> io::Result<Vec<u8>> {
 }
 
 fn unknown(path: &Path, begin: &[u8]) -> BagError {
+    const ARRAYS: [&[u8]; 4] = [b"\x93NUMPY", b"PK\x03\x04", b"\x89HDF", b"MATLAB"];
     let hex: Vec<String> = begin.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    let is_text = |byte: &u8| matches!(byte, b'\t' | b'\r' | b'\n' | b' '..=b'~');
     let hint = if begin.starts_with(b"#ROSBAG") {
         " (a bag of ROS 1: `rosbags-convert` makes one of ROS 2)"
+    } else if path.file_name().is_some_and(|name| name == metadata::FILE_NAME) {
+        " (give the directory that it is in)"
     } else if begin.is_empty() {
         " (the file is empty)"
-    } else if begin.iter().all(|byte| matches!(byte, b'\t' | b'\r' | b'\n' | b' '..=b'~')) {
-        " (text; of a table `friction-stage import` makes a bag)"
+    } else if ARRAYS.iter().any(|magic| begin.starts_with(magic)) {
+        " (arrays; of a table in them `friction-stage import` makes a bag)"
+    } else if begin.iter().all(is_text) {
+        " (text; of a table in it `friction-stage import` makes a bag)"
     } else {
         ""
     };
     BagError::UnknownFormat { path: path.to_owned(), found: format!("{}{hint}", hex.join(" ")) }
+}
+
+/// Whether a path is a directory or a file that recordings are made of.
+pub(crate) fn is_recording(path: &Path) -> bool {
+    let begin = || File::open(path).and_then(|mut file| begin_of(&mut file));
+    path.is_dir() || begin().is_ok_and(|begin| Format::of(&begin).is_some())
 }
 
 /// A file that was unpacked, and what of it could not be.

@@ -237,16 +237,17 @@ impl TypeLayout {
         }
     }
 
-    /// Whether a message (CDR with encapsulation) is of this type, as far as its bytes show: it
-    /// ends where the type does, and its texts are texts.
-    pub fn fits(&self, message: &[u8]) -> bool {
-        let Ok(message) = self.plain(message) else { return false };
-        let Ok(mut cursor) = Cursor::new(&message) else { return false };
+    /// How many bytes of text a message (CDR with encapsulation) has if it is of this type, as far
+    /// as its bytes show: it ends where the type does, and its texts are texts. None if it is not.
+    pub fn text_if_it_fits(&self, message: &[u8]) -> Option<usize> {
+        let message = self.plain(message).ok()?;
+        let mut cursor = Cursor::new(&message).ok()?;
         cursor.is_strict = true;
-        let mut fields = self.messages[0].fields.iter();
+        for field in &self.messages[0].fields {
+            self.skip(&mut cursor, field).ok()?;
+        }
         // Writers fill up to four bytes.
-        fields.all(|field| self.skip(&mut cursor, field).is_ok())
-            && cursor.body.len() - cursor.at < 4
+        (cursor.body.len() - cursor.at < 4).then_some(cursor.text_bytes)
     }
 
     /// Finds a path such as `wrench.force.x`, `data[2]`, `position[joint]` or
@@ -532,8 +533,10 @@ pub(super) struct Cursor<'a> {
     pub big_endian: bool,
     /// Largest alignment, bytes: 8, in version 2 of CDR 4.
     pub most: usize,
-    /// Whether a text must end with a zero and be UTF-8.
+    /// Whether a text must end with a zero and be UTF-8 without control characters.
     pub is_strict: bool,
+    /// Bytes of text so far.
+    pub text_bytes: usize,
 }
 
 impl<'a> Cursor<'a> {
@@ -546,6 +549,7 @@ impl<'a> Cursor<'a> {
                 big_endian: *representation == 0,
                 most: 8,
                 is_strict: false,
+                text_bytes: 0,
             }),
             _ => Err("it is in version 2 of CDR".into()),
         }
@@ -593,9 +597,14 @@ impl<'a> Cursor<'a> {
         let length = self.count()?;
         let bytes = self.take(1, length)?;
         let text = bytes.strip_suffix(&[0]);
-        if self.is_strict && !text.is_some_and(|text| std::str::from_utf8(text).is_ok()) {
+        let is_text = |text: &[u8]| {
+            std::str::from_utf8(text)
+                .is_ok_and(|text| text.chars().all(|c| !c.is_control() || c.is_whitespace()))
+        };
+        if self.is_strict && !text.is_some_and(is_text) {
             return Err("it has a text that is none".into());
         }
+        self.text_bytes += text.map_or(0, <[u8]>::len);
         Ok(text.unwrap_or(bytes))
     }
 

@@ -123,6 +123,14 @@ pub fn check(path: &Path) -> Result<CheckReport, BagError> {
         None if path.is_dir() && !reader.has_metadata() => findings.push(FileFinding::NoMetadata),
         _ => {}
     }
+    let untold = reader.topics().iter().filter(|topic| {
+        topic.messages > 0 && (topic.type_name.is_empty() || !topic.fitting_types.is_empty())
+    });
+    findings.extend(untold.map(|topic| FileFinding::TypeByMessages {
+        topic: topic.name.clone(),
+        fitting: topic.fitting_types.clone(),
+        type_name: topic.type_name.clone(),
+    }));
     findings.extend(topics.iter().flat_map(TopicCheck::findings));
     Ok(CheckReport {
         path: path.to_owned(),

@@ -351,6 +351,15 @@ pub enum FileFinding {
     },
     /// A directory without readable metadata.
     NoMetadata,
+    /// Nothing but the messages says the type of a topic.
+    TypeByMessages {
+        /// The topic.
+        topic: String,
+        /// Known types that its messages fit; the first is taken where it is one.
+        fitting: Vec<String>,
+        /// Type that is taken; empty for none.
+        type_name: String,
+    },
     /// Messages that do not decode as their type.
     Undecodable {
         /// The topic.
@@ -409,6 +418,7 @@ impl FileFinding {
             Self::Damaged => "damaged_file",
             Self::MessageCount { .. } => "message_count",
             Self::NoMetadata => "no_metadata",
+            Self::TypeByMessages { .. } => "type_by_messages",
             Self::Undecodable { .. } => "undecodable_messages",
             Self::NotFinite { .. } => "not_finite",
             Self::BackwardStamps { .. } => "backward_stamps",

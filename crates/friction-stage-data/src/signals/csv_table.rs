@@ -97,7 +97,9 @@ impl CsvFile {
         columns: impl IntoIterator<Item = &'a (Signal, SignalSource)>,
     ) -> Result<CsvRows<'_>, SignalError> {
         let mut table = match &self.layout {
-            Layout::Text(layout) => Table::Text(Box::new(CsvTable::open(&self.path, layout, self.joint)?)),
+            Layout::Text(layout) => {
+                Table::Text(Box::new(CsvTable::open(&self.path, layout, self.joint)?))
+            }
             Layout::Arrays(file) => Table::Arrays(ArrayTable::new(file)),
         };
         let clock = match (&self.time, self.rate) {

@@ -72,6 +72,16 @@ pub enum SignalError {
         /// Samples that there are.
         total: usize,
     },
+    /// A bag where a table is needed.
+    #[error(
+        "{} is a recording already, there is nothing to import; `friction-stage check` shows its \
+         topics, and with `--mapping` what is in them",
+        path.display()
+    )]
+    IsRecording {
+        /// The bag.
+        path: PathBuf,
+    },
     /// A file of arrays that cannot be read, or lacks what is asked for.
     #[error("{}: {reason}", path.display())]
     Array {

@@ -1,4 +1,4 @@
-//! A CSV file as a bag of our own layout, which plays, replays and is identified like any other.
+//! A table as a bag of our own layout, which plays, replays and is identified like any other.
 //!
 //! Every row becomes the messages of one sample, with the time of the row as stamp and log time and
 //! with the values in SI; nothing is resampled. A value that a row lacks is a message that is not
@@ -15,7 +15,7 @@ use super::error::SignalError;
 use super::load::Integral;
 use super::mapping::{Mapping, Signal, SignalSource};
 use super::source::NO_TIME;
-use crate::bag::{BagOptions, BagWriter, OfferedQos, topics};
+use crate::bag::{BagOptions, BagWriter, OfferedQos, is_recording, topics};
 use crate::message::{Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped};
 
 /// Name of the MCAP metadata record that says what was imported.
@@ -24,7 +24,7 @@ const METADATA_NAME: &str = "friction_stage_import";
 /// What an import wrote.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ImportReport {
-    /// Rows of the CSV file.
+    /// Rows of the table.
     pub rows: u64,
     /// Messages on each topic.
     pub messages: BTreeMap<String, u64>,
@@ -38,7 +38,7 @@ pub struct ImportReport {
     pub moved_s: f64,
 }
 
-/// Writes the bag `out` from a CSV file; `mapping_text` is kept in it. Row by row, in bounded
+/// Writes the bag `out` from a table; `mapping_text` is kept in it. Row by row, in bounded
 /// memory.
 pub fn import(
     csv: &Path,
@@ -46,6 +46,9 @@ pub fn import(
     mapping_text: &str,
     out: &Path,
 ) -> Result<ImportReport, SignalError> {
+    if is_recording(csv) {
+        return Err(SignalError::IsRecording { path: csv.to_owned() });
+    }
     let file = CsvFile::new(csv, mapping)?;
     let columns: Vec<(Signal, SignalSource)> = mapping
         .signals

@@ -17,7 +17,7 @@ use super::text_layout::{TextLayout, bare_unit};
 use super::text_lines::Splitter;
 use super::text_value::{Decimal, Value};
 use super::unit::{Dimension, Unit};
-use crate::bag::BagError;
+use crate::bag::{BagError, is_recording};
 use friction_stage_core::model::JointType;
 
 /// Rows that are looked at.
@@ -100,6 +100,9 @@ impl Proposal {
     /// # Errors
     /// It cannot be read, or holds no table of numbers.
     pub fn of(path: &Path) -> Result<Proposal, SignalError> {
+        if is_recording(path) {
+            return Err(SignalError::IsRecording { path: path.to_owned() });
+        }
         if is_array_file(path) { Self::of_arrays(path) } else { Self::of_text(path) }
     }
 

@@ -11,13 +11,29 @@ use crate::bag::{BagReader, Topic, topics};
 use crate::message::type_layout::{FieldPath, TypeLayout, Value};
 
 /// The layout of a topic's messages: by the definition in the bag, or our own for types that this
-/// program knows.
-fn layout(topic: &Topic) -> Result<TypeLayout, String> {
+/// program knows. Where nothing says the type, that of the fitting ones which alone has the
+/// `fields`.
+fn layout(topic: &Topic, fields: &[&str]) -> Result<TypeLayout, String> {
     if topic.type_name.is_empty() {
-        return Err("the bag does not say of which type its messages are, and they fit none or \
-                    several of the known types; `ros2 bag convert` from a bag whose metadata.yaml \
-                    names it writes type and definition"
-            .into());
+        let fitting = topic.fitting_types.iter().filter_map(|name| {
+            let layout = TypeLayout::parse(name, "").ok()?;
+            let has_all = fields.iter().all(|field| layout.path(field).is_ok());
+            has_all.then_some((name.as_str(), layout))
+        });
+        let mut fitting: Vec<(&str, TypeLayout)> = fitting.collect();
+        let names: Vec<&str> = fitting.iter().map(|(name, _)| *name).collect();
+        return match names.as_slice() {
+            [_] => Ok(fitting.remove(0).1),
+            names => Err(format!(
+                "the bag does not say of which type its messages are{}; a metadata.yaml beside \
+                 the file whose topics_with_message_count gives the type of {} does",
+                match names {
+                    [] => ", and they are of no known type with these fields".to_owned(),
+                    names => format!(", and they may be {}", names.join(" or ")),
+                },
+                topic.name
+            )),
+        };
     }
     let (text, is_known) = (&topic.definition, topic.is_of_known_type());
     if topic.schema_encoding == "ros2msg" && !text.is_empty() {
@@ -71,7 +87,16 @@ impl Extraction {
                 ));
             }
             if found.is_none() {
-                let layout = layout(topic).map_err(|reason| unknown(Some(topic), reason))?;
+                let fields: Vec<&str> = request
+                    .signals
+                    .iter()
+                    .filter_map(|(_, source)| match &source.place {
+                        Place::Topic { field, .. } => Some(field.as_str()),
+                        Place::Column(_) => None,
+                    })
+                    .collect();
+                let layout =
+                    layout(topic, &fields).map_err(|reason| unknown(Some(topic), reason))?;
                 let (path, publish_time, automatic) = match stamp {
                     Stamp::Auto => match layout.path("header.stamp") {
                         Ok(path) => (Some(path), false, true),
@@ -99,10 +124,8 @@ impl Extraction {
                 });
             }
             if let Some(extraction) = &mut found {
-                let path = extraction
-                    .layout
-                    .path(field)
-                    .map_err(|reason| unknown(Some(topic), reason))?;
+                let path =
+                    extraction.layout.path(field).map_err(|reason| unknown(Some(topic), reason))?;
                 extraction.sources.push((path, source.clone()));
             }
         }
@@ -224,13 +247,11 @@ pub(super) fn read_bag(
                 continue;
             }
             let stamp = match &extraction.stamp {
-                Some(path) => {
-                    match layout.value(path, joints.read(), &plain).map_err(failed)? {
-                        Some(Value::Nanoseconds(stamp)) => stamp,
-                        Some(value) => seconds_to_nanos(value.as_f64()),
-                        None => continue,
-                    }
-                }
+                Some(path) => match layout.value(path, joints.read(), &plain).map_err(failed)? {
+                    Some(Value::Nanoseconds(stamp)) => stamp,
+                    Some(value) => seconds_to_nanos(value.as_f64()),
+                    None => continue,
+                },
                 None => {
                     let time = if extraction.publish_time {
                         message.publish_time

@@ -196,6 +196,21 @@ impl Words for FileFinding {
                 format!("metadata.yaml counts {declared} messages, {read} can be read")
             }
             Self::NoMetadata => "it has no readable metadata.yaml".to_owned(),
+            Self::TypeByMessages { topic, type_name, fitting } => match fitting.as_slice() {
+                [] => format!(
+                    "{topic}: neither the file nor metadata.yaml says the type of its messages, \
+                     and they fit none of the known types"
+                ),
+                _ if !type_name.is_empty() => format!(
+                    "{topic}: neither the file nor metadata.yaml says the type of its messages; \
+                     they are read as {type_name}, which they fit to the last byte"
+                ),
+                fitting => format!(
+                    "{topic}: neither the file nor metadata.yaml says the type of its messages; \
+                     they may be {}",
+                    fitting.join(" or ")
+                ),
+            },
             Self::Undecodable { topic, messages, total, type_name } => {
                 format!("{topic}: {messages} of {total} messages do not decode as {type_name}")
             }

@@ -257,8 +257,12 @@ impl Elements<'_> {
                 return Err(io::ErrorKind::InvalidData.into());
             }
             if tag.length > MOST {
-                let array =
-                    Array { name, shape: Vec::new(), is_first_fastest: true, other: Some(LARGE.into()) };
+                let array = Array {
+                    name,
+                    shape: Vec::new(),
+                    is_first_fastest: true,
+                    other: Some(LARGE.into()),
+                };
                 // What comes after it is not looked for.
                 return visit(&array, self);
             }

@@ -173,8 +173,9 @@ impl Number {
                 Values::Times((0..count).map(|_| next().map(time)).collect::<io::Result<_>>()?)
             }
             Number::Uint(8) => {
-                let values: Vec<u64> =
-                    (0..count).map(|_| next().map(u64::from_le_bytes)).collect::<io::Result<_>>()?;
+                let values: Vec<u64> = (0..count)
+                    .map(|_| next().map(u64::from_le_bytes))
+                    .collect::<io::Result<_>>()?;
                 match values.iter().map(|value| i64::try_from(*value)).collect() {
                     Ok(values) => Values::Whole(values),
                     Err(_) => Values::Numbers(values.into_iter().map(|v| v as f64).collect()),
@@ -407,7 +408,10 @@ mod tests {
         };
         assert_eq!(read(Number::Int(1), &[0xfe], false), Values::Numbers(vec![-2.0]));
         assert_eq!(read(Number::Int(2), &[0xff, 0xfe], true), Values::Numbers(vec![-2.0]));
-        assert_eq!(read(Number::Uint(4), &[0, 0, 0, 0x80], false), Values::Numbers(vec![2147483648.0]));
+        assert_eq!(
+            read(Number::Uint(4), &[0, 0, 0, 0x80], false),
+            Values::Numbers(vec![2147483648.0])
+        );
         assert_eq!(read(Number::Float(2), &[0, 0xc5], false), Values::Numbers(vec![-5.0]));
         assert_eq!(read(Number::Float(2), &[1, 0], false), Values::Numbers(vec![2f64.powi(-24)]));
         assert_eq!(
