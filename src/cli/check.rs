@@ -21,9 +21,9 @@ use friction_stage_report::words::recording_text;
 /// is complete and what made it; and, if there is an encoder, which stroke and velocities the
 /// motion covers and how often it turns round. Then it says what the data can identify and what
 /// not: speeds, amplitudes, rests, the noise that is in them, and signals that are clipped,
-/// constant, of the wrong sign or in the wrong unit. Takes rosbag2 directories and MCAP files, also
-/// those of other programs, and CSV files; a mapping says which topic and field, or which column,
-/// is which signal.
+/// constant, of the wrong sign or in the wrong unit. Takes rosbag2 directories and their
+/// files (MCAP or sqlite3, compressed or not), also those of other programs, and tables (CSV, .mat,
+/// .npz, .npy); a mapping says which topic and field, or which column, is which signal.
 ///
 /// Exit code: 0 nothing wrong, 3 with warnings, 1 nothing of it can be read. What stands in the way
 /// of identification counts as a warning if --model or --mapping asks for it.
@@ -34,7 +34,7 @@ use friction_stage_report::words::recording_text;
                   .identification.problems"
 )]
 pub struct CheckArgs {
-    /// rosbag2 directory, MCAP file or CSV file
+    /// rosbag2 directory or one of its files, or a table
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
     /// Model file or catalogue guide that declares mass, friction and noise

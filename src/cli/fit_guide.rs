@@ -24,10 +24,10 @@ use friction_stage_lab::{Fitted, GuideFit, RigRecord, fit_guide};
                         dahl_bag --name my_guide --out my_guide.yaml\n  friction-stage select \
                         --application A.yaml --catalogue my_guide.yaml --out choice")]
 pub struct FitGuideArgs {
-    /// rosbag2 directory or MCAP file with runs at constant velocity
+    /// rosbag2 directory or one of its files, with runs at constant velocity
     #[arg(long, value_name = "BAG")]
     pub stribeck: PathBuf,
-    /// rosbag2 directory or MCAP file with slow loops
+    /// rosbag2 directory or one of its files, with slow loops
     #[arg(long, value_name = "BAG")]
     pub dahl: PathBuf,
     /// Catalogue file to write; one that is there already is left alone

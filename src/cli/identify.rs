@@ -47,10 +47,10 @@ pub struct IdentifyArgs {
     /// Model file or catalogue guide: what the stage is declared to be
     #[arg(long, value_name = "MODEL")]
     pub model: String,
-    /// Bags or CSV files to identify on; several are joined
+    /// Bags or tables to identify on; several are joined
     #[arg(long, value_name = "BAG", num_args = 1.., required = true)]
     pub train: Vec<PathBuf>,
-    /// Bags or CSV files that no fit sees: they decide what is kept
+    /// Bags or tables that no fit sees: they decide what is kept
     #[arg(long, value_name = "BAG", num_args = 1.., required = true)]
     pub holdout: Vec<PathBuf>,
     /// Directory for the results

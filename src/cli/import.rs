@@ -1,4 +1,4 @@
-//! `friction-stage import`: a CSV file as a bag of our own layout, and a mapping for one.
+//! `friction-stage import`: a table as a bag of our own layout, and a mapping for one.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -10,9 +10,9 @@ use super::Outcome;
 use friction_stage_data::signals::{self, Mapping, Proposal};
 use friction_stage_report::words::{import_text, proposal_text};
 
-/// Make a bag of our own layout from a text table, or first a mapping for it.
+/// Make a bag of our own layout from a table, or first a mapping for it.
 ///
-/// Without --mapping it detects the layout, prints it, and writes a mapping to confirm: the column
+/// Without --mapping it detects the layout of a text or lists the arrays, prints it, and writes a mapping to confirm: the column
 /// and the unit of each signal. What the file does not say is marked CHECK.
 ///
 /// With --mapping and --out every row becomes one sample with its own time; values are brought to
@@ -28,7 +28,7 @@ use friction_stage_report::words::{import_text, proposal_text};
                         {column: t_ms, unit: ms}\n    position: {column: x, unit: mm}\n    \
                         force: {column: u, scale: 35.15}   # N per V")]
 pub struct ImportArgs {
-    /// Text table: CSV, TSV, columns between blanks
+    /// Table: CSV, TSV, columns between blanks; arrays in .mat, .npz, .npy
     #[arg(value_name = "FILE")]
     pub csv: PathBuf,
     /// YAML file that says which column is which signal; without it one is proposed

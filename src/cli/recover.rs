@@ -14,7 +14,8 @@ use friction_stage_report::words::recover_text;
 /// Copies every message that can be read into a new recording, with its times, together with model,
 /// seed, version and arguments. The original is only read, never changed. Says how many messages of
 /// each topic were kept, which bytes could not be used, and how much time is missing, as far as
-/// that can be known.
+/// that can be known. The new recording is MCAP; with --out it is made of a whole one, too, so that
+/// a bag of sqlite3 or one that is compressed becomes MCAP.
 ///
 /// Exit code: 0 the recording is whole already, 3 a new one was made, 1 nothing of it can be read.
 #[derive(Debug, Clone, Args)]
@@ -23,7 +24,7 @@ use friction_stage_report::words::recover_text;
                   friction-stage recover run_1 --out run_1_whole"
 )]
 pub struct RecoverArgs {
-    /// rosbag2 directory or MCAP file
+    /// rosbag2 directory or one of its files: MCAP or sqlite3, compressed or not
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
     /// Directory to make; it must not exist; without this, the name of the bag with `_recovered`

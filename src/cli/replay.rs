@@ -34,7 +34,7 @@ use friction_stage_report::words::{all_words, comparison_notes, in_prefix};
 #[command(after_help = "Examples:\n  friction-stage replay demo/guide_1\n  friction-stage replay \
                   demo/guide_1 --model guide_2 --csv out.csv")]
 pub struct ReplayArgs {
-    /// rosbag2 directory or MCAP file
+    /// rosbag2 directory or one of its files
     #[arg(value_name = "BAG")]
     pub bag: PathBuf,
     /// Model file or catalogue guide in place of the bag's own model

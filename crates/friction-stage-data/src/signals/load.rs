@@ -1,7 +1,7 @@
 //! A recording of any origin, ready for identification: every signal on one uniform grid, with what
 //! was done to get there.
 //!
-//! What comes in is a bag of our own, a foreign bag or a CSV file with a [`Mapping`]; what goes out
+//! What comes in is a bag of our own, a foreign bag or a table with a [`Mapping`]; what goes out
 //! is a [`Recording`]. Only one topic at a time is in memory besides the result, or several while
 //! they are small.
 
@@ -21,7 +21,7 @@ use friction_stage_core::numerics::noise;
 /// Raw samples that are held at once besides the result, in bytes.
 const AT_ONCE: u64 = 128 * 1024 * 1024;
 
-/// Reads a rosbag2 directory, an MCAP file or a CSV file onto a uniform grid. Without a mapping the
+/// Reads a rosbag2 directory, one of its files or a table onto a uniform grid. Without a mapping the
 /// topics are those of our own bags, and the columns those of a [`Trace`].
 ///
 /// The grid is that of the position, or `rate` of the mapping. Errors: no position, a mapping that

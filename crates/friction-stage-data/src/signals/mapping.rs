@@ -13,7 +13,7 @@
 //!   force_cell: {topic: /loadcell, field: wrench.force.z, scale: -1}
 //! ```
 //!
-//! and for a CSV file:
+//! and for a table:
 //!
 //! ```yaml
 //! csv: {delimiter: ";"}          # optional: the layout of the file is detected
@@ -22,6 +22,9 @@
 //!   position: {column: x, unit: mm, offset: -0.1}
 //!   force: {column: 4}           # the fourth
 //! ```
+//!
+//! A column of a file of arrays is a variable, `run.pos` a field of a struct, `pos[:,0]` (as NumPy
+//! counts) or `pos(:,1)` (as MATLAB does) one of a matrix.
 //!
 //! A value in SI is `scale * (value * unit) + offset`, the offset in SI units. A unit of another
 //! dimension needs a `scale`, in SI too: the lead over 2 pi for turns of a spindle, N per A for a
@@ -44,7 +47,7 @@ use friction_stage_core::model::{JointType, nearest};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Signal {
-    /// Time of the sample, s. Only in a CSV file: the messages of a bag have stamps.
+    /// Time of the sample, s. Only in a table: the messages of a bag have stamps.
     Time,
     /// Reference position, m.
     ReferencePosition,
@@ -117,11 +120,11 @@ pub enum Place {
         /// Which time of the message counts.
         stamp: Stamp,
     },
-    /// A column of a CSV file.
+    /// A column of a table.
     Column(Column),
 }
 
-/// A column of a CSV file.
+/// A column of a table.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Column {
     /// By its number, from 1.
@@ -478,8 +481,7 @@ impl Mapping {
         if columns != 0 && columns != mapping.signals.len() {
             return Err(wrong(
                 "signals",
-                "some are topics and some columns: a recording is either a bag or a CSV file"
-                    .into(),
+                "some are topics and some columns: a recording is either a bag or a table".into(),
             ));
         }
         Ok(mapping)
@@ -497,7 +499,7 @@ impl Mapping {
         }
     }
 
-    /// Whether it is for CSV files.
+    /// Whether it is for tables.
     pub fn is_for_csv(&self) -> bool {
         self.signals.values().flatten().any(|s| matches!(s.place, Place::Column(_)))
     }
@@ -666,7 +668,7 @@ mod tests {
             ("signals: {position: {column: x, scale: 0}}", &["scale 0"]),
             (
                 "signals: {position: {column: x}, force: {topic: /f, field: x}}",
-                &["either a bag or a CSV"],
+                &["either a bag or a table"],
             ),
             (
                 "signals: {position: {topic: /j, field: x}, time: {topic: /j, field: t}}",
