@@ -214,6 +214,25 @@ fn a_sqlite_bag_of_several_files_comes_in_the_order_of_time() {
 }
 
 #[test]
+fn a_sqlite_file_without_its_index_is_read_in_the_order_of_time() {
+    let home = TempDir::new().unwrap();
+    for (name, factor) in [("in_order.db3", 1), ("shuffled.db3", 7)] {
+        let file = home.path().join(name);
+        let bag = Sqlite::joints(&file, 3, 0..0);
+        bag.connection.execute_batch("DROP INDEX timestamp_idx; BEGIN").unwrap();
+        for k in (0..9000).map(|k| k * factor % 9000) {
+            let data = to_cdr(&joint_state(k)).unwrap();
+            bag.message(1, BEGIN + k as i64 * STEP + 500, &data);
+        }
+        bag.connection.execute_batch("COMMIT").unwrap();
+        drop(bag);
+        has_signals(&file, 9000);
+        let reader = BagReader::open(&file).unwrap();
+        assert!(reader.messages().map(|m| m.unwrap().log_time).is_sorted(), "{name}");
+    }
+}
+
+#[test]
 fn messages_of_one_time_all_come_once() {
     let home = TempDir::new().unwrap();
     let file = home.path().join("a_0.db3");
@@ -587,6 +606,11 @@ fn what_unpacks_without_end_takes_no_memory() {
     let error = BagReader::open(&file).unwrap_err();
     assert!(matches!(error, BagError::UnknownFormat { .. }), "{error}");
     assert!(begin.elapsed() < Duration::from_secs(60));
+    // a recording that goes on as zeros
+    fs::write(&file, bomb(mcap::MAGIC, 1 << 33)).unwrap();
+    let error = BagReader::open(&file).unwrap_err();
+    assert!(matches!(error, BagError::TooLarge { .. }), "{error}");
+    assert!(error.to_string().contains("zstd -d"), "{error}");
     // messages of 2 GiB each
     let database = home.path().join("b_0.db3");
     let bag = Sqlite::joints(&database, 3, 0..3);

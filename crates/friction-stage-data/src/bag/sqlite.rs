@@ -79,6 +79,8 @@ pub(super) struct Database {
     /// What the file itself says, as `metadata.yaml` does.
     pub metadata: Option<Found>,
     pub damage: Vec<Damage>,
+    /// Whether the rows are in the order of time; only looked at where nothing else gives it.
+    are_rows_in_order: bool,
 }
 
 impl Database {
@@ -93,6 +95,7 @@ impl Database {
             range: None,
             metadata: None,
             damage: Vec::new(),
+            are_rows_in_order: false,
         };
         database.damage.extend(database.missing_end()?);
         database.damage.extend(database.unfinished());
@@ -289,6 +292,21 @@ impl Database {
         for (id, messages, first, last) in counts {
             self.note(id, messages.unsigned_abs(), first, last);
         }
+        if !has_index(connection)? {
+            let mut statement =
+                connection.prepare("SELECT timestamp FROM messages ORDER BY rowid")?;
+            let mut rows = statement.query([])?;
+            let mut last = i64::MIN;
+            self.are_rows_in_order = true;
+            while let Some(row) = rows.next()? {
+                let time: i64 = row.get(0)?;
+                if time < last {
+                    self.are_rows_in_order = false;
+                    break;
+                }
+                last = time;
+            }
+        }
         Ok(())
     }
 
@@ -329,6 +347,7 @@ impl Database {
     /// Where reading begins.
     pub fn begin(&self) -> Position {
         let is_ordered = self.damage.iter().all(|damage| damage.found.starts_with("a file -"));
+        let is_ordered = is_ordered && !self.are_rows_in_order;
         if is_ordered { Position::Time(i64::MIN, i64::MIN) } else { Position::Row(i64::MIN) }
     }
 
@@ -433,6 +452,15 @@ impl Database {
             Err(error) => Some(self.broken(&error)),
         }
     }
+}
+
+/// Whether the file has the index over time that rosbag2 makes; without it every page is sorted
+/// anew.
+fn has_index(connection: &Connection) -> rusqlite::Result<bool> {
+    let query = "SELECT EXISTS (SELECT 1 FROM pragma_index_list('messages') AS list, \
+                 pragma_index_info(list.name) AS info \
+                 WHERE info.seqno = 0 AND info.name = 'timestamp')";
+    connection.query_row(query, [], |row| row.get(0))
 }
 
 /// Names of the columns of a table; none where there is no such table.

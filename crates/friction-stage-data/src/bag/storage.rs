@@ -220,6 +220,11 @@ struct Unpacked {
     damage: Option<Damage>,
 }
 
+/// So many times its size a file may unpack to, and at least [`UNPACKED`] bytes: recordings of a
+/// stage at rest reach a few hundred, files that are made to fill a disk tens of thousands. Assumed.
+const MOST_TIMES: u64 = 1000;
+const UNPACKED: u64 = 1 << 30;
+
 /// Unpacks a file into a temporary one, in a bounded piece of memory. It may take half of what is
 /// free there; what is no recording inside is refused before it is unpacked.
 fn unpack(path: &Path) -> Result<Unpacked, BagError> {
@@ -245,7 +250,8 @@ fn unpack(path: &Path) -> Result<Unpacked, BagError> {
         }
         _ => return Err(unknown(path, &begin)),
     };
-    let room = free_bytes(&place).map_err(cannot)? / 2;
+    let most = packed_size.saturating_mul(MOST_TIMES).max(UNPACKED);
+    let room = (free_bytes(&place).map_err(cannot)? / 2).min(most);
     let mut file = NamedTempFile::with_prefix("friction-stage-").map_err(cannot)?;
     file.write_all(&begin).map_err(cannot)?;
     let mut size = begin.len() as u64;
