@@ -308,6 +308,10 @@ fn metadata_as_others_leave_them_are_read() {
     fs::write(&yaml, metadata("sqlite3", &["a_0.db3", "a_1.db3"], "")).unwrap();
     let report = check(home.path()).unwrap();
     assert!(!report.complete && report.damage[0].path.ends_with("a_1.db3"), "{report:?}");
+    // a file that was renamed
+    fs::write(&yaml, metadata("sqlite3", &["b_0.db3"], "  message_count: 30\n")).unwrap();
+    has_signals(home.path(), 30);
+    assert_eq!(check(home.path()).unwrap().findings, []);
     // without metadata, and with broken ones
     for broken in [None, Some("rosbag2_bagfile_information: [")] {
         match broken {

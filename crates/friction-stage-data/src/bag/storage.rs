@@ -117,8 +117,8 @@ impl Files {
         // The same file, packed and unpacked, counts once.
         let all = paths.clone();
         paths.retain(|path| !is_packed(path) || !all.contains(&path.with_extension("")));
-        // What the metadata said of files that are not there is not of these.
-        Ok(Self { paths, missing, metadata: metadata.ok().flatten() })
+        // None of the files that the metadata name is there: these have new names.
+        Ok(Self { paths, missing: Vec::new(), metadata: metadata.ok().flatten() })
     }
 }
 
@@ -190,6 +190,7 @@ fn begin_of(file: &mut impl Read) -> io::Result<Vec<u8>> {
 fn unknown(path: &Path, begin: &[u8]) -> BagError {
     const ARRAYS: [&[u8]; 4] = [b"\x93NUMPY", b"PK\x03\x04", b"\x89HDF", b"MATLAB"];
     let hex: Vec<String> = begin.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    let hex = if begin.is_empty() { "nothing".to_owned() } else { hex.join(" ") };
     let is_text = |byte: &u8| matches!(byte, b'\t' | b'\r' | b'\n' | b' '..=b'~');
     let hint = if begin.starts_with(b"#ROSBAG") {
         " (a bag of ROS 1: `rosbags-convert` makes one of ROS 2)"
@@ -204,7 +205,7 @@ fn unknown(path: &Path, begin: &[u8]) -> BagError {
     } else {
         ""
     };
-    BagError::UnknownFormat { path: path.to_owned(), found: format!("{}{hint}", hex.join(" ")) }
+    BagError::UnknownFormat { path: path.to_owned(), found: hex + hint }
 }
 
 /// Whether a path is a directory or a file that recordings are made of.

@@ -206,6 +206,10 @@ impl Elements<'_> {
         }
         let shape = self.integers()?;
         let name = String::from_utf8_lossy(&self.short(LONGEST_NAME)?).into_owned();
+        if name.is_empty() && before.is_empty() {
+            // What MATLAB keeps for itself.
+            return Ok(None);
+        }
         let name = join(before, &name);
         let is_complex = flags & 0x0800 != 0;
         match class {
@@ -320,5 +324,84 @@ fn join(before: &str, name: &str) -> String {
         ("", name) => name.to_owned(),
         (before, "") => before.to_owned(),
         (before, name) => format!("{before}.{name}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Writes elements; independent of the code above.
+    struct Writer {
+        bytes: Vec<u8>,
+        big_endian: bool,
+    }
+
+    impl Writer {
+        fn u32(&mut self, value: u32) {
+            self.bytes.extend(if self.big_endian {
+                value.to_be_bytes()
+            } else {
+                value.to_le_bytes()
+            });
+        }
+
+        fn element(&mut self, kind: u32, data: &[u8]) {
+            if data.len() <= 4 {
+                self.u32((data.len() as u32) << 16 | kind);
+                self.bytes.extend(data);
+                self.bytes.resize(self.bytes.len() + 4 - data.len(), 0);
+            } else {
+                self.u32(kind);
+                self.u32(data.len() as u32);
+                self.bytes.extend(data);
+                self.bytes.resize(self.bytes.len().next_multiple_of(8), 0);
+            }
+        }
+
+        fn inside(&self, fill: impl FnOnce(&mut Writer)) -> Vec<u8> {
+            let mut inside = Writer { bytes: Vec::new(), big_endian: self.big_endian };
+            fill(&mut inside);
+            inside.bytes
+        }
+
+        fn numbers(&self, values: &[u32]) -> Vec<u8> {
+            self.inside(|writer| values.iter().for_each(|value| writer.u32(*value)))
+        }
+
+        /// A variable of a class with values in a type of storage.
+        fn variable(&mut self, name: &str, class: u32, count: u32, kind: u32, values: &[u8]) {
+            let (flags, shape) = (self.numbers(&[class, 0]), self.numbers(&[count, 1]));
+            let data = self.inside(|writer| {
+                writer.element(6, &flags);
+                writer.element(5, &shape);
+                writer.element(1, name.as_bytes());
+                writer.element(kind, values);
+            });
+            self.element(MATRIX, &data);
+        }
+    }
+
+    #[test]
+    fn both_endians_and_values_in_less_room_are_read() {
+        for big_endian in [false, true] {
+            let mut writer = Writer { bytes: vec![b' '; 124], big_endian };
+            writer.bytes.extend(if big_endian { *b"\x01\x00MI" } else { *b"\x00\x01IM" });
+            let bytes = |v: f64| if big_endian { v.to_be_bytes() } else { v.to_le_bytes() };
+            writer.variable("long_name", 6, 2, 9, &[1.5, -2.5].map(bytes).concat());
+            // doubles that are small whole numbers, stored as bytes
+            writer.variable("a", 6, 3, 2, &[7, 8, 9]);
+            // what MATLAB adds for objects has no name
+            writer.variable("", 9, 3, 2, &[7, 8, 9]);
+            let file = tempfile::NamedTempFile::new().unwrap();
+            std::fs::write(file.path(), &writer.bytes).unwrap();
+            let arrays = list(file.path()).unwrap();
+            let names: Vec<&str> = arrays.iter().map(|array| array.name.as_str()).collect();
+            assert_eq!(names, ["long_name", "a"]);
+            let values: Vec<Values> =
+                arrays.iter().map(|array| read(file.path(), array).unwrap()).collect();
+            assert_eq!(values[0], Values::Numbers(vec![1.5, -2.5]));
+            assert_eq!(values[1], Values::Numbers(vec![7.0, 8.0, 9.0]));
+        }
     }
 }
