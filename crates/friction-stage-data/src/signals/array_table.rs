@@ -159,17 +159,12 @@ pub(super) fn samples(
             NO_TIME => f64::NAN,
             value => value.saturating_sub(begin) as f64 * 1e-9,
         };
-        values.iter().take(most).map(time).collect()
+        values.iter().map(time).collect()
     };
     let numbers = |values: Values| match values {
-        Values::Numbers(values) => (values.into_iter().take(most).collect(), false),
-        Values::Whole(values) => (values.into_iter().take(most).map(|v| v as f64).collect(), false),
+        Values::Numbers(values) => (values, false),
+        Values::Whole(values) => (values.into_iter().map(|v| v as f64).collect(), false),
         Values::Times(values) => (since(values), true),
     };
-    // One after the other: a file may have more columns than are of use.
-    let read = |column: &usize| -> Result<(Vec<f64>, bool), SignalError> {
-        let mut found = file.read(&[*column])?;
-        Ok(numbers(found.remove(0)))
-    };
-    columns.iter().map(read).collect()
+    Ok(file.read_first(columns, most)?.into_iter().map(numbers).collect())
 }

@@ -38,7 +38,7 @@ pub(super) fn read(path: &Path, array: &Array) -> Result<Values, Fault> {
 fn open(path: &Path) -> Result<Hdf5File, Fault> {
     let options = OpenOptions::default()
         .with_max_read_bytes(MOST as usize)
-        .with_max_chunk_bytes(MOST as usize / 8);
+        .with_max_chunk_bytes(MOST as usize / 4);
     let storage = FileStorage::open(path).map_err(damaged)?;
     Hdf5File::from_storage_with_options(Arc::new(storage), options).map_err(damaged)
 }
@@ -110,7 +110,9 @@ fn values(dataset: &Dataset) -> Result<Values, Fault> {
         };
     }
     let numbers: Vec<f64> = match dataset.dtype() {
-        Datatype::FloatingPoint { size: 8, .. } => read!(f64).collect(),
+        Datatype::FloatingPoint { size: 8, .. } => {
+            dataset.read_array::<f64>().map_err(damaged)?.into_raw_vec_and_offset().0
+        }
         Datatype::FloatingPoint { .. } => read!(f32).map(f64::from).collect(),
         Datatype::FixedPoint { size: 1, signed: true, .. } => read!(i8).map(f64::from).collect(),
         Datatype::FixedPoint { size: 1, .. } => read!(u8).map(f64::from).collect(),

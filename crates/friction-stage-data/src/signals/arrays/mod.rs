@@ -16,7 +16,7 @@ use super::error::SignalError;
 use crate::bag::BagError;
 
 /// Most bytes of the arrays that are read of one file, as numbers of eight bytes.
-const MOST: u64 = 512 * 1024 * 1024;
+const MOST: u64 = 256 * 1024 * 1024;
 /// Most columns of one array; one with more is an image or a map.
 const MOST_COLUMNS: u64 = 1000;
 
@@ -327,15 +327,23 @@ impl ArrayFile {
 
     /// Reads columns, each array once.
     pub fn read(&self, columns: &[usize]) -> Result<Vec<Values>, SignalError> {
+        self.read_first(columns, usize::MAX)
+    }
+
+    /// Reads columns, each array once, and keeps at most so many values of each.
+    pub fn read_first(&self, columns: &[usize], most: usize) -> Result<Vec<Values>, SignalError> {
         let wrong = |reason: String| SignalError::Array { path: self.path.clone(), reason };
         let mut arrays: Vec<usize> =
             columns.iter().map(|column| self.columns[*column].array).collect();
         arrays.sort_unstable();
         arrays.dedup();
-        let all: u64 = arrays
-            .iter()
-            .map(|array| self.arrays[*array].len().unwrap_or(u64::MAX / 8))
-            .fold(0, u64::saturating_add);
+        let lengths = arrays.iter().map(|array| self.arrays[*array].len().unwrap_or(u64::MAX / 8));
+        // Where all values are kept they are in memory together.
+        let all: u64 = if most == usize::MAX {
+            lengths.fold(0, u64::saturating_add)
+        } else {
+            lengths.max().unwrap_or(0)
+        };
         if all.saturating_mul(8) > MOST {
             return Err(wrong(format!(
                 "the arrays that are asked for have {all} values, read are at most {}; save them \
@@ -367,7 +375,7 @@ impl ArrayFile {
                     // No longer than what was read.
                     let [first, step, length] =
                         [column.first, column.step, column.length].map(|number| number as usize);
-                    *found = Some(values.part(first, step, length));
+                    *found = Some(values.part(first, step, length.min(most)));
                 }
             }
         }

@@ -66,15 +66,20 @@ pub(super) fn list_archive(path: &Path) -> Result<Vec<Array>, Fault> {
 pub(super) fn read_archive(path: &Path, array: &Array) -> Result<Values, Fault> {
     let mut archive = archive(path)?;
     // The name of a field of records stands behind that of the array.
-    let index = (0..archive.len()).find(|index| {
-        archive.by_index(*index).is_ok_and(|entry| {
-            name_of(&entry).is_some_and(|name| {
-                let rest = array.name.strip_prefix(&name);
-                rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
-            })
-        })
-    });
-    let index = index.ok_or_else(|| "the file changes while it is read".to_owned())?;
+    let mut found = None;
+    for index in 0..archive.len() {
+        let entry = archive.by_index(index).map_err(|_| ENTRY.to_owned())?;
+        let name = name_of(&entry).unwrap_or_default();
+        match array.name.strip_prefix(&name) {
+            Some("") => {
+                found = Some(index);
+                break;
+            }
+            Some(rest) if rest.starts_with('.') => found = Some(index),
+            _ => {}
+        }
+    }
+    let index = found.ok_or_else(|| "the file changes while it is read".to_owned())?;
     let mut entry = archive.by_index(index).map_err(|_| ENTRY.to_owned())?;
     let name = name_of(&entry).unwrap_or_default();
     values(&mut BufReader::new(&mut entry), &name, array)
