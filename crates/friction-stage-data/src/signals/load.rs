@@ -21,8 +21,8 @@ use friction_stage_core::numerics::noise;
 /// Raw samples that are held at once besides the result, in bytes.
 const AT_ONCE: u64 = 128 * 1024 * 1024;
 
-/// Reads a rosbag2 directory, one of its files or a table onto a uniform grid. Without a mapping the
-/// topics are those of our own bags, and the columns those of a [`Trace`].
+/// Reads a rosbag2 directory, one of its files or a table onto a uniform grid. Without a mapping
+/// the topics are those of our own bags, and the columns those of a [`Trace`].
 ///
 /// The grid is that of the position, or `rate` of the mapping. Errors: no position, a mapping that
 /// does not fit, a damaged place, a clock that is set back. Gaps, jitter, repeated and missing

@@ -111,8 +111,8 @@ impl Source {
     }
 }
 
-/// Whether a path is a table: of text, if it ends in `.csv`, `.tsv` or `.txt`; of arrays, if it ends
-/// in `.mat`, `.npz` or `.npy`; or because `mapping` names columns.
+/// Whether a path is a table: of text, if it ends in `.csv`, `.tsv` or `.txt`; of arrays, if it
+/// ends in `.mat`, `.npz` or `.npy`; or because `mapping` names columns.
 pub fn is_table(path: &Path, mapping: Option<&Mapping>) -> bool {
     let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     let has_ending = ending.is_some_and(|e| ["csv", "tsv", "txt"].contains(&e.as_str()));
