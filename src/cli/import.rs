@@ -13,7 +13,8 @@ use friction_stage_report::words::{import_text, proposal_text};
 /// Make a bag of our own layout from a table, or first a mapping for it.
 ///
 /// Without --mapping it detects the layout of a text or lists the arrays, prints it, and writes a
-/// mapping to confirm: the column and the unit of each signal. What the file does not say is marked CHECK.
+/// mapping to confirm: the column and the unit of each signal. What the file does not say is marked
+/// CHECK.
 ///
 /// With --mapping and --out every row becomes one sample with its own time; values are brought to
 /// SI, nothing is resampled. The bag plays with `ros2 bag play` and goes into check, replay and

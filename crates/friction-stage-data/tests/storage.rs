@@ -555,6 +555,33 @@ fn damage_inside_a_sqlite_file_is_a_place_and_not_the_end() {
 }
 
 #[test]
+fn a_message_that_cannot_be_read_costs_itself_alone() {
+    let home = TempDir::new().unwrap();
+    let file = home.path().join("a_0.db3");
+    // in another order than that of time; the large one lies in pages of its own
+    let bag = Sqlite::joints(&file, 3, 0..0);
+    for k in (0..400).map(|k| k * 7 % 400) {
+        let mut data = to_cdr(&joint_state(k)).unwrap();
+        if k == 200 {
+            data.resize(100_000, 0xab);
+        }
+        bag.message(1, BEGIN + k as i64 * STEP, &data);
+    }
+    drop(bag);
+    let mut bytes = fs::read(&file).unwrap();
+    let is_full = |page: &&mut [u8]| page[100..].iter().all(|byte| *byte == 0xab);
+    let page = bytes.chunks_mut(4096).find(is_full).unwrap();
+    // the next page of the message is none of the file
+    page[..4].copy_from_slice(&u32::MAX.to_be_bytes());
+    fs::write(&file, &bytes).unwrap();
+    let reader = BagReader::open(&file).unwrap();
+    let (read, errors): (Vec<_>, Vec<_>) = reader.messages().partition(Result::is_ok);
+    assert_eq!((read.len(), errors.len()), (399, 1));
+    let times: Vec<u64> = read.into_iter().map(|message| message.unwrap().log_time).collect();
+    assert!(times.is_sorted_by(|a, b| a < b), "each once, in the order of time");
+}
+
+#[test]
 fn a_database_of_something_else_is_refused_with_what_is_missing() {
     let home = TempDir::new().unwrap();
     let refused = |sql: &str| {
@@ -667,7 +694,7 @@ proptest! {
         let file = home.path().join("a_0");
         fs::write(&file, &bytes).unwrap();
         if let Ok(reader) = BagReader::open(&file) {
-            prop_assert!(reader.messages().take(100_000).count() < 10_000);
+            prop_assert!(reader.messages().take(10_000).count() < 10_000);
             let _ = load(&file, Some(&mapping()));
         }
     }

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::config::DbConfig;
 use rusqlite::limits::Limit;
-use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Row, params};
+use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Row, ffi, params};
 
 use super::error::BagError;
 use super::file::Damage;
@@ -356,19 +356,19 @@ impl Database {
     pub fn page(&self, connection: &Connection, from: Position) -> Page {
         let mut messages = Vec::new();
         let read = match from {
-            Position::Time(time, row) => self.rows_after(
+            Position::Time(..) => self.rows_after(
                 connection,
                 "SELECT rowid, topic_id, timestamp, data FROM messages \
                  WHERE timestamp >= ?1 AND (timestamp > ?1 OR rowid > ?2) \
                  ORDER BY timestamp, rowid",
-                [time, row],
+                from,
                 &mut messages,
             ),
-            Position::Row(row) => self.rows_after(
+            Position::Row(_) => self.rows_after(
                 connection,
                 "SELECT rowid, topic_id, timestamp, data FROM messages \
                  WHERE rowid > ?2 AND ?1 = ?1 ORDER BY rowid",
-                [0, row],
+                from,
                 &mut messages,
             ),
         };
@@ -382,32 +382,53 @@ impl Database {
                 Page { messages, next: last.map(|(_, row)| Position::Row(row)), damage: None }
             }
             (Err(error), from) => {
-                let row = match (last, from) {
-                    (Some((_, row)), _) | (None, Position::Time(_, row) | Position::Row(row)) => {
-                        row
+                let next = match (from, last) {
+                    (Position::Time(..), Some((time, row))) => {
+                        self.after_row(connection, time, row)
+                    }
+                    (Position::Time(time, row), None) => self.after_row(connection, time, row),
+                    (Position::Row(_), Some((_, row))) | (Position::Row(row), None) => {
+                        self.after_hole(connection, row)
                     }
                 };
-                let next = self.after_hole(connection, row);
                 Page { messages, next, damage: Some(self.broken(&error)) }
             }
         }
     }
 
-    /// Where messages can be read again after a place that cannot: twice as far on with every try.
+    /// The place behind the message that follows the one of this time and row, which cannot be read.
+    /// The index alone tells it; where that is damaged, too, the order of rows has to do.
+    fn after_row(&self, connection: &Connection, time: i64, row: i64) -> Option<Position> {
+        let query = "SELECT timestamp, rowid FROM messages \
+                     WHERE timestamp >= ?1 AND (timestamp > ?1 OR rowid > ?2) \
+                     ORDER BY timestamp, rowid LIMIT 1";
+        let next = connection
+            .query_row(query, params![time, row], |found| Ok((found.get(0)?, found.get(1)?)))
+            .optional();
+        match next {
+            Ok(Some(next)) if next > (time, row) => Some(Position::Time(next.0, next.1)),
+            Ok(None) => None,
+            _ => self.after_hole(connection, row),
+        }
+    }
+
+    /// Where messages can be read again after a place that cannot, in the order of rows: twice as
+    /// far on with every try.
     fn after_hole(&self, connection: &Connection, row: i64) -> Option<Position> {
+        let query = "SELECT rowid FROM messages WHERE rowid > ?1 ORDER BY rowid LIMIT 1";
         let first = row.max(0);
-        (0..62).map(|power| first.checked_add(1 << power)).map_while(|row| row).find_map(|row| {
-            let query = "SELECT rowid, length(data) FROM messages WHERE rowid > ?1 \
-                         ORDER BY rowid LIMIT 1";
+        for power in 0..62 {
+            let from = first.checked_add(1 << power)?;
             let found = connection
-                .query_row(query, params![row], |found| found.get::<_, i64>(0))
+                .query_row(query, params![from], |found| found.get::<_, i64>(0))
                 .optional();
             match found {
-                Ok(Some(found)) => Some(Some(Position::Row(found.saturating_sub(1)))),
-                Ok(None) => Some(None),
-                Err(_) => None,
+                Ok(Some(found)) if found > from => return Some(Position::Row(found - 1)),
+                Ok(None) => return None,
+                _ => {}
             }
-        })?
+        }
+        None
     }
 
     /// Reads rows until a page is full; whether there may be more.
@@ -415,20 +436,40 @@ impl Database {
         &self,
         connection: &Connection,
         query: &str,
-        from: [i64; 2],
+        from: Position,
         messages: &mut Vec<StoredMessage>,
     ) -> rusqlite::Result<bool> {
         let mut statement = connection.prepare(query)?;
-        let mut rows = statement.query(from)?;
+        let mut rows = statement.query(match from {
+            Position::Time(time, row) => [time, row],
+            Position::Row(row) => [0, row],
+        })?;
         let mut bytes = 0;
+        let mut last = match from {
+            Position::Time(time, row) => (time, row),
+            Position::Row(row) => (0, row),
+        };
         while let Some(row) = rows.next()? {
+            let (number, time) = (row.get(0)?, row.get(2)?);
+            let place = match from {
+                Position::Time(..) => (time, number),
+                Position::Row(_) => (0, number),
+            };
+            if place <= last {
+                // A damaged page leads back, for ever.
+                return Err(rusqlite::Error::SqliteFailure(
+                    ffi::Error::new(ffi::SQLITE_CORRUPT),
+                    None,
+                ));
+            }
+            last = place;
             let data = row.get_ref(3)?;
             let data = data.as_bytes_or_null().map_err(rusqlite::Error::from)?.unwrap_or_default();
             bytes += data.len();
             messages.push(StoredMessage {
-                row: row.get(0)?,
+                row: number,
                 topic: row.get(1)?,
-                time: row.get(2)?,
+                time,
                 data: data.to_vec(),
             });
             if bytes >= PAGE || messages.len() >= PAGE_ROWS {

@@ -221,8 +221,8 @@ struct Unpacked {
     damage: Option<Damage>,
 }
 
-/// So many times its size a file may unpack to, and at least [`UNPACKED`] bytes. Assumed: beyond what
-/// a recording reaches, and far below files that are made to fill a disk.
+/// So many times its size a file may unpack to, and at least [`UNPACKED`] bytes. Assumed: beyond
+/// what a recording reaches, and far below files that are made to fill a disk.
 const MOST_TIMES: u64 = 1000;
 const UNPACKED: u64 = 1 << 30;
 

@@ -4,8 +4,8 @@
 //! and messages as CDR bytes; what goes out is a number per message. Fields before the wanted one
 //! are skipped, those behind it not looked at; no memory is taken for what a message claims to
 //! hold. Parts that the text lacks are those of [`known`]. Source of the layout: OMG DDS-XTypes
-//! 1.3, 7.4.1 (plain CDR, version 1; [`xcdr2`](super::xcdr2) brings version 2 to it) and the message
-//! definitions of ROS 2.
+//! 1.3, 7.4.1 (plain CDR, version 1; [`xcdr2`](super::xcdr2) brings version 2 to it) and the
+//! message definitions of ROS 2.
 //!
 //! Not read: schemas in `ros2idl`, and fields that stand behind a `wstring`, whose characters are
 //! of two or four bytes depending on the middleware that wrote them.
