@@ -195,7 +195,9 @@ impl Words for FileFinding {
             Self::MessageCount { declared, read } => {
                 format!("metadata.yaml counts {declared} messages, {read} can be read")
             }
-            Self::NoMetadata => "it has no readable metadata.yaml".to_owned(),
+            Self::NoMetadata => "it has no readable metadata.yaml: its files are taken in the \
+                                 order of their numbers; `ros2 bag reindex` writes one"
+                .to_owned(),
             Self::TypeByMessages { topic, type_name, fitting } => match fitting.as_slice() {
                 [] => format!(
                     "{topic}: neither the file nor metadata.yaml says the type of its messages, \
