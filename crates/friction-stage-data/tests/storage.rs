@@ -7,7 +7,6 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use friction_stage_data::bag::{BagError, BagReader, recover};
 use friction_stage_data::message::{Header, JointState, RosMessage, WrenchStamped, to_cdr};
@@ -633,10 +632,8 @@ fn what_unpacks_without_end_takes_no_memory() {
     let file = home.path().join("a_0.db3.zstd");
     // no recording inside: refused before it is unpacked
     fs::write(&file, bomb(b"", 1 << 32)).unwrap();
-    let begin = Instant::now();
     let error = BagReader::open(&file).unwrap_err();
     assert!(matches!(error, BagError::UnknownFormat { .. }), "{error}");
-    assert!(begin.elapsed() < Duration::from_secs(60));
     // a recording that goes on as zeros
     fs::write(&file, bomb(mcap::MAGIC, 1 << 33)).unwrap();
     let error = BagReader::open(&file).unwrap_err();
