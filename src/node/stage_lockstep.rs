@@ -72,9 +72,17 @@ struct Run {
     /// A command of topic hardware for the sample before may be on its way still, so that the
     /// answer is the last one before a silence.
     settling: bool,
+    /// Sample from which those that wait for an answer are counted: 0, or the first that topic
+    /// hardware answered, because its next tick is one period of the manager later.
+    origin: u64,
 }
 
 impl Run {
+    /// Samples since the last one that waited for an answer.
+    fn since_due(&self, tick: &Tick, every: u64) -> u64 {
+        tick.sample.index.saturating_sub(self.origin) % every
+    }
+
     /// Whether a missing answer can be asked for again and again.
     fn can_ask_again(&self) -> bool {
         self.answers_on.is_none_or(CommandTopic::acknowledges)
@@ -91,6 +99,7 @@ impl StageLoop {
             answers_on: None,
             answered: EPOCH,
             settling: true,
+            origin: 0,
         };
         let mut phase = if self.settings.wait_for_command { Phase::Arming } else { Phase::Free };
         let started = Instant::now();
@@ -99,7 +108,7 @@ impl StageLoop {
         loop {
             let tick = self.observe();
             let every = self.settings.every;
-            if tick.sample.index % every == 1 % every {
+            if run.since_due(&tick, every) == 1 % every {
                 self.leave_out_surplus(&mut run, &tick);
             }
             self.outlets.publish_and_settle(&tick);
@@ -128,7 +137,7 @@ impl StageLoop {
                             Free::Shutdown => return,
                         }
                     }
-                    let due = tick.sample.index.is_multiple_of(every);
+                    let due = run.since_due(&tick, every) == 0;
                     if phase == Phase::Arming || (phase == Phase::Armed && due) {
                         match self.wait_answer(&mut run, &tick, phase == Phase::Armed, first) {
                             Answer::Force(force) => (held, phase) = (force, Phase::Armed),
@@ -330,6 +339,9 @@ impl StageLoop {
     fn answered(&self, run: &mut Run, topic: CommandTopic, tick: &Tick, force: f64) -> Answer {
         run.answers_on = Some(topic);
         run.answered = tick.stamp;
+        if run.settling && !topic.acknowledges() {
+            run.origin = tick.sample.index;
+        }
         run.settling = false;
         self.status.is_stale.store(false, Ordering::Relaxed);
         if self.status.is_unanswered.swap(false, Ordering::Relaxed) {
