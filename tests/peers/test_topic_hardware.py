@@ -1,10 +1,13 @@
 """ros2_control's topic hardware moves the stage: free-running on wall time, and in lockstep on simulated time."""
 
+import json
 import math
 import os
+import subprocess
 import time
 
 import pytest
+from conftest import BINARIES
 from diagnostics import OK, Diagnostics, number
 from ros import nanoseconds
 from topic_hardware import BLIND_CYCLES, TopicHardware
@@ -71,6 +74,23 @@ def test_it_closes_the_loop_in_lockstep_on_simulated_time(ros, stage, every):
         assert states[-1].motor_force != 0.0
         status = diagnostics.newest()
         assert number(status, "refused_commands") == number(status, "unanswered_samples") == 0
+
+
+def test_a_recording_of_it_in_lockstep_is_replayed_bit_for_bit(ros, stage, tmp_path):
+    bag = tmp_path / "bag"
+    process = stage(mode="lockstep", control_rate=500.0, record=bag)
+    encoder = ros.collect("/stage/encoder")
+    with TopicHardware(500.0, TARGET, DURATION, use_sim_time=True, context=ros.context) as hardware:
+        arrive(ros, hardware, encoder)
+        assert hardware.late_stamps > 0
+        assert number(Diagnostics(ros).newest(), "unanswered_samples") == 0
+        process.stop()
+    replay = subprocess.run(
+        [BINARIES / "friction-stage", "replay", bag, "--json"], capture_output=True, text=True
+    )
+    assert replay.returncode in (0, 3), replay.stderr
+    report = json.loads(replay.stdout)
+    assert report["identical"] == report["samples"] > 500, report
 
 
 @pytest.mark.timeout(0)

@@ -15,7 +15,7 @@ use super::file::{Damage, Directory, Layout, Schema, Span, StoredAttachment, sca
 use super::metadata::Information;
 use super::provenance::{METADATA_NAME, MODEL_NAME, Provenance};
 use super::writer::{HASH_KEY, QOS_KEY};
-use crate::message::{RosMessage, from_cdr};
+use crate::message::{RosMessage, current_type_name, from_cdr};
 use friction_stage_core::model::{ModelError, StageModel};
 
 /// A topic of a recording.
@@ -74,10 +74,11 @@ impl Deref for BagMessage {
 }
 
 impl BagMessage {
-    /// Decodes the message as `M`, which must be the type that the bag declares.
+    /// Decodes the message as `M`, which must be the type that the bag declares, by its name of today
+    /// or of before.
     pub fn decode<M: RosMessage>(&self) -> Result<M, BagError> {
         let expected = M::type_name();
-        if self.topic.type_name != expected {
+        if current_type_name(&self.topic.type_name) != expected {
             return Err(BagError::WrongType {
                 topic: self.topic.name.clone(),
                 found: self.topic.type_name.clone(),

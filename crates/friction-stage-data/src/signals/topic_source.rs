@@ -14,13 +14,13 @@ use crate::message::*;
 /// The definition of a topic's type: that of the bag, or our own for types that this program knows.
 fn definition(topic: &Topic) -> Result<Definition, String> {
     let known = || {
-        Some(match topic.type_name.as_str() {
+        Some(match current_type_name(&topic.type_name).as_ref() {
             "sensor_msgs/msg/JointState" => JointState::definition(),
             "geometry_msgs/msg/WrenchStamped" => WrenchStamped::definition(),
             "trajectory_msgs/msg/JointTrajectory" => JointTrajectory::definition(),
             "std_msgs/msg/Float64MultiArray" => Float64MultiArray::definition(),
-            "friction_stage/msg/StageState" => StageState::definition(),
-            "friction_stage/msg/ControllerState" => ControllerState::definition(),
+            "friction_stage_msgs/msg/StageState" => StageState::definition(),
+            "friction_stage_msgs/msg/ControllerState" => ControllerState::definition(),
             _ => return None,
         })
     };
