@@ -14,7 +14,7 @@ from topic_hardware import BLIND_CYCLES, TopicHardware
 
 TARGET, DURATION = 0.02, 0.5
 SETTLED = DURATION + 0.5
-# Samples of the long run; a million takes about eight minutes.
+# Samples of the long run; a million takes about ten minutes.
 SAMPLES = int(os.environ.get("PEER_LOCKSTEP_SAMPLES", "20000"))
 
 
