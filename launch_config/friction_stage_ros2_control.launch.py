@@ -5,7 +5,8 @@ ros2 launch friction_stage friction_stage_ros2_control.launch.py mode:=lockstep 
 
 Needs controller_manager, joint_state_topic_hardware_interface, joint_state_broadcaster, robot_state_publisher,
 force_torque_sensor_broadcaster and the package of the controller. The stage publishes /clock in both modes, and
-everything else runs on it.
+everything else runs on it. In lockstep every tick of the manager is answered by one command, but which sample a command
+was computed from is the hardware plugin's chance: a run does not repeat bit for bit (docs/ros2.md, "ros2_control").
 """
 
 from pathlib import Path

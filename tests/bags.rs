@@ -11,13 +11,14 @@ use friction_stage_data::bag::{
     BagError, BagOptions, BagReader, BagWriter, Compression, OfferedQos, Provenance, recover,
 };
 use friction_stage_data::message::{
-    Clock, ControllerState, Float64MultiArray, Header, JointState, JointTrajectory,
+    Clock, ControllerState, Definition, Float64MultiArray, Header, JointState, JointTrajectory,
     JointTrajectoryPoint, RosMessage, WrenchStamped, to_cdr,
 };
 use friction_stage_data::quality::check;
-use friction_stage_data::signals::Trace;
+use friction_stage_data::signals::{Trace, load};
 use friction_stage_report::words::{messages_text, recover_text};
 use proptest::prelude::*;
+use serde::{Deserialize, Serialize};
 use tempfile::TempDir;
 
 const MILLISECOND: i64 = 1_000_000;
@@ -592,6 +593,81 @@ fn a_full_disk_is_an_error_and_what_was_written_recovers() {
     // of 300 kB at 140 B a message all but the last chunk
     assert!(report.messages > 1500, "{}", report.messages);
     assert!(BagReader::open(report.output.unwrap()).unwrap().is_complete());
+}
+
+/// A controller's state as recordings of version 0.2 and before call it.
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(transparent)]
+struct FormerState(ControllerState);
+
+impl RosMessage for FormerState {
+    const PACKAGE: &'static str = "friction_stage";
+    const NAME: &'static str = ControllerState::NAME;
+    const TYPE_HASH: &'static str =
+        "RIHS01_acc9f7b22c1a2d9c0fe8d2f91d772a8380b1d7381db6078f9a4600b1e8fda677";
+    const TEXT: &'static str = ControllerState::TEXT;
+    const DEPENDENCIES: &'static [Definition] = ControllerState::DEPENDENCIES;
+}
+
+#[test]
+fn messages_by_the_name_that_their_package_had_are_read_and_recovered() {
+    let home = TempDir::new().unwrap();
+    let directory = home.path().join("run");
+    let mut bag = BagWriter::create(&directory, &options()).unwrap();
+    let qos = OfferedQos::reliable(10);
+    let encoder_id = bag.add_topic::<JointState>("/stage/encoder", &qos).unwrap();
+    let state_id = bag.add_topic::<FormerState>("/controller/state", &qos).unwrap();
+    for k in 0..100i64 {
+        let (stamp, position) = (k * MILLISECOND, k as f64 * 1e-6);
+        bag.write(encoder_id, stamp as u64, &encoder(stamp, position)).unwrap();
+        let state = ControllerState {
+            header: Header::new(stamp, "stage"),
+            reference_position: position + 1e-3,
+            ..ControllerState::default()
+        };
+        bag.write(state_id, stamp as u64, &FormerState(state)).unwrap();
+    }
+    bag.finish().unwrap();
+    let recovered = home.path().join("recovered");
+    recover(&directory, Some(&recovered)).unwrap();
+    for directory in [directory, recovered] {
+        let topic = BagReader::open(&directory).unwrap().topic("/controller/state").cloned();
+        assert_eq!(topic.unwrap().type_name, "friction_stage/msg/ControllerState");
+        let report = check(&directory).unwrap();
+        let state = report.topics.iter().find(|topic| topic.name == "/controller/state").unwrap();
+        assert!(state.decoded && state.by_stamp && state.decode_failures == 0, "{state:?}");
+        for trace in [Trace::from_bag(&directory).unwrap(), load(&directory, None).unwrap().trace] {
+            assert!(trace.len() > 90);
+            for (reference, position) in trace.reference_position.iter().zip(&trace.position) {
+                assert!((reference - position - 1e-3).abs() < 1e-9, "{reference} {position}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_force_of_topic_hardware_is_that_of_the_sample_at_which_the_stage_took_it() {
+    let home = TempDir::new().unwrap();
+    let directory = home.path().join("run");
+    let mut bag = BagWriter::create(&directory, &options()).unwrap();
+    let qos = OfferedQos::reliable(10);
+    let encoder_id = bag.add_topic::<JointState>("/stage/encoder", &qos).unwrap();
+    let command_id = bag.add_topic::<JointState>("/stage/joint_commands", &qos).unwrap();
+    for k in 0..100i64 {
+        let stamp = k * MILLISECOND;
+        bag.write(encoder_id, stamp as u64, &encoder(stamp, k as f64 * 1e-6)).unwrap();
+        // The hardware's own clock is a tick behind at every third.
+        let shown = if k % 3 == 1 { stamp - MILLISECOND } else { stamp };
+        let command = JointState { effort: vec![k as f64], ..encoder(shown, 0.0) };
+        bag.write(command_id, stamp as u64, &command).unwrap();
+    }
+    bag.finish().unwrap();
+    for trace in [Trace::from_bag(&directory).unwrap(), load(&directory, None).unwrap().trace] {
+        let expected: Vec<f64> = (0..trace.len()).map(|k| k as f64).collect();
+        assert_eq!(trace.force, expected);
+    }
+    let report = check(&directory).unwrap();
+    assert!(report.findings.is_empty(), "{:?}", report.findings);
 }
 
 #[test]

@@ -16,6 +16,15 @@ pub enum CommandTopic {
     Commands,
 }
 
+impl CommandTopic {
+    /// Whether the stamp of a command says which sample it answers. On `~/joint_commands` it is the
+    /// time that the hardware's own node shows, which may be a tick behind; and a controller
+    /// manager commands once per tick, so that it cannot be asked for the same sample again.
+    pub fn acknowledges(self) -> bool {
+        self == CommandTopic::Force
+    }
+}
+
 /// A publisher of commands: its topic and its DDS identity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommandSource {
@@ -139,9 +148,11 @@ struct Owner {
 /// How stamps of commands are judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StampRule {
-    /// In real time: a stamp, if there is one, must be newer than the last.
-    Newer,
-    /// In lockstep: the stamp must be that of the sample that waits for an answer, ns.
+    /// In real time: a stamp, if there is one, must not go back. One that repeats is of a newer
+    /// command within the same tick of the source's clock.
+    NotBack,
+    /// In lockstep: the stamp must be that of the sample that waits for an answer, ns, where the
+    /// topic has such stamps at all.
     Answers(i64),
 }
 
@@ -184,8 +195,9 @@ impl Arbiter {
             StampRule::Answers(_) if topic == CommandTopic::Commands => {
                 return Err(Refusal::NoStamp { topic });
             }
+            StampRule::Answers(_) if !topic.acknowledges() => {}
             StampRule::Answers(expected) if stamp == expected => {}
-            _ if stamp != 0 && stamp == last_stamp => {
+            StampRule::Answers(_) if stamp != 0 && stamp == last_stamp => {
                 return Err(Refusal::StampRepeats { topic, stamp });
             }
             // After a silence it may: a clock that was set back must not lock its source out for
@@ -196,7 +208,7 @@ impl Arbiter {
             StampRule::Answers(expected) => {
                 return Err(Refusal::AnswersNoSample { topic, stamp, expected });
             }
-            StampRule::Newer => {}
+            StampRule::NotBack => {}
         }
         match &mut self.owner {
             Some(owner) if owner.source == source => {
@@ -286,42 +298,48 @@ mod tests {
     #[test]
     fn the_first_source_keeps_the_stage_until_it_falls_silent() {
         let mut arbiter = Arbiter::new(100);
-        assert!(arbiter.judge(A, force(0), StampRule::Newer, 0, 0).is_ok());
+        assert!(arbiter.judge(A, force(0), StampRule::NotBack, 0, 0).is_ok());
         assert!(matches!(
-            arbiter.judge(B, force(0), StampRule::Newer, 50, 0),
+            arbiter.judge(B, force(0), StampRule::NotBack, 50, 0),
             Err(Refusal::OtherSource { .. })
         ));
-        assert!(arbiter.judge(A, force(0), StampRule::Newer, 90, 0).is_ok());
-        assert!(arbiter.judge(B, force(0), StampRule::Newer, 189, 0).is_err());
-        assert!(arbiter.judge(B, force(0), StampRule::Newer, 190, 0).is_ok());
-        assert!(arbiter.judge(A, force(0), StampRule::Newer, 200, 0).is_err());
+        assert!(arbiter.judge(A, force(0), StampRule::NotBack, 90, 0).is_ok());
+        assert!(arbiter.judge(B, force(0), StampRule::NotBack, 189, 0).is_err());
+        assert!(arbiter.judge(B, force(0), StampRule::NotBack, 190, 0).is_ok());
+        assert!(arbiter.judge(A, force(0), StampRule::NotBack, 200, 0).is_err());
     }
 
     #[test]
     fn a_source_that_asks_for_no_force_does_not_take_the_stage() {
         let mut arbiter = Arbiter::new(100);
         let nothing = Command { stamp: 0, force: None };
-        assert!(arbiter.judge(B, nothing, StampRule::Newer, 0, 0).is_ok());
-        assert!(arbiter.judge(A, force(0), StampRule::Newer, 1, 0).is_ok());
+        assert!(arbiter.judge(B, nothing, StampRule::NotBack, 0, 0).is_ok());
+        assert!(arbiter.judge(A, force(0), StampRule::NotBack, 1, 0).is_ok());
     }
 
     #[test]
     fn stamps_that_repeat_go_back_or_answer_no_sample_are_refused_with_their_numbers() {
         let mut arbiter = Arbiter::new(100);
-        assert!(arbiter.judge(A, force(1000), StampRule::Newer, 0, 0).is_ok());
+        assert!(arbiter.judge(A, force(1000), StampRule::NotBack, 0, 0).is_ok());
+        // In real time a newer command; in lockstep the sample has been answered.
+        assert!(arbiter.judge(A, force(1000), StampRule::NotBack, 1, 0).is_ok());
         assert!(matches!(
-            arbiter.judge(A, force(1000), StampRule::Newer, 1, 0),
+            arbiter.judge(A, force(1000), StampRule::Answers(2000), 1, 0),
             Err(Refusal::StampRepeats { .. })
         ));
-        let back = arbiter.judge(A, force(900), StampRule::Newer, 1, 0).unwrap_err();
+        let back = arbiter.judge(A, force(900), StampRule::NotBack, 1, 0).unwrap_err();
         assert!(back.to_string().contains("900") && back.to_string().contains("1000"), "{back}");
-        // After a silence a clock may have been set back; the same message again is still refused.
-        assert!(arbiter.judge(A, force(1000), StampRule::Newer, 200, 0).is_err());
-        assert!(arbiter.judge(A, force(900), StampRule::Newer, 200, 0).is_ok());
-        assert!(arbiter.judge(A, force(901), StampRule::Newer, 201, 0).is_ok());
+        // After a silence a clock may have been set back.
+        assert!(arbiter.judge(A, force(900), StampRule::NotBack, 200, 0).is_ok());
+        assert!(arbiter.judge(A, force(901), StampRule::NotBack, 201, 0).is_ok());
         assert!(arbiter.judge(A, force(2000), StampRule::Answers(2000), 202, 0).is_ok());
         let other = arbiter.judge(A, force(3500), StampRule::Answers(3000), 203, 0).unwrap_err();
         assert!(matches!(other, Refusal::AnswersNoSample { stamp: 3500, expected: 3000, .. }));
+        // Stamps of topic hardware say nothing of the sample.
+        let mut hardware = Arbiter::new(100);
+        for stamp in [3000, 2000, 2000, 1000, 0, 4000] {
+            assert!(hardware.judge(B, force(stamp), StampRule::Answers(3000), 1, 0).is_ok());
+        }
         let bare = CommandSource { topic: CommandTopic::Commands, writer: [1; 16] };
         let mut fresh = Arbiter::new(100);
         assert!(matches!(

@@ -61,6 +61,11 @@ impl Inbox {
         waiter.wait(deadline, |context| self.poll(context))
     }
 
+    /// What has come on `~/joint_commands`, without waiting.
+    pub fn joint_command(&mut self, waiter: &Waiter) -> Option<Event> {
+        waiter.wait(Some(Instant::now()), |context| self.poll_joint_commands(context))
+    }
+
     fn poll(&mut self, context: &mut Context<'_>) -> Poll<Event> {
         // First what comes seldom: where a command is always there already, as in lockstep with a
         // pause, it would never have its turn.
@@ -91,19 +96,8 @@ impl Inbox {
                 Err(error) => Event::Unreadable(CommandTopic::Force, error),
             });
         }
-        if let Poll::Ready(result) = self.joint_commands.poll_take_from(context) {
-            return Poll::Ready(match result {
-                Ok((message, writer)) => {
-                    let command = Command::from_joint_state(&message, &self.joint);
-                    self.recorder
-                        .hear(message.header.stamp.to_nanos(), || Heard::JointCommands(message));
-                    Event::Command(
-                        CommandSource { topic: CommandTopic::JointCommands, writer },
-                        command,
-                    )
-                }
-                Err(error) => Event::Unreadable(CommandTopic::JointCommands, error),
-            });
+        if let Poll::Ready(event) = self.poll_joint_commands(context) {
+            return Poll::Ready(event);
         }
         if let Poll::Ready(result) = self.commands.poll_take_from(context) {
             return Poll::Ready(match result {
@@ -116,5 +110,20 @@ impl Inbox {
             });
         }
         Poll::Pending
+    }
+
+    fn poll_joint_commands(&mut self, context: &mut Context<'_>) -> Poll<Event> {
+        self.joint_commands.poll_take_from(context).map(|result| match result {
+            Ok((message, writer)) => {
+                let command = Command::from_joint_state(&message, &self.joint);
+                // Its stamp is not that of the sample that it answers: record it as of now.
+                self.recorder.hear(0, || Heard::JointCommands(message));
+                Event::Command(
+                    CommandSource { topic: CommandTopic::JointCommands, writer },
+                    command,
+                )
+            }
+            Err(error) => Event::Unreadable(CommandTopic::JointCommands, error),
+        })
     }
 }

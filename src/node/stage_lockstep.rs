@@ -4,7 +4,13 @@
 //! Until the first finite command time runs with the wall clock and the force is zero, because a
 //! controller manager needs a running clock before it says anything (or it stands still, with
 //! `wait_for_command`). Then time stops at the sample that is out, and every step from there on has
-//! its own answer. A missing answer is an error, and time stands still.
+//! its own answer.
+//!
+//! What an answer is depends on the topic. On `~/force` it is the command with the stamp of the
+//! sample; a missing one is an error, and time stands still until it comes. On `~/joint_commands`
+//! stamps say nothing of the sample, and a controller manager commands once per tick: there it is
+//! what comes after the sample went out, whatever its stamp, and where nothing comes within
+//! `answer_timeout` time moves on (decision 0011).
 
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -19,6 +25,7 @@ use super::stage_inbox::Event;
 use super::wire::Tick;
 
 /// Interval at which a sample is sent again to controllers that were not there when it went out.
+/// Topic hardware that has said nothing for as long has no command on its way any more.
 const ANNOUNCE: Duration = Duration::from_millis(100);
 
 /// Samples between two reports of the publishers' counters.
@@ -30,6 +37,8 @@ enum Answer {
     Force(f64),
     /// The first command answers a sample to come, ns: run unforced until then.
     Ahead(i64, f64),
+    /// None has come from a source that cannot be asked again.
+    Missing,
     Shutdown,
 }
 
@@ -56,6 +65,28 @@ struct Run {
     arbiter: Arbiter,
     waiter: Waiter,
     enabled: bool,
+    /// Where the last answer came from.
+    answers_on: Option<CommandTopic>,
+    /// Stamp of the sample that was answered last, ns.
+    answered: i64,
+    /// A command of topic hardware for the sample before may be on its way still, so that the
+    /// answer is the last one before a silence.
+    settling: bool,
+    /// Sample from which those that wait for an answer are counted: 0, or the first that topic
+    /// hardware answered, because its next tick is one period of the manager later.
+    origin: u64,
+}
+
+impl Run {
+    /// Samples since the last one that waited for an answer.
+    fn since_due(&self, tick: &Tick, every: u64) -> u64 {
+        tick.sample.index.saturating_sub(self.origin) % every
+    }
+
+    /// Whether a missing answer can be asked for again and again.
+    fn can_ask_again(&self) -> bool {
+        self.answers_on.is_none_or(CommandTopic::acknowledges)
+    }
 }
 
 impl StageLoop {
@@ -65,6 +96,10 @@ impl StageLoop {
             arbiter: Arbiter::new(self.live.answer_timeout().as_nanos() as i64),
             waiter: Waiter::new(),
             enabled: true,
+            answers_on: None,
+            answered: EPOCH,
+            settling: true,
+            origin: 0,
         };
         let mut phase = if self.settings.wait_for_command { Phase::Arming } else { Phase::Free };
         let started = Instant::now();
@@ -72,6 +107,10 @@ impl StageLoop {
         let mut ahead: Option<(i64, f64)> = None;
         loop {
             let tick = self.observe();
+            let every = self.settings.every;
+            if run.since_due(&tick, every) == 1 % every {
+                self.leave_out_surplus(&mut run, &tick);
+            }
             self.outlets.publish_and_settle(&tick);
             self.feed.insist(&tick);
             if tick.sample.index.is_multiple_of(COUNT) {
@@ -98,11 +137,16 @@ impl StageLoop {
                             Free::Shutdown => return,
                         }
                     }
-                    let due = tick.sample.index.is_multiple_of(self.settings.every);
+                    let due = run.since_due(&tick, every) == 0;
                     if phase == Phase::Arming || (phase == Phase::Armed && due) {
                         match self.wait_answer(&mut run, &tick, phase == Phase::Armed, first) {
                             Answer::Force(force) => (held, phase) = (force, Phase::Armed),
                             Answer::Ahead(stamp, force) => ahead = Some((stamp, force)),
+                            Answer::Missing => {
+                                if self.is_stale(&run, &tick) {
+                                    held = 0.0;
+                                }
+                            }
                             Answer::Shutdown => return,
                         }
                         self.status.commanded.store(phase == Phase::Armed, Ordering::Relaxed);
@@ -122,6 +166,45 @@ impl StageLoop {
         Tick { stamp, sample, state: self.stage.state() }
     }
 
+    /// Takes what topic hardware sent before the sample that it would have to answer went out. Kept,
+    /// it would delay the loop by a sample for good.
+    fn leave_out_surplus(&mut self, run: &mut Run, tick: &Tick) {
+        if run.can_ask_again() {
+            return;
+        }
+        while let Some(event) = self.inbox.joint_command(&run.waiter) {
+            let Event::Command(source, Ok(command)) = event else {
+                self.handle(run, event);
+                continue;
+            };
+            match self.judge(run, source, command, tick) {
+                Ok(_) => _ = self.status.surplus.fetch_add(1, Ordering::Relaxed),
+                Err(refusal) => self.status.refuse(&refusal.to_string()),
+            }
+        }
+    }
+
+    fn judge(
+        &self,
+        run: &mut Run,
+        source: CommandSource,
+        command: Command,
+        tick: &Tick,
+    ) -> Result<Command, Refusal> {
+        let rule = StampRule::Answers(tick.stamp);
+        run.arbiter.judge(source, command, rule, clock::monotonic(), tick.stamp)
+    }
+
+    /// Whether no sample has been answered for `command_timeout` of simulated time.
+    fn is_stale(&self, run: &Run, tick: &Tick) -> bool {
+        let silence = (tick.stamp - run.answered) as u128;
+        let stale = silence >= self.live.command_timeout().as_nanos();
+        if stale && !self.status.is_stale.swap(true, Ordering::Relaxed) {
+            self.status.stale.fetch_add(1, Ordering::Relaxed);
+        }
+        stale
+    }
+
     /// Waits for the next sample's turn, or for the first finite command.
     ///
     /// A command that could answer no sample at all must not stop time: nothing would start it
@@ -134,7 +217,7 @@ impl StageLoop {
                     let topic = source.topic;
                     if topic == CommandTopic::Commands {
                         self.status.refuse(&Refusal::NoStamp { topic }.to_string());
-                    } else if self.is_sample(stamp) {
+                    } else if !topic.acknowledges() || self.is_sample(stamp) {
                         return Free::Command(source, command);
                     } else {
                         let expected = tick.stamp;
@@ -167,14 +250,35 @@ impl StageLoop {
         // Only a stage that was told to stand still from the start may wait for its first command
         // in silence.
         let is_owed = armed || !self.settings.wait_for_command;
+        // The newest command of topic hardware, and until when it waits for a newer one.
+        let mut newest: Option<(f64, Instant)> = None;
         loop {
-            let patience = if armed { self.live.answer_timeout() } else { ANNOUNCE };
+            let timeout = self.live.answer_timeout();
+            let patience = match armed {
+                true if run.can_ask_again() => timeout,
+                true => ANNOUNCE.min(timeout / 2),
+                false => ANNOUNCE,
+            };
+            let deadline = newest.map_or(since + patience, |(_, until)| until);
             let event = match first.take() {
                 Some((source, command)) => Some(Event::Command(source, Ok(command))),
-                None => self.inbox.next(&run.waiter, Some(since + patience)),
+                None => self.inbox.next(&run.waiter, Some(deadline)),
             };
             let Some(event) = event else {
-                let timeout = self.live.answer_timeout();
+                if let Some((force, _)) = newest {
+                    return self.answered(run, CommandTopic::JointCommands, tick, force);
+                }
+                if armed && !run.can_ask_again() && began.elapsed() >= timeout {
+                    self.status.move_on(&format!(
+                        "lockstep: no answer on ~/joint_commands to the sample of {} ns within \
+                         {timeout:?}; time moves on (does the manager's update_rate answer one \
+                         sample in {}?)",
+                        tick.stamp, self.settings.every
+                    ));
+                    // It may come late.
+                    run.settling = true;
+                    return Answer::Missing;
+                }
                 if is_owed
                     && began.elapsed() >= timeout
                     && !self.status.is_unanswered.swap(true, Ordering::Relaxed)
@@ -201,34 +305,49 @@ impl StageLoop {
                 }
             };
             if !armed {
+                let acknowledges = source.topic.acknowledges();
                 match command {
-                    Command { force: None, .. } => continue,
+                    Command { force: None, .. } if newest.is_none() => continue,
                     // Answers to samples that went by before time stopped.
-                    Command { stamp, .. } if stamp != 0 && stamp < tick.stamp => continue,
+                    Command { stamp, .. } if acknowledges && stamp != 0 && stamp < tick.stamp => {
+                        continue;
+                    }
                     Command { stamp, force: Some(force) }
-                        if stamp > tick.stamp && self.is_sample(stamp) =>
+                        if acknowledges && stamp > tick.stamp && self.is_sample(stamp) =>
                     {
                         return Answer::Ahead(stamp, force);
                     }
                     _ => {}
                 }
             }
-            match run.arbiter.judge(
-                source,
-                command,
-                StampRule::Answers(tick.stamp),
-                clock::monotonic(),
-                tick.stamp,
-            ) {
+            match self.judge(run, source, command, tick) {
                 Ok(command) => {
-                    if self.status.is_unanswered.swap(false, Ordering::Relaxed) {
-                        tracing::info!("lockstep: the answer came, time goes on");
+                    let force = command.force.unwrap_or(0.0);
+                    let last = began + timeout;
+                    let now = Instant::now();
+                    if source.topic.acknowledges() || now >= last {
+                        return self.answered(run, source.topic, tick, force);
                     }
-                    return Answer::Force(command.force.unwrap_or(0.0));
+                    let quiet = if run.settling { ANNOUNCE } else { Duration::ZERO };
+                    newest = Some((force, last.min(now + quiet)));
                 }
                 Err(refusal) => self.status.refuse(&refusal.to_string()),
             }
         }
+    }
+
+    fn answered(&self, run: &mut Run, topic: CommandTopic, tick: &Tick, force: f64) -> Answer {
+        run.answers_on = Some(topic);
+        run.answered = tick.stamp;
+        if run.settling && !topic.acknowledges() {
+            run.origin = tick.sample.index;
+        }
+        run.settling = false;
+        self.status.is_stale.store(false, Ordering::Relaxed);
+        if self.status.is_unanswered.swap(false, Ordering::Relaxed) {
+            tracing::info!("lockstep: the answer came, time goes on");
+        }
+        Answer::Force(force)
     }
 
     /// Whether `stamp` is that of a sample.

@@ -286,7 +286,7 @@ impl CommandThread {
                     match arbiter.judge(
                         source,
                         command,
-                        StampRule::Newer,
+                        StampRule::NotBack,
                         clock::monotonic(),
                         since,
                     ) {

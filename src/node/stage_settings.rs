@@ -123,8 +123,8 @@ pub fn specs() -> Vec<ParameterSpec> {
         ParameterSpec::double(
             "command_timeout",
             0.1,
-            "silence after which the motor force goes to zero in real time, and after which \
-             another source may command",
+            "silence after which the motor force goes to zero, in lockstep of simulated time where \
+             time moves on without answers; in real time another source may then command",
         )
         .unit("s")
         .range(1e-3, 3600.0),
@@ -147,8 +147,8 @@ pub fn specs() -> Vec<ParameterSpec> {
         ParameterSpec::double(
             "answer_timeout",
             1.0,
-            "in lockstep, wait after which a missing answer is an error; the sample is then sent \
-             again",
+            "in lockstep, wait after which a missing answer to ~/force is an error and the sample \
+             is sent again; on ~/joint_commands time then moves on without it",
         )
         .unit("s")
         .range(1e-2, 3600.0),

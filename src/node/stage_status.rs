@@ -24,6 +24,10 @@ pub struct StageStatus {
     /// Lockstep: answers that took longer than the timeout, and whether one is missing now.
     pub missing_answers: AtomicU64,
     pub is_unanswered: AtomicBool,
+    /// Lockstep: samples after which time moved on without an answer, and commands left out because
+    /// they came before the sample that they would have answered.
+    unanswered: AtomicU64,
+    pub surplus: AtomicU64,
     /// A source commands the stage.
     pub commanded: AtomicBool,
     pub disabled: AtomicBool,
@@ -36,6 +40,7 @@ pub struct StageStatus {
     /// The tick thread runs under SCHED_FIFO.
     pub real_time_scheduling: AtomicBool,
     last_refusal: Recent,
+    last_unanswered: Recent,
     /// Samples were not published a moment ago.
     last_unpublished: Recent,
 }
@@ -47,6 +52,15 @@ impl StageStatus {
         let is_new = self.last_refusal.set(reason);
         if is_new && count < 100 || count.is_power_of_two() {
             tracing::warn!("command refused: {} ({count} refused so far)", quoted(reason));
+        }
+    }
+
+    /// Counts a sample after which time moves on without an answer, and logs it as refusals are.
+    pub fn move_on(&self, reason: &str) {
+        let count = self.unanswered.fetch_add(1, Ordering::Relaxed) + 1;
+        self.last_unanswered.set(reason);
+        if count < 100 || count.is_power_of_two() {
+            tracing::warn!("{reason} ({count} samples without an answer so far)");
         }
     }
 
@@ -90,6 +104,9 @@ impl StageStatus {
             DiagnosticStatus::WARN,
             "disabled: motor force is zero".to_owned(),
         );
+        if let Some(reason) = self.last_unanswered.get() {
+            note(true, DiagnosticStatus::WARN, reason);
+        }
         let refusal = self.last_refusal.get();
         if let Some(reason) = &refusal {
             note(true, DiagnosticStatus::WARN, format!("commands refused, last: {reason}"));
@@ -109,6 +126,8 @@ impl StageStatus {
             KeyValue::new("clamped_samples", get(&self.clamped)),
             KeyValue::new("stale_commands", get(&self.stale)),
             KeyValue::new("missing_answers", get(&self.missing_answers)),
+            KeyValue::new("unanswered_samples", get(&self.unanswered)),
+            KeyValue::new("surplus_commands", get(&self.surplus)),
             KeyValue::new("overruns", self.ticks.overruns()),
             KeyValue::new("unpublished_samples", get(&self.unpublished)),
         ];
@@ -141,5 +160,15 @@ mod tests {
         assert_eq!(level(&status), DiagnosticStatus::WARN);
         status.is_unanswered.store(true, Ordering::Relaxed);
         assert_eq!(level(&status), DiagnosticStatus::ERROR);
+    }
+
+    #[test]
+    fn time_that_moved_on_without_an_answer_is_counted_and_a_warning() {
+        let status = StageStatus::default();
+        status.move_on("no answer");
+        status.move_on("no answer");
+        let told = status.diagnostic("a".into(), "b".into(), vec![], &[], &[]);
+        assert_eq!((told.level, told.message.as_str()), (DiagnosticStatus::WARN, "no answer"));
+        assert!(told.values.contains(&KeyValue::new("unanswered_samples", 2)));
     }
 }

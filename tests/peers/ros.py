@@ -8,7 +8,7 @@ import rclpy
 from builtin_interfaces.msg import Duration
 from builtin_interfaces.msg import Time as Stamp
 from diagnostic_msgs.msg import DiagnosticArray
-from friction_stage.msg import ControllerState, StageState
+from friction_stage_msgs.msg import ControllerState, StageState
 from geometry_msgs.msg import WrenchStamped
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor

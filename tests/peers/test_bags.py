@@ -32,7 +32,7 @@ def test_both_readers_decode_every_topic_alike(bag):
         "/clock": SAMPLES,
         "/diagnostics": SAMPLES // 1000,
     }
-    assert with_rosbags["/stage/state"]["type"] == "friction_stage/msg/StageState"
+    assert with_rosbags["/stage/state"]["type"] == "friction_stage_msgs/msg/StageState"
     assert with_rosbags["/stage/encoder"]["last"] == (SAMPLES - 1) * 250_000
 
 

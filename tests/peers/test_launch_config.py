@@ -261,11 +261,23 @@ def test_package_xml_agrees_with_the_crate_and_the_messages():
     assert package.findtext("version") == CARGO["workspace"]["package"]["version"]
     assert package.findtext("license") == CARGO["workspace"]["package"]["license"]
     assert (ROOT / package.find("license").get("file")).is_file()
-    used = {kind.__module__.partition(".")[0] for kind in TOPICS.values()} - {
-        package.findtext("name")
-    }
+    messages = ElementTree.parse(ROOT / "msg" / "package.xml").getroot()
+    used = {kind.__module__.partition(".")[0] for kind in TOPICS.values()}
+    assert messages.findtext("name") in used
+    # Whoever has no use for our own messages needs no build of them.
+    used -= {messages.findtext("name")}
     assert used <= {dependency.text for dependency in package.findall("exec_depend")}
-    assert set(CARGO["package"]["metadata"]["ros"]["install_to_share"]) == {"launch_config", "msg"}
+    assert CARGO["package"]["metadata"]["ros"]["install_to_share"] == ["launch_config"]
+
+
+def test_the_package_of_the_messages_has_another_name_and_all_of_them():
+    package = ElementTree.parse(ROOT / "msg" / "package.xml").getroot()
+    build = (ROOT / "msg" / "CMakeLists.txt").read_text()
+    assert package.findtext("name") == f"{CARGO['package']['name']}_msgs"
+    assert f"project({package.findtext('name')})" in build
+    assert package.findtext("version") == CARGO["workspace"]["package"]["version"]
+    (listed,) = re.findall(r"set\(messages (.*)\)", build)
+    assert set(listed.split()) == {path.name for path in (ROOT / "msg").glob("*.msg")}
 
 
 def test_file_names_are_unique_and_flat():

@@ -1,13 +1,21 @@
 """ros2_control's topic hardware moves the stage: free-running on wall time, and in lockstep on simulated time."""
 
+import json
 import math
+import os
+import subprocess
+import time
 
 import pytest
+from conftest import BINARIES
+from diagnostics import OK, Diagnostics, number
 from ros import nanoseconds
 from topic_hardware import BLIND_CYCLES, TopicHardware
 
 TARGET, DURATION = 0.02, 0.5
 SETTLED = DURATION + 0.5
+# Samples of the long run; a million takes about ten minutes.
+SAMPLES = int(os.environ.get("PEER_LOCKSTEP_SAMPLES", "20000"))
 
 
 def arrive(ros, hardware, encoder) -> None:
@@ -34,18 +42,75 @@ def test_it_closes_the_loop_on_wall_time(ros, stage):
         arrive(ros, hardware, encoder)
 
 
-def test_it_closes_the_loop_in_lockstep_on_simulated_time(ros, stage):
+def test_it_closes_the_loop_in_real_time_on_the_clock_of_the_stage(ros, stage):
+    stage(mode="realtime", control_rate=500.0, publish_clock=True)
+    encoder, diagnostics = ros.collect("/stage/encoder"), Diagnostics(ros)
+    with TopicHardware(500.0, TARGET, DURATION, use_sim_time=True, context=ros.context) as hardware:
+        arrive(ros, hardware, encoder)
+        # Its own clock may show the tick before: a stamp that repeats is of a newer command.
+        assert number(diagnostics.newest(), "refused_commands") == 0
+
+
+# The manager computes at every sample, or at one in four, and the stage waits for as many answers.
+@pytest.mark.parametrize("every", [1, 4])
+def test_it_closes_the_loop_in_lockstep_on_simulated_time(ros, stage, every):
     rate = 500.0
-    stage(mode="lockstep", control_rate=rate)
+    stage(mode="lockstep", control_rate=rate * every, every=every)
     encoder, states = ros.collect("/stage/encoder"), ros.collect("/stage/state")
+    diagnostics = Diagnostics(ros)
     with TopicHardware(rate, TARGET, DURATION, use_sim_time=True, context=ros.context) as hardware:
         arrive(ros, hardware, encoder)
-        assert hardware.largest_error < 2e-3, f"largest error {hardware.largest_error} m"
+        # One in four acts up to a cycle later: from the next sample on that waits.
+        limit = 2e-3 if every == 1 else 3e-3
+        assert hardware.largest_error < limit, f"largest error {hardware.largest_error} m"
         moving = [sample for sample in encoder if sample.position[0] > 1e-4]
         stamps = sorted({nanoseconds(sample.header.stamp) for sample in moving})
-        assert all(b - a == 2_000_000 for a, b in zip(stamps, stamps[1:])), "samples were skipped"
-        # Every sample was answered, or time would have stood still: as many cycles as samples since the start.
+        period = 2_000_000 // every
+        assert all(b - a == period for a, b in zip(stamps, stamps[1:])), "samples were skipped"
+        # As many cycles as samples that wait for an answer, but for those before the first force.
         assert hardware.cycles - hardware.silent_cycles == pytest.approx(
             hardware.elapsed * rate, abs=3
         )
         assert states[-1].motor_force != 0.0
+        status = diagnostics.newest()
+        assert number(status, "refused_commands") == number(status, "unanswered_samples") == 0
+
+
+def test_a_recording_of_it_in_lockstep_is_replayed_bit_for_bit(ros, stage, tmp_path):
+    bag = tmp_path / "bag"
+    process = stage(mode="lockstep", control_rate=500.0, record=bag)
+    encoder = ros.collect("/stage/encoder")
+    with TopicHardware(500.0, TARGET, DURATION, use_sim_time=True, context=ros.context) as hardware:
+        arrive(ros, hardware, encoder)
+        assert hardware.late_stamps > 0
+        assert number(Diagnostics(ros).newest(), "unanswered_samples") == 0
+        process.stop()
+    replay = subprocess.run(
+        [BINARIES / "friction-stage", "replay", bag, "--json"], capture_output=True, text=True
+    )
+    assert replay.returncode in (0, 3), replay.stderr
+    report = json.loads(replay.stdout)
+    assert report["identical"] == report["samples"] > 500, report
+
+
+@pytest.mark.timeout(0)
+def test_lockstep_never_stands_still_with_clocks_that_show_the_tick_before(ros, stage):
+    stage(mode="lockstep", control_rate=1000.0)
+    diagnostics = Diagnostics(ros)
+    with TopicHardware(
+        1000.0, TARGET, DURATION, use_sim_time=True, context=ros.context
+    ) as hardware:
+        began = time.monotonic()
+        while hardware.cycles < SAMPLES:
+            before = hardware.cycles
+            ros.until(
+                lambda: hardware.cycles >= min(before + 1000, SAMPLES), f"cycles after {before}"
+            )
+        seconds = time.monotonic() - began
+        status = diagnostics.newest()
+        late = f"{hardware.late_stamps} late stamps, {hardware.late_states} late states"
+        print(f"{hardware.cycles} cycles in {seconds:.0f} s, {late}, {status.values}")
+        # The very thing that must not matter has happened.
+        assert hardware.late_stamps > 0
+        assert number(status, "refused_commands") == number(status, "unanswered_samples") == 0
+        assert status.level == OK

@@ -1,13 +1,23 @@
-"""A stand-in for a controller_manager with joint_state_topic_hardware_interface, in rclpy.
+"""A stand-in for a controller_manager with joint_state_topic_hardware_interface 1.1.0, in rclpy.
 
-Behaves on the wire as the real one: reads joint states best effort, volatile, depth 5, by joint name, without looking at
-their stamps; writes effort-only commands reliable, volatile, depth 1, every cycle, stamped with its own clock; before the
-first state the effort is NaN. Its cycle runs on wall time, or on simulated time with use_sim_time: then it says nothing
-before the clock runs, and wakes once per period of it. On it runs the effort law of a joint_trajectory_controller.
+On the wire, and in what can overtake what, as the real pair: two nodes, each with a clock of its own.
+
+The manager's loop has a thread. On simulated time it sleeps until its clock is a period on from where it was, then reads,
+computes and writes, once: whoever waits for a second command of the same tick waits for ever. A clock that comes again is
+no tick.
+
+The plugin's node has another thread for its `/clock` and its joint states (best effort, volatile, depth 5, by joint name,
+whatever their stamp). Reading takes the states that it heard last; writing publishes the effort (reliable, volatile, depth
+1) with the time that the plugin's own clock shows. Sample and clock of a tick may reach the plugin after the manager: the
+command is then computed from the sample before, or has the stamp of the tick before, or both. Before the first state the
+effort is NaN.
+
+On it runs the effort law of a joint_trajectory_controller.
 """
 
 import math
 import threading
+from dataclasses import dataclass
 
 from rclpy.clock import Clock, JumpThreshold
 from rclpy.duration import Duration
@@ -30,6 +40,48 @@ P, I, D, INTEGRAL_LIMIT, VELOCITY_FEEDFORWARD = 39500.0, 60000.0, 2000.0, 100.0,
 BLIND_CYCLES = 50
 
 
+@dataclass(frozen=True)
+class State:
+    stamp: int
+    position: float
+    velocity: float
+
+
+class Plugin(Node):
+    """The hardware's node. Its subscriptions are spun by a thread that knows nothing of the manager's loop."""
+
+    def __init__(self, use_sim_time: bool, **options: object) -> None:
+        super().__init__(
+            "stage_hardware",
+            **options,
+            parameter_overrides=[Parameter("use_sim_time", value=use_sim_time)],
+        )
+        self.state: State | None = None
+        self.commands = self.create_publisher(JointState, "/stage/joint_commands", COMMANDS)
+
+    def connect(self) -> None:
+        self.create_subscription(JointState, "/stage/encoder", self.on_state, STATES)
+
+    def on_state(self, state: JointState) -> None:
+        index = state.name.index("stage")
+        # As in the plugin: a non-empty array that is not as long as `name` is an error.
+        for field in (state.position, state.velocity, state.effort):
+            assert len(field) in (0, len(state.name))
+        stamp = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec
+        self.state = State(stamp, state.position[index], state.velocity[index])
+
+    def read(self) -> State | None:
+        return self.state
+
+    def write(self, effort: float) -> int:
+        """Publishes the command; returns its stamp, ns."""
+        now = self.get_clock().now()
+        command = JointState(name=["stage"], effort=[effort])
+        command.header.stamp = now.to_msg()
+        self.commands.publish(command)
+        return now.nanoseconds
+
+
 class TopicHardware(Node):
     """Moves the stage from where it is to `target` (m) within `duration` (s) once it has a state, and holds it there."""
 
@@ -41,49 +93,45 @@ class TopicHardware(Node):
             **options,
             parameter_overrides=[Parameter("use_sim_time", value=use_sim_time)],
         )
+        self.plugin = Plugin(use_sim_time, **options)
         self.period, self.target, self.duration = 1.0 / rate, target, duration
         self.use_sim_time, self.clock_moved = use_sim_time, threading.Condition()
-        self.position = self.velocity = self.effort = math.nan
         self.start: tuple[float, float] | None = None
         self.integral = 0.0
         self.silent_cycles = self.cycles = 0
+        # Cycles whose command had an older stamp, and an older state, than the manager's tick.
+        self.late_stamps = self.late_states = 0
         self.largest_error = self.elapsed = 0.0
-        self.commands = self.create_publisher(JointState, "/stage/joint_commands", COMMANDS)
-        self.own_executor = SingleThreadedExecutor(context=self.context)
-        self.own_executor.add_node(self)
+        self.executors = [SingleThreadedExecutor(context=self.context) for _ in range(2)]
+        self.executors[0].add_node(self)
+        self.executors[1].add_node(self.plugin)
         self.running = True
-        self.executor_thread = threading.Thread(target=self.spin, daemon=True)
-        self.cycle_thread = threading.Thread(target=self.run, daemon=True)
+        self.threads = [
+            threading.Thread(target=self.spin, args=(executor,), daemon=True)
+            for executor in self.executors
+        ]
+        self.threads.append(threading.Thread(target=self.run, daemon=True))
 
     def __enter__(self) -> "TopicHardware":
-        self.executor_thread.start()
-        self.cycle_thread.start()
+        for thread in self.threads:
+            thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.running = False
-        self.cycle_thread.join(5.0)
-        self.executor_thread.join(5.0)
-        self.own_executor.shutdown()
+        for thread in reversed(self.threads):
+            thread.join(5.0)
+        for executor in self.executors:
+            executor.shutdown()
+        self.plugin.destroy_node()
         self.destroy_node()
 
-    def spin(self) -> None:
+    def spin(self, executor: SingleThreadedExecutor) -> None:
         try:
             while self.running:
-                self.own_executor.spin_once(timeout_sec=0.1)
+                executor.spin_once(timeout_sec=0.1)
         except ExternalShutdownException:
             pass
-
-    def on_state(self, state: JointState) -> None:
-        index = state.name.index("stage")
-        # As in the plugin: a non-empty array that is not as long as `name` is an error.
-        for field in (state.position, state.velocity, state.effort):
-            assert len(field) in (0, len(state.name))
-        self.position, self.velocity, self.effort = (
-            state.position[index],
-            state.velocity[index],
-            state.effort[index],
-        )
 
     def run(self) -> None:
         clock = self.get_clock()
@@ -109,34 +157,37 @@ class TopicHardware(Node):
     def cycle(self, clock: Clock) -> None:
         # On simulated time this waits for the first clock, on wall time it returns at once.
         self.sleep_until(clock, Time(nanoseconds=1, clock_type=clock.clock_type))
+        period = Duration(seconds=self.period)
         wake = now = clock.now()
         while self.running:
-            command = JointState(name=["stage"], effort=[self.update(now.nanoseconds * 1e-9)])
-            command.header.stamp = now.to_msg()
             if self.cycles == BLIND_CYCLES:
-                self.create_subscription(JointState, "/stage/encoder", self.on_state, STATES)
-            self.commands.publish(command)
-            wake = wake + Duration(seconds=self.period)
+                self.plugin.connect()
+            state = self.plugin.read()
+            stamp = self.plugin.write(self.update(now.nanoseconds * 1e-9, state))
+            if self.use_sim_time and state is not None:
+                self.late_stamps += stamp < now.nanoseconds
+                self.late_states += state.stamp < now.nanoseconds
+            # On simulated time a period on from where the clock was found; on wall time at fixed deadlines.
+            wake = (now if self.use_sim_time else wake) + period
             self.sleep_until(clock, wake)
             now = clock.now()
             wake = max(wake, now, key=lambda time: time.nanoseconds)
 
-    def update(self, now: float) -> float:
+    def update(self, now: float, state: State | None) -> float:
         self.cycles += 1
-        position, velocity = self.position, self.velocity
-        if math.isnan(position):
+        if state is None:
             self.silent_cycles += 1
             return math.nan
         if self.start is None:
-            self.start = (now, position)
+            self.start = (now, state.position)
         begin, origin = self.start
         self.elapsed = now - begin
         t = min(self.elapsed / self.duration, 1.0)
         stroke = self.target - origin
         reference = origin + stroke * (10 * t**3 - 15 * t**4 + 6 * t**5)
         speed = stroke * (30 * t**2 - 60 * t**3 + 30 * t**4) / self.duration
-        error = reference - position
+        error = reference - state.position
         self.largest_error = max(self.largest_error, abs(error))
         self.integral += I * error * self.period
         self.integral = min(max(self.integral, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
-        return P * error + self.integral + D * (speed - velocity) + VELOCITY_FEEDFORWARD * speed
+        return P * error + self.integral + D * (speed - state.velocity) + VELOCITY_FEEDFORWARD * speed

@@ -2,9 +2,9 @@
 
 Runs in a virtual environment that holds the wheels of rosidl and of the standard messages:
 
-    python tests/peers/type_hashes.py        # {"friction_stage/msg/StageState": "RIHS01_...", ...}
+    python tests/peers/type_hashes.py        # {"friction_stage_msgs/msg/StageState": "RIHS01_...", ...}
 
-The constants in crates/friction-stage-data/src/message/friction_stage.rs must equal what this prints.
+The constants in crates/friction-stage-data/src/message/friction_stage_msgs.rs must equal what this prints.
 """
 
 import json
@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 
-PACKAGE = "friction_stage"
+PACKAGE = "friction_stage_msgs"
 MESSAGES = pathlib.Path(__file__).resolve().parents[2] / "msg"
 
 # rosidl wheels load shared libraries and restart the interpreter unless told that this is done.

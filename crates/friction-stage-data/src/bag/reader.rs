@@ -20,7 +20,7 @@ use super::sqlite::{Database, Position};
 use super::storage::{Content, Files, StoredFile, ZSTD_MAGIC, check_compression, unpack_message};
 use super::writer::{HASH_KEY, QOS_KEY};
 use crate::message::type_layout::TypeLayout;
-use crate::message::{RosMessage, from_cdr, known};
+use crate::message::{RosMessage, current_type_name, from_cdr, known};
 use friction_stage_core::model::{ModelError, StageModel};
 
 /// A topic of a recording.
@@ -90,10 +90,11 @@ impl Deref for BagMessage {
 }
 
 impl BagMessage {
-    /// Decodes the message as `M`, which must be the type that the bag declares.
+    /// Decodes the message as `M`, which must be the type that the bag declares, by its name of today
+    /// or of before.
     pub fn decode<M: RosMessage>(&self) -> Result<M, BagError> {
         let expected = M::type_name();
-        if self.topic.type_name != expected {
+        if current_type_name(&self.topic.type_name) != expected {
             return Err(BagError::WrongType {
                 topic: self.topic.name.clone(),
                 found: self.topic.type_name.clone(),

@@ -14,11 +14,12 @@ const OWN: [Definition; 2] = [Definition::of::<StageState>(), Definition::of::<C
 
 /// The fields of the type `package/Name`; its parts have definitions of their own.
 pub(crate) fn fields(name: &str) -> Option<&'static str> {
+    let name = current_type_name(name);
     let own = OWN.iter().find(|own| name.split_once('/') == Some((own.package, own.name)));
     own.map(|own| own.text).or_else(|| {
         let sections = COMMON.split(BEGIN).skip(1);
         let mut named = sections.filter_map(|section| section.split_once('\n'));
-        let (_, text) = named.find(|(found, _)| *found == name)?;
+        let (_, text) = named.find(|(found, _)| *found == name.as_ref())?;
         Some(text.split_once("\n==").map_or(text, |(text, _)| text))
     })
 }
@@ -82,6 +83,14 @@ mod tests {
             let layout = TypeLayout::parse(&full_name(&name), "");
             assert!(layout.is_ok(), "{name}: {layout:?}");
         }
+    }
+
+    #[test]
+    fn own_types_are_known_by_their_former_name() {
+        assert!(fields("friction_stage/StageState").is_some());
+        assert_eq!(definition("friction_stage/StageState"), {
+            definition("friction_stage_msgs/StageState")
+        });
     }
 
     #[test]

@@ -7,7 +7,7 @@
 pub mod builtin_interfaces;
 pub mod cdr;
 pub mod diagnostic_msgs;
-pub mod friction_stage;
+pub mod friction_stage_msgs;
 pub mod geometry_msgs;
 pub(crate) mod known;
 pub mod rosgraph_msgs;
@@ -20,7 +20,7 @@ mod xcdr2;
 pub use builtin_interfaces::{Duration, Time};
 pub use cdr::{CdrError, from_cdr, to_cdr};
 pub use diagnostic_msgs::{DiagnosticArray, DiagnosticStatus, KeyValue};
-pub use friction_stage::{ControllerState, StageState};
+pub use friction_stage_msgs::{ControllerState, StageState, current_type_name};
 pub use geometry_msgs::{Vector3, Wrench, WrenchStamped};
 pub use rosgraph_msgs::Clock;
 pub use sensor_msgs::JointState;

@@ -15,6 +15,17 @@ use crate::message::*;
 
 /// An interval of more than this many usual ones is a gap.
 const GAP: f64 = 1.5;
+/// Share of the intervals, the longest ones, that say nothing of whether messages come at a rate or
+/// in bursts, and at least one: a recording may be interrupted, and a burst of more than a hundred
+/// messages is a time in which they come at a rate.
+const INTERRUPTIONS: f64 = 0.01;
+/// Root mean square of the distance of intervals from the usual (median) one, in usual ones, where
+/// messages of a fixed rate are lost at random, each with a probability of one half: sqrt(3). It is
+/// the most that a loss can do, since with a larger one the usual interval is a longer one.
+/// Independent events have sqrt(1 + (1 - ln 2)^2) / ln 2 = 1.51. Intervals that scatter by more are
+/// those of messages that come in bursts.
+const SCATTER_OF_LOSSES: f64 = 1.732_050_807_568_877_2;
+
 /// One topic of a checked recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TopicCheck {
@@ -26,12 +37,18 @@ pub struct TopicCheck {
     pub messages: u64,
     /// Whether times are those in the headers; else log times.
     pub by_stamp: bool,
-    /// Messages per second: one over the usual (median) interval.
+    /// Messages per second: one over the usual (median) interval. None where there is no usual one.
     pub rate_hz: Option<f64>,
+    /// Whether messages come in bursts, so that they have no rate: their intervals scatter about the
+    /// usual one by more than the loss of every other message at random explains.
+    pub in_bursts: bool,
     /// Standard deviation of the intervals that are no gaps, s.
     pub jitter_s: Option<f64>,
     /// Intervals of more than 1.5 usual ones.
     pub gaps: u64,
+    /// The usual (median) interval, s; 0 where there is none.
+    #[serde(skip)]
+    pub usual_s: f64,
     /// The longest interval, s.
     pub longest_gap_s: Option<f64>,
     /// Stamps equal to the one before.
@@ -171,13 +188,12 @@ fn facts(message: &BagMessage, joints: &mut BTreeSet<String>) -> Option<Result<F
     ) -> Option<Result<Facts, CdrError>> {
         Some(from_cdr::<M>(message).map(facts))
     }
-    match message.topic.type_name.as_str() {
+    match current_type_name(&message.topic.type_name).as_ref() {
         "sensor_msgs/msg/JointState" => decode(message, |m: JointState| {
             joints.extend(m.name.iter().cloned());
-            Facts::new(Some(m.header.stamp))
-                .values(&m.position)
-                .values(&m.velocity)
-                .values(&m.effort)
+            // The clock of topic hardware is its own.
+            let stamp = (message.topic.name != topics::JOINT_COMMANDS).then_some(m.header.stamp);
+            Facts::new(stamp).values(&m.position).values(&m.velocity).values(&m.effort)
         }),
         "geometry_msgs/msg/WrenchStamped" => decode(message, |m: WrenchStamped| {
             let (f, t) = (m.wrench.force, m.wrench.torque);
@@ -200,14 +216,14 @@ fn facts(message: &BagMessage, joints: &mut BTreeSet<String>) -> Option<Result<F
         "diagnostic_msgs/msg/DiagnosticArray" => {
             decode(message, |m: DiagnosticArray| Facts::new(Some(m.header.stamp)))
         }
-        "friction_stage/msg/StageState" => decode(message, |m: StageState| {
+        "friction_stage_msgs/msg/StageState" => decode(message, |m: StageState| {
             Facts::new(Some(m.header.stamp))
                 .values(&[m.position, m.velocity, m.acceleration, m.motor_force])
                 .values(&m.bristle_deflection)
                 .values(&m.guide_force)
                 .values(&m.effect_force)
         }),
-        "friction_stage/msg/ControllerState" => decode(message, |m: ControllerState| {
+        "friction_stage_msgs/msg/ControllerState" => decode(message, |m: ControllerState| {
             Facts::new(Some(m.header.stamp)).values(&[
                 m.reference_position,
                 m.reference_velocity,
@@ -245,8 +261,10 @@ impl Watch {
                 messages: 0,
                 by_stamp: false,
                 rate_hz: None,
+                in_bursts: false,
                 jitter_s: None,
                 gaps: 0,
+                usual_s: 0.0,
                 longest_gap_s: None,
                 repeated_stamps: 0,
                 backward_stamps: 0,
@@ -275,12 +293,15 @@ impl Watch {
         };
         report.non_finite += facts.non_finite;
         report.by_stamp = facts.stamp.is_some();
-        let time =
-            facts.stamp.unwrap_or_else(|| i64::try_from(message.log_time).unwrap_or(i64::MAX));
+        self.at(facts.stamp.unwrap_or_else(|| i64::try_from(message.log_time).unwrap_or(i64::MAX)));
+    }
+
+    /// Takes the time of a message, ns.
+    fn at(&mut self, time: i64) {
         if let Some(last) = self.last {
             match time.saturating_sub(last) {
-                0 => report.repeated_stamps += 1,
-                step if step < 0 => report.backward_stamps += 1,
+                0 => self.report.repeated_stamps += 1,
+                step if step < 0 => self.report.backward_stamps += 1,
                 step => *self.intervals.entry(four_digits(step as u64)).or_insert(0) += 1,
             }
         }
@@ -298,7 +319,8 @@ impl Watch {
         let Some(median) = median else {
             return report;
         };
-        report.rate_hz = Some(1.0 / median);
+        report.usual_s = median;
+        report.in_bursts = scatter(&self.intervals, median * 1e9) > SCATTER_OF_LOSSES;
         report.longest_gap_s = self.intervals.keys().next_back().map(|&i| i as f64 * 1e-9);
         let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
         for (&interval, &count) in &self.intervals {
@@ -312,10 +334,32 @@ impl Watch {
                 squares += count_f * off * off;
             }
         }
+        if report.in_bursts {
+            // Between bursts is no gap, unless the topic is to have none.
+            if is_occasional(&report.name) {
+                report.gaps = 0;
+            }
+            return report;
+        }
+        report.rate_hz = Some(1.0 / median);
         let mean = sum / n;
         report.jitter_s = Some((squares / n - mean * mean).max(0.0).sqrt());
         report
     }
+}
+
+/// Root mean square of the distance of the intervals from the usual one, in usual ones, without
+/// [`INTERRUPTIONS`].
+fn scatter(intervals: &BTreeMap<u64, u64>, usual: f64) -> f64 {
+    let total: u64 = intervals.values().sum();
+    let kept = total - ((INTERRUPTIONS * total as f64) as u64).max(1);
+    let (mut left, mut squares) = (kept, 0.0);
+    for (&interval, &count) in intervals {
+        let count = count.min(left);
+        left -= count;
+        squares += count as f64 * (interval as f64 / usual - 1.0).powi(2);
+    }
+    if kept == 0 { 0.0 } else { (squares / kept as f64).sqrt() }
 }
 
 /// Rounds to four significant digits, so that the number of different intervals stays small.
@@ -359,7 +403,7 @@ impl TopicCheck {
                 topic: topic(),
                 gaps: self.gaps,
                 longest_s: self.longest_gap_s.unwrap_or(0.0),
-                usual_s: self.rate_hz.map_or(0.0, |rate| 1.0 / rate),
+                usual_s: self.usual_s,
             });
         }
         findings
@@ -378,5 +422,65 @@ mod tests {
         assert_eq!(four_digits(999_960), 1_000_000);
         assert_eq!(four_digits(7), 7);
         assert_eq!(four_digits(i64::MAX as u64), 9_223_000_000_000_000_000);
+    }
+
+    /// What is said of messages at these times, ns.
+    fn watched(times: impl IntoIterator<Item = u64>) -> TopicCheck {
+        let mut watch = Watch::new("/rosout", "rcl_interfaces/msg/Log");
+        for time in times {
+            watch.at(time as i64);
+        }
+        watch.finish()
+    }
+
+    const SECOND: u64 = 1_000_000_000;
+
+    #[test]
+    fn bursts_have_no_rate() {
+        // groups of 2 to 50 messages, close or less close together, alike or not
+        for (size, within, between, alike) in [
+            (2, 10_000, SECOND, true),
+            (2, 10_000, SECOND, false),
+            (5, 10_800, SECOND / 5, true),
+            (5, 10_800, SECOND / 5, false),
+            (12, 100_000, 3 * SECOND, false),
+            (50, 1_000_000, 10 * SECOND, true),
+            (50, 1_000_000, 10 * SECOND, false),
+        ] {
+            let group = |g: u64| {
+                let other = if alike { 0 } else { g };
+                let (size, start) = (size + other % 3, g * between + other * g * 7919);
+                (0..size).map(move |k| start + k * within * (1 + other % 2))
+            };
+            let report = watched((0..40).flat_map(group));
+            assert!(report.in_bursts, "{size} {within} {between}");
+            assert_eq!((report.rate_hz, report.jitter_s, report.gaps), (None, None, 0));
+        }
+    }
+
+    #[test]
+    fn a_rate_stays_one_with_jitter_losses_and_an_interruption() {
+        let period = 1_000_000;
+        // xorshift: a number in [0, 1)
+        let mut state = 88_172_645_463_325_252u64;
+        let mut random = move || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        let jitter: Vec<u64> =
+            (0..5000).map(|k| k * period + (random() * 0.9 * period as f64) as u64).collect();
+        let losses: Vec<u64> = (0..5000).filter(|_| random() > 0.4).map(|k| k * period).collect();
+        let interrupted =
+            |n: u64| (0..2 * n).map(move |k| k * period + if k < n { 0 } else { 1000 * SECOND });
+        for times in [jitter, losses, interrupted(10).collect(), interrupted(3000).collect()] {
+            let report = watched(times);
+            assert!(!report.in_bursts);
+            let rate = report.rate_hz.unwrap();
+            assert!((rate / 1000.0 - 1.0).abs() < 0.1, "{rate}");
+        }
+        assert_eq!(watched([0, SECOND]).rate_hz, Some(1.0));
+        assert_eq!(watched([0]).rate_hz, None);
     }
 }

@@ -506,14 +506,15 @@ impl Mapping {
 
     /// The topics of our own bags. The command is looked for where any of our inputs takes it; the
     /// reference of a row is the setpoint, or what the controller says it made of one.
-    pub fn own_bag() -> Self {
-        let from = |topic: &str, field: &str| {
-            SignalSource::plain(Place::Topic {
-                topic: topic.into(),
-                field: field.into(),
-                stamp: Stamp::Auto,
-            })
+    ///
+    /// `by_stage`: the stage itself recorded it, so that the log time of a joint command is that of
+    /// the sample which it answered.
+    pub fn own_bag(by_stage: bool) -> Self {
+        let at = |topic: &str, field: &str, stamp: Stamp| {
+            SignalSource::plain(Place::Topic { topic: topic.into(), field: field.into(), stamp })
         };
+        let from = |topic: &str, field: &str| at(topic, field, Stamp::Auto);
+        let taken = if by_stage { Stamp::LogTime } else { Stamp::Auto };
         let reference = |point: &str, state: &str| {
             vec![
                 from(topics::SETPOINT, &format!("points[only].{point}[joint]")),
@@ -533,7 +534,7 @@ impl Mapping {
                 Signal::Force,
                 vec![
                     from(topics::FORCE, "wrench.force.x"),
-                    from("/stage/joint_commands", "effort[joint]"),
+                    at(topics::JOINT_COMMANDS, "effort[joint]", taken),
                     from("/stage/commands", "data[0]"),
                     from(topics::CONTROLLER_STATE, "output"),
                 ],

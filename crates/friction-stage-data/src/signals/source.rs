@@ -49,25 +49,22 @@ impl Source {
     /// Opens a bag, or a table if `path` is one ([`is_table`]).
     pub fn open(path: &Path, mapping: Option<&Mapping>) -> Result<(Self, Mapping), SignalError> {
         let is_csv = is_table(path, mapping);
-        let mapping = match mapping {
-            Some(mapping) => mapping.clone(),
-            None if is_csv => Mapping::own_csv(),
-            None => Mapping::own_bag(),
-        };
         // What does not exist is neither.
-        if path.exists() && !is_csv && mapping.is_for_csv() {
+        if path.exists() && !is_csv && mapping.is_some_and(Mapping::is_for_csv) {
             return Err(SignalError::Mapping {
                 origin: path.display().to_string(),
                 key: "signals".into(),
                 reason: "the recording is a bag, but the mapping names columns".into(),
             });
         }
-        let source = if is_csv {
-            Self::Csv(CsvFile::new(path, &mapping)?)
-        } else {
-            Self::Bag(BagReader::open(path)?)
-        };
-        Ok((source, mapping))
+        if is_csv {
+            let mapping = mapping.cloned().unwrap_or_else(Mapping::own_csv);
+            return Ok((Self::Csv(CsvFile::new(path, &mapping)?), mapping));
+        }
+        let reader = BagReader::open(path)?;
+        let own = || Mapping::own_bag(reader.provenance().is_some());
+        let mapping = mapping.cloned().unwrap_or_else(own);
+        Ok((Self::Bag(reader), mapping))
     }
 
     /// How many samples a place has, as far as that is known without reading them; none if it is

@@ -105,8 +105,9 @@ impl Trace {
     /// Reads the topics of the stage from a bag.
     ///
     /// Rows are the samples of `/stage/encoder`. The reference of a row comes from the one-point
-    /// `/stage/setpoint` of its stamp, else from the `/controller/state` of its stamp. Of several
-    /// messages with one stamp the first counts. A bag without encoder, or with a damaged place, is
+    /// `/stage/setpoint` of its stamp, else from the `/controller/state` of its stamp; the force
+    /// from the `/stage/force` of its stamp, else from the last of `/stage/joint_commands` with its
+    /// log time. Of several other messages with one stamp the first counts. A bag without encoder, or with a damaged place, is
     /// an error.
     pub fn from_bag(path: impl AsRef<Path>) -> Result<Self, SignalError> {
         Self::from_reader(&BagReader::open(path)?)
@@ -129,6 +130,7 @@ impl Trace {
         let mut rows: Vec<(i64, f64)> = Vec::new();
         let mut cell = HashMap::new();
         let mut force = HashMap::new();
+        let mut effort = HashMap::new();
         let mut setpoint = HashMap::new();
         let mut controller = HashMap::new();
         for message in reader.messages() {
@@ -154,6 +156,13 @@ impl Trace {
                 }
                 topics::FORCE_CELL => insert_force(&mut cell, &message)?,
                 topics::FORCE => insert_force(&mut force, &message)?,
+                topics::JOINT_COMMANDS => {
+                    let command: JointState = message.decode()?;
+                    let joint = joint_index(&command.name);
+                    if let Some(&value) = joint.and_then(|joint| command.effort.get(joint)) {
+                        effort.insert(message.log_time as i64, value);
+                    }
+                }
                 topics::SETPOINT => {
                     let trajectory: JointTrajectory = message.decode()?;
                     if let [point] = trajectory.points.as_slice() {
@@ -200,7 +209,7 @@ impl Trace {
                 reference[2],
                 position,
                 cell.get(&stamp).copied().unwrap_or(f64::NAN),
-                force.get(&stamp).copied().unwrap_or(f64::NAN),
+                force.get(&stamp).or_else(|| effort.get(&stamp)).copied().unwrap_or(f64::NAN),
             ];
             for (column, value) in trace.columns_mut().into_iter().zip(row) {
                 column.push(value);

@@ -88,7 +88,7 @@ fn topics_table(report: &CheckReport) -> String {
             topic.name.clone(),
             topic.type_name.clone(),
             topic.messages.to_string(),
-            number(topic.rate_hz, 1.0, 1),
+            if topic.in_bursts { "in bursts".into() } else { number(topic.rate_hz, 1.0, 1) },
             number(topic.jitter_s, 1e6, 1),
             topic.gaps.to_string(),
             number(topic.longest_gap_s, 1.0, 6),

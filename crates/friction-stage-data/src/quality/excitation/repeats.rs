@@ -273,7 +273,7 @@ mod tests {
             runs.iter().filter(is_abrupt).cloned().collect::<Vec<_>>()
         };
         assert_eq!(abrupt(&rest), Vec::<Range<usize>>::new());
-        assert_eq!(abrupt(&dead), [2000..2500]);
+        assert_eq!(abrupt(&dead), vec![2000..2500]);
     }
 
     /// Noise of a third of a count comes and goes with the place in the count; noise of a count and

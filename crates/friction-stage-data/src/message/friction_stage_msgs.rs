@@ -1,8 +1,26 @@
-//! `friction_stage`: our own two messages, as `msg/*.msg` define them.
+//! `friction_stage_msgs`: our own two messages, as `msg/*.msg` define them.
+//!
+//! Until version 0.2 their package was called `friction_stage`, as that of the programs is. This is
+//! the one place that knows.
+
+use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
 use super::{Definition, Header, RosMessage, Time};
+
+/// Package of these messages, and what it was called in recordings of before.
+const PACKAGE: &str = "friction_stage_msgs";
+const FORMER_PACKAGE: &str = "friction_stage";
+
+/// The name that a type has today, e.g. `friction_stage_msgs/msg/StageState` for what a recording
+/// calls `friction_stage/msg/StageState`. Its fields are the same.
+pub fn current_type_name(recorded: &str) -> Cow<'_, str> {
+    match recorded.strip_prefix(FORMER_PACKAGE) {
+        Some(rest) if rest.starts_with('/') => Cow::Owned(format!("{PACKAGE}{rest}")),
+        _ => Cow::Borrowed(recorded),
+    }
+}
 
 /// The true state of the emulated stage at one sample; forces act on the carriage, + along +x.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -31,10 +49,10 @@ pub struct StageState {
 }
 
 impl RosMessage for StageState {
-    const PACKAGE: &'static str = "friction_stage";
+    const PACKAGE: &'static str = PACKAGE;
     const NAME: &'static str = "StageState";
     const TYPE_HASH: &'static str =
-        "RIHS01_720ba5ed56a9124921945ef073debc9a4b277614343e2b3ef27b893e3f188ae3";
+        "RIHS01_d214e3360eb4c342a08d3e0da5a468358f292d01c01607f43ac5e6b2762aa49d";
     const TEXT: &'static str = include_str!("../../msg/StageState.msg");
     const DEPENDENCIES: &'static [Definition] =
         &[Definition::of::<Header>(), Definition::of::<Time>()];
@@ -84,10 +102,10 @@ pub struct ControllerState {
 }
 
 impl RosMessage for ControllerState {
-    const PACKAGE: &'static str = "friction_stage";
+    const PACKAGE: &'static str = PACKAGE;
     const NAME: &'static str = "ControllerState";
     const TYPE_HASH: &'static str =
-        "RIHS01_acc9f7b22c1a2d9c0fe8d2f91d772a8380b1d7381db6078f9a4600b1e8fda677";
+        "RIHS01_abe421a41337bd5617c699bdd4765a56370f140c9dbad0db462db7526edd04d9";
     const TEXT: &'static str = include_str!("../../msg/ControllerState.msg");
     const DEPENDENCIES: &'static [Definition] =
         &[Definition::of::<Header>(), Definition::of::<Time>()];
@@ -118,6 +136,14 @@ mod tests {
             .collect();
         names.sort();
         names.into_iter().map(|(_, k)| k).collect()
+    }
+
+    #[test]
+    fn types_of_before_have_their_name_of_today() {
+        let current = "friction_stage_msgs/msg/StageState";
+        assert_eq!(current_type_name("friction_stage/msg/StageState"), current);
+        assert_eq!(current_type_name(current), current);
+        assert_eq!(current_type_name("sensor_msgs/msg/JointState"), "sensor_msgs/msg/JointState");
     }
 
     #[test]
