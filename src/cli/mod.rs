@@ -2,11 +2,14 @@
 
 pub mod check;
 pub mod demo;
+pub mod effects;
 pub mod experiment;
 pub mod fit_guide;
+pub mod guides;
 pub mod identify;
 pub mod import;
 pub mod merge;
+pub mod model;
 pub mod play;
 pub mod recover;
 pub mod replay;
@@ -49,6 +52,9 @@ enum Command {
     Import(import::ImportArgs),
     Check(check::CheckArgs),
     Recover(recover::RecoverArgs),
+    Effects(effects::EffectsArgs),
+    Guides(guides::GuidesArgs),
+    Model(model::ModelArgs),
     /// Run the stage node, as the program stage_node does
     #[command(hide = true, disable_help_flag = true)]
     StageNode(NodeArgs),
@@ -79,6 +85,9 @@ impl Arguments {
             Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
             Command::Recover(arguments) => recover::run(&arguments, out),
+            Command::Effects(arguments) => effects::run(&arguments, out),
+            Command::Guides(arguments) => guides::run(&arguments, out),
+            Command::Model(arguments) => model::run(&arguments, out),
             Command::StageNode(node) => crate::node::stage::run(node.arguments),
             Command::ControllerNode(node) => crate::node::controller::run(node.arguments),
         }
