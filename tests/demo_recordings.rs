@@ -33,7 +33,9 @@ fn lines_of_the_readme() -> Vec<String> {
 fn the_lines_of_the_readme_find_what_is_hidden() {
     let lines = lines_of_the_readme();
     let [make, identify, reveal] = &lines[..] else { panic!("{lines:?}") };
-    for seed in [1, 2, 3] {
+    // One of each effect that can be hidden.
+    let mut hidden = std::collections::BTreeSet::new();
+    for seed in [1, 3, 10] {
         let place = tempfile::tempdir().expect("a directory");
         let made = friction_stage(place.path(), &format!("{make} --seed {seed}"));
         assert!(made.status.success(), "{made:?}");
@@ -52,8 +54,11 @@ fn the_lines_of_the_readme_find_what_is_hidden() {
         assert_eq!(effects.len(), 1, "seed {seed}: {summary:#}\n{answer}");
         assert!(answer.contains(&format!("{name}:")), "seed {seed}: {name} is not in {answer}");
 
+        hidden.insert(name.to_owned());
+
         let again = friction_stage(place.path(), make);
         assert_eq!(again.status.code(), Some(2), "{again:?}");
         assert!(String::from_utf8_lossy(&again.stderr).contains("exists already"), "{again:?}");
     }
+    assert_eq!(hidden.len(), 3, "{hidden:?}");
 }

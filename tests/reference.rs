@@ -58,7 +58,7 @@ fn cell(text: &str) -> String {
 fn the_page_of_effects_is_current() {
     let all = json(&["effects", "--json"]);
     let mut page = "What a model file may add to its guides; `friction-stage effects NAME` shows \
-                    one. A limit that\na model exceeds is an error.\n"
+                    one. A value\nbeyond its bounds is an error.\n"
         .to_owned();
     for effect in all.as_array().expect("a list") {
         let name = text(effect, "name");
@@ -176,7 +176,11 @@ fn an_unknown_name_is_refused_with_the_nearest_one() {
 
 #[test]
 fn a_model_is_shown_with_its_units_and_what_follows_from_it() {
-    let shown = printed(&["model", "launch_config/stage_with_cogging_and_cable_chain.yaml"]);
+    // Its guides are not passive, which is a warning.
+    let output =
+        friction_stage(&["model", "launch_config/stage_with_cogging_and_cable_chain.yaml"]);
+    let shown = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(3), "{shown}");
     for words in ["40 kg", "effect cogging: amplitude 6 N", "Dahl resonance", "67.2 N"] {
         assert!(shown.contains(words), "{words:?} is not in {shown}");
     }

@@ -336,7 +336,7 @@ fn write_bag(directory: &Path, record: &RigRecord, model_yaml: &str, with_cell: 
     directory.display().to_string()
 }
 
-/// Runs of the rig by the commands that the README names; the bags of the Stribeck runs and of the
+/// Runs of the rig by the commands that docs/tutorials/choose-a-guide.md names; the bags of the Stribeck runs and of the
 /// loops.
 fn measured(directory: &Path, guide: &str) -> (String, String) {
     let out = |name: &str| directory.join(format!("{guide}_{name}")).display().to_string();

@@ -17,7 +17,7 @@ const ANSWER: &str = "answer.sealed";
 /// Make recordings of a stage that has an effect which its declared model lacks.
 ///
 /// Writes into a new directory: declared.yaml, what is known of the stage; train and check, two
-/// recordings of it in closed loop (rosbag2, 19 and 11 s, 2 kHz); and a sealed file with the
+/// recordings of it in closed loop (rosbag2, 14 and 9 s, 2 kHz); and a sealed file with the
 /// answer, which --reveal prints. The stage is simulated in this process; mass and guides differ
 /// from the declared ones within their tolerances.
 #[derive(Debug, Clone, Args)]
