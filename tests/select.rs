@@ -336,8 +336,8 @@ fn write_bag(directory: &Path, record: &RigRecord, model_yaml: &str, with_cell: 
     directory.display().to_string()
 }
 
-/// Runs of the rig by the commands that docs/tutorials/choose-a-guide.md names; the bags of the Stribeck runs and of the
-/// loops.
+/// Runs of the rig by the commands that docs/tutorials/choose-a-guide.md names; the bags of the
+/// Stribeck runs and of the loops.
 fn measured(directory: &Path, guide: &str) -> (String, String) {
     let out = |name: &str| directory.join(format!("{guide}_{name}")).display().to_string();
     let (runs, loops) = (out("runs"), out("loops"));
