@@ -174,6 +174,26 @@ fn an_unknown_name_is_refused_with_the_nearest_one() {
     }
 }
 
+/// Every block of YAML in the book that is a model of a stage.
+#[test]
+fn the_models_in_the_book_load() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("model.yaml");
+    let mut models = 0;
+    for page in ["tutorials/a-stage-in-ten-minutes.md", "how-to/own-stage.md"] {
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(page);
+        let text = std::fs::read_to_string(page).expect("a page");
+        let blocks = text.split("```yaml\n").skip(1).filter_map(|rest| rest.split("```").next());
+        for model in blocks.filter(|block| block.contains("mass:")) {
+            std::fs::write(&path, model).expect("a model");
+            let output = friction_stage(&["model", &path.display().to_string()]);
+            assert!(matches!(output.status.code(), Some(0 | 3)), "{model}: {output:?}");
+            models += 1;
+        }
+    }
+    assert_eq!(models, 2);
+}
+
 #[test]
 fn a_model_is_shown_with_its_units_and_what_follows_from_it() {
     // Its guides are not passive, which is a warning.
