@@ -187,7 +187,7 @@ fn ctrl_c_keeps_what_is_done() {
     assert_eq!(unsafe { libc::kill(child.id() as i32, libc::SIGINT) }, 0);
     let Output { status, stderr, .. } = child.wait_with_output().unwrap();
     let stderr = String::from_utf8(stderr).unwrap();
-    assert_eq!(status.code(), Some(1), "{stderr}");
+    assert_eq!(status.code(), Some(130), "{stderr}");
     let text = std::fs::read_to_string(&rows).unwrap();
     let done = text.lines().count() - 1;
     assert!(

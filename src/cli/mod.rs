@@ -21,7 +21,7 @@ use std::io::Write;
 use clap::{Parser, Subcommand};
 use friction_stage_core::model::StageModel;
 
-pub use crate::outcome::{Outcome, WrongArguments, exit_code};
+pub use crate::outcome::{Interrupted, Outcome, WrongArguments, exit_code};
 
 /// A positioning stage on friction-loaded guides as software: on ROS 2, recorded, and compared with
 /// recordings.
