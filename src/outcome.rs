@@ -25,7 +25,8 @@ impl Outcome {
 #[error("{0}")]
 pub struct WrongArguments(pub String);
 
-/// Ctrl-C or SIGTERM before the end, with what is kept: exit 130, as a shell has it for an interrupt.
+/// Ctrl-C or SIGTERM before the end, with what is kept: exit 130, as a shell has it for an
+/// interrupt.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 pub struct Interrupted(pub String);

@@ -34,8 +34,8 @@ pub struct Arguments {
     command: Option<Command>,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings, 130\n\
-    stopped with Ctrl-C.\n\
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings,\n\
+    130 stopped with Ctrl-C.\n\
     The nodes are the programs stage_node and controller_node; they take --ros-args as every ROS 2 \
                           node does. Their\n\
     --help lists the parameters.";

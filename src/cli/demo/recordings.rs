@@ -37,12 +37,19 @@ pub(super) struct RecordingsArgs {
     /// Print what is hidden in the recordings of --out, and make none
     #[arg(long, conflicts_with = "seed")]
     reveal: bool,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
 }
 
 /// Runs the command; what it made goes to `out`.
 pub(super) fn run(args: &RecordingsArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if args.reveal {
-        write!(out, "{}", unsealed(&args.out.join(ANSWER))?)?;
+        let (text, model) = unsealed(&args.out.join(ANSWER))?;
+        match args.json {
+            true => writeln!(out, "{}", serde_json::to_string_pretty(&model)?)?,
+            false => write!(out, "{text}")?,
+        }
         return Ok(Outcome::Done);
     }
     let place = args.out.display();
@@ -64,6 +71,13 @@ pub(super) fn run(args: &RecordingsArgs, out: &mut dyn Write) -> anyhow::Result<
     }
     write("declared.yaml", made.declared.to_yaml()?)?;
     write(ANSWER, sealed(&made.real.to_yaml()?))?;
+    if args.json {
+        let files = ["declared.yaml", "train", "check"].map(|name| args.out.join(name));
+        let [model, train, holdout] = &files;
+        let made = serde_json::json!({"model": model, "train": train, "holdout": holdout});
+        writeln!(out, "{}", serde_json::to_string_pretty(&made)?)?;
+        return Ok(Outcome::Done);
+    }
     writeln!(
         out,
         "{place}: declared.yaml, train, check and the sealed answer\n\nWhat does the stage have \
@@ -82,8 +96,8 @@ fn sealed(text: &str) -> String {
     text.as_bytes().chunks(40).map(line).collect()
 }
 
-/// The model in a sealed file.
-fn unsealed(path: &Path) -> anyhow::Result<String> {
+/// The model in a sealed file, as text and read.
+fn unsealed(path: &Path) -> anyhow::Result<(String, StageModel)> {
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("cannot read {}: no answer is here", path.display()))?;
     let digits: Vec<char> = text.chars().filter(|digit| !digit.is_whitespace()).collect();
@@ -94,8 +108,8 @@ fn unsealed(path: &Path) -> anyhow::Result<String> {
     let answer = bytes
         .and_then(|bytes| String::from_utf8(bytes).ok())
         .with_context(|| format!("{} is no answer that this command has sealed", path.display()))?;
-    StageModel::from_yaml(&answer, &path.display().to_string())?;
-    Ok(answer)
+    let model = StageModel::from_yaml(&answer, &path.display().to_string())?;
+    Ok((answer, model))
 }
 
 #[cfg(test)]
@@ -109,7 +123,7 @@ mod tests {
         let text = "name: µ\neffects:\n- cogging: {amplitude: 5.0, period: 0.024}\n";
         std::fs::write(&path, sealed(text)).unwrap();
         assert!(!sealed(text).contains("cogging"));
-        assert_eq!(unsealed(&path).unwrap(), text);
+        assert_eq!(unsealed(&path).unwrap().0, text);
         for broken in ["6", "zz", "ffff", "", "é"] {
             std::fs::write(&path, broken).unwrap();
             let told = format!("{:#}", unsealed(&path).unwrap_err());
