@@ -25,6 +25,12 @@ impl Outcome {
 #[error("{0}")]
 pub struct WrongArguments(pub String);
 
+/// Ctrl-C or SIGTERM before the end, with what is kept: exit 130, as a shell has it for an
+/// interrupt.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Interrupted(pub String);
+
 /// Exit code of a program that ended with `result`; a failure is reported on stderr. Wrong
 /// arguments have ended it with 2 before.
 pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
@@ -34,7 +40,11 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
         Err(error) => {
             // Nobody may read stderr any more, and `eprintln!` would panic of that.
             let _ = writeln!(std::io::stderr(), "error: {}", in_one_line(&error));
-            if error.is::<WrongArguments>() { ExitCode::from(2) } else { ExitCode::FAILURE }
+            match () {
+                () if error.is::<WrongArguments>() => ExitCode::from(2),
+                () if error.is::<Interrupted>() => ExitCode::from(130),
+                () => ExitCode::FAILURE,
+            }
         }
     }
 }

@@ -142,7 +142,8 @@ fn the_papers_statements_hold_but_for_the_four_that_the_readme_names() {
             "{statement:#}"
         );
     }
-    // The table of the README, in percent: catalogue, best single bristle, distributed.
+    // The table of docs/explanation/stiffness.md, in percent: catalogue, best single bristle,
+    // distributed.
     let errors = summary["stiffness_of_guide_1"]["errors"].as_array().unwrap();
     let table = [(-39.8, -43.6, -0.5), (-0.2, -6.0, -0.2), (44.0, 39.6, -0.4)];
     for (row, (catalogue, best_single, distributed)) in errors.iter().zip(table) {

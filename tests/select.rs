@@ -187,7 +187,7 @@ fn ctrl_c_keeps_what_is_done() {
     assert_eq!(unsafe { libc::kill(child.id() as i32, libc::SIGINT) }, 0);
     let Output { status, stderr, .. } = child.wait_with_output().unwrap();
     let stderr = String::from_utf8(stderr).unwrap();
-    assert_eq!(status.code(), Some(1), "{stderr}");
+    assert_eq!(status.code(), Some(130), "{stderr}");
     let text = std::fs::read_to_string(&rows).unwrap();
     let done = text.lines().count() - 1;
     assert!(
@@ -336,8 +336,8 @@ fn write_bag(directory: &Path, record: &RigRecord, model_yaml: &str, with_cell: 
     directory.display().to_string()
 }
 
-/// Runs of the rig by the commands that the README names; the bags of the Stribeck runs and of the
-/// loops.
+/// Runs of the rig by the commands that docs/tutorials/choose-a-guide.md names; the bags of the
+/// Stribeck runs and of the loops.
 fn measured(directory: &Path, guide: &str) -> (String, String) {
     let out = |name: &str| directory.join(format!("{guide}_{name}")).display().to_string();
     let (runs, loops) = (out("runs"), out("loops"));

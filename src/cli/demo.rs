@@ -1,11 +1,13 @@
 //! `friction-stage demo`: the main job, with nothing else installed.
 
+mod recordings;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Context as _;
-use clap::Args;
+use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
@@ -25,10 +27,16 @@ use friction_stage_report::paper_motion::{PositionErrorSeries, position_error_fi
 /// in 3 ms. Records a bag of each run and draws the position error over time, as the paper's
 /// Figures 6 and 7.
 #[derive(Debug, Clone, Args)]
-#[command(after_help = "Watch it from another terminal, in the domain that it prints:\n  \
+#[command(
+    args_conflicts_with_subcommands = true,
+    after_help = "Examples:\n  friction-stage demo --guides guide_2 --out one_guide\n  \
+                  friction-stage demo recordings   # recordings to try identify on\n\nWatch it from another terminal, in the domain that it prints:\n  \
                   ROS_DOMAIN_ID=... ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 topic echo \
-                  /controller/state")]
+                  /controller/state"
+)]
 pub struct DemoArgs {
+    #[command(subcommand)]
+    other: Option<Demo>,
     /// Guides to run, by catalogue name
     #[arg(long, value_delimiter = ',', default_values_t = guides())]
     pub guides: Vec<String>,
@@ -53,6 +61,12 @@ pub struct DemoArgs {
     pub json: bool,
 }
 
+/// What the demo makes in place of runs over ROS 2.
+#[derive(Debug, Clone, Subcommand)]
+enum Demo {
+    Recordings(recordings::RecordingsArgs),
+}
+
 const FINE_STEPS: usize = 5;
 
 fn guides() -> Vec<String> {
@@ -62,6 +76,7 @@ fn guides() -> Vec<String> {
 impl Default for DemoArgs {
     fn default() -> Self {
         DemoArgs {
+            other: None,
             guides: guides(),
             out: None,
             rest: Conditioning::DEMO_REST,
@@ -95,6 +110,9 @@ struct MoveRow {
 
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    if let Some(Demo::Recordings(recordings)) = &args.other {
+        return recordings::run(recordings, out);
+    }
     anyhow::ensure!(
         args.rest.is_finite() && (0.0..=3600.0).contains(&args.rest),
         "--rest is {}: must be between 0 and 3600 s",

@@ -1,6 +1,6 @@
 //! `friction-stage experiment`: the laboratory of the paper, one experiment or all of them.
 
-mod bags;
+pub(super) mod bags;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

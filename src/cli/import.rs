@@ -100,8 +100,8 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     }
     anyhow::ensure!(
         has_motion,
-        "no column of {} looks like a position or a velocity: write the mapping by hand (README, \
-         Recordings of others)",
+        "no column of {} looks like a position or a velocity: write the mapping by hand \
+         (docs/how-to/recordings-of-others.md)",
         args.csv.display()
     );
     Ok(Outcome::warned(proposal.signals.iter().any(|signal| signal.check.is_some())))

@@ -2,11 +2,14 @@
 
 pub mod check;
 pub mod demo;
+pub mod effects;
 pub mod experiment;
 pub mod fit_guide;
+pub mod guides;
 pub mod identify;
 pub mod import;
 pub mod merge;
+pub mod model;
 pub mod play;
 pub mod recover;
 pub mod replay;
@@ -18,7 +21,7 @@ use std::io::Write;
 use clap::{Parser, Subcommand};
 use friction_stage_core::model::StageModel;
 
-pub use crate::outcome::{Outcome, WrongArguments, exit_code};
+pub use crate::outcome::{Interrupted, Outcome, WrongArguments, exit_code};
 
 /// A positioning stage on friction-loaded guides as software: on ROS 2, recorded, and compared with
 /// recordings.
@@ -31,7 +34,8 @@ pub struct Arguments {
     command: Option<Command>,
 }
 
-const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings.\n\
+const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings,\n\
+    130 stopped with Ctrl-C.\n\
     The nodes are the programs stage_node and controller_node; they take --ros-args as every ROS 2 \
                           node does. Their\n\
     --help lists the parameters.";
@@ -49,6 +53,9 @@ enum Command {
     Import(import::ImportArgs),
     Check(check::CheckArgs),
     Recover(recover::RecoverArgs),
+    Effects(effects::EffectsArgs),
+    Guides(guides::GuidesArgs),
+    Model(model::ModelArgs),
     /// Run the stage node, as the program stage_node does
     #[command(hide = true, disable_help_flag = true)]
     StageNode(NodeArgs),
@@ -79,6 +86,9 @@ impl Arguments {
             Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
             Command::Recover(arguments) => recover::run(&arguments, out),
+            Command::Effects(arguments) => effects::run(&arguments, out),
+            Command::Guides(arguments) => guides::run(&arguments, out),
+            Command::Model(arguments) => model::run(&arguments, out),
             Command::StageNode(node) => crate::node::stage::run(node.arguments),
             Command::ControllerNode(node) => crate::node::controller::run(node.arguments),
         }

@@ -9,8 +9,8 @@ use anyhow::Context as _;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::Outcome;
 use super::selection_output::finish;
+use super::{Interrupted, Outcome};
 use friction_stage_core::model::{Catalogue, nearest};
 use friction_stage_lab::{
     Application, SelectionPlan, Shard, Sheet, VariantExperiment, VariantRows,
@@ -96,11 +96,12 @@ pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     while next < jobs.end {
         if stop.load(Ordering::Relaxed) {
             bar.abandon();
-            anyhow::bail!(
-                "stopped after {} of {count} variants, which are kept in {}: go on by --resume",
+            return Err(Interrupted(format!(
+                "stopped after {} of {count} variants, which are kept in {}: continue with --resume",
                 next - jobs.start,
                 args.out.display()
-            );
+            ))
+            .into());
         }
         let chunk = next..(next + CHUNK).min(jobs.end);
         next = chunk.end;

@@ -23,6 +23,7 @@ mod fast_move;
 mod fine_step;
 mod frequency_response;
 mod guide_fit;
+mod hidden_effect;
 mod hunting;
 mod least_squares;
 mod paper;
@@ -51,6 +52,7 @@ pub use frequency_response::{
     FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response,
 };
 pub use guide_fit::{Fitted, GuideFit, GuideFitError, RigRecord, fit_guide};
+pub use hidden_effect::HiddenEffect;
 pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};
 pub use least_squares::{FitError, Minimum, minimise};
 pub use paper::{Conditioning, Move, MoveKind, PaperMotion};

@@ -19,6 +19,7 @@ mod error;
 pub mod experiment;
 pub mod figure;
 pub mod identification;
+pub mod model;
 pub mod page;
 pub mod paper_motion;
 pub mod recording;

@@ -26,10 +26,17 @@ pub(super) fn write_bag(
             .map(|(key, value)| (key.to_owned(), value.to_string()))
             .into(),
     };
-    let mut bag = BagWriter::create(
-        directory,
-        &BagOptions { provenance: Some(provenance), ..BagOptions::default() },
-    )?;
+    write_topics(directory, recording, Some(provenance))
+}
+
+/// The same with what is said of its origin, or nothing.
+pub(in crate::cli) fn write_topics(
+    directory: &Path,
+    recording: &LabRecording,
+    provenance: Option<Provenance>,
+) -> anyhow::Result<()> {
+    let options = BagOptions { provenance, ..BagOptions::default() };
+    let mut bag = BagWriter::create(directory, &options)?;
     let qos = OfferedQos::reliable(DEPTH);
     let encoder = bag.add_topic::<JointState>(topics::ENCODER, &qos)?;
     let cell = bag.add_topic::<WrenchStamped>(topics::FORCE_CELL, &qos)?;

@@ -7,11 +7,15 @@ use friction_stage_core::model::JointType;
 
 mod data;
 mod identify;
+mod model;
 mod recording;
 
 pub(crate) use data::subject;
 pub(crate) use identify::times_noise;
 pub use identify::{comparison_notes, records_error};
+pub use model::{
+    acts_on, effect_text, effects_text, guide_text, guides_text, model_text, multiplicity,
+};
 pub use recording::{import_text, messages_text, proposal_text, recording_text, recover_text};
 
 /// What can be said in a sentence.

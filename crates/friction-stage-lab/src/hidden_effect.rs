@@ -1,0 +1,166 @@
+//! Recordings to try identification on: a stage that has an effect which its declared model lacks.
+//!
+//! In comes a seed, out come the declared model, the real one and two recordings of the real one in
+//! closed loop: one to identify on and one to check.
+
+use rand::{RngExt as _, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use friction_stage_core::control::{ControllerSettings, Point};
+use friction_stage_core::model::{EffectParameters, GuideSource, StageModel};
+use friction_stage_core::plant::Rates;
+
+use super::specimen::{LabError, LabRecording, Row, Settings, closed_loop};
+
+/// Samples per second, Hz.
+const RATE: f64 = 2000.0;
+/// Largest relative difference of mass and guides between the declared stage and the real one.
+/// Assumed: well within the tolerances that identification allows.
+const MASS_TOLERANCE: f64 = 0.002;
+const GUIDE_TOLERANCE: f64 = 0.03;
+
+/// Moves as position after it, mm, its time, s, and the rest after it, s. Slow and fast, short
+/// within the presliding of the guides and long.
+const TRAIN: [(f64, f64, f64); 18] = [
+    (-50.0, 0.6, 0.3),
+    (-49.99, 0.1, 0.2),
+    (-50.0, 0.1, 0.2),
+    (-49.96, 0.2, 0.2),
+    (-50.0, 0.2, 0.2),
+    (-48.0, 0.8, 0.1),
+    (-50.0, 0.8, 0.1),
+    (-20.0, 1.5, 0.1),
+    (-50.0, 1.5, 0.1),
+    (50.0, 1.0, 0.15),
+    (-50.0, 1.0, 0.15),
+    (50.0, 0.5, 0.15),
+    (-50.0, 0.5, 0.15),
+    (100.0, 0.4, 0.2),
+    (-50.0, 0.4, 0.2),
+    (0.0, 0.1, 0.3),
+    (-50.0, 0.1, 0.3),
+    (0.0, 0.5, 0.3),
+];
+const CHECK: [(f64, f64, f64); 11] = [
+    (30.0, 0.5, 0.3),
+    (29.98, 0.15, 0.2),
+    (30.0, 0.15, 0.2),
+    (10.0, 1.2, 0.1),
+    (60.0, 1.0, 0.1),
+    (-40.0, 0.7, 0.2),
+    (-80.0, 1.0, 0.1),
+    (20.0, 0.35, 0.2),
+    (-30.0, 0.1, 0.3),
+    (20.0, 0.1, 0.3),
+    (0.0, 0.6, 0.3),
+];
+
+/// A stage with an effect that its declared model lacks, and recordings of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HiddenEffect {
+    /// What a user knows of the stage.
+    pub declared: StageModel,
+    /// What it is: within the tolerances of the declared one, and with the effect.
+    pub real: StageModel,
+    /// To identify on.
+    pub train: LabRecording,
+    /// To check on, with other moves.
+    pub check: LabRecording,
+}
+
+impl HiddenEffect {
+    /// The stage of a seed, which decides on the effect, its values and the noise of the sensors.
+    pub fn new(seed: u64) -> Result<HiddenEffect, LabError> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let declared =
+            StageModel { name: "stage as declared".to_owned(), ..StageModel::on_guides("guide_1") };
+        let mut guide = declared.resolved_guides()?.swap_remove(0);
+        let mut about = |value: f64, tolerance: f64| {
+            value * random.random_range(1.0 - tolerance..1.0 + tolerance)
+        };
+        let mass = about(declared.mass, MASS_TOLERANCE);
+        guide.viscous_friction = about(guide.viscous_friction, GUIDE_TOLERANCE);
+        let friction = about(1.0, GUIDE_TOLERANCE);
+        guide.coulomb_force *= friction;
+        guide.static_force *= friction;
+        guide.stiffness = about(guide.stiffness, GUIDE_TOLERANCE);
+        let real = StageModel {
+            name: "stage as it is".to_owned(),
+            mass,
+            guides: vec![GuideSource::Inline(guide); declared.guides.len()],
+            effects: vec![hidden(&mut random)],
+            ..declared.clone()
+        };
+        let train = record("train", &real, &TRAIN, seed.wrapping_mul(2))?;
+        let check = record("check", &real, &CHECK, seed.wrapping_mul(2).wrapping_add(1))?;
+        Ok(HiddenEffect { declared, real, train, check })
+    }
+}
+
+/// An effect of a size that its law usually has. Assumed: each of them is far above the noise.
+fn hidden(random: &mut ChaCha8Rng) -> EffectParameters {
+    let mut between = |low: f64, high: f64| random.random_range(low..high);
+    let kind = between(0.0, 3.0);
+    if kind < 1.0 {
+        let values = [
+            ("amplitude", between(3.0, 8.0)),
+            ("period", between(16e-3, 32e-3)),
+            ("phase", between(-3.0, 3.0)),
+        ];
+        EffectParameters::new("cogging", values)
+    } else if kind < 2.0 {
+        let values = [("stiffness", between(40.0, 120.0)), ("center", between(-0.02, 0.02))];
+        EffectParameters::new("cable_chain", values)
+    } else {
+        EffectParameters::new("constant_force", [("amplitude", between(3.0, 8.0))])
+    }
+}
+
+fn record(
+    name: &str,
+    model: &StageModel,
+    moves: &[(f64, f64, f64)],
+    seed: u64,
+) -> Result<LabRecording, LabError> {
+    let settings = Settings { seed, rates: rates()? };
+    let mut time = 0.0;
+    let mut points = vec![at_rest(0.5, 0.0)];
+    time += 0.5;
+    for (target, duration, rest) in moves {
+        for wait in [*duration, *rest] {
+            time += wait;
+            points.push(at_rest(time, 1e-3 * target));
+        }
+    }
+    let paper = ControllerSettings::paper(model.mass, RATE, model.motor.force_limit);
+    let mut run = closed_loop(model, &settings, paper, points)?;
+    let samples = (time * RATE).ceil() as usize;
+    let rows = (0..samples).map(|_| Ok(Row::of(&run.cycle()?))).collect::<Result<_, LabError>>()?;
+    Ok(LabRecording { name: name.to_owned(), model: model.clone(), settings, rows })
+}
+
+fn rates() -> Result<Rates, LabError> {
+    Rates::of_control(RATE).map_err(|error| LabError::Signal {
+        experiment: "recordings",
+        specimen: "stage".to_owned(),
+        what: error.to_string(),
+    })
+}
+
+fn at_rest(time: f64, position: f64) -> Point {
+    Point::at_rest((time * 1e9).round() as i64, position)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_seed_always_gives_the_same_stage_and_another_seed_another() {
+        let one = HiddenEffect::new(1).unwrap();
+        assert_eq!(HiddenEffect::new(1).unwrap(), one);
+        assert_ne!(HiddenEffect::new(2).unwrap().real, one.real);
+        assert!(one.declared.effects.is_empty());
+        assert!(one.train.rows.iter().all(|row| row.force.abs() < one.real.motor.force_limit));
+    }
+}

@@ -1,0 +1,227 @@
+//! The pages of the reference that the program writes: they say what the program says.
+//!
+//! `UPDATE_REFERENCE=1 cargo test --release --test reference` rewrites them.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+fn friction_stage(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_friction-stage"))
+        .args(arguments)
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("the program starts")
+}
+
+fn printed(arguments: &[&str]) -> String {
+    let output = friction_stage(arguments);
+    assert!(output.status.success(), "{arguments:?}: {output:?}");
+    String::from_utf8(output.stdout).expect("text")
+}
+
+fn json(arguments: &[&str]) -> Value {
+    serde_json::from_str(&printed(arguments)).expect("JSON")
+}
+
+/// Compares a page with the committed one, or writes it.
+fn assert_current(name: &str, title: &str, text: &str) {
+    let page = format!(
+        "<!-- Written by `UPDATE_REFERENCE=1 cargo test --release --test reference`. -->\n\n# \
+         {title}\n\n{}\n",
+        text.trim_end()
+    );
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference").join(name);
+    if std::env::var_os("UPDATE_REFERENCE").is_some() {
+        std::fs::write(&path, &page).expect("the page is written");
+    }
+    let committed = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        committed == page,
+        "{} is not current: UPDATE_REFERENCE=1 cargo test --release --test reference rewrites it",
+        path.display()
+    );
+}
+
+fn text<'a>(value: &'a Value, key: &str) -> &'a str {
+    value[key].as_str().unwrap_or_else(|| panic!("no {key} in {value}"))
+}
+
+/// A cell of a table.
+fn cell(text: &str) -> String {
+    text.replace('|', "\\|").replace('\n', " ")
+}
+
+#[test]
+fn the_page_of_effects_is_current() {
+    let all = json(&["effects", "--json"]);
+    let mut page = "What a model file may add to its guides; `friction-stage effects NAME` shows \
+                    one. A value\nbeyond its bounds is an error.\n"
+        .to_owned();
+    for effect in all.as_array().expect("a list") {
+        let name = text(effect, "name");
+        assert_eq!(&json(&["effects", name, "--json"]), effect);
+        write!(page, "\n## {name}\n\n```text\n{}\n```\n\n", text(effect, "law")).unwrap();
+        for (label, key) in [
+            ("Acts on", "acts_on"),
+            ("Telltale", "telltale"),
+            ("Source", "source"),
+            ("Number", "how_many"),
+        ] {
+            writeln!(page, "- {label}: {}", text(effect, key)).unwrap();
+        }
+        page += "\n| parameter | what | unit | values | default |\n|---|---|---|---|---|\n";
+        for parameter in effect["parameters"].as_array().expect("parameters") {
+            let forms = parameter["forms"].as_array();
+            let names = |forms: &Vec<Value>| -> Vec<String> {
+                forms.iter().filter_map(|form| form.as_str().map(|f| format!("`{f}`"))).collect()
+            };
+            let values = match forms {
+                Some(forms) => names(forms).join(", "),
+                None => format!("{} to {}", parameter["min"], parameter["max"]),
+            };
+            let default = match (parameter["default"].as_f64(), forms) {
+                (None, _) => "required".to_owned(),
+                (Some(place), Some(forms)) => names(forms)[place as usize].clone(),
+                (Some(value), None) => value.to_string(),
+            };
+            writeln!(
+                page,
+                "| `{}` | {} | {} | {values} | {default} |",
+                text(parameter, "name"),
+                cell(text(parameter, "description")),
+                text(parameter, "unit"),
+            )
+            .unwrap();
+        }
+        if let Some(example) = effect["example"].as_str() {
+            write!(page, "\n```yaml\n{}\n```\n", example.trim_end()).unwrap();
+        }
+    }
+    assert_current("effects.md", "Effects", &page);
+}
+
+#[test]
+fn the_page_of_guides_is_current() {
+    let mut page = "The built-in catalogue; `friction-stage guides NAME` shows one guide. \
+                    *Stated* values are in the\narticle, *derived* ones follow from it, *assumed* \
+                    ones are chosen.\n"
+        .to_owned();
+    for guide in json(&["guides", "--json"]).as_array().expect("a list") {
+        let name = text(guide, "name");
+        assert_eq!(&json(&["guides", name, "--json"]), guide);
+        let shown = printed(&["guides", name]);
+        write!(page, "\n## {name}\n\n{}.\n\n", text(guide, "description")).unwrap();
+        page += "| parameter | value | provenance | source |\n|---|---|---|---|\n";
+        for key in [
+            "stiffness",
+            "bristle_damping",
+            "viscous_friction",
+            "coulomb_force",
+            "static_force",
+            "stribeck_velocity",
+        ] {
+            let quantity = &guide[key];
+            assert!(shown.contains(text(quantity, "source")), "{shown}");
+            writeln!(
+                page,
+                "| `{key}` | {} {} | {} | {} |",
+                quantity["value"],
+                text(quantity, "unit"),
+                text(quantity, "provenance"),
+                cell(text(quantity, "source"))
+            )
+            .unwrap();
+        }
+    }
+    assert_current("guides.md", "Guides", &page);
+}
+
+#[test]
+fn the_page_of_the_command_line_is_current() {
+    let overview = printed(&["--help"]);
+    let commands = overview.lines().skip_while(|line| *line != "Commands:").skip(1);
+    let names: Vec<&str> = commands
+        .take_while(|line| !line.is_empty())
+        .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help")
+        .collect();
+    assert!(names.len() >= 14, "{names:?}");
+    let mut page = format!("```text\n{}\n```\n", overview.trim_end());
+    for arguments in names.iter().map(|name| vec![*name]).chain([vec!["demo", "recordings"]]) {
+        let title = arguments.join(" ");
+        let help = printed(&[&arguments[..], &["--help"]].concat());
+        let help: Vec<&str> = help.lines().map(str::trim_end).collect();
+        write!(page, "\n## {title}\n\n```text\n{}\n```\n", help.join("\n").trim_end()).unwrap();
+    }
+    assert_current("command-line.md", "Command line", &page);
+}
+
+#[test]
+fn an_unknown_name_is_refused_with_the_nearest_one() {
+    for (arguments, words) in [
+        (["effects", "coging"], "did you mean `cogging`"),
+        (["guides", "guide_9"], "did you mean `guide_"),
+        (["model", "missing.yaml"], "missing.yaml"),
+    ] {
+        let output = friction_stage(&arguments);
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{told}");
+        assert!(told.contains(words), "{told}");
+    }
+}
+
+/// Every block of YAML in the book that is a model of a stage.
+#[test]
+fn the_models_in_the_book_load() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("model.yaml");
+    let mut models = 0;
+    for page in ["tutorials/a-stage-in-ten-minutes.md", "how-to/own-stage.md"] {
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs").join(page);
+        let text = std::fs::read_to_string(page).expect("a page");
+        let blocks = text.split("```yaml\n").skip(1).filter_map(|rest| rest.split("```").next());
+        for model in blocks.filter(|block| block.contains("mass:")) {
+            std::fs::write(&path, model).expect("a model");
+            let output = friction_stage(&["model", &path.display().to_string()]);
+            assert!(matches!(output.status.code(), Some(0 | 3)), "{model}: {output:?}");
+            models += 1;
+        }
+    }
+    assert_eq!(models, 2);
+}
+
+#[test]
+fn a_model_is_shown_with_its_units_and_what_follows_from_it() {
+    // Its guides are not passive, which is a warning.
+    let output =
+        friction_stage(&["model", "launch_config/stage_with_cogging_and_cable_chain.yaml"]);
+    let shown = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(3), "{shown}");
+    for words in ["40 kg", "effect cogging: amplitude 6 N", "Dahl resonance", "67.2 N"] {
+        assert!(shown.contains(words), "{words:?} is not in {shown}");
+    }
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("axis.yaml");
+    let axis = "joint: revolute\nmass: 0.01\nguides: [{coulomb_force: 0.1}]\n";
+    std::fs::write(&path, axis).expect("a model");
+    let path = path.display().to_string();
+    let output = friction_stage(&["model", &path]);
+    let shown = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(3), "{shown}");
+    assert!(shown.contains("kg m²") && shown.contains("assumed"), "{shown}");
+    assert!(!shown.contains("50 mm"), "{shown}");
+    let output = friction_stage(&["model", &path, "--json"]);
+    let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(value["derived"]["break_away_force"], 0.1);
+    assert_eq!(value["derived"]["fast_move_force"], Value::Null);
+
+    std::fs::write(&path, "effects: [{cogging: {amplitude: -5, period: 0.02}}]\n").expect("a file");
+    let output = friction_stage(&["model", &path]);
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("effects.cogging.amplitude") && told.contains("-5"), "{told}");
+}
