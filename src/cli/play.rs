@@ -166,7 +166,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let points = stretched(&load(&args.motion)?, args.stretch);
     // Told here, not from the log of a node.
     let model = StageModel::named(&args.model)?;
-    let mass = model.mass + model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
+    let mass = model.moving_mass();
     if args.record.exists() {
         return Err(WrongArguments(format!(
             "{} exists already: choose another --record",

@@ -53,7 +53,7 @@ pub use frequency_response::{
 pub use guide_fit::{Fitted, GuideFit, GuideFitError, RigRecord, fit_guide};
 pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};
 pub use least_squares::{FitError, Minimum, minimise};
-pub use paper::{Conditioning, Move, MoveKind, PaperMotion};
+pub use paper::{Conditioning, Move, MoveError, MoveKind, PaperMotion};
 pub use quick_loops::{QUICK_LOOPS, quick_loops};
 pub use rig::{RIG_TICKS, RigBias, rig};
 pub use rows::{RowsError, Sheet, VariantRows, merge_shards};

@@ -198,7 +198,7 @@ impl Specimen {
         gains: Gains,
         points: Vec<Point>,
     ) -> Result<ClosedLoop, LabError> {
-        let mass = self.servo_mass();
+        let mass = self.rig.moving_mass();
         let paper =
             ControllerSettings::paper(mass, settings.rates.control(), self.rig.motor.force_limit);
         closed_loop(&self.rig, settings, ControllerSettings { gains, ..paper }, points)
@@ -206,11 +206,7 @@ impl Specimen {
 
     /// Gains of the rig's servo for a bandwidth in Hz.
     pub fn servo(&self, bandwidth: f64) -> Gains {
-        Gains::from_bandwidth(bandwidth, self.servo_mass())
-    }
-
-    fn servo_mass(&self) -> f64 {
-        self.rig.mass + self.rig.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass)
+        Gains::from_bandwidth(bandwidth, self.rig.moving_mass())
     }
 
     /// The stage under the paper's controller (section 4), with `viscous` N s/m of viscous
