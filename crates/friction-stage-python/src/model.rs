@@ -75,7 +75,8 @@ impl Model {
     #[staticmethod]
     fn from_dict(model: &Bound<'_, PyAny>) -> PyResult<Model> {
         // JSON is YAML.
-        let text: String = model.py().import("json")?.getattr("dumps")?.call1((model,))?.extract()?;
+        let text: String =
+            model.py().import("json")?.getattr("dumps")?.call1((model,))?.extract()?;
         Model::checked(StageModel::from_yaml(&text, "the model").or_raise()?)
     }
 
@@ -118,7 +119,12 @@ impl Model {
             none if none.is_empty() => String::new(),
             names => format!(", with {names}"),
         };
-        format!("<Model {}: {} kg on {} guides{effects}>", self.0.name, self.0.mass, self.0.guides.len())
+        format!(
+            "<Model {}: {} kg on {} guides{effects}>",
+            self.0.name,
+            self.0.mass,
+            self.0.guides.len()
+        )
     }
 
     fn __reduce__(slf: &Bound<'_, Self>) -> PyResult<(Py<PyAny>, (String,))> {

@@ -67,11 +67,7 @@ columns! {
     viscous_feedforward: |c: &Cycle| c.terms.viscous_feedforward,
 }
 
-fn run(
-    mut stage: ClosedLoop,
-    count: usize,
-    caller: &Caller,
-) -> Result<Columns, LabError> {
+fn run(mut stage: ClosedLoop, count: usize, caller: &Caller) -> Result<Columns, LabError> {
     let mut columns = Columns::with_capacity(count);
     for cycle in 0..count {
         if cycle.is_multiple_of(AT_ONCE) {
@@ -110,9 +106,10 @@ pub(crate) fn simulate<'py>(
     };
     let rates = Rates::of_control(settings.rate).or_raise()?;
     let count = samples(duration.unwrap_or_else(|| motion.seconds()), rates.control())?;
-    let stage =
-        closed_loop(&model, &Settings { seed, rates }, settings, motion.points.clone()).or_raise()?;
-    let mut columns = wait_for(py, progress, move |caller| run(stage, count, caller))?.or_raise()?;
+    let stage = closed_loop(&model, &Settings { seed, rates }, settings, motion.points.clone())
+        .or_raise()?;
+    let mut columns =
+        wait_for(py, progress, move |caller| run(stage, count, caller))?.or_raise()?;
     let moves = motion
         .moves
         .iter()

@@ -56,6 +56,18 @@ pub enum SignalError {
         /// What is wrong and what would be right.
         reason: String,
     },
+    /// Columns in memory that are no table.
+    #[error("{}: {count} values of {column} for {rows} of time: give one for each row", name.display())]
+    Columns {
+        /// What stands for their path.
+        name: PathBuf,
+        /// The column.
+        column: &'static str,
+        /// Its values.
+        count: usize,
+        /// Values of time.
+        rows: usize,
+    },
     /// Too few samples for a rate.
     #[error(
         "{} has {samples} usable samples of {signal} (a value, at a time of its own), of {total} \

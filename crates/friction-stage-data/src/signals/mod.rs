@@ -4,6 +4,7 @@
 //! What comes in is a bag of our own, a foreign bag or a CSV file with a [`Mapping`]; what goes out
 //! is a [`Recording`] with the account of its samples ([`DataQuality`]).
 
+mod columns;
 mod csv_table;
 mod data_quality;
 mod error;
@@ -27,7 +28,7 @@ pub use data_quality::{DataQuality, SignalNote, SignalQuality};
 pub use error::SignalError;
 pub use grid::ClockKind;
 pub use import::{ImportReport, import};
-pub use load::load;
+pub use load::{from_columns, load};
 pub use mapping::{Mapping, Signal};
 pub use proposal::{Proposal, ProposedSignal, TableColumn};
 pub use recording::Recording;
