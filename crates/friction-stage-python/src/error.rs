@@ -5,6 +5,8 @@ use std::error::Error;
 use friction_stage_core::control::{ControllerError, TrajectoryError};
 use friction_stage_core::model::ModelError;
 use friction_stage_core::plant::RatesError;
+use friction_stage_data::motion_file::MotionFileError;
+use friction_stage_data::signals::SignalError;
 use friction_stage_lab::{LabError, MoveError};
 use friction_stage_report::words::in_one_line;
 use pyo3::prelude::*;
@@ -17,6 +19,11 @@ pub(crate) mod raised {
     import_exception!(friction_stage.errors, ModelError);
     import_exception!(friction_stage.errors, MotionError);
     import_exception!(friction_stage.errors, ControllerError);
+    import_exception!(friction_stage.errors, RecordingError);
+    import_exception!(friction_stage.errors, IdentificationError);
+    import_exception!(friction_stage.errors, FitError);
+    import_exception!(friction_stage.errors, SelectionError);
+    import_exception!(friction_stage.errors, ExperimentError);
 }
 
 /// What a failure of the crates below is in Python.
@@ -38,6 +45,8 @@ raise! {
     ModelError => ModelError,
     TrajectoryError => MotionError,
     MoveError => MotionError,
+    MotionFileError => MotionError,
+    SignalError => RecordingError,
     RatesError => ControllerError,
     ControllerError => ControllerError,
 }
@@ -48,7 +57,7 @@ impl Raise for LabError {
             LabError::Model(error) => error.raise(),
             LabError::Controller(error) => error.raise(),
             LabError::Trajectory(error) => error.raise(),
-            other => raised::FrictionStageError::new_err(words(&other)),
+            other => raised::ExperimentError::new_err(words(&other)),
         }
     }
 }

@@ -7,8 +7,13 @@
 
 mod controller;
 mod error;
+mod experiment;
+mod guide;
+mod identification;
 mod model;
 mod motion;
+mod recording;
+mod selection;
 mod simulation;
 mod stage;
 mod waiting;
@@ -22,9 +27,19 @@ mod _native {
     #[pymodule_export]
     use super::controller::Controller;
     #[pymodule_export]
+    use super::experiment::experiment;
+    #[pymodule_export]
+    use super::guide::{FittedGuide, fit};
+    #[pymodule_export]
+    use super::identification::{Identified, identify};
+    #[pymodule_export]
     use super::model::Model;
     #[pymodule_export]
     use super::motion::Motion;
+    #[pymodule_export]
+    use super::recording::{check, read_bag};
+    #[pymodule_export]
+    use super::selection::Plan;
     #[pymodule_export]
     use super::simulation::simulate;
     #[pymodule_export]

@@ -1,11 +1,15 @@
 //! `Motion`: the points that a controller follows, and the moves among them that are judged.
 
 use friction_stage_core::control::{Point, Trajectory};
+use friction_stage_data::bag::topics;
+use friction_stage_data::motion_file;
+use friction_stage_identify::next_experiment::trajectory_yaml;
 use friction_stage_lab::{Move, PaperMotion};
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 
 use crate::error::{OrRaise, raised};
+use crate::model::TextOrPath;
 
 /// Latest point, s: the largest time that a trajectory_msgs/JointTrajectory can say.
 const LONGEST: f64 = i32::MAX as f64;
@@ -82,6 +86,31 @@ impl Motion {
             })
             .collect::<PyResult<Vec<Point>>>()?;
         Motion::checked(points, Vec::new())
+    }
+
+    #[staticmethod]
+    fn from_yaml(source: TextOrPath) -> PyResult<Motion> {
+        let points = match source.or_file() {
+            TextOrPath::Text(text) => motion_file::from_yaml(&text, "the motion"),
+            TextOrPath::Path(path) => motion_file::load(&path),
+        };
+        Motion::checked(points.or_raise()?, Vec::new())
+    }
+
+    fn to_yaml(&self) -> String {
+        trajectory_yaml(&self.points, topics::JOINT, &[])
+    }
+
+    fn stretched(&self, factor: f64) -> PyResult<Motion> {
+        motion_file::check_stretch(factor).or_raise()?;
+        let longer = |time: i64| (time as f64 * factor).round() as i64;
+        let moves = self.moves.iter().map(|the_move| Move {
+            start: longer(the_move.start),
+            arrival: longer(the_move.arrival),
+            end: longer(the_move.end),
+            ..*the_move
+        });
+        Motion::checked(motion_file::stretched(&self.points, factor), moves.collect())
     }
 
     #[staticmethod]

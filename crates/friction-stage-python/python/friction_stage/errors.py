@@ -33,5 +33,9 @@ class FitError(FrictionStageError, ValueError):
     """Recordings of a measuring rig from which no guide can be fitted."""
 
 
+class ExperimentError(FrictionStageError, ValueError):
+    """An experiment that does not exist, or cannot be run on a specimen."""
+
+
 class SelectionError(FrictionStageError, ValueError):
     """An application or a catalogue from which no guide can be chosen."""

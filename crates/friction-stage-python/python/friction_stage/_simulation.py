@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from . import _native
 from ._native import Controller, Model, Motion
+from ._source import Progress
 from ._trace import MoveResult, Trace
-
-Progress = Callable[[str, float], "bool | None"]
 
 
 def simulate(
@@ -35,5 +32,9 @@ def simulate(
     Raises:
         MotionError, ControllerError, ModelError: With the value that is wrong.
     """
-    columns, rate, moves = _native.simulate(model, motion, controller, noise, seed, duration, progress)
-    return Trace(columns, rate=rate, moves=tuple(MoveResult(*move) for move in moves))
+    columns, rate, moves = _native.simulate(
+        model, motion, controller, noise, seed, duration, progress
+    )
+    return Trace(
+        columns, rate=rate, moves=tuple(MoveResult(*move) for move in moves), model=model
+    )
