@@ -37,7 +37,7 @@ mod _native {
     #[pymodule_export]
     use super::motion::Motion;
     #[pymodule_export]
-    use super::recording::{check, read_bag};
+    use super::recording::{check, read_bag, write_csv};
     #[pymodule_export]
     use super::selection::Plan;
     #[pymodule_export]

@@ -140,6 +140,27 @@ pub(crate) fn read_bag<'py>(
     Ok((arrays, rate, from_json(py, &text)?))
 }
 
+/// Writes the columns of a trace as a CSV file that every command reads.
+#[pyfunction]
+pub(crate) fn write_csv(
+    path: PathBuf,
+    columns: HashMap<String, PyReadonlyArray1<'_, f64>>,
+) -> PyResult<()> {
+    let mut trace = trace(&columns);
+    let rows = trace.len();
+    for column in [
+        &mut trace.reference_position,
+        &mut trace.reference_velocity,
+        &mut trace.reference_acceleration,
+        &mut trace.position,
+        &mut trace.force_cell,
+        &mut trace.force,
+    ] {
+        column.resize(rows, f64::NAN);
+    }
+    trace.write_csv(path).or_raise()
+}
+
 /// What the command `check` prints as JSON.
 #[pyfunction]
 pub(crate) fn check<'py>(

@@ -125,16 +125,15 @@ impl Plan {
         columns.set_item("settling_time_s", settling.into_pyarray(py))?;
         let saturated: Vec<bool> = results.iter().map(|result| result.saturated).collect();
         columns.set_item("saturated", saturated.into_pyarray(py))?;
-        let parameters: [(&str, fn(&VariantResult) -> f64); 6] = [
-            ("stiffness", |r| r.guide.stiffness),
-            ("bristle_damping", |r| r.guide.bristle_damping),
-            ("viscous_friction", |r| r.guide.viscous_friction),
-            ("coulomb_force", |r| r.guide.coulomb_force),
-            ("static_force", |r| r.guide.static_force),
-            ("stribeck_velocity", |r| r.guide.stribeck_velocity),
-        ];
-        for (name, of) in parameters {
-            columns.set_item(name, column(of).into_pyarray(py))?;
+        for (name, values) in [
+            ("stiffness", column(|r| r.guide.stiffness)),
+            ("bristle_damping", column(|r| r.guide.bristle_damping)),
+            ("viscous_friction", column(|r| r.guide.viscous_friction)),
+            ("coulomb_force", column(|r| r.guide.coulomb_force)),
+            ("static_force", column(|r| r.guide.static_force)),
+            ("stribeck_velocity", column(|r| r.guide.stribeck_velocity)),
+        ] {
+            columns.set_item(name, values.into_pyarray(py))?;
         }
         Ok(columns)
     }

@@ -143,7 +143,7 @@ fn samples(duration: f64, rate: f64) -> PyResult<usize> {
     let count = (duration * rate).ceil();
     // 16 columns of 8 bytes over so many rows are some tens of gigabytes.
     const MOST: f64 = 2e8;
-    if count >= 1.0 && count <= MOST {
+    if (1.0..=MOST).contains(&count) {
         return Ok(count as usize);
     }
     Err(crate::error::raised::MotionError::new_err(format!(

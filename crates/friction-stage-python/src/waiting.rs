@@ -22,6 +22,9 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Time that the caller waits for work that was told to stop.
 const PATIENCE: Duration = Duration::from_secs(1);
 
+/// Name of the threads that work, for whoever looks at the process.
+const NAME: &str = "friction-stage";
+
 /// Unwinds the work that was told to stop.
 struct Stopped;
 
@@ -30,13 +33,16 @@ enum Message<T> {
     Done(Result<T, Box<dyn Any + Send>>),
 }
 
+/// Tells the caller a line and a share.
+type Tell = Box<dyn Fn(&str, f64) + Send>;
+
 /// What work sees of its caller.
 pub(crate) struct Caller {
     /// Stop at once; nobody waits for the result.
     abandoned: Arc<AtomicBool>,
     /// Stop early and return what there is.
     enough: Arc<AtomicBool>,
-    progress: Mutex<Box<dyn Fn(&str, f64) + Send>>,
+    progress: Mutex<Tell>,
 }
 
 impl Caller {
@@ -71,7 +77,7 @@ pub(crate) fn wait_for<T: Send + 'static>(
 ) -> PyResult<T> {
     let (sender, receiver) = channel();
     let (abandoned, enough) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
-    let tell: Box<dyn Fn(&str, f64) + Send> = match progress {
+    let tell: Tell = match progress {
         Some(_) => {
             let sender = sender.clone();
             Box::new(move |what, share| {
@@ -86,10 +92,10 @@ pub(crate) fn wait_for<T: Send + 'static>(
         enough: Arc::clone(&enough),
         progress: Mutex::new(tell),
     };
-    std::thread::spawn(move || {
+    std::thread::Builder::new().name(NAME.to_owned()).spawn(move || {
         let done = catch_unwind(AssertUnwindSafe(|| work(&caller)));
         let _ = sender.send(Message::Done(done));
-    });
+    })?;
     let mut receiver = Some(receiver);
     let interrupted = loop {
         match next(py, &mut receiver, LOOK) {

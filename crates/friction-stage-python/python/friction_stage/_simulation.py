@@ -35,6 +35,4 @@ def simulate(
     columns, rate, moves = _native.simulate(
         model, motion, controller, noise, seed, duration, progress
     )
-    return Trace(
-        columns, rate=rate, moves=tuple(MoveResult(*move) for move in moves), model=model
-    )
+    return Trace(columns, rate=rate, moves=tuple(MoveResult(*move) for move in moves), model=model)

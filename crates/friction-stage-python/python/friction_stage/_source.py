@@ -9,21 +9,11 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ._trace import Trace
+from ._trace import NAMES, Trace
 from .errors import RecordingError
 
 Path: TypeAlias = "str | os.PathLike[str]"
 Progress: TypeAlias = Callable[[str, float], "bool | None"]
-
-NAMES = (
-    "time",
-    "reference_position",
-    "reference_velocity",
-    "reference_acceleration",
-    "position",
-    "force_cell",
-    "force",
-)
 
 
 @runtime_checkable
@@ -51,8 +41,9 @@ def native(source: Recording, name: str) -> NativeSource:
             f"{name} has no column {missing!r}; it has {', '.join(map(str, present)) or 'none'}, "
             f"known names are {', '.join(NAMES)}"
         )
-    return name, {column: _numbers(source[column], name, column) for column in NAMES
-                  if column in present}
+    return name, {
+        column: _numbers(source[column], name, column) for column in NAMES if column in present
+    }
 
 
 def natives(sources: Recording | Sequence[Recording], name: str) -> list[NativeSource]:

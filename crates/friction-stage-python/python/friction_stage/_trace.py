@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -9,10 +10,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _native
+from ._native import Model
+
 if TYPE_CHECKING:
     import pandas as pd
     import polars as pl
     from matplotlib.axes import Axes
+
+NAMES = (
+    "time",
+    "reference_position",
+    "reference_velocity",
+    "reference_acceleration",
+    "position",
+    "force_cell",
+    "force",
+)
+"""Columns that every trace has."""
 
 FloatArray = NDArray[np.float64]
 
@@ -51,6 +66,7 @@ class Trace(Mapping[str, NDArray[Any]]):
     Attributes:
         rate: Samples per second, Hz.
         moves: What became of each move of the motion of a simulation.
+        model: The stage of a simulation or of a run of the laboratory.
         quality: What a recording was like and what was done to it; empty for a simulation.
     """
 
@@ -61,10 +77,12 @@ class Trace(Mapping[str, NDArray[Any]]):
         rate: float,
         moves: tuple[MoveResult, ...] = (),
         quality: Mapping[str, Any] | None = None,
+        model: Model | None = None,
     ) -> None:
         self._columns = dict(columns)
         self.rate = rate
         self.moves = moves
+        self.model = model
         self.quality: dict[str, Any] = dict(quality or {})
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -133,6 +151,11 @@ class Trace(Mapping[str, NDArray[Any]]):
         import polars as pl
 
         return pl.DataFrame(self._columns)
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Writes signals and reference as a CSV file that every command reads; numbers in the
+        shortest form that reads back exactly."""
+        _native.write_csv(path, {name: self._columns[name] for name in NAMES if name in self})
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draws the position error over time with matplotlib; returns the axes."""
