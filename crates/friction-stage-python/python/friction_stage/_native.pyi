@@ -7,6 +7,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+__all__: list[str]
 __version__: str
 
 _Path = str | PathLike[str]
@@ -70,7 +71,7 @@ class Model:
     def warnings(self) -> list[str]:
         """What is allowed but deserves a word."""
 
-    def __eq__(self, other: object) -> bool: ...
+    def __eq__(self, value: object, /) -> bool: ...
 
 @final
 class Motion:
@@ -98,19 +99,19 @@ class Motion:
         ``trajectory_msgs/JointTrajectory`` in YAML."""
 
     @staticmethod
-    def of_moves(moves: Sequence[tuple[float, float, float]], *, lead: float = 0.05) -> Motion:
+    def of_moves(moves: Sequence[tuple[float, float, float]], *, lead: float = ...) -> Motion:
         """Rest-to-rest moves from 0 on: for each its distance (m), its duration (s) and the rest
-        after it (s); ``lead`` s of rest before the first."""
+        after it (s); ``lead`` s of rest before the first (0.05 s)."""
 
     @staticmethod
-    def fast_move(rest: float = 60.0) -> Motion:
-        """The article's fast move: return move of 50 mm, ``rest`` s of rest, then 50 mm in 100 ms
-        forward and back."""
+    def fast_move(rest: float = ...) -> Motion:
+        """The article's fast move: return move of 50 mm, ``rest`` s of rest (a minute), then 50 mm in
+        100 ms forward and back."""
 
     @staticmethod
-    def fine_step(rest: float = 60.0, steps: int = 5) -> Motion:
-        """The article's fine steps: return move of 50 mm, ``rest`` s of rest, then steps of 10 µm
-        in 3 ms."""
+    def fine_step(rest: float = ..., steps: int = 5) -> Motion:
+        """The article's fine steps: return move of 50 mm, ``rest`` s of rest (a minute), then steps of
+        10 µm in 3 ms."""
 
     def to_yaml(self) -> str:
         """The file that ``friction-stage play`` and ``ros2 topic pub`` take."""
@@ -123,7 +124,7 @@ class Motion:
         """Time of the last point, s."""
 
     def __len__(self) -> int: ...
-    def __eq__(self, other: object) -> bool: ...
+    def __eq__(self, value: object, /) -> bool: ...
 
 @final
 class Controller:
@@ -133,7 +134,7 @@ class Controller:
 
     Args:
         model: The stage: its mass and the limit of its motor.
-        bandwidth: Crossover of the open loop, Hz; gains and lowpass follow from it.
+        bandwidth: Crossover of the open loop, Hz (60 Hz); gains and lowpass follow from it.
         rate: Samples per second, Hz.
         mass_feedforward: kg; without, the moving mass.
         viscous_feedforward: N s/m.
@@ -150,7 +151,7 @@ class Controller:
         cls,
         model: Model,
         *,
-        bandwidth: float = 60.0,
+        bandwidth: float = ...,
         rate: float = 4000.0,
         mass_feedforward: float | None = None,
         viscous_feedforward: float = 0.0,
@@ -180,7 +181,7 @@ class Controller:
     def mass_feedforward(self) -> float: ...
     @property
     def viscous_feedforward(self) -> float: ...
-    def __eq__(self, other: object) -> bool: ...
+    def __eq__(self, value: object, /) -> bool: ...
 
 @final
 class Sample:
