@@ -7,7 +7,24 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__: list[str]
+__all__ = [
+    "Controller",
+    "FittedGuide",
+    "Identified",
+    "Model",
+    "Motion",
+    "Plan",
+    "Sample",
+    "Stage",
+    "__version__",
+    "check",
+    "experiment",
+    "fit_guide",
+    "identify",
+    "read_bag",
+    "simulate",
+    "write_csv",
+]
 __version__: str
 
 _Path = str | PathLike[str]
@@ -105,13 +122,13 @@ class Motion:
 
     @staticmethod
     def fast_move(rest: float = ...) -> Motion:
-        """The article's fast move: return move of 50 mm, ``rest`` s of rest (a minute), then 50 mm in
-        100 ms forward and back."""
+        """The article's fast move: return move of 50 mm, ``rest`` s of rest (a minute), then
+        50 mm in 100 ms forward and back."""
 
     @staticmethod
     def fine_step(rest: float = ..., steps: int = 5) -> Motion:
-        """The article's fine steps: return move of 50 mm, ``rest`` s of rest (a minute), then steps of
-        10 µm in 3 ms."""
+        """The article's fine steps: return move of 50 mm, ``rest`` s of rest (a minute), then
+        steps of 10 µm in 3 ms."""
 
     def to_yaml(self) -> str:
         """The file that ``friction-stage play`` and ``ros2 topic pub`` take."""
