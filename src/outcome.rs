@@ -3,6 +3,8 @@
 use std::io::Write as _;
 use std::process::ExitCode;
 
+use friction_stage_report::words::in_one_line;
+
 /// How a command or a node ended, when it did not fail; `main` makes the exit code of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
@@ -39,41 +41,12 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
         Ok(Outcome::Warnings) => ExitCode::from(3),
         Err(error) => {
             // Nobody may read stderr any more, and `eprintln!` would panic of that.
-            let _ = writeln!(std::io::stderr(), "error: {}", in_one_line(&error));
+            let _ = writeln!(std::io::stderr(), "error: {}", in_one_line(error.as_ref()));
             match () {
                 () if error.is::<WrongArguments>() => ExitCode::from(2),
                 () if error.is::<Interrupted>() => ExitCode::from(130),
                 () => ExitCode::FAILURE,
             }
         }
-    }
-}
-
-/// An error with its causes, outermost first. Many an error of the library names its cause in its
-/// own text: not again then.
-fn in_one_line(error: &anyhow::Error) -> String {
-    error.chain().map(ToString::to_string).fold(String::new(), |told, cause| {
-        match told.contains(&cause) {
-            true => told,
-            false if told.is_empty() => cause,
-            false => format!("{told}: {cause}"),
-        }
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_error_is_told_with_each_of_its_causes_once() {
-        #[derive(Debug, thiserror::Error)]
-        #[error("cannot read a.yaml: {source}")]
-        struct Read {
-            source: std::io::Error,
-        }
-        let error = anyhow::Error::new(Read { source: std::io::Error::other("no such file") })
-            .context("parameter model");
-        assert_eq!(in_one_line(&error), "parameter model: cannot read a.yaml: no such file");
     }
 }

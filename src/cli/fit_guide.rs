@@ -8,10 +8,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Outcome;
-use friction_stage_core::model::{Catalogue, CatalogueEntry, Provenance, Quantity};
-use friction_stage_data::bag::{BagReader, topics};
 use friction_stage_data::signals::Trace;
-use friction_stage_lab::{Fitted, GuideFit, RigRecord, fit_guide};
+use friction_stage_lab::{Fitted, GuideConstruction, GuideFit, RigRecord, fit_guide};
 
 /// Fit a guide to recordings of the measuring rig and write it as an entry of a catalogue.
 ///
@@ -92,6 +90,11 @@ pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         }
     };
     anyhow::ensure!(!name.is_empty(), "--name is empty: the entry needs one");
+    let read = |path: &Path| -> anyhow::Result<_> {
+        let (trace, model) = Trace::with_force_cell(path)?;
+        let Trace { time, position, force_cell: force, .. } = trace;
+        Ok((RigRecord { time, position, force }, model.map(|model| model.mass)))
+    };
     let (stribeck, said) = read(&args.stribeck)?;
     let (dahl, _) = read(&args.dahl)?;
     let mass = args.mass.or(said).with_context(|| {
@@ -107,7 +110,24 @@ pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let fit = fit_guide(&stribeck, &dahl, mass).with_context(|| {
         format!("no guide from {} and {}", args.stribeck.display(), args.dahl.display())
     })?;
-    let catalogue = entry(args, &name, &fit)?;
+    let catalogue = fit
+        .catalogue(
+            &name,
+            &GuideConstruction {
+                description: args.description.clone(),
+                seals: args.seals,
+                cage: args.cage,
+                lubricant: args.lubricant.clone(),
+            },
+            &format!(
+                "{} runs of {}, {} rows of {}",
+                fit.windows,
+                args.stribeck.display(),
+                fit.rows,
+                args.dahl.display()
+            ),
+        )?
+        .to_yaml()?;
     std::fs::write(&args.out, &catalogue)
         .with_context(|| format!("cannot write {}", args.out.display()))?;
     let report = Report {
@@ -116,7 +136,12 @@ pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         parameters: fit
             .parameters()
             .into_iter()
-            .map(|(name, Fitted { value, ci95 })| Parameter { name, value, unit: unit(name), ci95 })
+            .map(|(name, Fitted { value, ci95 })| Parameter {
+                name,
+                value,
+                unit: GuideFit::unit(name),
+                ci95,
+            })
             .collect(),
         runs: fit.windows,
         rows: fit.rows,
@@ -131,80 +156,6 @@ pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         print(out, &report)?;
     }
     Ok(if report.warnings.is_empty() { Outcome::Done } else { Outcome::Warnings })
-}
-
-/// Encoder and force cell of a bag, and the mass of its model's carriage, if it has one.
-fn read(path: &Path) -> anyhow::Result<(RigRecord, Option<f64>)> {
-    let reader = BagReader::open(path)?;
-    let needed = topics::FORCE_CELL;
-    anyhow::ensure!(
-        reader.topic(needed).is_some_and(|topic| topic.messages > 0),
-        "{} has no messages on {needed} (geometry_msgs/msg/WrenchStamped); it has {}",
-        path.display(),
-        match reader.topics() {
-            [] => "no topics".to_owned(),
-            topics => topics.iter().map(|topic| topic.name.as_str()).collect::<Vec<_>>().join(", "),
-        }
-    );
-    let trace = Trace::from_reader(&reader)?;
-    let mass = reader.model()?.map(|model| model.mass);
-    Ok((RigRecord { time: trace.time, position: trace.position, force: trace.force_cell }, mass))
-}
-
-fn unit(name: &str) -> &'static str {
-    match name {
-        "stiffness" => "N/m",
-        "bristle_damping" | "viscous_friction" => "N s/m",
-        "coulomb_force" | "static_force" => "N",
-        _ => "m/s",
-    }
-}
-
-/// The entry as a catalogue of one.
-fn entry(args: &FitGuideArgs, name: &str, fit: &GuideFit) -> anyhow::Result<String> {
-    let source = format!(
-        "fit-guide {}: {} runs of {}, {} rows of {}",
-        env!("CARGO_PKG_VERSION"),
-        fit.windows,
-        args.stribeck.display(),
-        fit.rows,
-        args.dahl.display()
-    );
-    let quantity = |name: &str, fitted: Fitted| Quantity {
-        value: fitted.value,
-        unit: unit(name).to_owned(),
-        provenance: Provenance::Measured,
-        source: source.clone(),
-        ci95: Some(fitted.ci95),
-    };
-    let stribeck_velocity = match fit.stribeck_velocity {
-        Some(fitted) => quantity("stribeck_velocity", fitted),
-        None => Quantity {
-            value: fit.guide().stribeck_velocity,
-            unit: unit("stribeck_velocity").to_owned(),
-            provenance: Provenance::Assumed,
-            source: "without effect while Fs = Fc: the friction level does not fall with velocity"
-                .to_owned(),
-            ci95: None,
-        },
-    };
-    let entry = CatalogueEntry {
-        description: args.description.clone(),
-        seals: args.seals,
-        lubricant: args.lubricant.clone(),
-        cage: args.cage,
-        stiffness: quantity("stiffness", fit.stiffness),
-        bristle_damping: quantity("bristle_damping", fit.bristle_damping),
-        viscous_friction: quantity("viscous_friction", fit.viscous_friction),
-        coulomb_force: quantity("coulomb_force", fit.coulomb_force),
-        static_force: quantity("static_force", fit.static_force),
-        stribeck_velocity,
-        effective_stiffness: Vec::new(),
-        distributed_bristles: None,
-    };
-    let mut catalogue = Catalogue::default();
-    catalogue.insert(name.to_owned(), entry, "the fit")?;
-    Ok(catalogue.to_yaml()?)
 }
 
 fn print(out: &mut dyn Write, report: &Report) -> std::io::Result<()> {

@@ -1,23 +1,20 @@
 //! `friction-stage play`: a motion from a file, on a stage and its controller over ROS 2.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::{Outcome, WrongArguments};
 use crate::cpu;
 use crate::node::driver::{Driver, LockstepRun};
-use friction_stage_core::control::Point;
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::Rates;
-use friction_stage_data::bag::topics;
-use friction_stage_data::message::{self, JointTrajectory, JointTrajectoryPoint};
-use friction_stage_data::wire::{Setpoint, setpoint};
+use friction_stage_data::motion_file;
 
 /// Play a motion on a stage over ROS 2 and record it.
 ///
@@ -56,49 +53,10 @@ pub struct PlayArgs {
     pub json: bool,
 }
 
-/// Largest factor that is not a slip.
-const LARGEST_STRETCH: f64 = 1000.0;
-
 fn stretch(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
-    if (LARGEST_STRETCH.recip()..=LARGEST_STRETCH).contains(&value) {
-        Ok(value)
-    } else {
-        Err(format!("{value} must be between {} and {LARGEST_STRETCH}", LARGEST_STRETCH.recip()))
-    }
-}
-
-/// A `trajectory_msgs/JointTrajectory` in YAML; what a file leaves out is empty or 0, as
-/// `ros2 topic pub` has it.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    /// When to start is said by whoever plays it.
-    #[serde(default, rename = "header")]
-    _header: serde::de::IgnoredAny,
-    joint_names: Vec<String>,
-    points: Vec<FilePoint>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct FilePoint {
-    positions: Vec<f64>,
-    #[serde(default)]
-    velocities: Vec<f64>,
-    #[serde(default)]
-    accelerations: Vec<f64>,
-    #[serde(default)]
-    effort: Vec<f64>,
-    #[serde(default)]
-    time_from_start: FileDuration,
-}
-
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct FileDuration {
-    sec: i32,
-    nanosec: u32,
+    motion_file::check_stretch(value).map_err(|error| error.to_string())?;
+    Ok(value)
 }
 
 /// What was played.
@@ -114,59 +72,12 @@ struct PlayReport {
     complete: bool,
 }
 
-/// The points of a motion file, checked as the nodes check them.
-fn load(path: &Path) -> anyhow::Result<Vec<Point>> {
-    let text =
-        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
-    points(&text).with_context(|| format!("{} is no motion", path.display()))
-}
-
-fn points(text: &str) -> anyhow::Result<Vec<Point>> {
-    let file: File = serde_saphyr::from_str(text)
-        .map_err(|error| anyhow::anyhow!("{}", error.without_snippet()))?;
-    let points = file
-        .points
-        .into_iter()
-        .map(|point| JointTrajectoryPoint {
-            positions: point.positions,
-            velocities: point.velocities,
-            accelerations: point.accelerations,
-            effort: point.effort,
-            time_from_start: message::Duration {
-                sec: point.time_from_start.sec,
-                nanosec: point.time_from_start.nanosec,
-            },
-        })
-        .collect();
-    let message =
-        JointTrajectory { joint_names: file.joint_names, points, ..JointTrajectory::default() };
-    match setpoint(&message, topics::JOINT, 0)? {
-        Setpoint::Motion(motion) => Ok(motion.points().to_vec()),
-        Setpoint::Now(_) => {
-            anyhow::bail!("one point without a time_from_start is a setpoint and no motion")
-        }
-    }
-}
-
-/// The same way in `factor` times the time.
-fn stretched(points: &[Point], factor: f64) -> Vec<Point> {
-    points
-        .iter()
-        .map(|point| Point {
-            time: (point.time as f64 * factor).round() as i64,
-            velocity: point.velocity.map(|velocity| velocity / factor),
-            acceleration: point.acceleration.map(|acceleration| acceleration / (factor * factor)),
-            ..*point
-        })
-        .collect()
-}
-
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
-    let points = stretched(&load(&args.motion)?, args.stretch);
+    let points = motion_file::stretched(&motion_file::load(&args.motion)?, args.stretch);
     // Told here, not from the log of a node.
     let model = StageModel::named(&args.model)?;
-    let mass = model.mass + model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
+    let mass = model.moving_mass();
     if args.record.exists() {
         return Err(WrongArguments(format!(
             "{} exists already: choose another --record",
@@ -248,7 +159,9 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use friction_stage_core::control::Point;
+    use friction_stage_data::bag::topics;
+    use friction_stage_data::motion_file::{from_yaml, stretched};
     use friction_stage_identify::next_experiment::trajectory_yaml;
 
     #[test]
@@ -262,36 +175,11 @@ mod tests {
         };
         let given = [point(1_500_000_000, -1e-6), point(2_000_000_001, 0.02)];
         let text = trajectory_yaml(&given, topics::JOINT, &["a comment".to_owned()]);
-        assert_eq!(points(&text).unwrap(), given);
+        assert_eq!(from_yaml(&text, "next.yaml").unwrap(), given);
         let slower = stretched(&given, 2.0);
         assert_eq!(
             (slower[0].time, slower[0].velocity, slower[0].acceleration),
             (3_000_000_000, Some(-0.125), Some(0.375))
         );
-    }
-
-    #[test]
-    fn a_file_that_is_no_motion_is_refused_with_the_reason() {
-        for (text, words) in [
-            ("joint_names: [stage]\npoints: []", "no points"),
-            (
-                "joint_names: [slider]\npoints: [{positions: [0.1], time_from_start: {sec: 1}}]",
-                "no joint `stage` among [slider]",
-            ),
-            ("joint_names: [stage]\npoints: [{position: [0.1]}]", "position"),
-            ("joint_names: [stage]\npoints: [{positions: [0.1]}]", "setpoint and no motion"),
-            (
-                "joint_names: [stage]\npoints: [{positions: [0.1, 0.2], time_from_start: {sec: \
-                 1}}]",
-                "2 positions for 1 joints",
-            ),
-            (
-                "joint_names: [stage]\npoints: [{positions: [.nan], time_from_start: {sec: 1}}]",
-                "finite",
-            ),
-        ] {
-            let told = format!("{:#}", points(text).unwrap_err());
-            assert!(told.contains(words), "{words:?} is not in {told:?}");
-        }
     }
 }

@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::selection_output::finish;
 use super::{Interrupted, Outcome};
-use friction_stage_core::model::{Catalogue, nearest};
+use friction_stage_core::model::Catalogue;
 use friction_stage_lab::{
     Application, SelectionPlan, Shard, Sheet, VariantExperiment, VariantRows,
 };
@@ -132,16 +132,5 @@ fn database(args: &SelectArgs) -> anyhow::Result<Catalogue> {
     if args.guides.is_empty() {
         return Ok(all);
     }
-    let mut chosen = Catalogue::default();
-    for name in &args.guides {
-        let Some(entry) = all.entry(name) else {
-            let known = all.names().collect::<Vec<_>>().join(", ");
-            anyhow::bail!(
-                "--guides: unknown guide `{name}`{}; known are {known}",
-                nearest(name, all.names())
-            );
-        };
-        chosen.insert(name.clone(), entry.clone(), "--guides")?;
-    }
-    Ok(chosen)
+    all.only(&args.guides).context("--guides")
 }

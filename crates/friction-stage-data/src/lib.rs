@@ -33,6 +33,7 @@
 
 pub mod bag;
 pub mod message;
+pub mod motion_file;
 pub mod quality;
 pub mod signals;
 pub mod wire;

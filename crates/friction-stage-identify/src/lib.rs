@@ -78,7 +78,7 @@ pub use next_experiment::{Limits, NextExperiment, NextExperimentError, Plan};
 pub use record::joined::joined;
 pub use record::lowpass::ZeroPhaseLowpass;
 pub use record::measured::{Floor, MIN_SAMPLES, Measured, Step};
-pub use record::records::{Record, Records, RecordsError};
+pub use record::records::{Record, RecordSource, Records, RecordsError};
 pub use record::spectrum;
 pub use residual::missing::Missing;
 pub use search::phase::{RippleElsewhere, ripple_elsewhere};

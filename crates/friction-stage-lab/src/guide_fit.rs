@@ -12,7 +12,9 @@ use std::slice;
 
 use super::least_squares::{FitError, Minimum, minimise};
 use super::specimen::LabRecording as Recording;
-use friction_stage_core::model::Guide;
+use friction_stage_core::model::{
+    Catalogue, CatalogueEntry, Guide, ModelError, Provenance, Quantity,
+};
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::numerics::correlation::correlation_length;
 use friction_stage_core::plant::GuideBank;
@@ -68,6 +70,28 @@ pub struct GuideFit {
     pub force_rms: f64,
     pub noise_rms: f64,
     pub warnings: Vec<String>,
+}
+
+/// How a fitted guide is built, which no recording shows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GuideConstruction {
+    /// What the guide is, in words.
+    pub description: String,
+    pub seals: bool,
+    pub cage: bool,
+    pub lubricant: String,
+}
+
+impl Default for GuideConstruction {
+    /// Nothing is known: without seals, it is never chosen where sealing is required.
+    fn default() -> GuideConstruction {
+        GuideConstruction {
+            description: "fitted to recordings".to_owned(),
+            seals: false,
+            cage: false,
+            lubricant: "unknown".to_owned(),
+        }
+    }
 }
 
 /// Recordings from which no guide can be fitted.
@@ -393,6 +417,63 @@ impl GuideFit {
             .into_iter()
             .chain(self.stribeck_velocity.map(|fitted| ("stribeck_velocity", fitted)))
             .collect()
+    }
+
+    /// Unit of a parameter.
+    pub fn unit(name: &str) -> &'static str {
+        match name {
+            "stiffness" => "N/m",
+            "bristle_damping" | "viscous_friction" => "N s/m",
+            "coulomb_force" | "static_force" => "N",
+            _ => "m/s",
+        }
+    }
+
+    /// A catalogue of this guide alone. `recordings` says what it was fitted to.
+    pub fn catalogue(
+        &self,
+        name: &str,
+        construction: &GuideConstruction,
+        recordings: &str,
+    ) -> Result<Catalogue, ModelError> {
+        let source = format!("fit-guide {}: {recordings}", env!("CARGO_PKG_VERSION"));
+        let quantity = |name: &str, fitted: Fitted| Quantity {
+            value: fitted.value,
+            unit: GuideFit::unit(name).to_owned(),
+            provenance: Provenance::Measured,
+            source: source.clone(),
+            ci95: Some(fitted.ci95),
+        };
+        let stribeck_velocity = match self.stribeck_velocity {
+            Some(fitted) => quantity("stribeck_velocity", fitted),
+            None => Quantity {
+                value: self.guide().stribeck_velocity,
+                unit: GuideFit::unit("stribeck_velocity").to_owned(),
+                provenance: Provenance::Assumed,
+                source: "without effect while Fs = Fc: the friction level does not fall with \
+                         velocity"
+                    .to_owned(),
+                ci95: None,
+            },
+        };
+        let GuideConstruction { description, seals, cage, lubricant } = construction.clone();
+        let entry = CatalogueEntry {
+            description,
+            seals,
+            lubricant,
+            cage,
+            stiffness: quantity("stiffness", self.stiffness),
+            bristle_damping: quantity("bristle_damping", self.bristle_damping),
+            viscous_friction: quantity("viscous_friction", self.viscous_friction),
+            coulomb_force: quantity("coulomb_force", self.coulomb_force),
+            static_force: quantity("static_force", self.static_force),
+            stribeck_velocity,
+            effective_stiffness: Vec::new(),
+            distributed_bristles: None,
+        };
+        let mut catalogue = Catalogue::default();
+        catalogue.insert(name.to_owned(), entry, "the fit")?;
+        Ok(catalogue)
     }
 
     fn warn(&mut self, guide: &Guide, loops: &Motion) {

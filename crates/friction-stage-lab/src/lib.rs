@@ -19,6 +19,7 @@
 mod application;
 mod dahl;
 mod distributed_fit;
+mod experiment;
 mod fast_move;
 mod fine_step;
 mod frequency_response;
@@ -46,16 +47,20 @@ pub use dahl::{
     hysteresis_loop, length,
 };
 pub use distributed_fit::{DistributedFit, NoDistributedFit, best_single, fit as fit_distributed};
+pub use experiment::{
+    Experiment, ExperimentFindings, ExperimentPlan, ExperimentResults, Keep, SpecimenHunting,
+    SpecimenRig, StiffnessFit, check_amplitude, check_rest,
+};
 pub use fast_move::{FastMove, WAVE, fast_move};
 pub use fine_step::{FineStep, STEPS, fine_step};
 pub use frequency_response::{
     FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response,
 };
-pub use guide_fit::{Fitted, GuideFit, GuideFitError, RigRecord, fit_guide};
+pub use guide_fit::{Fitted, GuideConstruction, GuideFit, GuideFitError, RigRecord, fit_guide};
 pub use hidden_effect::HiddenEffect;
 pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};
 pub use least_squares::{FitError, Minimum, minimise};
-pub use paper::{Conditioning, Move, MoveKind, PaperMotion};
+pub use paper::{Conditioning, Move, MoveError, MoveKind, PaperMotion};
 pub use quick_loops::{QUICK_LOOPS, quick_loops};
 pub use rig::{RIG_TICKS, RigBias, rig};
 pub use rows::{RowsError, Sheet, VariantRows, merge_shards};

@@ -12,9 +12,6 @@ const FINE: (f64, f64) = (10e-6, 3e-3);
 /// Time to settle after a fast move and after a fine step, s. Assumed: longer than the slowest
 /// guide needs.
 const SETTLE: (f64, f64) = (0.9, 0.5);
-/// Lead-in at rest before the conditioning move, s.
-const LEAD: f64 = 0.05;
-
 /// What comes before a move that is judged, as the paper prepares its moves (section 4): a move the
 /// other way and a rest.
 ///
@@ -90,14 +87,70 @@ pub struct PaperMotion {
     pub moves: Vec<Move>,
 }
 
+impl MoveKind {
+    /// Name for other programs.
+    pub fn name(self) -> &'static str {
+        match self {
+            MoveKind::Conditioning => "conditioning",
+            MoveKind::FastForward => "fast_forward",
+            MoveKind::FastReturn => "fast_return",
+            MoveKind::FineStep => "fine_step",
+            MoveKind::Application => "move",
+        }
+    }
+}
+
+/// A move that cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("move {index}: the {quantity} is {value}, must be {limit}")]
+pub struct MoveError {
+    /// Number of the move, from 0.
+    pub index: usize,
+    pub quantity: &'static str,
+    pub value: f64,
+    pub limit: &'static str,
+}
+
 impl PaperMotion {
+    /// Lead-in at rest before the first move, s.
+    pub const LEAD: f64 = 0.05;
+    /// Longest duration or rest of a move of one's own, s: an hour.
+    const LONGEST: f64 = 3600.0;
+
+    /// `lead` s at rest at 0, then moves of one's own: each a distance (m), its duration (s) and
+    /// the rest after it (s).
+    pub fn of_moves(lead: f64, moves: &[(f64, f64, f64)]) -> Result<PaperMotion, MoveError> {
+        let mut motion = PaperMotion { points: Vec::new(), moves: Vec::new() };
+        let long = |value: f64| (0.0..=PaperMotion::LONGEST).contains(&value);
+        let refuse = |index, quantity, value, limit| MoveError { index, quantity, value, limit };
+        let at_most = "0 to 3600 s";
+        if !long(lead) {
+            return Err(refuse(0, "lead", lead, at_most));
+        }
+        motion.point(lead, 0.0);
+        for (index, &(distance, duration, rest)) in moves.iter().enumerate() {
+            if !distance.is_finite() {
+                return Err(refuse(index, "distance", distance, "finite"));
+            }
+            // Half a nanosecond is the resolution of a point.
+            if !(duration >= 1e-9 && long(duration)) {
+                return Err(refuse(index, "duration", duration, "1e-9 to 3600 s"));
+            }
+            if !long(rest) {
+                return Err(refuse(index, "rest", rest, at_most));
+            }
+            motion.travel(MoveKind::Application, distance, duration, rest);
+        }
+        Ok(motion)
+    }
+
     /// Return move of 50 mm, `rest` s of rest, forward and return move of 50 mm, then `fine_steps`
     /// steps of 10 um forward.
     ///
     /// The return move prepares the steps as well: they come after `rest` s, but not before the
     /// move is watched.
     pub fn new(rest: f64, fine_steps: usize) -> PaperMotion {
-        let mut motion = PaperMotion::conditioned(LEAD, &Conditioning::resting(rest));
+        let mut motion = PaperMotion::conditioned(PaperMotion::LEAD, &Conditioning::resting(rest));
         let watched = if fine_steps > 0 { rest.max(SETTLE.0) } else { SETTLE.0 };
         motion.travel(MoveKind::FastForward, FAST.0, FAST.1, SETTLE.0);
         motion.travel(MoveKind::FastReturn, -FAST.0, FAST.1, watched);
@@ -113,7 +166,7 @@ impl PaperMotion {
     /// As the paper prepares its fine steps: return move of 50 mm, `rest` s of rest, then `steps`
     /// steps forward.
     pub fn fine(rest: f64, steps: usize) -> PaperMotion {
-        PaperMotion::conditioned(LEAD, &Conditioning::resting(rest)).fine_steps(steps)
+        PaperMotion::conditioned(PaperMotion::LEAD, &Conditioning::resting(rest)).fine_steps(steps)
     }
 
     /// `lead` s at rest at 0, then the conditioning; whatever is judged comes behind it.

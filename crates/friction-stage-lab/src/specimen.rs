@@ -10,6 +10,7 @@ use friction_stage_core::model::{Guide, GuideSource, MAX_GUIDES, ModelError, Sta
 use friction_stage_core::plant::effects::{EffectDescriptor, Effects, Role};
 use friction_stage_core::plant::{Rates, Sample, Stage};
 
+use super::distributed_fit::NoDistributedFit;
 use friction_stage_core::ClosedLoop;
 
 /// Bandwidth of the rig's position servo, Hz. Assumed: the paper says closed loop and no more; as
@@ -45,11 +46,24 @@ pub enum LabError {
     Controller(#[from] ControllerError),
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
+    #[error(transparent)]
+    Distributed(#[from] NoDistributedFit),
     #[error(
         "{experiment} on {specimen} needs more force than the motor has ({limit} N) in {samples} \
          samples: raise motor.force_limit or use a lighter stage"
     )]
     MotorLimit { experiment: &'static str, specimen: String, limit: f64, samples: u64 },
+    #[error(
+        "{guide} has no distributed bristles in the catalogue: the paper gives several stiffnesses \
+         for guide_1 only"
+    )]
+    NoDistributedBristles { guide: String },
+    #[error("{value} must be {limit}")]
+    Limit { value: f64, limit: &'static str },
+    #[error("amplitudes are for the loops of dahl, not for {experiment}")]
+    NoLoops { experiment: &'static str },
+    #[error("two of the guides and models are called `{name}`: give each a name of its own")]
+    SameName { name: String },
     #[error("{experiment} on {specimen}: {what}")]
     Signal { experiment: &'static str, specimen: String, what: String },
 }
@@ -198,7 +212,7 @@ impl Specimen {
         gains: Gains,
         points: Vec<Point>,
     ) -> Result<ClosedLoop, LabError> {
-        let mass = self.servo_mass();
+        let mass = self.rig.moving_mass();
         let paper =
             ControllerSettings::paper(mass, settings.rates.control(), self.rig.motor.force_limit);
         closed_loop(&self.rig, settings, ControllerSettings { gains, ..paper }, points)
@@ -206,11 +220,7 @@ impl Specimen {
 
     /// Gains of the rig's servo for a bandwidth in Hz.
     pub fn servo(&self, bandwidth: f64) -> Gains {
-        Gains::from_bandwidth(bandwidth, self.servo_mass())
-    }
-
-    fn servo_mass(&self) -> f64 {
-        self.rig.mass + self.rig.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass)
+        Gains::from_bandwidth(bandwidth, self.rig.moving_mass())
     }
 
     /// The stage under the paper's controller (section 4), with `viscous` N s/m of viscous

@@ -8,13 +8,6 @@ use friction_stage_identify::{Limits, Record};
 
 /// Name of the motion in the directory of the results.
 pub const FILE: &str = "next_experiment.yaml";
-/// Largest speed where none is given, m/s: the paper's fast move, 50 mm in 100 ms, peaks at 0.94
-/// m/s.
-const SPEED: f64 = 1.0;
-/// Duration where none is given, s. Assumed: long enough for several pieces, short enough to be
-/// played twice.
-const DURATION: f64 = 20.0;
-
 /// What the next experiment may do.
 #[derive(Debug, Clone, PartialEq, Args)]
 pub struct LimitArgs {
@@ -28,13 +21,13 @@ pub struct LimitArgs {
     )]
     pub stroke: Option<Vec<f64>>,
     /// Its largest speed, m/s
-    #[arg(long, value_name = "M/S", default_value_t = SPEED, requires = "next_experiment")]
+    #[arg(long, value_name = "M/S", default_value_t = Limits::SPEED, requires = "next_experiment")]
     pub max_speed: f64,
     /// Its largest motor force, N [default: that of the model's motor]
     #[arg(long, value_name = "N", requires = "next_experiment")]
     pub max_force: Option<f64>,
     /// About how long it may take, s
-    #[arg(long, value_name = "SECONDS", default_value_t = DURATION, requires = "next_experiment")]
+    #[arg(long, value_name = "SECONDS", default_value_t = Limits::DURATION, requires = "next_experiment")]
     pub max_duration: f64,
 }
 
@@ -43,12 +36,12 @@ impl LimitArgs {
     /// are wrong arguments.
     pub fn limits(&self, model: &StageModel, train: &Record) -> anyhow::Result<Limits> {
         let stroke = match self.stroke.as_deref() {
-            Some([low, high]) => (*low, *high),
-            _ => train.stroke(),
+            Some([low, high]) => Some((*low, *high)),
+            _ => None,
         };
-        let force = self.max_force.unwrap_or(model.motor.force_limit);
-        let limits = Limits { stroke, speed: self.max_speed, force, duration: self.max_duration };
-        limits.check(model).map_err(|error| WrongArguments(format!("next experiment: {error}")))?;
+        let (speed, duration) = (Some(self.max_speed), Some(self.max_duration));
+        let limits = Limits::given(stroke, speed, self.max_force, duration, model, train)
+            .map_err(|error| WrongArguments(format!("next experiment: {error}")))?;
         Ok(limits)
     }
 }

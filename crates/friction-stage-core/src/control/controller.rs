@@ -3,6 +3,7 @@
 use super::lowpass::Lowpass;
 use super::pid::{AntiWindup, Gains, Pid};
 use super::trajectory::{Follower, Reference};
+use crate::model::StageModel;
 
 /// What a controller is made of. Rates in Hz.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,12 +71,25 @@ pub struct Controller {
 }
 
 impl ControllerSettings {
+    /// Bandwidth of the paper's controller, Hz (section 4).
+    pub const PAPER_BANDWIDTH: f64 = 60.0;
+
+    /// The paper's controller for what a stage moves and its motor can, with another bandwidth and
+    /// rate (Hz).
+    pub fn of_model(model: &StageModel, bandwidth: f64, rate: f64) -> ControllerSettings {
+        let mass = model.moving_mass();
+        ControllerSettings {
+            gains: Gains::from_bandwidth(bandwidth, mass),
+            ..ControllerSettings::paper(mass, rate, model.motor.force_limit)
+        }
+    }
+
     /// The controller of the paper's section 4 for a stage of `mass` kg: 60 Hz PID with lowpass,
     /// ideal mass feedforward.
     pub fn paper(mass: f64, rate: f64, force_limit: f64) -> ControllerSettings {
         ControllerSettings {
             rate,
-            gains: Gains::from_bandwidth(60.0, mass),
+            gains: Gains::from_bandwidth(ControllerSettings::PAPER_BANDWIDTH, mass),
             anti_windup: AntiWindup::ConditionalIntegration,
             limits: (-force_limit, force_limit),
             mass_feedforward: mass,

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::Guide;
-use super::error::ModelError;
+use super::error::{ModelError, nearest};
 
 /// Guides by name. The built-in catalogue holds the three guides of the paper; a user's own stand
 /// beside them.
@@ -190,6 +190,20 @@ impl Catalogue {
         }
         self.entries.insert(name, entry);
         Ok(())
+    }
+
+    /// Those of its guides that have one of these names.
+    pub fn only(&self, names: &[impl AsRef<str>]) -> Result<Catalogue, ModelError> {
+        let mut chosen = Catalogue::default();
+        for name in names.iter().map(AsRef::as_ref) {
+            let entry = self.entry(name).ok_or_else(|| ModelError::NotInCatalogue {
+                name: name.to_owned(),
+                hint: nearest(name, self.names()),
+                known: self.names().collect::<Vec<_>>().join(", "),
+            })?;
+            chosen.insert(name.to_owned(), entry.clone(), "the chosen guides")?;
+        }
+        Ok(chosen)
     }
 
     /// Whether it has no guide.

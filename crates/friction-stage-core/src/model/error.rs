@@ -20,6 +20,8 @@ pub enum ModelError {
     GuideCount { found: usize },
     #[error("{key}: unknown guide `{name}`{hint}; the catalogue has {known}")]
     UnknownGuide { key: String, name: String, hint: String, known: String },
+    #[error("unknown guide `{name}`{hint}; known are {known}")]
+    NotInCatalogue { name: String, hint: String, known: String },
     #[error("effects: unknown effect `{name}`{hint}; known are {known}")]
     UnknownEffect { name: String, hint: String, known: String },
     #[error("effects.{effect}: unknown parameter `{name}`{hint}; it takes {known}")]

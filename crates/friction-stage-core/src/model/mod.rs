@@ -273,6 +273,11 @@ impl StageModel {
         self
     }
 
+    /// What the motor moves, kg: the carriage, and with a coupling the motor's own mass.
+    pub fn moving_mass(&self) -> f64 {
+        self.mass + self.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass)
+    }
+
     /// The guides' parameters, catalogue names resolved.
     pub fn resolved_guides(&self) -> Result<Vec<Guide>, ModelError> {
         let catalogue = Catalogue::builtin();

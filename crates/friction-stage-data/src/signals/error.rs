@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 
 use crate::bag::BagError;
+use friction_stage_core::model::ModelError;
 
 /// Why the signals of a recording could not be read, with the place and what would be right.
 #[derive(Debug, Error)]
@@ -12,6 +13,9 @@ pub enum SignalError {
     /// The recording itself could not be read or written.
     #[error(transparent)]
     Bag(#[from] BagError),
+    /// The model in a bag cannot be read.
+    #[error(transparent)]
+    Model(#[from] ModelError),
     /// A recording lacks a signal that a trace needs.
     #[error("{} has no {signal}: it needs {needs}; it has {has}", path.display())]
     MissingSignal {
@@ -55,6 +59,18 @@ pub enum SignalError {
         place: String,
         /// What is wrong and what would be right.
         reason: String,
+    },
+    /// Columns in memory that are no table.
+    #[error("{}: {count} values of {column} for {rows} of time: give one for each row", name.display())]
+    Columns {
+        /// What stands for their path.
+        name: PathBuf,
+        /// The column.
+        column: &'static str,
+        /// Its values.
+        count: usize,
+        /// Values of time.
+        rows: usize,
     },
     /// Too few samples for a rate.
     #[error(

@@ -7,6 +7,7 @@
 
 use std::path::Path;
 
+use super::columns::Columns;
 use super::data_quality::{DataQuality, SignalNote, SignalQuality};
 use super::error::SignalError;
 use super::grid::{self, Grid, stretches};
@@ -30,17 +31,29 @@ const AT_ONCE: u64 = 128 * 1024 * 1024;
 pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recording, SignalError> {
     let path = path.as_ref();
     let (source, mapping) = Source::open(path, mapping)?;
+    on_grid(path, &source, &mapping)
+}
+
+/// Brings columns in memory onto a uniform grid, as [`load`] does with those of a file. Columns
+/// that are empty or hold no number are not recorded; `name` stands for the path in errors and
+/// findings.
+pub fn from_columns(name: impl AsRef<Path>, columns: &Trace) -> Result<Recording, SignalError> {
+    let name = name.as_ref();
+    on_grid(name, &Source::Columns(Columns::new(name, columns)?), &Mapping::own_csv())
+}
+
+fn on_grid(path: &Path, source: &Source, mapping: &Mapping) -> Result<Recording, SignalError> {
     let mut loading = Loading {
-        source: &source,
-        mapping: &mapping,
-        notes: same_place(&mapping),
+        source,
+        mapping,
+        notes: same_place(mapping),
         filled: Vec::new(),
         between: Vec::new(),
     };
     let missing = || SignalError::MissingSignal {
         path: path.to_owned(),
         signal: Signal::Position.name(),
-        needs: needs(&mapping),
+        needs: needs(mapping),
         has: source.inventory(),
     };
     let measured = [Signal::Position, Signal::Velocity]
@@ -69,7 +82,7 @@ pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recordi
     let grid = grid::grid(
         &stamps,
         &values[0],
-        mapping.rate.filter(|_| !is_clock(&mapping)),
+        mapping.rate.filter(|_| !is_clock(mapping)),
         &quality[0].place,
     )?;
     let mut trace = Trace { origin_ns: grid.origin_ns, ..Trace::default() };
@@ -174,7 +187,7 @@ fn needs(mapping: &Mapping) -> String {
 }
 
 struct Loading<'a> {
-    source: &'a Source,
+    source: &'a Source<'a>,
     mapping: &'a Mapping,
     notes: Vec<SignalNote>,
     /// Rows of the forces that stand in place of missing samples, and those between samples of the

@@ -6,6 +6,7 @@
 
 mod array_table;
 mod arrays;
+mod columns;
 mod csv_table;
 mod data_quality;
 mod error;
@@ -29,7 +30,7 @@ pub use data_quality::{DataQuality, SignalNote, SignalQuality};
 pub use error::SignalError;
 pub use grid::ClockKind;
 pub use import::{ImportReport, import};
-pub use load::load;
+pub use load::{from_columns, load};
 pub use mapping::{Mapping, Signal};
 pub use proposal::{Proposal, ProposedSignal, TableColumn};
 pub use recording::Recording;

@@ -7,6 +7,7 @@
 use std::path::Path;
 
 use super::array_table::is_array_file;
+use super::columns::Columns;
 use super::csv_table::CsvFile;
 use super::data_quality::SignalNote;
 use super::error::SignalError;
@@ -40,12 +41,13 @@ pub(crate) struct Request {
 }
 
 /// An open recording.
-pub(crate) enum Source {
+pub(crate) enum Source<'a> {
     Bag(BagReader),
     Csv(CsvFile),
+    Columns(Columns<'a>),
 }
 
-impl Source {
+impl Source<'_> {
     /// Opens a bag, or a table if `path` is one ([`is_table`]).
     pub fn open(path: &Path, mapping: Option<&Mapping>) -> Result<(Self, Mapping), SignalError> {
         let is_csv = is_table(path, mapping);
@@ -75,6 +77,7 @@ impl Source {
                 reader.topic(topic).map(|t| t.messages).filter(|&messages| messages > 0)
             }
             (Self::Csv(file), Place::Column(_)) => file.has(source).then_some(0),
+            (Self::Columns(columns), Place::Column(column)) => columns.expected(column),
             _ => None,
         }
     }
@@ -92,6 +95,7 @@ impl Source {
                 names.join(", ")
             }
             Self::Csv(file) => file.inventory(),
+            Self::Columns(columns) => columns.inventory(),
         }
     }
 
@@ -104,6 +108,7 @@ impl Source {
         match self {
             Self::Bag(reader) => read_bag(reader, requests, joint),
             Self::Csv(file) => file.read(requests),
+            Self::Columns(columns) => Ok(columns.read(requests)),
         }
     }
 }

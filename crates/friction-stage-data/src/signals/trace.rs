@@ -12,6 +12,7 @@ use crate::bag::topics;
 use crate::bag::{BagError, BagMessage, BagReader};
 use crate::message::{ControllerState, Header, JointState, JointTrajectory, WrenchStamped};
 use friction_stage_core::control::Terms;
+use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::Sample;
 
 /// Columns of one run, all of the same length, in SI units. A value that the recording lacks is
@@ -113,20 +114,26 @@ impl Trace {
         Self::from_reader(&BagReader::open(path)?)
     }
 
+    /// As [`from_bag`](Self::from_bag), from a bag that must have the force cell; with the model
+    /// that the bag holds, if it does.
+    pub fn with_force_cell(
+        path: impl AsRef<Path>,
+    ) -> Result<(Self, Option<StageModel>), SignalError> {
+        let reader = BagReader::open(path)?;
+        if reader.topic(topics::FORCE_CELL).is_none_or(|topic| topic.messages == 0) {
+            return Err(missing(
+                &reader,
+                "force cell",
+                format!("messages on {} (geometry_msgs/msg/WrenchStamped)", topics::FORCE_CELL),
+            ));
+        }
+        let trace = Self::from_reader(&reader)?;
+        Ok((trace, reader.model()?))
+    }
+
     /// As [`from_bag`](Self::from_bag), from a bag that is open.
     pub fn from_reader(reader: &BagReader) -> Result<Self, SignalError> {
-        let missing = |signal, needs: String| SignalError::MissingSignal {
-            path: reader.path().to_owned(),
-            signal,
-            needs,
-            has: match reader.topics() {
-                [] => "no topics".into(),
-                topics => {
-                    let names: Vec<_> = topics.iter().map(|t| t.name.as_str()).collect();
-                    names.join(", ")
-                }
-            },
-        };
+        let missing = |signal, needs: String| missing(reader, signal, needs);
         let mut rows: Vec<(i64, f64)> = Vec::new();
         let mut cell = HashMap::new();
         let mut force = HashMap::new();
@@ -291,6 +298,21 @@ impl Trace {
             return Err(wrong(2, "no rows after the header line".into()));
         }
         Ok(trace)
+    }
+}
+
+fn missing(reader: &BagReader, signal: &'static str, needs: String) -> SignalError {
+    SignalError::MissingSignal {
+        path: reader.path().to_owned(),
+        signal,
+        needs,
+        has: match reader.topics() {
+            [] => "no topics".into(),
+            topics => {
+                let names: Vec<_> = topics.iter().map(|t| t.name.as_str()).collect();
+                names.join(", ")
+            }
+        },
     }
 }
 

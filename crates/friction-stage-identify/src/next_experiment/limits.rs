@@ -2,6 +2,7 @@
 
 use crate::error::IdentifyError;
 use crate::record::measured::forgetting_length;
+use crate::record::records::Record;
 use friction_stage_core::control::{ControllerError, TrajectoryError};
 use friction_stage_core::model::{ModelError, StageModel};
 use friction_stage_core::plant::RatesError;
@@ -68,6 +69,33 @@ pub enum NextExperimentError {
 }
 
 impl Limits {
+    /// Largest speed where none is given, m/s: the paper's fast move, 50 mm in 100 ms, peaks at
+    /// 0.94 m/s.
+    pub const SPEED: f64 = 1.0;
+    /// Duration where none is given, s. Assumed: long enough for several pieces, short enough to be
+    /// played twice.
+    pub const DURATION: f64 = 20.0;
+
+    /// Limits as far as they are given; the stroke else is that of the train record, the force that
+    /// of the model's motor.
+    pub fn given(
+        stroke: Option<(f64, f64)>,
+        speed: Option<f64>,
+        force: Option<f64>,
+        duration: Option<f64>,
+        model: &StageModel,
+        train: &Record,
+    ) -> Result<Limits, NextExperimentError> {
+        let limits = Limits {
+            stroke: stroke.unwrap_or_else(|| train.stroke()),
+            speed: speed.unwrap_or(Limits::SPEED),
+            force: force.unwrap_or(model.motor.force_limit),
+            duration: duration.unwrap_or(Limits::DURATION),
+        };
+        limits.check(model)?;
+        Ok(limits)
+    }
+
     /// Refuses limits within which this stage cannot move, or that it does not have.
     pub fn check(&self, model: &StageModel) -> Result<(), NextExperimentError> {
         let Limits { stroke: (low, high), speed, force, duration } = *self;

@@ -13,7 +13,9 @@ use crate::record::joined::joined;
 use crate::record::measured::Measured;
 use friction_stage_core::model::StageModel;
 use friction_stage_data::quality::{DataFinding, Severity, examine, outlier_rows};
-use friction_stage_data::signals::{Mapping, Recording, Signal, SignalError, Trace, load};
+use friction_stage_data::signals::{
+    Mapping, Recording, Signal, SignalError, Trace, from_columns, load,
+};
 
 /// Samples in a row that must agree for two records to be the same there. Assumed: of positions in
 /// motion, counted to a nanometre with a nanometre of noise, so many do not agree by accident.
@@ -43,6 +45,44 @@ pub struct Records {
     pub holdout: Record,
     /// What a user should know about the data.
     pub findings: Vec<IdentifyFinding>,
+}
+
+/// Where a recording comes from.
+#[derive(Clone, Debug)]
+pub enum RecordSource {
+    /// A bag or a CSV file.
+    File(PathBuf),
+    /// Columns in memory, with a name for findings.
+    Columns {
+        /// Stands for the path.
+        name: PathBuf,
+        /// Rows need not be on a grid; an empty column is not recorded.
+        columns: Trace,
+    },
+}
+
+impl RecordSource {
+    /// Its path, or what stands for it.
+    pub fn path(&self) -> &Path {
+        match self {
+            RecordSource::File(path) | RecordSource::Columns { name: path, .. } => path,
+        }
+    }
+
+    fn read(&self, mapping: Option<&Mapping>) -> Result<Recording, SignalError> {
+        match self {
+            RecordSource::File(path) => load(path, mapping),
+            RecordSource::Columns { name, columns } => from_columns(name, columns),
+        }
+    }
+
+    /// Whether both are the same file; columns are their own.
+    fn is(&self, other: &RecordSource) -> bool {
+        match (self, other) {
+            (RecordSource::File(path), RecordSource::File(other)) => is_same(path, other),
+            _ => false,
+        }
+    }
 }
 
 /// One side of the split: its recordings and what they are together.
@@ -133,21 +173,38 @@ impl Records {
         mapping: Option<&Mapping>,
         model: &StageModel,
     ) -> Result<Records, RecordsError> {
-        for (index, path) in train.iter().enumerate() {
-            if train[..index].iter().any(|other| is_same(path, other)) {
-                return Err(RecordsError::Twice { path: path.clone() });
+        let files = |paths: &[PathBuf]| -> Vec<RecordSource> {
+            paths.iter().cloned().map(RecordSource::File).collect()
+        };
+        Records::read(&files(train), &files(holdout), mapping, model)
+    }
+
+    /// As [`load`](Self::load), from files or from columns in memory.
+    pub fn read(
+        train: &[RecordSource],
+        holdout: &[RecordSource],
+        mapping: Option<&Mapping>,
+        model: &StageModel,
+    ) -> Result<Records, RecordsError> {
+        for (index, source) in train.iter().enumerate() {
+            if train[..index].iter().any(|other| source.is(other)) {
+                return Err(RecordsError::Twice { path: source.path().to_owned() });
             }
         }
-        for path in holdout {
-            if train.iter().any(|other| is_same(path, other)) {
-                return Err(RecordsError::BothSides { path: path.clone() });
+        for source in holdout {
+            if train.iter().any(|other| source.is(other)) {
+                return Err(RecordsError::BothSides { path: source.path().to_owned() });
             }
         }
         let mut findings = Vec::new();
-        let mut read = |paths: &[PathBuf]| -> Result<Vec<Recording>, RecordsError> {
-            paths.iter().map(|path| read(path, mapping, model, &mut findings)).collect()
+        let mut read = |sources: &[RecordSource]| -> Result<Vec<Recording>, RecordsError> {
+            sources.iter().map(|source| read(source, mapping, model, &mut findings)).collect()
         };
         let (mut train_bags, mut holdout_bags) = (read(train)?, read(holdout)?);
+        let paths = |sources: &[RecordSource]| -> Vec<PathBuf> {
+            sources.iter().map(|source| source.path().to_owned()).collect()
+        };
+        let (train, holdout) = (&paths(train), &paths(holdout));
         for (path, bag) in holdout.iter().zip(&holdout_bags) {
             for (other, seen) in train.iter().zip(&train_bags) {
                 let share = share_seen(&bag.trace.position, &seen.trace.position);
@@ -174,12 +231,13 @@ impl Records {
 
 /// Reads a recording and leaves out what no motion made.
 fn read(
-    path: &Path,
+    source: &RecordSource,
     mapping: Option<&Mapping>,
     model: &StageModel,
     findings: &mut Vec<IdentifyFinding>,
 ) -> Result<Recording, RecordsError> {
-    let mut recording = load(path, mapping)?;
+    let path = source.path();
+    let mut recording = source.read(mapping)?;
     let samples = recording.trace.len();
     if samples > MOST_SAMPLES {
         findings.push(IdentifyFinding::Truncated {
@@ -375,7 +433,8 @@ mod tests {
         let path = home.path().join("long.csv");
         trace.write_csv(&path).unwrap();
         let mut findings = Vec::new();
-        let bag = read(&path, None, &StageModel::default(), &mut findings).unwrap();
+        let bag =
+            read(&RecordSource::File(path), None, &StageModel::default(), &mut findings).unwrap();
         assert_eq!(bag.trace.len(), MOST_SAMPLES);
         assert_eq!(bag.trace.position, trace.position[..MOST_SAMPLES]);
         let used = |finding: &IdentifyFinding| match finding {

@@ -4,6 +4,4 @@ mod page;
 mod summary;
 
 pub use page::{ExperimentFigure, experiment_page};
-pub use summary::{
-    ExperimentResults, ExperimentSummary, SpecimenHunting, SpecimenRig, StiffnessFit,
-};
+pub use summary::ExperimentSummary;

@@ -5,64 +5,8 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use friction_stage_lab::{
-    DahlCurves, DistributedFit, FastMove, FineStep, FrequencyResponse, HuntingResult, RigBias,
-    Statement, StiffnessError, StribeckCurve, length,
+    ExperimentFindings, ExperimentPlan, ExperimentResults, Statement, StiffnessFit, length,
 };
-
-/// Everything measured, by experiment; SI units.
-#[derive(Debug, Default, Serialize)]
-pub struct ExperimentResults {
-    /// Force over constant velocity.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub stribeck: Vec<StribeckCurve>,
-    /// Hysteresis loops.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub dahl: Vec<DahlCurves>,
-    /// The stage under a sinusoidal force.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub frequency_response: Vec<FrequencyResponse>,
-    /// 50 mm in 100 ms.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub fast_move: Vec<FastMove>,
-    /// 10 µm in 3 ms.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub fine_step: Vec<FineStep>,
-    /// Integral action at rest.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub hunting: Vec<SpecimenHunting>,
-    /// Biases of the rig.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub rig: Vec<SpecimenRig>,
-}
-
-/// How a specimen behaves under integral action.
-#[derive(Debug, Serialize)]
-pub struct SpecimenHunting {
-    /// Name of the specimen.
-    pub name: String,
-    /// Per bandwidth and integral gain.
-    pub results: Vec<HuntingResult>,
-}
-
-/// How the rig biases the curves of a specimen.
-#[derive(Debug, Serialize)]
-pub struct SpecimenRig {
-    /// Name of the specimen.
-    pub name: String,
-    /// Per property of the rig.
-    pub biases: Vec<RigBias>,
-}
-
-/// The stiffnesses of guide 1 that the paper states, with one bristle and with three.
-#[derive(Debug, Serialize)]
-pub struct StiffnessFit {
-    /// sigma0 of the single bristle that comes nearest, N/m.
-    pub best_single_stiffness: f64,
-    /// The bristles in parallel.
-    pub distributed: DistributedFit,
-    /// Per stated stiffness.
-    pub errors: Vec<StiffnessError>,
-}
 
 /// The whole file, `summary.json`.
 #[derive(Debug, Serialize)]
@@ -89,25 +33,25 @@ pub struct ExperimentSummary<'a> {
     pub warnings: &'a [String],
 }
 
-impl ExperimentResults {
-    /// The results of several specimens together.
-    pub fn merged(all: Vec<ExperimentResults>) -> ExperimentResults {
-        let mut merged = ExperimentResults::default();
-        for one in all {
-            merged.stribeck.extend(one.stribeck);
-            merged.dahl.extend(one.dahl);
-            merged.frequency_response.extend(one.frequency_response);
-            merged.fast_move.extend(one.fast_move);
-            merged.fine_step.extend(one.fine_step);
-            merged.hunting.extend(one.hunting);
-            merged.rig.extend(one.rig);
-        }
-        merged
-    }
-}
-
 fn ms(time: Option<f64>) -> String {
     time.map_or("never".to_owned(), |seconds| format!("{:.1}", 1e3 * seconds))
+}
+
+impl<'a> ExperimentSummary<'a> {
+    /// What a plan found.
+    pub fn new(plan: &'a ExperimentPlan, found: &'a ExperimentFindings) -> ExperimentSummary<'a> {
+        ExperimentSummary {
+            schema_version: 1,
+            experiment: plan.experiment.name(),
+            version: env!("CARGO_PKG_VERSION"),
+            seed: plan.settings.seed,
+            guides: plan.specimens.iter().map(|of| of.name.as_str()).collect(),
+            statements: &found.statements,
+            stiffness_of_guide_1: found.stiffness_of_guide_1.as_ref(),
+            results: &found.results,
+            warnings: &found.warnings,
+        }
+    }
 }
 
 impl ExperimentSummary<'_> {

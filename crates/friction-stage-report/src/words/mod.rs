@@ -3,6 +3,8 @@
 //! The rooms below decide what a finding is and how much it matters; only here is it said in a
 //! language. What comes in are typed findings, what goes out is text without the word "warning".
 
+use std::error::Error;
+
 use friction_stage_core::model::JointType;
 
 mod data;
@@ -33,6 +35,21 @@ pub fn all_words<'a, F: Words + 'a>(
     findings.into_iter().map(|finding| finding.words(joint)).collect()
 }
 
+/// An error with its causes, outermost first. Many an error names its cause in its own text: not
+/// again then.
+pub fn in_one_line(error: &(dyn Error + 'static)) -> String {
+    let mut told = error.to_string();
+    let mut next = error.source();
+    while let Some(cause) = next {
+        let text = cause.to_string();
+        if !told.contains(&text) {
+            told = format!("{told}: {text}");
+        }
+        next = cause.source();
+    }
+    told
+}
+
 /// A value in SI with its unit, in the prefix that reads well: 2.5e-5 m is 25.0 µm.
 pub fn in_prefix(value: f64, unit: &str) -> String {
     const PREFIXES: [(f64, &str); 4] = [(1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")];
@@ -54,5 +71,29 @@ pub(crate) fn short(value: f64) -> String {
         format!("{value:.decimals$}")
     } else {
         format!("{value:.2e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_is_told_with_each_of_its_causes_once() {
+        #[derive(Debug, thiserror::Error)]
+        #[error("parameter model")]
+        struct Parameter {
+            source: Read,
+        }
+        #[derive(Debug, thiserror::Error)]
+        #[error("cannot read a.yaml: {source}")]
+        struct Read {
+            source: std::io::Error,
+        }
+        let source = Read { source: std::io::Error::other("no such file") };
+        assert_eq!(
+            in_one_line(&Parameter { source }),
+            "parameter model: cannot read a.yaml: no such file"
+        );
     }
 }

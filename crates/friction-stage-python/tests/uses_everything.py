@@ -1,0 +1,95 @@
+"""Every public name, for the type checker."""
+
+from pathlib import Path
+
+import friction_stage as fs
+import numpy as np
+from numpy.typing import NDArray
+
+
+def told(what: str, share: float) -> bool:
+    return share < 2.0
+
+
+def models() -> fs.Model:
+    model: fs.Model = fs.Model.from_yaml("mass: 12.0")
+    assert fs.Model.from_dict(model.to_dict()) == model
+    rig: fs.Model = fs.Model.rig(fs.Model.guides()[0])
+    names: list[str] = [rig.name, *rig.effects, *rig.warnings]
+    assert names
+    return fs.Model.guide("guide_2").without_noise()
+
+
+def simulations(model: fs.Model) -> fs.Trace:
+    motion: fs.Motion = fs.Motion.of_moves([(0.01, 0.1, 0.1)], lead=0.1).stretched(1.5)
+    other = fs.Motion(np.array([0.1, 0.2]), np.array([0.0, 1e-3]), np.zeros(2), np.zeros(2))
+    both: float = motion.duration + other.duration
+    controller = fs.Controller(model, bandwidth=50.0, viscous_feedforward=72.0)
+    gains: tuple[float, float, float] = (controller.p, controller.i, controller.d)
+    trace: fs.Trace = fs.simulate(
+        model, motion, controller=controller, noise=True, seed=3, duration=both, progress=told
+    )
+    column: NDArray[np.float64] = trace.position + trace.error + trace.force + trace.force_cell
+    move: fs.MoveResult = trace.moves[0]
+    peak: float = move.peak_error + column[0] + gains[0]
+    stage = fs.Stage(model, rate=trace.rate, noise=False, seed=1)
+    sample: fs.Sample = stage.step(force=min(peak, stage.force_limit))
+    values: list[float] = [sample.time, sample.position, sample.velocity, *stage.guide_forces]
+    assert len(values) + sample.index > 0
+    return trace
+
+
+def recordings(trace: fs.Trace, directory: Path) -> fs.Verdict:
+    trace.to_csv(directory / "run.csv")
+    run: fs.Trace = fs.read_bag(directory / "run.csv", mapping=None)
+    frame, columns = run.to_pandas(), run.to_polars()
+    assert len(frame) == columns.height and run.plot().get_xlabel()
+    report: dict[str, object] = fs.check(directory / "run.csv", model=run.model)
+    assert report
+    verdict: fs.Verdict = fs.identify(
+        fs.Model.guide("guide_2"),
+        [run, frame],
+        {"time": trace.time, "position": trace.position, "force": trace.force},
+        mass_tolerance=0.1,
+        guide_tolerance=0.1,
+        presliding_tolerance=0.5,
+        next_experiment=fs.Limits(stroke=(-0.1, 0.1)),
+        progress=told,
+    )
+    effects: list[fs.Effect] = verdict.effects
+    parameters: dict[str, fs.Parameter] = verdict.declared_parameters
+    texts: list[str] = [verdict.verdict, verdict.report_html(), *verdict.warnings]
+    motion: fs.Motion | None = verdict.next_motion
+    assert effects and parameters and texts and motion
+    verdict.save(directory)
+    return verdict
+
+
+def laboratory(application: Path, directory: Path) -> fs.GuideFit:
+    selection: fs.Selection = fs.select(application, guides=["guide_1"], variants=10, seed=2)
+    choice: str | None = selection.choice
+    assert choice or selection.ranking or selection.warnings or len(selection.to_pandas())
+    runs: fs.ExperimentResult = fs.experiment("stribeck", guides=["guide_1"], recordings=True)
+    loops = fs.experiment("dahl", models=[fs.Model.rig("guide_1")], amplitudes=[1e-4])
+    first: fs.Trace = next(iter(runs.recordings.values()))
+    fit: fs.GuideFit = fs.fit_guide(first, directory / "loops", mass=1.0)
+    assert fit.to_catalogue("mine", seals=True) and loops.figures and loops.results
+    return fit
+
+
+def refusals() -> str:
+    kinds: tuple[type[fs.FrictionStageError], ...] = (
+        fs.ControllerError,
+        fs.ExperimentError,
+        fs.FitError,
+        fs.IdentificationError,
+        fs.ModelError,
+        fs.MotionError,
+        fs.RecordingError,
+        fs.SelectionError,
+    )
+    try:
+        fs.Model.guide("none")
+    except kinds as error:
+        return fs.__version__ + str(error)
+    return ""
