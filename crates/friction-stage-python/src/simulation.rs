@@ -4,9 +4,8 @@ use friction_stage_core::control::ControllerSettings;
 use friction_stage_core::plant::Rates;
 use friction_stage_core::{ClosedLoop, Cycle};
 use friction_stage_lab::{LabError, MoveResult, Settings, closed_loop, settling};
-use numpy::{IntoPyArray as _, PyArray1};
+use numpy::{IntoPyArray as _, PyArray1, PyArray2, PyArrayMethods as _};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
 
 use crate::controller::Controller;
 use crate::error::OrRaise;
@@ -14,39 +13,52 @@ use crate::model::Model;
 use crate::motion::Motion;
 use crate::waiting::{Caller, wait_for};
 
-/// Cycles between two looks whether to stop: some milliseconds.
-const AT_ONCE: usize = 1024;
+/// Cycles between two looks whether to stop: less than a millisecond, and few enough for the cache.
+const AT_ONCE: usize = 256;
 
 macro_rules! columns {
     ($($name:ident: $value:expr),* $(,)?) => {
         /// Names of the columns of numbers.
         const NAMES: &[&str] = &[$(stringify!($name)),*];
 
-        /// A run as columns, and whether the motor was at its limit.
-        #[derive(Default)]
-        struct Columns {
-            $($name: Vec<f64>,)*
-            saturated: Vec<bool>,
-        }
-
         impl Columns {
-            fn with_capacity(rows: usize) -> Columns {
-                Columns {
-                    $($name: Vec::with_capacity(rows),)*
-                    saturated: Vec::with_capacity(rows),
-                }
-            }
-
-            fn push(&mut self, cycle: &Cycle) {
-                $(self.$name.push($value(cycle));)*
-                self.saturated.push(cycle.terms.saturated);
-            }
-
-            fn into_arrays(self) -> Vec<Vec<f64>> {
-                vec![$(self.$name),*]
+            /// Adds the next rows.
+            fn extend(&mut self, cycles: &[Cycle]) {
+                let mut columns = self.values.chunks_exact_mut(self.rows);
+                $(self::fill(columns.next(), self.done, cycles, $value);)*
+                self.saturated.extend(cycles.iter().map(|cycle| cycle.terms.saturated));
+                self.done += cycles.len();
             }
         }
     };
+}
+
+/// A run as columns, one after the other, and whether the motor was at its limit.
+///
+/// The numbers are one piece of memory, so that the next run gets it again from the allocator; many
+/// pieces would go back to the system, and each page of them cost a fault.
+struct Columns {
+    values: Vec<f64>,
+    saturated: Vec<bool>,
+    rows: usize,
+    done: usize,
+}
+
+impl Columns {
+    fn new(rows: usize) -> Columns {
+        let values = vec![0.0; NAMES.len() * rows];
+        Columns { values, saturated: Vec::with_capacity(rows), rows, done: 0 }
+    }
+
+    fn column(&self, name: &str) -> Option<&[f64]> {
+        let index = NAMES.iter().position(|known| *known == name)?;
+        self.values.chunks_exact(self.rows).nth(index)
+    }
+}
+
+fn fill(column: Option<&mut [f64]>, from: usize, cycles: &[Cycle], value: impl Fn(&Cycle) -> f64) {
+    let places = column.and_then(|column| column.get_mut(from..)).unwrap_or_default();
+    places.iter_mut().zip(cycles).for_each(|(place, cycle)| *place = value(cycle));
 }
 
 columns! {
@@ -67,13 +79,15 @@ columns! {
     viscous_feedforward: |c: &Cycle| c.terms.viscous_feedforward,
 }
 
-fn run(mut stage: ClosedLoop, count: usize, caller: &Caller) -> Result<Columns, LabError> {
-    let mut columns = Columns::with_capacity(count);
-    for cycle in 0..count {
-        if cycle.is_multiple_of(AT_ONCE) {
-            caller.progress("simulating", cycle as f64 / count as f64);
+fn run(mut stage: ClosedLoop, mut columns: Columns, caller: &Caller) -> Result<Columns, LabError> {
+    let mut cycles = Vec::with_capacity(AT_ONCE);
+    while columns.done < columns.rows {
+        caller.progress("simulating", columns.done as f64 / columns.rows as f64);
+        cycles.clear();
+        for _ in columns.done..columns.rows.min(columns.done + AT_ONCE) {
+            cycles.push(stage.cycle()?);
         }
-        columns.push(&stage.cycle()?);
+        columns.extend(&cycles);
     }
     Ok(columns)
 }
@@ -81,7 +95,17 @@ fn run(mut stage: ClosedLoop, count: usize, caller: &Caller) -> Result<Columns, 
 /// Name, start and arrival (s), target (m), peak error (m) and settling times (s) of a move.
 type MoveRow = (&'static str, f64, f64, f64, f64, (Option<f64>, Option<f64>, Option<f64>));
 
-/// Columns by name, samples per second, and what became of each move.
+/// Names and values of the columns, whether the motor was at its limit, samples per second, and what
+/// became of each move.
+type Run<'py> = (
+    &'static [&'static str],
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<bool>>,
+    f64,
+    Vec<MoveRow>,
+);
+
+/// A stage under its controller.
 #[pyfunction]
 #[pyo3(signature = (model, motion, controller, noise, seed, duration, progress))]
 #[expect(clippy::too_many_arguments, reason = "they are keywords in Python")]
@@ -94,7 +118,7 @@ pub(crate) fn simulate<'py>(
     seed: u64,
     duration: Option<f64>,
     progress: Option<&Bound<'py, PyAny>>,
-) -> PyResult<(Bound<'py, PyDict>, f64, Vec<MoveRow>)> {
+) -> PyResult<Run<'py>> {
     let model = if noise { model.0.clone() } else { model.0.clone().without_noise() };
     let settings = match controller {
         Some(controller) => controller.0.clone(),
@@ -114,7 +138,11 @@ pub(crate) fn simulate<'py>(
         .moves
         .iter()
         .filter_map(|the_move| {
-            let errors = columns.error.iter().enumerate();
+            // From its first sample to its last, one more at either end.
+            let row = |time: i64| (time as f64 * 1e-9 * rates.control()) as usize;
+            let rows = row(the_move.start).saturating_sub(1)
+                ..count.min(row(the_move.end).saturating_add(2));
+            let errors = rows.clone().zip(error.get(rows)?);
             let timed = errors.map(|(row, error)| (rates.time_of(row as u64), *error));
             let MoveResult { peak_error, settling } = settling(the_move, timed)?;
             let seconds = |time: i64| time as f64 * 1e-9;
@@ -128,14 +156,9 @@ pub(crate) fn simulate<'py>(
             ))
         })
         .collect();
-    let saturated = std::mem::take(&mut columns.saturated);
-    let arrays = PyDict::new(py);
-    for (name, column) in NAMES.iter().zip(columns.into_arrays()) {
-        arrays.set_item(name, column.into_pyarray(py))?;
-    }
-    let saturated: Bound<'py, PyArray1<bool>> = saturated.into_pyarray(py);
-    arrays.set_item("saturated", saturated)?;
-    Ok((arrays, rates.control(), moves))
+    let Columns { values, saturated, .. } = columns;
+    let values = values.into_pyarray(py).reshape([NAMES.len(), count])?;
+    Ok((NAMES, values, saturated.into_pyarray(py), rates.control(), moves))
 }
 
 /// Samples over `duration` s, as the experiments of the laboratory count them.

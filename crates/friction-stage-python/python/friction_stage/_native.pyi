@@ -317,7 +317,9 @@ def simulate(
     duration: float | None,
     progress: _Progress | None,
 ) -> tuple[
-    dict[str, NDArray[Any]],
+    list[str],
+    _Float,
+    NDArray[np.bool_],
     float,
     list[
         tuple[

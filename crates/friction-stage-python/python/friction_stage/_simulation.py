@@ -32,7 +32,8 @@ def simulate(
     Raises:
         MotionError, ControllerError, ModelError: With the value that is wrong.
     """
-    columns, rate, moves = _native.simulate(
+    names, values, saturated, rate, moves = _native.simulate(
         model, motion, controller, noise, seed, duration, progress
     )
+    columns = dict(zip(names, values, strict=True)) | {"saturated": saturated}
     return Trace(columns, rate=rate, moves=tuple(MoveResult(*move) for move in moves), model=model)
