@@ -28,8 +28,7 @@ fn run(model: &StageModel) -> Result<Vec<Row>, LabError> {
     let settings = Settings::default();
     let rate = settings.rates.control();
     let motion = PaperMotion::fast(REST);
-    let controller =
-        ControllerSettings::of_model(model, ControllerSettings::PAPER_BANDWIDTH, rate);
+    let controller = ControllerSettings::of_model(model, ControllerSettings::PAPER_BANDWIDTH, rate);
     let count = (motion.duration() as f64 * 1e-9 * rate).ceil() as usize;
     let mut stage = closed_loop(model, &settings, controller, motion.points)?;
     let mut rows = Vec::with_capacity(count);
