@@ -2,6 +2,8 @@
 //!
 //! `crates/friction-stage-python/benches/speed.py` compares the Python package with it.
 
+#![expect(clippy::disallowed_methods, reason = "it measures time")]
+
 use std::io::BufRead as _;
 use std::time::Instant;
 

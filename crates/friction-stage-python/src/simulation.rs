@@ -132,8 +132,9 @@ pub(crate) fn simulate<'py>(
     let count = samples(duration.unwrap_or_else(|| motion.seconds()), rates.control())?;
     let stage = closed_loop(&model, &Settings { seed, rates }, settings, motion.points.clone())
         .or_raise()?;
-    let mut columns =
-        wait_for(py, progress, move |caller| run(stage, count, caller))?.or_raise()?;
+    let columns = Columns::new(count);
+    let columns = wait_for(py, progress, move |caller| run(stage, columns, caller))?.or_raise()?;
+    let error = columns.column("error").unwrap_or_default();
     let moves = motion
         .moves
         .iter()
