@@ -3,8 +3,12 @@
 //! In comes a seed, out come the declared model, the real one and two recordings of the real one in
 //! closed loop: one to identify on and one to check.
 
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use serde::Deserialize;
 
 use friction_stage_core::control::{ControllerSettings, Point};
 use friction_stage_core::model::{EffectParameters, GuideSource, StageModel};
@@ -97,23 +101,24 @@ impl HiddenEffect {
     }
 }
 
-/// An effect of a size that its law usually has. Assumed: each of them is far above the noise.
+/// An effect that a stage may hide, with the range of each value.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Hideable {
+    name: String,
+    values: BTreeMap<String, [f64; 2]>,
+}
+
+/// One of `hidden_effects.yaml`.
 fn hidden(random: &mut ChaCha8Rng) -> EffectParameters {
-    let mut between = |low: f64, high: f64| random.random_range(low..high);
-    let kind = between(0.0, 3.0);
-    if kind < 1.0 {
-        let values = [
-            ("amplitude", between(3.0, 8.0)),
-            ("period", between(16e-3, 32e-3)),
-            ("phase", between(-3.0, 3.0)),
-        ];
-        EffectParameters::new("cogging", values)
-    } else if kind < 2.0 {
-        let values = [("stiffness", between(40.0, 120.0)), ("center", between(-0.02, 0.02))];
-        EffectParameters::new("cable_chain", values)
-    } else {
-        EffectParameters::new("constant_force", [("amplitude", between(3.0, 8.0))])
-    }
+    static HIDEABLE: LazyLock<Vec<Hideable>> = LazyLock::new(|| {
+        serde_saphyr::from_str(include_str!("hidden_effects.yaml"))
+            .expect("a test reads the effects that this crate contains")
+    });
+    let chosen = &HIDEABLE[random.random_range(0..HIDEABLE.len())];
+    let mut draw = |&[low, high]: &[f64; 2]| random.random_range(low..high);
+    let values = chosen.values.iter().map(|(key, range)| (key.as_str(), draw(range)));
+    EffectParameters::new(&chosen.name, values.collect::<Vec<_>>())
 }
 
 fn record(
