@@ -12,7 +12,7 @@
 //!   a sample does not have.
 //!
 //! One such submessage drops its whole datagram. The layout of the submessages: DDSI-RTPS 2.5,
-//! 9.4.5. Why here and not in the kernel: `docs/decisions/0010-strangers.md`.
+//! 9.4.5. Why here and not in the kernel: `docs/decisions/0012-strangers.md`.
 
 use std::io;
 use std::sync::atomic::{AtomicU32, Ordering};
