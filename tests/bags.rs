@@ -783,8 +783,13 @@ fn the_commands_report_and_say_how_it_ended() {
     write_bag(&directory, &small_chunks(), 100);
     let run_check = |json| {
         let mut out = Vec::new();
-        let args =
-            check_command::CheckArgs { bag: directory.clone(), model: None, mapping: None, json };
+        let args = check_command::CheckArgs {
+            bag: directory.clone(),
+            model: None,
+            mapping: None,
+            part: Default::default(),
+            json,
+        };
         let outcome = check_command::run(&args, &mut out).unwrap();
         (outcome, String::from_utf8(out).unwrap())
     };

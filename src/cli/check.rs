@@ -6,7 +6,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::Outcome;
+use super::progress::Progress;
+use super::{Outcome, PartArgs};
 use friction_stage_core::model::StageModel;
 use friction_stage_data::quality::RecordingCheck;
 use friction_stage_data::signals::Mapping;
@@ -44,6 +45,8 @@ pub struct CheckArgs {
     /// YAML file that says which topic and field, or column, is which signal
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
+    #[command(flatten)]
+    pub part: PartArgs,
     /// Print JSON instead of a table
     #[arg(long)]
     pub json: bool,
@@ -51,10 +54,14 @@ pub struct CheckArgs {
 
 /// Runs the command; the report goes to `out`.
 pub fn run(args: &CheckArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    let part = args.part.window()?;
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
     let model = args.model.as_deref().map(StageModel::named).transpose()?;
     super::tell_assumptions(model.as_ref());
-    let check = RecordingCheck::new(&args.bag, mapping.as_ref(), model)?;
+    let progress = Progress::endless("reading");
+    let mut told = |count: u64| progress.say(format!("{:.1} million read", count as f64 * 1e-6));
+    let check = RecordingCheck::new(&args.bag, mapping.as_ref(), part, model, &mut told)?;
+    drop(progress);
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&recording_json(&check)?)?)?;
     } else {

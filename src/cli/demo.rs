@@ -4,14 +4,13 @@ mod recordings;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::{Args, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::Outcome;
+use super::progress::Progress;
 use crate::cpu;
 use crate::directory;
 use crate::node::driver::{Driver, LockstepRun};
@@ -131,12 +130,8 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         .with_context(|| format!("cannot create {}", directory.display()))?;
     let motion = PaperMotion::new(args.rest, args.fine_steps);
     let seconds = motion.duration() as f64 * 1e-9;
-    let bar = ProgressBar::new((1000.0 * seconds * args.guides.len() as f64) as u64);
-    bar.set_style(
-        ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?
-            .progress_chars("=> "),
-    );
-    bar.enable_steady_tick(Duration::from_millis(200));
+    let steps = (1000.0 * seconds * args.guides.len() as f64) as u64;
+    let progress = Progress::of(steps, "starting");
     let program = std::env::current_exe()?;
     // Both nodes on the last processor, the recorder on the others.
     let cpu = format!("cpu:={}", cpu::online() - 1);
@@ -144,7 +139,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mut errors = Vec::new();
     let mut incomplete = Vec::new();
     for (index, guide) in args.guides.iter().enumerate() {
-        bar.set_message(format!("{guide}: starting"));
+        progress.say(format!("{guide}: starting"));
         let bag = directory.join(guide);
         let run = LockstepRun {
             stage_arguments: parameters(&[
@@ -160,15 +155,13 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         // Loopback only, whatever the environment says: a demo must not show up on the network.
         let driver = Driver::on_loopback(&program, args.domain)?;
         let domain = driver.domain();
-        bar.suspend(|| {
-            eprintln!(
-                "{guide}: ROS domain {domain} on loopback; watch it with ROS_DOMAIN_ID={domain} \
-                 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 topic echo /controller/state"
-            );
-        });
+        progress.line(&format!(
+            "{guide}: ROS domain {domain} on loopback; watch it with ROS_DOMAIN_ID={domain} \
+             ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 topic echo /controller/state"
+        ));
         let done = driver.run(&run, &mut |time| {
-            bar.set_message(format!("{guide}: {time:.1} of {seconds:.1} s"));
-            bar.set_position((1000.0 * (index as f64 * seconds + time.min(seconds))) as u64);
+            progress.say(format!("{guide}: {time:.1}/{seconds:.1} s"));
+            progress.reach((1000.0 * (index as f64 * seconds + time.min(seconds))) as u64);
         })?;
         if done.incomplete {
             incomplete.push(bag.display().to_string());
@@ -189,7 +182,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         });
         errors.push((name, measured));
     }
-    bar.finish_and_clear();
+    drop(progress);
     let overview = directory.join("all_guides.svg");
     write_figure(&overview, "40 kg stage on four guides", &motion, &errors)?;
     if args.json {

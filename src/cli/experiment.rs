@@ -4,14 +4,13 @@ pub(super) mod bags;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 
 use self::bags::write_bag;
+use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::directory;
 use friction_stage_core::model::StageModel;
@@ -144,13 +143,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     std::fs::create_dir_all(&directory)
         .with_context(|| format!("cannot create {}", directory.display()))?;
 
-    let bar = ProgressBar::new(plan.ticks() as u64);
-    bar.set_style(
-        ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?
-            .progress_chars("=> "),
-    );
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar.set_message(name);
+    let progress = Progress::of(plan.ticks() as u64, name);
     let keep = |of: &Specimen, recordings: &[LabRecording]| -> anyhow::Result<()> {
         recordings.iter().try_for_each(|recording| {
             let directory =
@@ -159,8 +152,8 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         })
     };
     let keep: Option<&Keep<'_, anyhow::Error>> = if args.no_bags { None } else { Some(&keep) };
-    let found = plan.run(keep, &|| bar.inc(1))?;
-    bar.finish_and_clear();
+    let found = plan.run(keep, &|| progress.step())?;
+    drop(progress);
     let summary = ExperimentSummary::new(&plan, &found);
     let (page, figures) = experiment_page(&summary, &plan.specimens)?;
     let write = |name: &str, text: &str| {

@@ -4,15 +4,16 @@ mod next;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
-use super::{Outcome, WrongArguments};
+use super::progress::Progress;
+use super::{Outcome, PartArgs, WrongArguments};
 use friction_stage_core::model::{JointType, StageModel};
 use friction_stage_data::bag::topics;
 use friction_stage_data::signals::Mapping;
@@ -86,6 +87,8 @@ pub struct IdentifyArgs {
     #[arg(long, value_name = "FILE", num_args = 0..=1)]
     pub next_experiment: Option<Option<PathBuf>>,
     #[command(flatten)]
+    pub part: PartArgs,
+    #[command(flatten)]
     pub limits: next::LimitArgs,
     /// Print summary.json instead of text
     #[arg(long)]
@@ -113,35 +116,19 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Steps of the whole identification, as far as they are shown.
+const STEPS: u64 = 1000;
+
 /// Shows what is tried, and knows whether to stop.
-struct Progress {
-    bar: ProgressBar,
+struct Watched {
+    progress: Progress,
     stop: Arc<AtomicBool>,
-    /// What was told last where stderr is no terminal: a line per round and not per candidate.
-    told: Mutex<String>,
 }
 
-impl Watch for Progress {
+impl Watch for Watched {
     fn progress(&self, what: &str, share: f64) {
-        // Candidates report from several threads, so that a share may come late.
-        let position = (1000.0 * share.clamp(0.0, 1.0)) as u64;
-        if position > self.bar.position() {
-            self.bar.set_position(position);
-        }
-        self.bar.set_message(what.to_owned());
-        if !self.bar.is_hidden() {
-            return;
-        }
-        let stage = what.split(':').next().unwrap_or(what);
-        let Ok(mut told) = self.told.lock() else { return };
-        // Threads of a round that has ended may come late.
-        if *told != stage
-            && !(told.starts_with("round") && stage < told.as_str() && stage.starts_with("round"))
-        {
-            stage.clone_into(&mut told);
-            // Nobody may be reading: that is no reason to stop.
-            let _ = writeln!(std::io::stderr(), "{stage}");
-        }
+        self.progress.say(what);
+        self.progress.reach((STEPS as f64 * share.clamp(0.0, 1.0)) as u64);
     }
 
     fn stopped(&self) -> bool {
@@ -152,6 +139,7 @@ impl Watch for Progress {
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
+    let part = args.part.window()?;
     let declared = StageModel::named(&args.model)?;
     super::tell_assumptions(Some(&declared));
     may_write(&args.out)?;
@@ -161,16 +149,10 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop))?;
         signal_hook::flag::register(signal, Arc::clone(&stop))?;
     }
-    let bar = ProgressBar::new(1000);
-    bar.set_style(
-        ProgressStyle::with_template("{msg:48} [{bar:30}] {percent:>3} %  {elapsed}")?
-            .progress_chars("=> "),
-    );
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar.set_message("reading");
-    tell_of_stop(&bar, &stop);
+    let progress = Progress::of(STEPS, "reading");
+    tell_of_stop(progress.bar(), &stop);
 
-    let records = Records::load(&args.train, &args.holdout, mapping.as_ref(), &declared)
+    let records = Records::load(&args.train, &args.holdout, mapping.as_ref(), part, &declared)
         .map_err(|error| refused(error, declared.joint))?;
     let limits = args
         .next_experiment
@@ -196,17 +178,17 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
             directory.display()
         );
     }
-    let watch = Progress { bar: bar.clone(), stop, told: Mutex::default() };
+    let watch = Watched { progress, stop };
     let mut found = Identification::new(&declared, tolerances, &records, &watch)?;
     if let Some(limits) = limits {
-        bar.set_message("next experiment");
+        watch.progress.say("next experiment");
         found.plan_next(&records, limits);
         if let (Some(plan), Some(file)) = (&mut found.next, &motion_file) {
             plan.next.file = file.display().to_string();
         }
     }
 
-    bar.set_message("report");
+    watch.progress.say("report");
     let summary = identification_summary(&found, &records, MODEL_FILE);
     let figures = identification_figures(&found, &records)?;
     let html = identification_page(&args.model, &found, &records, &summary, &figures)?;
@@ -226,7 +208,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     }
     let json = serde_json::to_string_pretty(&summary)? + "\n";
     write(&args.out.join("summary.json"), &json)?;
-    bar.finish_and_clear();
+    drop(watch);
 
     if args.json {
         write!(out, "{json}")?;
@@ -247,8 +229,8 @@ fn refused(error: RecordsError, joint: JointType) -> anyhow::Error {
 }
 
 /// Says at once that Ctrl-C was seen: the running step may take a while.
-fn tell_of_stop(bar: &ProgressBar, stop: &Arc<AtomicBool>) {
-    let (bar, stop) = (bar.clone(), Arc::clone(stop));
+fn tell_of_stop(bar: ProgressBar, stop: &Arc<AtomicBool>) {
+    let stop = Arc::clone(stop);
     std::thread::spawn(move || {
         while !bar.is_finished() {
             if stop.load(Ordering::Relaxed) {

@@ -7,6 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 
 use super::Outcome;
+use super::progress::Progress;
 use friction_stage_data::signals::{self, Mapping, Proposal};
 use friction_stage_report::words::{import_text, proposal_text};
 
@@ -25,7 +26,8 @@ use friction_stage_report::words::{import_text, proposal_text};
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Example:\n  friction-stage import drive.csv                  # writes \
                         drive.mapping.yaml\n  friction-stage import drive.csv --mapping \
-                        drive.mapping.yaml --out drive\n\nA mapping:\n  signals:\n    time: \
+                        drive.mapping.yaml --out drive\n  friction-stage import runs.csv \
+                        --mapping runs.mapping.yaml --out runs --split\n\nA mapping:\n  signals:\n    time: \
                         {column: t_ms, unit: ms}\n    position: {column: x, unit: mm}\n    \
                         force: {column: u, scale: 35.15}   # N per V")]
 pub struct ImportArgs {
@@ -38,6 +40,9 @@ pub struct ImportArgs {
     /// Directory to make; it must not exist
     #[arg(long, value_name = "BAG", requires = "mapping")]
     pub out: Option<PathBuf>,
+    /// The file has several captures, one after the other: make a bag of each in the directory --out
+    #[arg(long, requires = "mapping")]
+    pub split: bool,
     /// Where to write the proposed mapping, instead of NAME.mapping.yaml here
     #[arg(long, value_name = "FILE", conflicts_with = "mapping")]
     pub write: Option<PathBuf>,
@@ -63,19 +68,34 @@ fn import(
     let text = std::fs::read_to_string(mapping)
         .with_context(|| format!("cannot read {}", mapping.display()))?;
     let mapping = Mapping::from_yaml(&text, &mapping.display().to_string())?;
-    let report = signals::import(&args.csv, &mapping, &text, bag)?;
+    let progress = Progress::endless("reading");
+    let mut told = |rows: u64| progress.say(format!("{:.1} million rows", rows as f64 * 1e-6));
+    let reports = if args.split {
+        signals::import_captures(&args.csv, &mapping, &text, bag, &mut told)?
+    } else {
+        vec![signals::import(&args.csv, &mapping, &text, bag, &mut told)?]
+    };
+    drop(progress);
     anyhow::ensure!(
-        report.rows > 0,
+        reports.iter().any(|report| report.rows > 0),
         "{} has a header and no rows: {} is empty",
         args.csv.display(),
         bag.display()
     );
-    if args.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
-    } else {
-        write!(out, "{}", import_text(&report, bag))?;
+    match reports.as_slice() {
+        [report] if args.json && !args.split => {
+            writeln!(out, "{}", serde_json::to_string_pretty(report)?)?;
+        }
+        reports if args.json => writeln!(out, "{}", serde_json::to_string_pretty(reports)?)?,
+        reports => {
+            for report in reports {
+                write!(out, "{}", import_text(report))?;
+            }
+        }
     }
-    let is_whole = report.without_time + report.not_later == 0 && report.notes.is_empty();
+    let is_whole = reports
+        .iter()
+        .all(|report| report.without_time + report.not_later == 0 && report.notes.is_empty());
     Ok(Outcome::warned(!is_whole))
 }
 

@@ -11,6 +11,7 @@ pub mod import;
 pub mod merge;
 pub mod model;
 pub mod play;
+mod progress;
 pub mod recover;
 pub mod replay;
 pub mod select;
@@ -18,8 +19,9 @@ mod selection_output;
 
 use std::io::Write;
 
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use friction_stage_core::model::StageModel;
+use friction_stage_data::signals::Window;
 
 pub use crate::outcome::{Interrupted, Outcome, WrongArguments, exit_code};
 
@@ -130,6 +132,28 @@ impl<W: Write> Write for Printed<W> {
 
     fn flush(&mut self) -> std::io::Result<()> {
         self.tell((), Write::flush)
+    }
+}
+
+/// The part of each recording that is examined. Without it: its first samples, of which the output
+/// says how many.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct PartArgs {
+    /// Examine each recording from this time on, s since its first sample
+    #[arg(long, value_name = "S")]
+    pub from: Option<f64>,
+    /// Examine each recording up to this time, s since its first sample
+    #[arg(long, value_name = "S")]
+    pub to: Option<f64>,
+}
+
+impl PartArgs {
+    fn window(self) -> anyhow::Result<Window> {
+        let (from, to) = (self.from.unwrap_or(0.0), self.to.unwrap_or(f64::INFINITY));
+        if from >= 0.0 && to > from {
+            return Ok(Window::examined(self.from, self.to));
+        }
+        Err(WrongArguments(format!("--from {from} --to {to}: must be 0 <= from < to")).into())
     }
 }
 

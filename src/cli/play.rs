@@ -2,13 +2,12 @@
 
 use std::io::Write;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
+use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::cpu;
 use crate::node::driver::{Driver, LockstepRun};
@@ -90,13 +89,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             .with_context(|| format!("cannot create {}", parent.display()))?;
     }
     let seconds = points.last().map_or(0.0, |point| point.time as f64 * 1e-9);
-    let bar = ProgressBar::new((1000.0 * seconds) as u64);
-    bar.set_style(
-        ProgressStyle::with_template("{msg:24} [{bar:40}] {percent:>3} %  {elapsed}")?
-            .progress_chars("=> "),
-    );
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar.set_message("starting");
+    let progress = Progress::of((1000.0 * seconds) as u64, "starting");
     let parameters = |given: &[String]| -> Vec<String> {
         given.iter().flat_map(|parameter| ["-p".to_owned(), parameter.clone()]).collect()
     };
@@ -127,10 +120,10 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let count = run.points.len();
     let done =
         Driver::on_loopback(&std::env::current_exe()?, args.domain)?.run(&run, &mut |time| {
-            bar.set_message(format!("{time:.1} of {seconds:.1} s"));
-            bar.set_position((1000.0 * time.min(seconds)) as u64);
+            progress.say(format!("{time:.1}/{seconds:.1} s"));
+            progress.reach((1000.0 * time.min(seconds)) as u64);
         })?;
-    bar.finish_and_clear();
+    drop(progress);
     let report = PlayReport {
         bag: args.record.clone(),
         duration: seconds,

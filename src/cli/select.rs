@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context as _;
 use clap::Args;
-use indicatif::{ProgressBar, ProgressStyle};
 
+use super::progress::Progress;
 use super::selection_output::finish;
 use super::{Interrupted, Outcome};
 use friction_stage_core::model::Catalogue;
@@ -85,17 +85,11 @@ pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     }
     let (plan, jobs) = (&rows.sheet().plan, rows.sheet().jobs());
     let count = jobs.end - jobs.start;
-    let bar = ProgressBar::new(count).with_position(done);
-    bar.set_style(
-        ProgressStyle::with_template(
-            "{pos}/{len} variants [{bar:40}] {per_sec}  {elapsed}, {eta} left",
-        )?
-        .progress_chars("=> "),
-    );
+    let progress = Progress::of(count, format!("{count} variants"));
+    progress.reach(done);
     let mut next = jobs.start + done;
     while next < jobs.end {
         if stop.load(Ordering::Relaxed) {
-            bar.abandon();
             return Err(Interrupted(format!(
                 "stopped after {} of {count} variants, which are kept in {}: continue with --resume",
                 next - jobs.start,
@@ -107,9 +101,9 @@ pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         next = chunk.end;
         let first = chunk.start;
         rows.append(first, &plan.run(&experiment, chunk)?)?;
-        bar.set_position(next - jobs.start);
+        progress.reach(next - jobs.start);
     }
-    bar.finish_and_clear();
+    drop(progress);
     if args.shard != Shard::WHOLE {
         writeln!(
             out,

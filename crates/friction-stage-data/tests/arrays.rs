@@ -114,7 +114,9 @@ fn arrays_of_every_kind_of_file_are_columns() {
 #[test]
 fn names_of_our_own_columns_need_no_mapping() {
     is_the_run(&load(fixture("times.npz"), None).unwrap(), 1e-7);
-    let check = RecordingCheck::new(&fixture("times.npz"), None, None).unwrap();
+    let check =
+        RecordingCheck::new(&fixture("times.npz"), None, Window::default(), None, &mut |_| {})
+            .unwrap();
     assert_eq!(check.data.unwrap().rows, 200);
 }
 
@@ -150,7 +152,7 @@ fn a_mapping_is_proposed_and_the_rest_is_named() {
         let mapping = Mapping::from_yaml(&yaml, "m.yaml").unwrap();
         is_the_run(&load(fixture(name), Some(&mapping)).unwrap(), error);
         let bag = home.path().join(name);
-        let report = import(&fixture(name), &mapping, &yaml, &bag).unwrap();
+        let report = import(&fixture(name), &mapping, &yaml, &bag, &mut |_| {}).unwrap();
         assert_eq!(report.rows, 200);
         is_the_run(&load(&bag, None).unwrap(), error);
         assert_eq!(BagReader::open(&bag).unwrap().message_count(), 400);

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 
 use friction_stage_core::model::JointType;
 use friction_stage_data::signals::{
-    Mapping, Proposal, Recording, Signal, SignalError, SignalNote, import, load,
+    Mapping, Proposal, Recording, Signal, SignalError, SignalNote, Window, import, import_captures,
+    load, load_part,
 };
 use proptest::prelude::*;
 
@@ -279,7 +280,8 @@ fn a_velocity_is_integrated_where_there_is_no_position() {
         assert!((x - wanted).abs() < 1e-7, "{time} s: {x}, not {wanted}");
     }
     let bag = file.path.with_extension("bag");
-    import(&file.path, &Mapping::from_yaml(&said, "said").unwrap(), &said, &bag).unwrap();
+    import(&file.path, &Mapping::from_yaml(&said, "said").unwrap(), &said, &bag, &mut |_| {})
+        .unwrap();
     let imported = load(&bag, None).unwrap();
     for (one, two) in imported.trace.position.iter().zip(&recording.trace.position) {
         assert!((one - two).abs() < 1e-12);
@@ -517,4 +519,110 @@ proptest! {
             }
         }
     }
+}
+
+/// Rows per capture that come of a file, and the first position of each.
+fn captures(name: &str, text: &str) -> Result<Vec<(u64, f64)>, SignalError> {
+    let file = file(name, text);
+    let mapping = Mapping::from_yaml(MAPPING, "mapping.yaml").unwrap();
+    let home = tempfile::tempdir().unwrap();
+    let out = home.path().join("out");
+    let reports = import_captures(&file.path, &mapping, MAPPING, &out, &mut |_| {})?;
+    let first = |bag: &std::path::Path| load(bag, None).unwrap().trace.position[0];
+    for (index, report) in reports.iter().enumerate() {
+        assert_eq!(report.bag, out.join(format!("capture_{}", index + 1)));
+    }
+    Ok(reports.iter().map(|report| (report.rows, first(&report.bag))).collect())
+}
+
+/// A capture of `count` rows whose position begins at `x` and whose times begin at `t`.
+fn capture(count: usize, x: f64, t: f64) -> String {
+    (0..count)
+        .map(|k| format!("{:.3},{:.6},1.0\n", t + k as f64 * 1e-3, x + k as f64 * 1e-6))
+        .collect()
+}
+
+#[test]
+fn each_capture_of_a_file_is_a_bag() {
+    // Times that begin anew, at 0 or elsewhere; captures of one length and of others.
+    for (lengths, begin) in [(vec![50, 50, 50], 0.0), (vec![30, 70, 41, 3, 90], 5.0)] {
+        let text: String = lengths
+            .iter()
+            .enumerate()
+            .map(|(index, count)| capture(*count, 0.1 * index as f64, begin))
+            .collect();
+        let expected: Vec<(u64, f64)> = lengths
+            .iter()
+            .enumerate()
+            .map(|(index, count)| (*count as u64, (1e5 * index as f64).round() / 1e6))
+            .collect();
+        assert_eq!(captures("a.csv", &format!("t,x,u\n{text}")).unwrap(), expected);
+        let told = read("a.csv", format!("t,x,u\n{text}"), MAPPING).unwrap_err().to_string();
+        assert!(told.contains(&format!("line {}", lengths[0] + 2)), "{told}");
+        assert!(told.contains("--split"), "{told}");
+    }
+    // Names and units before each; times that go on, and times that begin anew.
+    for begin in [0.0, 100.0] {
+        let block = |x: f64, t: f64| format!("t,x,u\ns,m,N\n{}", capture(40, x, t));
+        let text = format!("{}\n{}", block(0.0, 0.0), block(0.2, begin));
+        assert_eq!(captures("b.csv", &text).unwrap(), [(40, 0.0), (40, 0.2)]);
+        assert!(read("b.csv", &text, MAPPING).unwrap_err().to_string().contains("--split"));
+    }
+    // Another table is no capture of this one.
+    let text = format!("t,x,u\n{}t,y,v\n{}", capture(40, 0.0, 0.0), capture(40, 0.2, 0.0));
+    let told = captures("c.csv", &text).unwrap_err().to_string();
+    assert!(told.contains("another capture or table") && told.contains("line 42"), "{told}");
+}
+
+#[test]
+fn one_wrong_time_is_no_capture() {
+    let text = format!("t,x,u\n{}", capture(100, 0.0, 1.0)).replace("1.050,", "0.000,");
+    assert_eq!(captures("a.csv", &text).unwrap().len(), 1);
+    assert_eq!(
+        captures("b.csv", &format!("t,x,u\n{}", capture(60, 0.0, 0.0))).unwrap(),
+        [(60, 0.0)]
+    );
+}
+
+#[test]
+fn a_part_of_a_recording_is_the_rows_of_the_whole() {
+    let mapping = "signals: {time: {column: t}, position: {column: x}, force: {column: u}, \
+                   reference_position: {column: r}}";
+    // The reference stands in every hundredth row.
+    let text: String = (0..5000)
+        .map(|k| {
+            let (x, u) = values(k);
+            let reference = if k % 100 == 3 { x } else { f64::NAN };
+            format!("{:.3},{x:.8},{u:.6},{reference:.8}\n", 7.0 + k as f64 * 1e-3)
+        })
+        .collect();
+    let file = file("long.csv", format!("t,x,u,r\n{text}"));
+    let mapping = Mapping::from_yaml(mapping, "mapping.yaml").unwrap();
+    let bag = file.path.with_file_name("bag");
+    import(&file.path, &mapping, "", &bag, &mut |_| {}).unwrap();
+    for (source, mapping) in [(&file.path, Some(&mapping)), (&bag, None)] {
+        let whole = load(source, mapping).unwrap();
+        for (from, to, most, rows) in [
+            (Some(1.0), Some(2.0), None, 1000..2001),
+            (Some(4.0), None, None, 4000..5000),
+            (None, Some(0.5), None, 0..501),
+            (Some(1.0), None, Some(300), 1000..1300),
+        ] {
+            let part = load_part(source, mapping, Window { from, to, most }).unwrap();
+            assert_eq!(part.trace.position, whole.trace.position[rows.clone()], "{from:?} {to:?}");
+            assert_eq!(part.trace.force, whole.trace.force[rows.clone()], "{from:?} {to:?}");
+            let told = part.quality.notes.iter().find_map(|note| match note {
+                SignalNote::OnlyPart { samples, .. } => Some(*samples),
+                _ => None,
+            });
+            assert_eq!(told, Some(rows.len() as u64));
+            let same = |(a, b): (&f64, &f64)| a == b || a.is_nan() && b.is_nan();
+            let reference = part.trace.reference_position.iter();
+            let expected = &whole.trace.reference_position[rows];
+            assert!(reference.zip(expected).all(same), "{:?}", &expected[..3]);
+        }
+    }
+    let beyond = Window { from: Some(99.0), ..Window::default() };
+    let told = load_part(&file.path, Some(&mapping), beyond).unwrap_err().to_string();
+    assert!(told.contains("0 usable samples"), "{told}");
 }

@@ -59,17 +59,6 @@ pub enum IdentifyFinding {
         /// Whether the values that it is about are left out.
         left_out: bool,
     },
-    /// A recording that is longer than what is used.
-    Truncated {
-        /// The recording.
-        recording: PathBuf,
-        /// Samples that it has.
-        samples: usize,
-        /// Samples that are used, from its start.
-        used: usize,
-        /// Their length, s.
-        seconds: f64,
-    },
     /// Rows that are filled in for samples that are missing.
     Filled {
         /// The recording.
@@ -262,7 +251,6 @@ impl IdentifyFinding {
         match self {
             Self::Reading { note, .. } => note.code(),
             Self::Data { finding, .. } => finding.code(),
-            Self::Truncated { .. } => "truncated_recording",
             Self::Filled { .. } => "filled_rows",
             Self::NotCommon { .. } => "signal_not_common",
             Self::Joined => "joined_recordings",
@@ -302,7 +290,6 @@ impl IdentifyFinding {
         match self {
             Self::Reading { recording, .. }
             | Self::Data { recording, .. }
-            | Self::Truncated { recording, .. }
             | Self::Filled { recording, .. } => Some(recording),
             _ => None,
         }

@@ -71,8 +71,14 @@ struct Question {
 impl Question {
     fn answer(self, caller: &Caller) -> Result<(Identification, Records), Refused> {
         let declared = &self.model.0;
-        let records = Records::read(&self.train, &self.holdout, self.mapping.as_ref(), declared)
-            .map_err(|error| Refused::Records(error, declared.joint))?;
+        let records = Records::read(
+            &self.train,
+            &self.holdout,
+            self.mapping.as_ref(),
+            friction_stage_data::signals::Window::default(),
+            declared,
+        )
+        .map_err(|error| Refused::Records(error, declared.joint))?;
         let limits = self
             .limits
             .map(|(stroke, speed, force, duration)| {

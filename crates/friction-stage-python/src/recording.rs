@@ -172,7 +172,13 @@ pub(crate) fn check<'py>(
     let mapping = self::mapping(mapping)?;
     let model: Option<StageModel> = model.map(|model| model.0.clone());
     let report = wait_for(py, None, move |_| {
-        let check = RecordingCheck::new(&path, mapping.as_ref(), model)?;
+        let check = RecordingCheck::new(
+            &path,
+            mapping.as_ref(),
+            friction_stage_data::signals::Window::examined(None, None),
+            model,
+            &mut |_| {},
+        )?;
         Ok::<_, Box<dyn std::error::Error + Send + Sync>>(recording_json(&check)?.to_string())
     })?
     .map_err(|error| raised::RecordingError::new_err(crate::error::words(error.as_ref())))?;

@@ -46,6 +46,7 @@ pub fn recording_json(check: &RecordingCheck) -> Result<Value, serde_json::Error
         }
         None => json!({}),
     };
+    document["rows"] = serde_json::to_value(&check.rows)?;
     document["data"] = match &check.data {
         Some(data) => {
             let mut found = serde_json::to_value(data)?;

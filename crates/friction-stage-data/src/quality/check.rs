@@ -12,6 +12,7 @@ use serde::Serialize;
 use super::finding::FileFinding;
 use crate::bag::{BagError, BagMessage, BagReader, Damage, topics};
 use crate::message::*;
+use crate::signals::{Mapping, SignalError, visit_rows};
 
 /// An interval of more than this many usual ones is a gap.
 const GAP: f64 = 1.5;
@@ -88,9 +89,41 @@ pub struct CheckReport {
     pub findings: Vec<FileFinding>,
 }
 
+/// Samples between two words of progress.
+const TOLD_EVERY: u64 = 100_000;
+
+/// The times of all rows of a table, in bounded memory. `progress` gets the rows read so far.
+pub(super) fn check_rows(
+    path: &Path,
+    mapping: &Mapping,
+    progress: &mut dyn FnMut(u64),
+) -> Result<TopicCheck, SignalError> {
+    let mut watch = Watch::new("rows", "table");
+    watch.report.by_stamp = true;
+    visit_rows(path, mapping, &mut |stamp, values| {
+        watch.report.messages += 1;
+        watch.report.non_finite += values.iter().filter(|value| !value.is_finite()).count() as u64;
+        if let Some(stamp) = stamp {
+            watch.at(stamp);
+        }
+        if watch.report.messages % TOLD_EVERY == 0 {
+            progress(watch.report.messages);
+        }
+    })?;
+    Ok(watch.finish())
+}
+
 /// Checks a rosbag2 directory or one of its files. An error means that nothing of it can be read;
 /// everything else that is wrong is in the report.
 pub fn check(path: &Path) -> Result<CheckReport, BagError> {
+    check_messages(path, &mut |_| {})
+}
+
+/// As [`check`]; `progress` gets the messages read so far.
+pub(super) fn check_messages(
+    path: &Path,
+    progress: &mut dyn FnMut(u64),
+) -> Result<CheckReport, BagError> {
     let reader = BagReader::open(path)?;
     let mut topics: Vec<Watch> =
         reader.topics().iter().map(|t| Watch::new(&t.name, &t.type_name)).collect();
@@ -117,6 +150,9 @@ pub fn check(path: &Path) -> Result<CheckReport, BagError> {
             Err(error) => return Err(error),
         };
         count += 1;
+        if count % TOLD_EVERY == 0 {
+            progress(count);
+        }
         range = Some(match range {
             None => (message.log_time, message.log_time),
             Some((first, last)) => (first.min(message.log_time), last.max(message.log_time)),

@@ -6,6 +6,7 @@ use super::error::SignalError;
 use super::mapping::{Column, Place};
 use super::source::{Request, Stream, seconds_to_nanos};
 use super::trace::{COLUMNS, Trace};
+use super::window::Span;
 
 /// The columns of a trace whose rows need not be on a grid.
 pub(crate) struct Columns<'a> {
@@ -45,35 +46,37 @@ impl<'a> Columns<'a> {
     }
 
     /// Each request as a stream.
-    pub fn read(&self, requests: &[Request]) -> Vec<Stream> {
+    pub fn read(&self, requests: &[Request], span: Span) -> Vec<Stream> {
         let origin = self.trace.origin_ns;
-        requests
-            .iter()
-            .map(|request| Stream {
-                stamps: self
-                    .trace
-                    .time
-                    .iter()
-                    .map(|seconds| origin.saturating_add(seconds_to_nanos(*seconds)))
-                    .collect(),
-                values: request
-                    .signals
-                    .iter()
-                    .map(|(_, source)| match &source.place {
-                        Place::Column(column) => self.values(column).unwrap_or_default().to_vec(),
-                        Place::Topic { .. } => Vec::new(),
-                    })
-                    .collect(),
-                ..Stream::new(request, 0)
-            })
-            .collect()
+        let stream = |request: &Request| {
+            let mut stream = Stream::new(request, self.trace.time.len() as u64, span);
+            let columns: Vec<&[f64]> = request
+                .signals
+                .iter()
+                .map(|(_, source)| match &source.place {
+                    Place::Column(column) => self.values(column).unwrap_or_default(),
+                    Place::Topic { .. } => &[],
+                })
+                .collect();
+            for (row, seconds) in self.trace.time.iter().enumerate() {
+                let values = columns.iter().map(|column| column.get(row).copied());
+                let stamp = origin.saturating_add(seconds_to_nanos(*seconds));
+                stream.push(stamp, values.map(|value| value.unwrap_or(f64::NAN)));
+            }
+            stream
+        };
+        requests.iter().map(stream).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{from_columns, load};
+    use super::super::{Recording, Window, from_columns, load};
     use super::*;
+
+    fn whole(name: &str, columns: &Trace) -> Result<Recording, SignalError> {
+        from_columns(name, columns, Window::default())
+    }
 
     /// To and fro, with a gap and a row that comes twice.
     fn run() -> Trace {
@@ -101,7 +104,7 @@ mod tests {
         let rows = run.time.iter().zip(&run.position).zip(&run.force);
         let text: String = rows.map(|((t, x), f)| format!("{t},{x},{f}\n")).collect();
         std::fs::write(&path, format!("time,position,force\n{text}")).unwrap();
-        let (file, memory) = (load(&path, None).unwrap(), from_columns("run", &run).unwrap());
+        let (file, memory) = (load(&path, None).unwrap(), whole("run", &run).unwrap());
         let bits = |trace: &Trace| {
             trace.columns().map(|column| column.iter().map(|v| v.to_bits()).collect::<Vec<_>>())
         };
@@ -115,11 +118,11 @@ mod tests {
     fn columns_of_different_lengths_and_without_a_position_are_refused() {
         let mut short = run();
         short.force.pop();
-        let told = from_columns("frame", &short).unwrap_err().to_string();
+        let told = whole("frame", &short).unwrap_err().to_string();
         assert!(told.contains("frame: 3899 values of force for 3900"), "{told}");
         let mut fixed = run();
         fixed.position.fill(f64::NAN);
-        let told = from_columns("frame", &fixed).unwrap_err().to_string();
+        let told = whole("frame", &fixed).unwrap_err().to_string();
         assert!(told.contains("no position") && told.contains("force"), "{told}");
     }
 }

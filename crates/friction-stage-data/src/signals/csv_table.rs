@@ -13,6 +13,7 @@ use super::text_layout::{TextLayout, bare_unit, name};
 use super::text_lines::{Lines, Splitter};
 use super::text_value::{Decimal, Value};
 use super::unit::Unit;
+use super::window::Span;
 use crate::bag::BagError;
 use friction_stage_core::model::JointType;
 
@@ -95,10 +96,11 @@ impl CsvFile {
     pub fn rows<'a>(
         &self,
         columns: impl IntoIterator<Item = &'a (Signal, SignalSource)>,
+        captures: Captures,
     ) -> Result<CsvRows<'_>, SignalError> {
         let mut table = match &self.layout {
             Layout::Text(layout) => {
-                Table::Text(Box::new(CsvTable::open(&self.path, layout, self.joint)?))
+                Table::Text(Box::new(CsvTable::open(&self.path, layout, self.joint, captures)?))
             }
             Layout::Arrays(file) => Table::Arrays(ArrayTable::new(file)),
         };
@@ -137,23 +139,29 @@ impl CsvFile {
             table,
             clock,
             columns,
+            captures,
+            capture: 0,
             count: 0,
             order: RowOrder::default(),
+            ahead: None,
         })
     }
 
     /// Each request as a stream; one pass over the file.
-    pub fn read(&self, requests: &[Request]) -> Result<Vec<Stream>, SignalError> {
-        let mut rows = self.rows(requests.iter().flat_map(|request| &request.signals))?;
+    pub fn read(&self, requests: &[Request], span: Span) -> Result<Vec<Stream>, SignalError> {
+        let mut rows =
+            self.rows(requests.iter().flat_map(|request| &request.signals), Captures::One)?;
         let mut streams: Vec<Stream> =
-            requests.iter().map(|request| Stream::new(request, 0)).collect();
+            requests.iter().map(|request| Stream::new(request, 0, span)).collect();
         while let Some(stamp) = rows.next()? {
             let mut values = rows.values.iter();
             for stream in &mut streams {
-                stream.stamps.push(stamp);
-                for (column, value) in stream.values.iter_mut().zip(values.by_ref()) {
-                    column.push(*value);
-                }
+                let count = stream.signals.len();
+                stream.push(stamp, values.by_ref().take(count).copied());
+            }
+            // All streams have the times of the rows.
+            if streams.iter().all(|stream| stream.is_done) {
+                break;
             }
         }
         if let Some(first) = streams.first_mut() {
@@ -161,6 +169,37 @@ impl CsvFile {
         }
         Ok(streams)
     }
+}
+
+/// What to do with a file of several captures, one after the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Captures {
+    /// It is refused: their times have nothing to do with each other.
+    One,
+    /// Rows say of which capture they are.
+    Several,
+}
+
+/// Visits every row of a table, in bounded memory: its time, ns, none where it has none, and its
+/// values in SI.
+pub(crate) fn visit_rows(
+    path: &Path,
+    mapping: &Mapping,
+    visit: &mut dyn FnMut(Option<i64>, &[f64]),
+) -> Result<(), SignalError> {
+    let file = CsvFile::new(path, mapping)?;
+    let columns: Vec<(Signal, SignalSource)> = mapping
+        .signals
+        .iter()
+        .filter(|(signal, _)| **signal != Signal::Time)
+        .filter_map(|(signal, sources)| Some((*signal, sources.first()?.clone())))
+        .filter(|(_, source)| file.has(source))
+        .collect();
+    let mut rows = file.rows(&columns, Captures::One)?;
+    while let Some(stamp) = rows.next()? {
+        visit((stamp != NO_TIME).then_some(stamp), &rows.values);
+    }
+    Ok(())
 }
 
 /// What says when a row was taken.
@@ -183,34 +222,82 @@ pub(super) struct CsvRows<'a> {
     table: Table<'a>,
     clock: RowClock,
     columns: Vec<PlacedColumn>,
+    captures: Captures,
+    /// Of which capture the row is, counted from 0.
+    pub capture: u64,
+    /// Rows of the capture.
     count: u64,
     order: RowOrder,
+    /// A row that was looked at ahead of its turn, with its values.
+    ahead: Option<(RowTime, Vec<f64>)>,
     /// Values of the row that was read last; NaN for an empty field.
     pub values: Vec<f64>,
+}
+
+/// When a row was taken, as the table has it.
+#[derive(Clone, Copy)]
+struct RowTime {
+    /// ns, [`NO_TIME`] where it has none.
+    stamp: i64,
+    is_time_of_day: bool,
+    line: u64,
+    /// Whether lines of words before the row begin another capture.
+    begins: bool,
 }
 
 impl CsvRows<'_> {
     /// Reads the next row; its time in ns, [`NO_TIME`] where it has none.
     pub fn next(&mut self) -> Result<Option<i64>, SignalError> {
+        let Some(row) = self.read()? else { return Ok(None) };
+        if row.begins {
+            self.capture += 1;
+            self.order = RowOrder::default();
+        } else if let Some(back) = self.order.behind(&row) {
+            let values = self.values.clone();
+            let second = self.read()?;
+            self.ahead = second.map(|second| (second, std::mem::replace(&mut self.values, values)));
+            let begins = second.is_some_and(|next| !next.begins && self.order.goes_on(&row, &next));
+            if begins {
+                self.begin_by_time(back, row.line)?;
+            }
+        }
+        Ok(Some(self.order.take(&row)))
+    }
+
+    /// Another capture begins in `line`, where the time goes back, by so many ns.
+    fn begin_by_time(&mut self, back: i64, line: u64) -> Result<(), SignalError> {
+        if self.captures == Captures::One {
+            let reason = format!(
+                "the time goes back by {:.6} s: several captures in one file, or a counter that \
+                 restarts; `friction-stage import` with --split makes a bag of each, or leave \
+                 `time` out of the mapping and give the `rate` of the rows",
+                back as f64 * 1e-9
+            );
+            return Err(self.table.wrong(line, reason));
+        }
+        self.capture += 1;
+        self.order = RowOrder::default();
+        Ok(())
+    }
+
+    /// The next row of the table, with its values.
+    fn read(&mut self) -> Result<Option<RowTime>, SignalError> {
+        if let Some((row, values)) = self.ahead.take() {
+            self.values = values;
+            return Ok(Some(row));
+        }
         if !self.table.next()? {
             return Ok(None);
         }
-        let stamp = match &self.clock {
+        let begins = self.table.begins_capture();
+        if begins {
+            self.count = 0;
+        }
+        let (stamp, is_time_of_day) = match &self.clock {
             RowClock::Column(column, source) => {
-                let stamp = self.table.stamp(*column, source)?;
-                let is_time_of_day = self.table.is_time_of_day(*column);
-                let placed = self.order.next(stamp, is_time_of_day, self.table.line());
-                placed.map_err(|(back, line)| {
-                    let reason = format!(
-                        "the time goes back by {:.6} s: several captures in one file, or a \
-                         counter that restarts; split the file, or leave `time` out of the \
-                         mapping and give the `rate` of the rows",
-                        back as f64 * 1e-9
-                    );
-                    self.table.wrong(line, reason)
-                })?
+                (self.table.stamp(*column, source)?, self.table.is_time_of_day(*column))
             }
-            RowClock::Rate(rate) => seconds_to_nanos(self.count as f64 / rate),
+            RowClock::Rate(rate) => (seconds_to_nanos(self.count as f64 / rate), false),
         };
         self.count += 1;
         for (value, PlacedColumn { column, minus, source }) in
@@ -219,7 +306,7 @@ impl CsvRows<'_> {
             let minus = minus.map_or(Ok(0.0), |minus| self.table.number(minus))?;
             *value = source.to_si(self.table.number(*column)? - minus);
         }
-        Ok(Some(stamp))
+        Ok(Some(RowTime { stamp, is_time_of_day, line: self.table.line(), begins }))
     }
 
     /// What a user should know of the rows up to here.
@@ -276,6 +363,11 @@ impl Table<'_> {
         }
     }
 
+    /// Whether lines of words before the row begin another capture.
+    fn begins_capture(&self) -> bool {
+        matches!(self, Table::Text(table) if table.begins_capture)
+    }
+
     fn is_time_of_day(&self, column: usize) -> bool {
         matches!(self, Table::Text(table) if table.is_time_of_day(column))
     }
@@ -295,46 +387,55 @@ impl Table<'_> {
     }
 }
 
-/// Whether rows come in the order of time. A file is written by one clock: a row that is behind is
-/// one that was written late, or one wrong stamp; two of them that are far behind, or not after the
-/// first row, begin another capture.
+/// Whether rows come in the order of time. A file is written by one clock: a row that is far behind
+/// is one wrong stamp; if time goes on from there, another capture begins.
 #[derive(Default)]
 struct RowOrder {
     first: Option<i64>,
     latest: i64,
     rows: i64,
-    /// By how much the row before was far behind, ns, and its line.
-    behind: Option<(i64, u64)>,
     /// What was added to times of day after midnight, ns.
     days: i64,
 }
 
 impl RowOrder {
-    /// The time of the next row, in `line`; or by how much the time goes back, ns, and in which
-    /// line. A time of day that jumps back by half a day has passed midnight.
-    fn next(&mut self, stamp: i64, is_time_of_day: bool, line: u64) -> Result<i64, (i64, u64)> {
-        if stamp == NO_TIME {
-            return Ok(stamp);
-        }
-        if is_time_of_day && self.latest.saturating_sub(stamp + self.days) > HALF_A_DAY {
-            self.days += 2 * HALF_A_DAY;
-        }
-        let stamp = stamp.saturating_add(self.days);
-        let Some(first) = self.first else {
-            (self.first, self.latest, self.rows) = (Some(stamp), stamp, 1);
-            return Ok(stamp);
-        };
+    /// By how much a row is behind, ns, where that is more than a row that was written late: by
+    /// many rows, or not after the first one.
+    fn behind(&self, row: &RowTime) -> Option<i64> {
+        let first = self.first.filter(|_| row.stamp != NO_TIME && self.rows > 1)?;
+        let stamp = self.place(row).0;
         let back = self.latest.saturating_sub(stamp);
         let usual = self.latest.saturating_sub(first) / self.rows;
-        let is_far = back > 0 && (stamp <= first || back > usual.saturating_mul(LATE_ROWS));
-        match (is_far && self.rows > 1, self.behind) {
-            (true, Some(begin)) => return Err(begin),
-            (true, None) => self.behind = Some((back, line)),
-            (false, _) => self.behind = None,
+        let is_far = stamp <= first || back > usual.saturating_mul(LATE_ROWS);
+        (back > 0 && is_far).then_some(back)
+    }
+
+    /// Whether the row after one that is far behind is behind, too: time goes on from there.
+    fn goes_on(&self, behind: &RowTime, next: &RowTime) -> bool {
+        let stamp = self.place(next).0;
+        next.stamp != NO_TIME && stamp >= self.place(behind).0 && stamp < self.latest
+    }
+
+    /// The time of a row, ns, and the days that it counts on. A time of day that jumps back by half
+    /// a day has passed midnight.
+    fn place(&self, row: &RowTime) -> (i64, i64) {
+        let jump = self.latest.saturating_sub(row.stamp.saturating_add(self.days));
+        let is_next_day = row.is_time_of_day && self.first.is_some() && jump > HALF_A_DAY;
+        let days = self.days + if is_next_day { 2 * HALF_A_DAY } else { 0 };
+        (row.stamp.saturating_add(days), days)
+    }
+
+    /// The time of the next row, ns.
+    fn take(&mut self, row: &RowTime) -> i64 {
+        if row.stamp == NO_TIME {
+            return NO_TIME;
         }
+        let (stamp, days) = self.place(row);
+        self.days = days;
+        self.latest = if self.first.is_some() { self.latest.max(stamp) } else { stamp };
+        self.first = self.first.or(Some(stamp));
         self.rows += 1;
-        self.latest = self.latest.max(stamp);
-        Ok(stamp)
+        stamp
     }
 }
 
@@ -351,12 +452,22 @@ struct CsvTable {
     notes: Vec<SignalNote>,
     /// Of which the units are.
     joint: JointType,
-    /// A line of words, which only the end of the file may have: its line.
+    captures: Captures,
+    /// The first line of words after values, which only the end of a capture may have.
     words: Option<u64>,
+    /// Whether the names of the columns stand among them once more.
+    names_again: bool,
+    /// Whether the row is the first one after such lines.
+    begins_capture: bool,
 }
 
 impl CsvTable {
-    fn open(path: &Path, layout: &TextLayout, joint: JointType) -> Result<Self, SignalError> {
+    fn open(
+        path: &Path,
+        layout: &TextLayout,
+        joint: JointType,
+        captures: Captures,
+    ) -> Result<Self, SignalError> {
         Ok(Self {
             path: path.to_owned(),
             layout: layout.clone(),
@@ -366,7 +477,10 @@ impl CsvTable {
             left_out: (0, 0),
             notes: Vec::new(),
             joint,
+            captures,
             words: None,
+            names_again: false,
+            begins_capture: false,
         })
     }
 
@@ -402,18 +516,28 @@ impl CsvTable {
                 && values().any(|value| matches!(value, Value::Text));
             if is_of_words {
                 self.words = self.words.or(Some(number));
+                let names = &self.layout.names;
+                self.names_again |=
+                    !names.is_empty() && self.row.fields().map(name).eq(names.iter().cloned());
             }
             if is_of_words || self.row.len() < self.layout.columns {
                 self.leave_out(number);
                 continue;
             }
-            if let Some(words) = self.words {
+            self.begins_capture = self.words.is_some();
+            if let Some(words) = self.words.take()
+                && !(self.captures == Captures::Several && std::mem::take(&mut self.names_again))
+            {
                 return Err(SignalError::Csv {
                     path: self.path.clone(),
                     line: words,
                     reason: format!(
-                        "words, and values again in line {number}: another capture or table; \
-                         split the file"
+                        "words, and values again in line {number}: another capture or table; {}",
+                        if self.names_again {
+                            "`friction-stage import` with --split makes a bag of each"
+                        } else {
+                            "split the file"
+                        }
                     ),
                 });
             }

@@ -105,6 +105,13 @@ pub enum SignalNote {
         /// Line of the first, from 1.
         first_line: u64,
     },
+    /// Only a part of the recording was read.
+    OnlyPart {
+        /// Samples of the position in it.
+        samples: u64,
+        /// Those of the whole recording, where that is known without reading it.
+        recorded: Option<u64>,
+    },
 }
 
 impl SignalNote {
@@ -117,6 +124,7 @@ impl SignalNote {
             Self::NoForceConstant => "no_force_constant",
             Self::UnitOfFile { .. } => "unit_of_file",
             Self::RowsLeftOut { .. } => "rows_left_out",
+            Self::OnlyPart { .. } => "only_part",
         }
     }
 }

@@ -5,25 +5,29 @@
 //! written.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::csv_table::CsvFile;
+use super::csv_table::{Captures, CsvFile};
 use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::load::Integral;
 use super::mapping::{Mapping, Signal, SignalSource};
 use super::source::NO_TIME;
-use crate::bag::{BagOptions, BagWriter, OfferedQos, is_recording, topics};
+use crate::bag::{BagError, BagOptions, BagWriter, OfferedQos, TopicId, is_recording, topics};
 use crate::message::{Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped};
 
 /// Name of the MCAP metadata record that says what was imported.
 const METADATA_NAME: &str = "friction_stage_import";
+/// Rows between two words of progress.
+const TOLD_EVERY: u64 = 100_000;
 
 /// What an import wrote.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ImportReport {
+    /// The bag.
+    pub bag: PathBuf,
     /// Rows of the table.
     pub rows: u64,
     /// Messages on each topic.
@@ -39,82 +43,183 @@ pub struct ImportReport {
 }
 
 /// Writes the bag `out` from a table; `mapping_text` is kept in it. Row by row, in bounded
-/// memory.
+/// memory; `progress` gets the rows written so far, now and then.
 pub fn import(
     csv: &Path,
     mapping: &Mapping,
     mapping_text: &str,
     out: &Path,
+    progress: &mut dyn FnMut(u64),
 ) -> Result<ImportReport, SignalError> {
-    if is_recording(csv) {
-        return Err(SignalError::IsRecording { path: csv.to_owned() });
-    }
-    let file = CsvFile::new(csv, mapping)?;
-    let columns: Vec<(Signal, SignalSource)> = mapping
-        .signals
-        .iter()
-        .filter(|(signal, _)| **signal != Signal::Time)
-        .filter_map(|(signal, sources)| Some((*signal, sources.first()?.clone())))
-        .collect();
-    let mut rows = file.rows(&columns)?;
-    let has = |signal: Signal| columns.iter().any(|(s, ..)| *s == signal);
-    let has_reference = has(Signal::ReferencePosition)
-        || has(Signal::ReferenceVelocity)
-        || has(Signal::ReferenceAcceleration);
-    let mut bag = BagWriter::create(out, &BagOptions::default())?;
-    bag.write_metadata(
-        METADATA_NAME,
-        [
-            ("source".to_owned(), csv.display().to_string()),
-            ("mapping".to_owned(), mapping_text.to_owned()),
-            ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
-        ]
-        .into(),
-    )?;
-    let qos = OfferedQos::reliable(100);
-    let encoder = bag.add_topic::<JointState>(topics::ENCODER, &qos)?;
-    let topic = |bag: &mut BagWriter, name: &str, wanted: bool| {
-        if wanted { bag.add_topic::<WrenchStamped>(name, &qos).map(Some) } else { Ok(None) }
-    };
-    let cell = topic(&mut bag, topics::FORCE_CELL, has(Signal::ForceCell))?;
-    let force = topic(&mut bag, topics::FORCE, has(Signal::Force))?;
-    let setpoint = if has_reference {
-        Some(bag.add_topic::<JointTrajectory>(topics::SETPOINT, &qos)?)
-    } else {
-        None
-    };
-    let mut report = ImportReport {
-        rows: 0,
-        messages: BTreeMap::new(),
-        without_time: 0,
-        not_later: 0,
-        notes: Vec::new(),
-        moved_s: 0.0,
-    };
-    let mut travelled = Integral::default();
-    let (mut moved, mut last): (Option<i64>, Option<i64>) = (None, None);
-    let mut written = |topic: &str| *report.messages.entry(topic.to_owned()).or_insert(0) += 1;
+    let table = Table::open(csv, mapping, mapping_text)?;
+    let mut rows = table.file.rows(&table.columns, Captures::One)?;
+    let mut bag = table.bag(out.to_owned())?;
+    let mut count = 0;
     while let Some(stamp) = rows.next()? {
-        report.rows += 1;
+        bag.write(stamp, &rows.values)?;
+        count += 1;
+        if count % TOLD_EVERY == 0 {
+            progress(count);
+        }
+    }
+    bag.finish(rows.notes())
+}
+
+/// Writes a bag for each capture of a table that has several, one after the other: `capture_1`,
+/// `capture_2` and so on in the directory `out`, which must not exist. What a user should know of
+/// the whole table is in the last report.
+pub fn import_captures(
+    csv: &Path,
+    mapping: &Mapping,
+    mapping_text: &str,
+    out: &Path,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Vec<ImportReport>, SignalError> {
+    let table = Table::open(csv, mapping, mapping_text)?;
+    let mut rows = table.file.rows(&table.columns, Captures::Several)?;
+    if out.exists() {
+        return Err(BagError::Exists { path: out.to_owned() }.into());
+    }
+    let path = |capture: u64| out.join(format!("capture_{}", capture + 1));
+    let mut bag = table.bag(path(0))?;
+    let (mut reports, mut capture, mut count) = (Vec::new(), 0, 0);
+    while let Some(stamp) = rows.next()? {
+        if rows.capture != capture {
+            capture = rows.capture;
+            let next = table.bag(path(capture))?;
+            reports.push(std::mem::replace(&mut bag, next).finish(Vec::new())?);
+        }
+        bag.write(stamp, &rows.values)?;
+        count += 1;
+        if count % TOLD_EVERY == 0 {
+            progress(count);
+        }
+    }
+    reports.push(bag.finish(rows.notes())?);
+    Ok(reports)
+}
+
+/// A table to import.
+struct Table<'a> {
+    path: &'a Path,
+    mapping_text: &'a str,
+    file: CsvFile,
+    columns: Vec<(Signal, SignalSource)>,
+}
+
+impl<'a> Table<'a> {
+    fn open(
+        path: &'a Path,
+        mapping: &Mapping,
+        mapping_text: &'a str,
+    ) -> Result<Table<'a>, SignalError> {
+        if is_recording(path) {
+            return Err(SignalError::IsRecording { path: path.to_owned() });
+        }
+        let file = CsvFile::new(path, mapping)?;
+        let columns = mapping
+            .signals
+            .iter()
+            .filter(|(signal, _)| **signal != Signal::Time)
+            .filter_map(|(signal, sources)| Some((*signal, sources.first()?.clone())))
+            .collect();
+        Ok(Table { path, mapping_text, file, columns })
+    }
+
+    fn has(&self, signal: Signal) -> bool {
+        self.columns.iter().any(|(s, ..)| *s == signal)
+    }
+
+    /// A bag for rows of the table.
+    fn bag(&self, out: PathBuf) -> Result<ImportedBag, SignalError> {
+        let mut bag = BagWriter::create(&out, &BagOptions::default())?;
+        bag.write_metadata(
+            METADATA_NAME,
+            [
+                ("source".to_owned(), self.path.display().to_string()),
+                ("mapping".to_owned(), self.mapping_text.to_owned()),
+                ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+            ]
+            .into(),
+        )?;
+        let qos = OfferedQos::reliable(100);
+        let encoder = bag.add_topic::<JointState>(topics::ENCODER, &qos)?;
+        let topic = |bag: &mut BagWriter, name: &str, wanted: bool| {
+            if wanted { bag.add_topic::<WrenchStamped>(name, &qos).map(Some) } else { Ok(None) }
+        };
+        let cell = topic(&mut bag, topics::FORCE_CELL, self.has(Signal::ForceCell))?;
+        let force = topic(&mut bag, topics::FORCE, self.has(Signal::Force))?;
+        let has_reference = self.has(Signal::ReferencePosition)
+            || self.has(Signal::ReferenceVelocity)
+            || self.has(Signal::ReferenceAcceleration);
+        let setpoint = if has_reference {
+            Some(bag.add_topic::<JointTrajectory>(topics::SETPOINT, &qos)?)
+        } else {
+            None
+        };
+        Ok(ImportedBag {
+            bag,
+            columns: self.columns.iter().map(|(signal, _)| *signal).collect(),
+            encoder,
+            cell,
+            force,
+            setpoint,
+            travelled: self.has(Signal::Velocity).then(Integral::default),
+            moved: None,
+            last: None,
+            report: ImportReport {
+                bag: out,
+                rows: 0,
+                messages: BTreeMap::new(),
+                without_time: 0,
+                not_later: 0,
+                notes: Vec::new(),
+                moved_s: 0.0,
+            },
+        })
+    }
+}
+
+/// A bag that rows of a table are written into.
+struct ImportedBag {
+    bag: BagWriter,
+    columns: Vec<Signal>,
+    encoder: TopicId,
+    cell: Option<TopicId>,
+    force: Option<TopicId>,
+    setpoint: Option<TopicId>,
+    /// The position where the velocity is measured.
+    travelled: Option<Integral>,
+    /// ns
+    moved: Option<i64>,
+    /// Time of the row before, ns.
+    last: Option<i64>,
+    report: ImportReport,
+}
+
+impl ImportedBag {
+    /// Writes the messages of a row; values in SI, one for each column.
+    fn write(&mut self, stamp: i64, row: &[f64]) -> Result<(), SignalError> {
+        self.report.rows += 1;
         if stamp == NO_TIME {
-            report.without_time += 1;
-            continue;
+            self.report.without_time += 1;
+            return Ok(());
         }
         // Log times of a bag are not negative, those that count from a trigger are.
-        let moved = *moved.get_or_insert(stamp.saturating_neg().max(0));
-        report.moved_s = moved as f64 * 1e-9;
+        let moved = *self.moved.get_or_insert(stamp.saturating_neg().max(0));
+        self.report.moved_s = moved as f64 * 1e-9;
         let stamp = stamp.saturating_add(moved);
         let Ok(log_time) = u64::try_from(stamp) else {
-            report.without_time += 1;
-            continue;
+            self.report.without_time += 1;
+            return Ok(());
         };
-        report.not_later += u64::from(last.is_some_and(|last| stamp <= last));
-        last = Some(stamp);
+        self.report.not_later += u64::from(self.last.is_some_and(|last| stamp <= last));
+        self.last = Some(stamp);
         let mut values = [f64::NAN; 8];
-        for ((signal, _), value) in columns.iter().zip(&rows.values) {
+        for (signal, value) in self.columns.iter().zip(row) {
             values[*signal as usize] = *value;
         }
-        if has(Signal::Velocity) {
+        if let Some(travelled) = &mut self.travelled {
             values[Signal::Position as usize] =
                 travelled.next(stamp, values[Signal::Velocity as usize]);
         }
@@ -122,6 +227,11 @@ pub fn import(
         let header = Header::new(stamp, topics::JOINT);
         let list = |value: f64| {
             if value.is_finite() { vec![value] } else { Vec::new() }
+        };
+        let report = &mut self.report;
+        let mut written = |topic: &str| match report.messages.get_mut(topic) {
+            Some(count) => *count += 1,
+            None => _ = report.messages.insert(topic.to_owned(), 1),
         };
         if value(Signal::Position).is_finite() {
             let state = JointState {
@@ -131,14 +241,17 @@ pub fn import(
                 velocity: Vec::new(),
                 effort: list(value(Signal::ForceCell)),
             };
-            bag.write(encoder, log_time, &state)?;
+            self.bag.write(self.encoder, log_time, &state)?;
             written(topics::ENCODER);
         }
-        let forces =
-            [(cell, Signal::ForceCell, topics::FORCE_CELL), (force, Signal::Force, topics::FORCE)];
+        let forces = [
+            (self.cell, Signal::ForceCell, topics::FORCE_CELL),
+            (self.force, Signal::Force, topics::FORCE),
+        ];
         for (topic, signal, name) in forces {
             if let Some(topic) = topic.filter(|_| value(signal).is_finite()) {
-                bag.write(topic, log_time, &WrenchStamped::along_x(header.clone(), value(signal)))?;
+                let wrench = WrenchStamped::along_x(header.clone(), value(signal));
+                self.bag.write(topic, log_time, &wrench)?;
                 written(name);
             }
         }
@@ -151,20 +264,23 @@ pub fn import(
         let empty = point.positions.is_empty()
             && point.velocities.is_empty()
             && point.accelerations.is_empty();
-        if let Some(topic) = setpoint.filter(|_| !empty) {
+        if let Some(topic) = self.setpoint.filter(|_| !empty) {
             let setpoint = JointTrajectory {
                 header,
                 joint_names: vec![topics::JOINT.into()],
                 points: vec![point],
             };
-            bag.write(topic, log_time, &setpoint)?;
+            self.bag.write(topic, log_time, &setpoint)?;
             written(topics::SETPOINT);
         }
+        Ok(())
     }
-    bag.finish()?;
-    report.notes = rows.notes();
-    if has(Signal::Velocity) {
-        report.notes.push(SignalNote::Integrated);
+
+    fn finish(self, notes: Vec<SignalNote>) -> Result<ImportReport, SignalError> {
+        self.bag.finish()?;
+        let mut report = self.report;
+        report.notes = notes;
+        report.notes.extend(self.travelled.map(|_| SignalNote::Integrated));
+        Ok(report)
     }
-    Ok(report)
 }

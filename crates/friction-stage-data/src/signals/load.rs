@@ -17,6 +17,7 @@ use super::recording::{LEAST_COVERAGE, Recording, valid_rows};
 use super::resample::{self, Between, Placed};
 use super::source::{Request, Source, Stream};
 use super::trace::Trace;
+use super::window::{Span, Window};
 use friction_stage_core::numerics::noise;
 
 /// Raw samples that are held at once besides the result, in bytes.
@@ -29,23 +30,43 @@ const AT_ONCE: u64 = 128 * 1024 * 1024;
 /// does not fit, a damaged place, a clock that is set back. Gaps, jitter, repeated and missing
 /// samples are no errors: [`DataQuality`] counts them.
 pub fn load(path: impl AsRef<Path>, mapping: Option<&Mapping>) -> Result<Recording, SignalError> {
+    load_part(path, mapping, Window::default())
+}
+
+/// Reads a part of a recording, as [`load`] does the whole: no more than it is in memory. What is
+/// not read, [`SignalNote::OnlyPart`] tells.
+pub fn load_part(
+    path: impl AsRef<Path>,
+    mapping: Option<&Mapping>,
+    window: Window,
+) -> Result<Recording, SignalError> {
     let path = path.as_ref();
     let (source, mapping) = Source::open(path, mapping)?;
-    on_grid(path, &source, &mapping)
+    on_grid(path, &source, &mapping, window)
 }
 
 /// Brings columns in memory onto a uniform grid, as [`load`] does with those of a file. Columns
 /// that are empty or hold no number are not recorded; `name` stands for the path in errors and
 /// findings.
-pub fn from_columns(name: impl AsRef<Path>, columns: &Trace) -> Result<Recording, SignalError> {
+pub fn from_columns(
+    name: impl AsRef<Path>,
+    columns: &Trace,
+    window: Window,
+) -> Result<Recording, SignalError> {
     let name = name.as_ref();
-    on_grid(name, &Source::Columns(Columns::new(name, columns)?), &Mapping::own_csv())
+    on_grid(name, &Source::Columns(Columns::new(name, columns)?), &Mapping::own_csv(), window)
 }
 
-fn on_grid(path: &Path, source: &Source, mapping: &Mapping) -> Result<Recording, SignalError> {
+fn on_grid(
+    path: &Path,
+    source: &Source,
+    mapping: &Mapping,
+    window: Window,
+) -> Result<Recording, SignalError> {
     let mut loading = Loading {
         source,
         mapping,
+        span: Span::of(window),
         notes: same_place(mapping),
         filled: Vec::new(),
         between: Vec::new(),
@@ -60,10 +81,17 @@ fn on_grid(path: &Path, source: &Source, mapping: &Mapping) -> Result<Recording,
         .into_iter()
         .find_map(|signal| Some((signal, loading.candidates(signal).next()?)));
     let (signal, place) = measured.ok_or_else(missing)?;
+    let recorded = source.expected(&place).filter(|samples| *samples > 0);
     let mut stream = loading.read(&[vec![(signal, place)]])?.remove(0);
     stream.signals[0] = Signal::Position;
-    let total = stream.stamps.len();
+    let (total, is_part) = (stream.stamps.len(), stream.is_part());
     let Ordered { stamps, mut values, mut quality } = order(stream)?;
+    if let (Some(first), Some(last)) = (stamps.first(), stamps.last()) {
+        loading.span = if is_part { Span::between(*first, *last) } else { Span::default() };
+    }
+    if is_part {
+        loading.notes.push(SignalNote::OnlyPart { samples: total as u64, recorded });
+    }
     if signal == Signal::Velocity {
         let mut position = Integral::default();
         let rows = stamps.iter().zip(&mut values[0]);
@@ -189,6 +217,7 @@ fn needs(mapping: &Mapping) -> String {
 struct Loading<'a> {
     source: &'a Source<'a>,
     mapping: &'a Mapping,
+    span: Span,
     notes: Vec<SignalNote>,
     /// Rows of the forces that stand in place of missing samples, and those between samples of the
     /// cell.
@@ -208,7 +237,7 @@ impl Loading<'_> {
     fn read(&mut self, groups: &[Vec<(Signal, SignalSource)>]) -> Result<Vec<Stream>, SignalError> {
         let requests: Vec<Request> =
             groups.iter().map(|signals| Request { signals: signals.clone() }).collect();
-        let mut streams = self.source.read(&requests, self.mapping.joint.as_deref())?;
+        let mut streams = self.source.read(&requests, self.mapping.joint.as_deref(), self.span)?;
         for stream in &mut streams {
             // What is so of a file is told once, however often it is read.
             stream.notes.retain(|note| !self.notes.contains(note));

@@ -13,6 +13,7 @@ use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::mapping::{Mapping, Place, Signal, SignalSource};
 use super::topic_source::read_bag;
+use super::window::{Side, Span};
 use crate::bag::BagReader;
 
 /// Most samples that memory is set aside for before they are read.
@@ -32,6 +33,14 @@ pub(crate) struct Stream {
     pub values: Vec<Vec<f64>>,
     /// What a user should know about how they were read.
     pub notes: Vec<SignalNote>,
+    /// Which samples are wanted.
+    span: Span,
+    /// Whether the last one before the span is wanted, too, and the place in the samples of the one
+    /// that is.
+    held: bool,
+    before: Option<usize>,
+    /// Whether no more will come.
+    pub is_done: bool,
 }
 
 /// Signals to be read with one stamp.
@@ -99,16 +108,18 @@ impl Source<'_> {
         }
     }
 
-    /// Reads each request as a stream; one pass over the recording.
+    /// Reads each request as a stream, its part in a span; one pass over the recording. The last
+    /// sample before the part comes with it unless it begins there: a value that is held is older.
     pub fn read(
         &self,
         requests: &[Request],
         joint: Option<&str>,
+        span: Span,
     ) -> Result<Vec<Stream>, SignalError> {
         match self {
-            Self::Bag(reader) => read_bag(reader, requests, joint),
-            Self::Csv(file) => file.read(requests),
-            Self::Columns(columns) => Ok(columns.read(requests)),
+            Self::Bag(reader) => read_bag(reader, requests, joint, span),
+            Self::Csv(file) => file.read(requests, span),
+            Self::Columns(columns) => Ok(columns.read(requests, span)),
         }
     }
 }
@@ -123,15 +134,48 @@ pub fn is_table(path: &Path, mapping: Option<&Mapping>) -> bool {
 }
 
 impl Stream {
-    pub fn new(request: &Request, expected: u64) -> Self {
-        let expected = expected.min(RESERVE) as usize;
+    pub fn new(request: &Request, expected: u64, span: Span) -> Self {
+        let expected = expected.min(RESERVE).min(span.most()) as usize;
         Self {
             signals: request.signals.iter().map(|(signal, _)| *signal).collect(),
             places: request.signals.iter().map(|(_, source)| source.place.to_string()).collect(),
             stamps: Vec::with_capacity(expected),
             values: request.signals.iter().map(|_| Vec::with_capacity(expected)).collect(),
             notes: Vec::new(),
+            held: span.is_of_others(),
+            span,
+            before: None,
+            is_done: false,
         }
+    }
+
+    /// Adds a sample, if it is wanted.
+    pub fn push(&mut self, stamp: i64, values: impl IntoIterator<Item = f64>) {
+        // What has no time is counted where it is put in order.
+        match if stamp == NO_TIME { Side::Inside } else { self.span.side(stamp) } {
+            Side::Inside => {
+                self.stamps.push(stamp);
+                for (column, value) in self.values.iter_mut().zip(values) {
+                    column.push(value);
+                }
+            }
+            Side::Before if self.held => {
+                let at = *self.before.get_or_insert(self.stamps.len());
+                self.stamps.resize(self.stamps.len().max(at + 1), stamp);
+                self.stamps[at] = stamp;
+                for (column, value) in self.values.iter_mut().zip(values) {
+                    column.resize(column.len().max(at + 1), value);
+                    column[at] = value;
+                }
+            }
+            Side::Before | Side::After => {}
+            Side::Beyond => self.is_done = true,
+        }
+    }
+
+    /// Whether the recording has samples that are not in the span.
+    pub fn is_part(&self) -> bool {
+        self.span.is_part
     }
 }
 

@@ -7,6 +7,7 @@ use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::mapping::{Place, Signal, SignalSource, Stamp};
 use super::source::{Request, Stream, seconds_to_nanos};
+use super::window::Span;
 use crate::bag::{BagReader, Topic, topics};
 use crate::message::type_layout::{FieldPath, TypeLayout, Value};
 
@@ -208,13 +209,14 @@ pub(super) fn read_bag(
     reader: &BagReader,
     requests: &[Request],
     joint: Option<&str>,
+    span: Span,
 ) -> Result<Vec<Stream>, SignalError> {
     let mut extractions = Vec::new();
     let mut streams = Vec::new();
     for request in requests {
         let extraction = Extraction::new(reader, request)?;
-        streams
-            .push(Stream::new(request, reader.topic(&extraction.topic).map_or(0, |t| t.messages)));
+        let expected = reader.topic(&extraction.topic).map_or(0, |t| t.messages);
+        streams.push(Stream::new(request, expected, span));
         extractions.push(extraction);
     }
     let mut joints: Vec<Joints> = extractions.iter().map(|_| Joints::new(joint)).collect();
@@ -261,10 +263,10 @@ pub(super) fn read_bag(
                     i64::try_from(time).unwrap_or(i64::MAX)
                 }
             };
-            stream.stamps.push(stamp);
-            for (column, value) in stream.values.iter_mut().zip(&row) {
-                column.push(value.unwrap_or(f64::NAN));
-            }
+            stream.push(stamp, row.iter().map(|value| value.unwrap_or(f64::NAN)));
+        }
+        if streams.iter().all(|stream| stream.is_done) {
+            break;
         }
     }
     for (index, extraction) in extractions.iter().enumerate() {
@@ -296,7 +298,7 @@ pub(super) fn read_bag(
             }
             let topic = extraction.topic.clone();
             let note = SignalNote::UnfilledStamps { topic, stamp_ns: stamps[0] };
-            streams[index] = read_bag(reader, &[request], joint)?.remove(0);
+            streams[index] = read_bag(reader, &[request], joint, span)?.remove(0);
             streams[index].notes.push(note);
         }
     }

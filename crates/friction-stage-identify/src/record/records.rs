@@ -14,7 +14,7 @@ use crate::record::measured::Measured;
 use friction_stage_core::model::StageModel;
 use friction_stage_data::quality::{DataFinding, Severity, examine, outlier_rows};
 use friction_stage_data::signals::{
-    Mapping, Recording, Signal, SignalError, Trace, from_columns, load,
+    MOST_SAMPLES, Mapping, Recording, Signal, SignalError, Trace, Window, from_columns, load_part,
 };
 
 /// Samples in a row that must agree for two records to be the same there. Assumed: of positions in
@@ -29,9 +29,6 @@ const TOO_MANY: f64 = 0.1;
 /// Assumed.
 const SAME_RATE: f64 = 0.01;
 
-/// Most samples of a bag that are used: a search over twice as many takes more than a gigabyte.
-/// Five minutes at 2 kHz are more than a fit needs.
-const MOST_SAMPLES: usize = 600_000;
 /// Share of the rows that may be filled in and left out: a filter of 200 Hz spans some 40 of them
 /// at 2 kHz, so that hardly a row would be left with more.
 const MOST_FILLED: f64 = 0.06;
@@ -69,10 +66,12 @@ impl RecordSource {
         }
     }
 
-    fn read(&self, mapping: Option<&Mapping>) -> Result<Recording, SignalError> {
+    fn read(&self, mapping: Option<&Mapping>, part: Window) -> Result<Recording, SignalError> {
+        let most = part.most.unwrap_or(MOST_SAMPLES).min(MOST_SAMPLES);
+        let part = Window { most: Some(most), ..part };
         match self {
-            RecordSource::File(path) => load(path, mapping),
-            RecordSource::Columns { name, columns } => from_columns(name, columns),
+            RecordSource::File(path) => load_part(path, mapping, part),
+            RecordSource::Columns { name, columns } => from_columns(name, columns, part),
         }
     }
 
@@ -165,18 +164,19 @@ fn codes(findings: &[DataFinding]) -> String {
 }
 
 impl Records {
-    /// Reads both sides: bags or CSV files, several of a side are joined. Every guard of the
-    /// command line is here.
+    /// Reads both sides: bags or tables, several of a side are joined. Of each recording `part` is
+    /// read, [`MOST_SAMPLES`] of it at most. Every guard of the command line is here.
     pub fn load(
         train: &[PathBuf],
         holdout: &[PathBuf],
         mapping: Option<&Mapping>,
+        part: Window,
         model: &StageModel,
     ) -> Result<Records, RecordsError> {
         let files = |paths: &[PathBuf]| -> Vec<RecordSource> {
             paths.iter().cloned().map(RecordSource::File).collect()
         };
-        Records::read(&files(train), &files(holdout), mapping, model)
+        Records::read(&files(train), &files(holdout), mapping, part, model)
     }
 
     /// As [`load`](Self::load), from files or from columns in memory.
@@ -184,6 +184,7 @@ impl Records {
         train: &[RecordSource],
         holdout: &[RecordSource],
         mapping: Option<&Mapping>,
+        part: Window,
         model: &StageModel,
     ) -> Result<Records, RecordsError> {
         for (index, source) in train.iter().enumerate() {
@@ -198,7 +199,7 @@ impl Records {
         }
         let mut findings = Vec::new();
         let mut read = |sources: &[RecordSource]| -> Result<Vec<Recording>, RecordsError> {
-            sources.iter().map(|source| read(source, mapping, model, &mut findings)).collect()
+            sources.iter().map(|source| read(source, mapping, part, model, &mut findings)).collect()
         };
         let (mut train_bags, mut holdout_bags) = (read(train)?, read(holdout)?);
         let paths = |sources: &[RecordSource]| -> Vec<PathBuf> {
@@ -233,21 +234,12 @@ impl Records {
 fn read(
     source: &RecordSource,
     mapping: Option<&Mapping>,
+    part: Window,
     model: &StageModel,
     findings: &mut Vec<IdentifyFinding>,
 ) -> Result<Recording, RecordsError> {
     let path = source.path();
-    let mut recording = source.read(mapping)?;
-    let samples = recording.trace.len();
-    if samples > MOST_SAMPLES {
-        findings.push(IdentifyFinding::Truncated {
-            recording: path.to_owned(),
-            samples,
-            used: MOST_SAMPLES,
-            seconds: MOST_SAMPLES as f64 / recording.rate,
-        });
-        recording.truncate(MOST_SAMPLES);
-    }
+    let mut recording = source.read(mapping, part)?;
     let mut found = examine(&recording, Some(model)).findings;
     let (broken, _): (Vec<DataFinding>, Vec<_>) =
         found.iter().cloned().partition(|finding| finding.broken_signal().is_some());
@@ -433,16 +425,22 @@ mod tests {
         let path = home.path().join("long.csv");
         trace.write_csv(&path).unwrap();
         let mut findings = Vec::new();
-        let bag =
-            read(&RecordSource::File(path), None, &StageModel::default(), &mut findings).unwrap();
+        let bag = read(
+            &RecordSource::File(path),
+            None,
+            Window::default(),
+            &StageModel::default(),
+            &mut findings,
+        )
+        .unwrap();
         assert_eq!(bag.trace.len(), MOST_SAMPLES);
         assert_eq!(bag.trace.position, trace.position[..MOST_SAMPLES]);
         let used = |finding: &IdentifyFinding| match finding {
-            IdentifyFinding::Truncated { samples, used, seconds, .. } => {
-                Some((*samples, *used, *seconds))
+            IdentifyFinding::Reading { note: SignalNote::OnlyPart { samples, .. }, .. } => {
+                Some(*samples)
             }
             _ => None,
         };
-        assert_eq!(used(&findings[0]), Some((600_100, 600_000, 300.0)), "{findings:?}");
+        assert_eq!(findings.iter().find_map(used), Some(600_000), "{findings:?}");
     }
 }

@@ -176,8 +176,10 @@ impl Words for DataFinding {
                 }
             ),
             Self::OddRate { rate } => format!(
-                "the position is sampled at {rate:.3e} Hz: friction needs 100 Hz to 100 kHz; is \
-                 the unit of the time right?"
+                "the position is sampled at {} Hz, 100 Hz to 100 kHz show presliding and the \
+                 Stribeck curve: {}is the unit of the time right?",
+                short(*rate),
+                if *rate < 100.0 { "here only friction at held speeds can be seen; " } else { "" }
             ),
         }
     }
@@ -251,6 +253,13 @@ impl Words for SignalNote {
             Self::RowsLeftOut { rows, first_line } => format!(
                 "{rows} rows are left out, the first is line {first_line}: cut off, or words at \
                  the end of the table"
+            ),
+            Self::OnlyPart { samples, recorded } => format!(
+                "{samples} samples are read{}: choose others with --from and --to",
+                match recorded {
+                    Some(recorded) => format!(" of {recorded}"),
+                    None => ", and the recording has more".to_owned(),
+                }
             ),
         }
     }

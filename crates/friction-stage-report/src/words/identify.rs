@@ -67,11 +67,6 @@ impl Words for IdentifyFinding {
                 finding.words(joint),
                 if *left_out { "; these values are left out" } else { "" }
             ),
-            Self::Truncated { recording, samples, used, seconds } => format!(
-                "{}: of {samples} samples the first {used} are used ({seconds:.0} s): cut the \
-                 recording to choose others",
-                recording.display()
-            ),
             Self::Filled { recording, share, compared: true } => format!(
                 "{}: {:.1} % of the rows are filled in for samples that are missing: what these \
                  are off by counts as residual",

@@ -5,7 +5,9 @@ use std::path::Path;
 
 use friction_stage_core::model::JointType;
 use friction_stage_data::bag::{Damage, RecoverReport};
-use friction_stage_data::quality::{CheckReport, Excitation, Judgement, Obstacle, RecordingCheck};
+use friction_stage_data::quality::{
+    CheckReport, Excitation, Judgement, Obstacle, RecordingCheck, TopicCheck,
+};
 use friction_stage_data::signals::{ClockKind, DataQuality, ImportReport, Proposal, SignalQuality};
 
 use super::data::{severity, signals, subject};
@@ -17,6 +19,9 @@ pub fn recording_text(check: &RecordingCheck) -> String {
     if let Some(messages) = &check.messages {
         text += &messages_text(messages);
     }
+    if let Some(rows) = &check.rows {
+        text += &rows_text(rows);
+    }
     if let (Some(data), Some(identification)) = (&check.data, &check.identification) {
         text += &data_text(data);
         text += &identification_text(identification);
@@ -25,6 +30,21 @@ pub fn recording_text(check: &RecordingCheck) -> String {
         text += &format!("nothing can be identified from it: {reason}\n");
     }
     text
+}
+
+/// The times of a whole table.
+fn rows_text(rows: &TopicCheck) -> String {
+    let rate = rows.rate_hz.map_or("no usual rate".to_owned(), |rate| format!("{rate:.3} Hz"));
+    format!(
+        "all {} rows: {rate}, {} gaps (the longest {:.6} s), {} times repeat, {} go back, {} \
+         values missing\n",
+        rows.messages,
+        rows.gaps,
+        rows.longest_gap_s.unwrap_or(0.0),
+        rows.repeated_stamps,
+        rows.backward_stamps,
+        rows.non_finite,
+    )
 }
 
 /// What the messages of a bag are and what is wrong with them.
@@ -234,10 +254,11 @@ fn identification_text(found: &Excitation) -> String {
 }
 
 /// What an import wrote into the bag `out`, and what was left out.
-pub fn import_text(report: &ImportReport, out: &Path) -> String {
+pub fn import_text(report: &ImportReport) -> String {
     let topics: Vec<String> =
         report.messages.iter().map(|(topic, count)| format!("{count} on {topic}")).collect();
-    let mut text = format!("{}: {} rows, {}\n", out.display(), report.rows, topics.join(", "));
+    let mut text =
+        format!("{}: {} rows, {}\n", report.bag.display(), report.rows, topics.join(", "));
     if report.without_time > 0 {
         text += &format!(
             "warning: {} rows without a time, or with one before the first, are left out\n",

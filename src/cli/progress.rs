@@ -1,0 +1,101 @@
+//! How far a command is: a bar of at most 60 columns on a terminal, else a line every few seconds.
+
+use std::io::Write as _;
+use std::sync::Mutex;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// Between two lines where stderr is no terminal.
+const BETWEEN_LINES: Duration = Duration::from_secs(5);
+
+/// Shows on stderr how far a command is. Any thread may report.
+pub(super) struct Progress {
+    bar: ProgressBar,
+    /// When the next line is due where there is no terminal, after the start.
+    due: Mutex<Duration>,
+}
+
+impl Progress {
+    /// Of so many steps.
+    pub fn of(steps: u64, message: impl Into<String>) -> Progress {
+        let template = "{msg:20!} [{bar:14}] {percent:>3} % {elapsed}, {eta} left";
+        Progress::new(ProgressBar::new(steps), template, message)
+    }
+
+    /// Of what nobody has counted.
+    pub fn endless(message: impl Into<String>) -> Progress {
+        Progress::new(ProgressBar::no_length(), "{msg:40!} {elapsed}", message)
+    }
+
+    fn new(bar: ProgressBar, template: &str, message: impl Into<String>) -> Progress {
+        // A template that cannot be read would be shown as the default one.
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style.progress_chars("=> "));
+        }
+        bar.set_message(message.into());
+        bar.enable_steady_tick(Duration::from_millis(200));
+        Progress { bar, due: Mutex::new(BETWEEN_LINES) }
+    }
+
+    /// What is done now.
+    pub fn say(&self, message: impl Into<String>) {
+        self.bar.set_message(message.into());
+        self.tell();
+    }
+
+    /// So many steps are done; a report that comes late changes nothing.
+    pub fn reach(&self, steps: u64) {
+        if steps > self.bar.position() {
+            self.bar.set_position(steps);
+        }
+        self.tell();
+    }
+
+    /// One more step is done.
+    pub fn step(&self) {
+        self.bar.inc(1);
+        self.tell();
+    }
+
+    /// Writes a line that stays.
+    pub fn line(&self, text: &str) {
+        self.bar.suspend(|| {
+            // Nobody may be reading: that is no reason to stop.
+            let _ = writeln!(std::io::stderr(), "{text}");
+        });
+    }
+
+    /// A handle for a thread that outlives this one's borrow.
+    pub fn bar(&self) -> ProgressBar {
+        self.bar.clone()
+    }
+
+    fn tell(&self) {
+        if !self.bar.is_hidden() {
+            return;
+        }
+        let elapsed = self.bar.elapsed();
+        let Ok(mut due) = self.due.lock() else { return };
+        if elapsed < *due {
+            return;
+        }
+        *due = elapsed + BETWEEN_LINES;
+        let share = match self.bar.length() {
+            Some(steps) if steps > 0 => format!(" {} %,", 100 * self.bar.position() / steps),
+            _ => String::new(),
+        };
+        let _ = writeln!(
+            std::io::stderr(),
+            "{}:{share} after {} s",
+            self.bar.message(),
+            elapsed.as_secs()
+        );
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
