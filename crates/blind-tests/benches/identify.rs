@@ -41,6 +41,15 @@ struct Arguments {
     /// Draw the noise of either sensor from a third of what is declared to ten times it.
     #[arg(long, global = true)]
     noises: bool,
+    /// Draw rate, encoder and its instants of another machine for each run.
+    #[arg(long, global = true)]
+    machines: bool,
+    /// Counts of the encoder, m, in place of 1 nm.
+    #[arg(long, global = true)]
+    counts: Option<f64>,
+    /// No force cell.
+    #[arg(long, global = true)]
+    no_cell: bool,
     /// One JSON object per run and one for the summary.
     #[arg(long, global = true)]
     json: bool,
@@ -111,6 +120,8 @@ struct Report {
     /// Size that was asked for, floors; 0 where none was.
     size: f64,
     noise: SensorNoise,
+    /// Hz
+    rate: f64,
     hidden: Vec<Hidden>,
     verdict: &'static str,
     /// Names that were found, without maps.
@@ -251,7 +262,25 @@ impl Session<'_> {
             setup.noise.encoder *= drawn.log_between(1.0 / 3.0, 10.0);
             setup.noise.cell *= drawn.log_between(1.0 / 3.0, 10.0);
         }
+        if self.arguments.machines {
+            setup = setup.drawing_machine();
+        }
+        if let Some(counts) = self.arguments.counts {
+            (setup.noise.encoder, setup.noise.count) = (0.0, counts);
+        }
         setup
+    }
+
+    /// The model that is declared of a stage with these sensors, and whether its cell is recorded.
+    /// Of `--machines` every second one has none.
+    fn known(&self, setup: &Setup) -> (StageModel, bool) {
+        let mut model = declared();
+        if self.arguments.machines || self.arguments.counts.is_some() {
+            (model.encoder.noise, model.encoder.resolution) =
+                (setup.noise.encoder, setup.noise.count);
+        }
+        let by_cell = !self.arguments.machines || setup.seed % 2 == 0;
+        (model, by_cell && !self.arguments.no_cell)
     }
 
     /// Runs of the first stages from a seed on of which an effect can be made of this size, floors;
@@ -326,9 +355,11 @@ impl Session<'_> {
 
     /// Held-out force of an effect in floors.
     fn floors_of(&self, seed: u64, effect: Effect) -> Result<f64> {
-        let run = self.setup(seed, vec![effect]).generate()?;
-        let check = Measured::new(&run.check.to_trace(), &declared(), "check")?;
-        Ok(hidden(&run, &check).iter().map(|hidden| hidden.floors).sum())
+        let setup = self.setup(seed, vec![effect]);
+        let run = setup.generate()?;
+        let known = self.known(&setup);
+        let check = measured(&run.check, &known, "check")?;
+        Ok(hidden(&run, &check, &known.0).iter().map(|hidden| hidden.floors).sum())
     }
 
     fn run(&mut self, seed: u64, factor: f64, hidden: Vec<Effect>) -> Result<()> {
@@ -352,8 +383,17 @@ impl Session<'_> {
                 "{prefix} [{elapsed}] {bar:20} {msg}",
             )?)
             .with_prefix(format!("{title} seed {seed}"));
-        let report = judge(&run, factor, self.size, &Progress(bar.clone()))
-            .with_context(|| format!("{title} seed {seed}"))?;
+        let known = self.known(&setup);
+        let judged = judge(&run, &known, factor, self.size, &Progress(bar.clone()));
+        let report = match judged {
+            // A record that cannot carry the question is refused, which is an answer.
+            Err(error @ IdentifyError::HiddenByNoise { .. }) => {
+                bar.finish_and_clear();
+                println!("refused {title} seed {seed}: {error}");
+                return Ok(());
+            }
+            judged => judged.with_context(|| format!("{title} seed {seed}"))?,
+        };
         bar.finish_and_clear();
         let mut out = std::io::stdout().lock();
         if self.arguments.json {
@@ -514,17 +554,31 @@ fn declared() -> StageModel {
     StageModel { guides: vec![GuideSource::Inline(guide); 4], ..StageModel::default() }
 }
 
+/// A record as the one who identifies gets it.
+fn measured(
+    columns: &Columns,
+    (model, by_cell): &(StageModel, bool),
+    name: &str,
+) -> Result<Measured, IdentifyError> {
+    let mut trace = columns.to_trace();
+    if !by_cell {
+        trace.force_cell.fill(f64::NAN);
+    }
+    Measured::new(&trace, model, name)
+}
+
 fn judge(
     run: &GeneratedRun,
+    known: &(StageModel, bool),
     factor: f64,
     size: f64,
     watch: &dyn Watch,
 ) -> Result<Report, IdentifyError> {
-    let model = declared();
+    let model = &known.0;
     let start = Instant::now();
-    let measured = |columns: &Columns, name: &str| Measured::new(&columns.to_trace(), &model, name);
-    let (train, check) = (measured(&run.train, "train")?, measured(&run.check, "check")?);
-    let selection = search(&model, Tolerances::default(), &train, &check, watch)?;
+    let (train, check) =
+        (measured(&run.train, known, "train")?, measured(&run.check, known, "check")?);
+    let selection = search(model, Tolerances::default(), &train, &check, watch)?;
     let seconds = start.elapsed().as_secs_f64();
 
     let found: Vec<&'static str> = selection
@@ -541,7 +595,7 @@ fn judge(
         Coordinate::Velocity => "velocity",
         Coordinate::Time => "time",
     });
-    let hidden = hidden(run, &check);
+    let hidden = hidden(run, &check, model);
     let right = right(&hidden, &selection, &found, coordinate);
     let rms = |motor: f64, carriage: f64| [motor.sqrt(), carriage.sqrt()];
     Ok(Report {
@@ -549,6 +603,7 @@ fn judge(
         factor,
         size,
         noise: run.truth.noise,
+        rate: check.rate,
         verdict: match selection.verdict {
             Verdict::Found => "found",
             Verdict::None => "none",
@@ -577,8 +632,8 @@ fn judge(
 }
 
 /// What the held-out record shows of each hidden effect.
-fn hidden(run: &GeneratedRun, check: &Measured) -> Vec<Hidden> {
-    let floor = check.floor(&declared());
+fn hidden(run: &GeneratedRun, check: &Measured, model: &StageModel) -> Vec<Hidden> {
+    let floor = check.floor(model);
     run.truth
         .effects
         .iter()
@@ -785,7 +840,9 @@ impl Report {
             ));
         }
         line(format_args!(
-            "    noise of encoder {:.1} nm, of cell {:.3} N",
+            "    {:.0} Hz, encoder with counts of {:.1} nm and {:.1} nm of noise, cell with {:.3} N",
+            self.rate,
+            1e9 * self.noise.count,
             1e9 * self.noise.encoder,
             self.noise.cell
         ));

@@ -38,6 +38,18 @@ use stage::Stage;
 pub const NOMINAL_MASS: f64 = 40.0;
 /// Crossover of the controller, Hz.
 pub const BANDWIDTH: f64 = 60.0;
+/// Rates of other machines, Hz.
+const RATES: [f64; 6] = [250.0, 500.0, 1000.0, 2000.0, 4000.0, 10_000.0];
+/// Finest and coarsest count of their encoders, m.
+const FINEST: f64 = 0.2e-9;
+const COARSEST: f64 = 10e-6;
+/// How far their encoders read from their instants at most, samples.
+const LATEST: f64 = 0.05;
+/// Force by which their controllers answer one count at most, N: they are damped above a sixth of
+/// the filter's corner, where a count weighs 6 m wc^2.
+const KICK: f64 = 10.0;
+/// Samples in a period of the crossover at least: with fewer the delay of the loop makes it ring.
+const SAMPLES_PER_CROSSOVER: f64 = 33.0;
 /// A position error above this (m) means that the loop lost the stage.
 const LOST: f64 = 5e-3;
 
@@ -77,6 +89,10 @@ pub struct Setup {
     pub rate: f64,
     /// Longest step of the integrator, s.
     pub step: f64,
+    /// Crossover of the controller, Hz.
+    pub bandwidth: f64,
+    /// How far the encoder reads behind its instant, samples; negative: ahead of it.
+    pub late: f64,
 }
 
 impl Setup {
@@ -91,7 +107,25 @@ impl Setup {
             guide_tolerance: 0.16,
             rate: 2000.0,
             step: 20e-6,
+            bandwidth: BANDWIDTH,
+            late: 0.0,
         }
+    }
+
+    /// A machine of another kind: its rate (250 Hz to 10 kHz), its encoder (white noise or counts
+    /// of 0.2 nm to 10 um) and how exactly that keeps its instant are drawn. Its controller is as
+    /// fast as rate and counts allow: a count makes it kick by no more than [`KICK`].
+    pub fn drawing_machine(mut self) -> Self {
+        let mut drawn = Noise::new(self.seed, 12);
+        self.rate = RATES[drawn.index(RATES.len())];
+        let count = drawn.log_between(FINEST, COARSEST);
+        let is_white = drawn.unit() < 0.5;
+        self.noise.encoder = if is_white { count / 12f64.sqrt() } else { 0.0 };
+        self.noise.count = if is_white { 0.0 } else { count };
+        self.late = drawn.between(-LATEST, LATEST);
+        let by_count = (KICK / (6.0 * NOMINAL_MASS * count)).sqrt() / std::f64::consts::TAU;
+        self.bandwidth = BANDWIDTH.min(self.rate / SAMPLES_PER_CROSSOVER).min(by_count);
+        self
     }
 
     /// With one more hidden effect.
@@ -148,7 +182,7 @@ impl Setup {
         effects.iter_mut().for_each(|effect| effect.begin(&mut wander));
         let count = effects.len();
         let mut stage = Stage::new(mass, guides, effects, 1.0 / self.rate, self.step);
-        let mut controller = Controller::new(NOMINAL_MASS, BANDWIDTH, self.rate);
+        let mut controller = Controller::new(NOMINAL_MASS, self.bandwidth, self.rate);
         let mut columns = Columns {
             reference_position: setpoints.position.clone(),
             reference_velocity: setpoints.velocity.clone(),
@@ -161,7 +195,7 @@ impl Setup {
         for (k, &reference) in setpoints.position.iter().enumerate() {
             let moment = stage.moment(&mut forces);
             stage.reading_errors(moment.motor_force, &mut encoder, &mut cell);
-            let exact = moment.position
+            let exact = moment.position - self.late / self.rate * moment.velocity
                 + encoder.iter().sum::<f64>()
                 + self.noise.encoder * sensors.normal();
             let position = if self.noise.count > 0.0 {

@@ -78,14 +78,14 @@ pub struct LinearController {
 }
 
 /// What the controller is to follow, at the rows of a trace.
-struct Setpoint {
+pub(crate) struct Setpoint {
     position: Vec<f64>,
     velocity: Vec<f64>,
     acceleration: Vec<f64>,
 }
 
 impl Setpoint {
-    fn of(trace: &Trace) -> Result<Setpoint, ClosedLoopError> {
+    pub(crate) fn of(trace: &Trace) -> Result<Setpoint, ClosedLoopError> {
         let absent = |values: &[f64]| values.iter().all(|value| value.is_nan());
         if absent(&trace.reference_position) {
             return Err(ClosedLoopError::NoSetpoint);
@@ -112,7 +112,7 @@ impl Setpoint {
 
     /// Error of now; velocity and acceleration of the next sample, because a feedforward may look
     /// that far ahead.
-    fn inputs(&self, row: usize, position: f64) -> [f64; 3] {
+    pub(crate) fn inputs(&self, row: usize, position: f64) -> [f64; 3] {
         let ahead = (row + 1).min(self.position.len() - 1);
         [self.position[row] - position, self.velocity[ahead], self.acceleration[ahead]]
     }
@@ -202,7 +202,7 @@ impl LinearController {
 }
 
 /// A controller with its memory.
-struct Running<'a> {
+pub(crate) struct Running<'a> {
     controller: &'a LinearController,
     past: [f64; PAST],
     inputs: [[f64; 3]; INPUTS],
@@ -211,13 +211,13 @@ struct Running<'a> {
 }
 
 impl Running<'_> {
-    fn new(controller: &LinearController) -> Running<'_> {
+    pub(crate) fn new(controller: &LinearController) -> Running<'_> {
         Running { controller, past: [0.0; PAST], inputs: [[0.0; 3]; INPUTS], known: 0 }
     }
 
     /// The force for these inputs. While the memory fills, at the start and behind a gap, it is the
     /// recorded one.
-    fn force(&mut self, inputs: [f64; 3], recorded: f64) -> f64 {
+    pub(crate) fn force(&mut self, inputs: [f64; 3], recorded: f64) -> f64 {
         self.inputs.rotate_right(1);
         self.inputs[0] = inputs;
         if !inputs.iter().all(|value| value.is_finite()) {

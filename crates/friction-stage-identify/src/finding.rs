@@ -138,12 +138,15 @@ pub enum IdentifyFinding {
         /// What the map changes.
         side: CurveSide,
     },
-    /// The sensors are noisier than declared.
+    /// More than the declared noise is left where there is nothing but the declared model: the
+    /// sensors are noisier, or too coarse or too slow for the motion.
     NoiseAboveDeclared {
-        /// Residual that the noise in the hold-out leaves, N.
+        /// Residual that is left of the hold-out where there is nothing to find, N.
         found: f64,
         /// Residual that the declared noise leaves, N.
         declared: f64,
+        /// Least force of an effect that is seen, N rms.
+        least: f64,
     },
     /// Something is left that neither a law nor a map explains.
     Unexplained {

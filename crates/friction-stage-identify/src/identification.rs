@@ -250,7 +250,8 @@ fn of_search(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
     }
     let declared = selection.declared_floor.total();
     if noise_floor > MORE_THAN_DECLARED * declared {
-        findings.push(IdentifyFinding::NoiseAboveDeclared { found: noise_floor, declared });
+        let least = CARRIAGE_GAIN.sqrt() * selection.floor.carriage;
+        findings.push(IdentifyFinding::NoiseAboveDeclared { found: noise_floor, declared, least });
     }
     if selection.verdict == Verdict::Unknown && coordinate.is_none() && !selection.stopped {
         findings.push(IdentifyFinding::Unexplained { left, noise_floor });

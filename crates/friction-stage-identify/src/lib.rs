@@ -58,6 +58,7 @@ mod fit;
 mod hypothesis;
 mod identification;
 pub mod next_experiment;
+mod null_record;
 mod record;
 mod residual;
 mod search;

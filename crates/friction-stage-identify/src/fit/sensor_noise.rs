@@ -14,7 +14,7 @@ use crate::fit::Estimate;
 use crate::fit::objective::{derivatives, stacked};
 use crate::fit::uncertainty::inverse_where_known;
 use crate::hypothesis::{Hypothesis, Sides};
-use crate::record::measured::{Floor, Measured, mean_square};
+use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
 use friction_stage_core::model::ModelError;
 
@@ -28,25 +28,6 @@ const OWN_DERIVATIVES: u64 = 2;
 /// Part by which noise may leave more than declared without a word: a record knows its noise to
 /// some per cent. Assumed.
 pub const MORE_THAN_DECLARED: f64 = 1.2;
-
-/// What the sensors' noise leaves on a record: where it is as declared, of inertia and cell alone;
-/// where it is more, of the friction too, whose bristles follow the apparent motion. That is
-/// what as much noise again changes in the residual.
-pub(crate) fn floor(hypothesis: &Hypothesis, measured: &Measured) -> Result<Floor, ModelError> {
-    let floor = hypothesis.floor(measured);
-    if floor.total() <= MORE_THAN_DECLARED * hypothesis.declared_floor(measured).total() {
-        return Ok(floor);
-    }
-    let there = hypothesis.missing(&noisy(hypothesis, measured, 0, 1.0), Sides::BOTH)?;
-    let here = hypothesis.missing(measured, Sides::BOTH)?;
-    let changed = |there: &[f64], here: &[f64]| {
-        mean_square(there.iter().zip(here).map(|(there, here)| there - here)).sqrt()
-    };
-    Ok(Floor {
-        motor: floor.motor.max(changed(&there.motor, &here.motor)),
-        carriage: floor.carriage.max(changed(&there.carriage, &here.carriage)),
-    })
-}
 
 /// The record with as much noise again, drawn from a seed: of the encoder as the record shows it,
 /// of the cell no less than declared.

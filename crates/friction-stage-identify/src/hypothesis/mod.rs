@@ -393,11 +393,6 @@ impl Hypothesis {
         let mut coordinates = Vec::new();
         if sides.carriage {
             for declared in NominalParameter::ALL {
-                // Without a cell there is no second clock: what the motion is late by is a lag of
-                // the motor.
-                if declared == NominalParameter::SensorShift && !has_cell {
-                    continue;
-                }
                 let limit = match declared {
                     NominalParameter::Mass => self.tolerances.mass,
                     NominalParameter::SensorShift => SHIFT_LIMIT,

@@ -298,6 +298,7 @@ mod tests {
             inseparable,
             unproven: Vec::new(),
             floor: train.floor(declared),
+            train_floor: train.floor(declared),
             wander_of_zero: None,
             declared_floor: train.declared_floor(declared),
             stopped: false,

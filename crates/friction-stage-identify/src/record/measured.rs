@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use friction_stage_core::model::{Guide, StageModel};
-use friction_stage_core::numerics::noise::{cell_noise, encoder_noise};
+use friction_stage_core::numerics::noise::{cell_noise, count_size, encoder_noise};
 use friction_stage_core::plant::Motion;
 use friction_stage_core::plant::effects::ForceOverStep;
 use friction_stage_data::signals::Trace;
@@ -113,6 +113,9 @@ pub struct Measured {
     has_command: bool,
     /// Standard deviation of the encoder's noise as the record shows it, m; above 0.
     pub noise: f64,
+    /// Count of the encoder as declared, or as the record shows it where that is more, m; 0 for
+    /// none.
+    pub count: f64,
     /// Standard deviation of the cell's noise as the record shows it, N; 0 without a cell.
     pub cell_noise: f64,
     /// Moving mass as declared, kg.
@@ -150,8 +153,8 @@ impl Measured {
             trace.position.iter().map(|position| position.is_finite()).collect();
         let position = filled(&trace.position);
         let (lowest, highest) = friction_stage_core::numerics::range(&position);
-        let count_size = model.encoder.resolution.max(1e-12);
-        if highest - lowest <= 10.0 * (count_size + model.encoder.noise) {
+        let least = model.encoder.resolution.max(1e-12);
+        if highest - lowest <= 10.0 * (least + model.encoder.noise) {
             return Err(IdentifyError::NoMotion {
                 name: name.to_owned(),
                 travel: highest - lowest,
@@ -209,6 +212,7 @@ impl Measured {
             raw_command,
             raw_cell,
             noise,
+            count: model.encoder.resolution.max(count_size(&trace.position)),
             cell_noise,
             mass: model.mass,
             steps: Vec::new(),
@@ -265,6 +269,21 @@ impl Measured {
         (velocity, steps)
     }
 
+    /// What a controller has read, answered and been asked for, sample by sample; `None` without
+    /// a command.
+    pub(crate) fn controlled(&self) -> Option<Trace> {
+        let [position, velocity, acceleration] = self.reference.clone();
+        self.has_command.then(|| Trace {
+            time: self.time.clone(),
+            reference_position: position,
+            reference_velocity: velocity,
+            reference_acceleration: acceleration,
+            position: self.position.clone(),
+            force: self.raw_command.clone(),
+            ..Trace::default()
+        })
+    }
+
     /// The same record had encoder (m) and cell (N) read this more, sample by sample; a cell that
     /// is not there reads nothing.
     pub(crate) fn with_noise(
@@ -273,27 +292,57 @@ impl Measured {
         mut cell: impl FnMut() -> f64,
         mass: f64,
     ) -> Measured {
+        let position = self.position.iter().map(|position| position + encoder()).collect();
+        let (mut raw_command, mut raw_cell) = (self.raw_command.clone(), self.raw_cell.clone());
+        let read = if self.has_command { raw_cell.as_mut() } else { Some(&mut raw_command) };
+        read.into_iter().flatten().for_each(|force| *force += cell());
+        self.with_signals(position, raw_command, raw_cell, mass)
+    }
+
+    /// The same record had its sensors read this: position, m, and cell, N, under a command, N.
+    /// What is not recorded of it stays unknown.
+    pub(crate) fn read_as(
+        &self,
+        position: Vec<f64>,
+        command: Vec<f64>,
+        cell: Vec<f64>,
+        mass: f64,
+    ) -> Measured {
+        let last = cell.len() - 1;
+        if self.has_command {
+            let raw_cell = self.raw_cell.is_some().then_some(cell);
+            self.with_signals(position, command, raw_cell, mass)
+        } else {
+            let a_sample_later = (0..=last).map(|k| cell[(k + 1).min(last)]).collect();
+            self.with_signals(position, a_sample_later, None, mass)
+        }
+    }
+
+    fn with_signals(
+        &self,
+        position: Vec<f64>,
+        raw_command: Vec<f64>,
+        raw_cell: Option<Vec<f64>>,
+        mass: f64,
+    ) -> Measured {
         // All but what is worked out anew.
-        let mut noisy = Measured {
+        let mut other = Measured {
             time: self.time.clone(),
-            position: self.position.iter().map(|position| position + encoder()).collect(),
+            position,
             velocity: Vec::new(),
             acceleration: Vec::new(),
             cell: None,
             command: Vec::new(),
             reference: self.reference.clone(),
-            raw_command: self.raw_command.clone(),
-            raw_cell: self.raw_cell.clone(),
+            raw_command,
+            raw_cell,
             steps: Vec::new(),
             lowpass: self.lowpass.clone(),
             rows: self.rows.clone(),
             ..*self
         };
-        let read =
-            if noisy.has_command { noisy.raw_cell.as_mut() } else { Some(&mut noisy.raw_command) };
-        read.into_iter().flatten().for_each(|force| *force += cell());
-        noisy.work_out(mass);
-        noisy
+        other.work_out(mass);
+        other
     }
 
     /// The motion in steps: more of them where it turns. `smooth` is the position without what the

@@ -64,9 +64,10 @@ impl Search<'_> {
         let little = self.beyond_noise(&self.best_errors)
             <= WANDERS_AT_MOST * self.beyond_noise(&self.errors_before);
         let here = self.best.hypothesis.in_record(self.holdout)?;
-        let elsewhere = without_cell(&here, self.holdout)?.sqrt() > NOISE_LIKE * self.floor.total();
+        let elsewhere =
+            without_cell(&here, self.holdout)?.sqrt() > NOISE_LIKE * self.floors.holdout.total();
         let missing = here.missing(self.holdout, Sides::MOTOR)?.motor;
-        let beyond = mean_square(missing.iter().copied()) - self.floor.motor.powi(2);
+        let beyond = mean_square(missing.iter().copied()) - self.floors.holdout.motor.powi(2);
         let means = square_of_means(&self.holdout.at_rows(&self.holdout.time), &missing, SLOW);
         let is_all = little && !elsewhere && beyond > 0.0 && means >= SHOWN_BY_MEANS * beyond;
         Ok(is_all.then(|| beyond.sqrt()))

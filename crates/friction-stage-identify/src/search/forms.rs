@@ -214,7 +214,8 @@ impl Search<'_> {
 
     /// Whether what was found leaves more on the hold-out than this, by what is worth an effect.
     fn does_harm_beside(&self, other: &Errors) -> bool {
-        self.best_errors.holdout() - other.holdout() > self.least_gain(&self.best_errors, other)
+        self.best_errors.holdout() - other.holdout()
+            > self.least_gain(&self.best_errors, other, &self.floors.holdout)
     }
 }
 

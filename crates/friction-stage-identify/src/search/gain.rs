@@ -2,6 +2,7 @@
 
 use crate::fit::FitBudget;
 use crate::hypothesis::Sides;
+use crate::record::measured::Floor;
 use friction_stage_core::plant::Side;
 
 use super::selection::{Errors, Evidence};
@@ -34,8 +35,8 @@ pub const RIVAL: f64 = 0.985;
 /// and 38, or 0.09 and 103.
 pub const LEFT_AT_MOST: f64 = 0.05;
 const FLOORS_AT_MOST: f64 = 15.0;
-/// Floors up to which a residual passes for noise. Recordings with nothing hidden leave 1.0 to 1.2:
-/// friction driven along a measured motion costs the rest; a real machine is worth more.
+/// Floors up to which the residual of either record passes for noise: a real machine is worth more
+/// than one of the declared model.
 pub const NOISE_LIKE: f64 = 2.0;
 /// Floors that a recording leaves at most when nothing is hidden in it: 1.0 to 1.2 were seen.
 pub(super) const ALL_BUT_NOISE: f64 = 1.3;
@@ -47,21 +48,23 @@ const PART_OF_THE_NEXT: f64 = 0.01;
 impl Search<'_> {
     /// Least fall of a mean square on this side, N^2.
     pub(super) fn threshold(&self, side: Side) -> f64 {
+        self.threshold_over(side, &self.floors.holdout)
+    }
+
+    /// The same on a record with this floor.
+    fn threshold_over(&self, side: Side, floor: &Floor) -> f64 {
         match side {
-            Side::Motor if self.has_cell() => MOTOR_GAIN * self.floor.motor.powi(2),
-            _ => CARRIAGE_GAIN * self.floor.carriage.powi(2),
+            Side::Motor if self.has_cell() => MOTOR_GAIN * floor.motor.powi(2),
+            _ => CARRIAGE_GAIN * floor.carriage.powi(2),
         }
     }
 
-    /// Least fall of the mean square that is worth an effect with whose arrival the errors fall so,
-    /// N^2. Wherever it acts: what the cell shows is judged as exactly as the motor, the rest as
+    /// Least fall of the mean square, of a record with this floor, that is worth an effect with
+    /// whose arrival the errors fall so, N^2. Wherever it acts: what the cell shows is judged as exactly as the motor, the rest as
     /// the carriage.
-    pub(super) fn least_gain(&self, without: &Errors, with: &Errors) -> f64 {
-        self.threshold(if self.is_shown_by_cell(without, with) {
-            Side::Motor
-        } else {
-            Side::Carriage
-        })
+    pub(super) fn least_gain(&self, without: &Errors, with: &Errors, floor: &Floor) -> f64 {
+        let by_cell = self.is_shown_by_cell(without, with);
+        self.threshold_over(if by_cell { Side::Motor } else { Side::Carriage }, floor)
     }
 
     fn is_shown_by_cell(&self, without: &Errors, with: &Errors) -> bool {
@@ -82,18 +85,18 @@ impl Search<'_> {
 
     /// What a candidate must take off the mean square of train or hold-out where this is what is
     /// left, N^2.
-    fn least_of(&self, one: &Evidence, left: f64) -> f64 {
+    fn least_of(&self, one: &Evidence, left: f64, floor: &Floor) -> f64 {
         let share = self.least_share(self.is_shown_by_cell(&self.best_errors, &one.errors));
-        self.least_gain(&self.best_errors, &one.errors)
-            .max(share * (left - self.floor.total().powi(2)))
+        self.least_gain(&self.best_errors, &one.errors, floor)
+            .max(share * (left - floor.total().powi(2)))
     }
 
     pub(super) fn least_on_train(&self, one: &Evidence) -> f64 {
-        self.least_of(one, self.best_errors.train()).max(one.chance)
+        self.least_of(one, self.best_errors.train(), &self.floors.train).max(one.chance)
     }
 
     pub(super) fn least_on_holdout(&self, one: &Evidence) -> f64 {
-        self.least_of(one, self.best_errors.holdout())
+        self.least_of(one, self.best_errors.holdout(), &self.floors.holdout)
     }
 
     /// Whether a candidate takes enough out of both records, out of more than one place of the
@@ -108,8 +111,9 @@ impl Search<'_> {
 
     /// Of a fit on the way from `before`: the last one goes to its end.
     pub(super) fn on_the_way(&self, before: &Errors) -> FitBudget {
-        let explainable = before.train() - self.floor.total().powi(2);
-        let next = self.threshold(Side::Carriage).max(LEAST_SHARE * explainable);
+        let explainable = before.train() - self.floors.train.total().powi(2);
+        let next =
+            self.threshold_over(Side::Carriage, &self.floors.train).max(LEAST_SHARE * explainable);
         FitBudget::KEPT.ending_below(PART_OF_THE_NEXT * next * self.train.rows.len() as f64)
     }
 
@@ -126,43 +130,50 @@ impl Search<'_> {
     /// fit will not is too small, however it ends.
     pub(super) fn gain_on_train(&self, sides: Sides) -> f64 {
         let shown_by_cell = sides.motor && self.has_cell();
-        let least = self.threshold(if shown_by_cell { Side::Motor } else { Side::Carriage });
-        let explainable = self.best_errors.train() - self.floor.total().powi(2);
+        let side = if shown_by_cell { Side::Motor } else { Side::Carriage };
+        let least = self.threshold_over(side, &self.floors.train);
+        let explainable = self.best_errors.train() - self.floors.train.total().powi(2);
         let rows = self.train.rows.len() as f64;
         self.squares_left(sides) - rows * least.max(self.least_share(shown_by_cell) * explainable)
     }
 
     /// What these errors leave on the hold-out beyond the noise of the sensors, N^2.
     pub(super) fn beyond_noise(&self, left: &Errors) -> f64 {
-        left.holdout() - self.floor.total().powi(2)
+        left.holdout() - self.floors.holdout.total().powi(2)
     }
 
     pub(super) fn is_noise(&self, left: &Errors) -> bool {
-        left.holdout() <= (NOISE_LIKE * self.floor.total()).powi(2)
+        left.holdout() <= (NOISE_LIKE * self.floors.holdout.total()).powi(2)
+            && left.train() <= (NOISE_LIKE * self.floors.train.total()).powi(2)
     }
 
     /// Whether no more is left than where nothing is hidden.
     pub(super) fn is_all_but_noise(&self, left: &Errors) -> bool {
-        left.holdout().sqrt() <= ALL_BUT_NOISE * self.floor.total()
+        left.holdout().sqrt() <= ALL_BUT_NOISE * self.floors.holdout.total()
     }
 
-    /// Whether little enough is left for what was found to be the answer.
+    /// Whether little enough is left of both records for what was found to be the answer.
     pub(super) fn is_explained(&self, left: &Errors) -> bool {
-        leaves_little(left.holdout(), self.errors_before.holdout(), self.floor.total())
+        leaves_little(left.holdout(), self.errors_before.holdout(), self.floors.holdout.total())
+            && is_little(left.train(), self.errors_before.train(), self.floors.train.total())
     }
 
     /// Squares that noise leaves on the train record, N^2.
     pub(super) fn noise_squares(&self) -> f64 {
-        self.train.rows.len() as f64 * self.floor.total().powi(2)
+        self.train.rows.len() as f64 * self.floors.train.total().powi(2)
     }
 }
 
 /// Whether laws that leave a mean square on the hold-out, of one before, both N^2, over a floor of
 /// noise, N, are the answer though more than noise is left.
 fn leaves_little(left: f64, before: f64, floor: f64) -> bool {
-    let share = left - floor.powi(2) <= LEFT_AT_MOST * (before - floor.powi(2)).max(0.0);
     // Sensors without any noise say nothing of sizes.
-    share && (floor <= 0.0 || left <= (FLOORS_AT_MOST * floor).powi(2))
+    is_little(left, before, floor) && (floor <= 0.0 || left <= (FLOORS_AT_MOST * floor).powi(2))
+}
+
+/// The same by the share alone.
+fn is_little(left: f64, before: f64, floor: f64) -> bool {
+    left - floor.powi(2) <= LEFT_AT_MOST * (before - floor.powi(2)).max(0.0)
 }
 
 #[cfg(test)]
@@ -170,8 +181,9 @@ mod tests {
     use super::super::rounds::tests::tried;
     use super::*;
     use crate::hypothesis::{Hypothesis, Tolerances};
-    use crate::record::measured::{Floor, Measured};
+    use crate::record::measured::Measured;
     use crate::search::Silent;
+    use crate::search::nulls::Floors;
     use crate::test_records::recording;
     use friction_stage_core::model::StageModel;
 
@@ -221,7 +233,8 @@ mod tests {
         let (train, holdout) = (record(3, 4), record(4, 2));
         let declared = Hypothesis::new(&model, Tolerances::default()).unwrap();
         let mut search = Search::new(&declared, &train, &holdout, &Silent).unwrap();
-        search.floor = Floor { motor: 0.05, carriage: 0.1 };
+        let floor = Floor { motor: 0.05, carriage: 0.1 };
+        search.floors = Floors { train: floor, holdout: floor };
         let on_both = |motor: f64, carriage: f64| Errors {
             train_motor: motor,
             train_carriage: carriage,

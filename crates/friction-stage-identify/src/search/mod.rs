@@ -10,6 +10,7 @@ mod different_guides;
 mod forms;
 mod gain;
 mod guides;
+mod nulls;
 pub(crate) mod phase;
 mod pruning;
 mod rounds;
@@ -106,7 +107,23 @@ impl Search<'_> {
             self.finish()?;
             self.prune()?;
         }
-        self.weigh_alternatives()
+        self.weigh_alternatives()?;
+        if self.best.hypothesis.effects.len() > self.declared_effects()
+            && !self.is_all_more_than_noise()?
+        {
+            self.forget_all()?;
+        }
+        Ok(())
+    }
+
+    /// Back to the declared model: what was added is no more than noise.
+    fn forget_all(&mut self) -> Result<(), IdentifyError> {
+        let kept = |one: &&mut Evidence| matches!(one.outcome, Outcome::Chosen | Outcome::Equal);
+        self.evidence.iter_mut().filter(kept).for_each(|one| one.outcome = Outcome::TooSmall);
+        self.inseparable.clear();
+        self.runners_up.truncate(self.declared_effects());
+        self.coordinate = None;
+        self.take(self.before.clone())
     }
 
     fn selection(mut self) -> Result<Selection, IdentifyError> {
@@ -167,7 +184,8 @@ impl Search<'_> {
             unproven,
             wander_of_zero,
             inseparable: self.inseparable,
-            floor: self.floor,
+            floor: self.floors.holdout,
+            train_floor: self.floors.train,
             declared_floor,
             stopped: self.stopped,
         })

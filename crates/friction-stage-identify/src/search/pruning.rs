@@ -59,7 +59,8 @@ impl Search<'_> {
 
     /// Whether what was found is not worth more than this.
     pub(super) fn leaves_about_as_much(&self, found: &Errors) -> bool {
-        found.holdout() - self.best_errors.holdout() < self.least_gain(found, &self.best_errors)
+        found.holdout() - self.best_errors.holdout()
+            < self.least_gain(found, &self.best_errors, &self.floors.holdout)
     }
 
     /// What was found, fitted without one of its effects.
@@ -92,7 +93,7 @@ impl Search<'_> {
         };
         let found = errors(&with.hypothesis, self.train, self.holdout)?;
         let least = self
-            .least_gain(&found, &self.best_errors)
+            .least_gain(&found, &self.best_errors, &self.floors.holdout)
             .max(HALF_OF_THE_REST * self.beyond_noise(&found));
         let is_bent = found.holdout() - self.best_errors.holdout() < least
             && self.beyond_noise(&found) < CURVE_ALONE * self.beyond_noise(alone);

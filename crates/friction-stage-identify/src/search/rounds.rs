@@ -55,16 +55,19 @@ impl Search<'_> {
             self.stopped = true;
             return Ok(false);
         }
-        for Candidate { one, with, .. } in &mut tried {
-            if !self.is_enough(one)
-                || !self.shows_without_cell(
-                    (&self.best.hypothesis, &self.best_errors),
+        let search = &*self;
+        tried.par_iter_mut().try_for_each(|Candidate { one, with, .. }| {
+            if !search.is_enough(one)
+                || !search.shows_without_cell(
+                    (&search.best.hypothesis, &search.best_errors),
                     (with, &one.errors),
                 )?
+                || !search.is_more_than_noise(one, with)?
             {
                 one.outcome = Outcome::TooSmall;
             }
-        }
+            Ok::<_, IdentifyError>(())
+        })?;
         let strongest = tried
             .iter()
             .map(|tried| &tried.one)
@@ -148,7 +151,8 @@ impl Search<'_> {
     /// hold-out may be right beside laws in forms that are not: adds the strongest of these where
     /// it is worth it once the forms are chosen anew beside it. Whether it was.
     fn add_beside_other_forms(&mut self, tried: &mut [Candidate]) -> Result<bool, IdentifyError> {
-        let half = HALF_OF_THE_REST * (self.best_errors.train() - self.floor.total().powi(2));
+        let half =
+            HALF_OF_THE_REST * (self.best_errors.train() - self.floors.train.total().powi(2));
         let strong = |one: &Evidence| one.train_gain >= self.least_on_train(one).max(half);
         let strong = tried.iter_mut().filter(|tried| strong(&tried.one));
         let Some(Candidate { one, with, .. }) =
@@ -263,7 +267,7 @@ impl Search<'_> {
     }
 
     /// Sides that the fit of a candidate looks at.
-    fn sides_beside(&self, part: &Part) -> Sides {
+    pub(super) fn sides_beside(&self, part: &Part) -> Sides {
         if is_late(part.role()) { Sides::BOTH } else { self.sides_of(part.side()) }
     }
 

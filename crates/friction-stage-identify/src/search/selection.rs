@@ -130,9 +130,11 @@ pub struct Selection {
     /// How far the zero of the cell is off on the hold-out beyond the law that was found for it,
     /// where that is all that is left, N rms.
     pub wander_of_zero: Option<f64>,
-    /// Against which everything is judged: of the declared noise, or of what the hold-out shows
-    /// where that is more.
+    /// Against which everything is judged on the hold-out: what the declared model leaves where it
+    /// is all there is, with the sensors and the motion of the record.
     pub floor: Floor,
+    /// The same on the train record.
+    pub train_floor: Floor,
     /// Of the declared noise.
     pub declared_floor: Floor,
     /// Whether the watch stopped the search.

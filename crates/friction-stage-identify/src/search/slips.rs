@@ -75,7 +75,7 @@ impl Search<'_> {
                 outcome: Outcome::Chosen,
             };
             let least_of = |left: f64| {
-                (LEAST_SHARE * (left - self.floor.total().powi(2)))
+                (LEAST_SHARE * (left - self.floors.holdout.total().powi(2)))
                     .max(self.threshold(Side::Carriage))
             };
             let is_enough = share >= LEAST_SHARE
@@ -162,7 +162,8 @@ mod tests {
         let (train, holdout) = (record(0.3, 3, 6), record(2.3, 4, 4));
         let found = search(&model, Tolerances::default(), &train, &holdout, &Silent).unwrap();
         let effects = &found.after.fitted.hypothesis.effects;
-        assert_eq!(found.verdict, Verdict::Found, "{effects:?}");
+        let (left, floors) = (found.errors_after, (found.train_floor, found.floor));
+        assert_eq!(found.verdict, Verdict::Found, "{left:?} over {floors:?}, {effects:?}");
         assert!(
             effects.iter().all(|part| part.descriptor.name == "ball_passage" && part.slips()),
             "{effects:?}"

@@ -4,14 +4,16 @@
 use friction_stage_core::model::Coordinate;
 use friction_stage_core::plant::Side;
 
+use crate::closed_loop::LinearController;
 use crate::error::IdentifyError;
-use crate::fit::{FitBudget, Fitted, fit, sensor_noise};
+use crate::fit::{FitBudget, Fitted, fit};
 use crate::hypothesis::{Hypothesis, Sides};
-use crate::record::measured::{Floor, Measured};
+use crate::record::measured::Measured;
 use crate::residual::missing::Missing;
 use friction_stage_core::numerics::correlation::correlation_length_along;
 
 use super::different_guides::with_different_guides;
+use super::nulls::{Floors, NullRecords, known_controller};
 use super::selection::{Errors, Evidence, Inseparable, Watch, different_laws};
 
 /// Most laws that are added.
@@ -28,7 +30,10 @@ pub(super) struct Search<'a> {
     pub(super) train: &'a Measured,
     pub(super) holdout: &'a Measured,
     pub(super) watch: &'a dyn Watch,
-    pub(super) floor: Floor,
+    /// What is left on both records where there is nothing but the declared model.
+    pub(super) floors: Floors,
+    /// Of both records, where it is known.
+    pub(super) controller: Option<LinearController>,
     pub(super) before: Fitted,
     pub(super) errors_before: Errors,
     pub(super) best: Fitted,
@@ -56,11 +61,15 @@ impl<'a> Search<'a> {
         let alike = fit(declared, train, Sides::BOTH, FitBudget::COMPARED)?;
         let before = with_different_guides(&alike.hypothesis, train, FitBudget::KEPT)?;
         let errors_before = errors(&before.hypothesis, train, holdout)?;
+        let controller = known_controller(train, holdout);
+        let floors = NullRecords::new(&before.hypothesis, train, holdout, controller.as_ref())?
+            .floors(&before.hypothesis)?;
         Ok(Search {
             train,
             holdout,
             watch,
-            floor: sensor_noise::floor(&before.hypothesis.in_record(holdout)?, holdout)?,
+            floors,
+            controller,
             runners_up: vec![Vec::new(); before.hypothesis.effects.len()],
             best: before.clone(),
             best_errors: errors_before,

@@ -136,11 +136,14 @@ impl Words for IdentifyFinding {
             Self::MapJumps { at, height, before, side } => {
                 format!("the map jumps: {}", jump(*at, *height, *before, *side, joint))
             }
-            Self::NoiseAboveDeclared { found, declared } => format!(
-                "the sensors' noise in the hold-out leaves {} {n} where the declared one \
-                 leaves {} {n}: everything is judged against the former",
+            Self::NoiseAboveDeclared { found, declared, least } => format!(
+                "with these sensors, this rate and this motion a machine that is as declared would \
+                 leave {} {n} of the hold-out, where the declared noise alone leaves {} {n}: \
+                 everything is judged against the former, and an effect shows from about {} {n} \
+                 rms on; finer counts or a higher rate show smaller ones",
                 readable(*found),
-                readable(*declared)
+                readable(*declared),
+                readable(*least)
             ),
             Self::Unexplained { left, noise_floor } => format!(
                 "what is left, {} {n}, is {}, and neither a law of the list nor a map takes \
