@@ -27,6 +27,7 @@ mod guide_fit;
 mod hidden_effect;
 mod hunting;
 mod least_squares;
+mod loop_analysis;
 mod paper;
 mod quick_loops;
 mod rig;
@@ -60,6 +61,10 @@ pub use guide_fit::{Fitted, GuideConstruction, GuideFit, GuideFitError, RigRecor
 pub use hidden_effect::HiddenEffect;
 pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};
 pub use least_squares::{FitError, Minimum, minimise};
+pub use loop_analysis::{
+    LoopPoint, LoopResponse, Margins, MeasuredLoopPoint, SampledStage, StageMotion,
+    loop_frequencies, measure_loop,
+};
 pub use paper::{Conditioning, Move, MoveError, MoveKind, PaperMotion};
 pub use quick_loops::{QUICK_LOOPS, quick_loops};
 pub use rig::{RIG_TICKS, RigBias, rig};

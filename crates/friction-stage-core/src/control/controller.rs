@@ -1,5 +1,9 @@
 //! The controller: reference and measured position in, force with all its terms out.
 
+use std::f64::consts::TAU;
+
+use nalgebra::Complex;
+
 use super::lowpass::Lowpass;
 use super::pid::{AntiWindup, Gains, Pid};
 use super::trajectory::{Follower, Reference};
@@ -108,6 +112,16 @@ impl ControllerSettings {
             ..self.gains
         };
         ControllerSettings { gains, ..self.clone() }
+    }
+
+    /// Force over position error at `frequency` (Hz, up to half the rate), N/m: PID and lowpass as
+    /// they are sampled, P + I T / (1 - 1/z) + D (1 - 1/z) / T behind H(z).
+    pub fn transfer(&self, frequency: f64) -> Complex<f64> {
+        let z = Complex::from_polar(1.0, TAU * frequency / self.rate);
+        let (change, gains) = (-z.inv() + 1.0, &self.gains);
+        let pid = change.inv() * (gains.i / self.rate) + change * (gains.d * self.rate) + gains.p;
+        let lowpass = Lowpass::new(gains.lowpass_frequency, gains.lowpass_damping, self.rate);
+        pid * lowpass.transfer(z)
     }
 
     /// Refuses settings that no controller can have.
