@@ -15,6 +15,7 @@ pub mod recover;
 pub mod replay;
 pub mod select;
 mod selection_output;
+pub mod tune;
 
 use std::io::Write;
 
@@ -45,6 +46,7 @@ enum Command {
     Demo(demo::DemoArgs),
     FitGuide(fit_guide::FitGuideArgs),
     Select(select::SelectArgs),
+    Tune(tune::TuneArgs),
     Merge(merge::MergeArgs),
     Experiment(experiment::ExperimentArgs),
     Identify(identify::IdentifyArgs),
@@ -78,6 +80,7 @@ impl Arguments {
             Command::Demo(arguments) => demo::run(&arguments, out),
             Command::FitGuide(arguments) => fit_guide::run(&arguments, out),
             Command::Select(arguments) => select::run(&arguments, out),
+            Command::Tune(arguments) => tune::run(&arguments, out),
             Command::Merge(arguments) => merge::run(&arguments, out),
             Command::Experiment(arguments) => experiment::run(&arguments, out),
             Command::Identify(arguments) => identify::run(&arguments, out),

@@ -23,7 +23,6 @@ use super::help;
 use super::inlet::{Inlet, Waiter};
 use super::memory_watch;
 use super::outlet::{Outlet, Published};
-use super::parameters::ParameterSet;
 use super::participant::Participant;
 use super::qos::{COMMANDS, DIAGNOSTICS, FORCES, SAMPLES};
 use super::runtime::{Background, Control, End, Startup, lock};
@@ -142,12 +141,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     }
     let startup = Startup::parse("controller", command_line)?;
     startup.start_logging();
-    let mut parameters = ParameterSet::declare(settings::specs(), &startup.overrides())?;
-    let given: Vec<_> =
-        startup.overrides().into_iter().map(|(name, given)| (name, given.value)).collect();
-    let given: Vec<_> = given.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
-    settings::check_given(&given, &parameters).map_err(|reason| anyhow::anyhow!(reason))?;
-    parameters.derive(settings::derived);
+    let mut parameters = settings::declared(&startup.overrides())?;
     let initial = settings::settings(&parameters);
     let controller = Controller::new(initial)?;
     let (stage, joint) = (parameters.string("stage"), parameters.string("joint"));

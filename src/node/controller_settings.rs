@@ -1,6 +1,10 @@
 //! Parameters of the controller node. Gains have the names of ros2_control's pid_controller.
 
-use super::parameters::{ParameterSpec, ParameterValues};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::arguments::{Override, RosArguments};
+use super::parameters::{ParameterSet, ParameterSpec, ParameterValues};
 use super::runtime::Startup;
 use friction_stage_core::control::{AntiWindup, ControllerSettings, Gains, SupervisorSettings};
 use ros2_client::ParameterValue;
@@ -182,6 +186,26 @@ pub fn settings(values: &ParameterValues) -> ControllerSettings {
         mass_feedforward: values.double("feedforward.mass"),
         viscous_feedforward: values.double("feedforward.viscous"),
     }
+}
+
+/// The parameters of a controller with what was given for it, checked.
+pub fn declared(overrides: &BTreeMap<String, Override>) -> anyhow::Result<ParameterSet> {
+    let mut parameters = ParameterSet::declare(specs(), overrides)?;
+    let given: Vec<_> =
+        overrides.iter().map(|(name, given)| (name.as_str(), given.value.clone())).collect();
+    check_given(&given, &parameters).map_err(|reason| anyhow::anyhow!(reason))?;
+    parameters.derive(derived);
+    Ok(parameters)
+}
+
+/// The settings that a controller node called `controller` takes from a parameter file.
+pub fn from_file(path: &Path) -> anyhow::Result<ControllerSettings> {
+    let file = path.display().to_string();
+    let given = ["--ros-args", "--params-file", file.as_str()].map(str::to_owned);
+    let (arguments, _) = RosArguments::parse(given.into_iter())?;
+    let settings = settings(&*declared(&arguments.parameters_for("/controller"))?);
+    settings.check()?;
+    Ok(settings)
 }
 
 /// Values of [`DERIVED`] that follow from the bandwidth; none while the gains are given.

@@ -37,6 +37,7 @@ mod settling;
 mod specimen;
 mod statements;
 mod stribeck;
+mod tuning;
 mod variant;
 
 pub use application::{
@@ -81,4 +82,8 @@ pub use statements::{
     stiffness_errors,
 };
 pub use stribeck::{SPEEDS, StribeckCurve, StribeckPoint, stribeck};
+pub use tuning::{
+    AmplitudeMargins, Objective, OnVariants, Tuned, Tuning, TuningError, TuningPlan, break_away,
+    errors_along, step_response,
+};
 pub use variant::{VariantError, VariantExperiment, VariantResult, variant_seed};

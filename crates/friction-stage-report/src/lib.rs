@@ -24,6 +24,7 @@ pub mod page;
 pub mod paper_motion;
 pub mod recording;
 pub mod selection;
+pub mod tuning;
 pub mod words;
 
 pub use error::ReportError;

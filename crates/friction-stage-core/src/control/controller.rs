@@ -115,13 +115,11 @@ impl ControllerSettings {
     }
 
     /// Force over position error at `frequency` (Hz, up to half the rate), N/m: PID and lowpass as
-    /// they are sampled, P + I T / (1 - 1/z) + D (1 - 1/z) / T behind H(z).
+    /// they are sampled.
     pub fn transfer(&self, frequency: f64) -> Complex<f64> {
-        let z = Complex::from_polar(1.0, TAU * frequency / self.rate);
-        let (change, gains) = (-z.inv() + 1.0, &self.gains);
-        let pid = change.inv() * (gains.i / self.rate) + change * (gains.d * self.rate) + gains.p;
+        let (z, gains) = (Complex::from_polar(1.0, TAU * frequency / self.rate), &self.gains);
         let lowpass = Lowpass::new(gains.lowpass_frequency, gains.lowpass_damping, self.rate);
-        pid * lowpass.transfer(z)
+        gains.transfer(frequency, self.rate) * lowpass.transfer(z)
     }
 
     /// Refuses settings that no controller can have.

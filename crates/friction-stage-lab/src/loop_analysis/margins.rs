@@ -61,10 +61,24 @@ impl Margins {
 impl LoopResponse {
     /// The loop of a controller that samples at the rate of the stage.
     pub fn new(stage: &SampledStage, controller: &ControllerSettings) -> LoopResponse {
+        LoopResponse::of(stage, controller, |frequency| controller.transfer(frequency))
+    }
+
+    /// The same without the lowpass behind the PID.
+    pub fn without_lowpass(stage: &SampledStage, controller: &ControllerSettings) -> LoopResponse {
+        let rate = controller.rate;
+        LoopResponse::of(stage, controller, |frequency| controller.gains.transfer(frequency, rate))
+    }
+
+    fn of(
+        stage: &SampledStage,
+        controller: &ControllerSettings,
+        transfer: impl Fn(f64) -> Complex<f64>,
+    ) -> LoopResponse {
         let along = stage.frequencies.iter().zip(&stage.response);
         let points = along
             .map(|(frequency, response)| {
-                let open_loop = response * controller.transfer(*frequency);
+                let open_loop = response * transfer(*frequency);
                 let sensitivity = (open_loop + 1.0).inv();
                 LoopPoint {
                     frequency: *frequency,
