@@ -17,6 +17,7 @@
 //! ```
 
 mod application;
+mod compensation_trial;
 mod dahl;
 mod distributed_fit;
 mod experiment;
@@ -44,6 +45,7 @@ pub use application::{
     Application, ApplicationError, ApplicationMotion, Constraints, GuideTolerances, Loop,
     Requirement, Sealing,
 };
+pub use compensation_trial::{CompensationTrial, TrialError, TrialRun};
 pub use dahl::{
     AMPLITUDES, DahlCurves, DahlResonance, HysteresisLoop, LoopTiming, PAPER_AMPLITUDES, dahl,
     hysteresis_loop, length,

@@ -15,6 +15,7 @@
 #![warn(missing_docs)]
 
 pub mod chart;
+pub mod compensation;
 mod error;
 pub mod experiment;
 pub mod figure;

@@ -193,6 +193,26 @@ impl Compensation {
         })
     }
 
+    /// Force, N, that answers the effects of a model at rest at each position, m: for drives that
+    /// take a table.
+    pub fn over_position(model: &StageModel, positions: &[f64]) -> Result<Vec<f64>, ModelError> {
+        let mut of_position = Vec::new();
+        for effect in &model.effects {
+            let (descriptor, values) = EffectDescriptor::read(effect)?;
+            if descriptor.role_of(&values).is_force() && !is_of_the_time(descriptor, &values) {
+                of_position.push(effect.clone());
+            }
+        }
+        let mut effects = Effects::new(&of_position)?;
+        let at = |position: &f64| {
+            effects.reset(0.0);
+            let motion = Motion { position: *position, ..Motion::default() };
+            let (motor, carriage) = effects.advance(&motion, 0.0);
+            -(motor + carriage)
+        };
+        Ok(positions.iter().map(at).collect())
+    }
+
     /// Names of the effects of the model that are not compensated.
     pub fn left_out(&self) -> &[&'static str] {
         &self.left_out
@@ -448,6 +468,22 @@ mod tests {
         let mut time = 0;
         let (arrived, later) = (at(0.11, &mut time), at(20.0, &mut time));
         assert!(arrived > 10.0 && later > 0.0 && later < 0.98 * arrived, "{arrived} N, {later} N");
+    }
+
+    #[test]
+    fn over_the_position_it_is_the_force_against_cogging_and_cable() {
+        let model = with(vec![
+            EffectParameters::new(
+                "cogging",
+                [("amplitude", 8.0), ("period", 0.02), ("phase", 0.0)],
+            ),
+            EffectParameters::new("cable_chain", [("stiffness", 100.0), ("center", 0.01)]),
+        ]);
+        let found = Compensation::over_position(&model, &[0.005, 0.01, 0.015]).unwrap();
+        let sign = found[0].signum();
+        // A quarter of the period apart: the cogging turns its sign, and so does the cable.
+        assert!((found[0].abs() - 8.5).abs() < 1e-9 || (found[0].abs() - 7.5).abs() < 1e-9);
+        assert!(found[1].abs() < 1e-9 && (found[2] + sign * found[0].abs()).abs() < 1e-9);
     }
 
     #[test]
