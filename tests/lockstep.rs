@@ -6,7 +6,9 @@ use std::path::Path;
 use friction_stage::node::LOCKSTEP_EPOCH;
 use friction_stage::node::driver::{Driver, LockstepRun};
 use friction_stage::node::participant::{Network, Reach};
-use friction_stage_core::control::{Controller, ControllerSettings, Trajectory};
+use friction_stage_core::control::{
+    Compensation, CompensationTermsOn, Controller, ControllerSettings, Trajectory,
+};
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
 use friction_stage_core::{ClosedLoop, Cycle};
@@ -14,11 +16,12 @@ use friction_stage_data::bag::{BagReader, topics};
 use friction_stage_data::message::{ControllerState, JointState, WrenchStamped};
 use friction_stage_lab::PaperMotion;
 
-/// Domain of this test file alone.
+/// Domains of this test file alone.
 const DOMAIN: u16 = 71;
+const DOMAIN_OF_COMPENSATION: u16 = 72;
 
-fn record(directory: &Path, motion: &PaperMotion) {
-    let network = Network { domain: DOMAIN, reach: Reach::Localhost };
+fn record(directory: &Path, motion: &PaperMotion, domain: u16, controller: &[&str]) {
+    let network = Network { domain, reach: Reach::Localhost };
     let program = Path::new(env!("CARGO_BIN_EXE_friction-stage"));
     let given = [
         "model:=guide_3".to_owned(),
@@ -30,18 +33,23 @@ fn record(directory: &Path, motion: &PaperMotion) {
             .into_iter()
             .flat_map(|parameter| ["-p".to_owned(), parameter])
             .collect(),
-        controller_arguments: Vec::new(),
+        controller_arguments: controller.iter().map(|text| (*text).to_owned()).collect(),
         points: motion.points.clone(),
         log_stem: directory.to_owned(),
     };
     Driver::new(program, network).unwrap().run(&run, &mut |_| {}).unwrap();
 }
 
-fn in_process(motion: &PaperMotion, count: usize) -> Vec<Cycle> {
+fn in_process(motion: &PaperMotion, count: usize, known: Option<&StageModel>) -> Vec<Cycle> {
     let stage = Stage::new(&StageModel::on_guides("guide_3"), Rates::DEFAULT, 42).unwrap();
-    let controller = Controller::new(ControllerSettings::paper(40.0, 4000.0, 2000.0)).unwrap();
+    let settings = ControllerSettings::paper(40.0, 4000.0, 2000.0);
+    let controller = Controller::new(settings.clone()).unwrap();
     let mut closed_loop =
         ClosedLoop::new(stage, controller, Trajectory::new(0, motion.points.clone()).unwrap());
+    if let Some(known) = known {
+        let on = CompensationTermsOn::ALL;
+        closed_loop = closed_loop.compensated(Compensation::new(known, &settings, on).unwrap());
+    }
     (0..count).map(|_| closed_loop.cycle().unwrap()).collect()
 }
 
@@ -50,9 +58,9 @@ fn trace_over_ros_is_the_trace_in_one_process_bit_for_bit() {
     let directory = tempfile::tempdir().unwrap();
     let bag = directory.path().join("run");
     let motion = PaperMotion::new(0.05, 1);
-    record(&bag, &motion);
+    record(&bag, &motion, DOMAIN, &[]);
     let cycles = (motion.duration() / 250_000) as usize;
-    let expected = in_process(&motion, cycles);
+    let expected = in_process(&motion, cycles, None);
 
     let (mut samples, mut forces, mut states) = (0, 0, 0);
     let at = |stamp: i64| {
@@ -130,4 +138,47 @@ fn trace_over_ros_is_the_trace_in_one_process_bit_for_bit() {
         .unwrap();
     let report: serde_json::Value = serde_json::from_slice(&other.stdout).unwrap();
     assert!(report["position_rms_m"].as_f64().unwrap() > 1e-6, "{report}");
+}
+
+/// The controller node with what it knows of the stage is the compensation in one process.
+#[test]
+fn compensation_over_ros_is_that_in_one_process_bit_for_bit() {
+    let directory = tempfile::tempdir().unwrap();
+    let bag = directory.path().join("run");
+    let motion = PaperMotion::new(0.05, 1);
+    let given = ["-p", "compensation:=guide_3"];
+    record(&bag, &motion, DOMAIN_OF_COMPENSATION, &given);
+    let cycles = (motion.duration() / 250_000) as usize;
+    let known = StageModel::on_guides("guide_3");
+    let expected = in_process(&motion, cycles, Some(&known));
+    let plain = in_process(&motion, cycles, None);
+    let peak = |run: &[Cycle]| run.iter().map(|one| one.terms.error.abs()).fold(0.0, f64::max);
+    assert!(peak(&expected) < 0.2 * peak(&plain), "{} {}", peak(&expected), peak(&plain));
+    let (mut forces, mut states) = (0, 0);
+    let at = |stamp: i64| expected.get(((stamp - LOCKSTEP_EPOCH) / 250_000) as usize);
+    for message in BagReader::open(&bag).unwrap().messages() {
+        let message = message.unwrap();
+        match message.topic.name.as_str() {
+            topics::FORCE => {
+                let found: WrenchStamped = message.decode().unwrap();
+                let Some(cycle) = at(found.header.stamp.to_nanos()) else { continue };
+                let (found, output) = (found.wrench.force.x, cycle.terms.output);
+                assert_eq!(found.to_bits(), output.to_bits(), "force {forces}");
+                forces += 1;
+            }
+            topics::CONTROLLER_STATE => {
+                let found: ControllerState = message.decode().unwrap();
+                // All that is added is in the state.
+                let sum = found.feedback
+                    + found.mass_feedforward
+                    + found.viscous_feedforward
+                    + found.effort;
+                assert!((sum - found.output).abs() < 1e-9 || found.saturated, "{found:?}");
+                states += 1;
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(forces, cycles);
+    assert!(states > cycles * 9 / 10, "{states} of {cycles} states");
 }

@@ -1,6 +1,7 @@
 //! The command line, one file per command.
 
 pub mod check;
+pub mod compensate;
 pub mod demo;
 pub mod effects;
 pub mod experiment;
@@ -16,6 +17,7 @@ pub mod recover;
 pub mod replay;
 pub mod select;
 mod selection_output;
+pub mod tune;
 
 use std::io::Write;
 
@@ -47,6 +49,8 @@ enum Command {
     Demo(demo::DemoArgs),
     FitGuide(fit_guide::FitGuideArgs),
     Select(select::SelectArgs),
+    Tune(tune::TuneArgs),
+    Compensate(compensate::CompensateArgs),
     Merge(merge::MergeArgs),
     Experiment(experiment::ExperimentArgs),
     Identify(identify::IdentifyArgs),
@@ -80,6 +84,8 @@ impl Arguments {
             Command::Demo(arguments) => demo::run(&arguments, out),
             Command::FitGuide(arguments) => fit_guide::run(&arguments, out),
             Command::Select(arguments) => select::run(&arguments, out),
+            Command::Tune(arguments) => tune::run(&arguments, out),
+            Command::Compensate(arguments) => compensate::run(&arguments, out),
             Command::Merge(arguments) => merge::run(&arguments, out),
             Command::Experiment(arguments) => experiment::run(&arguments, out),
             Command::Identify(arguments) => identify::run(&arguments, out),

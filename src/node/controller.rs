@@ -23,16 +23,16 @@ use super::help;
 use super::inlet::{Inlet, Waiter};
 use super::memory_watch;
 use super::outlet::{Outlet, Published};
-use super::parameters::ParameterSet;
 use super::participant::Participant;
 use super::qos::{COMMANDS, DIAGNOSTICS, FORCES, SAMPLES};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::signals::Signals;
-use super::wire::{Setpoint, controller_state, setpoint};
+use super::wire::{Setpoint, compensation_message, controller_state, setpoint};
 use super::words::{Recent, quoted};
 use crate::outcome::Outcome;
 use friction_stage_core::control::{
-    Cause, Controller, ControllerSettings, DampedStop, Follower, Health, Supervisor, Terms,
+    Cause, Compensation, CompensationTermsOn, Controller, ControllerSettings, DampedStop, Follower,
+    Health, Supervisor, Terms,
 };
 use friction_stage_data::message::{
     ControllerState, DiagnosticArray, DiagnosticStatus, Header, JointState, JointTrajectory,
@@ -142,13 +142,12 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     }
     let startup = Startup::parse("controller", command_line)?;
     startup.start_logging();
-    let mut parameters = ParameterSet::declare(settings::specs(), &startup.overrides())?;
-    let given: Vec<_> =
-        startup.overrides().into_iter().map(|(name, given)| (name, given.value)).collect();
-    let given: Vec<_> = given.iter().map(|(name, value)| (name.as_str(), value.clone())).collect();
-    settings::check_given(&given, &parameters).map_err(|reason| anyhow::anyhow!(reason))?;
-    parameters.derive(settings::derived);
+    let mut parameters = settings::declared(&startup.overrides())?;
     let initial = settings::settings(&parameters);
+    let compensation = settings::compensation(&parameters, &initial)?;
+    for name in compensation.iter().flat_map(Compensation::left_out) {
+        tracing::warn!("{name} of the model is not compensated");
+    }
     let controller = Controller::new(initial)?;
     let (stage, joint) = (parameters.string("stage"), parameters.string("joint"));
     let (enabled, jump_limit) =
@@ -170,13 +169,16 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     let participant = startup.join()?;
     let status = Arc::new(Status { real_time, ..Status::default() });
     let (control, control_inbox) = futures::channel::mpsc::unbounded();
-    let retuned: Arc<Mutex<Option<(ControllerSettings, bool)>>> = Arc::default();
+    let retuned: Arc<Mutex<Option<Retuned>>> = Arc::default();
     {
         let (retuned, control) = (retuned.clone(), control.clone());
         parameters.on_change(move |changes, values| {
             settings::check_changes(changes, values)?;
-            *lock(&retuned) =
-                Some((settings::settings(values), values.boolean("supervision.enabled")));
+            *lock(&retuned) = Some(Retuned {
+                settings: settings::settings(values),
+                stops: values.boolean("supervision.enabled"),
+                terms: settings::compensation_terms(values),
+            });
             control
                 .unbounded_send(Control::Retune)
                 .map_err(|_| "the node is shutting down".to_owned())
@@ -200,6 +202,12 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         force: Outlet::new(&participant, &startup.topic(&format!("{stage}/force")), &FORCES)?,
         state: Outlet::new(&participant, &startup.topic("~/state"), &SAMPLES)?.patient(),
         period: (1e9 / controller.settings().rate).round() as i64,
+        compensation_terms: compensation
+            .is_some()
+            .then(|| Outlet::new(&participant, &startup.topic("~/compensation"), &SAMPLES))
+            .transpose()?
+            .map(Outlet::patient),
+        compensation,
         controller,
         follower: Follower::new(jump_limit).within(stroke.0, stroke.1),
         jump_limit,
@@ -276,6 +284,14 @@ struct Last {
     answered: bool,
 }
 
+/// What changed parameters ask for.
+struct Retuned {
+    settings: ControllerSettings,
+    /// Whether a loop that does not hold is stopped.
+    stops: bool,
+    terms: CompensationTermsOn,
+}
+
 /// What keeps an eye on the loop.
 struct Watch {
     supervisor: Supervisor,
@@ -298,13 +314,16 @@ struct ControllerLoop {
     force: Outlet<WrenchStamped>,
     state: Outlet<ControllerState>,
     controller: Controller,
+    compensation: Option<Compensation>,
+    /// Its terms, by name; only where there is one.
+    compensation_terms: Option<Outlet<JointState>>,
     follower: Follower,
     joint: String,
     enabled: bool,
     /// Silent until the first setpoint.
     wait_for_setpoint: bool,
     status: Arc<Status>,
-    retuned: Arc<Mutex<Option<(ControllerSettings, bool)>>>,
+    retuned: Arc<Mutex<Option<Retuned>>>,
     jump_limit: f64,
     watch: Watch,
     /// ns
@@ -364,6 +383,14 @@ impl ControllerLoop {
         }
     }
 
+    /// Forgets integral and lowpass, and how the bristles of the compensation are loaded.
+    fn forget(&mut self) {
+        self.controller.reset();
+        if let Some(compensation) = &mut self.compensation {
+            compensation.reset();
+        }
+    }
+
     fn hear(&mut self, message: &JointState) {
         let stamp = message.header.stamp.to_nanos();
         let index = message.name.iter().position(|name| *name == self.joint);
@@ -403,7 +430,7 @@ impl ControllerLoop {
                          holding ({count} so far)"
                     );
                 }
-                self.controller.reset();
+                self.forget();
                 self.follower.hold(stamp, position);
                 self.due = stamp;
             }
@@ -417,7 +444,7 @@ impl ControllerLoop {
                         last.position
                     );
                 }
-                self.controller.reset();
+                self.forget();
                 self.watch.supervisor.reset();
                 self.follower.hold(stamp, position);
             }
@@ -515,7 +542,7 @@ impl ControllerLoop {
         let mut stop = DampedStop::new(mass, settings.limits, settings.rate.recip());
         self.held.output = stop.force(velocity).unwrap_or(0.0);
         self.watch.stopping = Some(stop);
-        self.controller.reset();
+        self.forget();
     }
 
     /// Computes and answers the last sample.
@@ -534,7 +561,12 @@ impl ControllerLoop {
             match &mut self.watch.stopping {
                 None => {
                     self.fit_to_delay(stamp);
-                    self.held = self.controller.update(stamp, position, &mut self.follower);
+                    self.held = self.controller.update_with(
+                        stamp,
+                        position,
+                        &mut self.follower,
+                        self.compensation.as_mut(),
+                    );
                     self.supervise(velocity);
                 }
                 Some(stop) => match stop.force(velocity) {
@@ -572,6 +604,10 @@ impl ControllerLoop {
         let state =
             controller_state(header, answered, &self.held, self.enabled, self.setpoint_stamp);
         self.states.push(state);
+        if let Some(outlet) = &mut self.compensation_terms {
+            let header = Header::new(stamp, self.frame.as_str());
+            let _ = outlet.publish(compensation_message(header, &self.held));
+        }
         if self.states.len() >= BURST {
             self.publish_states();
         }
@@ -619,7 +655,7 @@ impl ControllerLoop {
         match control {
             Control::Enable(enabled) if enabled && !self.enabled => {
                 self.enabled = true;
-                self.controller.reset();
+                self.forget();
                 self.watch.supervisor.reset();
                 self.watch.stopping = None;
                 *lock(&self.status.fault) = None;
@@ -635,7 +671,7 @@ impl ControllerLoop {
             }
             Control::Enable(enabled) => self.enabled = enabled,
             Control::Reset(reply) => {
-                self.controller.reset();
+                self.forget();
                 let message = match self.last {
                     Some(Last { stamp, position, .. }) => {
                         self.follower.hold(stamp, position);
@@ -646,8 +682,14 @@ impl ControllerLoop {
                 let _ = reply.send(Ok(message));
             }
             Control::Retune => {
-                let Some((wanted, stops)) = lock(&self.retuned).take() else { return };
+                let Some(Retuned { settings: wanted, stops, terms }) = lock(&self.retuned).take()
+                else {
+                    return;
+                };
                 self.watch.stops = stops;
+                if let Some(compensation) = &mut self.compensation {
+                    compensation.switch(terms);
+                }
                 match self.controller.retune(wanted.slowed(self.watch.share)) {
                     Ok(()) => self.watch.settings = wanted,
                     Err(error) => tracing::error!("parameters were not taken over: {error}"),

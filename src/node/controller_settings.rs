@@ -1,8 +1,15 @@
 //! Parameters of the controller node. Gains have the names of ros2_control's pid_controller.
 
-use super::parameters::{ParameterSpec, ParameterValues};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::arguments::{Override, RosArguments};
+use super::parameters::{ParameterSet, ParameterSpec, ParameterValues};
 use super::runtime::Startup;
-use friction_stage_core::control::{AntiWindup, ControllerSettings, Gains, SupervisorSettings};
+use friction_stage_core::control::{
+    AntiWindup, Compensation, CompensationTermsOn, ControllerSettings, Gains, SupervisorSettings,
+};
+use friction_stage_core::model::StageModel;
 use ros2_client::ParameterValue;
 
 /// Parameters that follow from the bandwidth while `tuning` is `bandwidth`.
@@ -115,6 +122,26 @@ pub fn specs() -> Vec<ParameterSpec> {
         )
         .unit("N s/m")
         .range(0.0, 1e6),
+        ParameterSpec::string(
+            "compensation",
+            "",
+            "model whose friction, effects and motor are fed forward along the reference, in the \
+             place of feedforward.*: a model file, such as identify writes",
+        )
+        .read_only(),
+        ParameterSpec::boolean("compensation_terms.mass", true, "its mass times acceleration"),
+        ParameterSpec::boolean("compensation_terms.viscous", true, "its viscous friction"),
+        ParameterSpec::boolean("compensation_terms.bristles", true, "its bristle friction"),
+        ParameterSpec::boolean(
+            "compensation_terms.forces",
+            true,
+            "against its effects that are a force: cogging, cable, maps",
+        ),
+        ParameterSpec::boolean(
+            "compensation_terms.motor",
+            true,
+            "against gain, ripple and lag of its motor",
+        ),
         ParameterSpec::double("stroke_min", -STROKE, "lowest setpoint that is followed")
             .unit("m")
             .range(-1e6, 0.0)
@@ -182,6 +209,56 @@ pub fn settings(values: &ParameterValues) -> ControllerSettings {
         mass_feedforward: values.double("feedforward.mass"),
         viscous_feedforward: values.double("feedforward.viscous"),
     }
+}
+
+/// The compensation that the parameters ask for, if any.
+pub fn compensation(
+    values: &ParameterValues,
+    settings: &ControllerSettings,
+) -> anyhow::Result<Option<Compensation>> {
+    let name = values.string("compensation");
+    if name.is_empty() {
+        return Ok(None);
+    }
+    let refused = |error: &dyn std::fmt::Display| {
+        anyhow::anyhow!("parameter compensation is {name}: {error}")
+    };
+    let model = StageModel::named(&name).map_err(|error| refused(&error))?;
+    let compensation = Compensation::new(&model, settings, compensation_terms(values))
+        .map_err(|error| refused(&error))?;
+    Ok(Some(compensation))
+}
+
+/// The terms of the compensation that are on.
+pub fn compensation_terms(values: &ParameterValues) -> CompensationTermsOn {
+    let on = |term: &str| values.boolean(&format!("compensation_terms.{term}"));
+    CompensationTermsOn {
+        mass: on("mass"),
+        viscous: on("viscous"),
+        bristles: on("bristles"),
+        forces: on("forces"),
+        motor: on("motor"),
+    }
+}
+
+/// The parameters of a controller with what was given for it, checked.
+pub fn declared(overrides: &BTreeMap<String, Override>) -> anyhow::Result<ParameterSet> {
+    let mut parameters = ParameterSet::declare(specs(), overrides)?;
+    let given: Vec<_> =
+        overrides.iter().map(|(name, given)| (name.as_str(), given.value.clone())).collect();
+    check_given(&given, &parameters).map_err(|reason| anyhow::anyhow!(reason))?;
+    parameters.derive(derived);
+    Ok(parameters)
+}
+
+/// The settings that a controller node called `controller` takes from a parameter file.
+pub fn from_file(path: &Path) -> anyhow::Result<ControllerSettings> {
+    let file = path.display().to_string();
+    let given = ["--ros-args", "--params-file", file.as_str()].map(str::to_owned);
+    let (arguments, _) = RosArguments::parse(given.into_iter())?;
+    let settings = settings(&*declared(&arguments.parameters_for("/controller"))?);
+    settings.check()?;
+    Ok(settings)
 }
 
 /// Values of [`DERIVED`] that follow from the bandwidth; none while the gains are given.

@@ -1,6 +1,6 @@
 //! One stage and one controller, cycle by cycle, exactly as the two nodes do it in lockstep.
 
-use crate::control::{Controller, Follower, Terms, Trajectory, TrajectoryError};
+use crate::control::{Compensation, Controller, Follower, Terms, Trajectory, TrajectoryError};
 use crate::plant::{Sample, Stage};
 
 /// What happened at one sample: what the sensors said and what the controller answered.
@@ -21,6 +21,7 @@ pub struct ClosedLoop {
     controller: Controller,
     follower: Follower,
     trajectory: Option<Trajectory>,
+    compensation: Option<Compensation>,
 }
 
 impl ClosedLoop {
@@ -31,7 +32,13 @@ impl ClosedLoop {
             controller,
             follower: Follower::new(f64::INFINITY),
             trajectory: Some(trajectory),
+            compensation: None,
         }
+    }
+
+    /// The same with the feedforward of a compensation.
+    pub fn compensated(self, compensation: Compensation) -> ClosedLoop {
+        ClosedLoop { compensation: Some(compensation), ..self }
     }
 
     /// Sample, control, hold the force until the next sample.
@@ -42,7 +49,12 @@ impl ClosedLoop {
             self.follower.hold(sample.time, sample.position);
             self.follower.follow(sample.time, trajectory)?;
         }
-        let terms = self.controller.update(sample.time, sample.position, &mut self.follower);
+        let terms = self.controller.update_with(
+            sample.time,
+            sample.position,
+            &mut self.follower,
+            self.compensation.as_mut(),
+        );
         self.stage.advance(terms.output);
         Ok(Cycle { sample, terms })
     }

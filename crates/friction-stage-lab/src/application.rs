@@ -192,6 +192,35 @@ impl Application {
         Ok(application)
     }
 
+    /// The fine step of the paper in a clean environment, with requirement and tolerances as in
+    /// `launch_config/application_fine_step_clean.yaml`.
+    pub fn fine_step() -> Application {
+        Application {
+            name: "fine step, clean environment".to_owned(),
+            mass: mass(),
+            guides: guides(),
+            motion: ApplicationMotion {
+                distance: 10e-6,
+                duration: 3e-3,
+                settle: 0.3,
+                and_return: false,
+                conditioning: Conditioning::default(),
+            },
+            controller: Loop::default(),
+            requirement: Requirement { peak_error: 6e-6, settling_band: 1e-6, settling_time: 0.1 },
+            constraints: Constraints::default(),
+            tolerances: GuideTolerances {
+                stiffness: 0.1,
+                bristle_damping: 0.2,
+                viscous_friction: 0.1,
+                coulomb_force: 0.05,
+                static_force: 0.1,
+                stribeck_velocity: 0.2,
+                together: false,
+            },
+        }
+    }
+
     /// Refuses impossible values and a motion that the motor cannot make.
     pub fn check(&self, origin: &str) -> Result<(), ApplicationError> {
         let refuse = |key, value, limit: String| {
@@ -365,6 +394,7 @@ mod tests {
         assert_eq!((application.mass, application.guides), (40.0, 4));
         assert_eq!((application.motion.distance, application.motion.duration), (10e-6, 3e-3));
         assert_eq!(application.controller.bandwidth, 60.0);
+        assert_eq!(application, Application::fine_step());
     }
 
     #[test]

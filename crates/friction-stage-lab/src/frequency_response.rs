@@ -25,6 +25,8 @@ const RAMP: f64 = 3.0;
 const SETTLE: (f64, f64) = (0.15, 4.0);
 /// Time that is projected, s and periods, whichever is longer.
 const MEASURE: (f64, f64) = (0.25, 5.0);
+/// Parts of that time that are projected by themselves for the coherence: one period or more.
+const PARTS: usize = 5;
 
 /// The responses of one stage.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -54,6 +56,11 @@ pub struct ResponsePoint {
     pub amplitude: f64,
     /// Real and imaginary part of F/X, N/m.
     pub stiffness: (f64, f64),
+    /// Phase of X/F, degrees: 0 of a spring, -90 of a damper, -180 of a mass.
+    pub phase: f64,
+    /// Coherence of force and position over parts of the time that is projected, 0 to 1: what of
+    /// the position follows the force, and is neither noise nor drift.
+    pub coherence: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -112,14 +119,20 @@ fn point(stage: &mut Stage, rows: &mut Vec<Row>, force: f64, frequency: f64) -> 
     let periods = (MEASURE.0.max(MEASURE.1 / frequency) * frequency).ceil();
     let end = settle + periods / frequency;
     let (mut position, mut cell) = (SinusoidSums::default(), SinusoidSums::default());
+    let mut parts: Vec<[SinusoidSums; 2]> = vec![Default::default(); PARTS];
     for k in 0..((end + ramp) * rate).ceil() as usize {
         let time = k as f64 / rate;
         let envelope = (time / ramp).min((end + ramp - time) / ramp).clamp(0.0, 1.0);
         let command = envelope * force * (2.0 * PI * frequency * time).sin();
         let sample = stage.sample();
         if time >= settle && time < end {
-            position.add(2.0 * PI * frequency * time, sample.position);
-            cell.add(2.0 * PI * frequency * time, sample.force_cell);
+            let phase = 2.0 * PI * frequency * time;
+            position.add(phase, sample.position);
+            cell.add(phase, sample.force_cell);
+            let part = ((time - settle) / (end - settle) * PARTS as f64) as usize;
+            let [of_cell, of_position] = &mut parts[part.min(PARTS - 1)];
+            of_cell.add(phase, sample.force_cell);
+            of_position.add(phase, sample.position);
         }
         rows.push(Row { sample, terms: None, force: command });
         stage.advance(command);
@@ -130,11 +143,23 @@ fn point(stage: &mut Stage, rows: &mut Vec<Row>, force: f64, frequency: f64) -> 
     let hold = lag.sin() / lag;
     let driving = phasor(&cell) * Complex::from_polar(hold, lag);
     let stiffness = driving / phasor(&position);
+    let pairs: Vec<_> = parts.iter().map(|[cell, x]| (phasor(cell), phasor(x))).collect();
     ResponsePoint {
         frequency,
         amplitude: phasor(&position).norm(),
         stiffness: (stiffness.re, stiffness.im),
+        phase: -stiffness.arg().to_degrees(),
+        coherence: coherence(&pairs),
     }
+}
+
+/// Coherence of phasors of input and output over parts of a record: |sum X* Y|^2 / (sum |X|^2 sum
+/// |Y|^2) (Bendat, Piersol, Random Data, 4th ed. 2010, section 6.1).
+pub(super) fn coherence(parts: &[(Complex<f64>, Complex<f64>)]) -> f64 {
+    let cross: Complex<f64> = parts.iter().map(|(x, y)| x.conj() * y).sum();
+    let power = |of: fn(&(Complex<f64>, Complex<f64>)) -> f64| parts.iter().map(of).sum::<f64>();
+    let (input, output) = (power(|(x, _)| x.norm_sqr()), power(|(_, y)| y.norm_sqr()));
+    if input * output > 0.0 { cross.norm_sqr() / (input * output) } else { 0.0 }
 }
 
 /// a + i b of a sin + b cos; zero without enough samples.
@@ -175,6 +200,31 @@ fn resonance(points: &[ResponsePoint], mass: f64) -> Option<Resonance> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn coherence_falls_to_the_share_that_follows_the_force() {
+        let one = Complex::new(1.0, 0.0);
+        let parts = |turned: f64| {
+            [(one, Complex::from_polar(2.0, 0.3 + turned)), (one, Complex::from_polar(2.0, 0.3))]
+        };
+        assert!((coherence(&parts(0.0)) - 1.0).abs() < 1e-12);
+        // Two unit phasors at an angle: cos^2 of its half.
+        assert!((coherence(&parts(1.0)) - 0.5f64.cos().powi(2)).abs() < 1e-12);
+        assert_eq!(coherence(&[]), 0.0);
+    }
+
+    #[test]
+    fn the_phase_goes_from_that_of_a_spring_to_that_of_a_mass_where_the_coherence_is_high() {
+        let specimen = Specimen::of_guide("guide_1").unwrap();
+        let (response, _) = frequency_response(&specimen, &Settings::default(), &|| ()).unwrap();
+        let level = &response.levels[1];
+        let (first, last) = (&level.points[0], &level.points[level.points.len() - 1]);
+        assert!(first.phase > -30.0 && last.phase < -150.0, "{first:?} {last:?}");
+        assert!(level.points.iter().all(|point| (0.9..=1.0 + 1e-12).contains(&point.coherence)));
+        // The smallest force disappears in the noise of cell and encoder above the resonance.
+        let faint = &response.levels[0].points[27];
+        assert!(faint.coherence < last.coherence, "{faint:?}");
+    }
 
     /// Far below break-away a guide is a spring sigma0 with a damper sigma1 + sigma2: a linear
     /// oscillator.

@@ -17,6 +17,7 @@
 //! ```
 
 mod application;
+mod compensation_trial;
 mod dahl;
 mod distributed_fit;
 mod experiment;
@@ -27,6 +28,7 @@ mod guide_fit;
 mod hidden_effect;
 mod hunting;
 mod least_squares;
+mod loop_analysis;
 mod paper;
 mod quick_loops;
 mod rig;
@@ -36,12 +38,14 @@ mod settling;
 mod specimen;
 mod statements;
 mod stribeck;
+mod tuning;
 mod variant;
 
 pub use application::{
     Application, ApplicationError, ApplicationMotion, Constraints, GuideTolerances, Loop,
     Requirement, Sealing,
 };
+pub use compensation_trial::{CompensationTrial, TrialError, TrialRun};
 pub use dahl::{
     AMPLITUDES, DahlCurves, DahlResonance, HysteresisLoop, LoopTiming, PAPER_AMPLITUDES, dahl,
     hysteresis_loop, length,
@@ -60,6 +64,10 @@ pub use guide_fit::{Fitted, GuideConstruction, GuideFit, GuideFitError, RigRecor
 pub use hidden_effect::HiddenEffect;
 pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};
 pub use least_squares::{FitError, Minimum, minimise};
+pub use loop_analysis::{
+    LoopPoint, LoopResponse, Margins, MeasuredLoopPoint, SampledStage, StageMotion,
+    loop_frequencies, measure_loop,
+};
 pub use paper::{Conditioning, Move, MoveError, MoveKind, PaperMotion};
 pub use quick_loops::{QUICK_LOOPS, quick_loops};
 pub use rig::{RIG_TICKS, RigBias, rig};
@@ -76,4 +84,8 @@ pub use statements::{
     stiffness_errors,
 };
 pub use stribeck::{SPEEDS, StribeckCurve, StribeckPoint, stribeck};
+pub use tuning::{
+    AmplitudeMargins, Objective, OnVariants, Tuned, Tuning, TuningError, TuningPlan, break_away,
+    errors_along, step_response,
+};
 pub use variant::{VariantError, VariantExperiment, VariantResult, variant_seed};

@@ -11,7 +11,7 @@ use friction_stage_core::ClosedLoop;
 use friction_stage_core::control::{
     Controller, ControllerError, ControllerSettings, Gains, Trajectory, TrajectoryError,
 };
-use friction_stage_core::model::{Guide, ModelError};
+use friction_stage_core::model::{Guide, GuideSource, ModelError, StageModel};
 use friction_stage_core::plant::{Rates, RatesError, Stage};
 
 /// What one variant reached. Guide parameters are the means over the guides of its stage, SI units.
@@ -47,6 +47,8 @@ pub enum VariantError {
 #[derive(Clone, Debug)]
 pub struct VariantExperiment {
     application: Application,
+    /// Its guides are replaced by those of each variant.
+    model: StageModel,
     rates: Rates,
     settings: ControllerSettings,
     trajectory: Trajectory,
@@ -83,6 +85,18 @@ impl VariantExperiment {
             viscous_feedforward: controller.viscous_feedforward,
             ..ControllerSettings::paper(application.mass, control, controller.force_limit)
         };
+        let model = application.stage(Vec::new());
+        VariantExperiment::of_model(application, model, settings, rates)
+    }
+
+    /// The application's motion on a stage of `model`, whose guides are those of the variants,
+    /// under a controller of one's own.
+    pub fn of_model(
+        application: &Application,
+        model: StageModel,
+        settings: ControllerSettings,
+        rates: Rates,
+    ) -> Result<VariantExperiment, VariantError> {
         settings.check()?;
         let motion = &application.motion;
         let mut path = PaperMotion::conditioned(LEAD, &motion.conditioning);
@@ -99,6 +113,7 @@ impl VariantExperiment {
         let trajectory = Trajectory::new(0, path.points)?;
         Ok(VariantExperiment {
             application: application.clone(),
+            model,
             rates,
             settings,
             trajectory,
@@ -114,23 +129,25 @@ impl VariantExperiment {
         seed: u64,
         variant: u64,
     ) -> Result<VariantResult, VariantError> {
-        let mut random = ChaCha8Rng::seed_from_u64(variant_seed(seed, name, variant));
-        let noise_seed = random.next_u64();
-        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        let (tolerances, count) = (&self.application.tolerances, self.application.guides);
-        let first = tolerances.draw(nominal, &mut normal);
-        let mut guides = vec![first; count];
-        if !tolerances.together {
-            guides[1..].fill_with(|| tolerances.draw(nominal, &mut normal));
-        }
+        let nominal = vec![nominal.clone(); self.application.guides];
+        self.run_on(name, &nominal, seed, variant)
+    }
+
+    /// As [`VariantExperiment::run`], of a stage whose guides have nominal parameters of their own.
+    pub fn run_on(
+        &self,
+        name: &str,
+        nominal: &[Guide],
+        seed: u64,
+        variant: u64,
+    ) -> Result<VariantResult, VariantError> {
+        let (guides, noise_seed) = self.draw(name, nominal, seed, variant);
         let guide = mean(&guides);
-        let stage = Stage::new(&self.application.stage(guides), self.rates, noise_seed).map_err(
-            |source| VariantError::Model {
-                guide: name.to_owned(),
-                variant,
-                source: Box::new(source),
-            },
-        )?;
+        let guides = guides.into_iter().map(GuideSource::Inline).collect();
+        let model = StageModel { guides, ..self.model.clone() };
+        let stage = Stage::new(&model, self.rates, noise_seed).map_err(|source| {
+            VariantError::Model { guide: name.to_owned(), variant, source: Box::new(source) }
+        })?;
         let controller = Controller::new(self.settings.clone())?;
         let mut closed_loop = ClosedLoop::new(stage, controller, self.trajectory.clone());
         let mut result = VariantResult {
@@ -169,6 +186,34 @@ impl VariantExperiment {
             }
         }
         Ok(result)
+    }
+}
+
+impl VariantExperiment {
+    /// The guides of a variant and the seed of its noise.
+    pub fn draw(
+        &self,
+        name: &str,
+        nominal: &[Guide],
+        seed: u64,
+        variant: u64,
+    ) -> (Vec<Guide>, u64) {
+        let mut random = ChaCha8Rng::seed_from_u64(variant_seed(seed, name, variant));
+        let noise_seed = random.next_u64();
+        let tolerances = &self.application.tolerances;
+        let mut drawn: Vec<f64> = Vec::new();
+        let guides = nominal.iter().enumerate().map(|(index, guide)| {
+            if index > 0 && tolerances.together {
+                let mut same = drawn.iter().copied();
+                return tolerances.draw(guide, &mut || same.next().unwrap_or(0.0));
+            }
+            tolerances.draw(guide, &mut || {
+                let value = StandardNormal.sample(&mut random);
+                drawn.push(value);
+                value
+            })
+        });
+        (guides.collect(), noise_seed)
     }
 }
 

@@ -15,6 +15,7 @@
 #![warn(missing_docs)]
 
 pub mod chart;
+pub mod compensation;
 mod error;
 pub mod experiment;
 pub mod figure;
@@ -24,6 +25,7 @@ pub mod page;
 pub mod paper_motion;
 pub mod recording;
 pub mod selection;
+pub mod tuning;
 pub mod words;
 
 pub use error::ReportError;

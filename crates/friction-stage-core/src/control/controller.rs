@@ -1,5 +1,10 @@
 //! The controller: reference and measured position in, force with all its terms out.
 
+use std::f64::consts::TAU;
+
+use nalgebra::Complex;
+
+use super::compensation::{Compensated, Compensation, CompensationTerms};
 use super::lowpass::Lowpass;
 use super::pid::{AntiWindup, Gains, Pid};
 use super::trajectory::{Follower, Reference};
@@ -51,6 +56,8 @@ pub struct Terms {
     pub mass_feedforward: f64,
     /// Viscous coefficient times velocity of the reference, N.
     pub viscous_feedforward: f64,
+    /// What a compensation adds beside mass and viscous friction, N.
+    pub compensation: CompensationTerms,
     /// Sum of feedback, feedforward and the effort of the reference, within the limits, N.
     pub output: f64,
     /// Whether the output is at a limit.
@@ -108,6 +115,14 @@ impl ControllerSettings {
             ..self.gains
         };
         ControllerSettings { gains, ..self.clone() }
+    }
+
+    /// Force over position error at `frequency` (Hz, up to half the rate), N/m: PID and lowpass as
+    /// they are sampled.
+    pub fn transfer(&self, frequency: f64) -> Complex<f64> {
+        let (z, gains) = (Complex::from_polar(1.0, TAU * frequency / self.rate), &self.gains);
+        let lowpass = Lowpass::new(gains.lowpass_frequency, gains.lowpass_damping, self.rate);
+        gains.transfer(frequency, self.rate) * lowpass.transfer(z)
     }
 
     /// Refuses settings that no controller can have.
@@ -175,19 +190,32 @@ impl Controller {
     /// velocity at its end. A streamed setpoint brings its own acceleration.
     #[inline]
     pub fn update(&mut self, time: i64, position: f64, follower: &mut Follower) -> Terms {
+        self.update_with(time, position, follower, None)
+    }
+
+    /// As [`Controller::update`]; a compensation takes the place of mass and viscous feedforward.
+    #[inline]
+    pub fn update_with(
+        &mut self,
+        time: i64,
+        position: f64,
+        follower: &mut Follower,
+        compensation: Option<&mut Compensation>,
+    ) -> Terms {
         follower.advance(time);
         let reference = follower.at(time);
         let error = reference.position - position;
         let pid = self.pid.update(error);
         let feedback = self.lowpass.filter(pid.proportional + pid.integral + pid.derivative);
-        let acceleration = if follower.can_look_ahead() {
-            (follower.at(time + self.period_ns).velocity - reference.velocity) / self.period
-        } else {
-            reference.acceleration
+        let forward = match compensation {
+            Some(compensation) => compensation.update(time, follower, self.settings.limits),
+            None => self.feedforward(time, &reference, follower),
         };
-        let mass_feedforward = self.settings.mass_feedforward * acceleration;
-        let viscous_feedforward = self.settings.viscous_feedforward * reference.velocity;
-        let wanted = feedback + mass_feedforward + viscous_feedforward + reference.effort;
+        let Compensated { mass, viscous, terms } = forward;
+        let mut wanted = feedback + mass + viscous + reference.effort;
+        if terms != CompensationTerms::default() {
+            wanted += terms.bristles + terms.forces + terms.motor;
+        }
         let output = wanted.clamp(self.settings.limits.0, self.settings.limits.1);
         self.pid.saturated(wanted - output, error);
         Terms {
@@ -198,11 +226,26 @@ impl Controller {
             integral: pid.integral,
             derivative: pid.derivative,
             feedback,
-            mass_feedforward,
-            viscous_feedforward,
+            mass_feedforward: mass,
+            viscous_feedforward: viscous,
+            compensation: terms,
             output,
             saturated: wanted != output,
             holding: !follower.is_moving(time),
+        }
+    }
+
+    #[inline]
+    fn feedforward(&self, time: i64, reference: &Reference, follower: &Follower) -> Compensated {
+        let acceleration = if follower.can_look_ahead() {
+            (follower.at(time + self.period_ns).velocity - reference.velocity) / self.period
+        } else {
+            reference.acceleration
+        };
+        Compensated {
+            mass: self.settings.mass_feedforward * acceleration,
+            viscous: self.settings.viscous_feedforward * reference.velocity,
+            terms: CompensationTerms::default(),
         }
     }
 

@@ -2,6 +2,8 @@
 
 use std::f64::consts::PI;
 
+use nalgebra::Complex;
+
 /// H(s) = w^2 / (s^2 + 2 zeta w s + w^2) by the bilinear transform with prewarping at w; zero
 /// initial state.
 #[derive(Clone, Debug)]
@@ -44,6 +46,13 @@ impl Lowpass {
         self.memory = [0.0; 2];
     }
 
+    /// Transfer function as sampled, at `z` = exp(j w T).
+    pub fn transfer(&self, z: Complex<f64>) -> Complex<f64> {
+        let late = z.inv();
+        let [first, second] = self.feedback;
+        self.input_gain * (late + 1.0) * (late + 1.0) / ((late * second + first) * late + 1.0)
+    }
+
     /// |H| and its phase, rad, of the continuous filter at `frequency / cutoff = ratio`.
     pub fn response(ratio: f64, damping: f64) -> (f64, f64) {
         let (real, imaginary) = (1.0 - ratio * ratio, 2.0 * damping * ratio);
@@ -70,6 +79,20 @@ mod tests {
                 .sum::<f64>()
         };
         2.0 * project(f64::sin).hypot(project(f64::cos)) / tail.len() as f64
+    }
+
+    #[test]
+    fn transfer_function_has_the_gain_that_a_sine_meets() {
+        let at = |frequency: f64| Complex::from_polar(1.0, 2.0 * PI * frequency / 4000.0);
+        let lowpass = Lowpass::new(360.0, std::f64::consts::FRAC_1_SQRT_2, 4000.0);
+        for frequency in [40.0, 400.0, 1000.0] {
+            let expected = gain(frequency, 360.0, 4000.0);
+            let found = lowpass.transfer(at(frequency)).norm();
+            assert!((found - expected).abs() < 1e-6, "{frequency} Hz: {found}, {expected}");
+        }
+        // At its own frequency the prewarped filter is the continuous one: -j / (2 zeta).
+        let found = Lowpass::new(360.0, 0.6, 4000.0).transfer(at(360.0));
+        assert!((found - Complex::new(0.0, -1.0 / 1.2)).norm() < 1e-12, "{found}");
     }
 
     #[test]

@@ -3,12 +3,16 @@
 //! In come references and measured positions at a fixed rate, out goes a force with every term that
 //! it is made of. Time is an argument in nanoseconds; nothing here allocates while controlling.
 
+mod compensation;
 mod controller;
 mod lowpass;
 mod pid;
 mod supervisor;
 mod trajectory;
 
+pub use compensation::{
+    Compensated, Compensation, CompensationError, CompensationTerms, CompensationTermsOn,
+};
 pub use controller::{Controller, ControllerError, ControllerSettings, Terms};
 pub use lowpass::Lowpass;
 pub use pid::{AntiWindup, Gains, Pid};

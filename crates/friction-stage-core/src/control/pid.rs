@@ -1,6 +1,8 @@
 //! PID on the position error, sampled, with anti-windup.
 
-use std::f64::consts::{FRAC_1_SQRT_2, PI};
+use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
+
+use nalgebra::Complex;
 
 use super::lowpass::Lowpass;
 
@@ -70,6 +72,15 @@ impl Gains {
             lowpass_frequency: lowpass * bandwidth,
             lowpass_damping: FRAC_1_SQRT_2,
         }
+    }
+}
+
+impl Gains {
+    /// Force over position error of the PID alone at `frequency` (Hz), sampled at `rate` (Hz), N/m:
+    /// P + I T / (1 - 1/z) + D (1 - 1/z) / T.
+    pub fn transfer(&self, frequency: f64, rate: f64) -> Complex<f64> {
+        let change = -Complex::from_polar(1.0, -TAU * frequency / rate) + 1.0;
+        change.inv() * (self.i / rate) + change * (self.d * rate) + self.p
     }
 }
 

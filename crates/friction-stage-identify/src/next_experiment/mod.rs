@@ -111,6 +111,9 @@ pub fn trajectory_yaml(points: &[Point], joint: &str, comments: &[String]) -> St
                 text.push_str(&format!("  {key}: [{value:.12}]\n"));
             }
         }
+        if point.effort != 0.0 {
+            text.push_str(&format!("  effort: [{:.9}]\n", point.effort));
+        }
         let (seconds, nanoseconds) =
             (point.time.div_euclid(1_000_000_000), point.time.rem_euclid(1_000_000_000));
         text.push_str(&format!("  time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}\n"));

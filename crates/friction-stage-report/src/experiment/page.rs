@@ -469,6 +469,24 @@ impl<'a> Report<'a> {
                     response.name
                 ),
             )?;
+            let mut phases =
+                Chart::new(format!("Phase: {}", response.name), "frequency, Hz", "X/F, degrees")
+                    .logarithmic(true, false);
+            for (colour, level) in response.levels.iter().enumerate() {
+                let points = level.points.iter().map(|p| (p.frequency, p.phase));
+                phases.add(format!("{:.2} N", level.force), colour, Style::Both, points);
+            }
+            let least = response.levels.iter().flat_map(|level| &level.points);
+            let least = least.map(|point| point.coherence).fold(1.0, f64::min);
+            self.figure(
+                &format!("frequency_response_phase_{}", index + 1),
+                &phases,
+                &format!(
+                    "Stage on {}: phase of the position against the force; 0 is a spring, -180 a \
+                     mass. The coherence is at least {least:.4}.",
+                    response.name
+                ),
+            )?;
             let dahl = self.summary.results.dahl.iter().find(|curves| curves.name == response.name);
             for level in &response.levels {
                 // Between two loops: straight lines over the logarithm of the amplitude.

@@ -7,6 +7,8 @@
 //! drive cycle as delay (assumed). Sizes: EMPS 0.5 to 0.75 ms in all. Not modelled: slew rate, a
 //! second-order current loop. Before the first step the command was 0.
 
+use nalgebra::Complex;
+
 use super::regression::{along, largest_over_decades, least_squares};
 use super::{
     Action, CommandLaw, CommandStage, EffectDescriptor, EffectParameter, ForceOverStep, Motion,
@@ -154,6 +156,11 @@ impl CommandLaw for ActuatorLag {
         }
         let arrived = self.lead(motion.time - 0.5 * step, step, command);
         ForceOverStep { mean: arrived.mean - command, ..arrived }
+    }
+
+    fn added(&self, angular_frequency: f64) -> Complex<f64> {
+        let late = Complex::from_polar(1.0, -angular_frequency * self.delay);
+        late / Complex::new(1.0, angular_frequency * self.time_constant) - 1.0
     }
 
     fn reset(&mut self) {

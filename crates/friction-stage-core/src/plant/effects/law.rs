@@ -6,6 +6,8 @@
 
 use std::fmt::Debug;
 
+use nalgebra::Complex;
+
 use super::super::guides::{BristleElements, FrictionScale};
 use super::{ForceOverStep, Motion};
 
@@ -43,6 +45,12 @@ pub(crate) trait CommandLaw: Debug + Send + Sync {
     /// force acts.
     fn change_over(&mut self, command: f64, motion: &Motion, step: f64) -> ForceOverStep {
         ForceOverStep { mean: self.change(command, motion, step), moment: 0.0 }
+    }
+
+    /// What is added to a sinusoidal command of this angular frequency, rad/s, over the command.
+    /// What changes with the position, and averages out over it, adds nothing.
+    fn added(&self, _angular_frequency: f64) -> Complex<f64> {
+        Complex::new(0.0, 0.0)
     }
 
     /// Back to the state at construction.

@@ -4,6 +4,8 @@
 //! (N), g fraction. Source: error of the declared force constant, linear (assumed). Sizes: assumed,
 //! 1 to 5 %. Not modelled: saturation, change with temperature.
 
+use nalgebra::Complex;
+
 use super::regression::least_squares;
 use super::{
     Action, CommandLaw, CommandStage, EffectDescriptor, EffectParameter, Motion, Multiplicity,
@@ -42,6 +44,10 @@ struct MotorGain {
 impl CommandLaw for MotorGain {
     fn change(&mut self, command: f64, _motion: &Motion, _step: f64) -> f64 {
         self.fraction * command
+    }
+
+    fn added(&self, _angular_frequency: f64) -> Complex<f64> {
+        Complex::new(self.fraction, 0.0)
     }
 }
 

@@ -1,5 +1,7 @@
 //! The effects of one stage, advanced together.
 
+use nalgebra::Complex;
+
 use crate::model::{EffectParameters, ModelError};
 
 use super::super::guides::{BristleElements, FrictionScale};
@@ -267,6 +269,19 @@ impl Effects {
         sum
     }
 
+    /// Force of the motor over its command for a sinusoid of this angular frequency, rad/s.
+    pub fn command_transfer(&self, angular_frequency: f64) -> Complex<f64> {
+        let (mut stage, mut arriving) = (None, Complex::new(1.0, 0.0));
+        let mut passed_on = arriving;
+        for command in &self.commands {
+            if stage != Some(command.stage) {
+                (stage, arriving) = (Some(command.stage), passed_on);
+            }
+            passed_on += arriving * command.law.added(angular_frequency);
+        }
+        passed_on
+    }
+
     /// Sums of the last step: motor side, carriage side, N.
     pub fn last(&self) -> (f64, f64) {
         (self.motor_side, self.carriage_side)
@@ -346,6 +361,20 @@ mod tests {
                 .zip(expected)
                 .all(|(found, expected)| (found - expected).abs() < 1e-9)
         );
+    }
+
+    #[test]
+    fn the_motor_answers_a_sine_late_and_with_its_gain() {
+        let effects = Effects::new(&[
+            EffectParameters::new("motor_gain", [("fraction", 0.2)]),
+            EffectParameters::new("actuator_lag", [("time_constant", 1e-3), ("delay", 2e-3)]),
+        ])
+        .unwrap();
+        let w = 300.0;
+        let found = effects.command_transfer(w);
+        let expected = 1.2 / (1.0 + (w * 1e-3).powi(2)).sqrt();
+        assert!((found.norm() - expected).abs() < 1e-12, "{found}");
+        assert!((found.arg() + w * 2e-3 + (w * 1e-3).atan()).abs() < 1e-12, "{found}");
     }
 
     #[test]

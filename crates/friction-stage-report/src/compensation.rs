@@ -1,0 +1,129 @@
+//! The report of a compensation: the same motion without and with, as a table and as a page.
+
+use std::fmt::Write as _;
+
+use serde_json::{Value, json};
+
+use friction_stage_lab::TrialRun;
+
+use crate::chart::{Chart, Style};
+use crate::figure::FigureError;
+use crate::page::{Align, Cell, Mark, Page, Table, Tile};
+
+/// Both runs of a trial, with what is not compensated.
+#[derive(Clone, Copy, Debug)]
+pub struct TrialRuns<'a> {
+    /// Without.
+    pub plain: &'a TrialRun,
+    /// With.
+    pub compensated: &'a TrialRun,
+    /// Effects of the model that are not compensated.
+    pub left_out: &'a [&'static str],
+}
+
+/// What of a run is compared: name, value and unit of both; `NaN` for what never settles.
+fn rows(runs: &TrialRuns) -> [(&'static str, f64, f64); 5] {
+    let settled = |run: &TrialRun, band: usize| {
+        run.settling()[band].map_or(f64::NAN, |seconds| 1e3 * seconds)
+    };
+    let (plain, with) = (runs.plain, runs.compensated);
+    [
+        ("peak error, µm", 1e6 * plain.peak, 1e6 * with.peak),
+        ("rms error, µm", 1e6 * plain.rms, 1e6 * with.rms),
+        ("settled to 10 µm, ms", settled(plain, 0), settled(with, 0)),
+        ("settled to 1 µm, ms", settled(plain, 1), settled(with, 1)),
+        ("settled to 0.1 µm, ms", settled(plain, 2), settled(with, 2)),
+    ]
+}
+
+/// The table as text for a person.
+pub fn compensation_text(runs: &TrialRuns) -> String {
+    let mut out = String::new();
+    // A string takes whatever is written.
+    let _ = writeln!(out, "{:24} {:>12} {:>12} {:>8}", "", "without", "with", "ratio");
+    for (name, plain, with) in rows(runs) {
+        let shown = |value: f64, digits: usize| match value.is_finite() {
+            true => format!("{value:.digits$}"),
+            false => "never".to_owned(),
+        };
+        let ratio = if plain > 0.0 { with / plain } else { f64::NAN };
+        let ratio = if ratio.is_finite() { format!("{ratio:.3}") } else { "-".to_owned() };
+        let _ =
+            writeln!(out, "{name:24} {:>12} {:>12} {ratio:>8}", shown(plain, 3), shown(with, 3));
+    }
+    for warning in compensation_warnings(runs) {
+        let _ = writeln!(out, "warning: {warning}");
+    }
+    out
+}
+
+/// What a user should know.
+pub fn compensation_warnings(runs: &TrialRuns) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if runs.compensated.rms > runs.plain.rms {
+        warnings.push(
+            "the error is larger with the compensation: the model is not that of this stage"
+                .to_owned(),
+        );
+    }
+    if runs.compensated.saturated > 0 {
+        warnings.push(format!(
+            "the motor is at its limit in {} samples with the compensation",
+            runs.compensated.saturated
+        ));
+    }
+    if !runs.left_out.is_empty() {
+        warnings.push(format!("not compensated: {}", runs.left_out.join(", ")));
+    }
+    warnings
+}
+
+/// Both runs for other programs, SI units.
+pub fn compensation_json(runs: &TrialRuns) -> Value {
+    json!({
+        "schema_version": 1,
+        "without": runs.plain,
+        "with": runs.compensated,
+        "not_compensated": runs.left_out,
+        "warnings": compensation_warnings(runs),
+    })
+}
+
+/// The page and its figure.
+pub fn compensation_page(name: &str, runs: &TrialRuns) -> Result<(String, String), FigureError> {
+    let (plain, with) = (runs.plain, runs.compensated);
+    let mut page = Page::new(
+        format!("Compensation: {name}"),
+        "The same motion without and with what the model knows, fed forward along the reference.",
+    );
+    let tile = |name: &str, plain: f64, with: f64| Tile {
+        name: name.to_owned(),
+        value: format!("{:.2}", with / plain),
+        detail: format!("{:.3} µm became {:.3} µm", 1e6 * plain, 1e6 * with),
+        mark: if with < plain { Mark::Good } else { Mark::Bad },
+    };
+    page.tiles(&[
+        tile("peak error", plain.peak, with.peak),
+        tile("rms error", plain.rms, with.rms),
+    ]);
+    for warning in compensation_warnings(runs) {
+        page.note(Mark::Warning, &warning);
+    }
+    let mut chart = Chart::new("Position error", "time, s", "error, µm");
+    for (colour, (name, run)) in [("without", plain), ("with", with)].into_iter().enumerate() {
+        let points = run.errors.iter().map(|(time, error)| (1e-9 * *time as f64, 1e6 * error));
+        chart.add(name, colour, Style::Line, points);
+    }
+    let svg = chart.svg()?;
+    page.figure(&svg, "Measured error along the motion.");
+    let mut table =
+        Table::new(&[("", Align::Left), ("without", Align::Right), ("with", Align::Right)])
+            .captioned(
+                "Settling: the longest of all moves that end in a rest; a dash: some never do.",
+            );
+    for (name, plain, with) in rows(runs) {
+        table.row([Cell::text(name), Cell::number(plain, 3), Cell::number(with, 3)]);
+    }
+    page.table(&table);
+    Ok((page.finish(), svg))
+}

@@ -1,0 +1,202 @@
+//! `friction-stage tune`: gains for a stage and an application.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::Context as _;
+use clap::{Args, ValueEnum};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::{Outcome, WrongArguments, tell_assumptions};
+use crate::directory;
+use crate::node::controller_settings;
+use friction_stage_core::model::{EffectParameters, StageModel};
+use friction_stage_lab::{Application, Objective, TuningPlan};
+use friction_stage_report::tuning::{
+    controller_parameters, ros2_control_parameters, tuning_json, tuning_page, tuning_text,
+    tuning_warnings,
+};
+
+/// Propose gains for a stage: as good as the margins allow, over the tolerances of its guides.
+///
+/// Looks at the loop of stage, sampling and controller at several amplitudes, keeps the largest |S|
+/// at 6 dB or less on guides drawn from their tolerances, and takes of all such loops the one that
+/// moves best. Writes controller.yaml for controller_node, ros2_control.yaml, report.html, figures
+/// and summary.json.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Examples:\n  friction-stage tune guide_2\n  friction-stage tune stage.yaml \
+                        --application launch_config/application_fast_move_clean.yaml --out \
+                        tuning\n  friction-stage tune stage.yaml --compare my_controller.yaml\n  \
+                        controller_node --ros-args --params-file tuning/controller.yaml"
+)]
+pub struct TuneArgs {
+    /// Model file or catalogue guide of the stage
+    #[arg(value_name = "MODEL")]
+    pub model: String,
+    /// What the stage is to do, with tolerances and rate (YAML); its mass, guides and motor are
+    /// those of MODEL [default: the article's fine step]
+    #[arg(long, value_name = "FILE")]
+    pub application: Option<PathBuf>,
+    /// What is to be small, each over what the application requires
+    #[arg(long, value_enum, default_value_t = Aim::Both)]
+    pub objective: Aim,
+    /// Parameter file of a controller_node to set beside them
+    #[arg(long, value_name = "FILE")]
+    pub compare: Option<PathBuf>,
+    /// Time between a sample and the force that answers it, s, beyond what MODEL says
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = delay)]
+    pub delay: f64,
+    /// Variants, not seen by the search, on which the gains are compared
+    #[arg(long, value_name = "N", default_value_t = 1000,
+          value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub variants: u64,
+    /// Seed of tolerances and noise
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Directory for the results [default: tune_ and the date]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Print summary.json instead of a table
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is to be small.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub enum Aim {
+    /// The largest error of the moves
+    Peak,
+    /// The time to settle
+    Settling,
+    /// The larger of the two
+    Both,
+}
+
+fn delay(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is no number"))?;
+    match (0.0..=0.05).contains(&value) {
+        true => Ok(value),
+        false => Err(format!("{value} s must be between 0 and 0.05")),
+    }
+}
+
+/// Runs the command; results go to `out`, progress to stderr.
+pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    let model = late(StageModel::named(&args.model)?, args.delay)?;
+    tell_assumptions(Some(&model));
+    let mut application = match &args.application {
+        None => Application::fine_step(),
+        Some(path) => {
+            let origin = path.display().to_string();
+            let text =
+                std::fs::read_to_string(path).with_context(|| format!("cannot read {origin}"))?;
+            Application::from_yaml(&text, &origin)?
+        }
+    };
+    let compared = args
+        .compare
+        .as_ref()
+        .map(|path| Ok::<_, anyhow::Error>((name_of(path), controller_settings::from_file(path)?)))
+        .transpose()?;
+    if let Some((name, settings)) = &compared
+        && settings.rate != application.controller.rate
+    {
+        return Err(WrongArguments(format!(
+            "{name} samples at {} Hz and the application at {} Hz (controller.rate): give both the \
+             same",
+            settings.rate, application.controller.rate
+        ))
+        .into());
+    }
+    let mut notes = Vec::new();
+    let mass = model.moving_mass();
+    if args.application.is_some() && (application.mass / mass - 1.0).abs() > 0.01 {
+        notes.push(format!(
+            "the application is for {} kg and the model moves {mass} kg: that of the model counts",
+            application.mass
+        ));
+    }
+    application.mass = mass;
+    application.controller.force_limit = model.motor.force_limit;
+    let directory = args.out.clone().unwrap_or_else(|| directory::dated(Path::new(""), "tune"));
+    if directory.join("summary.json").exists() {
+        return Err(WrongArguments(format!(
+            "{} holds results already: choose another --out",
+            directory.display()
+        ))
+        .into());
+    }
+    let bar = ProgressBar::new(1000);
+    bar.set_style(
+        ProgressStyle::with_template("tuning [{bar:30}] {percent:>3} %  {elapsed}")?
+            .progress_chars("=> "),
+    );
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let objective = match args.objective {
+        Aim::Peak => Objective::Peak,
+        Aim::Settling => Objective::Settling,
+        Aim::Both => Objective::Both,
+    };
+    let plan = TuningPlan {
+        model: model.clone(),
+        application,
+        objective,
+        unseen: args.variants,
+        seed: args.seed,
+    };
+    let tuning = plan.run(compared, &|part| bar.set_position((1000.0 * part) as u64))?;
+    let (page, figures) = tuning_page(&model, &tuning, args.seed)?;
+    bar.finish_and_clear();
+    std::fs::create_dir_all(&directory)
+        .with_context(|| format!("cannot create {}", directory.display()))?;
+    let write = |name: &str, text: &str| {
+        let path = directory.join(name);
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    };
+    write("report.html", &page)?;
+    for (name, svg) in &figures {
+        write(&format!("{name}.svg"), svg)?;
+    }
+    write("controller.yaml", &controller_parameters(tuning.found()))?;
+    write("ros2_control.yaml", &ros2_control_parameters(tuning.found()))?;
+    let json = serde_json::to_string_pretty(&tuning_json(&tuning))?;
+    write("summary.json", &format!("{json}\n"))?;
+    notes.extend(tuning_warnings(&tuning));
+    if args.json {
+        writeln!(out, "{json}")?;
+    } else {
+        write!(out, "{}", tuning_text(&tuning))?;
+        writeln!(
+            out,
+            "\n{}: report.html, controller.yaml, ros2_control.yaml, summary.json",
+            directory.display()
+        )?;
+    }
+    for note in &notes {
+        eprintln!("warning: {note}");
+    }
+    Ok(Outcome::warned(!notes.is_empty()))
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name()
+        .map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into())
+}
+
+/// The model with a motor that is later by a delay.
+fn late(mut model: StageModel, delay: f64) -> anyhow::Result<StageModel> {
+    if delay > 0.0 {
+        let lag = "actuator_lag";
+        if model.effects.iter().any(|effect| effect.name == lag) {
+            return Err(WrongArguments(format!(
+                "{} has an {lag} of its own: put the {delay} s of --delay into its delay",
+                model.name
+            ))
+            .into());
+        }
+        model.effects.push(EffectParameters::new(lag, [("delay", delay)]));
+    }
+    Ok(model)
+}
