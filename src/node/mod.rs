@@ -4,6 +4,7 @@
 //! the environment say ([`arguments`], [`parameters`], [`participant`]), topics that no dead peer
 //! can stall ([`outlet`], [`inlet`], [`qos`]), rules for commands ([`commands`]), and the recorder.
 
+mod action;
 pub mod arguments;
 pub mod clock;
 pub mod commands;
@@ -12,6 +13,7 @@ pub mod controller_settings;
 mod delay;
 pub mod domain;
 pub mod driver;
+mod follow_joint_trajectory;
 pub mod graph_watch;
 mod help;
 pub mod inlet;
