@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_parameter_events
 
 from conftest import BINARIES, free_domain
-from processes import Process
+from friction_stage_testing import Process
 
 NODE = "/lab/stage_under_test"
 TIMEOUT = 20.0
