@@ -26,6 +26,7 @@ use super::follow_joint_trajectory::{
 };
 use super::help;
 use super::inlet::{Inlet, Waiter};
+use super::lifecycle::Lifecycle;
 use super::memory_watch;
 use super::outlet::{Outlet, Published};
 use super::parameters::{ParameterSet, ParameterValues};
@@ -180,6 +181,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
 
     startup.pin(parameters.integer("cpu"))?;
     let real_time = startup.schedule(parameters.integer("priority"));
+    let managed = parameters.boolean("lifecycle");
     let wait_for_setpoint = parameters.boolean("wait_for_setpoint");
     let participant = startup.join()?;
     let status = Arc::new(Status { real_time, ..Status::default() });
@@ -200,9 +202,9 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         .map(|name| (1e9 / parameters.double(name)).round() as i64);
     let parameters = Arc::new(Mutex::new(parameters));
     let mut background = Background::new(signals, &participant, parameters, control.clone())?;
-    background.serve_enable(&startup, &participant)?;
+    let lifecycle = background.serve_enable_or_lifecycle(&startup, &participant, managed)?;
     background.serve_reset(&startup, &participant)?;
-    background.spawn(diagnose(&startup, &participant, status.clone())?);
+    background.spawn(diagnose(&startup, &participant, status.clone(), lifecycle)?);
     drop(control);
     let (wish, wishes) = futures::channel::mpsc::unbounded();
     let (news, told) = futures::channel::mpsc::unbounded();
@@ -245,7 +247,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         jump_limit,
         watch,
         joint,
-        enabled,
+        // A managed one begins inactive.
+        enabled: enabled && !managed,
         wait_for_setpoint,
         status,
         retuned,
@@ -285,6 +288,7 @@ fn diagnose(
     startup: &Startup,
     participant: &Participant,
     status: Arc<Status>,
+    lifecycle: Option<Lifecycle>,
 ) -> anyhow::Result<impl Future<Output = ()> + Send + 'static> {
     let mut outlet =
         Outlet::<DiagnosticArray>::new(participant, &startup.topic("/diagnostics"), &DIAGNOSTICS)?;
@@ -294,8 +298,11 @@ fn diagnose(
         loop {
             interval.tick().await;
             let header = Header::new(clock::system(), "");
-            let _ =
-                outlet.publish(DiagnosticArray { header, status: vec![status.diagnostic(&name)] });
+            let status = status.diagnostic(&name);
+            if let Some(lifecycle) = &lifecycle {
+                lifecycle.looked(status.fault());
+            }
+            let _ = outlet.publish(DiagnosticArray { header, status: vec![status] });
         }
     })
 }
@@ -912,6 +919,8 @@ impl ControllerLoop {
                     Err(error) => tracing::error!("parameters were not taken over: {error}"),
                 }
             }
+            // Of the stage.
+            Control::Pause(..) | Control::Step(_) | Control::StopSteps => {}
             Control::Shutdown => {}
         }
     }

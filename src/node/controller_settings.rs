@@ -32,6 +32,7 @@ pub fn specs() -> Vec<ParameterSpec> {
     vec![
         Startup::cpu_spec(),
         Startup::priority_spec(),
+        Startup::lifecycle_spec(),
         ParameterSpec::double(
             "rate",
             paper.rate,

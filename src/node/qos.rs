@@ -87,6 +87,8 @@ pub const CLOCK: Qos = Qos::reliable(10);
 pub const DIAGNOSTICS: Qos = Qos::reliable(1);
 /// `~/controller_state`, as joint_trajectory_controller publishes it.
 pub const CONTROLLER_STATE: Qos = Qos::reliable(10);
+/// `~/transition_event`: `rmw_qos_profile_default`.
+pub const TRANSITIONS: Qos = Qos::reliable(10);
 /// Feedback of an action: `rmw_qos_profile_default`.
 pub const FEEDBACK: Qos = Qos::reliable(10);
 /// States of an action's goals: `rcl_action_qos_profile_status_default`.

@@ -11,6 +11,7 @@ pub mod diagnostic_msgs;
 pub mod friction_stage_msgs;
 pub mod geometry_msgs;
 pub(crate) mod known;
+pub mod lifecycle_msgs;
 pub mod rosgraph_msgs;
 pub mod sensor_msgs;
 pub mod std_msgs;
@@ -110,7 +111,7 @@ mod tests {
             }
             fields += 1;
             let kind = line.split_whitespace().next().unwrap().trim_end_matches("[]");
-            let basic = ["bool", "byte", "int32", "uint32", "uint64", "float64", "string"];
+            let basic = ["bool", "byte", "uint8", "int32", "uint32", "uint64", "float64", "string"];
             let full =
                 if kind.contains('/') { kind.to_owned() } else { format!("{package}/{kind}") };
             assert!(
@@ -143,6 +144,7 @@ mod tests {
         definition_is_closed::<Twist>();
         definition_is_closed::<MultiDOFJointTrajectoryPoint>();
         definition_is_closed::<JointTrajectoryControllerState>();
+        definition_is_closed::<lifecycle_msgs::TransitionEvent>();
         definition_is_closed::<Clock>();
         definition_is_closed::<KeyValue>();
         definition_is_closed::<DiagnosticStatus>();
