@@ -11,32 +11,39 @@ use std::sync::{Arc, Mutex};
 use std::task::Poll;
 use std::time::{Duration, Instant};
 
-use futures::channel::mpsc::UnboundedReceiver;
+use futures::channel::mpsc::{UnboundedReceiver, UnboundedSender};
 use futures::stream::Stream;
 use ros2_client::ReadError;
 use tokio::sync::oneshot;
 
+use super::action::{self, GoalEnd, GoalId, News, Wish};
 use super::clock;
 use super::controller_settings as settings;
 use super::delay::Delay;
+use super::follow_joint_trajectory::{
+    self as follow, ActiveGoal, Constraints, FollowGoal, FollowJointTrajectory, FollowResult,
+    Progress, Sampled,
+};
 use super::help;
 use super::inlet::{Inlet, Waiter};
+use super::lifecycle::Lifecycle;
 use super::memory_watch;
 use super::outlet::{Outlet, Published};
+use super::parameters::ParameterValues;
 use super::participant::Participant;
-use super::qos::{COMMANDS, DIAGNOSTICS, FORCES, SAMPLES};
+use super::qos::{COMMANDS, CONTROLLER_STATE, DIAGNOSTICS, FORCES, SAMPLES};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::signals::Signals;
-use super::wire::{Setpoint, compensation_message, controller_state, setpoint};
+use super::wire::{Setpoint, SetpointError, compensation_message, controller_state, setpoint};
 use super::words::{Recent, quoted};
 use crate::outcome::Outcome;
 use friction_stage_core::control::{
     Cause, Compensation, CompensationTermsOn, Controller, ControllerSettings, DampedStop, Follower,
-    Health, Supervisor, Terms,
+    Health, Supervisor, Terms, TrajectoryError,
 };
 use friction_stage_data::message::{
-    ControllerState, DiagnosticArray, DiagnosticStatus, Header, JointState, JointTrajectory,
-    KeyValue, WrenchStamped,
+    ControllerState, DiagnosticArray, DiagnosticStatus, Duration as Span, Header, JointState,
+    JointTrajectory, JointTrajectoryControllerState, KeyValue, WrenchStamped,
 };
 
 const ABOUT: &str = "The controller of the stage on ROS 2: takes what the encoder reads and \
@@ -53,6 +60,10 @@ const BURST_WITHIN: Duration = Duration::from_millis(5);
 /// answer.
 const SETTLE: Duration = Duration::from_secs(1);
 
+/// Why a goal is refused, in the words of joint_trajectory_controller where it has any.
+const NOT_RUNNING: &str = "Can't accept new action goals. Controller is not running.";
+const NO_SAMPLE: &str = "Can't accept new action goals. No sample of the stage has come yet.";
+
 /// How long the last states can be asked for again: three heartbeats of the DDS library.
 const LINGER: Duration = Duration::from_millis(300);
 /// Positions beyond this, m, are no positions of a stage.
@@ -66,6 +77,8 @@ struct Status {
     answered: AtomicU64,
     refused_samples: AtomicU64,
     refused_setpoints: AtomicU64,
+    refused_goals: AtomicU64,
+    ended_goals: AtomicU64,
     slow_samples: AtomicU64,
     saturated: AtomicU64,
     restarts: AtomicU64,
@@ -97,6 +110,8 @@ impl Status {
             ("answered_samples", &self.answered),
             ("refused_samples", &self.refused_samples),
             ("refused_setpoints", &self.refused_setpoints),
+            ("refused_goals", &self.refused_goals),
+            ("ended_goals", &self.ended_goals),
             ("slow_samples", &self.slow_samples),
             ("saturated_samples", &self.saturated),
             ("stage_restarts", &self.restarts),
@@ -165,6 +180,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
 
     startup.pin(parameters.integer("cpu"))?;
     let real_time = startup.schedule(parameters.integer("priority"));
+    let managed = parameters.boolean("lifecycle");
     let wait_for_setpoint = parameters.boolean("wait_for_setpoint");
     let participant = startup.join()?;
     let status = Arc::new(Status { real_time, ..Status::default() });
@@ -174,22 +190,29 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         let (retuned, control) = (retuned.clone(), control.clone());
         parameters.on_change(move |changes, values| {
             settings::check_changes(changes, values)?;
-            *lock(&retuned) = Some(Retuned {
-                settings: settings::settings(values),
-                stops: values.boolean("supervision.enabled"),
-                terms: settings::compensation_terms(values),
-            });
+            *lock(&retuned) = Some(Retuned::of(values));
             control
                 .unbounded_send(Control::Retune)
                 .map_err(|_| "the node is shutting down".to_owned())
         });
     }
+    let constraints = Constraints::of(&parameters);
+    let intervals = ["action_monitor_rate", "state_publish_rate"]
+        .map(|name| (1e9 / parameters.double(name)).round() as i64);
     let parameters = Arc::new(Mutex::new(parameters));
     let mut background = Background::new(signals, &participant, parameters, control.clone())?;
-    background.serve_enable(&startup, &participant)?;
+    let lifecycle = background.serve_enable_or_lifecycle(&startup, &participant, managed)?;
     background.serve_reset(&startup, &participant)?;
-    background.spawn(diagnose(&startup, &participant, status.clone())?);
+    background.spawn(diagnose(&startup, &participant, status.clone(), lifecycle)?);
     drop(control);
+    let (wish, wishes) = futures::channel::mpsc::unbounded();
+    let (news, told) = futures::channel::mpsc::unbounded();
+    let name = startup.topic("~/follow_joint_trajectory");
+    let wish = move |wanted| {
+        // Where the loop has ended nobody answers.
+        let _ = wish.unbounded_send(wanted);
+    };
+    background.spawn(action::serve::<FollowJointTrajectory, _>(&participant, &name, wish, told)?);
 
     let work = ControllerLoop {
         encoder: Inlet::new(&participant, &startup.topic(&format!("{stage}/encoder")), &SAMPLES)?,
@@ -198,9 +221,25 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
             &startup.topic(&format!("{stage}/setpoint")),
             &COMMANDS,
         )?,
+        trajectory: Inlet::new(&participant, &startup.topic("~/joint_trajectory"), &COMMANDS)?,
         control: control_inbox,
+        goals: Goals {
+            wishes,
+            news,
+            active: None,
+            constraints,
+            interval: intervals[0],
+            due: i64::MIN,
+        },
         force: Outlet::new(&participant, &startup.topic(&format!("{stage}/force")), &FORCES)?,
         state: Outlet::new(&participant, &startup.topic("~/state"), &SAMPLES)?.patient(),
+        joint_state: Outlet::new(
+            &participant,
+            &startup.topic("~/controller_state"),
+            &CONTROLLER_STATE,
+        )?,
+        joint_state_interval: intervals[1],
+        joint_state_due: i64::MIN,
         period: (1e9 / controller.settings().rate).round() as i64,
         compensation_terms: compensation
             .is_some()
@@ -213,7 +252,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         jump_limit,
         watch,
         joint,
-        enabled,
+        // A managed one begins inactive.
+        enabled: enabled && !managed,
         wait_for_setpoint,
         status,
         retuned,
@@ -253,6 +293,7 @@ fn diagnose(
     startup: &Startup,
     participant: &Participant,
     status: Arc<Status>,
+    lifecycle: Option<Lifecycle>,
 ) -> anyhow::Result<impl Future<Output = ()> + Send + 'static> {
     let mut outlet =
         Outlet::<DiagnosticArray>::new(participant, &startup.topic("/diagnostics"), &DIAGNOSTICS)?;
@@ -262,8 +303,11 @@ fn diagnose(
         loop {
             interval.tick().await;
             let header = Header::new(clock::system(), "");
-            let _ =
-                outlet.publish(DiagnosticArray { header, status: vec![status.diagnostic(&name)] });
+            let status = status.diagnostic(&name);
+            if let Some(lifecycle) = &lifecycle {
+                lifecycle.looked(status.fault());
+            }
+            let _ = outlet.publish(DiagnosticArray { header, status: vec![status] });
         }
     })
 }
@@ -271,7 +315,41 @@ fn diagnose(
 enum Event {
     Encoder(Result<JointState, ReadError>),
     Setpoint(Result<JointTrajectory, ReadError>),
+    Trajectory(Result<JointTrajectory, ReadError>),
+    Wish(Wish<FollowJointTrajectory>),
     Control(Control),
+}
+
+/// Parameters that can change while running.
+struct Retuned {
+    settings: ControllerSettings,
+    /// Whether a loop that does not hold is stopped.
+    stops: bool,
+    constraints: Constraints,
+    terms: CompensationTermsOn,
+}
+
+impl Retuned {
+    fn of(values: &ParameterValues) -> Retuned {
+        Retuned {
+            settings: settings::settings(values),
+            stops: values.boolean("supervision.enabled"),
+            constraints: Constraints::of(values),
+            terms: settings::compensation_terms(values),
+        }
+    }
+}
+
+/// The goals of `~/follow_joint_trajectory`: one at a time.
+struct Goals {
+    wishes: UnboundedReceiver<Wish<FollowJointTrajectory>>,
+    news: UnboundedSender<News<FollowJointTrajectory>>,
+    active: Option<ActiveGoal>,
+    /// Where a goal asks for none.
+    constraints: Constraints,
+    /// Of the feedback, ns, and the stamp from which on the next is due.
+    interval: i64,
+    due: i64,
 }
 
 /// The sample that came last.
@@ -282,14 +360,6 @@ struct Last {
     /// m/s
     velocity: f64,
     answered: bool,
-}
-
-/// What changed parameters ask for.
-struct Retuned {
-    settings: ControllerSettings,
-    /// Whether a loop that does not hold is stopped.
-    stops: bool,
-    terms: CompensationTermsOn,
 }
 
 /// What keeps an eye on the loop.
@@ -310,9 +380,15 @@ struct Watch {
 struct ControllerLoop {
     encoder: Inlet<JointState>,
     setpoint: Inlet<JointTrajectory>,
+    trajectory: Inlet<JointTrajectory>,
     control: UnboundedReceiver<Control>,
+    goals: Goals,
     force: Outlet<WrenchStamped>,
     state: Outlet<ControllerState>,
+    joint_state: Outlet<JointTrajectoryControllerState>,
+    /// Of its messages, ns, and the stamp from which on the next is due.
+    joint_state_interval: i64,
+    joint_state_due: i64,
     controller: Controller,
     compensation: Option<Compensation>,
     /// Its terms, by name; only where there is one.
@@ -351,8 +427,15 @@ impl ControllerLoop {
                 if let Poll::Ready(control) = control {
                     return Poll::Ready(Event::Control(control.unwrap_or(Control::Shutdown)));
                 }
+                let wishes = std::pin::Pin::new(&mut self.goals.wishes);
+                if let Poll::Ready(Some(wish)) = wishes.poll_next(context) {
+                    return Poll::Ready(Event::Wish(wish));
+                }
                 if let Poll::Ready(setpoint) = self.setpoint.poll_take(context) {
                     return Poll::Ready(Event::Setpoint(setpoint));
+                }
+                if let Poll::Ready(trajectory) = self.trajectory.poll_take(context) {
+                    return Poll::Ready(Event::Trajectory(trajectory));
                 }
                 self.encoder.poll_take(context).map(Event::Encoder)
             });
@@ -366,7 +449,9 @@ impl ControllerLoop {
                     );
                 }
                 Some(Event::Setpoint(Ok(message))) => self.follow(message),
-                Some(Event::Setpoint(Err(error))) => {
+                Some(Event::Trajectory(Ok(message))) => self.follow_trajectory(&message),
+                Some(Event::Wish(wish)) => self.consider(wish),
+                Some(Event::Setpoint(Err(error)) | Event::Trajectory(Err(error))) => {
                     self.status.refuse(
                         &self.status.refused_setpoints,
                         format!("a setpoint could not be read: {error}"),
@@ -433,6 +518,8 @@ impl ControllerLoop {
                 self.forget();
                 self.follower.hold(stamp, position);
                 self.due = stamp;
+                (self.goals.due, self.joint_state_due) = (i64::MIN, i64::MIN);
+                self.give_up(follow::INVALID_GOAL, "The stage was started again.");
             }
             // No stage moves like that: it was put elsewhere, as `~/reset` does.
             Some(last) if self.is_displaced(&last, stamp, position) => {
@@ -447,6 +534,7 @@ impl ControllerLoop {
                 self.forget();
                 self.watch.supervisor.reset();
                 self.follower.hold(stamp, position);
+                self.give_up(follow::INVALID_GOAL, "The stage was reset.");
             }
             Some(last) if stamp - last.stamp > self.period + self.period / 2 => {
                 let count = self.status.slow_samples.fetch_add(1, Ordering::Relaxed) + 1;
@@ -536,6 +624,7 @@ impl ControllerLoop {
         );
         *lock(&self.status.warning) = None;
         *lock(&self.status.fault) = Some(format!("stopped: {cause}"));
+        self.give_up(follow::PATH_TOLERANCE_VIOLATED, &format!("Aborted: {cause}"));
         let settings = self.controller.settings();
         // The mass of the feedforward is the best that is known of the stage.
         let mass = if settings.mass_feedforward > 0.0 { settings.mass_feedforward } else { 1.0 };
@@ -568,6 +657,7 @@ impl ControllerLoop {
                         self.compensation.as_mut(),
                     );
                     self.supervise(velocity);
+                    self.judge_goal(stamp, position, velocity);
                 }
                 Some(stop) => match stop.force(velocity) {
                     Some(force) => {
@@ -599,6 +689,11 @@ impl ControllerLoop {
     }
 
     fn tell(&mut self, stamp: i64) {
+        if stamp >= self.joint_state_due {
+            self.joint_state_due = next_due(self.joint_state_due, stamp, self.joint_state_interval);
+            let sampled = self.sampled(stamp, self.setpoint_stamp);
+            let _ = self.joint_state.publish(sampled.state());
+        }
         let header = Header::new(stamp, self.frame.as_str());
         let answered = self.status.answered.load(Ordering::Relaxed);
         let state =
@@ -624,30 +719,183 @@ impl ControllerLoop {
             // Where it may lead depends on where the stage is: judged with the first sample.
             return self.waiting.push(message);
         };
-        let now = last.stamp;
-        let result = setpoint(&message, &self.joint, now)
-            .map_err(|error| error.to_string())
-            .and_then(|wanted| {
-                let (start, result) = match wanted {
-                    Setpoint::Now(reference) => (now, self.follower.set(now, reference)),
-                    Setpoint::Motion(motion) => (motion.start(), self.follower.follow(now, motion)),
-                };
-                result.map(|()| start).map_err(|error| error.to_string())
-            });
-        match result {
-            Ok(start) => {
-                self.setpoint_stamp = start;
-                let was_waiting = std::mem::take(&mut self.wait_for_setpoint);
-                if !self.enabled {
-                    self.tell(now);
-                } else if was_waiting && !last.answered {
-                    self.due = now;
-                    self.compute();
+        match self.adopt(&message, last.stamp) {
+            Ok(_) => {
+                self.preempt("Current goal preempted by a setpoint.");
+                self.begin(last);
+            }
+            Err(reason) => self.refuse_setpoint("setpoint", &reason.to_string()),
+        }
+    }
+
+    fn refuse_setpoint(&self, topic: &str, reason: &str) {
+        self.status.refuse(&self.status.refused_setpoints, format!("{topic}: {reason}"));
+    }
+
+    /// Gives the follower what a message asks for; start and end of the motion, ns.
+    fn adopt(&mut self, message: &JointTrajectory, now: i64) -> Result<(i64, i64), SetpointError> {
+        let (start, end, followed) = match setpoint(message, &self.joint, now)? {
+            Setpoint::Now(reference) => (now, now, self.follower.set(now, reference)),
+            Setpoint::Motion(motion) => {
+                (motion.start(), motion.end(), self.follower.follow(now, motion))
+            }
+        };
+        followed?;
+        self.setpoint_stamp = start;
+        Ok((start, end))
+    }
+
+    /// After a setpoint was accepted: answers the sample that waits for it.
+    fn begin(&mut self, last: Last) {
+        let was_waiting = std::mem::take(&mut self.wait_for_setpoint);
+        if !self.enabled {
+            self.tell(last.stamp);
+        } else if was_waiting && !last.answered {
+            self.due = last.stamp;
+            self.compute();
+        }
+    }
+
+    /// `~/joint_trajectory`: a setpoint by the rules of joint_trajectory_controller.
+    fn follow_trajectory(&mut self, message: &JointTrajectory) {
+        let Some(last) = self.last else {
+            return self.refuse_setpoint("joint_trajectory", NO_SAMPLE);
+        };
+        let followed = match self.enabled {
+            true => self.judge_and_adopt(message, last.stamp),
+            false => Err(FollowResult::new(follow::INVALID_GOAL, NOT_RUNNING)),
+        };
+        match followed {
+            Ok(_) => {
+                self.preempt("Current goal preempted by a trajectory.");
+                self.begin(last);
+            }
+            Err(why) => self.refuse_setpoint("joint_trajectory", &why.error_string),
+        }
+    }
+
+    fn judge_and_adopt(
+        &mut self,
+        message: &JointTrajectory,
+        now: i64,
+    ) -> Result<(i64, i64), FollowResult> {
+        follow::check(message, &self.joint, now)?;
+        self.adopt(message, now).map_err(|error| {
+            let code = match error {
+                SetpointError::Trajectory(TrajectoryError::Past { .. }) => {
+                    follow::OLD_HEADER_TIMESTAMP
+                }
+                SetpointError::WrongJoint { .. } => follow::INVALID_JOINTS,
+                _ => follow::INVALID_GOAL,
+            };
+            FollowResult::new(code, error.to_string())
+        })
+    }
+
+    /// Answers a client of `~/follow_joint_trajectory`.
+    fn consider(&mut self, wish: Wish<FollowJointTrajectory>) {
+        match wish {
+            Wish::Goal { id, goal, reply } => {
+                let (answer, last) = (self.take_on(id, &goal), self.last);
+                if let Err(why) = &answer {
+                    let reason = format!("goal: {}", why.error_string);
+                    self.status.refuse(&self.status.refused_goals, reason);
+                }
+                let accepted = answer.is_ok();
+                let _ = reply.send(answer);
+                // What it brings comes after the answer.
+                if let (true, Some(last)) = (accepted, last) {
+                    self.begin(last);
                 }
             }
-            Err(reason) => {
-                self.status.refuse(&self.status.refused_setpoints, format!("setpoint: {reason}"))
+            Wish::Cancel { id, reply } => {
+                let active = self.goals.active.as_ref().is_some_and(|goal| goal.id == id);
+                if active {
+                    self.hold_here();
+                    self.end_goal(GoalEnd::Canceled, FollowResult::default());
+                }
+                let _ = reply.send(active);
             }
+        }
+    }
+
+    fn take_on(&mut self, id: GoalId, goal: &FollowGoal) -> Result<(), FollowResult> {
+        if !self.enabled {
+            return Err(FollowResult::new(follow::INVALID_GOAL, NOT_RUNNING));
+        }
+        let Some(last) = self.last else {
+            return Err(FollowResult::new(follow::INVALID_GOAL, NO_SAMPLE));
+        };
+        if let Some(name) = goal.multi_dof_trajectory.joint_names.first() {
+            let text = format!("Incoming joint {name} doesn't match the controller's joints.");
+            return Err(FollowResult::new(follow::INVALID_JOINTS, text));
+        }
+        let (start, end) = self.judge_and_adopt(&goal.trajectory, last.stamp)?;
+        self.preempt("Current goal preempted by new incoming action.");
+        let constraints = self.goals.constraints.asked_by(goal, &self.joint);
+        self.goals.active = Some(ActiveGoal::new(id, start, end, constraints));
+        self.goals.due = i64::MIN;
+        Ok(())
+    }
+
+    /// What follows takes the place of the goal that is followed.
+    fn preempt(&mut self, why: &str) {
+        self.end_goal(GoalEnd::Aborted, FollowResult::new(follow::INVALID_GOAL, why));
+    }
+
+    /// Ends the goal that is followed as failed.
+    fn give_up(&mut self, code: i32, why: &str) {
+        self.end_goal(GoalEnd::Aborted, FollowResult::new(code, why));
+    }
+
+    fn end_goal(&mut self, end: GoalEnd, result: FollowResult) {
+        let Some(goal) = self.goals.active.take() else { return };
+        self.status.ended_goals.fetch_add(1, Ordering::Relaxed);
+        if end == GoalEnd::Aborted {
+            tracing::warn!("goal aborted, {}: {}", result.error_code, result.error_string);
+        }
+        // Where nobody listens the node is shutting down.
+        let _ = self.goals.news.unbounded_send(News::Ended(goal.id, end, result));
+    }
+
+    fn hold_here(&mut self) {
+        if let Some(Last { stamp, position, .. }) = self.last {
+            self.follower.hold(stamp, position);
+        }
+    }
+
+    /// Judges the goal that is followed by the sample that was just computed.
+    fn judge_goal(&mut self, stamp: i64, position: f64, velocity: f64) {
+        let reference = self.held.reference;
+        let error = (reference.position - position, reference.velocity - velocity);
+        let Some(goal) = &mut self.goals.active else { return };
+        let (start, progress) = (goal.start, goal.judge(stamp, error));
+        if stamp >= self.goals.due {
+            self.goals.due = next_due(self.goals.due, stamp, self.goals.interval);
+            let (id, feedback) = (goal.id, self.sampled(stamp, start).feedback());
+            let _ = self.goals.news.unbounded_send(News::Feedback(id, feedback));
+        }
+        match progress {
+            Progress::Going => {}
+            Progress::Reached(result) => self.end_goal(GoalEnd::Succeeded, result),
+            Progress::Failed(result) => {
+                self.hold_here();
+                self.end_goal(GoalEnd::Aborted, result);
+            }
+        }
+    }
+
+    /// The last sample beside its reference, for a motion that began at `start`, ns.
+    fn sampled(&self, stamp: i64, start: i64) -> Sampled {
+        let (position, velocity) =
+            self.last.map_or((0.0, 0.0), |last| (last.position, last.velocity));
+        Sampled {
+            header: Header::new(stamp, self.frame.as_str()),
+            joint: self.joint.clone(),
+            time_from_start: Span::from_nanos(stamp - start),
+            reference: self.held.reference,
+            actual: (position, velocity),
+            output: self.held.output,
         }
     }
 
@@ -669,7 +917,13 @@ impl ControllerLoop {
                     }
                 }
             }
-            Control::Enable(enabled) => self.enabled = enabled,
+            Control::Enable(enabled) => {
+                self.enabled = enabled;
+                if !enabled {
+                    let why = "Current goal cancelled during deactivate transition.";
+                    self.give_up(follow::INVALID_GOAL, why);
+                }
+            }
             Control::Reset(reply) => {
                 self.forget();
                 let message = match self.last {
@@ -679,14 +933,14 @@ impl ControllerLoop {
                     }
                     None => "integral and lowpass forgotten".to_owned(),
                 };
+                self.give_up(follow::INVALID_GOAL, "The controller was reset.");
                 let _ = reply.send(Ok(message));
             }
             Control::Retune => {
-                let Some(Retuned { settings: wanted, stops, terms }) = lock(&self.retuned).take()
-                else {
-                    return;
-                };
+                let Some(retuned) = lock(&self.retuned).take() else { return };
+                let Retuned { settings: wanted, stops, constraints, terms } = retuned;
                 self.watch.stops = stops;
+                self.goals.constraints = constraints;
                 if let Some(compensation) = &mut self.compensation {
                     compensation.switch(terms);
                 }
@@ -695,7 +949,15 @@ impl ControllerLoop {
                     Err(error) => tracing::error!("parameters were not taken over: {error}"),
                 }
             }
+            // Of the stage.
+            Control::Pause(..) | Control::Step(_) | Control::StopSteps => {}
             Control::Shutdown => {}
         }
     }
+}
+
+/// When the next is due after one that was due at `due` and came at `now`, ns.
+fn next_due(due: i64, now: i64, interval: i64) -> i64 {
+    let next = due.saturating_add(interval);
+    if next > now { next } else { now + interval }
 }

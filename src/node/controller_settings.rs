@@ -39,6 +39,7 @@ pub fn specs() -> Vec<ParameterSpec> {
     vec![
         Startup::cpu_spec(),
         Startup::priority_spec(),
+        Startup::lifecycle_spec(),
         ParameterSpec::double(
             "rate",
             paper.rate,
@@ -180,6 +181,52 @@ pub fn specs() -> Vec<ParameterSpec> {
         )
         .unit("s")
         .range(1e-6, 3600.0)
+        .read_only(),
+        ParameterSpec::double(
+            "constraints.stage.trajectory",
+            0.0,
+            "largest position error of a goal of follow_joint_trajectory in motion, where the goal \
+             says none; 0: any",
+        )
+        .unit("m")
+        .range(0.0, 1e3),
+        ParameterSpec::double(
+            "constraints.stage.goal",
+            0.0,
+            "largest position error at which a goal is reached, where the goal says none; 0: any",
+        )
+        .unit("m")
+        .range(0.0, 1e3),
+        ParameterSpec::double(
+            "constraints.stopped_velocity_tolerance",
+            0.01,
+            "largest speed at which a goal is reached, where the goal says none; 0: any",
+        )
+        .unit("m/s")
+        .range(0.0, 1e3),
+        ParameterSpec::double(
+            "constraints.goal_time",
+            0.0,
+            "time after the end of a goal's motion to come within its tolerances, where the goal \
+             says none; 0: any",
+        )
+        .unit("s")
+        .range(0.0, 1e6),
+        ParameterSpec::double(
+            "action_monitor_rate",
+            20.0,
+            "feedback of follow_joint_trajectory per second of the samples' time",
+        )
+        .unit("Hz")
+        .range(0.01, 20_000.0)
+        .read_only(),
+        ParameterSpec::double(
+            "state_publish_rate",
+            50.0,
+            "messages on ~/controller_state per second of the samples' time",
+        )
+        .unit("Hz")
+        .range(0.01, 20_000.0)
         .read_only(),
         ParameterSpec::double("setpoint_jump_limit", 1e-3, "largest step of a single setpoint")
             .unit("m")

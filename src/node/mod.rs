@@ -4,6 +4,7 @@
 //! the environment say ([`arguments`], [`parameters`], [`participant`]), topics that no dead peer
 //! can stall ([`outlet`], [`inlet`], [`qos`]), rules for commands ([`commands`]), and the recorder.
 
+mod action;
 pub mod arguments;
 pub mod clock;
 pub mod commands;
@@ -12,10 +13,12 @@ pub mod controller_settings;
 mod delay;
 pub mod domain;
 pub mod driver;
+mod follow_joint_trajectory;
 pub mod graph_watch;
 mod help;
 pub mod inlet;
 pub mod lateness;
+mod lifecycle;
 pub mod memory_watch;
 pub mod outlet;
 pub mod parameters;
@@ -26,6 +29,7 @@ pub mod recorder;
 pub mod runtime;
 pub mod service;
 mod signals;
+mod simulation;
 mod socket_filter;
 pub mod stage;
 mod stage_inbox;

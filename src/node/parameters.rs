@@ -396,19 +396,26 @@ impl ParameterSet {
     }
 
     /// Sets all of the parameters or, when one of them is refused, none. Of several values of one
-    /// name the last holds.
+    /// name the last holds. A value that holds already is no change, of a read-only parameter too:
+    /// so a dump of the node can be loaded back.
     pub fn set_atomically(
         &mut self,
         changes: &[(String, ParameterValue)],
     ) -> Result<(), ParameterError> {
         let mut proposed = self.values.clone();
         let mut accepted: Vec<(&str, ParameterValue)> = Vec::with_capacity(changes.len());
+        let mut kept = Vec::new();
         for (name, value) in changes {
             let spec = self.spec(name)?;
             if *value == ParameterValue::NotSet {
                 return Err(ParameterError::Deleted { name: spec.name });
             }
             spec.check(value)?;
+            let changed_before = accepted.iter().any(|(earlier, _)| *earlier == spec.name);
+            if !changed_before && self.values.get(name) == Some(value) {
+                kept.push((spec.name, value));
+                continue;
+            }
             if spec.read_only {
                 let current = self.values.get(name).map(show).unwrap_or_default();
                 return Err(ParameterError::ReadOnly {
@@ -421,11 +428,23 @@ impl ParameterSet {
             accepted.retain(|(earlier, _)| *earlier != spec.name);
             accepted.push((spec.name, value.clone()));
         }
+        if accepted.is_empty() {
+            return Ok(());
+        }
         let refused = |reason| ParameterError::Refused { reason };
         self.checks.iter().try_for_each(|rule| rule(&proposed)).map_err(refused)?;
         if let Some(rule) = &self.derive {
             let derived = rule(&proposed);
             proposed.0.extend(derived);
+        }
+        if let Some((name, value)) =
+            kept.iter().find(|(name, value)| proposed.get(name) != Some(*value))
+        {
+            let reason = format!(
+                "{name} is {} and cannot stay so: it follows from what is set with it",
+                show(value)
+            );
+            return Err(refused(reason));
         }
         self.on_change
             .iter_mut()
@@ -819,6 +838,26 @@ mod tests {
             "parameter `seed` is read-only and keeps 7; give it at start: -p seed:=8"
         );
         assert_eq!(set.integer("seed"), 7);
+    }
+
+    #[test]
+    fn what_holds_already_can_be_set_again_read_only_too() {
+        let mut set = with(&[("seed", ParameterValue::Integer(7))]).unwrap();
+        let heard = std::sync::Arc::new(std::sync::atomic::AtomicUsize::new(0));
+        let counted = heard.clone();
+        set.on_change(move |_, _| {
+            counted.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            Ok(())
+        });
+        let all: Vec<(String, ParameterValue)> = set
+            .specs()
+            .iter()
+            .filter_map(|spec| Some((spec.name.to_owned(), set.values.get(spec.name)?.clone())))
+            .collect();
+        set.set_atomically(&all).unwrap();
+        assert_eq!(heard.load(std::sync::atomic::Ordering::Relaxed), 0);
+        // Of another type it is another value.
+        set.set("seed", ParameterValue::Double(7.0)).unwrap_err();
     }
 
     #[test]

@@ -85,6 +85,14 @@ pub const FORCES: Qos = COMMANDS.window(OUTLASTS_A_LEASE);
 pub const CLOCK: Qos = Qos::reliable(10);
 /// `/diagnostics`, as diagnostic_updater publishes it.
 pub const DIAGNOSTICS: Qos = Qos::reliable(1);
+/// `~/controller_state`, as joint_trajectory_controller publishes it.
+pub const CONTROLLER_STATE: Qos = Qos::reliable(10);
+/// `~/transition_event`: `rmw_qos_profile_default`.
+pub const TRANSITIONS: Qos = Qos::reliable(10);
+/// Feedback of an action: `rmw_qos_profile_default`.
+pub const FEEDBACK: Qos = Qos::reliable(10);
+/// States of an action's goals: `rcl_action_qos_profile_status_default`.
+pub const ACTION_STATUS: Qos = Qos::latched(1);
 /// Requests and answers of services: `rmw_qos_profile_services_default`.
 pub const SERVICES: Qos = Qos::reliable(10);
 /// `/parameter_events`: `rmw_qos_profile_parameter_events`.

@@ -195,7 +195,14 @@ impl TickFeed {
     pub fn insist(&mut self, tick: &Tick) {
         const PAUSE: Duration = Duration::from_micros(100);
         let is_recording = |status: &RecorderStatus| status.recording.load(Ordering::Acquire);
-        while is_recording(&self.status) && self.ring.push(*tick).is_err() {
+        loop {
+            // What comes after the bag was closed is not missing in it.
+            if !is_recording(&self.status) {
+                return;
+            }
+            if self.ring.push(*tick).is_ok() {
+                break;
+            }
             std::thread::sleep(PAUSE);
         }
         self.status.offered.store(tick.sample.index, Ordering::Release);

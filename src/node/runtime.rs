@@ -16,11 +16,13 @@ use tokio::sync::oneshot;
 
 use super::arguments::{Override, RosArguments, fully_qualified};
 use super::cpu;
+use super::lifecycle::{self, Lifecycle};
 use super::memory_watch;
 use super::parameters::{ParameterServer, ParameterSet, ParameterSpec};
 use super::participant::{self, Network, Participant, environment};
 use super::service::{self, Service};
 use super::signals::{Asked, Signals};
+use super::simulation::{self, Steps};
 use super::std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
 
 /// What the rest of the process tells a node's loop.
@@ -28,6 +30,12 @@ use super::std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerRe
 pub enum Control {
     Enable(bool),
     Reset(oneshot::Sender<Result<String, String>>),
+    /// Time stands still from here on, or goes on; in lockstep.
+    Pause(bool, oneshot::Sender<()>),
+    /// Samples to go on by while time stands still; in lockstep.
+    Step(Steps),
+    /// Those are not wanted any more.
+    StopSteps,
     /// Parameters that can change while running have changed.
     Retune,
     Shutdown,
@@ -144,6 +152,13 @@ impl Startup {
         }
     }
 
+    /// The parameter `lifecycle` of both nodes.
+    pub fn lifecycle_spec() -> ParameterSpec {
+        let description = "whether the node is a managed one (ros2 lifecycle), which starts \
+                           unconfigured and exerts force when it is active; ~/enable is not there then";
+        ParameterSpec::boolean("lifecycle", false, description).read_only()
+    }
+
     /// Joins the network that the environment names.
     pub fn join(&self) -> anyhow::Result<Participant> {
         let network = Network::from_environment()?;
@@ -215,12 +230,29 @@ impl Background {
         self.tasks.push(Box::pin(task));
     }
 
-    /// `~/enable`: passes the wish on to the loop.
-    pub fn serve_enable(
+    /// `~/enable`, or the services of a managed node where the parameter `lifecycle` asks for it.
+    pub fn serve_enable_or_lifecycle(
         &mut self,
         startup: &Startup,
         participant: &Participant,
-    ) -> anyhow::Result<()> {
+        managed: bool,
+    ) -> anyhow::Result<Option<Lifecycle>> {
+        if !managed {
+            self.serve_enable(startup, participant)?;
+            return Ok(None);
+        }
+        let (lifecycle, tasks) = lifecycle::serve(
+            participant,
+            |name| startup.service_name(name),
+            &startup.topic("~/transition_event"),
+            self.control.clone(),
+        )?;
+        self.tasks.extend(tasks);
+        Ok(Some(lifecycle))
+    }
+
+    /// `~/enable`: passes the wish on to the loop.
+    fn serve_enable(&mut self, startup: &Startup, participant: &Participant) -> anyhow::Result<()> {
         let control = self.control.clone();
         let handler = move |request: SetBoolRequest| {
             let success = control.unbounded_send(Control::Enable(request.data)).is_ok();
@@ -260,6 +292,18 @@ impl Background {
             handler,
         )?;
         self.spawn(task);
+        Ok(())
+    }
+
+    /// The services and the action of `simulation_interfaces`.
+    pub fn serve_simulation(
+        &mut self,
+        startup: &Startup,
+        setup: simulation::Setup<'_>,
+    ) -> anyhow::Result<()> {
+        let action = startup.topic("~/simulate_steps");
+        let tasks = simulation::serve(setup, |name| startup.service_name(name), &action)?;
+        self.tasks.extend(tasks);
         Ok(())
     }
 

@@ -17,7 +17,7 @@ use super::participant::Participant;
 /// comes again with the next heartbeat, after 3 s with Fast DDS.
 pub const READER_COMES_WITHIN: Duration = Duration::from_secs(10);
 /// Answers that may wait for their readers at the same time, before new requests wait too.
-const WAITING_ANSWERS: usize = 1000;
+pub const WAITING_ANSWERS: usize = 1000;
 
 /// A ROS 2 service type: request, response and name, as in `std_srvs/srv/Trigger`.
 pub trait Service {
@@ -63,16 +63,7 @@ where
         .reliability_reliable(WhenFull::Fail)
         .durability(Durability::Volatile)
         .history(History::KeepLast { depth: 10 });
-    let parsed = Name::parse(name)
-        .map_err(|source| ServiceError::Name { name: name.to_owned(), problem: source.to_string() })
-        .and_then(|parsed| {
-            let problem = "it does not start with /".to_owned();
-            if parsed.is_absolute() {
-                Ok(parsed)
-            } else {
-                Err(ServiceError::Name { name: name.to_owned(), problem })
-            }
-        })?;
+    let parsed = absolute(name)?;
     let service_type = ServiceTypeName::new(S::PACKAGE, S::NAME);
     // Enhanced is what rmw_fastrtps speaks.
     let server = participant
@@ -90,7 +81,7 @@ where
         })?;
     let (name, participant) = (name.to_owned(), participant.clone());
     Ok(async move {
-        let (name, server, watch) = (&name, &server, participant.watch());
+        let (name, server, participant) = (&name, &server, &participant);
         let answers = server.receive_request_stream().filter_map(|request| {
             let answer = match request {
                 Ok((id, request)) => Some((id, handler(request))),
@@ -105,17 +96,7 @@ where
             }
         });
         let send = |(id, response): (RmwRequestId, S::Response)| async move {
-            let reader = GUID::from(id.writer_gid);
-            // Fast DDS names the reader of answers in its requests, others the writer of the
-            // request.
-            if reader.entity_id.entity_kind.is_reader()
-                && !watch.wait_for_peer(reader, READER_COMES_WITHIN).await
-            {
-                tracing::warn!(
-                    "service {name}: who asked did not open a reader for the answer within {} s, \
-                     or has gone",
-                    READER_COMES_WITHIN.as_secs()
-                );
+            if !reader_is_there(participant, name, &id).await {
                 return;
             }
             if let Err(error) = server.send_response(id, response) {
@@ -124,4 +105,31 @@ where
         };
         answers.for_each_concurrent(WAITING_ANSWERS, send).await;
     })
+}
+
+/// The name of a service or action, absolute.
+pub fn absolute(name: &str) -> Result<Name, ServiceError> {
+    let refuse = |problem| ServiceError::Name { name: name.to_owned(), problem };
+    let parsed = Name::parse(name).map_err(|source| refuse(source.to_string()))?;
+    match parsed.is_absolute() {
+        true => Ok(parsed),
+        false => Err(refuse("it does not start with /".to_owned())),
+    }
+}
+
+/// Waits until the reader of answers of who asked is known here; false, and logged, when it does
+/// not come.
+pub async fn reader_is_there(participant: &Participant, name: &str, id: &RmwRequestId) -> bool {
+    let reader = GUID::from(id.writer_gid);
+    // Fast DDS names the reader of answers in its requests, others the writer of the request.
+    let there = !reader.entity_id.entity_kind.is_reader()
+        || participant.watch().wait_for_peer(reader, READER_COMES_WITHIN).await;
+    if !there {
+        tracing::warn!(
+            "service {name}: who asked did not open a reader for the answer within {} s, or has \
+             gone",
+            READER_COMES_WITHIN.as_secs()
+        );
+    }
+    there
 }

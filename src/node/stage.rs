@@ -9,6 +9,7 @@ use tokio::sync::oneshot;
 
 use super::clock;
 use super::help;
+use super::lifecycle::Lifecycle;
 use super::memory_watch;
 use super::outlet::Outlet;
 use super::parameters::ParameterSet;
@@ -17,6 +18,7 @@ use super::qos::DIAGNOSTICS;
 use super::recorder::{Heard, RecordedTopics, Recorder, RecorderHandle, RecorderSetup, TickFeed};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::signals::Signals;
+use super::simulation;
 use super::stage_inbox::Inbox;
 use super::stage_outlets::StageOutlets;
 use super::stage_settings::{self, Mode, StageSettings};
@@ -118,6 +120,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     startup.pin(cpu)?;
     let real_time =
         settings.mode == Mode::Realtime && startup.schedule(parameters.integer("priority"));
+    let managed = parameters.boolean("lifecycle");
     let parameters = Arc::new(Mutex::new(parameters));
 
     let participant = startup.join()?;
@@ -158,8 +161,19 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     let inbox = Inbox::new(&startup, &participant, &settings.joint, control_inbox, handle.clone())?;
     let outlets = StageOutlets::new(&startup, &participant, names, &settings)?;
 
-    background.serve_enable(&startup, &participant)?;
+    let lifecycle = background.serve_enable_or_lifecycle(&startup, &participant, managed)?;
     background.serve_reset(&startup, &participant)?;
+    background.serve_simulation(
+        &startup,
+        simulation::Setup {
+            participant: &participant,
+            lockstep: settings.mode == Mode::Lockstep,
+            control: control.clone(),
+            status: status.clone(),
+            joint: &settings.joint,
+            frame: &settings.frame,
+        },
+    )?;
     serve_record(&mut background, &startup, &participant, &settings, handle.clone())?;
     follow_parameters(&parameters, &live, control.clone());
     background.spawn(diagnose(
@@ -168,6 +182,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         status.clone(),
         live.clone(),
         handle.clone(),
+        lifecycle,
     )?);
     let recorded = handle.shared_status();
     drop((handle, control));
@@ -315,6 +330,7 @@ fn diagnose(
     status: Arc<StageStatus>,
     live: Arc<LiveSettings>,
     recorder: RecorderHandle,
+    lifecycle: Option<Lifecycle>,
 ) -> anyhow::Result<impl Future<Output = ()> + Send + 'static> {
     let mut outlet =
         Outlet::<DiagnosticArray>::new(participant, &startup.topic("/diagnostics"), &DIAGNOSTICS)?;
@@ -354,6 +370,9 @@ fn diagnose(
             }
             let diagnostic =
                 status.diagnostic(name.clone(), hardware.clone(), more, &faults, &warnings);
+            if let Some(lifecycle) = &lifecycle {
+                lifecycle.looked(diagnostic.fault());
+            }
             let message = DiagnosticArray {
                 header: Header::new(clock::system(), ""),
                 status: vec![diagnostic],

@@ -61,6 +61,14 @@ impl Inbox {
         waiter.wait(deadline, |context| self.poll(context))
     }
 
+    /// Waits for control alone; everything else keeps its turn.
+    pub fn next_control(&mut self, waiter: &Waiter) -> Control {
+        let wanted =
+            waiter.wait(None, |context| std::pin::Pin::new(&mut self.control).poll_next(context));
+        // Everybody who could control this loop is gone.
+        wanted.flatten().unwrap_or(Control::Shutdown)
+    }
+
     /// What has come on `~/joint_commands`, without waiting.
     pub fn joint_command(&mut self, waiter: &Waiter) -> Option<Event> {
         waiter.wait(Some(Instant::now()), |context| self.poll_joint_commands(context))

@@ -20,6 +20,7 @@ use super::clock;
 use super::commands::{Arbiter, Command, CommandSource, CommandTopic, Refusal, StampRule};
 use super::inlet::Waiter;
 use super::runtime::Control;
+use super::simulation::{Steps, StepsEnd};
 use super::stage::StageLoop;
 use super::stage_inbox::Event;
 use super::wire::Tick;
@@ -75,9 +76,37 @@ struct Run {
     /// Sample from which those that wait for an answer are counted: 0, or the first that topic
     /// hardware answered, because its next tick is one period of the manager later.
     origin: u64,
+    /// Time stands still between two samples, but for the steps.
+    paused: bool,
+    steps: Option<ActiveSteps>,
+    /// Time that stood still goes on: the wall clock of the free run begins anew.
+    resumed: bool,
+}
+
+/// Samples to go on by while time is paused.
+struct ActiveSteps {
+    left: u64,
+    asked: Steps,
 }
 
 impl Run {
+    fn end_steps(&mut self, end: StepsEnd) {
+        if let Some(steps) = self.steps.take() {
+            // Who asked may have gone.
+            let _ = steps.asked.end.send(end);
+        }
+    }
+
+    /// A sample is over.
+    fn step_done(&mut self) {
+        let Some(steps) = &mut self.steps else { return };
+        steps.left -= 1;
+        steps.asked.done.store(steps.asked.count - steps.left, Ordering::Relaxed);
+        if steps.left == 0 {
+            self.end_steps(StepsEnd::Done);
+        }
+    }
+
     /// Samples since the last one that waited for an answer.
     fn since_due(&self, tick: &Tick, every: u64) -> u64 {
         tick.sample.index.saturating_sub(self.origin) % every
@@ -100,12 +129,18 @@ impl StageLoop {
             answered: EPOCH,
             settling: true,
             origin: 0,
+            paused: false,
+            steps: None,
+            resumed: false,
         };
         let mut phase = if self.settings.wait_for_command { Phase::Arming } else { Phase::Free };
-        let started = Instant::now();
+        let mut started = Instant::now();
         let mut held = 0.0;
         let mut ahead: Option<(i64, f64)> = None;
         loop {
+            if self.wait_while_paused(&mut run) {
+                return;
+            }
             let tick = self.observe();
             let every = self.settings.every;
             if run.since_due(&tick, every) == 1 % every {
@@ -124,10 +159,16 @@ impl StageLoop {
                 None => {
                     let mut first = None;
                     if phase == Phase::Free {
-                        let next = started
-                            + Duration::from_nanos(
-                                self.settings.rates.time_of(tick.sample.index + 1) as u64,
-                            );
+                        let time_of =
+                            |k| Duration::from_nanos(self.settings.rates.time_of(k) as u64);
+                        let now = Instant::now();
+                        if std::mem::take(&mut run.resumed) {
+                            started = now.checked_sub(time_of(tick.sample.index)).unwrap_or(now);
+                        }
+                        let next = match run.steps {
+                            Some(_) => now,
+                            None => started + time_of(tick.sample.index + 1),
+                        };
                         match self.wait_free(&mut run, &tick, next) {
                             Free::Command(source, command) => {
                                 first = Some((source, command));
@@ -155,7 +196,20 @@ impl StageLoop {
             }
             self.stage.advance(if run.enabled && ahead.is_none() { held } else { 0.0 });
             self.status.clamped.store(self.stage.clamped(), Ordering::Relaxed);
+            run.step_done();
         }
+    }
+
+    /// Stands still between two samples while time is paused and no step is asked for; `true` for
+    /// shutdown.
+    fn wait_while_paused(&mut self, run: &mut Run) -> bool {
+        while run.paused && run.steps.is_none() {
+            let control = self.inbox.next_control(&run.waiter);
+            if self.handle(run, Event::Control(control)) {
+                return true;
+            }
+        }
+        false
     }
 
     fn observe(&mut self) -> Tick {
@@ -163,7 +217,9 @@ impl StageLoop {
         let stamp = EPOCH + sample.time;
         self.status.sample.store(sample.index, Ordering::Relaxed);
         self.status.stamp.store(stamp, Ordering::Relaxed);
-        Tick { stamp, sample, state: self.stage.state() }
+        let state = self.stage.state();
+        self.status.set_motion(&state);
+        Tick { stamp, sample, state }
     }
 
     /// Takes what topic hardware sent before the sample that it would have to answer went out. Kept,
@@ -284,6 +340,10 @@ impl StageLoop {
                     && !self.status.is_unanswered.swap(true, Ordering::Relaxed)
                 {
                     self.status.missing_answers.fetch_add(1, Ordering::Relaxed);
+                    run.end_steps(StepsEnd::Failed(format!(
+                        "no answer to the sample of {} ns within {timeout:?}",
+                        tick.stamp
+                    )));
                     tracing::error!(
                         "lockstep: no answer to the sample of {} ns within {timeout:?}; time \
                          stands still until it comes",
@@ -375,6 +435,24 @@ impl StageLoop {
                 let _ = reply
                     .send(Ok(format!("stage at position 0, at rest; time goes on from {time} s")));
             }
+            Event::Control(Control::Pause(paused, reply)) => {
+                run.end_steps(StepsEnd::Stopped);
+                run.resumed |= run.paused && !paused;
+                run.paused = paused;
+                let _ = reply.send(());
+            }
+            Event::Control(Control::Step(asked)) => {
+                let why = match (run.paused, &run.steps) {
+                    (true, None) => {
+                        run.steps = Some(ActiveSteps { left: asked.count, asked });
+                        return false;
+                    }
+                    (true, Some(_)) => "other steps are under way",
+                    (false, _) => "time is not paused",
+                };
+                let _ = asked.end.send(StepsEnd::Failed(why.to_owned()));
+            }
+            Event::Control(Control::StopSteps) => run.end_steps(StepsEnd::Stopped),
             Event::Control(Control::Retune) => {
                 run.arbiter.set_silence(self.live.answer_timeout().as_nanos() as i64);
                 self.outlets.set_clock_pause(self.live.clock_pause());

@@ -201,6 +201,7 @@ impl TickThread {
             let tick = Tick { stamp: self.epoch + sample.time, sample, state: self.stage.state() };
             self.status.sample.store(sample.index, Ordering::Relaxed);
             self.status.stamp.store(tick.stamp, Ordering::Relaxed);
+            self.status.set_motion(&tick.state);
             if self.samples.push(tick).is_err() {
                 self.status.unpublished.fetch_add(1, Ordering::Relaxed);
             }
@@ -316,6 +317,10 @@ impl CommandThread {
                         "stage at position 0, at rest; time goes on from {time:.6} s"
                     )));
                 }
+                // Wall time cannot be paused; the services say so.
+                Some(Event::Control(
+                    Control::Pause(..) | Control::Step(_) | Control::StopSteps,
+                )) => {}
                 Some(Event::Control(Control::Retune)) => {
                     arbiter.set_silence(self.live.command_timeout().as_nanos() as i64);
                 }

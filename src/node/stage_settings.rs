@@ -76,6 +76,7 @@ pub fn specs() -> Vec<ParameterSpec> {
     vec![
         Startup::cpu_spec(),
         Startup::priority_spec(),
+        Startup::lifecycle_spec(),
         ParameterSpec::string(
             "model",
             "guide_1",

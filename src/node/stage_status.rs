@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 
 use super::lateness::LatenessHistogram;
 use super::words::{Recent, quoted};
+use friction_stage_core::plant::StageState;
 use friction_stage_data::message::{DiagnosticStatus, KeyValue};
 
 /// Counters of one stage node since its start. Written without locks on the tick.
@@ -13,6 +14,8 @@ pub struct StageStatus {
     /// Number of the sample published last, and its stamp, ns.
     pub sample: AtomicU64,
     pub stamp: AtomicI64,
+    /// Position, velocity and acceleration of that sample, in bits.
+    motion: [AtomicU64; 3],
     /// Commands that were refused.
     pub refused: AtomicU64,
     /// Samples at which the command was beyond the motor's limit.
@@ -46,6 +49,19 @@ pub struct StageStatus {
 }
 
 impl StageStatus {
+    /// The true motion of the sample published last.
+    pub fn set_motion(&self, state: &StageState) {
+        let values = [state.position, state.velocity, state.acceleration];
+        for (slot, value) in self.motion.iter().zip(values) {
+            slot.store(value.to_bits(), Ordering::Relaxed);
+        }
+    }
+
+    /// The same: m, m/s, m/s². In real time the three may be of neighbouring samples.
+    pub fn motion(&self) -> [f64; 3] {
+        self.motion.each_ref().map(|slot| f64::from_bits(slot.load(Ordering::Relaxed)))
+    }
+
     /// Counts a refused command and logs it; a flood is logged at powers of ten only.
     pub fn refuse(&self, reason: &str) {
         let count = self.refused.fetch_add(1, Ordering::Relaxed) + 1;

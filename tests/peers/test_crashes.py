@@ -12,7 +12,7 @@ import bags
 import pytest
 from conftest import BINARIES
 from diagnostics import ERROR, OK, Diagnostics, number, value
-from processes import Process
+from friction_stage_testing import Process
 from ros import nanoseconds
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool

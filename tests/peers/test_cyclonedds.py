@@ -4,7 +4,7 @@ import json
 import sys
 from pathlib import Path
 
-from processes import Process
+from friction_stage_testing import Process
 from ros import nanoseconds
 
 COUNT = 500

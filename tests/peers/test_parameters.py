@@ -20,7 +20,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_parameter_events
 
 from conftest import BINARIES, free_domain
-from processes import Process
+from friction_stage_testing import Process
 
 NODE = "/lab/stage_under_test"
 TIMEOUT = 20.0
@@ -198,6 +198,18 @@ def test_describe_says_unit_range_and_read_only(user):
     )
     assert "realtime" in mode.additional_constraints and "lockstep" in mode.additional_constraints
     assert "[s]" in timeout.description and not timeout.read_only
+
+
+def test_a_dump_of_the_node_can_be_loaded_back(user):
+    """As `ros2 param dump` and `ros2 param load` do it: all values at once, read-only ones among them."""
+    names = user.ask(ListParameters, "list_parameters", ListParameters.Request()).result.names
+    values = dict(zip(names, user.get(*names)))
+    assert values["seed"] == 7 and len(values) > 20
+    results = user.set(**values)
+    assert [result.reason for result in results if not result.successful] == []
+    assert dict(zip(names, user.get(*names))) == values
+    [refused] = user.set(seed=8)
+    assert not refused.successful and "read-only" in refused.reason
 
 
 def test_set_takes_effect_and_is_announced(user):

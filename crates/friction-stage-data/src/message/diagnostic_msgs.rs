@@ -53,6 +53,11 @@ impl DiagnosticStatus {
     pub const ERROR: u8 = 2;
     /// No news for too long.
     pub const STALE: u8 = 3;
+
+    /// What failed, if anything has.
+    pub fn fault(&self) -> Option<&str> {
+        (self.level == Self::ERROR).then_some(self.message.as_str())
+    }
 }
 
 impl RosMessage for DiagnosticStatus {

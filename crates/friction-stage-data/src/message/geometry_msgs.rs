@@ -1,4 +1,4 @@
-//! `geometry_msgs`: forces.
+//! `geometry_msgs`: forces, and motion in space.
 
 use serde::{Deserialize, Serialize};
 
@@ -72,4 +72,70 @@ impl RosMessage for WrenchStamped {
         Definition::of::<Wrench>(),
         Definition::of::<Vector3>(),
     ];
+}
+
+/// A rotation as a unit quaternion.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Quaternion {
+    /// Along x.
+    pub x: f64,
+    /// Along y.
+    pub y: f64,
+    /// Along z.
+    pub z: f64,
+    /// Real part.
+    pub w: f64,
+}
+
+impl Default for Quaternion {
+    /// No rotation, as ROS 2 initialises it.
+    fn default() -> Self {
+        Self { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }
+    }
+}
+
+impl RosMessage for Quaternion {
+    const PACKAGE: &'static str = "geometry_msgs";
+    const NAME: &'static str = "Quaternion";
+    const TYPE_HASH: &'static str =
+        "RIHS01_8a765f66778c8ff7c8ab94afcc590a2ed5325a1d9a076ffff38fbce36f458684";
+    const TEXT: &'static str = "float64 x 0\nfloat64 y 0\nfloat64 z 0\nfloat64 w 1";
+    const DEPENDENCIES: &'static [Definition] = &[];
+}
+
+/// A frame relative to another.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Transform {
+    /// m.
+    pub translation: Vector3,
+    /// Rotation.
+    pub rotation: Quaternion,
+}
+
+impl RosMessage for Transform {
+    const PACKAGE: &'static str = "geometry_msgs";
+    const NAME: &'static str = "Transform";
+    const TYPE_HASH: &'static str =
+        "RIHS01_beb83fbe698636351461f6f35d1abb20010c43d55374d81bd041f1ba2581fddc";
+    const TEXT: &'static str = "Vector3 translation\nQuaternion rotation";
+    const DEPENDENCIES: &'static [Definition] =
+        &[Definition::of::<Vector3>(), Definition::of::<Quaternion>()];
+}
+
+/// Velocity in space.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Twist {
+    /// m/s.
+    pub linear: Vector3,
+    /// rad/s.
+    pub angular: Vector3,
+}
+
+impl RosMessage for Twist {
+    const PACKAGE: &'static str = "geometry_msgs";
+    const NAME: &'static str = "Twist";
+    const TYPE_HASH: &'static str =
+        "RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a";
+    const TEXT: &'static str = "Vector3 linear\nVector3 angular";
+    const DEPENDENCIES: &'static [Definition] = &[Definition::of::<Vector3>()];
 }

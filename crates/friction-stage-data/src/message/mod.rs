@@ -6,10 +6,12 @@
 
 pub mod builtin_interfaces;
 pub mod cdr;
+pub mod control_msgs;
 pub mod diagnostic_msgs;
 pub mod friction_stage_msgs;
 pub mod geometry_msgs;
 pub(crate) mod known;
+pub mod lifecycle_msgs;
 pub mod rosgraph_msgs;
 pub mod sensor_msgs;
 pub mod std_msgs;
@@ -19,13 +21,16 @@ mod xcdr2;
 
 pub use builtin_interfaces::{Duration, Time};
 pub use cdr::{CdrError, from_cdr, to_cdr};
+pub use control_msgs::JointTrajectoryControllerState;
 pub use diagnostic_msgs::{DiagnosticArray, DiagnosticStatus, KeyValue};
 pub use friction_stage_msgs::{ControllerState, StageState, current_type_name};
-pub use geometry_msgs::{Vector3, Wrench, WrenchStamped};
+pub use geometry_msgs::{Quaternion, Transform, Twist, Vector3, Wrench, WrenchStamped};
 pub use rosgraph_msgs::Clock;
 pub use sensor_msgs::JointState;
 pub use std_msgs::{Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout};
-pub use trajectory_msgs::{JointTrajectory, JointTrajectoryPoint};
+pub use trajectory_msgs::{
+    JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint,
+};
 
 use serde::{Serialize, de::DeserializeOwned};
 
@@ -106,7 +111,7 @@ mod tests {
             }
             fields += 1;
             let kind = line.split_whitespace().next().unwrap().trim_end_matches("[]");
-            let basic = ["bool", "byte", "int32", "uint32", "uint64", "float64", "string"];
+            let basic = ["bool", "byte", "uint8", "int32", "uint32", "uint64", "float64", "string"];
             let full =
                 if kind.contains('/') { kind.to_owned() } else { format!("{package}/{kind}") };
             assert!(
@@ -134,6 +139,12 @@ mod tests {
         definition_is_closed::<WrenchStamped>();
         definition_is_closed::<JointTrajectoryPoint>();
         definition_is_closed::<JointTrajectory>();
+        definition_is_closed::<Quaternion>();
+        definition_is_closed::<Transform>();
+        definition_is_closed::<Twist>();
+        definition_is_closed::<MultiDOFJointTrajectoryPoint>();
+        definition_is_closed::<JointTrajectoryControllerState>();
+        definition_is_closed::<lifecycle_msgs::TransitionEvent>();
         definition_is_closed::<Clock>();
         definition_is_closed::<KeyValue>();
         definition_is_closed::<DiagnosticStatus>();

@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Definition, Duration, Header, RosMessage, Time};
+use super::{
+    Definition, Duration, Header, Quaternion, RosMessage, Time, Transform, Twist, Vector3,
+};
 
 /// Where each joint is to be at one time; every array is empty or as long as the list of joints.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -54,4 +56,46 @@ impl RosMessage for JointTrajectory {
         Definition::of::<JointTrajectoryPoint>(),
         Definition::of::<Duration>(),
     ];
+}
+
+/// Where each joint with several degrees of freedom is to be at one time. A stage has none: only as
+/// part of other messages.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct MultiDOFJointTrajectoryPoint {
+    /// Place of each joint.
+    pub transforms: Vec<Transform>,
+    /// Velocity of each joint.
+    pub velocities: Vec<Twist>,
+    /// Acceleration of each joint.
+    pub accelerations: Vec<Twist>,
+    /// Time from the start of the trajectory.
+    pub time_from_start: Duration,
+}
+
+impl RosMessage for MultiDOFJointTrajectoryPoint {
+    const PACKAGE: &'static str = "trajectory_msgs";
+    const NAME: &'static str = "MultiDOFJointTrajectoryPoint";
+    const TYPE_HASH: &'static str =
+        "RIHS01_6ada1085b5ee64eaa069b074968e69f0e27c8c5e6f5bb0586dd1c834ef0e32b8";
+    const TEXT: &'static str = "geometry_msgs/Transform[] transforms\ngeometry_msgs/Twist[] \
+                                velocities\ngeometry_msgs/Twist[] accelerations\n\
+                                builtin_interfaces/Duration time_from_start";
+    const DEPENDENCIES: &'static [Definition] = &[
+        Definition::of::<Transform>(),
+        Definition::of::<Twist>(),
+        Definition::of::<Vector3>(),
+        Definition::of::<Quaternion>(),
+        Definition::of::<Duration>(),
+    ];
+}
+
+/// A move of joints with several degrees of freedom.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct MultiDOFJointTrajectory {
+    /// Time from which the points count.
+    pub header: Header,
+    /// Joint names.
+    pub joint_names: Vec<String>,
+    /// The points, in the order of time.
+    pub points: Vec<MultiDOFJointTrajectoryPoint>,
 }
