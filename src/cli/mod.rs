@@ -15,6 +15,7 @@ pub mod recover;
 pub mod replay;
 pub mod select;
 mod selection_output;
+pub mod view;
 
 use std::io::Write;
 
@@ -52,6 +53,7 @@ enum Command {
     Replay(replay::ReplayArgs),
     Import(import::ImportArgs),
     Check(check::CheckArgs),
+    View(view::ViewArgs),
     Recover(recover::RecoverArgs),
     Effects(effects::EffectsArgs),
     Guides(guides::GuidesArgs),
@@ -85,6 +87,7 @@ impl Arguments {
             Command::Replay(arguments) => replay::run(&arguments, out),
             Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
+            Command::View(arguments) => view::run(&arguments, out),
             Command::Recover(arguments) => recover::run(&arguments, out),
             Command::Effects(arguments) => effects::run(&arguments, out),
             Command::Guides(arguments) => guides::run(&arguments, out),
