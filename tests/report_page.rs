@@ -4,31 +4,17 @@
 //! Needs Debian's `chromium`, or the browser that `CHROMIUM` names; without one the tests say so
 //! and pass.
 
+mod browser;
+
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
 
 use blind_tests::Setup;
 use blind_tests::effects::by_name;
-
-/// The browser, if there is one.
-fn chromium() -> Option<PathBuf> {
-    let named = std::env::var_os("CHROMIUM").map(PathBuf::from);
-    let found = named.or_else(|| {
-        let path = std::env::var_os("PATH")?;
-        let names = ["chromium", "chromium-browser", "google-chrome"];
-        std::env::split_paths(&path)
-            .find_map(|place| names.iter().map(|name| place.join(name)).find(|file| file.is_file()))
-    });
-    if found.is_none() {
-        println!(
-            "SKIPPED: no chromium (Debian: apt install chromium), or name a browser in CHROMIUM"
-        );
-    }
-    found
-}
+use browser::chromium;
 
 /// The page as the browser has made it.
 struct Rendered {

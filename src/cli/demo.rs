@@ -17,14 +17,16 @@ use crate::node::driver::{Driver, LockstepRun};
 use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, topics};
 use friction_stage_data::message::ControllerState;
 use friction_stage_lab::{Conditioning, Move, MoveKind, MoveResult, PaperMotion, settling};
-use friction_stage_report::paper_motion::{PositionErrorSeries, position_error_figure};
+use friction_stage_report::figure::svg;
+use friction_stage_report::paper_motion::{PositionErrorSeries, demo_page, position_error_charts};
+use friction_stage_report::words::guide_label;
 
 /// Run the stage of the paper on its three guides, over ROS 2.
 ///
 /// Starts the stage node and the controller node as two processes in lockstep on loopback, for each
 /// guide: 50 mm return move and rest, 50 mm forward and return in 100 ms each, then steps of 10 um
-/// in 3 ms. Records a bag of each run and draws the position error over time, as the paper's
-/// Figures 6 and 7.
+/// in 3 ms. Records a bag of each run, draws the position error over time, as the paper's Figures 6
+/// and 7, and writes a page with both.
 #[derive(Debug, Clone, Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -168,7 +170,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         }
         let measured = read_errors(&bag)?;
         let figure = directory.join(format!("{guide}.svg"));
-        let name = guide.replace('_', " ");
+        let name = guide_label(guide);
         let one = [(name.clone(), measured.clone())];
         write_figure(&figure, &format!("40 kg stage on four guides: {name}"), &motion, &one)?;
         results.push(GuideResult {
@@ -185,10 +187,20 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     drop(progress);
     let overview = directory.join("all_guides.svg");
     write_figure(&overview, "40 kg stage on four guides", &motion, &errors)?;
+    let page = directory.join("report.html");
+    let rows: Vec<_> = results
+        .iter()
+        .flat_map(|result| result.moves.iter().map(|row| (guide_label(&result.guide), row)))
+        .map(|(guide, row)| (guide, row.name, row.peak_error_um, row.settling_ms))
+        .collect();
+    let bags: Vec<String> = results.iter().map(|result| result.bag.display().to_string()).collect();
+    let html = demo_page(&position_error_charts(&motion, &errors), &rows, &bags)?;
+    std::fs::write(&page, html).with_context(|| format!("cannot write {}", page.display()))?;
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&results)?)?;
     } else {
         print(out, &results, &overview)?;
+        writeln!(out, "\nopen {}", page.display())?;
     }
     for bag in &incomplete {
         eprintln!("warning: {bag} lacks samples; its log says how many");
@@ -222,7 +234,7 @@ fn shown(motion: &PaperMotion) -> impl Iterator<Item = (&'static str, &Move)> {
     [
         ("50 mm forward", MoveKind::FastForward),
         ("50 mm return", MoveKind::FastReturn),
-        ("10 um step", MoveKind::FineStep),
+        ("10 µm step", MoveKind::FineStep),
     ]
     .into_iter()
     .filter_map(|(name, kind)| {
@@ -247,7 +259,7 @@ fn write_figure(
     motion: &PaperMotion,
     runs: &[(String, PositionErrorSeries)],
 ) -> anyhow::Result<()> {
-    let text = position_error_figure(title, motion, runs)?;
+    let text = svg(title, &position_error_charts(motion, runs))?;
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
@@ -258,7 +270,7 @@ fn print(out: &mut dyn Write, results: &[GuideResult], overview: &Path) -> std::
     )?;
     writeln!(
         out,
-        "guide    move                     um     10 um      1 um    0.1 um    cycles/s"
+        "guide    move                     µm     10 µm      1 µm    0.1 µm    cycles/s"
     )?;
     for result in results {
         for (index, row) in result.moves.iter().enumerate() {

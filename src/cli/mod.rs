@@ -18,6 +18,7 @@ pub mod replay;
 pub mod select;
 mod selection_output;
 pub mod tune;
+pub mod view;
 
 use std::io::Write;
 
@@ -58,6 +59,7 @@ enum Command {
     Replay(replay::ReplayArgs),
     Import(import::ImportArgs),
     Check(check::CheckArgs),
+    View(view::ViewArgs),
     Recover(recover::RecoverArgs),
     Effects(effects::EffectsArgs),
     Guides(guides::GuidesArgs),
@@ -93,6 +95,7 @@ impl Arguments {
             Command::Replay(arguments) => replay::run(&arguments, out),
             Command::Import(arguments) => import::run(&arguments, out),
             Command::Check(arguments) => check::run(&arguments, out),
+            Command::View(arguments) => view::run(&arguments, out),
             Command::Recover(arguments) => recover::run(&arguments, out),
             Command::Effects(arguments) => effects::run(&arguments, out),
             Command::Guides(arguments) => guides::run(&arguments, out),

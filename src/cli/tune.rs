@@ -2,12 +2,11 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 
+use super::progress::Progress;
 use super::{Outcome, WrongArguments, tell_assumptions};
 use crate::directory;
 use crate::node::controller_settings;
@@ -128,12 +127,7 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         ))
         .into());
     }
-    let bar = ProgressBar::new(1000);
-    bar.set_style(
-        ProgressStyle::with_template("tuning [{bar:30}] {percent:>3} %  {elapsed}")?
-            .progress_chars("=> "),
-    );
-    bar.enable_steady_tick(Duration::from_millis(200));
+    let progress = Progress::of(1000, "tuning");
     let objective = match args.objective {
         Aim::Peak => Objective::Peak,
         Aim::Settling => Objective::Settling,
@@ -146,9 +140,9 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         unseen: args.variants,
         seed: args.seed,
     };
-    let tuning = plan.run(compared, &|part| bar.set_position((1000.0 * part) as u64))?;
+    let tuning = plan.run(compared, &|part| progress.reach((1000.0 * part) as u64))?;
     let (page, figures) = tuning_page(&model, &tuning, args.seed)?;
-    bar.finish_and_clear();
+    drop(progress);
     std::fs::create_dir_all(&directory)
         .with_context(|| format!("cannot create {}", directory.display()))?;
     let write = |name: &str, text: &str| {

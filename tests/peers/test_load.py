@@ -56,7 +56,7 @@ def test_a_demo_on_a_busy_machine_records_every_sample_of_every_topic(busy, tmp_
     assert [move["name"] for move in guide["moves"]] == [
         "50 mm forward",
         "50 mm return",
-        "10 um step",
+        "10 µm step",
     ]
     assert_whole(Path(guide["bag"]))
 

@@ -1,4 +1,5 @@
-//! One pair of axes with lines and marks, linear or logarithmic, as SVG.
+//! One pair of axes with lines, marks, bands and labels, linear or logarithmic: as SVG for print,
+//! and as data for the plots of a page that zoom ([`super::interactive`]).
 
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::prelude::*;
@@ -32,6 +33,38 @@ pub struct Series {
     pub colour: usize,
 }
 
+/// An axis of a chart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// The abscissa.
+    X,
+    /// The ordinate.
+    Y,
+}
+
+/// A range of an axis that means something: what noise alone makes, what counts as settled. A line
+/// where both ends are the same.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Band {
+    /// Name in the legend.
+    pub name: String,
+    /// Along which axis its ends are.
+    pub axis: Axis,
+    /// Its lower end.
+    pub low: f64,
+    /// Its upper end.
+    pub high: f64,
+}
+
+/// A word at a point, for a peak.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointLabel {
+    /// The point.
+    pub at: (f64, f64),
+    /// The word.
+    pub text: String,
+}
+
 /// A figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chart {
@@ -47,11 +80,18 @@ pub struct Chart {
     pub y_log: bool,
     /// What is drawn, in this order.
     pub series: Vec<Series>,
+    /// Drawn below the series.
+    pub bands: Vec<Band>,
+    /// Drawn above the series.
+    pub labels: Vec<PointLabel>,
+    /// Charts of one page with the same word here zoom together.
+    pub zooms_with: Option<String>,
 }
 
-/// Size of a figure, px, and of the legend at its right.
-const SIZE: (u32, u32) = (900, 420);
-const LEGEND: u32 = 190;
+/// Size of a figure, px.
+pub(crate) const SIZE: (u32, u32) = (900, 420);
+/// Width of the legend at its right, px: line and margins, what a character takes, and its limits.
+const LEGEND: (u32, u32, std::ops::RangeInclusive<u32>) = (58, 7, 120..=320);
 /// Colours that stay apart for colour-blind readers (Okabe, Ito 2008).
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
@@ -62,8 +102,10 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
 ];
-/// Most points of a series that are drawn.
-const MOST: usize = 2500;
+/// Columns of a figure: of what falls into one, the extremes are drawn.
+const COLUMNS: usize = 1000;
+/// Part of a band's colour.
+const BAND_OPACITY: f64 = 0.16;
 
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
@@ -82,6 +124,9 @@ impl Chart {
             x_log: false,
             y_log: false,
             series: Vec::new(),
+            bands: Vec::new(),
+            labels: Vec::new(),
+            zooms_with: None,
         }
     }
 
@@ -107,6 +152,26 @@ impl Chart {
         });
     }
 
+    /// Adds a band.
+    pub fn band(&mut self, name: impl Into<String>, axis: Axis, low: f64, high: f64) {
+        self.bands.push(Band { name: name.into(), axis, low, high });
+    }
+
+    /// Adds a line across the whole chart.
+    pub fn line(&mut self, name: impl Into<String>, axis: Axis, at: f64) {
+        self.band(name, axis, at, at);
+    }
+
+    /// Writes a word at a point.
+    pub fn label(&mut self, at: (f64, f64), text: impl Into<String>) {
+        self.labels.push(PointLabel { at, text: text.into() });
+    }
+
+    /// Whether every series goes from left to right: only then its value at an abscissa is one.
+    pub fn goes_right(&self) -> bool {
+        self.series.iter().all(|series| series.points.is_sorted_by(|a, b| a.0 < b.0))
+    }
+
     /// The figure as an SVG document. Points that are not finite, or not positive on a logarithmic
     /// axis, are left out.
     pub fn svg(&self) -> Result<String, FigureError> {
@@ -118,17 +183,23 @@ impl Chart {
         {
             let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
             root.fill(&WHITE).map_err(failed)?;
-            let (x, y) = (self.range(|p| p.0, self.x_log), self.range(|p| p.1, self.y_log));
-            match (self.x_log, self.y_log) {
-                (false, false) => self.draw(&root, x, y),
-                (true, false) => self.draw(&root, x.log_scale(), y),
-                (false, true) => self.draw(&root, x, y.log_scale()),
-                (true, true) => self.draw(&root, x.log_scale(), y.log_scale()),
-            }
-            .map_err(failed)?;
+            self.draw_on(&root).map_err(failed)?;
             root.present().map_err(failed)?;
         }
-        Ok(text)
+        // What no document may hold, from a name that a user gave.
+        let forbidden = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+        Ok(text.replace(forbidden, "\u{fffd}"))
+    }
+
+    /// Draws it on an area of its own.
+    pub(crate) fn draw_on(&self, area: &Area) -> Drawn {
+        let (x, y) = (self.range(Axis::X), self.range(Axis::Y));
+        match (self.x_log, self.y_log) {
+            (false, false) => self.draw(area, x, y),
+            (true, false) => self.draw(area, x.log_scale(), y),
+            (false, true) => self.draw(area, x, y.log_scale()),
+            (true, true) => self.draw(area, x.log_scale(), y.log_scale()),
+        }
     }
 
     fn shown(&self, point: &(f64, f64)) -> bool {
@@ -136,22 +207,33 @@ impl Chart {
         fine(point.0, self.x_log) && fine(point.1, self.y_log)
     }
 
-    fn range(&self, part: fn(&(f64, f64)) -> f64, log: bool) -> std::ops::Range<f64> {
+    /// What an axis shows: all points, and lines, but no more of a band than there is of them.
+    fn range(&self, axis: Axis) -> std::ops::Range<f64> {
+        let (part, log): (fn(&(f64, f64)) -> f64, bool) = match axis {
+            Axis::X => (|point| point.0, self.x_log),
+            Axis::Y => (|point| point.1, self.y_log),
+        };
+        let lines = self
+            .bands
+            .iter()
+            .filter(|band| band.axis == axis && band.low == band.high && (!log || band.low > 0.0))
+            .map(|band| band.low);
         let points = self
             .series
             .iter()
             .flat_map(|series| &series.points)
             .filter(|point| self.shown(point))
             .map(part);
-        let (low, high) = points.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
-            (low.min(value), high.max(value))
-        });
+        let (low, high) =
+            points.chain(lines).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+                (low.min(value), high.max(value))
+            });
         match low.partial_cmp(&high) {
             Some(std::cmp::Ordering::Less) if log => {
                 let margin = (high / low).powf(0.04);
                 low / margin..high * margin
             }
-            Some(std::cmp::Ordering::Less) => low - 0.04 * (high - low)..high + 0.04 * (high - low),
+            Some(std::cmp::Ordering::Less) => low - 0.05 * (high - low)..high + 0.05 * (high - low),
             Some(std::cmp::Ordering::Equal) if log => 0.5 * low..2.0 * low,
             Some(std::cmp::Ordering::Equal) => low - 1.0..high + 1.0,
             _ => 1.0..10.0,
@@ -165,10 +247,21 @@ impl Chart {
         X::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
         Y::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
     {
+        let (frame, per_character, widths) = LEGEND;
+        let longest = self
+            .series
+            .iter()
+            .map(|series| &series.name)
+            .chain(self.bands.iter().map(|band| &band.name))
+            .map(|name| name.chars().count())
+            .max()
+            .unwrap_or(0);
+        let legend = (frame + per_character * longest as u32).clamp(*widths.start(), *widths.end());
+        let (x_range, y_range) = (self.range(Axis::X), self.range(Axis::Y));
         let mut chart = ChartBuilder::on(area)
             .caption(&self.title, ("sans-serif", 18))
             .margin(12)
-            .margin_right(LEGEND)
+            .margin_right(legend)
             .x_label_area_size(44)
             .y_label_area_size(72)
             .build_cartesian_2d(x, y)?;
@@ -180,56 +273,67 @@ impl Chart {
             .y_labels(8)
             .x_label_formatter(&|value| number(*value))
             .y_label_formatter(&|value| number(*value))
-            .light_line_style(WHITE)
+            .light_line_style(TRANSPARENT)
             .bold_line_style(BLACK.mix(0.12))
             .label_style(("sans-serif", 13))
             .axis_desc_style(("sans-serif", 14))
             .draw()?;
+        for (index, band) in self.bands.iter().enumerate() {
+            let range = if band.axis == Axis::X { &x_range } else { &y_range };
+            let (low, high) =
+                (band.low.clamp(range.start, range.end), band.high.clamp(range.start, range.end));
+            let corners = match band.axis {
+                Axis::X => [(low, y_range.start), (high, y_range.end)],
+                Axis::Y => [(x_range.start, low), (x_range.end, high)],
+            };
+            let colour = band_colour(index);
+            if band.low == band.high {
+                chart.draw_series(DashedLineSeries::new(corners, 8, 4, colour.stroke_width(1)))?;
+            } else {
+                chart.draw_series([Rectangle::new(corners, colour.mix(BAND_OPACITY).filled())])?;
+            }
+        }
         for series in &self.series {
             let colour = COLOURS[series.colour % COLOURS.len()];
-            let points: Vec<(f64, f64)> =
-                series.points.iter().copied().filter(|point| self.shown(point)).collect();
-            let every = points.len().div_ceil(MOST).max(1);
-            let points: Vec<(f64, f64)> = points.into_iter().step_by(every).collect();
-            match series.style {
-                Style::Line => {
-                    chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?;
+            let width = if series.style == Style::Dashed { 1 } else { 2 };
+            // What is not there is a gap and no line.
+            for piece in series.points.split(|point| !self.shown(point)) {
+                let points = decimated(piece, COLUMNS);
+                match series.style {
+                    Style::Line | Style::Both => {
+                        let line =
+                            LineSeries::new(points.iter().copied(), colour.stroke_width(width));
+                        chart.draw_series(line)?;
+                    }
+                    Style::Dashed => {
+                        let points = points.iter().copied();
+                        let stroke = colour.stroke_width(width);
+                        chart.draw_series(DashedLineSeries::new(points, 5, 4, stroke))?;
+                    }
+                    Style::Marks => {}
                 }
-                Style::Dashed => {
-                    chart.draw_series(DashedLineSeries::new(
-                        points,
-                        5,
-                        4,
-                        colour.stroke_width(1),
-                    ))?;
-                }
-                Style::Marks => {
-                    chart.draw_series(
-                        points.into_iter().map(|point| Circle::new(point, 3, colour.filled())),
-                    )?;
-                }
-                Style::Both => {
-                    chart.draw_series(LineSeries::new(
-                        points.iter().copied(),
-                        colour.stroke_width(2),
-                    ))?;
-                    chart.draw_series(
-                        points.into_iter().map(|point| Circle::new(point, 3, colour.filled())),
-                    )?;
+                if matches!(series.style, Style::Marks | Style::Both) {
+                    let marks = points.into_iter().map(|at| Circle::new(at, 3, colour.filled()));
+                    chart.draw_series(marks)?;
                 }
             }
         }
-        let style =
-            ("sans-serif", 13).into_text_style(area).pos(Pos::new(HPos::Left, VPos::Center));
-        let left = (SIZE.0 - LEGEND) as i32 + 12;
-        for (index, series) in
-            self.series.iter().filter(|series| !series.name.is_empty()).enumerate()
-        {
-            let y = 56 + 20 * index as i32;
+        let word = ("sans-serif", 13).into_text_style(area);
+        for label in self.labels.iter().filter(|label| self.shown(&label.at)) {
+            let style = word.pos(Pos::new(HPos::Center, VPos::Bottom));
+            chart.draw_series([EmptyElement::at(label.at)
+                + Circle::new((0, 0), 3, BLACK.stroke_width(1))
+                + Text::new(label.text.clone(), (0, -6), style)])?;
+        }
+        let style = word.pos(Pos::new(HPos::Left, VPos::Center));
+        let left = (area.dim_in_pixel().0 - legend) as i32 + 12;
+        let mut y = 56;
+        for series in self.series.iter().filter(|series| !series.name.is_empty()) {
             let colour = COLOURS[series.colour % COLOURS.len()];
+            let line =
+                |width| PathElement::new([(left, y), (left + 22, y)], colour.stroke_width(width));
             match series.style {
-                Style::Line => area
-                    .draw(&PathElement::new([(left, y), (left + 22, y)], colour.stroke_width(2)))?,
+                Style::Line => area.draw(&line(2))?,
                 Style::Dashed => {
                     for dash in [0, 9, 18] {
                         let x = left + dash;
@@ -238,18 +342,117 @@ impl Chart {
                 }
                 Style::Marks => area.draw(&Circle::new((left + 11, y), 3, colour.filled()))?,
                 Style::Both => {
-                    area.draw(&PathElement::new(
-                        [(left, y), (left + 22, y)],
-                        colour.stroke_width(2),
-                    ))?;
+                    area.draw(&line(2))?;
                     area.draw(&Circle::new((left + 11, y), 3, colour.filled()))?;
                 }
             }
             area.draw(&Text::new(series.name.clone(), (left + 28, y), style.clone()))?;
+            y += 20;
+        }
+        for (index, band) in self.bands.iter().enumerate().filter(|(_, band)| !band.name.is_empty())
+        {
+            let colour = band_colour(index);
+            if band.low == band.high {
+                area.draw(&PathElement::new([(left, y), (left + 9, y)], colour.stroke_width(1)))?;
+                area.draw(&PathElement::new(
+                    [(left + 13, y), (left + 22, y)],
+                    colour.stroke_width(1),
+                ))?;
+            } else {
+                let box_ = [(left, y - 6), (left + 22, y + 6)];
+                area.draw(&Rectangle::new(box_, colour.mix(2.0 * BAND_OPACITY).filled()))?;
+            }
+            area.draw(&Text::new(band.name.clone(), (left + 28, y), style.clone()))?;
+            y += 20;
         }
         Ok(())
     }
 }
+
+/// Colour of a chart's band: those of the series the other way round, since series begin in front.
+fn band_colour(index: usize) -> RGBColor {
+    COLOURS[(COLOURS.len() - 2 + COLOURS.len() - index % COLOURS.len()) % COLOURS.len()]
+}
+
+/// The points that many columns show: of each column the first, the last and the extremes along
+/// both axes, in their order.
+pub fn decimated(points: &[(f64, f64)], columns: usize) -> Vec<(f64, f64)> {
+    let width = points.len().div_ceil(columns.max(1)).max(1);
+    if width < 5 {
+        return points.to_vec();
+    }
+    let mut kept = Vec::with_capacity(4 * columns);
+    for piece in points.chunks(width) {
+        let at = |part: fn(&(f64, f64)) -> f64| {
+            let by = |a: &usize, b: &usize| part(&piece[*a]).total_cmp(&part(&piece[*b]));
+            [(0..piece.len()).min_by(by), (0..piece.len()).max_by(by)]
+        };
+        let mut places: Vec<usize> = [Some(0), Some(piece.len() - 1)]
+            .into_iter()
+            .chain(at(|point| point.0))
+            .chain(at(|point| point.1))
+            .flatten()
+            .collect();
+        places.sort_unstable();
+        places.dedup();
+        kept.extend(places.into_iter().map(|place| piece[place]));
+    }
+    kept
+}
+
+/// The peaks of a curve over a logarithmic abscissa, highest first, between its points by the
+/// parabola through three of them: those that stand `STANDS_OUT` times above the lowest point
+/// between them and anything higher, and are no less than `SEEN` of the highest.
+pub fn peaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let highest = points.iter().map(|point| point.1).fold(0.0, f64::max);
+    let mut found: Vec<(f64, f64)> = (1..points.len().saturating_sub(1))
+        .filter(|&at| points[at].1 >= points[at - 1].1 && points[at].1 > points[at + 1].1)
+        .filter(|&at| points[at].1 >= SEEN * highest)
+        .filter(|&at| {
+            let height = points[at].1;
+            // The valley on the way to what is higher; at the end of the curve there is none.
+            let valley = |way: &mut dyn Iterator<Item = &(f64, f64)>| {
+                way.take_while(|point| point.1 <= height)
+                    .map(|point| point.1)
+                    .fold(f64::INFINITY, f64::min)
+            };
+            let left = valley(&mut points[..at].iter().rev());
+            let right = valley(&mut points[at + 1..].iter());
+            STANDS_OUT * left.max(right) <= height
+        })
+        .map(|at| vertex(&points[at - 1..=at + 1]))
+        .collect();
+    found.sort_by(|a, b| b.1.total_cmp(&a.1));
+    found.truncate(MOST_PEAKS);
+    found
+}
+
+/// Top of the parabola through three points over the logarithm of the abscissa; the middle one
+/// where they are none.
+fn vertex(three: &[(f64, f64)]) -> (f64, f64) {
+    let [(x0, y0), middle @ (x1, y1), (x2, y2)] = *three else { return (f64::NAN, f64::NAN) };
+    if x0 <= 0.0 {
+        return middle;
+    }
+    let (left, right) = ((x0 / x1).ln(), (x2 / x1).ln());
+    let (down, up) = ((y0 - y1) / left, (y2 - y1) / right);
+    let curvature = (up - down) / (right - left);
+    let slope = down - curvature * left;
+    if curvature >= 0.0 {
+        return middle;
+    }
+    let off = (-slope / (2.0 * curvature)).clamp(left, right);
+    (x1 * off.exp(), y1 + slope * off + curvature * off * off)
+}
+
+/// How far a peak stands above the valleys at its sides to get a label. Assumed: a peak that a
+/// reader would point at.
+const STANDS_OUT: f64 = 2.0;
+/// Least height of a peak with a label, as part of the highest: above the side lobes of a sine
+/// that is cut off, 0.22 (Harris, Proc. IEEE 66 (1978) 51, table 1, rectangle: -13 dB).
+const SEEN: f64 = 0.25;
+/// Most labels of a curve: more would lie on each other.
+const MOST_PEAKS: usize = 4;
 
 /// A number as an axis shows it: short, and a power where it is very large or very small.
 fn number(value: f64) -> String {
@@ -270,7 +473,7 @@ mod tests {
     #[test]
     fn every_kind_of_axis_and_style_is_drawn() {
         for (x, y) in [(false, false), (true, false), (false, true), (true, true)] {
-            let mut chart = Chart::new("stiffness <1>", "amplitude, um", "N/m").logarithmic(x, y);
+            let mut chart = Chart::new("stiffness <1>", "amplitude, µm", "N/m").logarithmic(x, y);
             for (colour, style) in
                 [Style::Line, Style::Dashed, Style::Marks, Style::Both].into_iter().enumerate()
             {
@@ -283,12 +486,53 @@ mod tests {
                 );
             }
             let text = chart.svg().unwrap();
-            for words in ["stiffness &lt;1&gt;", "amplitude, um", "series 3", "#009E73"] {
+            for words in ["stiffness &lt;1&gt;", "amplitude, µm", "series 3", "#009E73"] {
                 assert!(text.contains(words), "no {words}");
             }
             assert!(!text.contains("NaN") && text.len() < 1_500_000, "{} bytes", text.len());
         }
         assert!(Chart::new("empty", "", "").logarithmic(true, true).svg().is_ok());
+    }
+
+    #[test]
+    fn decimation_keeps_extremes() {
+        let mut points: Vec<(f64, f64)> = (0..100_000).map(|k| (k as f64, 0.0)).collect();
+        (points[54_321].1, points[54_327].1) = (7.0, -3.0);
+        let kept = decimated(&points, 1000);
+        assert!(kept.len() <= 4000 && kept.is_sorted_by(|a, b| a.0 < b.0));
+        for extreme in [(54_321.0, 7.0), (54_327.0, -3.0), (0.0, 0.0), (99_999.0, 0.0)] {
+            assert!(kept.contains(&extreme), "no {extreme:?}");
+        }
+    }
+
+    #[test]
+    fn peaks_are_found_between_the_points_and_side_lobes_are_none() {
+        // Two lines of a spectrum with their side lobes, over a grid of periods.
+        let line = |period: f64, at: f64| {
+            let u = 40.0 * (period / at).ln();
+            if u.abs() < 1e-9 { 1.0 } else { (u.sin() / u).abs() }
+        };
+        let grid: Vec<f64> = (0..200).map(|k| 3.0 * 1.02f64.powi(k)).collect();
+        let curve: Vec<(f64, f64)> =
+            grid.iter().map(|p| (*p, 6.0 * line(*p, 24.0) + 2.5 * line(*p, 12.0))).collect();
+        let found = peaks(&curve);
+        assert_eq!(found.len(), 2, "{found:?}");
+        for (peak, at) in found.iter().zip([24.0, 12.0]) {
+            assert!((peak.0 / at - 1.0).abs() < 0.02, "{found:?}");
+        }
+        assert_eq!(peaks(&[(1.0, 1.0), (2.0, 2.0), (3.0, 3.0)]), []);
+        assert_eq!(peaks(&[]), []);
+    }
+
+    #[test]
+    fn bands_and_lines_are_named_and_only_lines_widen_an_axis() {
+        let mut chart = Chart::new("t", "x", "y");
+        chart.add("s", 0, Style::Line, [(0.0, 1.0), (1.0, 2.0)]);
+        chart.band("noise", Axis::Y, -1000.0, 1000.0);
+        chart.line("limit", Axis::X, 3.0);
+        assert!(chart.range(Axis::Y).end < 3.0 && chart.range(Axis::X).end > 3.0);
+        let text = chart.svg().unwrap();
+        assert!(text.contains("noise") && text.contains("limit"));
     }
 
     #[test]

@@ -115,7 +115,7 @@ pub fn compensation_page(name: &str, runs: &TrialRuns) -> Result<(String, String
         chart.add(name, colour, Style::Line, points);
     }
     let svg = chart.svg()?;
-    page.figure(&svg, "Measured error along the motion.");
+    page.figure(&chart, "Measured error along the motion.")?;
     let mut table =
         Table::new(&[("", Align::Left), ("without", Align::Right), ("with", Align::Right)])
             .captioned(

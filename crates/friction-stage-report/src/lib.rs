@@ -20,12 +20,14 @@ mod error;
 pub mod experiment;
 pub mod figure;
 pub mod identification;
+pub mod interactive;
 pub mod model;
 pub mod page;
 pub mod paper_motion;
 pub mod recording;
 pub mod selection;
 pub mod tuning;
+pub mod view;
 pub mod words;
 
 pub use error::ReportError;

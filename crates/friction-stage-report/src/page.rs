@@ -1,10 +1,15 @@
-//! One self-contained HTML page: headings, texts, tables, figures, notes. No script, no network,
-//! light, printable.
+//! One self-contained HTML page: headings, texts, tables, figures, notes. No network, printable,
+//! light or dark as the reader's system is.
 //!
-//! What comes in is plain text, which is escaped here, and SVG from [`super::figure`]; what goes
-//! out is the whole document.
+//! What comes in is plain text, which is escaped here, and charts; what goes out is the whole
+//! document. A chart is an SVG, for print and for readers without script, and the data from which
+//! the script of the page makes a plot that zooms.
 
 use std::fmt::Write as _;
+
+use crate::chart::Chart;
+use crate::figure::FigureError;
+use crate::interactive::{self, Columns};
 
 /// A page that grows from top to bottom.
 ///
@@ -28,6 +33,7 @@ pub struct Page {
     /// Identifier and title of each section.
     sections: Vec<(String, String)>,
     figures: usize,
+    columns: Columns,
 }
 
 /// How good something is; shown as a coloured badge with a word or at the side of a note, never by
@@ -177,6 +183,7 @@ impl Page {
             body: String::new(),
             sections: Vec::new(),
             figures: 0,
+            columns: Columns::default(),
         }
     }
 
@@ -268,40 +275,57 @@ impl Page {
         self.body.push_str("</tbody>\n</table></div>\n");
     }
 
-    /// A figure with a numbered caption. `svg` is a whole SVG document of this program and goes in
-    /// as it is.
-    pub fn figure(&mut self, svg: &str, caption: &str) {
+    /// A chart with a numbered caption.
+    pub fn figure(&mut self, chart: &Chart, caption: &str) -> Result<(), FigureError> {
+        let svg = chart.svg()?;
         self.figures += 1;
         let number = self.figures;
-        // A declaration or doctype in front of the element has no place inside HTML.
-        let element = svg.find("<svg").map_or(svg, |start| &svg[start..]);
+        let caption = escaped(caption);
+        self.add(format_args!("<figure role=\"img\" aria-label=\"{caption}\">\n{svg}\n"));
+        if let Some(data) = self.columns.chart(chart) {
+            self.add(format_args!(
+                "<script type=\"application/json\" class=\"chart\">{data}</script>\n"
+            ));
+        }
         self.add(format_args!(
-            "<figure role=\"img\" aria-label=\"{}\">\n{element}\n<figcaption><b>Figure \
-             {number}.</b> {}</figcaption>\n</figure>\n",
-            escaped(caption),
-            escaped(caption)
+            "<figcaption><b>Figure {number}.</b> {caption}</figcaption>\n</figure>\n"
         ));
+        Ok(())
     }
 
     /// The whole document.
     pub fn finish(self) -> String {
         let title = escaped(&self.title);
+        let plots = self.body.contains("class=\"chart\"");
+        let style = if plots { interactive::LIBRARY_STYLE } else { "" };
         let mut text = format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta name=\"viewport\" content=\"width=device-width, \
-             initial-scale=1\">\n<title>{title}</title>\n\
-             <style>\n{STYLE}</style>\n</head>\n\
+             initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n\
+             <title>{title}</title>\n<style>\n{style}{STYLE}</style>\n</head>\n\
              <body>\n<main>\n<header>\n<h1>{title}</h1>\n<p>{}</p>\n</header>\n",
             escaped(&self.subtitle)
         );
         if self.sections.len() > 1 {
-            text.push_str("<nav>");
+            text.push_str("<nav aria-label=\"Sections\">");
             for (id, title) in &self.sections {
                 text.push_str(&format!("<a href=\"#{id}\">{}</a>", escaped(title)));
             }
             text.push_str("</nav>\n");
         }
-        text + &self.body + "</main>\n</body>\n</html>\n"
+        text += &self.body;
+        text += "</main>\n";
+        if plots {
+            let (licence, library) = (interactive::LIBRARY_LICENCE, interactive::LIBRARY);
+            text += &format!(
+                "<script type=\"application/json\" id=\"columns\">{}</script>\n\
+                 <script>\n/*\nuPlot 1.6.32\n{licence}\n*/\n{library}</script>\n\
+                 <script>\n{}</script>\n",
+                self.columns.json(),
+                interactive::SCRIPT
+            );
+        }
+        text + "</body>\n</html>\n"
     }
 
     fn add(&mut self, text: std::fmt::Arguments) {
@@ -328,11 +352,12 @@ pub fn escaped(text: &str) -> String {
 }
 
 /// Colours with a contrast of at least 4.5 on their ground.
-const STYLE: &str = include_str!("page.css");
+pub(crate) const STYLE: &str = include_str!("page.css");
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::chart::Style;
 
     #[test]
     fn whatever_a_user_names_stays_text() {
@@ -345,7 +370,9 @@ mod tests {
         page.code(evil);
         page.list([evil]);
         page.facts([(evil, evil)]);
-        page.figure("<?xml version=\"1.0\"?><svg></svg>", evil);
+        let mut chart = Chart::new(evil, evil, evil);
+        chart.add(evil, 0, Style::Line, [(0.0, 1.0), (1.0, 2.0)]);
+        page.figure(&chart, evil).unwrap();
         page.tiles(&[Tile {
             name: evil.into(),
             value: evil.into(),
@@ -357,16 +384,12 @@ mod tests {
         table.row([Cell::badge(Mark::Good, evil)]);
         page.table(&table);
         let text = page.finish();
-        assert!(
-            !text.contains("<script") && !text.contains('\u{7}') && !text.contains("<?xml"),
-            "{text}"
-        );
+        // Those of the page itself: the chart's data, the columns, the library, what draws.
+        assert_eq!(text.matches("<script").count(), 4);
+        assert!(!text.contains("<script>alert") && !text.contains('\u{7}'), "{text}");
         assert!(!text.contains("beyond the last column"));
-        assert_eq!(
-            text.matches("&lt;script&gt;alert(&#39;1&#39;)&lt;/script&gt; &amp; &quot;x&quot;")
-                .count(),
-            21
-        );
+        let shown = "&lt;script&gt;alert(&#39;1&#39;)&lt;/script&gt; &amp; &quot;x&quot;";
+        assert_eq!(text.matches(shown).count(), 21);
     }
 
     #[test]
@@ -374,9 +397,11 @@ mod tests {
         let mut page = Page::new("t", "s");
         page.section("one");
         page.section("two");
-        page.figure("<svg xmlns=\"http://www.w3.org/2000/svg\"></svg>", "c");
-        let text = page.finish();
-        for word in ["src=", "url(", "@import", "<link", "<script", "https://"] {
+        let mut chart = Chart::new("t", "x", "y");
+        chart.add("s", 0, Style::Line, [(0.0, 1.0), (1.0, 2.0)]);
+        page.figure(&chart, "c").unwrap();
+        let text = page.finish().replace(interactive::LIBRARY, "");
+        for word in ["src=", "url(", "@import", "<link", "https://"] {
             assert!(!text.contains(word), "{word}");
         }
         assert!(

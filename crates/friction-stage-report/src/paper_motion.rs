@@ -1,55 +1,164 @@
 //! The position error along the motion of the paper, as its Figures 6 and 7.
 
-use crate::figure::{FigureCurve, FigureError, Panel, svg};
-use friction_stage_lab::{MoveKind, PaperMotion};
+use crate::chart::{Axis, Chart, Style};
+use crate::figure::FigureError;
+use crate::page::{Align, Cell, Page, Table};
+use friction_stage_lab::{MoveKind, PaperMotion, SETTLING_BANDS};
 
 /// Times (ns after the start of the motion) and errors (m) of one run.
 pub type PositionErrorSeries = Vec<(i64, f64)>;
 
-/// Error over time after the start of the move, with the reference dashed, for the fast move and
-/// for the first fine step.
-pub fn position_error_figure(
-    title: &str,
+/// Error over time after the start of the move, for the fast move and for the first fine step, and
+/// its size on the way into the bands in which the paper counts as settled.
+pub fn position_error_charts(
     motion: &PaperMotion,
     runs: &[(String, PositionErrorSeries)],
-) -> Result<String, FigureError> {
-    let panels: Vec<Panel> = [
-        (
-            MoveKind::FastForward,
-            "Fast move: 50 mm in 100 ms (dashed: reference, scaled)",
-            300_000_000,
-        ),
-        (MoveKind::FineStep, "Fine step: 10 um in 3 ms (dashed: reference, scaled)", 200_000_000),
-    ]
-    .into_iter()
-    .filter_map(|(kind, title, window)| {
-        let the_move = motion.moves.iter().find(|the_move| the_move.kind == kind)?;
+) -> Vec<Chart> {
+    let moves = [
+        (MoveKind::FastForward, "Fast move: 50 mm in 100 ms", 300_000_000),
+        (MoveKind::FineStep, "Fine step: 10 µm in 3 ms", 200_000_000),
+    ];
+    let mut charts = Vec::new();
+    for (kind, title, window) in moves {
+        let Some(the_move) = motion.moves.iter().find(|the_move| the_move.kind == kind) else {
+            continue;
+        };
         let span = (the_move.start - window / 20)..=(the_move.start + window);
         let ms = |time: i64| (time - the_move.start) as f64 * 1e-6;
-        let curve = |(name, errors): &(String, PositionErrorSeries)| FigureCurve {
-            name: name.clone(),
-            points: errors
-                .iter()
-                .filter(|(time, _)| span.contains(time))
-                .map(|(time, error)| (ms(*time), error * 1e6))
-                .collect(),
-        };
+        let label = "time after the start of the move, ms";
+        let mut error = Chart::new(title, label, "position error, µm");
+        let mut size = Chart::new(format!("{title}: settling"), label, "size of the error, µm")
+            .logarithmic(false, true);
+        let mut largest = 0.0f64;
+        for (colour, (name, errors)) in runs.iter().enumerate() {
+            let within = || {
+                let shown = errors.iter().filter(|(time, _)| span.contains(time));
+                shown.map(|(time, error)| (ms(*time), error * 1e6))
+            };
+            largest = within().map(|point| point.1).fold(largest, f64::max);
+            error.add(name, colour, Style::Line, within());
+            let moving = within().filter(|point| point.0 >= 0.0);
+            size.add(name, colour, Style::Line, envelope(moving.collect()));
+        }
         let duration = (the_move.arrival - the_move.start) as f64;
-        let reference = span.clone().step_by(100_000).map(|time| {
+        let reference = span.step_by(100_000).map(|time| {
             let u = ((time - the_move.start) as f64 / duration).clamp(0.0, 1.0);
-            (ms(time), u * u * u * (10.0 - 15.0 * u + 6.0 * u * u))
+            (ms(time), largest * u * u * u * (10.0 - 15.0 * u + 6.0 * u * u))
         });
-        Some(Panel {
-            title: title.to_owned(),
-            x_label: "time after the start of the move, ms".to_owned(),
-            y_label: "position error, um".to_owned(),
-            curves: runs.iter().map(curve).collect(),
-            reference: Some(FigureCurve {
-                name: "reference, scaled".to_owned(),
-                points: reference.collect(),
-            }),
-        })
-    })
-    .collect();
-    svg(title, &panels)
+        error.add("reference, scaled", 4, Style::Dashed, reference);
+        size.line("arrival", Axis::X, ms(the_move.arrival));
+        for band in SETTLING_BANDS {
+            size.line(micrometres(band), Axis::Y, band * 1e6);
+        }
+        settling_bands(&mut error);
+        charts.extend([error, size]);
+    }
+    charts
+}
+
+/// The bands in which the paper counts as settled, in a chart of errors in µm: those that can be
+/// seen in it.
+pub(crate) fn settling_bands(chart: &mut Chart) {
+    let points = chart.series.iter().flat_map(|series| &series.points);
+    let largest = points.map(|point| point.1.abs()).fold(0.0, f64::max);
+    for band in SETTLING_BANDS {
+        let half = 1e6 * band;
+        // Narrower ones would be no more than the line of the axis.
+        if (0.02 * largest..largest).contains(&half) {
+            chart.band(format!("within {}", micrometres(band)), Axis::Y, -half, half);
+        }
+    }
+}
+
+/// A length as the paper gives its bands, without what a binary fraction adds.
+fn micrometres(length: f64) -> String {
+    format!("{} µm", (length * 1e9).round() / 1e3)
+}
+
+/// The largest error that is still to come: it falls to a band where the run has settled to it.
+fn envelope(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    let mut largest = 0.0f64;
+    for point in points.iter_mut().rev() {
+        largest = largest.max(point.1.abs());
+        point.1 = largest;
+    }
+    points
+}
+
+/// The page of a demo: the charts, and a table with a row for each `(guide, move, peak error in µm,
+/// times to settle in ms)`.
+pub fn demo_page(
+    charts: &[Chart],
+    rows: &[(String, &str, f64, [Option<f64>; 3])],
+    files: &[String],
+) -> Result<String, FigureError> {
+    let mut page = Page::new(
+        "A 40 kg stage on four guides",
+        format!(
+            "friction-stage {} \u{b7} stage and controller as two ROS 2 nodes in lockstep",
+            env!("CARGO_PKG_VERSION")
+        ),
+    );
+    page.section("Which guide");
+    page.text(
+        "The same stage, motion and controller; only the guides differ. Which of them settles first \
+         depends on the move and on the band.",
+    );
+    let mut table = Table::new(&[
+        ("guide", Align::Left),
+        ("move", Align::Left),
+        ("peak error, µm", Align::Right),
+        ("into 10 µm, ms", Align::Right),
+        ("1 µm, ms", Align::Right),
+        ("0.1 µm, ms", Align::Right),
+    ]);
+    for (guide, what, peak, settling) in rows {
+        let [ten, one, tenth] = settling.map(|time| match time {
+            Some(ms) => Cell::number(ms, 1),
+            None => Cell::text("never"),
+        });
+        let cells = [Cell::text(guide), Cell::text(*what), Cell::number(*peak, 2), ten, one, tenth];
+        table.row(cells);
+    }
+    page.table(&table);
+    page.section("Position error");
+    for chart in charts {
+        let caption = match chart.y_log {
+            false => {
+                "Position error of the moves, with the reference scaled to it (the paper's \
+                      Figures 6 and 7)."
+            }
+            true => {
+                "The largest error that is still to come: where it falls to a line, the stage \
+                     has settled to it."
+            }
+        };
+        page.figure(chart, caption)?;
+    }
+    page.section("Recordings");
+    page.text("Each bag holds its model, seed and rates; friction-stage replay BAG repeats it.");
+    page.list(files);
+    Ok(page.finish())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_reference_starts_at_no_error_and_the_envelope_tells_when_it_has_settled() {
+        let motion = PaperMotion::new(1.0, 1);
+        let start =
+            motion.moves.iter().find(|one| one.kind == MoveKind::FastForward).unwrap().start;
+        let run: PositionErrorSeries = (-100..3000)
+            .map(|k| (start + k * 100_000, 30e-6 * (-0.001 * k as f64).exp()))
+            .collect();
+        let charts = position_error_charts(&motion, &[("guide 1".to_owned(), run)]);
+        let reference = charts[0].series.last().unwrap();
+        assert!(reference.points.iter().filter(|p| p.0 <= 0.0).all(|p| p.1 == 0.0));
+        let size = &charts[1].series[0].points;
+        assert!(size.windows(2).all(|two| two[1].1 <= two[0].1));
+        let settled = size.iter().find(|point| point.1 <= 10.0).unwrap().0;
+        assert!((settled - 109.9).abs() < 0.2, "{settled}");
+    }
 }

@@ -2,7 +2,9 @@
 
 use std::fmt::Write as _;
 
-use crate::figure::{FigureCurve, FigureError, Panel, svg};
+use crate::chart::{Axis, Chart, Style};
+use crate::figure::{FigureError, svg};
+use crate::words::guide_label;
 use friction_stage_lab::{GuideSelection, SelectionPlan, Tally};
 
 /// The ranking as text for a person.
@@ -23,7 +25,7 @@ fn write_ranking(
     writeln!(out)?;
     writeln!(
         out,
-        "                     meets the   peak error, um (5, 50, 95 %)   settled to {band} um \
+        "                     meets the   peak error, µm (5, 50, 95 %)   settled to {band} µm \
          after, ms"
     )?;
     writeln!(out, "     guide         requirement")?;
@@ -60,75 +62,44 @@ fn write_ranking(
 /// through the medians, the requirement as the corner that it must stay in; then the distributions
 /// of both.
 pub fn trade_off_figure(plan: &SelectionPlan, tallies: &[Tally]) -> Result<String, FigureError> {
+    svg(&plan.application.name, &trade_off_charts(plan, tallies))
+}
+
+fn trade_off_charts(plan: &SelectionPlan, tallies: &[Tally]) -> [Chart; 3] {
     let application = &plan.application;
     let requirement = &application.requirement;
     // What never settles is drawn at the end of what was watched.
     let (um, ms) =
         (|error: f64| error * 1e6, |time: f64| time.min(application.motion.settle) * 1e3);
-    let named = |index: usize| plan.candidates[index].name.replace('_', " ");
-    let cross = |(index, tally): (usize, &Tally)| {
+    let settled = format!("settled to {} µm after the arrival, ms", um(requirement.settling_band));
+    let (x, y) = (um(requirement.peak_error), ms(requirement.settling_time));
+    let required = "required at most";
+    let share = "share of the variants, %";
+    let mut trade_off = Chart::new(
+        "Medians with 5 % and 95 % quantiles; lower left is better",
+        "peak error, µm",
+        &settled,
+    );
+    let mut peaks = Chart::new("Peak error", "peak error below, µm", share);
+    let mut times = Chart::new("Settling time", &settled, share);
+    for (colour, tally) in tallies.iter().enumerate() {
+        let name = guide_label(&plan.candidates[colour].name);
         let (peak, settling) = (tally.peak_error(), tally.settling_time());
         let ([x0, x1, x2], [y0, y1, y2]) = (
             [peak.q05, peak.q50, peak.q95].map(um),
             [settling.q05, settling.q50, settling.q95].map(ms),
         );
-        FigureCurve {
-            name: named(index),
-            points: vec![(x0, y1), (x2, y1), (x1, y1), (x1, y0), (x1, y2)],
-        }
-    };
-    let (x, y) = (um(requirement.peak_error), ms(requirement.settling_time));
-    let required = |points: Vec<(f64, f64)>| {
-        std::iter::once(FigureCurve { name: "required at most".to_owned(), points })
-    };
-    let distribution = |value: &dyn Fn(&Tally, f64) -> f64| -> Vec<FigureCurve> {
-        let points = |tally: &Tally| {
-            (1..=200)
-                .map(|k| (value(tally, f64::from(k) / 200.0), f64::from(k) / 2.0))
-                .collect::<Vec<_>>()
-        };
-        tallies
-            .iter()
-            .enumerate()
-            .map(|(index, tally)| FigureCurve { name: named(index), points: points(tally) })
-            .collect()
-    };
-    let settled = format!("settled to {} um after the arrival, ms", um(requirement.settling_band));
-    let panel = |title: &str, x_label: &str, y_label: &str, curves: Vec<FigureCurve>| Panel {
-        title: title.to_owned(),
-        x_label: x_label.to_owned(),
-        y_label: y_label.to_owned(),
-        curves,
-        reference: None,
-    };
-    let crosses = tallies
-        .iter()
-        .enumerate()
-        .map(cross)
-        .chain(required(vec![(0.0, y), (x, y), (x, 0.0)]))
-        .collect();
-    let peaks = distribution(&|tally, share| um(tally.peak_error_at(share)));
-    let times = distribution(&|tally, share| ms(tally.settling_time_at(share)));
-    let share = "share of the variants, %";
-    let panels = [
-        panel(
-            "Medians with 5 % and 95 % quantiles; lower left is better",
-            "peak error, um",
-            &settled,
-            crosses,
-        ),
-        panel(
-            "Peak error",
-            "peak error below, um",
-            share,
-            peaks.into_iter().chain(required(vec![(x, 0.0), (x, 100.0)])).collect(),
-        ),
-        panel(
-            "Settling time",
-            &settled,
-            share,
-            times.into_iter().chain(required(vec![(y, 0.0), (y, 100.0)])).collect(),
-        ),
-    ];
-    svg(&application.name, &panels)
+        trade_off.add(&name, colour, Style::Line, [(x0, y1), (x2, y1)]);
+        trade_off.add("", colour, Style::Line, [(x1, y0), (x1, y2)]);
+        let steps = || (1..=200).map(|k| (f64::from(k) / 200.0, f64::from(k) / 2.0));
+        let peak = steps().map(|(part, percent)| (um(tally.peak_error_at(part)), percent));
+        peaks.add(&name, colour, Style::Line, peak);
+        let time = steps().map(|(part, percent)| (ms(tally.settling_time_at(part)), percent));
+        times.add(&name, colour, Style::Line, time);
+    }
+    trade_off.line(required, Axis::X, x);
+    trade_off.line("", Axis::Y, y);
+    peaks.line(required, Axis::X, x);
+    times.line(required, Axis::X, y);
+    [trade_off, peaks, times]
 }

@@ -14,8 +14,9 @@ use friction_stage_lab::{
 };
 
 use crate::chart::{Chart, Style};
+use crate::figure::svg;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
-use crate::paper_motion::position_error_figure;
+use crate::paper_motion::position_error_charts;
 
 /// Why a page could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -368,9 +369,8 @@ pub fn tuning_page(
         ("sensitivity", sensitivity, "Below the dashed line the modulus margin is kept."),
         ("process_sensitivity", process, "Position over a force: small is stiff."),
     ] {
-        let svg = chart.svg()?;
-        page.figure(&svg, caption);
-        figures.push((name.to_owned(), svg));
+        page.figure(&chart, caption)?;
+        figures.push((name.to_owned(), chart.svg()?));
     }
     page.table(&by_amplitude(found));
     page.section("Step");
@@ -380,9 +380,8 @@ pub fn tuning_page(
         let points = response.into_iter().map(|(time, x)| (1e3 * time, x));
         steps.add(&one.name, colour, Style::Line, points);
     }
-    let svg = steps.svg()?;
-    page.figure(&svg, "On the emulator, without noise and feedforward: mostly the guides.");
-    figures.push(("step".to_owned(), svg));
+    page.figure(&steps, "On the emulator, without noise and feedforward: mostly the guides.")?;
+    figures.push(("step".to_owned(), steps.svg()?));
     moves(&mut page, &mut figures, model, tuning, seed)?;
     Ok((page.finish(), figures))
 }
@@ -437,9 +436,11 @@ fn moves(
         }
         runs.push((one.name.clone(), errors));
     }
-    let svg = position_error_figure("Position error", &motion, &runs)?;
-    page.figure(&svg, "The nominal stage with the noise of its sensors.");
-    figures.push(("moves".to_owned(), svg));
+    let charts = position_error_charts(&motion, &runs);
+    for chart in &charts {
+        page.figure(chart, "The nominal stage with the noise of its sensors.")?;
+    }
+    figures.push(("moves".to_owned(), svg("Position error", &charts)?));
     page.table(&table);
     Ok(())
 }

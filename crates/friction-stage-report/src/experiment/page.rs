@@ -4,7 +4,9 @@ use super::summary::ExperimentSummary;
 use crate::chart::{Chart, Style};
 use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
-use friction_stage_lab::{SETTLING_BANDS, Specimen, length};
+use crate::paper_motion::settling_bands;
+use crate::words::{guide_label, in_prefix};
+use friction_stage_lab::{SETTLING_BANDS, Specimen};
 
 use Align::{Left, Right};
 
@@ -79,7 +81,7 @@ impl<'a> Report<'a> {
 
     fn figure(&mut self, name: &str, chart: &Chart, caption: &str) -> Result<(), ReportError> {
         let svg = chart.svg()?;
-        self.page.figure(&svg, caption);
+        self.page.figure(chart, caption)?;
         self.figures.push(ExperimentFigure { name: name.to_owned(), svg });
         Ok(())
     }
@@ -166,7 +168,7 @@ impl<'a> Report<'a> {
         let percent = |value: f64| Cell::text(format!("{:+.2} %", 100.0 * value));
         for row in &fit.errors {
             table.row([
-                Cell::text(length(row.amplitude)),
+                Cell::text(in_prefix(row.amplitude, "m")),
                 Cell::text(format!("{:.2e}", row.stated)),
                 percent(row.catalogue),
                 percent(row.best_single),
@@ -174,7 +176,7 @@ impl<'a> Report<'a> {
             ]);
         }
         self.page.table(&table);
-        let mut chart = Chart::new("Effective stiffness of guide 1", "amplitude, um", "N/m")
+        let mut chart = Chart::new("Effective stiffness of guide 1", "amplitude, µm", "N/m")
             .logarithmic(true, true);
         let results = self.summary.results;
         for (colour, (name, label)) in
@@ -228,7 +230,7 @@ impl<'a> Report<'a> {
         ]);
         for (colour, curve) in curves.iter().enumerate() {
             whole.add(
-                &curve.name,
+                guide_label(&curve.name),
                 colour,
                 Style::Both,
                 curve.points.iter().map(|p| (p.velocity, p.force.value)),
@@ -241,7 +243,7 @@ impl<'a> Report<'a> {
                     0.5 * (forth.force.value - back.force.value),
                 )
             });
-            slow.add(&curve.name, colour, Style::Marks, pairs);
+            slow.add(guide_label(&curve.name), colour, Style::Marks, pairs);
             if let Some(of) = specimens.iter().find(|of| of.name == curve.name) {
                 let guide = of.guide()?;
                 let speeds = (0..200).map(|k| 1e-4 * 10f64.powf(4.0 * f64::from(k) / 199.0));
@@ -253,7 +255,7 @@ impl<'a> Report<'a> {
                 );
             }
             table.row([
-                Cell::text(curve.name.as_str()),
+                Cell::text(guide_label(&curve.name)),
                 Cell::number(curve.slow_force.value, 3),
                 Cell::number(curve.least_force.value, 3),
                 Cell::number(1e3 * curve.least_force_speed, 1),
@@ -289,17 +291,17 @@ impl<'a> Report<'a> {
              tanh(\u{3c3}0 A/Fs).",
         );
         for (name, amplitude, scale, unit) in [
-            ("dahl_40um_420um", 420e-6, 1e6, "um"),
-            ("dahl_40um", 40e-6, 1e6, "um"),
-            ("dahl_1um", 1e-6, 1e6, "um"),
+            ("dahl_40um_420µm", 420e-6, 1e6, "µm"),
+            ("dahl_40µm", 40e-6, 1e6, "µm"),
+            ("dahl_1µm", 1e-6, 1e6, "µm"),
         ] {
             let mut chart = Chart::new(
                 format!(
                     "Loops of {}",
                     if amplitude == 420e-6 {
-                        "40 and 420 um".to_owned()
+                        "40 and 420 µm".to_owned()
                     } else {
-                        length(amplitude)
+                        in_prefix(amplitude, "m")
                     }
                 ),
                 format!("position, {unit}"),
@@ -310,8 +312,9 @@ impl<'a> Report<'a> {
                     let wanted = (found.amplitude / amplitude - 1.0).abs() < 0.05
                         || amplitude == 420e-6 && (found.amplitude / 40e-6 - 1.0).abs() < 0.05;
                     if wanted {
-                        let first = chart.series.iter().all(|series| series.name != curves.name);
-                        let label = if first { curves.name.as_str() } else { "" };
+                        let name = guide_label(&curves.name);
+                        let first = chart.series.iter().all(|series| series.name != name);
+                        let label = if first { name } else { String::new() };
                         let closed = found.points.iter().chain(found.points.first());
                         chart.add(label, colour, Style::Line, closed.map(|(x, f)| (scale * x, *f)));
                     }
@@ -322,22 +325,22 @@ impl<'a> Report<'a> {
                 &chart,
                 &format!(
                     "Measured loops, amplitude {} (averaged over the cycles).",
-                    length(amplitude)
+                    in_prefix(amplitude, "m")
                 ),
             )?;
         }
         let mut stiffness =
-            Chart::new("Effective stiffness", "amplitude, um", "N/m").logarithmic(true, true);
+            Chart::new("Effective stiffness", "amplitude, µm", "N/m").logarithmic(true, true);
         let mut area =
-            Chart::new("Loop area", "amplitude, um", "J per cycle").logarithmic(true, true);
+            Chart::new("Loop area", "amplitude, µm", "J per cycle").logarithmic(true, true);
         let mut damping = Chart::new(
             "Dahl resonance of the stage, from the loops",
-            "amplitude, um",
+            "amplitude, µm",
             "damping ratio",
         )
         .logarithmic(true, false);
         for (colour, curves) in all.iter().enumerate() {
-            let name = curves.name.as_str();
+            let name = &guide_label(&curves.name);
             let resolved = || {
                 curves
                     .loops
@@ -406,8 +409,8 @@ impl<'a> Report<'a> {
                     Cell::text(if found.area_is_resolved { text } else { "\u{2013}".into() })
                 };
                 table.row([
-                    Cell::text(curves.name.as_str()),
-                    Cell::text(length(found.amplitude)),
+                    Cell::text(guide_label(&curves.name)),
+                    Cell::text(in_prefix(found.amplitude, "m")),
                     Cell::text(format!("{:.3e}", found.stiffness.value)),
                     Cell::text(format!(
                         "{:.2} %",
@@ -439,22 +442,40 @@ impl<'a> Report<'a> {
         let mut prediction = Table::new(&[
             ("guide", Left),
             ("force, N", Right),
-            ("amplitude, um", Right),
+            ("amplitude, µm", Right),
             ("resonance, Hz", Right),
             ("from the loops, Hz", Right),
             ("damping ratio", Right),
             ("hysteresis, from the loops", Right),
         ]);
         for (index, response) in all.iter().enumerate() {
-            let mut chart =
-                Chart::new(format!("Compliance: {}", response.name), "frequency, Hz", "|X/F|, m/N")
-                    .logarithmic(true, true);
+            let mut chart = Chart::new(
+                format!("Compliance: {}", guide_label(&response.name)),
+                "frequency, Hz",
+                "|X/F|, m/N",
+            )
+            .logarithmic(true, true);
             for (colour, level) in response.levels.iter().enumerate() {
                 let points = level
                     .points
                     .iter()
                     .map(|p| (p.frequency, p.stiffness.0.hypot(p.stiffness.1).recip()));
                 chart.add(format!("{:.2} N", level.force), colour, Style::Both, points);
+            }
+            for level in &response.levels {
+                if let Some(found) = level.resonance {
+                    let height = level.points.iter().min_by(|a, b| {
+                        let off = |f: f64| (f / found.frequency).ln().abs();
+                        off(a.frequency).total_cmp(&off(b.frequency))
+                    });
+                    let at = height.map(|p| p.stiffness.0.hypot(p.stiffness.1).recip());
+                    let word = format!("{:.1} Hz", found.frequency);
+                    // The largest amplitude and the smallest: those between would lie on them.
+                    let ends = [response.levels.first(), response.levels.last()];
+                    if let (Some(at), true) = (at, ends.contains(&Some(level))) {
+                        chart.label((found.frequency, at), word);
+                    }
+                }
             }
             let line = response.levels[0].points.iter();
             let mass =
@@ -466,7 +487,7 @@ impl<'a> Report<'a> {
                 &chart,
                 &format!(
                     "Stage on {}: response at four force amplitudes; dashed: a free mass.",
-                    response.name
+                    guide_label(&response.name)
                 ),
             )?;
             let mut phases =
@@ -504,7 +525,7 @@ impl<'a> Report<'a> {
                     ))
                 });
                 prediction.row([
-                    Cell::text(response.name.as_str()),
+                    Cell::text(guide_label(&response.name)),
                     Cell::number(level.force, 2),
                     Cell::maybe(level.resonance.map(|r| 1e6 * r.amplitude), 2),
                     Cell::maybe(level.resonance.map(|r| r.frequency), 2),
@@ -541,13 +562,19 @@ impl<'a> Report<'a> {
                 "Fast move with viscous feedforward: position error",
             ),
         ] {
-            let mut chart = Chart::new(title, "time after the start of the move, ms", "error, um");
+            let mut chart = Chart::new(title, "time after the start of the move, ms", "error, µm");
             for (colour, found) in
                 all.iter().filter(|found| (found.viscous_feedforward > 0.0) == fed).enumerate()
             {
                 let part = found.points.iter().filter(|(t, _)| *t < 0.3);
-                chart.add(&found.name, colour, Style::Line, part.map(|(t, e)| (1e3 * t, 1e6 * e)));
+                chart.add(
+                    guide_label(&found.name),
+                    colour,
+                    Style::Line,
+                    part.map(|(t, e)| (1e3 * t, 1e6 * e)),
+                );
             }
+            settling_bands(&mut chart);
             let caption = if fed {
                 "With viscous feedforward the wave between 25 and 150 ms disappears."
             } else {
@@ -557,19 +584,19 @@ impl<'a> Report<'a> {
         }
         let mut settling = Chart::new(
             "Fast move: time to settle over the band",
-            "band, um",
+            "band, µm",
             "time after arrival, ms",
         )
         .logarithmic(true, false);
         let mut table = Table::new(&[
             ("guide", Left),
             ("viscous feedforward, N s/m", Right),
-            ("peak, um", Right),
-            ("return, um", Right),
-            ("rms 25 to 150 ms, um", Right),
-            ("10 um, ms", Right),
-            ("1 um, ms", Right),
-            ("0.1 um, ms", Right),
+            ("peak, µm", Right),
+            ("return, µm", Right),
+            ("rms 25 to 150 ms, µm", Right),
+            ("10 µm, ms", Right),
+            ("1 µm, ms", Right),
+            ("0.1 µm, ms", Right),
         ]);
         for (index, found) in all.iter().enumerate() {
             if found.viscous_feedforward == 0.0 {
@@ -577,12 +604,12 @@ impl<'a> Report<'a> {
                     .settling_over_band
                     .iter()
                     .filter_map(|(band, time)| Some((1e6 * band, 1e3 * (*time)?)));
-                settling.add(&found.name, index / 2, Style::Both, points);
+                settling.add(guide_label(&found.name), index / 2, Style::Both, points);
             }
             let [ten, one, tenth] =
                 found.forward.settling.map(|time| Cell::maybe(time.map(|t| 1e3 * t), 1));
             table.row([
-                Cell::text(found.name.as_str()),
+                Cell::text(guide_label(&found.name)),
                 Cell::number(found.viscous_feedforward, 1),
                 Cell::number(1e6 * found.forward.peak_error, 2),
                 Cell::number(1e6 * found.return_move.peak_error, 2),
@@ -603,7 +630,7 @@ impl<'a> Report<'a> {
         }
         self.page.section("Fine step");
         self.page.text(
-            "10 um in 3 ms, five in a row, after a return move and a rest. The guides work \
+            "10 µm in 3 ms, five in a row, after a return move and a rest. The guides work \
                    as springs here.",
         );
         for (fed, name) in [(false, "fine_step"), (true, "fine_step_with_viscous_feedforward")] {
@@ -612,23 +639,29 @@ impl<'a> Report<'a> {
             } else {
                 "First fine step: position error"
             };
-            let mut chart = Chart::new(title, "time after the start of the step, ms", "error, um");
+            let mut chart = Chart::new(title, "time after the start of the step, ms", "error, µm");
             for (colour, found) in
                 all.iter().filter(|found| (found.viscous_feedforward > 0.0) == fed).enumerate()
             {
                 let part = found.points.iter().filter(|(t, _)| *t < 0.2);
-                chart.add(&found.name, colour, Style::Line, part.map(|(t, e)| (1e3 * t, 1e6 * e)));
+                chart.add(
+                    guide_label(&found.name),
+                    colour,
+                    Style::Line,
+                    part.map(|(t, e)| (1e3 * t, 1e6 * e)),
+                );
             }
+            settling_bands(&mut chart);
             self.figure(name, &chart, "The paper's Figure 7.")?;
         }
         let mut table = Table::new(&[
             ("guide", Left),
             ("viscous feedforward, N s/m", Right),
             ("step", Right),
-            ("peak, um", Right),
-            ("10 um, ms", Right),
-            ("1 um, ms", Right),
-            ("0.1 um, ms", Right),
+            ("peak, µm", Right),
+            ("10 µm, ms", Right),
+            ("1 µm, ms", Right),
+            ("0.1 µm, ms", Right),
         ])
         .captioned(format!(
             "Time to settle into {} bands after the arrival of the reference",
@@ -639,7 +672,7 @@ impl<'a> Report<'a> {
                 let [ten, one, tenth] =
                     step.settling.map(|time| Cell::maybe(time.map(|t| 1e3 * t), 1));
                 table.row([
-                    Cell::text(found.name.as_str()),
+                    Cell::text(guide_label(&found.name)),
                     Cell::number(found.viscous_feedforward, 1),
                     Cell::number((index + 1) as f64, 0),
                     Cell::number(1e6 * step.peak_error, 2),
@@ -676,7 +709,7 @@ impl<'a> Report<'a> {
         for hunting in all {
             for result in &hunting.results {
                 table.row([
-                    Cell::text(hunting.name.as_str()),
+                    Cell::text(guide_label(&hunting.name)),
                     Cell::number(result.bandwidth, 0),
                     Cell::text(format!("x {}", result.integral)),
                     match result.cycle {
@@ -700,17 +733,17 @@ impl<'a> Report<'a> {
         );
         for (colour, hunting) in all.iter().enumerate() {
             let points = hunting.results[softest].points.iter().map(|(t, e)| (*t, 1e3 * e));
-            chart.add(&hunting.name, colour, Style::Line, points);
+            chart.add(guide_label(&hunting.name), colour, Style::Line, points);
         }
         self.figure("hunting", &chart, "Position error with the softest controller.")
     }
 
     fn rig(&mut self) -> Result<(), ReportError> {
         for rig in &self.summary.results.rig {
-            self.page.section(&format!("The rig's own bias: {}", rig.name));
+            self.page.section(&format!("The rig's own bias: {}", guide_label(&rig.name)));
             self.page.text(
                 "Each row changes one property of the rig and measures what is known in closed \
-                 form: stiffness and area of a 1 um loop, friction at 3 mm/s. The paper's rig has \
+                 form: stiffness and area of a 1 µm loop, friction at 3 mm/s. The paper's rig has \
                  a coupling 100 times as stiff as the guide and 0.05 N of noise.",
             );
             let mut table = Table::new(&[
@@ -744,7 +777,7 @@ impl<'a> Report<'a> {
         }
         let Some(first) = self.summary.results.rig.first() else { return Ok(()) };
         let mut chart = Chart::new(
-            format!("Stiffness at 1 um: {}", first.name),
+            format!("Stiffness at 1 µm: {}", guide_label(&first.name)),
             "coupling over guide stiffness",
             "bias, %",
         )
@@ -775,7 +808,7 @@ impl<'a> Report<'a> {
         )?;
         self.page.text(
             "Loop area: a servo of 60 Hz shakes the carriage by the encoder's noise about as fast \
-             as a slow 1 um loop moves, which relaxes the bristle and widens the loop; fast loops \
+             as a slow 1 µm loop moves, which relaxes the bristle and widens the loop; fast loops \
              are widened by the bristle damping. The experiment dahl therefore measures small \
              loops with a quiet 20 Hz servo.",
         );

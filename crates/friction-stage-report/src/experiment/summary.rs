@@ -110,7 +110,7 @@ impl ExperimentSummary<'_> {
             for level in &response.levels {
                 let found = level.resonance.map_or("no resonance".to_owned(), |r| {
                     format!(
-                        "{:.2} Hz at {:.2} um, damping {:.3}",
+                        "{:.2} Hz at {:.2} µm, damping {:.3}",
                         r.frequency,
                         1e6 * r.amplitude,
                         r.damping
@@ -123,8 +123,8 @@ impl ExperimentSummary<'_> {
             let [ten, one, tenth] = found.forward.settling.map(ms);
             writeln!(
                 out,
-                "{:22} feedforward {:5.1} N s/m: peak {:6.2} um, 25 to 150 ms rms {:5.2} um, \
-                 settles to 10/1/0.1 um in {ten}/{one}/{tenth} ms",
+                "{:22} feedforward {:5.1} N s/m: peak {:6.2} µm, 25 to 150 ms rms {:5.2} µm, \
+                 settles to 10/1/0.1 µm in {ten}/{one}/{tenth} ms",
                 found.name,
                 found.viscous_feedforward,
                 1e6 * found.forward.peak_error,
@@ -136,8 +136,8 @@ impl ExperimentSummary<'_> {
                 let [_, one, tenth] = step.settling.map(ms);
                 writeln!(
                     out,
-                    "{:22} feedforward {:5.1} N s/m: first step: peak {:5.2} um, settles to 1/0.1 \
-                     um in {one}/{tenth} ms",
+                    "{:22} feedforward {:5.1} N s/m: first step: peak {:5.2} µm, settles to 1/0.1 \
+                     µm in {one}/{tenth} ms",
                     found.name,
                     found.viscous_feedforward,
                     1e6 * step.peak_error

@@ -1,13 +1,14 @@
 //! The figures of an identification: what the models miss before and after, over everything that a
 //! cause could depend on.
 
-use crate::chart::{Chart, Style};
+use crate::chart::{Axis, Chart, Style, peaks};
 use crate::error::ReportError;
-use crate::words::Words;
+use crate::words::{Words, in_prefix};
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, JointType, StageModel};
 use friction_stage_core::plant::effects::CURVE;
 use friction_stage_identify::{
-    Identification, IdentifyFinding, LoopError, Measured, Missing, Record, Records, Sides, spectrum,
+    Floor, Identification, IdentifyFinding, LoopError, Measured, Missing, Record, Records, Sides,
+    spectrum,
 };
 
 /// A drawn figure; `name` is its file without the ending.
@@ -16,6 +17,8 @@ pub struct IdentificationFigure {
     pub name: String,
     /// Where it stands in the report.
     pub group: FigureGroup,
+    /// What is drawn.
+    pub chart: Chart,
     /// The drawing.
     pub svg: String,
     /// What it shows.
@@ -25,7 +28,7 @@ pub struct IdentificationFigure {
 /// Section of the report in which a figure stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FigureGroup {
-    /// Measured and modelled.
+    /// What the models miss before and after, and the measured force.
     Comparison,
     /// What the models miss.
     Residual,
@@ -37,9 +40,9 @@ pub enum FigureGroup {
 const BINS: usize = 80;
 /// Rows that a bin needs to be shown.
 const LEAST_IN_BIN: usize = 6;
-/// Columns of a figure over time.
-const COLUMNS: usize = 1200;
-/// Length of the close-up of the force, s.
+/// Half width of the band of noise in its standard deviations: 95 % of the rows are within.
+const NOISE_BAND: f64 = 1.96;
+/// Length of the close-up, s.
 const CLOSE_UP: f64 = 1.0;
 
 /// What both models miss on a record.
@@ -48,6 +51,29 @@ struct Residuals<'a> {
     measured: &'a Measured,
     before: Missing,
     after: Missing,
+    floor: Floor,
+}
+
+/// What the models miss on one side.
+struct Side<'a> {
+    name: &'static str,
+    colour: usize,
+    before: &'a [f64],
+    after: &'a [f64],
+    /// What the sensors' noise alone leaves, N rms.
+    floor: f64,
+}
+
+impl IdentificationFigure {
+    fn new(
+        name: impl Into<String>,
+        group: FigureGroup,
+        chart: Chart,
+        caption: impl Into<String>,
+    ) -> Result<IdentificationFigure, ReportError> {
+        let svg = chart.svg()?;
+        Ok(IdentificationFigure { name: name.into(), group, chart, svg, caption: caption.into() })
+    }
 }
 
 impl Residuals<'_> {
@@ -59,6 +85,7 @@ impl Residuals<'_> {
         Ok(Residuals {
             joint: identification.model.joint,
             measured,
+            floor: selection.floor,
             before: selection.before.hypothesis.missing(measured, Sides::BOTH)?,
             after: selection
                 .after
@@ -69,25 +96,34 @@ impl Residuals<'_> {
         })
     }
 
-    /// Name, colour in a chart, before, after; the motor side only where a force cell divides it
-    /// from the carriage.
-    fn sides(&self) -> Vec<(&'static str, usize, &[f64], &[f64])> {
+    /// Both sides; the motor side only where a force cell divides it from the carriage.
+    fn sides(&self) -> Vec<Side<'_>> {
+        let side = |name, colour, before, after, floor| Side { name, colour, before, after, floor };
+        let (before, after) = (&self.before, &self.after);
         let mut sides = Vec::new();
-        if !self.before.motor.is_empty() {
-            sides.push((
-                "motor side",
-                0,
-                self.before.motor.as_slice(),
-                self.after.motor.as_slice(),
-            ));
+        if !before.motor.is_empty() {
+            sides.push(side("motor side", 0, &before.motor, &after.motor, self.floor.motor));
         }
-        sides.push((
-            "carriage side",
-            1,
-            self.before.carriage.as_slice(),
-            self.after.carriage.as_slice(),
-        ));
+        let (left, right) = (before.carriage.as_slice(), after.carriage.as_slice());
+        sides.push(side("carriage side", 1, left, right, self.floor.carriage));
         sides
+    }
+
+    /// The side on which the declared model misses most, measured in noise.
+    fn worst(&self) -> Option<Side<'_>> {
+        let size = |side: &Side| {
+            side.before.iter().map(|value| value * value).sum::<f64>() / side.floor.powi(2)
+        };
+        self.sides().into_iter().max_by(|a, b| size(a).total_cmp(&size(b)))
+    }
+
+    /// A chart of the missing force over time with the band of noise.
+    fn chart(&self, title: String, record: &str, floor: f64) -> Chart {
+        let mut chart = Chart::new(title, "time, s", axis(self.joint, "missing force, N"));
+        let half = NOISE_BAND * floor;
+        chart.band("noise of the sensors, 95 %", Axis::Y, -half, half);
+        chart.zooms_with = Some(record.to_owned());
+        chart
     }
 }
 
@@ -108,10 +144,11 @@ pub fn identification_figures(
     let train = Residuals::of(identification, &records.train.measured)?;
     let holdout = Residuals::of(identification, &records.holdout.measured)?;
     let mut figures: Vec<IdentificationFigure> = maps(&identification.model)?;
-    figures.extend(force(&holdout)?);
+    figures.extend(before_and_after(&holdout, "hold-out")?);
     if let Some(loops) = &identification.loops {
         figures.push(position(&records.holdout, &loops.holdout, joint)?);
     }
+    figures.push(force(&holdout, "hold-out")?);
     figures.extend(over_time(&holdout, "hold-out")?);
     figures.extend(over_time(&train, "train")?);
     let measured = holdout.measured;
@@ -134,11 +171,11 @@ pub fn identification_figures(
         (
             "residual_over_acceleration",
             "acceleration",
-            "acceleration, m/s^2",
+            "acceleration, m/s²",
             1.0,
             acceleration.clone(),
         ),
-        ("residual_over_jerk", "jerk", "jerk, m/s^3", 1.0, slope(measured, &acceleration)),
+        ("residual_over_jerk", "jerk", "jerk, m/s³", 1.0, slope(measured, &acceleration)),
         (
             "residual_over_distance",
             "travelled distance",
@@ -159,7 +196,7 @@ pub fn identification_figures(
             axis(joint, label),
             axis(joint, "missing force, N rms"),
         );
-        for (side, colour, before, after) in holdout.sides() {
+        for Side { name: side, colour, before, after, .. } in holdout.sides() {
             for (values, style, when) in
                 [(before, Style::Dashed, "before"), (after, Style::Line, "after")]
             {
@@ -178,29 +215,21 @@ pub fn identification_figures(
                 );
             }
         }
-        figures.push(IdentificationFigure {
-            name: name.to_owned(),
-            group: FigureGroup::Residual,
-            svg: chart.svg()?,
-            caption: format!(
-                "What the declared (before) and the identified (after) model miss \
-                              over {word}, hold-out record; mean of the rows of a bin."
-            ),
-        });
+        let caption = format!(
+            "What the declared (before) and the identified (after) model miss over {word}, \
+             hold-out record; mean of the rows of a bin."
+        );
+        figures.push(IdentificationFigure::new(name, FigureGroup::Residual, chart, caption)?);
         // Over the signed coordinates a cause that changes its sign averages out; its size does
         // not.
         if matches!(word, "position" | "velocity") {
-            figures.push(IdentificationFigure {
-                name: format!("residual_size_over_{word}"),
-                group: FigureGroup::Residual,
-                svg: spread.svg()?,
-                caption: format!(
-                    "The same as size: root mean square of the rows of a bin over {word}."
-                ),
-            });
+            let caption =
+                format!("The same as size: root mean square of the rows of a bin over {word}.");
+            let name = format!("residual_size_over_{word}");
+            figures.push(IdentificationFigure::new(name, FigureGroup::Residual, spread, caption)?);
         }
     }
-    figures.extend(spectra(&train)?);
+    figures.extend(spectra(&train, &identification.model)?);
     Ok(figures)
 }
 
@@ -232,35 +261,31 @@ fn maps(model: &StageModel) -> Result<Vec<IdentificationFigure>, ReportError> {
         chart.add(CURVE.name, 0, Style::Line, points);
         let jump = IdentifyFinding::of_jump(curve)
             .map_or_else(String::new, |jump| format!("; {}", jump.words(model.joint)));
-        Ok(IdentificationFigure {
-            name: match index {
-                0 => CURVE.name.to_owned(),
-                before => format!("{}_{}", CURVE.name, before + 1),
-            },
-            group: FigureGroup::Comparison,
-            svg: chart.svg()?,
-            caption: format!(
-                "The empirical map of the identified model over {word}: linear between {} knots, \
-                 constant beyond{jump}.",
-                curve.values.len()
-            ),
-        })
+        let name = match index {
+            0 => CURVE.name.to_owned(),
+            before => format!("{}_{}", CURVE.name, before + 1),
+        };
+        let caption = format!(
+            "The empirical map of the identified model over {word}: linear between {} knots, \
+             constant beyond{jump}.",
+            curve.values.len()
+        );
+        IdentificationFigure::new(name, FigureGroup::Comparison, chart, caption)
     };
     curves.enumerate().map(figure).collect()
 }
 
-/// Measured force and both models along the measured motion, whole and close up.
-fn force(residuals: &Residuals) -> Result<[IdentificationFigure; 2], ReportError> {
+/// What both models miss on the side where the declared one misses most, where it does, and what
+/// the identified one leaves.
+fn before_and_after(
+    residuals: &Residuals,
+    record: &str,
+) -> Result<Vec<IdentificationFigure>, ReportError> {
+    let Some(side) = residuals.worst() else { return Ok(Vec::new()) };
     let measured = residuals.measured;
     let time = measured.at_rows(&measured.time);
-    let reading = measured.filtered(measured.cell.as_deref().unwrap_or(&measured.command));
-    let model = |missing: &[f64]| {
-        reading.iter().zip(missing).map(|(force, missing)| force + missing).collect::<Vec<_>>()
-    };
-    let (before, after) = (model(&residuals.before.carriage), model(&residuals.after.carriage));
-    // Where the declared model is worst.
     let window = ((CLOSE_UP * measured.lowpass.kept_rate()) as usize).clamp(2, time.len().max(2));
-    let squares: Vec<f64> = residuals.before.carriage.iter().map(|value| value * value).collect();
+    let squares: Vec<f64> = side.before.iter().map(|value| value * value).collect();
     let mut sum: f64 = squares.iter().take(window).sum();
     let (mut most, mut start) = (sum, 0);
     for end in window..squares.len() {
@@ -270,39 +295,59 @@ fn force(residuals: &Residuals) -> Result<[IdentificationFigure; 2], ReportError
         }
     }
     let part = start..(start + window).min(time.len());
-    let what = if measured.cell.is_some() { "force cell" } else { "force command" };
-    let draw = |title: String, part: std::ops::Range<usize>| {
-        let mut chart = Chart::new(title, "time, s", axis(residuals.joint, "force, N"));
-        let series = [
-            ("measured", 4, Style::Line, &reading),
-            ("model before", 1, Style::Line, &before),
-            ("model after", 0, Style::Dashed, &after),
-        ];
-        for (name, colour, style, values) in series {
-            chart.add(name, colour, style, thin(&time[part.clone()], &values[part.clone()]));
-        }
-        chart.svg()
-    };
     let seconds = part.len() as f64 / measured.lowpass.kept_rate();
-    Ok([
-        IdentificationFigure {
-            name: "force_measured_and_simulated".to_owned(),
-            group: FigureGroup::Comparison,
-            svg: draw("Measured and simulated force, hold-out record".to_owned(), 0..time.len())?,
-            caption: format!(
-                "Force on the carriage: {what}, and mass times acceleration plus friction less \
-                 effects along the measured motion, all through the same zero-phase lowpass. \
-                 Before: declared model, refitted; after: identified model."
+    let title =
+        format!("Missing force on the {}, the {seconds:.1} s where most is missing", side.name);
+    let mut close = residuals.chart(title, "close-up", side.floor);
+    pair(&mut close, &time[part.clone()], &side.before[part.clone()], &side.after[part]);
+    let title = format!("What the identified model leaves on the {}", side.name);
+    let mut left = residuals.chart(title, record, side.floor);
+    left.add("after", 0, Style::Line, points(&time, side.after));
+    let group = FigureGroup::Comparison;
+    Ok(vec![
+        IdentificationFigure::new(
+            "residual_close_up",
+            group,
+            close,
+            format!(
+                "What the declared (before) and the identified (after) model miss, {record} record, \
+                 where the declared one misses most."
             ),
-        },
-        IdentificationFigure {
-            name: "force_close_up".to_owned(),
-            group: FigureGroup::Comparison,
-            svg: draw(format!("Measured and simulated force, {seconds:.1} s of it"), part)?,
-            caption: "The same where the declared model misses most on the carriage side."
-                .to_owned(),
-        },
+        )?,
+        IdentificationFigure::new(
+            "residual_after",
+            group,
+            left,
+            format!(
+                "What is left, {record} record, with the band in which 95 % of it would be if it \
+                 were the noise of the sensors alone."
+            ),
+        )?,
     ])
+}
+
+/// The measured force, for what the residual compares with.
+fn force(residuals: &Residuals, record: &str) -> Result<IdentificationFigure, ReportError> {
+    let measured = residuals.measured;
+    let time = measured.at_rows(&measured.time);
+    let reading = measured.filtered(measured.cell.as_deref().unwrap_or(&measured.command));
+    let what = if measured.cell.is_some() { "force cell" } else { "force command" };
+    let mut chart = Chart::new(
+        format!("Measured force, {record} record"),
+        "time, s",
+        axis(residuals.joint, "force, N"),
+    );
+    chart.zooms_with = Some(record.to_owned());
+    chart.add(what, 4, Style::Line, points(&time, &reading));
+    IdentificationFigure::new(
+        "force_measured",
+        FigureGroup::Comparison,
+        chart,
+        format!(
+            "The {what} through the zero-phase lowpass. The models follow it to what the figures \
+             of the residual show; on this scale nothing of that is seen."
+        ),
+    )
 }
 
 fn position(
@@ -329,14 +374,13 @@ fn position(
         format!("simulated less encoder, {}", joint.unit(unit)),
     );
     pair(&mut chart, &time, &scaled(&error.before), &scaled(&error.after));
-    Ok(IdentificationFigure {
-        name: "position_error_in_closed_loop".to_owned(),
-        group: FigureGroup::Comparison,
-        svg: chart.svg()?,
-        caption: "Simulated loop (identified or declared stage, recorded setpoint, controller \
-                  found from the record) less recorded encoder."
-            .to_owned(),
-    })
+    IdentificationFigure::new(
+        "position_error_in_closed_loop",
+        FigureGroup::Comparison,
+        chart,
+        "Simulated loop (identified or declared stage, recorded setpoint, controller found from \
+         the record) less recorded encoder.",
+    )
 }
 
 fn over_time(
@@ -347,29 +391,22 @@ fn over_time(
     residuals
         .sides()
         .into_iter()
-        .map(|(side, _, before, after)| {
-            let mut chart = Chart::new(
-                format!("Residual over time, {side}, {record} record"),
-                "time, s",
-                axis(residuals.joint, "missing force, N"),
-            );
+        .map(|Side { name: side, before, after, floor, .. }| {
+            let title = format!("Residual over time, {side}, {record} record");
+            let mut chart = residuals.chart(title, record, floor);
             pair(&mut chart, &time, before, after);
             let law = match side {
                 "motor side" => "cell less command and motor effects",
                 _ => "mass times acceleration plus friction less effects and measured force",
             };
-            Ok(IdentificationFigure {
-                name: format!(
-                    "residual_over_time_{}_{}",
-                    side.replace(' ', "_"),
-                    record.replace('-', "")
-                ),
-                group: FigureGroup::Residual,
-                svg: chart.svg()?,
-                caption: format!(
-                    "Force that the models miss on the {side} ({law}), {record} record."
-                ),
-            })
+            let name = format!(
+                "residual_over_time_{}_{}",
+                side.replace(' ', "_"),
+                record.replace('-', "")
+            );
+            let caption =
+                format!("Force that the models miss on the {side} ({law}), {record} record.");
+            IdentificationFigure::new(name, FigureGroup::Residual, chart, caption)
         })
         .collect()
 }
@@ -377,43 +414,21 @@ fn over_time(
 /// Before and after in one chart; one line where both are the same.
 fn pair(chart: &mut Chart, time: &[f64], before: &[f64], after: &[f64]) {
     if before == after {
-        chart.add("before and after", 0, Style::Line, thin(time, before));
+        chart.add("before and after", 0, Style::Line, points(time, before));
     } else {
-        chart.add("before", 1, Style::Line, thin(time, before));
-        chart.add("after", 0, Style::Line, thin(time, after));
+        chart.add("before", 1, Style::Line, points(time, before));
+        chart.add("after", 0, Style::Line, points(time, after));
     }
 }
 
-/// Smallest and largest value of each of many columns: what lies between would not be seen.
-fn thin(time: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
-    let points: Vec<(f64, f64)> = time
-        .iter()
-        .copied()
-        .zip(values.iter().copied())
-        .filter(|(_, value)| value.is_finite())
-        .collect();
-    let width = points.len().div_ceil(COLUMNS).max(1);
-    if width < 3 {
-        return points;
-    }
-    let by_value = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
-    points
-        .chunks(width)
-        .flat_map(|chunk| {
-            let mut two: Vec<(f64, f64)> = chunk
-                .iter()
-                .min_by(by_value)
-                .into_iter()
-                .chain(chunk.iter().max_by(by_value))
-                .copied()
-                .collect();
-            two.sort_by(|a, b| a.0.total_cmp(&b.0));
-            two
-        })
-        .collect()
+fn points(time: &[f64], values: &[f64]) -> impl Iterator<Item = (f64, f64)> {
+    time.iter().copied().zip(values.iter().copied())
 }
 
-fn spectra(residuals: &Residuals) -> Result<Vec<IdentificationFigure>, ReportError> {
+fn spectra(
+    residuals: &Residuals,
+    model: &StageModel,
+) -> Result<Vec<IdentificationFigure>, ReportError> {
     let measured = residuals.measured;
     let (position, velocity) =
         (measured.at_rows(&measured.position), measured.at_rows(&measured.velocity));
@@ -423,42 +438,67 @@ fn spectra(residuals: &Residuals) -> Result<Vec<IdentificationFigure>, ReportErr
     let mut space =
         Chart::new("Spectrum over position", label("period, mm"), label("amplitude, N"))
             .logarithmic(true, false);
-    for (side, colour, before, after) in residuals.sides() {
+    let sides = residuals.sides();
+    let mut highest: [Vec<(f64, f64)>; 2] = Default::default();
+    for Side { name: side, colour, before, after, .. } in sides {
         for (values, style, when) in
             [(before, Style::Dashed, "before"), (after, Style::Line, "after")]
         {
             let name = format!("{side}, {when}");
-            time.add(name.clone(), colour, style, spectrum::over_time(measured, values));
+            let density = spectrum::over_time(measured, values);
             let over =
                 spectrum::over_position(&position, &velocity, measured.lowpass.kept_rate(), values);
-            space.add(
-                name,
-                colour,
-                style,
-                over.into_iter().map(|(period, amplitude)| (period * 1e3, amplitude)),
-            );
+            let mut over: Vec<(f64, f64)> =
+                over.into_iter().map(|(period, amplitude)| (period * 1e3, amplitude)).collect();
+            over.sort_by(|a, b| a.0.total_cmp(&b.0));
+            if when == "before" {
+                for (known, curve) in highest.iter_mut().zip([&density, &over]) {
+                    let found = peaks(curve);
+                    let height = |all: &[(f64, f64)]| all.first().map_or(0.0, |peak| peak.1);
+                    if height(&found) > height(known) {
+                        *known = found;
+                    }
+                }
+            }
+            time.add(name.clone(), colour, style, density);
+            space.add(name, colour, style, over);
         }
     }
+    for effect in &model.effects {
+        let value = |name: &str| effect.values.get(name).and_then(|value| value.number());
+        let name = effect.name.replace('_', " ");
+        if let Some(period) = value("period") {
+            let length = in_prefix(period, &residuals.joint.unit("m"));
+            space.line(format!("{name}, {length}"), Axis::X, 1e3 * period);
+        }
+        if let Some(frequency) = value("frequency") {
+            time.line(format!("{name}, {frequency:.1} Hz"), Axis::X, frequency);
+        }
+    }
+    // The peaks of the side that has the highest: those of both would lie on each other.
+    let [in_time, in_space] = highest;
+    for peak in in_time {
+        time.label(peak, format!("{:.1} Hz", peak.0));
+    }
+    for peak in in_space {
+        space.label(peak, in_prefix(1e-3 * peak.0, &residuals.joint.unit("m")));
+    }
     Ok(vec![
-        IdentificationFigure {
-            name: "spectrum_over_time".to_owned(),
-            group: FigureGroup::Spectrum,
-            svg: time.svg()?,
-            caption:
-                "Residual of the train record over frequency (Welch). A line at one frequency \
-                      whatever the speed comes from time: a vibration, a resonance."
-                    .to_owned(),
-        },
-        IdentificationFigure {
-            name: "spectrum_over_position".to_owned(),
-            group: FigureGroup::Spectrum,
-            svg: space.svg()?,
-            caption:
-                "Residual of the train record over period in position, moving rows only (best \
-                      sine of each period). A line comes from something that repeats along the \
-                      way: a magnet pitch, a ball, a scale."
-                    .to_owned(),
-        },
+        IdentificationFigure::new(
+            "spectrum_over_time",
+            FigureGroup::Spectrum,
+            time,
+            "Residual of the train record over frequency (Welch). A line at one frequency whatever \
+             the speed comes from time: a vibration, a resonance.",
+        )?,
+        IdentificationFigure::new(
+            "spectrum_over_position",
+            FigureGroup::Spectrum,
+            space,
+            "Residual of the train record over period in position, moving rows only (best sine of \
+             each period). A line comes from something that repeats along the way: a magnet pitch, \
+             a ball, a scale.",
+        )?,
     ])
 }
 

@@ -7,7 +7,7 @@ mod page;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::words::{Words, in_prefix, short};
+use crate::words::{Words, effect_phrases, in_prefix, short};
 use friction_stage_core::model::JointType;
 use friction_stage_identify::{Change, Identification, Records, Summary, in_digits, taking_part};
 
@@ -37,6 +37,10 @@ pub fn identification_text(summary: &Summary, page: &Path) -> String {
     let force = joint.unit("N");
     let mut out = String::new();
     let _ = writeln!(out, "verdict: {}", summary.verdict);
+    if !summary.effects.is_empty() {
+        let phrases = effect_phrases(&summary.effects, joint).join("; ");
+        let _ = writeln!(out, "in the model now: {phrases}");
+    }
     for effect in &summary.effects {
         let _ = writeln!(out, "  {} ({} side)", effect.name, effect.side);
         for name in taking_part(effect) {

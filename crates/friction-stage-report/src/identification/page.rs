@@ -4,7 +4,7 @@ use super::figures::{FigureGroup, IdentificationFigure};
 use super::travel;
 use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
-use crate::words::{short, times_noise};
+use crate::words::{effect_phrases, short, times_noise};
 use friction_stage_core::model::{CurveSide, JointType, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
@@ -50,13 +50,13 @@ pub fn identification_page(
     page.section("Declared parameters");
     parameters(&mut page, declared, selection, summary, train.measured.rate)?;
     for (group, title) in [
-        (FigureGroup::Comparison, "Measured and simulated"),
+        (FigureGroup::Comparison, "What the models miss"),
         (FigureGroup::Residual, "Residual"),
         (FigureGroup::Spectrum, "Spectra of the residual"),
     ] {
         page.section(title);
         for figure in figures.iter().filter(|figure| figure.group == group) {
-            page.figure(&figure.svg, &figure.caption);
+            page.figure(&figure.chart, &figure.caption)?;
         }
     }
     page.section("Candidates");
@@ -118,8 +118,7 @@ pub fn identification_page(
 
 fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
     let n = summary.joint.unit("N");
-    let names: Vec<&str> = summary.effects.iter().map(|effect| effect.name.as_str()).collect();
-    let names = names.join(", ");
+    let names = effect_phrases(&summary.effects, summary.joint).join("; ");
     let (mark, sentence) = match selection.verdict {
         Verdict::Found => (Mark::Good, format!("The declared model lacks: {names}.")),
         Verdict::None => (

@@ -8,11 +8,15 @@ use std::error::Error;
 use friction_stage_core::model::JointType;
 
 mod data;
+mod effects;
+mod guide;
 mod identify;
 mod model;
 mod recording;
 
 pub(crate) use data::subject;
+pub use effects::effect_phrases;
+pub use guide::guide_label;
 pub(crate) use identify::times_noise;
 pub use identify::{comparison_notes, records_error};
 pub use model::{

@@ -1,0 +1,423 @@
+// Draws the charts of a page with uPlot: zoom, cursor with values, curves that can be switched
+// off, by mouse and by keyboard. The drawing that stands in the page is kept for print.
+"use strict";
+(() => {
+  const LIGHT = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#5a5a5a", "#e69f00", "#56b4e9"];
+  const DARK = ["#4aa8e0", "#ff8a3c", "#2fc79a", "#e6a3c8", "#b9c0c9", "#f2b632", "#9bd5f7"];
+  const COLUMN_PIXELS = 1;
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const colour = (index) => (dark.matches ? DARK : LIGHT)[index % LIGHT.length];
+  // Those of the bands begin at the other end.
+  const bandColour = (index) => colour(LIGHT.length * 8 - 2 - index);
+  const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+  const bytes = (text) => {
+    const raw = atob(text);
+    const out = new Uint8Array(raw.length);
+    for (let k = 0; k < raw.length; k++) out[k] = raw.charCodeAt(k);
+    return out.buffer;
+  };
+  // Every column is read when a chart needs it, and once.
+  const packed = JSON.parse(document.getElementById("columns").textContent);
+  const read = [];
+  const column = (index) => {
+    if (read[index]) return read[index];
+    const c = packed[index];
+    let out;
+    if ("f64" in c) {
+      out = new Float64Array(bytes(c.f64));
+    } else {
+      out = new Float64Array(c.n);
+      if ("i32" in c) {
+        const counts = new Int32Array(bytes(c.i32));
+        for (let k = 0; k < c.n; k++) {
+          out[k] = counts[k] === -2147483648 ? NaN : c.low + c.step * counts[k];
+        }
+      } else {
+        for (let k = 0; k < c.n; k++) out[k] = c.start + c.step * k;
+      }
+    }
+    packed[index] = null;
+    return (read[index] = out);
+  };
+
+  // First place in a growing column whose value is not below x.
+  const place = (xs, x) => {
+    let low = 0, high = xs.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (xs[middle] < x) low = middle + 1; else high = middle;
+    }
+    return low;
+  };
+  const nearest = (xs, x) => {
+    const at = place(xs, x);
+    if (at === 0) return 0;
+    if (at === xs.length) return at - 1;
+    return x - xs[at - 1] < xs[at] - x ? at - 1 : at;
+  };
+
+  // What a range of x shows of a curve: of each column of the screen the first, the last and the
+  // extremes. A gap is null.
+  const decimated = (xs, ys, from, to, columns, log) => {
+    const first = Math.max(0, place(xs, from) - 1);
+    const last = Math.min(xs.length, place(xs, to) + 1);
+    const px = [], py = [];
+    const shown = (y) => Number.isFinite(y) && (!log || y > 0);
+    const put = (k) => { px.push(xs[k]); py.push(shown(ys[k]) ? ys[k] : null); };
+    const width = Math.ceil((last - first) / columns);
+    if (width < 5) {
+      for (let k = first; k < last; k++) put(k);
+      return [px, py];
+    }
+    for (let start = first; start < last; start += width) {
+      const end = Math.min(start + width, last);
+      let low = -1, high = -1, gap = -1;
+      for (let k = start; k < end; k++) {
+        const y = ys[k];
+        if (!shown(y)) { gap = k; continue; }
+        if (low < 0 || y < ys[low]) low = k;
+        if (high < 0 || y > ys[high]) high = k;
+      }
+      const kept = [start, low, high, gap, end - 1].filter((k) => k >= 0).sort((a, b) => a - b);
+      kept.forEach((k, i) => { if (i === 0 || k !== kept[i - 1]) put(k); });
+    }
+    return [px, py];
+  };
+
+  const short = (value) => {
+    if (value === 0) return "0";
+    const size = Math.abs(value);
+    if (size >= 1e-3 && size < 1e6) return String(Number(value.toPrecision(6)));
+    return value.toExponential(4);
+  };
+  const element = (parent, tag, properties) => {
+    const made = Object.assign(document.createElement(tag), properties);
+    parent.append(made);
+    return made;
+  };
+
+  const charts = [];
+
+  class Plot {
+    constructor(figure, chart) {
+      this.figure = figure;
+      this.chart = chart;
+      this.curves = chart.series.map((s) => ({ ...s, x: column(s.x), y: column(s.y), on: true }));
+      const xlog = chart.x.log;
+      let low = Infinity, high = -Infinity;
+      for (const { x } of this.curves) {
+        const start = xlog ? x.findIndex((value) => value > 0) : 0;
+        if (x.length === 0 || start < 0) continue;
+        low = Math.min(low, x[start]);
+        high = Math.max(high, x[x.length - 1]);
+      }
+      for (const band of chart.bands) {
+        if (band.axis === "x" && band.low === band.high) {
+          low = Math.min(low, band.low);
+          high = Math.max(high, band.high);
+        }
+      }
+      if (!(low < high)) { low = xlog ? low / 2 : low - 1; high = xlog ? high * 2 : high + 1; }
+      const pad = xlog ? Math.pow(high / low, 0.02) : 0.02 * (high - low);
+      this.whole = xlog ? [low / pad, high * pad] : [low - pad, high + pad];
+      this.shown = [...this.whole];
+      this.unit = (chart.x.label.split(", ")[1] || "").trim();
+
+      figure.setAttribute("role", "group");
+      const box = document.createElement("div");
+      box.className = "plot";
+      figure.insertBefore(box, figure.firstChild);
+      element(box, "div", { className: "plot-title", textContent: chart.title });
+      const bar = element(box, "div", { className: "plot-bar" });
+      this.legend(element(bar, "div", { className: "plot-legend" }));
+      this.buttons(element(bar, "div", { className: "plot-buttons" }));
+      this.stage = element(box, "div", { className: "plot-stage", tabIndex: 0 });
+      this.stage.setAttribute("role", "application");
+      this.stage.setAttribute("aria-label", chart.title
+        + ": left and right move the cursor, plus and minus zoom, page up and page down move the"
+        + " view, 0 shows everything");
+      this.said = element(box, "div", { className: "plot-said" });
+      this.said.setAttribute("aria-live", "polite");
+      this.stage.addEventListener("keydown", (event) => this.key(event));
+      figure.classList.add("live");
+      this.build();
+      this.width = this.stage.clientWidth;
+      new ResizeObserver(() => {
+        if (this.stage.clientWidth !== this.width && this.stage.clientWidth > 0) {
+          this.width = this.stage.clientWidth;
+          this.build();
+        }
+      }).observe(this.stage);
+    }
+
+    legend(parent) {
+      this.at = element(parent, "span", { className: "plot-at", textContent: "" });
+      const named = new Map();
+      this.curves.forEach((curve, index) => {
+        // A curve without a name goes with the one of its colour.
+        const partner = curve.name === ""
+          ? this.curves.find((other) => other.name !== "" && other.colour === curve.colour) : null;
+        if (partner && named.has(partner)) { named.get(partner).push(index); return; }
+        const group = [index];
+        named.set(curve, group);
+        const button = element(parent, "button", { type: "button", className: "plot-curve" });
+        button.setAttribute("aria-pressed", "true");
+        curve.swatch = element(button, "i", {});
+        if (curve.dashed) curve.swatch.className = "dashed";
+        if (!curve.line) curve.swatch.className = "mark";
+        element(button, "span", { textContent: curve.name });
+        curve.out = element(button, "output", { className: "plot-value" });
+        button.addEventListener("click", () => {
+          const on = !curve.on;
+          for (const one of group) {
+            this.curves[one].on = on;
+            this.u.setSeries(one + 1, { show: on });
+          }
+          button.setAttribute("aria-pressed", String(on));
+        });
+      });
+      this.chart.bands.forEach((band, index) => {
+        if (band.name === "") return;
+        const key = element(parent, "span", { className: "plot-band" });
+        band.swatch = element(key, "i", { className: band.low === band.high ? "dashed" : "" });
+        band.index = index;
+        element(key, "span", { textContent: band.name });
+      });
+    }
+
+    buttons(parent) {
+      const add = (text, label, act) => {
+        const button = element(parent, "button", { type: "button", textContent: text, title: label });
+        button.setAttribute("aria-label", label);
+        button.addEventListener("click", act);
+      };
+      add("+", "zoom in", () => this.zoom(0.5));
+      add("\u2212", "zoom out", () => this.zoom(2));
+      add("\u25c0", "move the view left", () => this.move(-0.5));
+      add("\u25b6", "move the view right", () => this.move(0.5));
+      add("all", "show everything", () => this.show(...this.whole, true));
+    }
+
+    build() {
+      const chart = this.chart;
+      if (this.u) this.u.destroy();
+      const soft = ink("--soft"), line = ink("--line");
+      const axis = { stroke: soft, grid: { stroke: line, width: 1 }, ticks: { stroke: line },
+        font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif" };
+      const log = (scale) => (scale.log ? { distr: 3, log: 10 } : {});
+      const numbers = (u, splits) => splits.map((v) => (v == null ? "" : String(+v.toPrecision(6))))
+        .map((text) => (/^-?\d{6,}$/.test(text) || /^-?0\.0{3,}/.test(text)
+          ? Number(text).toExponential().replace("e+", "e") : text));
+      const powers = (u, splits) => splits.map((v) => {
+        const power = v == null ? NaN : Math.log10(v);
+        if (!(Math.abs(power - Math.round(power)) < 1e-9)) return "";
+        return power >= -3 && power <= 4 ? String(+v.toPrecision(3))
+          : `1e${Math.round(power)}`;
+      });
+      // On less than a decade the powers alone would leave an axis without a number.
+      const several = (u, scale) => u.scales[scale].max / u.scales[scale].min > 8;
+      const values = (scale, isLog) => (u, splits) =>
+        (isLog && several(u, scale) ? powers : numbers)(u, splits);
+      const options = {
+        width: Math.max(this.stage.clientWidth, 120), height: 340,
+        legend: { show: false }, padding: [10, 14, 0, 0],
+        scales: {
+          x: { time: false, ...log(chart.x), range: () => this.shown },
+          y: { ...log(chart.y), range: (u, low, high) => this.height(low, high) },
+        },
+        axes: [
+          { ...axis, label: chart.x.label, values: values("x", chart.x.log), space: 60,
+            size: 34, labelSize: 22 },
+          { ...axis, label: chart.y.label, values: values("y", chart.y.log), size: 64 },
+        ],
+        series: [{}, ...this.curves.map((curve) => ({
+          label: curve.name, show: curve.on, stroke: colour(curve.colour), spanGaps: false,
+          width: curve.dashed ? 1 : 1.6, dash: curve.dashed ? [6, 4] : undefined,
+          paths: curve.line ? undefined : () => null,
+          points: { show: curve.marks, size: 6, fill: colour(curve.colour) },
+        }))],
+        cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false },
+          bind: { dblclick: () => () => { this.show(...this.whole, true); } } },
+        hooks: {
+          drawAxes: [(u) => this.drawBands(u)],
+          draw: [(u) => this.drawLabels(u)],
+          setCursor: [(u) => this.tell(u.cursor.left >= 0 ? u.posToVal(u.cursor.left, "x") : null)],
+          setSelect: [(u) => {
+            const { left, width } = u.select;
+            if (width < 3) return;
+            const range = [u.posToVal(left, "x"), u.posToVal(left + width, "x")];
+            u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+            this.show(...range, true);
+          }],
+        },
+      };
+      this.u = new uPlot(options, this.data(), this.stage);
+      for (const curve of this.curves) {
+        if (curve.swatch) curve.swatch.style.borderColor = colour(curve.colour);
+      }
+      for (const band of chart.bands) {
+        if (band.swatch) band.swatch.style.borderColor = bandColour(band.index);
+      }
+    }
+
+    data() {
+      const columns = Math.max(200, this.stage.clientWidth) / COLUMN_PIXELS;
+      return uPlot.join(this.curves.map((curve) =>
+        decimated(curve.x, curve.y, ...this.shown, columns, this.chart.y.log)));
+    }
+
+    // The range of y for what is seen of the curves; the lines belong to the whole view.
+    height(low, high) {
+      const log = this.chart.y.log;
+      if (low == null || high == null) return log ? [1, 10] : [0, 1];
+      if (this.shown[0] === this.whole[0] && this.shown[1] === this.whole[1]) {
+        for (const band of this.chart.bands) {
+          if (band.axis === "y" && band.low === band.high) {
+            low = Math.min(low, band.low);
+            high = Math.max(high, band.high);
+          }
+        }
+      }
+      if (log) {
+        const pad = Math.max(Math.pow(high / low, 0.05), 1.1);
+        return [low / pad, high * pad];
+      }
+      const pad = high > low ? 0.06 * (high - low) : 1;
+      return [low - pad, high + pad];
+    }
+
+    drawBands(u) {
+      const { left, top, width, height } = u.bbox;
+      const context = u.ctx;
+      context.save();
+      context.beginPath();
+      context.rect(left, top, width, height);
+      context.clip();
+      this.chart.bands.forEach((band, index) => {
+        const log = band.axis === "x" ? this.chart.x.log : this.chart.y.log;
+        const scale = u.scales[band.axis];
+        const within = (v) => Math.min(Math.max(v, scale.min), scale.max);
+        const [a, b] = [band.low, band.high].map((v) => u.valToPos(log ? within(v) : v, band.axis, true));
+        context.strokeStyle = context.fillStyle = bandColour(index);
+        if (band.low === band.high) {
+          if (band.low < scale.min || band.low > scale.max) return;
+          context.setLineDash([8, 5]);
+          context.lineWidth = devicePixelRatio;
+          context.beginPath();
+          if (band.axis === "x") { context.moveTo(a, top); context.lineTo(a, top + height); }
+          else { context.moveTo(left, a); context.lineTo(left + width, a); }
+          context.stroke();
+        } else {
+          context.globalAlpha = 0.18;
+          if (band.axis === "x") context.fillRect(a, top, b - a, height);
+          else context.fillRect(left, b, width, a - b);
+          context.globalAlpha = 1;
+        }
+      });
+      context.restore();
+    }
+
+    drawLabels(u) {
+      const { left, top, width, height } = u.bbox;
+      const context = u.ctx, size = devicePixelRatio;
+      context.save();
+      context.font = `${12 * size}px system-ui, sans-serif`;
+      context.fillStyle = context.strokeStyle = ink("--ink");
+      context.textBaseline = "bottom";
+      for (const label of this.chart.labels) {
+        if (label.x < this.shown[0] || label.x > this.shown[1]) continue;
+        const x = u.valToPos(label.x, "x", true), y = u.valToPos(label.y, "y", true);
+        if (y < top || y > top + height) continue;
+        context.beginPath();
+        context.arc(x, y, 4 * size, 0, 2 * Math.PI);
+        context.stroke();
+        const half = context.measureText(label.text).width / 2;
+        context.textAlign = x + half > left + width ? "right" : x - half < left ? "left" : "center";
+        context.fillText(label.text, x, y - 6 * size);
+      }
+      context.restore();
+    }
+
+    // Values of all curves at x, from all points and not only from those that are drawn.
+    tell(x) {
+      this.cursor = x;
+      this.at.textContent = x == null ? "" : `${short(x)} ${this.unit}`.trim();
+      const words = [];
+      for (const curve of this.curves) {
+        if (!curve.out) continue;
+        let text = "";
+        if (x != null && curve.x.length > 0) {
+          const value = curve.y[nearest(curve.x, x)];
+          const inside = x >= curve.x[0] && x <= curve.x[curve.x.length - 1];
+          if (inside && Number.isFinite(value)) text = short(value);
+        }
+        curve.out.textContent = text;
+        if (curve.on && text !== "") words.push(`${curve.name} ${text}`);
+      }
+      return words;
+    }
+
+    show(low, high, together) {
+      const [a, b] = this.whole;
+      low = Math.max(low, a);
+      high = Math.min(high, b);
+      // Not less than what a double can tell apart.
+      if (!(high - low > 1e-12 * Math.max(Math.abs(low), Math.abs(high)))) return;
+      this.shown = [low, high];
+      this.u.batch(() => {
+        this.u.setData(this.data(), false);
+        this.u.setScale("x", { min: low, max: high });
+      });
+      if (together && this.chart.group) {
+        for (const other of charts) {
+          if (other !== this && other.chart.group === this.chart.group) other.show(low, high, false);
+        }
+      }
+    }
+
+    zoom(factor) {
+      const log = this.chart.x.log;
+      const to = (v) => (log ? Math.log(v) : v), from = (v) => (log ? Math.exp(v) : v);
+      const [a, b] = this.shown.map(to);
+      const inside = this.cursor != null && this.cursor > this.shown[0] && this.cursor < this.shown[1];
+      const middle = inside ? to(this.cursor) : (a + b) / 2;
+      this.show(from(middle - (middle - a) * factor), from(middle + (b - middle) * factor), true);
+    }
+
+    move(part) {
+      const log = this.chart.x.log;
+      const to = (v) => (log ? Math.log(v) : v), from = (v) => (log ? Math.exp(v) : v);
+      const [a, b] = this.shown.map(to), [least, most] = this.whole.map(to);
+      const step = Math.min(Math.max(part * (b - a), least - a), most - b);
+      this.show(from(a + step), from(b + step), true);
+    }
+
+    key(event) {
+      const act = {
+        ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1),
+        "+": () => this.zoom(0.5), "=": () => this.zoom(0.5), "-": () => this.zoom(2),
+        "0": () => this.show(...this.whole, true),
+        PageUp: () => this.move(-0.5), PageDown: () => this.move(0.5),
+      }[event.key];
+      if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
+      event.preventDefault();
+      act();
+    }
+
+    // Moves the cursor by a hundredth of the view and says what is there.
+    step(by) {
+      const width = this.u.bbox.width / devicePixelRatio;
+      const now = this.u.cursor.left >= 0 ? this.u.cursor.left : width / 2;
+      const left = Math.min(Math.max(now + (by * width) / 100, 0), width);
+      this.u.setCursor({ left, top: 0 });
+      const words = this.tell(this.u.posToVal(left, "x"));
+      this.said.textContent = `${this.at.textContent}: ${words.join(", ")}`;
+    }
+  }
+
+  for (const data of document.querySelectorAll("figure > script.chart")) {
+    charts.push(new Plot(data.parentElement, JSON.parse(data.textContent)));
+  }
+  dark.addEventListener("change", () => charts.forEach((plot) => plot.build()));
+})();

@@ -1,0 +1,233 @@
+//! Recordings over each other: position, error and forces of any runs on one page.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use crate::chart::{Chart, Style};
+use crate::figure::FigureError;
+use crate::page::{Align, Cell, Page, Table};
+use friction_stage_core::model::JointType;
+use friction_stage_data::signals::Recording;
+
+/// A recording with where it comes from.
+pub struct ViewedRun {
+    /// What the user calls it.
+    pub path: PathBuf,
+    /// Its signals on one grid.
+    pub recording: Recording,
+}
+
+/// Runs whose charts would have two units on one axis.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{} is of a {} stage and {} of a {} one, which have no axis in common: view them apart",
+    .first.display(), kind(.first_joint), .other.display(), kind(.other_joint)
+)]
+pub struct DifferentJoints {
+    first: PathBuf,
+    first_joint: JointType,
+    other: PathBuf,
+    other_joint: JointType,
+}
+
+/// Why there is no page.
+#[derive(Debug, thiserror::Error)]
+pub enum ViewError {
+    /// A chart that could not be drawn.
+    #[error(transparent)]
+    Figure(#[from] FigureError),
+    /// Runs in different units.
+    #[error(transparent)]
+    Joints(#[from] Box<DifferentJoints>),
+}
+
+fn kind(joint: &JointType) -> &'static str {
+    match joint {
+        JointType::Prismatic => "linear",
+        JointType::Revolute => "rotary",
+    }
+}
+
+/// The page of some runs, each from its first sample on.
+pub fn view_page(runs: &[ViewedRun]) -> Result<String, ViewError> {
+    let joint = joint(runs)?;
+    let names = names(runs.iter().map(|run| run.path.as_path()));
+    let mut page = Page::new(
+        names.join(", "),
+        format!(
+            "friction-stage {} \u{b7} time from the first sample of each",
+            env!("CARGO_PKG_VERSION")
+        ),
+    );
+    let mut table = Table::new(&[
+        ("run", Align::Left),
+        ("duration, s", Align::Right),
+        ("samples", Align::Right),
+        ("rate, Hz", Align::Right),
+        ("samples that are missing", Align::Right),
+    ]);
+    for (name, run) in names.iter().zip(runs) {
+        let (trace, quality) = (&run.recording.trace, &run.recording.quality);
+        table.row([
+            Cell::text(name),
+            Cell::number(trace.time.last().copied().unwrap_or(0.0), 3),
+            Cell::text(quality.rows.to_string()),
+            Cell::number(quality.rate_hz, 3),
+            Cell::text((quality.rows - quality.valid_rows).to_string()),
+        ]);
+    }
+    page.table(&table);
+    let mut missing = Vec::new();
+    for signal in &SIGNALS {
+        match chart(signal, runs, &names, joint) {
+            Some(chart) => page.figure(&chart, signal.caption)?,
+            None => missing.push(signal.name),
+        }
+    }
+    if !missing.is_empty() {
+        page.text(&format!("In no recording: {}.", missing.join(", ")));
+    }
+    Ok(page.finish())
+}
+
+/// A signal that is shown.
+struct Viewed {
+    name: &'static str,
+    /// Unit of a linear stage.
+    unit: &'static str,
+    caption: &'static str,
+    value: fn(&Recording, usize) -> f64,
+}
+
+const SIGNALS: [Viewed; 4] = [
+    Viewed {
+        name: "position",
+        unit: "m",
+        caption: "What the encoder shows.",
+        value: |run, row| run.trace.position[row],
+    },
+    Viewed {
+        name: "position error",
+        unit: "m",
+        caption: "Setpoint less encoder.",
+        value: |run, row| run.trace.reference_position[row] - run.trace.position[row],
+    },
+    Viewed {
+        name: "force command",
+        unit: "N",
+        caption: "What the controller asks of the motor.",
+        value: |run, row| run.trace.force[row],
+    },
+    Viewed {
+        name: "force cell",
+        unit: "N",
+        caption: "What the motor side makes, as the force cell shows it.",
+        value: |run, row| run.trace.force_cell[row],
+    },
+];
+
+/// The signal of all runs that have it, in the prefix of its unit that reads well.
+fn chart(signal: &Viewed, runs: &[ViewedRun], names: &[String], joint: JointType) -> Option<Chart> {
+    let values: Vec<Vec<f64>> = runs
+        .iter()
+        .map(|ViewedRun { recording, .. }| {
+            (0..recording.trace.len()).map(|row| (signal.value)(recording, row)).collect()
+        })
+        .collect();
+    let finite = values.iter().flatten().filter(|value| value.is_finite());
+    let largest = finite.map(|value| value.abs()).reduce(f64::max)?;
+    let (scale, prefix) = match (signal.unit, largest) {
+        ("m", size) if size < 1e-6 && size > 0.0 => (1e9, "n"),
+        ("m", size) if size < 1e-3 => (1e6, "µ"),
+        ("m", size) if size < 1.0 => (1e3, "m"),
+        _ => (1.0, ""),
+    };
+    let mut title = signal.name.to_owned();
+    title[..1].make_ascii_uppercase();
+    let unit = format!("{prefix}{}", signal.unit);
+    let unit = joint.unit(&unit);
+    let mut chart = Chart::new(title, "time, s", format!("{}, {unit}", signal.name));
+    chart.zooms_with = Some("time".to_owned());
+    for (colour, (run, values)) in runs.iter().zip(values).enumerate() {
+        if values.iter().any(|value| value.is_finite()) {
+            let time = run.recording.trace.time.iter().copied();
+            let points = time.zip(values.into_iter().map(|value| scale * value));
+            chart.add(&names[colour], colour, Style::Line, points);
+        }
+    }
+    Some(chart)
+}
+
+/// The joint of all runs; those that say nothing are of the kind of the others.
+fn joint(runs: &[ViewedRun]) -> Result<JointType, Box<DifferentJoints>> {
+    let mut stated = runs.iter().filter_map(|run| Some((run, run.recording.joint?)));
+    let Some((first, first_joint)) = stated.next() else { return Ok(JointType::default()) };
+    match stated.find(|(_, joint)| *joint != first_joint) {
+        None => Ok(first_joint),
+        Some((other, other_joint)) => Err(Box::new(DifferentJoints {
+            first: first.path.clone(),
+            first_joint,
+            other: other.path.clone(),
+            other_joint,
+        })),
+    }
+}
+
+/// The shortest ends of the paths that tell the runs apart.
+fn names<'a>(paths: impl Iterator<Item = &'a Path>) -> Vec<String> {
+    let paths: Vec<&Path> = paths.collect();
+    let most = paths.iter().map(|path| path.components().count()).max().unwrap_or(1);
+    let ends = |count: usize| -> Vec<String> {
+        let end = |path: &&Path| {
+            let all: Vec<_> = path.components().collect();
+            all[all.len().saturating_sub(count)..].iter().collect::<PathBuf>().display().to_string()
+        };
+        paths.iter().map(end).collect()
+    };
+    let apart = |names: &Vec<String>| names.iter().collect::<BTreeSet<_>>().len() == names.len();
+    (1..=most).map(ends).find(apart).unwrap_or_else(|| ends(most))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use friction_stage_data::signals::{Trace, Window, from_columns};
+
+    fn run(path: &str, joint: Option<JointType>) -> ViewedRun {
+        let time: Vec<f64> = (0..500).map(|k| 1e-3 * f64::from(k)).collect();
+        let columns = Trace {
+            position: time.iter().map(|t| 0.02 * (6.0 * t).sin()).collect(),
+            reference_position: time.iter().map(|t| 0.02 * (6.0 * t).sin() + 5e-6).collect(),
+            time,
+            ..Trace::default()
+        };
+        let mut recording = from_columns(path, &columns, Window::default()).unwrap();
+        recording.joint = joint;
+        ViewedRun { path: path.into(), recording }
+    }
+
+    #[test]
+    fn what_the_runs_have_is_shown_in_units_that_read_well() {
+        let page = view_page(&[run("day/one", None), run("night/one", None)]).unwrap();
+        for words in ["position, mm", "position error, µm", "day/one", "night/one"] {
+            assert!(page.contains(words), "no {words}");
+        }
+        assert!(page.contains("In no recording: force command, force cell."));
+        assert_eq!(page.matches("<figure").count(), 2);
+    }
+
+    #[test]
+    fn a_linear_and_a_rotary_stage_have_no_axis_in_common() {
+        let runs = [run("a", Some(JointType::Prismatic)), run("b", Some(JointType::Revolute))];
+        let told = view_page(&runs).unwrap_err().to_string();
+        assert!(told.contains("a is of a linear") && told.contains("b of a rotary"), "{told}");
+    }
+
+    #[test]
+    fn runs_have_the_shortest_names_that_tell_them_apart() {
+        let told = |paths: &[&str]| names(paths.iter().map(Path::new));
+        assert_eq!(told(&["x/a", "x/b"]), ["a", "b"]);
+        assert_eq!(told(&["x/a", "y/a"]), ["x/a", "y/a"]);
+        assert_eq!(told(&["x/a", "x/a"]), ["x/a", "x/a"]);
+    }
+}

@@ -1,0 +1,140 @@
+//! What was found, in a few words: effects that are harmonics of each other are one.
+
+use friction_stage_core::model::JointType;
+use friction_stage_identify::FoundEffect;
+
+use super::in_prefix;
+
+/// Highest harmonic that is called one. Assumed: beyond it two periods fit by chance.
+const HIGHEST: u32 = 9;
+/// How far the ratio of two periods may be from a whole number where neither has an interval.
+/// Assumed.
+const NEAR: f64 = 0.002;
+
+/// The effects in words, such as `cogging, 24.00 mm with its second harmonic`.
+pub fn effect_phrases(effects: &[FoundEffect], joint: JointType) -> Vec<String> {
+    let mut told = vec![false; effects.len()];
+    let mut phrases = Vec::new();
+    // The longest period of a name is the fundamental.
+    let mut order: Vec<usize> = (0..effects.len()).collect();
+    order.sort_by(|a, b| {
+        let period = |at: &usize| period(&effects[*at]).map_or(f64::INFINITY, |found| found.0);
+        period(b).total_cmp(&period(a))
+    });
+    let mut by_place = Vec::new();
+    for first in order {
+        if told[first] {
+            continue;
+        }
+        told[first] = true;
+        let effect = &effects[first];
+        let name = effect.name.replace('_', " ");
+        let mut phrase = match (period(effect), &effect.coordinate) {
+            (Some((value, _)), _) => {
+                format!("{name}, {}", in_prefix_of_four(value, &joint.unit("m")))
+            }
+            (None, Some(coordinate)) => format!("{name} over {coordinate}"),
+            (None, None) => name,
+        };
+        let mut orders: Vec<u32> = Vec::new();
+        for (at, other) in effects.iter().enumerate() {
+            if !told[at] && other.name == effect.name && other.side == effect.side {
+                if let Some(order) = harmonic(effect, other) {
+                    told[at] = true;
+                    orders.push(order);
+                }
+            }
+        }
+        orders.sort_unstable();
+        let words: Vec<String> = orders.iter().map(|order| ordinal(*order)).collect();
+        match words.as_slice() {
+            [] => {}
+            [one] => phrase += &format!(" with its {one} harmonic"),
+            [some @ .., last] => {
+                phrase += &format!(" with its {} and {last} harmonics", some.join(", "));
+            }
+        }
+        by_place.push((first, phrase));
+    }
+    by_place.sort_by_key(|(place, _)| *place);
+    phrases.extend(by_place.into_iter().map(|(_, phrase)| phrase));
+    phrases
+}
+
+/// Period and half of its interval.
+fn period(effect: &FoundEffect) -> Option<(f64, f64)> {
+    let found = effect.parameters.get("period")?;
+    let half = found.ci95.map_or(0.0, |[low, high]| 0.5 * (high - low).abs());
+    (found.value > 0.0).then_some((found.value, half))
+}
+
+/// Which harmonic of `first` the other is, if its period is a whole part of it within what the
+/// intervals leave open.
+fn harmonic(first: &FoundEffect, other: &FoundEffect) -> Option<u32> {
+    let ((long, long_half), (short, short_half)) = (period(first)?, period(other)?);
+    let ratio = long / short;
+    let order = ratio.round();
+    let open = NEAR.max(2.0 * (long_half / long).hypot(short_half / short));
+    let whole = (ratio / order - 1.0).abs() <= open && order >= 2.0;
+    (whole && order <= f64::from(HIGHEST)).then_some(order as u32)
+}
+
+fn ordinal(order: u32) -> String {
+    const WORDS: [&str; 8] =
+        ["second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth"];
+    WORDS.get(order as usize - 2).map_or_else(|| format!("{order}th"), |word| (*word).to_owned())
+}
+
+/// As [`in_prefix`], to four digits: a pitch of 24 mm is known that well.
+fn in_prefix_of_four(value: f64, unit: &str) -> String {
+    let three = in_prefix(value, unit);
+    let Some((_, unit)) = three.split_once(' ') else { return three };
+    let scale = match unit.chars().next() {
+        Some('m') if unit.len() > 1 => 1e3,
+        Some('µ') => 1e6,
+        Some('n') => 1e9,
+        _ => 1.0,
+    };
+    let scaled = value * scale;
+    let decimals = (3 - scaled.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    format!("{scaled:.decimals$} {unit}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use friction_stage_identify::FoundParameter;
+    use std::collections::BTreeMap;
+
+    fn cogging(period: f64, ci95: Option<[f64; 2]>) -> FoundEffect {
+        let parameter = FoundParameter { value: period, unit: "m".into(), ci95 };
+        FoundEffect {
+            name: "cogging".into(),
+            side: "motor".into(),
+            coordinate: None,
+            parameters: BTreeMap::from([("period".to_owned(), parameter)]),
+            runner_up: None,
+            rivals: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn harmonics_are_one_effect() {
+        let told = |periods: &[f64]| {
+            let effects: Vec<_> = periods.iter().map(|period| cogging(*period, None)).collect();
+            effect_phrases(&effects, JointType::Prismatic)
+        };
+        assert_eq!(told(&[0.024]), ["cogging, 24.00 mm"]);
+        assert_eq!(told(&[0.024, 0.012]), ["cogging, 24.00 mm with its second harmonic"]);
+        assert_eq!(told(&[0.008, 0.024]), ["cogging, 24.00 mm with its third harmonic"]);
+        assert_eq!(
+            told(&[0.012, 0.024, 0.006]),
+            ["cogging, 24.00 mm with its second and fourth harmonics"]
+        );
+        assert_eq!(told(&[0.024, 0.0137]), ["cogging, 24.00 mm", "cogging, 13.70 mm"]);
+        // What is known badly may be a harmonic.
+        let wide = [cogging(0.024, None), cogging(0.0121, Some([0.0118, 0.0124]))];
+        assert_eq!(effect_phrases(&wide, JointType::Prismatic).len(), 1);
+        assert_eq!(effect_phrases(&[], JointType::Prismatic), Vec::<String>::new());
+    }
+}

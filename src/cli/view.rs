@@ -1,0 +1,68 @@
+//! `friction-stage view`: recordings in the browser.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use clap::Args;
+use serde_json::json;
+
+use super::Outcome;
+use friction_stage_data::signals::{self, Mapping};
+use friction_stage_report::view::{ViewedRun, view_page};
+
+/// Write a page that shows recordings: position, error and forces, several runs over each other.
+///
+/// The page is one file without a network: drag to zoom, point to read values, click a name to
+/// switch a curve off. Takes rosbag2 directories and their files and tables, as `check` does; a
+/// mapping says which topic and field, or column, is which signal.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Examples:\n  friction-stage view recordings/train --open\n  friction-stage \
+                        view monday tuesday --out both.html\n  friction-stage view drive.csv \
+                        --mapping drive.yaml"
+)]
+pub struct ViewArgs {
+    /// rosbag2 directories or their files, or tables
+    #[arg(value_name = "BAG", num_args = 1.., required = true)]
+    pub bags: Vec<PathBuf>,
+    /// YAML file that says which topic and field, or column, is which signal
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
+    /// The page; one that exists is replaced
+    #[arg(long, value_name = "FILE", default_value = "view.html")]
+    pub out: PathBuf,
+    /// Open the page in the browser
+    #[arg(long)]
+    pub open: bool,
+    /// Print JSON instead of text
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command; the path of the page goes to `out`.
+pub fn run(args: &ViewArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
+    let runs: Vec<ViewedRun> = args
+        .bags
+        .iter()
+        .map(|path| {
+            let recording = signals::load(path, mapping.as_ref())?;
+            Ok(ViewedRun { path: path.clone(), recording })
+        })
+        .collect::<anyhow::Result<_>>()?;
+    let page = view_page(&runs)?;
+    std::fs::write(&args.out, page)
+        .with_context(|| format!("cannot write {}", args.out.display()))?;
+    if args.json {
+        writeln!(out, "{}", json!({"page": args.out}))?;
+    } else {
+        writeln!(out, "{}", args.out.display())?;
+    }
+    if args.open {
+        open::that_detached(&args.out).with_context(|| {
+            format!("cannot open a browser: open {} in one yourself", args.out.display())
+        })?;
+    }
+    Ok(Outcome::Done)
+}
