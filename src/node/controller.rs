@@ -633,6 +633,9 @@ impl ControllerLoop {
                     }
                 }
             }
+            Control::Bandwidth(_, reply) | Control::Step(_, reply) => {
+                let _ = reply.send(Err("only a stage has a live page".to_owned()));
+            }
             Control::Enable(enabled) => self.enabled = enabled,
             Control::Reset(reply) => {
                 self.controller.reset();

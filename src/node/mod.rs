@@ -16,6 +16,7 @@ pub mod graph_watch;
 mod help;
 pub mod inlet;
 pub mod lateness;
+pub mod live;
 pub mod memory_watch;
 pub mod outlet;
 pub mod parameters;

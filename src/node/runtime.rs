@@ -28,6 +28,10 @@ use super::std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerRe
 pub enum Control {
     Enable(bool),
     Reset(oneshot::Sender<Result<String, String>>),
+    /// Bandwidth of the stage's own position loop, Hz.
+    Bandwidth(f64, oneshot::Sender<Result<String, String>>),
+    /// A step of the stage's own setpoint, m.
+    Step(f64, oneshot::Sender<Result<String, String>>),
     /// Parameters that can change while running have changed.
     Retune,
     Shutdown,

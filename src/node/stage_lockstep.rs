@@ -375,6 +375,10 @@ impl StageLoop {
                 let _ = reply
                     .send(Ok(format!("stage at position 0, at rest; time goes on from {time} s")));
             }
+            Event::Control(Control::Bandwidth(_, reply) | Control::Step(_, reply)) => {
+                let _ =
+                    reply.send(Err("mode: lockstep: the stage has no loop of its own".to_owned()));
+            }
             Event::Control(Control::Retune) => {
                 run.arbiter.set_silence(self.live.answer_timeout().as_nanos() as i64);
                 self.outlets.set_clock_pause(self.live.clock_pause());
