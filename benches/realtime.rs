@@ -3,7 +3,8 @@
 //!
 //! `cargo bench --bench realtime -- [--seconds S]`
 //!
-//! The stage is the real node, publishing all its topics, first alone and then with a recording.
+//! The stage is the real node, publishing all its topics: alone, with its live page in a browser (if
+//! there is a chromium), and with a recording.
 //! The sleeping thread has the same deadlines and the same scheduling and does nothing. Lateness is
 //! what this machine's scheduler makes of it; compare the rows, not the numbers of two machines.
 
@@ -32,10 +33,11 @@ fn main() -> anyhow::Result<()> {
     );
     for rate in [1000.0, 4000.0] {
         sleeping(rate, duration);
-        stage(rate, duration, false)?;
-        stage(rate, duration, true)?;
+        stage(rate, duration, Beside::Nothing)?;
+        stage(rate, duration, Beside::Page)?;
+        stage(rate, duration, Beside::Recording)?;
     }
-    stage(10_000.0, duration, true)
+    stage(10_000.0, duration, Beside::Recording)
 }
 
 fn row(name: &str, [p50, p99, max, overruns]: [f64; 4], unpublished: &str) {
@@ -62,9 +64,33 @@ fn sleeping(rate: f64, duration: Duration) {
     }
 }
 
+/// What goes on beside the stage.
+#[derive(Clone, Copy, PartialEq)]
+enum Beside {
+    Nothing,
+    /// Its live page in a browser.
+    Page,
+    /// A recording and a controller at the same rate.
+    Recording,
+}
+
+/// A browser that opens a page as soon as somebody serves it.
+fn watch(port: u16) -> std::io::Result<std::process::Child> {
+    while std::net::TcpStream::connect((std::net::Ipv4Addr::LOCALHOST, port)).is_err() {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    std::process::Command::new(std::env::var_os("CHROMIUM").unwrap_or_else(|| "chromium".into()))
+        .args(["--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0"])
+        .arg(format!("http://127.0.0.1:{port}/"))
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+}
+
 /// The real stage; recorded together with a controller at the same rate, whose two topics are in
 /// the bag as well.
-fn stage(rate: f64, duration: Duration, recorded: bool) -> anyhow::Result<()> {
+fn stage(rate: f64, duration: Duration, beside: Beside) -> anyhow::Result<()> {
+    let recorded = beside == Beside::Recording;
     let directory = tempfile::tempdir()?;
     let bag = directory.path().join("bag");
     let arguments = |given: &[String]| -> Vec<String> {
@@ -74,6 +100,14 @@ fn stage(rate: f64, duration: Duration, recorded: bool) -> anyhow::Result<()> {
     given.push("publish_clock:=true".to_owned());
     if recorded {
         given.push(format!("record:={}", bag.display()));
+    }
+    let mut watching = None;
+    if beside == Beside::Page {
+        let listener = std::net::TcpListener::bind((std::net::Ipv4Addr::LOCALHOST, 0))?;
+        let port = listener.local_addr()?.port();
+        given.push(format!("live_port:={port}"));
+        drop(listener);
+        watching = Some(std::thread::spawn(move || watch(port)));
     }
     let controller = arguments(&[format!("rate:={rate:.1}"), "bandwidth:=30.0".to_owned()]);
     let network =
@@ -95,7 +129,23 @@ fn stage(rate: f64, duration: Duration, recorded: bool) -> anyhow::Result<()> {
         duration,
         keys,
     )?;
-    let name = if recorded { "controlled, recorded" } else { "alone" };
+    if let Some(Ok(browser)) = watching.map(std::thread::JoinHandle::join) {
+        match browser {
+            Ok(mut browser) => {
+                browser.kill()?;
+                browser.wait()?;
+            }
+            Err(error) => {
+                println!("    no browser watched (name one in CHROMIUM): {error}");
+                return Ok(());
+            }
+        }
+    }
+    let name = match beside {
+        Beside::Nothing => "alone",
+        Beside::Page => "watched live",
+        Beside::Recording => "controlled, recorded",
+    };
     row(
         &format!("{rate} Hz, the stage, {name}"),
         [p50, p99, max, overruns],

@@ -34,6 +34,14 @@ pub fn real_time(priority: i32) -> io::Result<()> {
     if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
 }
 
+/// Takes the real-time priority of this thread away, which it has from the one that started it.
+pub fn not_real_time() -> io::Result<()> {
+    let parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: plain call for the calling thread, with a valid argument.
+    let result = unsafe { libc::sched_setscheduler(0, libc::SCHED_OTHER, &raw const parameters) };
+    if result == 0 { Ok(()) } else { Err(io::Error::last_os_error()) }
+}
+
 fn set(cpus: impl Iterator<Item = usize>) -> io::Result<()> {
     // SAFETY: the set is local and zeroed; CPU_SET ignores numbers beyond its size.
     let result = unsafe {

@@ -924,6 +924,9 @@ impl ControllerLoop {
                     self.give_up(follow::INVALID_GOAL, why);
                 }
             }
+            Control::Bandwidth(_, reply) | Control::Move(_, reply) => {
+                let _ = reply.send(Err("only a stage has a live page".to_owned()));
+            }
             Control::Reset(reply) => {
                 self.forget();
                 let message = match self.last {

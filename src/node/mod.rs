@@ -19,6 +19,7 @@ mod help;
 pub mod inlet;
 pub mod lateness;
 mod lifecycle;
+pub mod live;
 pub mod memory_watch;
 pub mod outlet;
 pub mod parameters;

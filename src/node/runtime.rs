@@ -36,6 +36,10 @@ pub enum Control {
     Step(Steps),
     /// Those are not wanted any more.
     StopSteps,
+    /// Bandwidth of the stage's own position loop, Hz.
+    Bandwidth(f64, oneshot::Sender<Result<String, String>>),
+    /// A step of the stage's own setpoint, m.
+    Move(f64, oneshot::Sender<Result<String, String>>),
     /// Parameters that can change while running have changed.
     Retune,
     Shutdown,

@@ -10,6 +10,7 @@ use tokio::sync::oneshot;
 use super::clock;
 use super::help;
 use super::lifecycle::Lifecycle;
+use super::live::{self, LiveFeed, LiveSetup, SharedFollower};
 use super::memory_watch;
 use super::outlet::Outlet;
 use super::parameters::ParameterSet;
@@ -21,7 +22,7 @@ use super::signals::Signals;
 use super::simulation;
 use super::stage_inbox::Inbox;
 use super::stage_outlets::StageOutlets;
-use super::stage_settings::{self, Mode, StageSettings};
+use super::stage_settings::{self, Drive, Mode, StageSettings};
 use super::stage_status::StageStatus;
 use super::wire::StageNames;
 use crate::outcome::Outcome;
@@ -95,6 +96,9 @@ pub struct StageLoop {
     pub feed: TickFeed,
     pub status: Arc<StageStatus>,
     pub live: Arc<LiveSettings>,
+    pub live_page: Option<LiveFeed>,
+    /// What the stage follows in `drive: servo`, for the live page.
+    pub followed: SharedFollower,
 }
 
 /// Runs the stage node with the given command line (without the program's name) until a signal ends
@@ -174,7 +178,26 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
             frame: &settings.frame,
         },
     )?;
-    serve_record(&mut background, &startup, &participant, &settings, handle.clone())?;
+    let record = record_switch(&startup, &settings, handle.clone());
+    {
+        let record = record.clone();
+        background.serve_record(&startup, &participant, move |on| record(on))?;
+    }
+    let followed = SharedFollower::default();
+    let live_page = match settings.live_port {
+        None => None,
+        Some(port) => Some(live::start(LiveSetup {
+            port,
+            name: settings.model.name.clone(),
+            bandwidth: (settings.drive == Drive::Servo).then_some(settings.servo_bandwidth),
+            rate: settings.rates.control(),
+            follower: followed.clone(),
+            control: control.clone(),
+            record,
+            recorder: handle.clone(),
+            busy_cpu: usize::try_from(cpu).ok(),
+        })?),
+    };
     follow_parameters(&parameters, &live, control.clone());
     background.spawn(diagnose(
         &startup,
@@ -199,7 +222,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     );
     let (ended, loop_ended) = oneshot::channel();
     let mode = settings.mode;
-    let work = StageLoop { stage, settings, outlets, inbox, feed, status, live };
+    let work =
+        StageLoop { stage, settings, outlets, inbox, feed, status, live, live_page, followed };
     let work = std::thread::Builder::new().name("stage".to_owned()).spawn(move || {
         let result = match mode {
             Mode::Lockstep => {
@@ -285,15 +309,14 @@ fn refuse_a_second_stage(startup: &Startup, participant: &Participant) -> anyhow
     Ok(())
 }
 
-fn serve_record(
-    background: &mut Background,
+/// Starts and ends a recording into a directory of its own, and says what it did.
+fn record_switch(
     startup: &Startup,
-    participant: &Participant,
     settings: &StageSettings,
     handle: RecorderHandle,
-) -> anyhow::Result<()> {
+) -> Arc<dyn Fn(bool) -> Result<String, String> + Send + Sync> {
     let (into, name) = (settings.record_into.clone(), startup.name.clone());
-    background.serve_record(startup, participant, move |on| {
+    Arc::new(move |on| {
         if on {
             let directory = crate::directory::dated(&into, &name);
             handle.start(&directory)?;

@@ -453,6 +453,10 @@ impl StageLoop {
                 let _ = asked.end.send(StepsEnd::Failed(why.to_owned()));
             }
             Event::Control(Control::StopSteps) => run.end_steps(StepsEnd::Stopped),
+            Event::Control(Control::Bandwidth(_, reply) | Control::Move(_, reply)) => {
+                let _ =
+                    reply.send(Err("mode: lockstep: the stage has no loop of its own".to_owned()));
+            }
             Event::Control(Control::Retune) => {
                 run.arbiter.set_silence(self.live.answer_timeout().as_nanos() as i64);
                 self.outlets.set_clock_pause(self.live.clock_pause());

@@ -12,15 +12,18 @@ use std::time::{Duration, Instant};
 use super::clock::{self, Ticks};
 use super::commands::{Arbiter, StampRule};
 use super::inlet::Waiter;
+use super::live::{LiveFeed, SharedFollower};
 use super::recorder::TickFeed;
-use super::runtime::Control;
+use super::runtime::{Control, lock};
 use super::stage::{LiveSettings, StageLoop};
 use super::stage_inbox::{Event, Inbox};
 use super::stage_outlets::StageOutlets;
-use super::stage_settings::{Drive, StageSettings};
+use super::stage_settings::{Drive, SERVO_BANDWIDTH, StageSettings};
 use super::stage_status::StageStatus;
 use super::wire::{Setpoint, Tick, setpoint};
-use friction_stage_core::control::{Controller, ControllerSettings, Follower};
+use friction_stage_core::control::{
+    Controller, ControllerSettings, Follower, Gains, Point, Trajectory,
+};
 use friction_stage_core::plant::Stage;
 
 /// Samples that may wait for the publishing thread: 0.8 s at 10 kHz.
@@ -44,16 +47,30 @@ enum Order {
     Reset,
     /// Follow this; the old one goes back to be dropped elsewhere.
     Follow(Box<Follower>),
+    /// Checked settings for the stage's own loop, which own nothing themselves.
+    Retune(Box<ControllerSettings>),
     Shutdown,
 }
 
 /// What the tick thread hands back to be dropped.
-type Waste = Box<Follower>;
+enum Waste {
+    Follower(#[expect(dead_code, reason = "only dropped")] Box<Follower>),
+    Settings(#[expect(dead_code, reason = "only dropped")] Box<ControllerSettings>),
+}
+
+/// Answer to a wish that only a stage with its own loop can fulfil.
+const NO_SERVO: &str = "drive: force: another node controls this stage";
+/// Largest step from the live page, m. Assumed: a fifth of the article's move.
+const LARGEST_STEP: f64 = 0.01;
+/// Time of the article's fine step, s; longer steps have the acceleration of its fast move, 50 mm
+/// in 100 ms.
+const SHORTEST_STEP: f64 = 3e-3;
 
 impl StageLoop {
     /// Runs in real time until shutdown.
     pub fn run_realtime(self) -> anyhow::Result<()> {
-        let StageLoop { stage, settings, outlets, inbox, feed, status, live } = self;
+        let StageLoop { stage, settings, outlets, inbox, feed, status, live, live_page, followed } =
+            self;
         let (samples_in, samples_out) = rtrb::RingBuffer::new(SAMPLES);
         let (orders_in, orders_out) = rtrb::RingBuffer::new(ORDERS);
         let (waste_in, waste_out) = rtrb::RingBuffer::new(ORDERS);
@@ -64,7 +81,7 @@ impl StageLoop {
         let finished = Arc::new(AtomicBool::new(false));
         let publishing = {
             let (finished, live) = (finished.clone(), live.clone());
-            let work = move || publish(samples_out, outlets, feed, &live, &finished);
+            let work = move || publish(samples_out, outlets, feed, live_page, &live, &finished);
             std::thread::Builder::new().name("publish".to_owned()).spawn(work)?
         };
         let epoch = clock::system();
@@ -88,13 +105,19 @@ impl StageLoop {
             };
             std::thread::Builder::new().name("tick".to_owned()).spawn(work)?
         };
-        let follower = servo.map(|(_, follower)| follower);
+        let (controller, follower) = match servo {
+            Some((controller, follower)) => (Some(controller.settings().clone()), Some(follower)),
+            None => (None, None),
+        };
+        *lock(&followed) = follower.as_deref().cloned();
         CommandThread {
             settings,
             inbox,
             orders: orders_in,
             waste: waste_out,
             follower,
+            controller,
+            followed,
             epoch,
             status,
             live,
@@ -114,11 +137,10 @@ impl StageLoop {
 
 /// The stage's own position loop: a PID at `servo_bandwidth` for everything that the motor moves.
 fn servo(settings: &StageSettings) -> anyhow::Result<(Controller, Box<Follower>)> {
-    let mass = settings.model.mass
-        + settings.model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass);
+    let mass = moved_mass(settings);
     let rate = settings.rates.control();
     let paper = ControllerSettings::paper(mass, rate, settings.model.motor.force_limit);
-    let gains = friction_stage_core::control::Gains::from_bandwidth(settings.servo_bandwidth, mass);
+    let gains = Gains::from_bandwidth(settings.servo_bandwidth, mass);
     let controller = Controller::new(ControllerSettings { gains, ..paper })?;
     let follower = Follower::new(settings.setpoint_jump_limit);
     let follower = match settings.model.stroke {
@@ -126,6 +148,12 @@ fn servo(settings: &StageSettings) -> anyhow::Result<(Controller, Box<Follower>)
         None => follower,
     };
     Ok((controller, Box::new(follower)))
+}
+
+/// All that the motor moves, kg.
+fn moved_mass(settings: &StageSettings) -> f64 {
+    settings.model.mass
+        + settings.model.coupling.as_ref().map_or(0.0, |coupling| coupling.motor_mass)
 }
 
 struct TickThread {
@@ -185,7 +213,14 @@ impl TickThread {
                         }
                         // Full only if the command thread has died; then dropping here is the least
                         // of the troubles.
-                        let _ = self.waste.push(next);
+                        let _ = self.waste.push(Waste::Follower(next));
+                    }
+                    Order::Retune(settings) => {
+                        if let Some((controller, _)) = &mut self.servo {
+                            // Checked where it comes from: nothing is refused.
+                            let _ = controller.retune((*settings).clone());
+                        }
+                        let _ = self.waste.push(Waste::Settings(settings));
                     }
                     Order::Shutdown => return,
                 }
@@ -222,6 +257,7 @@ fn publish(
     mut samples: rtrb::Consumer<Tick>,
     mut outlets: StageOutlets,
     mut feed: TickFeed,
+    mut live_page: Option<LiveFeed>,
     live: &LiveSettings,
     finished: &AtomicBool,
 ) {
@@ -231,6 +267,9 @@ fn publish(
         while let Ok(tick) = samples.pop() {
             outlets.publish(&tick);
             feed.offer(&tick);
+            if let Some(page) = &mut live_page {
+                page.offer(&tick);
+            }
         }
         if over {
             return;
@@ -250,6 +289,9 @@ struct CommandThread {
     waste: rtrb::Consumer<Waste>,
     /// What the tick thread follows in `drive: servo`, kept here to build the next one from.
     follower: Option<Box<Follower>>,
+    /// Of the controller in `drive: servo`.
+    controller: Option<ControllerSettings>,
+    followed: SharedFollower,
     epoch: i64,
     status: Arc<StageStatus>,
     live: Arc<LiveSettings>,
@@ -311,6 +353,9 @@ impl CommandThread {
                 Some(Event::Control(Control::Enable(enabled))) => self.send(Order::Enable(enabled)),
                 Some(Event::Control(Control::Reset(reply))) => {
                     self.send(Order::Reset);
+                    if let Some(followed) = lock(&self.followed).as_mut() {
+                        followed.hold(0, 0.0);
+                    }
                     arbiter.release();
                     let time = self.status.stamp.load(Ordering::Relaxed) as f64 * 1e-9;
                     let _ = reply.send(Ok(format!(
@@ -321,6 +366,12 @@ impl CommandThread {
                 Some(Event::Control(
                     Control::Pause(..) | Control::Step(_) | Control::StopSteps,
                 )) => {}
+                Some(Event::Control(Control::Bandwidth(bandwidth, reply))) => {
+                    let _ = reply.send(self.set_bandwidth(bandwidth));
+                }
+                Some(Event::Control(Control::Move(distance, reply))) => {
+                    let _ = reply.send(self.step(distance));
+                }
                 Some(Event::Control(Control::Retune)) => {
                     arbiter.set_silence(self.live.command_timeout().as_nanos() as i64);
                 }
@@ -347,10 +398,49 @@ impl CommandThread {
         match result {
             Ok(next) => {
                 *follower = next.clone();
+                *lock(&self.followed) = Some((*next).clone());
                 self.send(Order::Follow(next));
             }
             Err(reason) => self.status.refuse(&format!("~/setpoint: {reason}")),
         }
+    }
+
+    /// New gains of the stage's own loop, in the range of the parameter `servo_bandwidth`.
+    fn set_bandwidth(&mut self, bandwidth: f64) -> Result<String, String> {
+        let controller = self.controller.as_mut().ok_or(NO_SERVO)?;
+        let (least, most) = SERVO_BANDWIDTH;
+        if !(least..=most).contains(&bandwidth) {
+            return Err(format!("a bandwidth of {bandwidth} Hz: must be {least} to {most} Hz"));
+        }
+        let mass = moved_mass(&self.settings);
+        let wanted = ControllerSettings {
+            gains: Gains::from_bandwidth(bandwidth, mass),
+            ..controller.clone()
+        };
+        wanted.check().map_err(|error| error.to_string())?;
+        *controller = wanted.clone();
+        self.send(Order::Retune(Box::new(wanted)));
+        Ok(format!("bandwidth {bandwidth} Hz"))
+    }
+
+    /// A step of the setpoint, as smooth as the article's moves.
+    fn step(&mut self, distance: f64) -> Result<String, String> {
+        let follower = self.follower.as_mut().ok_or(NO_SERVO)?;
+        if !(distance.is_finite() && distance.abs() <= LARGEST_STEP) {
+            return Err(format!("a step of {distance} m: must be at most {LARGEST_STEP} m"));
+        }
+        let now = self.status.stamp.load(Ordering::Relaxed) - self.epoch;
+        let time = SHORTEST_STEP.max(0.1 * (distance.abs() / 50e-3).sqrt());
+        let target = follower.at(now).position + distance;
+        let arrival = Point::at_rest((time * 1e9) as i64, target);
+        let mut next = follower.clone();
+        Trajectory::new(now, vec![arrival])
+            .and_then(|motion| next.follow(now, motion))
+            .map_err(|error| error.to_string())?;
+        *follower = next.clone();
+        *lock(&self.followed) = Some((*next).clone());
+        self.send(Order::Follow(next));
+        Ok(format!("step of {:.3} µm in {:.1} ms", 1e6 * distance, 1e3 * time))
     }
 
     fn send(&mut self, order: Order) {

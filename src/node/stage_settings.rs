@@ -53,7 +53,12 @@ pub struct StageSettings {
     pub servo_bandwidth: f64,
     /// m
     pub setpoint_jump_limit: f64,
+    /// Port of the live page on loopback; none: no page.
+    pub live_port: Option<u16>,
 }
+
+/// Least and largest bandwidth of the stage's own position loop, Hz.
+pub const SERVO_BANDWIDTH: (f64, f64) = (0.1, 1000.0);
 
 /// Settings that do not fit together.
 #[derive(Debug, thiserror::Error)]
@@ -67,6 +72,11 @@ pub enum SettingsError {
          realtime"
     )]
     ServoInLockstep,
+    #[error(
+        "live_port is {0}: the live page shows a stage in real time, use mode: realtime, or view \
+         with friction-stage what a run in mode: lockstep has recorded"
+    )]
+    LiveInLockstep(u16),
 }
 
 /// The parameters of the stage node.
@@ -198,6 +208,14 @@ pub fn specs() -> Vec<ParameterSpec> {
         .read_only(),
         ParameterSpec::string("record_into", ".", "directory for the bags that ~/record starts")
             .read_only(),
+        ParameterSpec::integer(
+            "live_port",
+            0,
+            "port of a page on 127.0.0.1 that shows the stage as it runs and, in drive: servo, moves \
+             it; 0: none",
+        )
+        .range(0.0, 65535.0)
+        .read_only(),
         ParameterSpec::string("joint", "stage", "name of the joint in messages").read_only(),
         ParameterSpec::string("frame_id", "stage", "frame of the messages").read_only(),
         ParameterSpec::double(
@@ -207,7 +225,7 @@ pub fn specs() -> Vec<ParameterSpec> {
             servo",
         )
         .unit("Hz")
-        .range(0.1, 1000.0)
+        .range(SERVO_BANDWIDTH.0, SERVO_BANDWIDTH.1)
         .read_only(),
         ParameterSpec::double(
             "setpoint_jump_limit",
@@ -258,7 +276,11 @@ impl StageSettings {
             frame: values.string("frame_id"),
             servo_bandwidth: values.double("servo_bandwidth"),
             setpoint_jump_limit: values.double("setpoint_jump_limit"),
+            live_port: u16::try_from(values.integer("live_port")).ok().filter(|port| *port > 0),
         };
+        if let (Some(port), Mode::Lockstep) = (settings.live_port, settings.mode) {
+            return Err(SettingsError::LiveInLockstep(port));
+        }
         if settings.drive == Drive::Servo && settings.mode == Mode::Lockstep {
             return Err(SettingsError::ServoInLockstep);
         }

@@ -1,5 +1,7 @@
 //! A browser that is driven over the DevTools protocol, through a pipe: no port, no other program.
 
+#![allow(dead_code, reason = "each test uses a part of it")]
+
 use std::fs::File;
 use std::io::{BufRead, BufReader, Write};
 use std::os::fd::{AsRawFd, FromRawFd, RawFd};

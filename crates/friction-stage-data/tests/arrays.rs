@@ -8,7 +8,9 @@ use std::path::{Path, PathBuf};
 
 use friction_stage_data::bag::BagReader;
 use friction_stage_data::quality::RecordingCheck;
-use friction_stage_data::signals::{Mapping, Proposal, Recording, SignalError, import, load};
+use friction_stage_data::signals::{
+    Mapping, Proposal, Recording, SignalError, Window, import, load,
+};
 use proptest::prelude::*;
 use tempfile::TempDir;
 

@@ -21,6 +21,7 @@ pub mod experiment;
 pub mod figure;
 pub mod identification;
 pub mod interactive;
+pub mod live;
 pub mod model;
 pub mod page;
 pub mod paper_motion;

@@ -97,8 +97,8 @@ fn trade_off_charts(plan: &SelectionPlan, tallies: &[Tally]) -> [Chart; 3] {
         let time = steps().map(|(part, percent)| (ms(tally.settling_time_at(part)), percent));
         times.add(&name, colour, Style::Line, time);
     }
-    trade_off.line(required, Axis::X, x);
-    trade_off.line("", Axis::Y, y);
+    trade_off.line("largest peak allowed", Axis::X, x);
+    trade_off.line("latest settling allowed", Axis::Y, y);
     peaks.line(required, Axis::X, x);
     times.line(required, Axis::X, y);
     [trade_off, peaks, times]

@@ -387,6 +387,8 @@ fn share_seen(position: &[f64], other: &[f64]) -> f64 {
 mod tests {
     use std::f64::consts::TAU;
 
+    use friction_stage_data::signals::SignalNote;
+
     use super::*;
 
     #[test]

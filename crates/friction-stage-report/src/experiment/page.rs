@@ -291,9 +291,9 @@ impl<'a> Report<'a> {
              tanh(\u{3c3}0 A/Fs).",
         );
         for (name, amplitude, scale, unit) in [
-            ("dahl_40um_420µm", 420e-6, 1e6, "µm"),
-            ("dahl_40µm", 40e-6, 1e6, "µm"),
-            ("dahl_1µm", 1e-6, 1e6, "µm"),
+            ("dahl_40um_420um", 420e-6, 1e6, "µm"),
+            ("dahl_40um", 40e-6, 1e6, "µm"),
+            ("dahl_1um", 1e-6, 1e6, "µm"),
         ] {
             let mut chart = Chart::new(
                 format!(

@@ -439,7 +439,8 @@ fn spectra(
         Chart::new("Spectrum over position", label("period, mm"), label("amplitude, N"))
             .logarithmic(true, false);
     let sides = residuals.sides();
-    let mut highest: [Vec<(f64, f64)>; 2] = Default::default();
+    // Peaks of the other side would lie on those of the one that matters.
+    let labelled = residuals.worst().map(|side| side.name);
     for Side { name: side, colour, before, after, .. } in sides {
         for (values, style, when) in
             [(before, Style::Dashed, "before"), (after, Style::Line, "after")]
@@ -451,13 +452,12 @@ fn spectra(
             let mut over: Vec<(f64, f64)> =
                 over.into_iter().map(|(period, amplitude)| (period * 1e3, amplitude)).collect();
             over.sort_by(|a, b| a.0.total_cmp(&b.0));
-            if when == "before" {
-                for (known, curve) in highest.iter_mut().zip([&density, &over]) {
-                    let found = peaks(curve);
-                    let height = |all: &[(f64, f64)]| all.first().map_or(0.0, |peak| peak.1);
-                    if height(&found) > height(known) {
-                        *known = found;
-                    }
+            if when == "before" && labelled == Some(side) {
+                for peak in peaks(&density) {
+                    time.label(peak, format!("{:.1} Hz", peak.0));
+                }
+                for peak in peaks(&over) {
+                    space.label(peak, in_prefix(1e-3 * peak.0, &residuals.joint.unit("m")));
                 }
             }
             time.add(name.clone(), colour, style, density);
@@ -474,14 +474,6 @@ fn spectra(
         if let Some(frequency) = value("frequency") {
             time.line(format!("{name}, {frequency:.1} Hz"), Axis::X, frequency);
         }
-    }
-    // The peaks of the side that has the highest: those of both would lie on each other.
-    let [in_time, in_space] = highest;
-    for peak in in_time {
-        time.label(peak, format!("{:.1} Hz", peak.0));
-    }
-    for peak in in_space {
-        space.label(peak, in_prefix(1e-3 * peak.0, &residuals.joint.unit("m")));
     }
     Ok(vec![
         IdentificationFigure::new(
