@@ -2,8 +2,8 @@
 //!
 //! [`serve`] opens the three services and the two topics of an action and gives back a future that
 //! keeps its goals, as rcl_action does: their states, their results for who asks, and what is known
-//! of goals that are over. What a goal means is decided elsewhere: each [`Wish`] of a client goes to
-//! the node, and the node's [`News`] of its goals come back.
+//! of goals that are over. What a goal means is decided elsewhere: each [`Wish`] of a client goes
+//! to the node, and the node's [`News`] of its goals come back.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::future::poll_fn;

@@ -52,6 +52,8 @@ pub enum Refusal {
         "{topic}: {names} joint names but {efforts} efforts, must be as many (or no effort at all)"
     )]
     Lengths { topic: CommandTopic, names: usize, efforts: usize },
+    #[error("{topic}/effort: interface_name is `{found}`, must be effort")]
+    Interface { topic: CommandTopic, found: String },
     #[error("{topic}: {found} values, must be exactly 1: the force in N")]
     Count { topic: CommandTopic, found: usize },
     #[error(

@@ -33,6 +33,7 @@ use ros2_client::{ReadError, Subscription, message_info::MessageInfo};
 use super::{
     participant::{Participant, ParticipantError},
     qos::{DEFAULT_WINDOW, Qos},
+    qos_overrides::Role,
 };
 use friction_stage_data::message::RosMessage;
 
@@ -48,6 +49,7 @@ impl<M: RosMessage> Inlet<M> {
     /// # Errors
     /// [`ParticipantError`] when the name is none or DDS refuses.
     pub fn new(participant: &Participant, name: &str, qos: &Qos) -> Result<Self, ParticipantError> {
+        let qos = participant.qos_overrides().of(name, Role::Subscription, qos);
         // The window is a publisher's: rustdds 0.15 would keep as many samples that have long been
         // taken.
         let topic = participant.topic(name, M::PACKAGE, M::NAME, &qos.window(DEFAULT_WINDOW))?;

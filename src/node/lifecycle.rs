@@ -1,7 +1,7 @@
 //! A managed node: its states, the five services and the event topic, as rcl_lifecycle has them.
 //!
-//! On by the parameter `lifecycle`. Only an active node exerts force: the stage takes its samples in
-//! every state, but commands move it when it is active alone, and the controller answers when it
+//! On by the parameter `lifecycle`. Only an active node exerts force: the stage takes its samples
+//! in every state, but commands move it when it is active alone, and the controller answers when it
 //! is. To configure and to clean up is to reset. A node that stays at ERROR is deactivated. How the
 //! loop does that is its own business: it gets what `~/enable` and `~/reset` would send.
 

@@ -26,6 +26,7 @@ pub mod parameters;
 mod params_file;
 pub mod participant;
 pub mod qos;
+mod qos_overrides;
 pub mod recorder;
 pub mod runtime;
 pub mod service;

@@ -27,6 +27,7 @@ use rustdds::Topic;
 use super::{
     participant::{Participant, ParticipantError},
     qos::{Durability, Qos},
+    qos_overrides::Role,
 };
 use friction_stage_data::message::RosMessage;
 
@@ -104,6 +105,7 @@ impl<M: RosMessage> Outlet<M> {
                         .to_owned(),
             });
         }
+        let qos = &participant.qos_overrides().of(name, Role::Publisher, qos);
         let topic = participant.topic(name, M::PACKAGE, M::NAME, qos)?;
         let writer = participant.node().create_publisher(&topic, None).map_err(|e| {
             ParticipantError::Endpoint {

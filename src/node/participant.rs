@@ -18,7 +18,7 @@ use rustdds::{
 use thiserror::Error;
 
 use super::socket_filter;
-use super::{graph_watch::GraphWatch, qos::Qos, signals::Threads};
+use super::{graph_watch::GraphWatch, qos::Qos, qos_overrides::QosOverrides, signals::Threads};
 
 /// Largest domain whose UDP ports exist: 7400 + 250 * domain + 11 must stay below 65536
 /// (DDSI-RTPS 2.5, 9.6.2.3).
@@ -250,6 +250,7 @@ struct Inner {
     context: Context,
     domain_participant: DomainParticipant,
     threads: Threads,
+    qos_overrides: QosOverrides,
 }
 
 impl Participant {
@@ -262,6 +263,17 @@ impl Participant {
         namespace: &str,
         name: &str,
         options: NodeOptions,
+    ) -> Result<Self, ParticipantError> {
+        Self::join_with(network, namespace, name, options, QosOverrides::default())
+    }
+
+    /// The same, with quality of service that the user wants of single endpoints.
+    pub(super) fn join_with(
+        network: Network,
+        namespace: &str,
+        name: &str,
+        options: NodeOptions,
+        qos_overrides: QosOverrides,
     ) -> Result<Self, ParticipantError> {
         let node_name =
             NodeName::new(namespace, name).map_err(|source| ParticipantError::NodeName {
@@ -285,7 +297,8 @@ impl Participant {
         let watch = GraphWatch::start(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
         let node = Mutex::new(node);
-        let inner = Inner { watch, node, node_name, context, domain_participant, threads };
+        let inner =
+            Inner { watch, node, node_name, context, domain_participant, threads, qos_overrides };
         Ok(Self { inner: Arc::new(inner) })
     }
 
@@ -302,6 +315,11 @@ impl Participant {
     /// The threads of the DDS library: where one has ended, the participant is dead.
     pub fn threads(&self) -> &Threads {
         &self.inner.threads
+    }
+
+    /// Quality of service that the user wants of single endpoints.
+    pub(super) fn qos_overrides(&self) -> &QosOverrides {
+        &self.inner.qos_overrides
     }
 
     /// Who is matched with the endpoints of this node.

@@ -20,10 +20,12 @@ use super::lifecycle::{self, Lifecycle};
 use super::memory_watch;
 use super::parameters::{ParameterServer, ParameterSet, ParameterSpec};
 use super::participant::{self, Network, Participant, environment};
+use super::qos_overrides::{self, QosOverrides};
 use super::service::{self, Service};
 use super::signals::{Asked, Signals};
 use super::simulation::{self, Steps};
 use super::std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
+use super::words::quoted;
 
 /// What the rest of the process tells a node's loop.
 #[derive(Debug)]
@@ -83,8 +85,18 @@ impl Startup {
         self.arguments.resolve_service(&self.name, &self.namespace, name)
     }
 
+    /// Values of parameters that the command line and its files give to this node.
     pub fn overrides(&self) -> BTreeMap<String, Override> {
-        self.arguments.parameters_for(&self.full_name())
+        let mut given = self.arguments.parameters_for(&self.full_name());
+        given.retain(|name, _| !name.starts_with(qos_overrides::PREFIX));
+        given
+    }
+
+    /// The rest of them: quality of service of single topics.
+    fn qos_overrides(&self) -> anyhow::Result<QosOverrides> {
+        let given = self.arguments.parameters_for(&self.full_name());
+        let named = given.iter().filter(|(name, _)| name.starts_with(qos_overrides::PREFIX));
+        Ok(QosOverrides::new(named.map(|(name, given)| (name.as_str(), &given.value)))?)
     }
 
     /// Logs of this process go to stderr, at the level of `--log-level`, else of `RUST_LOG`, else
@@ -159,7 +171,7 @@ impl Startup {
     /// The parameter `lifecycle` of both nodes.
     pub fn lifecycle_spec() -> ParameterSpec {
         let description = "whether the node is a managed one (ros2 lifecycle), which starts \
-                           unconfigured and exerts force when it is active; ~/enable is not there then";
+                           unconfigured and exerts force when it is active; without ~/enable";
         ParameterSpec::boolean("lifecycle", false, description).read_only()
     }
 
@@ -172,7 +184,8 @@ impl Startup {
         let options = NodeOptions::new()
             .start_parameter_services(false)
             .enable_rosout(self.arguments.rosout_logs());
-        Ok(Participant::join(network, &self.namespace, &self.name, options)?)
+        let qos = self.qos_overrides()?;
+        Ok(Participant::join_with(network, &self.namespace, &self.name, options, qos)?)
     }
 }
 
@@ -336,6 +349,9 @@ impl Background {
     /// Runs until a signal comes or `loop_ended` is done; then tells the loop to shut down.
     pub fn run(self, loop_ended: oneshot::Receiver<()>) -> anyhow::Result<End> {
         let Background { tasks, control, participant, signals } = self;
+        for name in participant.qos_overrides().unused() {
+            tracing::warn!("parameter `{}` has no effect: no such endpoint", quoted(&name));
+        }
         let (runtime, mut signals) = signals.split();
         let end = runtime.block_on(async move {
             let everything = futures::future::join_all(tasks);

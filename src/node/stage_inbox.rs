@@ -14,7 +14,9 @@ use super::participant::{Participant, ParticipantError};
 use super::qos::COMMANDS;
 use super::recorder::{Heard, RecorderHandle};
 use super::runtime::{Control, Startup};
-use friction_stage_data::message::{Float64MultiArray, JointState, JointTrajectory, WrenchStamped};
+use friction_stage_data::message::{
+    Float64MultiArray, JointCommand, JointState, JointTrajectory, WrenchStamped,
+};
 
 /// Something that reached the stage.
 #[derive(Debug)]
@@ -30,6 +32,8 @@ pub enum Event {
 pub struct Inbox {
     force: Inlet<WrenchStamped>,
     joint_commands: Inlet<JointState>,
+    /// The same as newer topic hardware sends it, on a topic for each interface.
+    joint_efforts: Inlet<JointCommand>,
     commands: Inlet<Float64MultiArray>,
     setpoint: Inlet<JointTrajectory>,
     control: UnboundedReceiver<Control>,
@@ -48,6 +52,11 @@ impl Inbox {
         Ok(Inbox {
             force: Inlet::new(participant, &startup.topic("~/force"), &COMMANDS)?,
             joint_commands: Inlet::new(participant, &startup.topic("~/joint_commands"), &COMMANDS)?,
+            joint_efforts: Inlet::new(
+                participant,
+                &startup.topic("~/joint_commands/effort"),
+                &COMMANDS,
+            )?,
             commands: Inlet::new(participant, &startup.topic("~/commands"), &COMMANDS)?,
             setpoint: Inlet::new(participant, &startup.topic("~/setpoint"), &COMMANDS)?,
             control,
@@ -121,17 +130,29 @@ impl Inbox {
     }
 
     fn poll_joint_commands(&mut self, context: &mut Context<'_>) -> Poll<Event> {
-        self.joint_commands.poll_take_from(context).map(|result| match result {
-            Ok((message, writer)) => {
-                let command = Command::from_joint_state(&message, &self.joint);
-                // Its stamp is not that of the sample that it answers: record it as of now.
-                self.recorder.hear(0, || Heard::JointCommands(message));
-                Event::Command(
-                    CommandSource { topic: CommandTopic::JointCommands, writer },
-                    command,
-                )
-            }
-            Err(error) => Event::Unreadable(CommandTopic::JointCommands, error),
+        const TOPIC: CommandTopic = CommandTopic::JointCommands;
+        if let Poll::Ready(taken) = self.joint_efforts.poll_take_from(context) {
+            return Poll::Ready(match taken {
+                Ok((message, writer)) => match message.into_efforts() {
+                    Ok(efforts) => self.joint_efforts_from(efforts, writer),
+                    Err(found) => {
+                        let refusal = Refusal::Interface { topic: TOPIC, found };
+                        Event::Command(CommandSource { topic: TOPIC, writer }, Err(refusal))
+                    }
+                },
+                Err(error) => Event::Unreadable(TOPIC, error),
+            });
+        }
+        self.joint_commands.poll_take_from(context).map(|taken| match taken {
+            Ok((message, writer)) => self.joint_efforts_from(message, writer),
+            Err(error) => Event::Unreadable(TOPIC, error),
         })
+    }
+
+    fn joint_efforts_from(&self, message: JointState, writer: [u8; 16]) -> Event {
+        let command = Command::from_joint_state(&message, &self.joint);
+        // Its stamp is not that of the sample that it answers: record it as of now.
+        self.recorder.hear(0, || Heard::JointCommands(message));
+        Event::Command(CommandSource { topic: CommandTopic::JointCommands, writer }, command)
     }
 }

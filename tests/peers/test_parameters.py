@@ -17,7 +17,7 @@ from rcl_interfaces.srv import (
 )
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from rclpy.qos import qos_profile_parameter_events
+from rclpy.qos import ReliabilityPolicy, qos_profile_parameter_events
 
 from conftest import BINARIES, free_domain
 from friction_stage_testing import Process
@@ -397,3 +397,49 @@ def complaint(process: Process) -> str:
     said = process.log().split("\n", 1)[1]
     assert "panicked" not in said
     return said
+
+
+def test_qos_overrides_are_applied_and_unknown_ones_are_told(ros, start, processes, tmp_path):
+    """As rclcpp reads them. A reliable subscription does not hear a best-effort publisher."""
+    file = tmp_path / "qos.yaml"
+    file.write_text(
+        """/**:
+  ros__parameters:
+    control_rate: 1000.0
+    qos_overrides:
+      /stage/encoder:
+        publisher:
+          reliability: best_effort
+          history: keep_last
+          depth: 5
+      /parameter_events:
+        publisher:
+          depth: 10
+"""
+    )
+    process = start("stage_node", "--ros-args", "--params-file", str(file))
+    ros.first("/stage/force_cell")
+    [publisher] = ros.node.get_publishers_info_by_topic("/stage/encoder")
+    assert publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    [publisher] = ros.node.get_publishers_info_by_topic("/stage/force_cell")
+    assert publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    told = "qos_overrides./parameter_events.publisher.depth"
+    ros.until(lambda: told in process.log(), "what has no effect")
+    assert "/stage/encoder" not in process.log()
+
+
+@pytest.mark.parametrize(
+    "policy, value, words",
+    [
+        ("depth", "0", "must be an integer of 1 to 100000"),
+        ("depth", "ten", "must be an integer of 1 to 100000"),
+        ("durability", "transient_local", "must be volatile"),
+        ("deadline", "5", "depth, history, reliability and durability can"),
+    ],
+)
+def test_a_wrong_qos_override_ends_the_start_with_what_would_be_right(start, policy, value, words):
+    process = start(
+        "stage_node", "--ros-args", "-p", f"qos_overrides./stage/encoder.publisher.{policy}:={value}"
+    )
+    process.ended(1)
+    assert words in process.log()

@@ -8,7 +8,9 @@ import time
 
 import pytest
 from conftest import BINARIES
+from control_msgs.msg import JointCommand
 from diagnostics import OK, Diagnostics, number
+from rclpy.clock import Clock, ClockType
 from ros import nanoseconds
 from topic_hardware import BLIND_CYCLES, TopicHardware
 
@@ -114,3 +116,40 @@ def test_lockstep_never_stands_still_with_clocks_that_show_the_tick_before(ros, 
         assert hardware.late_stamps > 0
         assert number(status, "refused_commands") == number(status, "unanswered_samples") == 0
         assert status.level == OK
+
+
+@pytest.fixture
+def efforts(ros):
+    """send(value, ...): a command as joint_command_topic_hardware_interface sends it."""
+    publisher = ros.node.create_publisher(JointCommand, "/stage/joint_commands/effort", 1)
+
+    def send(value: float, joint="stage", interface="effort", stamp=None) -> None:
+        ros.until(publisher.get_subscription_count, "the stage")
+        message = JointCommand(joint_names=[joint], interface_name=interface, values=[value])
+        message.header.stamp = stamp or Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
+        publisher.publish(message)
+
+    return send
+
+
+def test_newer_hardware_commands_efforts_on_a_topic_of_their_own(ros, stage, efforts):
+    stage(mode="lockstep", control_rate=1000.0)
+    encoder = ros.collect("/stage/encoder")
+    ros.until(lambda: encoder, "a sample")
+    answered = len(encoder)
+    efforts(300.0, stamp=encoder[-1].header.stamp)
+    while abs(encoder[-1].position[0]) < 1e-3:
+        ros.until(lambda: len(encoder) > answered, "the next sample")
+        answered = len(encoder)
+        efforts(300.0, stamp=encoder[-1].header.stamp)
+
+
+def test_other_interfaces_and_joints_are_refused(ros, stage, efforts):
+    stage(mode="realtime", control_rate=1000.0)
+    diagnostics = Diagnostics(ros)
+    efforts(0.1, interface="position")
+    diagnostics.refusal("refused_commands", 1, "interface_name is `position`, must be effort")
+    efforts(300.0, joint="arm")
+    diagnostics.refusal("refused_commands", 2, "no joint `stage`", "arm")
+    efforts(math.inf)
+    diagnostics.refusal("refused_commands", 3, "inf")

@@ -18,11 +18,11 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests/peers"))
+sys.path[:0] = [str(ROOT / "tests/peers"), str(ROOT / "testing")]
 
 from conftest import BINARIES, free_domain  # noqa: E402
 from diagnostics import Diagnostics, value  # noqa: E402
-from processes import Process  # noqa: E402
+from friction_stage_testing import Process  # noqa: E402
 from ros import Ros, nanoseconds  # noqa: E402
 
 # Memory that a process may gain after its first tenth, kB: buffers of the allocator.

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Definition, Duration, Header, JointTrajectoryPoint, MultiDOFJointTrajectoryPoint, Quaternion,
-    RosMessage, Time, Transform, Twist, Vector3,
+    Definition, Duration, Header, JointState, JointTrajectoryPoint, MultiDOFJointTrajectoryPoint,
+    Quaternion, RosMessage, Time, Transform, Twist, Vector3,
 };
 
 /// State of a joint trajectory controller at one time.
@@ -63,4 +63,43 @@ impl RosMessage for JointTrajectoryControllerState {
         Definition::of::<Vector3>(),
         Definition::of::<Quaternion>(),
     ];
+}
+
+/// Commands of one interface for several joints, as topic hardware of 2026 sends them.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct JointCommand {
+    /// Time of the command.
+    pub header: Header,
+    /// Joints.
+    pub joint_names: Vec<String>,
+    /// What the values are, e.g. `effort`.
+    pub interface_name: String,
+    /// One for each joint.
+    pub values: Vec<f64>,
+}
+
+impl JointCommand {
+    /// The same for efforts as a `JointState`; another interface is given back.
+    pub fn into_efforts(self) -> Result<JointState, String> {
+        match self.interface_name.as_str() {
+            "effort" => Ok(JointState {
+                header: self.header,
+                name: self.joint_names,
+                effort: self.values,
+                ..JointState::default()
+            }),
+            _ => Err(self.interface_name),
+        }
+    }
+}
+
+impl RosMessage for JointCommand {
+    const PACKAGE: &'static str = "control_msgs";
+    const NAME: &'static str = "JointCommand";
+    const TYPE_HASH: &'static str =
+        "RIHS01_6080a1df9d28b6badffa5efb27d4ba4ae657c4f6dd2b519b178a32db12405985";
+    const TEXT: &'static str = "std_msgs/Header header\nstring[] joint_names\nstring \
+                                interface_name\nfloat64[] values";
+    const DEPENDENCIES: &'static [Definition] =
+        &[Definition::of::<Header>(), Definition::of::<Time>()];
 }

@@ -21,7 +21,7 @@ mod xcdr2;
 
 pub use builtin_interfaces::{Duration, Time};
 pub use cdr::{CdrError, from_cdr, to_cdr};
-pub use control_msgs::JointTrajectoryControllerState;
+pub use control_msgs::{JointCommand, JointTrajectoryControllerState};
 pub use diagnostic_msgs::{DiagnosticArray, DiagnosticStatus, KeyValue};
 pub use friction_stage_msgs::{ControllerState, StageState, current_type_name};
 pub use geometry_msgs::{Quaternion, Transform, Twist, Vector3, Wrench, WrenchStamped};
@@ -144,6 +144,7 @@ mod tests {
         definition_is_closed::<Twist>();
         definition_is_closed::<MultiDOFJointTrajectoryPoint>();
         definition_is_closed::<JointTrajectoryControllerState>();
+        definition_is_closed::<JointCommand>();
         definition_is_closed::<lifecycle_msgs::TransitionEvent>();
         definition_is_closed::<Clock>();
         definition_is_closed::<KeyValue>();
