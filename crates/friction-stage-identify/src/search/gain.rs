@@ -155,7 +155,11 @@ impl Search<'_> {
     /// Whether little enough is left of both records for what was found to be the answer.
     pub(super) fn is_explained(&self, left: &Errors) -> bool {
         leaves_little(left.holdout(), self.errors_before.holdout(), self.floors.holdout.total())
-            && is_little(left.train(), self.errors_before.train(), self.floors.train.total())
+            && is_little(
+                (left.train(), self.errors_before.train()),
+                self.floors.train.total(),
+                LEAST_SHARE,
+            )
     }
 
     /// Squares that noise leaves on the train record, N^2.
@@ -168,12 +172,14 @@ impl Search<'_> {
 /// noise, N, are the answer though more than noise is left.
 fn leaves_little(left: f64, before: f64, floor: f64) -> bool {
     // Sensors without any noise say nothing of sizes.
-    is_little(left, before, floor) && (floor <= 0.0 || left <= (FLOORS_AT_MOST * floor).powi(2))
+    is_little((left, before), floor, LEFT_AT_MOST)
+        && (floor <= 0.0 || left <= (FLOORS_AT_MOST * floor).powi(2))
 }
 
-/// The same by the share alone.
-fn is_little(left: f64, before: f64, floor: f64) -> bool {
-    left - floor.powi(2) <= LEFT_AT_MOST * (before - floor.powi(2)).max(0.0)
+/// Whether what is left is no more than this share of what there was to explain. Of the train record
+/// that is what no further law would be added for.
+fn is_little((left, before): (f64, f64), floor: f64, share: f64) -> bool {
+    left - floor.powi(2) <= share * (before - floor.powi(2)).max(0.0)
 }
 
 #[cfg(test)]
