@@ -279,7 +279,7 @@ impl Session<'_> {
             (model.encoder.noise, model.encoder.resolution) =
                 (setup.noise.encoder, setup.noise.count);
         }
-        let by_cell = !self.arguments.machines || setup.seed % 2 == 0;
+        let by_cell = !self.arguments.machines || setup.seed.is_multiple_of(2);
         (model, by_cell && !self.arguments.no_cell)
     }
 

@@ -419,7 +419,6 @@ impl Search<'_> {
 
     /// The best bandwidth that keeps the margins with its cost; without one `None` and the least
     /// peak of |S|, dB.
-    #[expect(clippy::type_complexity, reason = "two answers of one loop")]
     fn coarse(
         &self,
         tick: &(dyn Fn(f64) + Sync),

@@ -110,6 +110,9 @@ const BAND_OPACITY: f64 = 0.16;
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
+/// Takes the part of a point that is along an axis.
+type PartOfPoint = fn(&(f64, f64)) -> f64;
+
 impl Chart {
     /// A chart without series, with linear axes.
     pub fn new(
@@ -209,7 +212,7 @@ impl Chart {
 
     /// What an axis shows: all points, and lines, but no more of a band than there is of them.
     fn range(&self, axis: Axis) -> std::ops::Range<f64> {
-        let (part, log): (fn(&(f64, f64)) -> f64, bool) = match axis {
+        let (part, log): (PartOfPoint, bool) = match axis {
             Axis::X => (|point| point.0, self.x_log),
             Axis::Y => (|point| point.1, self.y_log),
         };

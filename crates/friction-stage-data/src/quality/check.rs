@@ -106,7 +106,7 @@ pub(super) fn check_rows(
         if let Some(stamp) = stamp {
             watch.at(stamp);
         }
-        if watch.report.messages % TOLD_EVERY == 0 {
+        if watch.report.messages.is_multiple_of(TOLD_EVERY) {
             progress(watch.report.messages);
         }
     })?;
@@ -150,7 +150,7 @@ pub(super) fn check_messages(
             Err(error) => return Err(error),
         };
         count += 1;
-        if count % TOLD_EVERY == 0 {
+        if u64::is_multiple_of(count, TOLD_EVERY) {
             progress(count);
         }
         range = Some(match range {

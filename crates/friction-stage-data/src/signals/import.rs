@@ -58,7 +58,7 @@ pub fn import(
     while let Some(stamp) = rows.next()? {
         bag.write(stamp, &rows.values)?;
         count += 1;
-        if count % TOLD_EVERY == 0 {
+        if u64::is_multiple_of(count, TOLD_EVERY) {
             progress(count);
         }
     }
@@ -91,7 +91,7 @@ pub fn import_captures(
         }
         bag.write(stamp, &rows.values)?;
         count += 1;
-        if count % TOLD_EVERY == 0 {
+        if u64::is_multiple_of(count, TOLD_EVERY) {
             progress(count);
         }
     }

@@ -38,11 +38,13 @@ pub fn effect_phrases(effects: &[FoundEffect], joint: JointType) -> Vec<String> 
         };
         let mut orders: Vec<u32> = Vec::new();
         for (at, other) in effects.iter().enumerate() {
-            if !told[at] && other.name == effect.name && other.side == effect.side {
-                if let Some(order) = harmonic(effect, other) {
-                    told[at] = true;
-                    orders.push(order);
-                }
+            if !told[at]
+                && other.name == effect.name
+                && other.side == effect.side
+                && let Some(order) = harmonic(effect, other)
+            {
+                told[at] = true;
+                orders.push(order);
             }
         }
         orders.sort_unstable();
