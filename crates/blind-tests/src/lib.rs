@@ -114,7 +114,7 @@ impl Setup {
 
     /// A machine of another kind: its rate (250 Hz to 10 kHz), its encoder (white noise or counts
     /// of 0.2 nm to 10 um) and how exactly that keeps its instant are drawn. Its controller is as
-    /// fast as rate and counts allow: a count makes it kick by no more than [`KICK`].
+    /// fast as rate and counts allow: a count makes it kick by no more than 10 N.
     pub fn drawing_machine(mut self) -> Self {
         let mut drawn = Noise::new(self.seed, 12);
         self.rate = RATES[drawn.index(RATES.len())];
