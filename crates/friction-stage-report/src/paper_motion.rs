@@ -85,11 +85,13 @@ fn envelope(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     points
 }
 
-/// The page of a demo: the charts, and a table with a row for each `(guide, move, peak error in µm,
-/// times to settle in ms)`.
+/// Guide, move, peak error in µm, and times to settle into the bands in ms.
+pub type DemoRow = (String, &'static str, f64, [Option<f64>; 3]);
+
+/// The page of a demo: the charts, and a table of the moves.
 pub fn demo_page(
     charts: &[Chart],
-    rows: &[(String, &str, f64, [Option<f64>; 3])],
+    rows: &[DemoRow],
     files: &[String],
 ) -> Result<String, FigureError> {
     let mut page = Page::new(
