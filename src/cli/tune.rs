@@ -11,6 +11,7 @@ use super::{Outcome, WrongArguments, tell_assumptions};
 use crate::directory;
 use crate::node::controller_settings;
 use friction_stage_core::model::{EffectParameters, StageModel};
+use friction_stage_core::plant::effects::{ALL, EffectDescriptor, Role};
 use friction_stage_lab::{Application, Objective, TuningPlan};
 use friction_stage_report::tuning::{
     controller_parameters, ros2_control_parameters, tuning_json, tuning_page, tuning_text,
@@ -181,8 +182,13 @@ fn name_of(path: &Path) -> String {
 
 /// The model with a motor that is later by a delay.
 fn late(mut model: StageModel, delay: f64) -> anyhow::Result<StageModel> {
-    if delay > 0.0 {
-        let lag = "actuator_lag";
+    let is_late = |effect: &&&EffectDescriptor| {
+        let has_delay = effect.parameters.iter().any(|parameter| parameter.name == "delay");
+        matches!(effect.role, Role::Command(_)) && has_delay
+    };
+    if delay > 0.0
+        && let Some(lag) = ALL.iter().find(is_late).map(|effect| effect.name)
+    {
         if model.effects.iter().any(|effect| effect.name == lag) {
             return Err(WrongArguments(format!(
                 "{} has an {lag} of its own: put the {delay} s of --delay into its delay",
