@@ -152,14 +152,9 @@ impl Search<'_> {
         left.holdout().sqrt() <= ALL_BUT_NOISE * self.floors.holdout.total()
     }
 
-    /// Whether little enough is left of both records for what was found to be the answer.
+    /// Whether little enough is left of the hold-out for what was found to be the answer.
     pub(super) fn is_explained(&self, left: &Errors) -> bool {
         leaves_little(left.holdout(), self.errors_before.holdout(), self.floors.holdout.total())
-            && is_little(
-                (left.train(), self.errors_before.train()),
-                self.floors.train.total(),
-                LEAST_SHARE,
-            )
     }
 
     /// Squares that noise leaves on the train record, N^2.
@@ -171,15 +166,9 @@ impl Search<'_> {
 /// Whether laws that leave a mean square on the hold-out, of one before, both N^2, over a floor of
 /// noise, N, are the answer though more than noise is left.
 fn leaves_little(left: f64, before: f64, floor: f64) -> bool {
+    let share = left - floor.powi(2) <= LEFT_AT_MOST * (before - floor.powi(2)).max(0.0);
     // Sensors without any noise say nothing of sizes.
-    is_little((left, before), floor, LEFT_AT_MOST)
-        && (floor <= 0.0 || left <= (FLOORS_AT_MOST * floor).powi(2))
-}
-
-/// Whether what is left is no more than this share of what there was to explain. Of the train record
-/// that is what no further law would be added for.
-fn is_little((left, before): (f64, f64), floor: f64, share: f64) -> bool {
-    left - floor.powi(2) <= share * (before - floor.powi(2)).max(0.0)
+    share && (floor <= 0.0 || left <= (FLOORS_AT_MOST * floor).powi(2))
 }
 
 #[cfg(test)]
