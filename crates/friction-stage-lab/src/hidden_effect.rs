@@ -3,7 +3,6 @@
 //! In comes a seed, out come the declared model, the real one and two recordings of the real one in
 //! closed loop: one to identify on and one to check.
 
-use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use rand::{RngExt as _, SeedableRng};
@@ -106,7 +105,8 @@ impl HiddenEffect {
 #[serde(deny_unknown_fields)]
 struct Hideable {
     name: String,
-    values: BTreeMap<String, [f64; 2]>,
+    /// In the order in which they are drawn.
+    values: Vec<(String, [f64; 2])>,
 }
 
 /// One of `hidden_effects.yaml`.
@@ -115,7 +115,8 @@ fn hidden(random: &mut ChaCha8Rng) -> EffectParameters {
         serde_saphyr::from_str(include_str!("hidden_effects.yaml"))
             .expect("a test reads the effects that this crate contains")
     });
-    let chosen = &HIDEABLE[random.random_range(0..HIDEABLE.len())];
+    let chosen = random.random_range(0.0..HIDEABLE.len() as f64) as usize;
+    let chosen = &HIDEABLE[chosen];
     let mut draw = |&[low, high]: &[f64; 2]| random.random_range(low..high);
     let values = chosen.values.iter().map(|(key, range)| (key.as_str(), draw(range)));
     EffectParameters::new(&chosen.name, values.collect::<Vec<_>>())
