@@ -224,6 +224,18 @@ fn other_origins_other_names_and_other_interfaces_are_refused() {
 }
 
 #[test]
+fn a_stage_without_a_page_ends_when_it_is_asked_to() {
+    let domain = OwnDomain::take().expect("a free domain");
+    let mut process = node(domain.number(), &[]).spawn().expect("the node starts");
+    let mut lines = BufReader::new(process.stderr.take().expect("a log")).lines();
+    assert!(lines.any(|line| line.expect("text").contains("Hz control")));
+    std::thread::spawn(move || lines.for_each(drop));
+    // SAFETY: the process is a child of ours that has not been waited for.
+    assert_eq!(unsafe { libc::kill(process.id() as i32, libc::SIGINT) }, 0);
+    assert!(process.wait().expect("it ends").success());
+}
+
+#[test]
 fn a_port_that_is_taken_and_a_stage_in_lockstep_are_told_at_the_start() {
     let taken = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).expect("a port");
     let port = taken.local_addr().expect("its number").port();

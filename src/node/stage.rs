@@ -185,7 +185,11 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     }
     let followed = SharedFollower::default();
     let live_page = match settings.live_port {
-        None => None,
+        None => {
+            // The recorder ends when nobody holds its handle any more.
+            drop(record);
+            None
+        }
         Some(port) => Some(live::start(LiveSetup {
             port,
             name: settings.model.name.clone(),
