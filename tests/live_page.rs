@@ -90,7 +90,10 @@ fn a_running_stage_is_watched_moved_and_recorded_from_the_page() {
     let directory = tempfile::tempdir().expect("a directory");
     let stage = Stage::start(directory.path(), "servo");
     let Some(mut browser) = stage.open() else { return };
-    browser.wait_until(&format!("Number.isFinite(Number({}))", text("error")));
+    for shown in ["position", "error"] {
+        let text = text(shown);
+        browser.wait_until(&format!("{text} !== '' && Number.isFinite(Number({text}))"));
+    }
     assert_eq!(browser.text(&text("state")), "running");
 
     browser.click("document.getElementById('record')");

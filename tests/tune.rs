@@ -43,7 +43,7 @@ fn tuned_gains_are_loaded_by_the_controller_node_and_can_be_compared_again() {
     assert_eq!(settings.mass_feedforward, 40.0);
 
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
-    assert_eq!(page.matches("<svg").count(), 6);
+    assert_eq!(page.matches("<svg").count(), 9);
 
     // The same variants, the same gains, the same results.
     let again = directory.path().join("again");

@@ -1,5 +1,7 @@
-//! How far a command is: a bar of at most 60 columns on a terminal, else a line every few seconds.
+//! How far a command is: a bar of at most 60 columns on a terminal, else a line every few seconds
+//! and at the beginning of each step.
 
+use std::collections::BTreeSet;
 use std::io::Write as _;
 use std::sync::Mutex;
 use std::time::Duration;
@@ -12,8 +14,15 @@ const BETWEEN_LINES: Duration = Duration::from_secs(5);
 /// Shows on stderr how far a command is. Any thread may report.
 pub(super) struct Progress {
     bar: ProgressBar,
-    /// When the next line is due where there is no terminal, after the start.
-    due: Mutex<Duration>,
+    told: Mutex<Told>,
+}
+
+/// What was written where there is no terminal.
+struct Told {
+    /// When the next line is due, after the start.
+    due: Duration,
+    /// Steps, which are what stands before a colon.
+    steps: BTreeSet<String>,
 }
 
 impl Progress {
@@ -35,7 +44,8 @@ impl Progress {
         }
         bar.set_message(message.into());
         bar.enable_steady_tick(Duration::from_millis(200));
-        Progress { bar, due: Mutex::new(BETWEEN_LINES) }
+        let told = Told { due: BETWEEN_LINES, steps: BTreeSet::new() };
+        Progress { bar, told: Mutex::new(told) }
     }
 
     /// What is done now.
@@ -76,21 +86,20 @@ impl Progress {
             return;
         }
         let elapsed = self.bar.elapsed();
-        let Ok(mut due) = self.due.lock() else { return };
-        if elapsed < *due {
+        let message = self.bar.message();
+        let Ok(mut told) = self.told.lock() else { return };
+        let begins = message.split_once(':').is_some_and(|(step, _)| {
+            !told.steps.contains(step) && told.steps.insert(step.to_owned())
+        });
+        if elapsed < told.due && !begins {
             return;
         }
-        *due = elapsed + BETWEEN_LINES;
+        told.due = elapsed + BETWEEN_LINES;
         let share = match self.bar.length() {
             Some(steps) if steps > 0 => format!(" {} %,", 100 * self.bar.position() / steps),
             _ => String::new(),
         };
-        let _ = writeln!(
-            std::io::stderr(),
-            "{}:{share} after {} s",
-            self.bar.message(),
-            elapsed.as_secs()
-        );
+        let _ = writeln!(std::io::stderr(), "{message}:{share} after {} s", elapsed.as_secs());
     }
 }
 

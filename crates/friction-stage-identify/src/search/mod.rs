@@ -1,12 +1,14 @@
 //! Which effects are there? Forward selection with a refit of everything at each step, judged on
 //! held-out data, pruned backwards.
 
+mod above_noise;
 mod alternatives;
 mod cell;
 mod columns;
 mod curve_drawing;
 mod curves;
 mod different_guides;
+mod errors;
 mod forms;
 mod gain;
 mod guides;

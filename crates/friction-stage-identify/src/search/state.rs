@@ -13,6 +13,7 @@ use crate::residual::missing::Missing;
 use friction_stage_core::numerics::correlation::correlation_length_along;
 
 use super::different_guides::with_different_guides;
+pub(super) use super::errors::{errors, errors_on};
 use super::nulls::{Floors, NullRecords, known_controller};
 use super::selection::{Errors, Evidence, Inseparable, Watch, different_laws};
 
@@ -138,23 +139,6 @@ impl<'a> Search<'a> {
             _ => Sides::CARRIAGE,
         }
     }
-}
-
-pub(super) fn errors(
-    hypothesis: &Hypothesis,
-    train: &Measured,
-    holdout: &Measured,
-) -> Result<Errors, IdentifyError> {
-    let (train_motor, train_carriage) = hypothesis.missing(train, Sides::BOTH)?.squares();
-    let (holdout_motor, holdout_carriage) =
-        hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
-    Ok(Errors { train_motor, train_carriage, holdout_motor, holdout_carriage })
-}
-
-/// Mean square of what is missing on a hold-out, N^2.
-pub(super) fn errors_on(hypothesis: &Hypothesis, holdout: &Measured) -> Result<f64, IdentifyError> {
-    let (motor, carriage) = hypothesis.in_record(holdout)?.missing(holdout, Sides::BOTH)?.squares();
-    Ok(motor + carriage)
 }
 
 /// What a law of `free` parameters that leads from one residual to another takes out of the mean
