@@ -174,7 +174,8 @@ impl Browser {
     }
 
     pub fn number(&mut self, expression: &str) -> f64 {
-        let value = self.evaluate(expression);
+        // The protocol has no value of -0.
+        let value = self.evaluate(&format!("({expression}) + 0"));
         value.as_f64().unwrap_or_else(|| panic!("{expression} is {value}"))
     }
 

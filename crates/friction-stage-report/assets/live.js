@@ -33,7 +33,8 @@
     if (get("plots").clientWidth !== width) { width = get("plots").clientWidth; build(); }
   });
 
-  const short = (v) => (v == null ? "\u2013" : Number(v.toPrecision(5)).toFixed(3));
+  const short = (v) => (v == null ? "\u2013"
+    : Number(v.toPrecision(5)).toFixed(3).replace(/^-(0\.0*)$/, "$1"));
   const length = (metres) => (metres >= 1e-3 ? `${(metres * 1e3).toPrecision(3)} mm`
     : `${(metres * 1e6).toPrecision(3)} µm`);
   const socket = new WebSocket(`ws://${location.host}/data`);
