@@ -62,7 +62,7 @@ fn trace_over_ros_is_the_trace_in_one_process_bit_for_bit() {
     let cycles = (motion.duration() / 250_000) as usize;
     let expected = in_process(&motion, cycles, None);
 
-    let (mut samples, mut forces, mut states) = (0, 0, 0);
+    let (mut samples, mut forces, mut states, mut last) = (0, 0, 0, None);
     let at = |stamp: i64| {
         let time = stamp - LOCKSTEP_EPOCH;
         assert_eq!(time % 250_000, 0, "stamps are sampling instants");
@@ -95,13 +95,17 @@ fn trace_over_ros_is_the_trace_in_one_process_bit_for_bit() {
             }
             topics::FORCE => {
                 let found: WrenchStamped = message.decode().unwrap();
-                let Some(cycle) = at(found.header.stamp.to_nanos()) else { continue };
+                // The first sample is sent again until it is answered, and the controller may
+                // answer each; what it answers is the same.
+                let stamp = found.header.stamp.to_nanos();
+                let is_again = last.replace(stamp) == Some(stamp);
+                let Some(cycle) = at(stamp) else { continue };
                 assert_eq!(
                     found.wrench.force.x.to_bits(),
                     cycle.terms.output.to_bits(),
                     "force {forces}"
                 );
-                forces += 1;
+                forces += usize::from(!is_again);
             }
             topics::CONTROLLER_STATE => {
                 let found: ControllerState = message.decode().unwrap();
@@ -154,17 +158,20 @@ fn compensation_over_ros_is_that_in_one_process_bit_for_bit() {
     let plain = in_process(&motion, cycles, None);
     let peak = |run: &[Cycle]| run.iter().map(|one| one.terms.error.abs()).fold(0.0, f64::max);
     assert!(peak(&expected) < 0.2 * peak(&plain), "{} {}", peak(&expected), peak(&plain));
-    let (mut forces, mut states) = (0, 0);
+    let (mut forces, mut states, mut last) = (0, 0, None);
     let at = |stamp: i64| expected.get(((stamp - LOCKSTEP_EPOCH) / 250_000) as usize);
     for message in BagReader::open(&bag).unwrap().messages() {
         let message = message.unwrap();
         match message.topic.name.as_str() {
             topics::FORCE => {
                 let found: WrenchStamped = message.decode().unwrap();
-                let Some(cycle) = at(found.header.stamp.to_nanos()) else { continue };
+                // As above: one answer of several to the first sample counts.
+                let stamp = found.header.stamp.to_nanos();
+                let is_again = last.replace(stamp) == Some(stamp);
+                let Some(cycle) = at(stamp) else { continue };
                 let (found, output) = (found.wrench.force.x, cycle.terms.output);
                 assert_eq!(found.to_bits(), output.to_bits(), "force {forces}");
-                forces += 1;
+                forces += usize::from(!is_again);
             }
             topics::CONTROLLER_STATE => {
                 let found: ControllerState = message.decode().unwrap();
