@@ -96,10 +96,10 @@ impl Progress {
         }
         told.due = elapsed + BETWEEN_LINES;
         let share = match self.bar.length() {
-            Some(steps) if steps > 0 => format!(" {} %,", 100 * self.bar.position() / steps),
+            Some(steps) if steps > 0 => format!("{} %, ", 100 * self.bar.position() / steps),
             _ => String::new(),
         };
-        let _ = writeln!(std::io::stderr(), "{message}:{share} after {} s", elapsed.as_secs());
+        let _ = writeln!(std::io::stderr(), "{message} ({share}{} s)", elapsed.as_secs());
     }
 }
 
