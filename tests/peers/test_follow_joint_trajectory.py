@@ -332,7 +332,7 @@ def test_a_reset_of_the_stage_ends_a_goal(ros, pair):
     pair()
     states = ros.collect("/controller/state", depth=10)
     goals = Goals(ros)
-    handle = goals.send(goal([rest(3.0, 0.2)]))
+    handle = goals.send(goal([rest(30.0, 0.2)]))
     ros.until(lambda: states and states[-1].position > 0.02, "motion")
     assert ros.call(Trigger, "/stage/reset").success
     assert goals.result(handle)[:2] == (GoalStatus.STATUS_ABORTED, Result.INVALID_GOAL)
