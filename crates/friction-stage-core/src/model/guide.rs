@@ -173,10 +173,11 @@ impl Guide {
 
     /// Refuses impossible values; `key` says where the guide stands in the model.
     pub fn check(&self, key: &str) -> Result<(), ModelError> {
+        // First, since what a file does not say of a guide follows from it.
+        error::positive(&format!("{key}.coulomb_force"), self.coulomb_force)?;
         error::positive(&format!("{key}.stiffness"), self.stiffness)?;
         error::not_negative(&format!("{key}.bristle_damping"), self.bristle_damping)?;
         error::not_negative(&format!("{key}.viscous_friction"), self.viscous_friction)?;
-        error::positive(&format!("{key}.coulomb_force"), self.coulomb_force)?;
         error::positive(&format!("{key}.static_force"), self.static_force)?;
         error::positive(&format!("{key}.stribeck_velocity"), self.stribeck_velocity)?;
         if self.static_force < self.coulomb_force {
