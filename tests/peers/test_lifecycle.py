@@ -44,7 +44,7 @@ def moved(samples) -> float:
 
 
 def test_a_managed_stage_takes_samples_always_and_force_when_it_is_active(friction_stage):
-    stage = friction_stage(lifecycle=True, control_rate=1000.0)
+    stage = friction_stage(lifecycle=True, control_rate=1000.0, answer_timeout=60.0)
     life = Life(stage.ros, "/stage")
     assert life.state() == "unconfigured"
     assert life.ways() == {
@@ -83,7 +83,7 @@ def test_a_managed_stage_takes_samples_always_and_force_when_it_is_active(fricti
 
 
 def test_what_is_no_way_from_a_state_is_refused_and_changes_nothing(friction_stage):
-    stage = friction_stage(lifecycle=True, control_rate=1000.0)
+    stage = friction_stage(lifecycle=True, control_rate=1000.0, answer_timeout=60.0)
     life = Life(stage.ros, "/stage")
     for wanted in (
         {"id": Transition.TRANSITION_ACTIVATE},
