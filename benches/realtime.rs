@@ -3,10 +3,10 @@
 //!
 //! `cargo bench --bench realtime -- [--seconds S]`
 //!
-//! The stage is the real node, publishing all its topics: alone, with its live page in a browser (if
-//! there is a chromium), and with a recording.
-//! The sleeping thread has the same deadlines and the same scheduling and does nothing. Lateness is
-//! what this machine's scheduler makes of it; compare the rows, not the numbers of two machines.
+//! The stage is the real node, publishing all its topics: alone, with its live page in a browser
+//! (if there is a chromium), and with a recording. The sleeping thread has the same deadlines and
+//! the same scheduling and does nothing. Lateness is what this machine's scheduler makes of it;
+//! compare the rows, not the numbers of two machines.
 
 use std::collections::BTreeMap;
 use std::path::Path;

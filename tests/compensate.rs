@@ -5,10 +5,22 @@ use std::process::{Command, Output};
 
 use friction_stage_data::motion_file;
 
-const MOTION: &str = "joint_names: [stage]\npoints:\n\
-    - {positions: [0.0], velocities: [0.0], accelerations: [0.0], time_from_start: {nanosec: 50000000}}\n\
-    - {positions: [0.05], velocities: [0.0], accelerations: [0.0], time_from_start: {nanosec: 150000000}}\n\
-    - {positions: [0.05], velocities: [0.0], accelerations: [0.0], time_from_start: {nanosec: 650000000}}\n";
+const MOTION: &str = "\
+joint_names: [stage]
+points:
+- positions: [0.0]
+  velocities: [0.0]
+  accelerations: [0.0]
+  time_from_start: {nanosec: 50000000}
+- positions: [0.05]
+  velocities: [0.0]
+  accelerations: [0.0]
+  time_from_start: {nanosec: 150000000}
+- positions: [0.05]
+  velocities: [0.0]
+  accelerations: [0.0]
+  time_from_start: {nanosec: 650000000}
+";
 
 fn compensate(directory: &Path, arguments: &[&str], out: &str) -> Output {
     std::fs::write(directory.join("motion.yaml"), MOTION).unwrap();

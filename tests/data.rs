@@ -684,9 +684,9 @@ fn emps_is_read_through_a_mapping() {
         assert!(recording.valid.iter().all(|valid| *valid));
         let found = examine(&recording, None);
         assert_eq!(found.findings, [DataFinding::NoForceCell]);
-        // train: Janot, Gautier, Brunot 2019: 95.1 kg, 20.4 N, 203.5 N s/m. check, which has unknown
-        // pulses added: least squares beyond 1 mm/s after a zero-phase Butterworth filter of 20 Hz
-        // (scipy) gives 1.1 kg less and 0.3 N more than of train.
+        // train: Janot, Gautier, Brunot 2019: 95.1 kg, 20.4 N, 203.5 N s/m. check, which has
+        // unknown pulses added: least squares beyond 1 mm/s after a zero-phase Butterworth filter
+        // of 20 Hz (scipy) gives 1.1 kg less and 0.3 N more than of train.
         let fit = found.command_fit.unwrap();
         let (mass, coulomb) = if part == "train" { (95.1, 20.4) } else { (95.1 - 1.1, 20.4 + 0.3) };
         assert!(

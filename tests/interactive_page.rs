@@ -86,8 +86,8 @@ impl Open {
     fn pixels(&mut self, figure: usize, colour: [u8; 3]) -> (f64, f64) {
         let [r, g, b] = colour;
         let found = self.browser.evaluate(&format!(
-            "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => {{ const \
-             c = document.createElement('canvas'); const from = \
+            "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => {{ \
+             const c = document.createElement('canvas'); const from = \
              document.querySelectorAll('figure')[{figure}].querySelector('canvas'); c.width = \
              from.width; c.height = from.height; const to = c.getContext('2d', \
              {{willReadFrequently: true}}); to.drawImage(from, 0, 0); const d = to.getImageData(0, \

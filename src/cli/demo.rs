@@ -31,7 +31,8 @@ use friction_stage_report::words::guide_label;
 #[command(
     args_conflicts_with_subcommands = true,
     after_help = "Examples:\n  friction-stage demo --guides guide_2 --out one_guide\n  \
-                  friction-stage demo recordings   # recordings to try identify on\n\nWatch it from another terminal, in the domain that it prints:\n  \
+                  friction-stage demo recordings   # recordings to try identify on\n\nWatch it \
+                  from another terminal, in the domain that it prints:\n  \
                   ROS_DOMAIN_ID=... ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 topic echo \
                   /controller/state"
 )]

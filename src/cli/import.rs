@@ -27,9 +27,9 @@ use friction_stage_report::words::{import_text, proposal_text};
 #[command(after_help = "Example:\n  friction-stage import drive.csv                  # writes \
                         drive.mapping.yaml\n  friction-stage import drive.csv --mapping \
                         drive.mapping.yaml --out drive\n  friction-stage import runs.csv \
-                        --mapping runs.mapping.yaml --out runs --split\n\nA mapping:\n  signals:\n    time: \
-                        {column: t_ms, unit: ms}\n    position: {column: x, unit: mm}\n    \
-                        force: {column: u, scale: 35.15}   # N per V")]
+                        --mapping runs.mapping.yaml --out runs --split\n\nA mapping:\n  \
+                        signals:\n    time: {column: t_ms, unit: ms}\n    \
+                        position: {column: x, unit: mm}\n    force: {column: u, scale: 35.15}   # N per V")]
 pub struct ImportArgs {
     /// Table: CSV, TSV, columns between blanks; arrays in .mat, .npz, .npy
     #[arg(value_name = "FILE")]
@@ -40,7 +40,8 @@ pub struct ImportArgs {
     /// Directory to make; it must not exist
     #[arg(long, value_name = "BAG", requires = "mapping")]
     pub out: Option<PathBuf>,
-    /// The file has several captures, one after the other: make a bag of each in the directory --out
+    /// The file has several captures, one after the other: make a bag of each in the directory
+    /// --out
     #[arg(long, requires = "mapping")]
     pub split: bool,
     /// Where to write the proposed mapping, instead of NAME.mapping.yaml here

@@ -91,7 +91,8 @@ pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     while next < jobs.end {
         if stop.load(Ordering::Relaxed) {
             return Err(Interrupted(format!(
-                "stopped after {} of {count} variants, which are kept in {}: continue with --resume",
+                "stopped after {} of {count} variants, which are kept in {}: continue with \
+                 --resume",
                 next - jobs.start,
                 args.out.display()
             ))

@@ -222,8 +222,8 @@ impl StageLoop {
         Tick { stamp, sample, state }
     }
 
-    /// Takes what topic hardware sent before the sample that it would have to answer went out. Kept,
-    /// it would delay the loop by a sample for good.
+    /// Takes what topic hardware sent before the sample that it would have to answer went out.
+    /// Kept, it would delay the loop by a sample for good.
     fn leave_out_surplus(&mut self, run: &mut Run, tick: &Tick) {
         if run.can_ask_again() {
             return;

@@ -211,8 +211,8 @@ pub fn specs() -> Vec<ParameterSpec> {
         ParameterSpec::integer(
             "live_port",
             0,
-            "port of a page on 127.0.0.1 that shows the stage as it runs and, in drive: servo, moves \
-             it; 0: none",
+            "port of a page on 127.0.0.1 that shows the stage as it runs and, in drive: servo, \
+             moves it; 0: none",
         )
         .range(0.0, 65535.0)
         .read_only(),

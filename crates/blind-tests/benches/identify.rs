@@ -840,7 +840,8 @@ impl Report {
             ));
         }
         line(format_args!(
-            "    {:.0} Hz, encoder with counts of {:.1} nm and {:.1} nm of noise, cell with {:.3} N",
+            "    {:.0} Hz, encoder with counts of {:.1} nm and {:.1} nm of noise, cell with \
+             {:.3} N",
             self.rate,
             1e9 * self.noise.count,
             1e9 * self.noise.encoder,

@@ -1,5 +1,5 @@
-//! Recordings of a stage: bags of rosbag2 (MCAP, sqlite3) with their messages, tables of text and of
-//! arrays, the signals in them on one grid, and the quality of these.
+//! Recordings of a stage: bags of rosbag2 (MCAP, sqlite3) with their messages, tables of text and
+//! of arrays, the signals in them on one grid, and the quality of these.
 //!
 //! ```
 //! use friction_stage_data::quality::examine;

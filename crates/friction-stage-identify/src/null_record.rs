@@ -231,7 +231,8 @@ mod tests {
             let measured = Measured::new(&trace, &model, "the record").unwrap();
             let hypothesis = Hypothesis::new(&model, Tolerances::default()).unwrap();
             let left = |record: &Measured| hypothesis.missing(record, Sides::BOTH).unwrap().rms();
-            // Where the loop is not known the noise is another one than the controller has answered.
+            // Where the loop is not known the noise is another one than the controller has
+            // answered.
             for (controller, within) in [(None, 1.0), (Some(&controller), 0.2)] {
                 let null = hypothesis.null_record(&measured, controller, 1).unwrap();
                 let ratio = left(&measured) / left(&null);

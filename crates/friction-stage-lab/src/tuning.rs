@@ -4,8 +4,8 @@
 //! In come a model and an application, out come gains, what they reach on variants that the search
 //! did not see, and the same of the rule of thumb for a bandwidth. Every loop that is considered
 //! keeps its modulus margin on all drawn guides, at all amplitudes, and on the plain mass. Of these
-//! the one counts that is best in simulated moves, forth and back (Garpinger, Hägglund, Åström, J. Process Control
-//! 24, 2014, tune alike: performance under a bound of the largest sensitivity).
+//! the one counts that is best in simulated moves, forth and back (Garpinger, Hägglund, Åström, J.
+//! Process Control 24, 2014, tune alike: performance under a bound of the largest sensitivity).
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -38,8 +38,8 @@ const UNSEEN_FROM: u64 = 2_000_000;
 /// gains.
 const BANDWIDTHS: [f64; 12] = [0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 1.0, 1.25, 1.6, 2.0, 2.5, 3.2];
 const FACTORS: [f64; 4] = [1.6, 1.25, 1.1, 1.04];
-/// Highest cutoff of the lowpass, as a part of the sampling rate. Assumed: beyond it there is little
-/// of a lowpass left against the noise of the encoder.
+/// Highest cutoff of the lowpass, as a part of the sampling rate. Assumed: beyond it there is
+/// little of a lowpass left against the noise of the encoder.
 const HIGHEST_LOWPASS: f64 = 0.25;
 /// Rounds at each of them. Assumed.
 const ROUNDS: usize = 3;
@@ -91,15 +91,15 @@ pub enum TuningError {
     NoMargins { rate: f64, least: f64, most: f64, peak: f64 },
     #[error(
         "a rate of {rate} Hz is too low for a bandwidth of {bandwidth} Hz, whose lowpass at \
-         {lowpass} Hz must stay below half the rate: at least {needed} Hz, or at most {possible:.1} \
-         Hz of bandwidth"
+         {lowpass} Hz must stay below half the rate: at least {needed} Hz, or at most \
+         {possible:.1} Hz of bandwidth"
     )]
     Rate { rate: f64, bandwidth: f64, lowpass: f64, needed: f64, possible: f64 },
     #[error("the gains of {name} are beyond the limit of stability: {margins:?}")]
     Unstable { name: String, margins: Margins },
     #[error(
-        "the application's move of {distance} m needs {needed:.0} N for the {mass} kg of the model, \
-         whose motor has {limit} N"
+        "the application's move of {distance} m needs {needed:.0} N for the {mass} kg of the \
+         model, whose motor has {limit} N"
     )]
     Motor { distance: f64, needed: f64, mass: f64, limit: f64 },
     #[error("{0} variants are too few to compare on: at least 1")]

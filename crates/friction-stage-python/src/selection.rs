@@ -151,7 +151,8 @@ impl Plan {
         let lengths = [peaks.len(), times.len(), saturated.len()];
         if lengths.iter().any(|length| *length as u64 != self.plan.variants) {
             return Err(raised::SelectionError::new_err(format!(
-                "{lengths:?} values of peak error, settling time and saturation, must be {} of each",
+                "{lengths:?} values of peak error, settling time and saturation, must be {} of \
+                 each",
                 self.plan.variants
             )));
         }

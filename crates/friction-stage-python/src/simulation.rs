@@ -95,8 +95,8 @@ fn run(mut stage: ClosedLoop, mut columns: Columns, caller: &Caller) -> Result<C
 /// Name, start and arrival (s), target (m), peak error (m) and settling times (s) of a move.
 type MoveRow = (&'static str, f64, f64, f64, f64, (Option<f64>, Option<f64>, Option<f64>));
 
-/// Names and values of the columns, whether the motor was at its limit, samples per second, and what
-/// became of each move.
+/// Names and values of the columns, whether the motor was at its limit, samples per second, and
+/// what became of each move.
 type Run<'py> = (
     &'static [&'static str],
     Bound<'py, PyArray2<f64>>,

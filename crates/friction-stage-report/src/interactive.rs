@@ -1,4 +1,5 @@
-//! Charts as data for the plots of a page: columns of numbers, each once, and what is drawn of them.
+//! Charts as data for the plots of a page: columns of numbers, each once, and what is drawn of
+//! them.
 //!
 //! What comes in are charts, what goes out is JSON that `assets/plot.js` draws with uPlot. A column
 //! that grows evenly is its start and step; a long one is 32-bit counts of its range, a short one

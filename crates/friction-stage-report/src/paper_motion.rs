@@ -103,8 +103,8 @@ pub fn demo_page(
     );
     page.section("Which guide");
     page.text(
-        "The same stage, motion and controller; only the guides differ. Which of them settles first \
-         depends on the move and on the band.",
+        "The same stage, motion and controller; only the guides differ. Which of them settles \
+         first depends on the move and on the band.",
     );
     let mut table = Table::new(&[
         ("guide", Align::Left),

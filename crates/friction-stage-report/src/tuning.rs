@@ -206,8 +206,8 @@ pub fn controller_parameters(tuned: &Tuned) -> String {
         "# Gains of `friction-stage tune`: controller_node --ros-args --params-file THIS_FILE\n\
          # {}\n\
          /**/controller:\n  ros__parameters:\n    rate: {rate:?}\n    tuning: gains\n    \
-         mass: {mass_feedforward:?}\n    gains:\n      stage:\n        p: {:?}\n        i: {:?}\n        \
-         d: {:?}\n        u_clamp_max: {:?}\n        u_clamp_min: {:?}\n        \
+         mass: {mass_feedforward:?}\n    gains:\n      stage:\n        p: {:?}\n        \
+         i: {:?}\n        d: {:?}\n        u_clamp_max: {:?}\n        u_clamp_min: {:?}\n        \
          antiwindup_strategy: conditional_integration\n    lowpass:\n      frequency: {:?}\n      \
          damping: {:?}\n    feedforward:\n      mass: {mass_feedforward:?}\n      \
          viscous: {viscous_feedforward:?}\n",
@@ -237,11 +237,12 @@ pub fn ros2_control_parameters(tuned: &Tuned) -> String {
         "# Gains of `friction-stage tune` for ros2_control. Its controllers have no lowpass behind \
          the PID\n# and no mass feedforward: {}.\n\
          controller_manager:\n  ros__parameters:\n    update_rate: {}\n\n\
-         pid_controller:\n  ros__parameters:\n    dof_names: [stage]\n    command_interface: effort\n    \
+         pid_controller:\n  ros__parameters:\n    dof_names: [stage]\n    \
+         command_interface: effort\n    \
          reference_and_state_interfaces: [position]\n    gains:\n      stage:\n{inner}\n\
          joint_trajectory_controller:\n  ros__parameters:\n    joints: [stage]\n    \
-         command_interfaces: [effort]\n    state_interfaces: [position, velocity]\n    gains:\n      \
-         stage:\n{inner}        ff_velocity_scale: {viscous_feedforward:?}\n",
+         command_interfaces: [effort]\n    state_interfaces: [position, velocity]\n    \
+         gains:\n      stage:\n{inner}        ff_velocity_scale: {viscous_feedforward:?}\n",
         margins_in_words(&tuned.without_lowpass),
         rate.round() as i64,
     )

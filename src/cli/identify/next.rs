@@ -27,7 +27,12 @@ pub struct LimitArgs {
     #[arg(long, value_name = "N", requires = "next_experiment")]
     pub max_force: Option<f64>,
     /// About how long it may take, s
-    #[arg(long, value_name = "SECONDS", default_value_t = Limits::DURATION, requires = "next_experiment")]
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = Limits::DURATION,
+        requires = "next_experiment"
+    )]
     pub max_duration: f64,
 }
 

@@ -90,8 +90,8 @@ impl Deref for BagMessage {
 }
 
 impl BagMessage {
-    /// Decodes the message as `M`, which must be the type that the bag declares, by its name of today
-    /// or of before.
+    /// Decodes the message as `M`, which must be the type that the bag declares, by its name of
+    /// today or of before.
     pub fn decode<M: RosMessage>(&self) -> Result<M, BagError> {
         let expected = M::type_name();
         if current_type_name(&self.topic.type_name) != expected {

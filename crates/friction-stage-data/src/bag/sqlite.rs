@@ -396,8 +396,8 @@ impl Database {
         }
     }
 
-    /// The place behind the message that follows the one of this time and row, which cannot be read.
-    /// The index alone tells it; where that is damaged, too, the order of rows has to do.
+    /// The place behind the message that follows the one of this time and row, which cannot be
+    /// read. The index alone tells it; where that is damaged, too, the order of rows has to do.
     fn after_row(&self, connection: &Connection, time: i64, row: i64) -> Option<Position> {
         let query = "SELECT timestamp, rowid FROM messages \
                      WHERE timestamp >= ?1 AND (timestamp > ?1 OR rowid > ?2) \

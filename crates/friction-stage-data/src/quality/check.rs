@@ -40,8 +40,8 @@ pub struct TopicCheck {
     pub by_stamp: bool,
     /// Messages per second: one over the usual (median) interval. None where there is no usual one.
     pub rate_hz: Option<f64>,
-    /// Whether messages come in bursts, so that they have no rate: their intervals scatter about the
-    /// usual one by more than the loss of every other message at random explains.
+    /// Whether messages come in bursts, so that they have no rate: their intervals scatter about
+    /// the usual one by more than the loss of every other message at random explains.
     pub in_bursts: bool,
     /// Standard deviation of the intervals that are no gaps, s.
     pub jitter_s: Option<f64>,

@@ -61,7 +61,10 @@ pub enum SignalError {
         reason: String,
     },
     /// Columns in memory that are no table.
-    #[error("{}: {count} values of {column} for {rows} of time: give one for each row", name.display())]
+    #[error(
+        "{}: {count} values of {column} for {rows} of time: give one for each row",
+        name.display()
+    )]
     Columns {
         /// What stands for their path.
         name: PathBuf,

@@ -108,8 +108,8 @@ impl Trace {
     /// Rows are the samples of `/stage/encoder`. The reference of a row comes from the one-point
     /// `/stage/setpoint` of its stamp, else from the `/controller/state` of its stamp; the force
     /// from the `/stage/force` of its stamp, else from the last of `/stage/joint_commands` with its
-    /// log time. Of several other messages with one stamp the first counts. A bag without encoder, or with a damaged place, is
-    /// an error.
+    /// log time. Of several other messages with one stamp the first counts. A bag without encoder,
+    /// or with a damaged place, is an error.
     pub fn from_bag(path: impl AsRef<Path>) -> Result<Self, SignalError> {
         Self::from_reader(&BagReader::open(path)?)
     }

@@ -60,8 +60,8 @@ impl Search<'_> {
     }
 
     /// Least fall of the mean square, of a record with this floor, that is worth an effect with
-    /// whose arrival the errors fall so, N^2. Wherever it acts: what the cell shows is judged as exactly as the motor, the rest as
-    /// the carriage.
+    /// whose arrival the errors fall so, N^2. Wherever it acts: what the cell shows is judged as
+    /// exactly as the motor, the rest as the carriage.
     pub(super) fn least_gain(&self, without: &Errors, with: &Errors, floor: &Floor) -> f64 {
         let by_cell = self.is_shown_by_cell(without, with);
         self.threshold_over(if by_cell { Side::Motor } else { Side::Carriage }, floor)

@@ -1,9 +1,9 @@
 //! What noise alone gives: the floor of a record, and what a law gains on records in which there is
 //! nothing for it to explain.
 //!
-//! A residual that is driven along a measured motion is not the noise of the sensors, and a law that
-//! makes the part of that motion in it smaller (less mass, a mass on a soft spring) takes noise out
-//! of both records. No rule tells such a law from a right one; its gain on null records
+//! A residual that is driven along a measured motion is not the noise of the sensors, and a law
+//! that makes the part of that motion in it smaller (less mass, a mass on a soft spring) takes
+//! noise out of both records. No rule tells such a law from a right one; its gain on null records
 //! ([`Hypothesis::null_record`]) does.
 
 use crate::closed_loop::{LinearController, controller_of};
@@ -57,8 +57,8 @@ impl NullRecords {
         Ok(Floors { train: of(hypothesis, &self.train)?, holdout: of(&there, &self.holdout)? })
     }
 
-    /// Fall of the mean squares of train and hold-out from one hypothesis to another where the first
-    /// is all there is, N^2.
+    /// Fall of the mean squares of train and hold-out from one hypothesis to another where the
+    /// first is all there is, N^2.
     pub(super) fn gains(
         &self,
         without: &Hypothesis,

@@ -44,8 +44,8 @@ pub struct MeasuredLoopPoint {
 }
 
 /// Measures the loop at `frequencies` (Hz) on a stage that holds its position, with a sine of the
-/// force that moves the carriage by about `amplitude` (m), as the model says, or by what half of the
-/// motor's force can.
+/// force that moves the carriage by about `amplitude` (m), as the model says, or by what half of
+/// the motor's force can.
 pub fn measure_loop(
     model: &StageModel,
     settings: &Settings,

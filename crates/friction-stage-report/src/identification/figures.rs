@@ -310,8 +310,8 @@ fn before_and_after(
             group,
             close,
             format!(
-                "What the declared (before) and the identified (after) model miss, {record} record, \
-                 where the declared one misses most."
+                "What the declared (before) and the identified (after) model miss, {record} \
+                 record, where the declared one misses most."
             ),
         )?,
         IdentificationFigure::new(

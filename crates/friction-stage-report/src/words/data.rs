@@ -61,8 +61,8 @@ impl Words for DataFinding {
                     }
                 };
                 format!(
-                    "{signal} stays at {value} for {seconds:.2} s ({rows} rows{others}), and {why}: \
-                     the sensor was dead"
+                    "{signal} stays at {value} for {seconds:.2} s ({rows} rows{others}), and \
+                     {why}: the sensor was dead"
                 )
             }
             Self::Outliers { signal, samples, value, seconds } => format!(
@@ -380,8 +380,8 @@ impl Words for Obstacle {
             Self::OneDirection => "all motion is in one direction".to_owned(),
             Self::OneSpeed => "all motion is at one speed".to_owned(),
             Self::NoSlowSpeed { stribeck_velocity, declared } => format!(
-                "no speed below the Stribeck velocity of {stribeck_velocity:.1e} {speed}{} is held, so \
-                 only reversals pass through it",
+                "no speed below the Stribeck velocity of {stribeck_velocity:.1e} {speed}{} is \
+                 held, so only reversals pass through it",
                 source(*declared)
             ),
             Self::NoFastSpeed { fastest, stribeck_velocity } => format!(

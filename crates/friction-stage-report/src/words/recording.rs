@@ -197,8 +197,8 @@ fn identification_text(found: &Excitation) -> String {
         found.duration_s
     );
     text += &format!(
-        "motion: {} to {} {m}, {} to {} {speed}, up to {} {rate}; {} reversals, {} {m} travelled, {:.2} s \
-         at rest\n",
+        "motion: {} to {} {m}, {} to {} {speed}, up to {} {rate}; {} reversals, {} {m} travelled, \
+         {:.2} s at rest\n",
         short(found.position_range[0]),
         short(found.position_range[1]),
         short(found.velocity_range[0]),

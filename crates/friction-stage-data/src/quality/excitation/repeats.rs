@@ -184,8 +184,9 @@ fn count_at(column: &[f64], run: &Range<usize>) -> f64 {
     if count.is_finite() { count } else { 0.0 }
 }
 
-/// White noise in counts, where the signal moves slowest and does not repeat for long: the median of third
-/// differences, over the root of 20, each in the count of its place. 0 where nothing shows it.
+/// White noise in counts, where the signal moves slowest and does not repeat for long: the median
+/// of third differences, over the root of 20, each in the count of its place. 0 where nothing shows
+/// it.
 fn noise_in_counts(column: &[f64], runs: &[Range<usize>]) -> f64 {
     let mut free = vec![true; column.len()];
     let long = runs.iter().filter(|run| run.len() >= SILENT.1);
