@@ -29,7 +29,8 @@ use friction_stage_report::words::{import_text, proposal_text};
                         drive.mapping.yaml --out drive\n  friction-stage import runs.csv \
                         --mapping runs.mapping.yaml --out runs --split\n\nA mapping:\n  \
                         signals:\n    time: {column: t_ms, unit: ms}\n    \
-                        position: {column: x, unit: mm}\n    force: {column: u, scale: 35.15}   # N per V")]
+                        position: {column: x, unit: mm}\n    \
+                        force: {column: u, scale: 35.15}   # N per V")]
 pub struct ImportArgs {
     /// Table: CSV, TSV, columns between blanks; arrays in .mat, .npz, .npy
     #[arg(value_name = "FILE")]

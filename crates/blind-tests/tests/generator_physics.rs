@@ -593,42 +593,6 @@ fn generator_shares_nothing_with_what_is_identified() {
     assert!(files >= 12, "{files} files");
 }
 
-/// `cargo test --release -p blind-tests --test generator_physics usual_sizes -- --ignored
-/// --nocapture`:
-/// no draw loses the loop; prints the sizes.
-#[test]
-#[ignore = "330 runs, about 400 s of one core; tests/run generates each effect once and two \
-            compositions"]
-fn usual_sizes() {
-    use rayon::prelude::*;
-    for (name, _) in CATALOGUE {
-        let runs: Vec<_> = (0..10u64)
-            .into_par_iter()
-            .map(|seed| {
-                Setup::new(seed).with(by_name(name, seed).unwrap()).generate().unwrap().truth
-            })
-            .collect();
-        let silent = |t: &RecordTruth| {
-            [&t.hidden[0].force, &t.hidden[0].encoder, &t.hidden[0].cell]
-                .iter()
-                .all(|c| rms(c) == 0.0)
-        };
-        assert!(runs.iter().all(|truth| !silent(&truth.train)), "{name}");
-        let range = |size: &dyn Fn(&RecordTruth) -> f64| {
-            let mut sizes: Vec<f64> = runs.iter().map(|truth| size(&truth.train)).collect();
-            sizes.sort_by(f64::total_cmp);
-            format!("{:9.3e} {:9.3e} {:9.3e}", sizes[0], sizes[5], sizes[9])
-        };
-        println!(
-            "{name:28} force N {}  encoder m {}  cell N {}",
-            range(&|t| rms(&t.hidden[0].force)),
-            range(&|t| rms(&t.hidden[0].encoder)),
-            range(&|t| rms(&t.hidden[0].cell))
-        );
-    }
-    (0..60).into_par_iter().for_each(generate_composition);
-}
-
 /// None to three effects together, on the recorded motion or a varied one, keep the loop.
 fn generate_composition(seed: u64) {
     let programme = if seed.is_multiple_of(2) { Programme::Recorded } else { Programme::Varied };
