@@ -1,7 +1,7 @@
-"""other_machine.py STAGE_NODE DIRECTORY: how far a stage of this network namespace moves when a namespace beside it,
-or this one, commands it by hand-made datagrams. Prints metres as JSON, by discovery range and sender.
+"""other_machine.py STAGE_NODE DIRECTORY: how far a stage of this network namespace moves when another namespace, or
+this one, commands it by hand-made datagrams. Prints metres as JSON, by discovery range and sender.
 
-To be run in a network namespace of its own (`unshare -n`).
+To be run in a network namespace of its own (`unshare --net`, with `--map-root-user` where one is not root).
 """
 
 import json
