@@ -64,7 +64,7 @@ fn sleeping(rate: f64, duration: Duration) {
     }
 }
 
-/// What goes on beside the stage.
+/// What runs alongside the stage.
 #[derive(Clone, Copy, PartialEq)]
 enum Beside {
     Nothing,
@@ -74,7 +74,7 @@ enum Beside {
     Recording,
 }
 
-/// A browser that opens a page as soon as somebody serves it.
+/// A browser that opens a page as soon as it is served.
 fn watch(port: u16) -> std::io::Result<std::process::Child> {
     while std::net::TcpStream::connect((std::net::Ipv4Addr::LOCALHOST, port)).is_err() {
         std::thread::sleep(Duration::from_millis(50));

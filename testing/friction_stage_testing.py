@@ -379,7 +379,7 @@ class Stage:
 
     def move(self, position: float, seconds: float, within: float = 1e-5) -> list[JointState]:
         """Sends a move to a position (m) on /stage/setpoint and waits until the stage is there; the samples meanwhile."""
-        # The stage hears setpoints, too.
+        # The stage subscribes to setpoints, too.
         setpoint = self.ros.publisher("/stage/setpoint", readers=2)
         since = len(self.samples)
         begun = nanoseconds(self.sample.header.stamp)

@@ -185,7 +185,7 @@ fn jitter_of_the_sampling_itself_is_taken_out_by_the_stamps() {
         .map(|k| recording.trace.position[k] - motion(origin + recording.trace.time[k]).0)
         .collect();
     let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
-    // without the stamps 40 us at 0.08 m/s are 3 um; with them hardly more than the noise of one
+    // without the stamps 40 us at 0.08 m/s are 3 µm; with them hardly more than the noise of one
     // sample is left
     assert!(rms < 1.5 * ENCODER_NOISE, "{rms}");
 }

@@ -131,7 +131,7 @@ fn the_papers_statements_hold_but_for_the_four_that_the_readme_names() {
         statements.iter().filter(|statement| statement["holds"] != true).collect();
     let expected = [
         ("guide 1 at 10 nm: 7.5e5 N/m", "one bristle has"),
-        ("guide 1 at 40 um: 2.3e5 N/m", "one bristle has"),
+        ("guide 1 at 40 µm: 2.3e5 N/m", "one bristle has"),
         ("guide 3 reaches the required position last", "guide 2 does overtake it"),
         ("exceeds the proportional gain", "one bristle cannot"),
     ];

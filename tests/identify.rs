@@ -217,7 +217,7 @@ fn a_brake_that_saturates_gets_a_curve_that_leaves_little_more_than_noise() {
 }
 
 /// What no law has hides a law that is there: beside the curve it is found, and the curve is drawn
-/// anew beside it.
+/// again beside it.
 #[test]
 #[cfg_attr(
     debug_assertions,

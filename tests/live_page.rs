@@ -119,7 +119,7 @@ fn a_running_stage_is_watched_moved_and_recorded_from_the_page() {
     }
     browser.wait_until(&format!("{} === 'bandwidth 57 Hz'", text("said")));
     assert_eq!(browser.text(&text("bandwidth-value")), "57 Hz");
-    // It goes on to hold its position with the new gains.
+    // It holds its position with the new gains.
     browser.click("document.getElementById('forth')");
     browser.wait_until(&format!("Math.abs({position} - {before} - 0.01) < 0.0015"));
 

@@ -241,7 +241,7 @@ fn bad_input_is_said_with_the_right_code() {
     let torn = written(directory.path(), "torn.yaml", "my_guide: {description: x, seals: tr");
     let taken = written(directory.path(), "taken.yaml", &Catalogue::builtin().to_yaml().unwrap());
     let cases: &[(&[&str], i32, &[&str])] = &[
-        (&["--application", &impossible], 1, &["no guide meets", "guide_2", "0.00 um allowed"]),
+        (&["--application", &impossible], 1, &["no guide meets", "guide_2", "0.00 µm allowed"]),
         (&["--application", &dry], 1, &["no guide can be used", "`dry`"]),
         (&["--application", &fast], 1, &["force_limit", "2000 N", "at least"]),
         (&["--application", &clean, "--catalogue", &empty], 1, &["holds no guide", "empty.yaml"]),

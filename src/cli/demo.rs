@@ -24,7 +24,7 @@ use friction_stage_report::words::guide_label;
 /// Run the stage of the paper on its three guides, over ROS 2.
 ///
 /// Starts the stage node and the controller node as two processes in lockstep on loopback, for each
-/// guide: 50 mm return move and rest, 50 mm forward and return in 100 ms each, then steps of 10 um
+/// guide: 50 mm return move and rest, 50 mm forward and return in 100 ms each, then steps of 10 µm
 /// in 3 ms. Records a bag of each run, draws the position error over time, as the paper's Figures 6
 /// and 7, and writes a page with both.
 #[derive(Debug, Clone, Args)]
@@ -49,7 +49,7 @@ pub struct DemoArgs {
     /// paper: a minute
     #[arg(long, default_value_t = Conditioning::DEMO_REST, value_name = "SECONDS")]
     pub rest: f64,
-    /// Steps of 10 um
+    /// Steps of 10 µm
     #[arg(long, default_value_t = FINE_STEPS, value_name = "N")]
     pub fine_steps: usize,
     /// Seed of the sensor noise
@@ -105,7 +105,7 @@ struct GuideResult {
 struct MoveRow {
     name: &'static str,
     peak_error_um: f64,
-    /// Within 10 um, 1 um and 0.1 um of the reference after its arrival; null where it stayed
+    /// Within 10 µm, 1 µm and 0.1 µm of the reference after its arrival; null where it stayed
     /// outside.
     settling_ms: [Option<f64>; 3],
 }

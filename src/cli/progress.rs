@@ -32,7 +32,7 @@ impl Progress {
         Progress::new(ProgressBar::new(steps), template, message)
     }
 
-    /// Of what nobody has counted.
+    /// Of an unknown number of steps.
     pub fn endless(message: impl Into<String>) -> Progress {
         Progress::new(ProgressBar::no_length(), "{msg:40!} {elapsed}", message)
     }

@@ -42,7 +42,7 @@ pub struct TuneArgs {
     /// What is to be small, each over what the application requires
     #[arg(long, value_enum, default_value_t = Aim::Both)]
     pub objective: Aim,
-    /// Parameter file of a controller_node to set beside them
+    /// Parameter file of a controller_node to compare with them
     #[arg(long, value_name = "FILE")]
     pub compare: Option<PathBuf>,
     /// Time between a sample and the force that answers it, s, beyond what MODEL says

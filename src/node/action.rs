@@ -145,7 +145,7 @@ pub fn serve<A: Action, W: FnMut(Wish<A>) + Send>(
                     if waiting.len() < WAITING_ANSWERS =>
                 {
                     match request {
-                        Ok(request) => goals.obey(request).await,
+                        Ok(request) => goals.handle(request).await,
                         Err(error) => {
                             tracing::warn!("action {name}: a request could not be read: {error}");
                             Vec::new()
@@ -198,7 +198,7 @@ impl<A: Action, W: FnMut(Wish<A>) + Send> Goals<A, W> {
         result.map(|request| request.map(|(id, request)| Request::Result(id, request)))
     }
 
-    async fn obey(&mut self, request: Request<A>) -> Vec<(RmwRequestId, Answer<A>)> {
+    async fn handle(&mut self, request: Request<A>) -> Vec<(RmwRequestId, Answer<A>)> {
         match request {
             Request::Goal(id, request) => {
                 vec![(id, Answer::Goal(self.accept(request.goal_id, request.goal).await))]

@@ -209,7 +209,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     let (news, told) = futures::channel::mpsc::unbounded();
     let name = startup.topic("~/follow_joint_trajectory");
     let wish = move |wanted| {
-        // Where the loop has ended nobody answers.
+        // Where the loop has ended there is no answer.
         let _ = wish.unbounded_send(wanted);
     };
     background.spawn(action::serve::<FollowJointTrajectory, _>(&participant, &name, wish, told)?);
@@ -463,7 +463,7 @@ impl ControllerLoop {
                     std::thread::sleep(LINGER);
                     return;
                 }
-                Some(Event::Control(control)) => self.obey(control),
+                Some(Event::Control(control)) => self.handle(control),
             }
         }
     }
@@ -854,7 +854,7 @@ impl ControllerLoop {
         if end == GoalEnd::Aborted {
             tracing::warn!("goal aborted, {}: {}", result.error_code, result.error_string);
         }
-        // Where nobody listens the node is shutting down.
+        // Without a receiver the node is shutting down.
         let _ = self.goals.news.unbounded_send(News::Ended(goal.id, end, result));
     }
 
@@ -885,7 +885,7 @@ impl ControllerLoop {
         }
     }
 
-    /// The last sample beside its reference, for a motion that began at `start`, ns.
+    /// The last sample with its reference, for a motion that began at `start`, ns.
     fn sampled(&self, stamp: i64, start: i64) -> Sampled {
         let (position, velocity) =
             self.last.map_or((0.0, 0.0), |last| (last.position, last.velocity));
@@ -899,7 +899,7 @@ impl ControllerLoop {
         }
     }
 
-    fn obey(&mut self, control: Control) {
+    fn handle(&mut self, control: Control) {
         match control {
             Control::Enable(enabled) if enabled && !self.enabled => {
                 self.enabled = true;

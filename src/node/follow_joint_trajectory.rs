@@ -73,7 +73,7 @@ impl FollowResult {
 
 /// Feedback of the action.
 ///
-/// From control_msgs 6.3 on (Kilted) an index of the current point stands behind `error` and
+/// From control_msgs 6.3 on (Kilted) an index of the current point follows `error` and
 /// another at the end. As everything of joints with several degrees of freedom is empty, which is
 /// all zeros, two more zeros at the end give these readers an index of 0, and others ignore them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -455,7 +455,7 @@ mod tests {
     fn a_goal_is_reached_within_its_tolerances_and_fails_in_time() {
         let constraints = Constraints { path: (1e-3, 0.0), goal: (1e-4, 0.0), goal_time: 0.5 };
         let new = || ActiveGoal::new(GoalId::ZERO, 1_000, 2_000, constraints);
-        // Before its start, an error is nobody's.
+        // Before its start, an error is not that of the goal.
         assert_eq!(new().judge(0, (1.0, 0.0)), Progress::Going);
         let Progress::Failed(why) = new().judge(1_500, (2e-3, 0.0)) else { panic!("off the path") };
         assert_eq!(why.error_code, PATH_TOLERANCE_VIOLATED);

@@ -109,7 +109,7 @@ enum Wish {
     Record(bool),
 }
 
-/// What a page is told.
+/// What is sent to a page.
 #[derive(Serialize)]
 #[serde(untagged)]
 enum Told {
@@ -292,7 +292,7 @@ async fn data(
     })
 }
 
-/// One page, until it goes.
+/// One page, until it is closed.
 async fn watch(served: &Served, mut socket: WebSocket) {
     let mut frames = served.frames.subscribe();
     loop {

@@ -1,7 +1,7 @@
 //! `qos_overrides` of parameter files: quality of service of single topics, as rclcpp names it.
 //!
 //! `qos_overrides./stage/encoder.publisher.depth: 10` names the topic in full, the role, and the
-//! policy. What the nodes can do is applied, what no endpoint takes is told.
+//! policy. What the nodes can do is applied, what no endpoint takes is reported.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;

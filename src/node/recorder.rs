@@ -408,7 +408,7 @@ impl Work {
             let first = inbox.recv_timeout(NAP);
             let over = matches!(first, Err(mpsc::RecvTimeoutError::Disconnected));
             for order in first.into_iter().chain(inbox.try_iter()) {
-                self.obey(order);
+                self.handle(order);
             }
             self.drain();
             if over {
@@ -424,7 +424,7 @@ impl Work {
         }
     }
 
-    fn obey(&mut self, order: Order) {
+    fn handle(&mut self, order: Order) {
         match order {
             Order::Start(directory, reply) => {
                 let result = self.open(&directory);

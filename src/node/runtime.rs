@@ -32,7 +32,7 @@ use super::words::quoted;
 pub enum Control {
     Enable(bool),
     Reset(oneshot::Sender<Result<String, String>>),
-    /// Time stands still from here on, or goes on; in lockstep.
+    /// Time is paused, or continues; in lockstep.
     Pause(bool, oneshot::Sender<()>),
     /// Samples to go on by while time stands still; in lockstep.
     Step(Steps),

@@ -63,7 +63,7 @@ pub struct Steps {
 #[derive(Debug)]
 pub enum StepsEnd {
     Done,
-    /// By who asked for them, or because time goes on by itself.
+    /// By who asked for them, or because time continues by itself.
     Stopped,
     Failed(String),
 }

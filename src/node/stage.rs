@@ -186,7 +186,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     let followed = SharedFollower::default();
     let live_page = match settings.live_port {
         None => {
-            // The recorder ends when nobody holds its handle any more.
+            // The recorder ends when its last handle is dropped.
             drop(record);
             None
         }

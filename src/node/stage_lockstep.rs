@@ -79,7 +79,7 @@ struct Run {
     /// Time stands still between two samples, but for the steps.
     paused: bool,
     steps: Option<ActiveSteps>,
-    /// Time that stood still goes on: the wall clock of the free run begins anew.
+    /// Time continues after a pause: the wall clock of the free run starts again.
     resumed: bool,
 }
 

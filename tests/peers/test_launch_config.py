@@ -238,8 +238,9 @@ def test_launch_file_names_programs_and_files_that_exist(file):
 @pytest.mark.parametrize("file", LAUNCH_FILES, ids=lambda file: file.name)
 def test_launch_describes_it(file):
     """With the launch of a ROS installation; no wheels of it exist."""
-    launch = pytest.importorskip("launch", exc_type=ImportError)
-    pytest.importorskip("launch_ros", exc_type=ImportError)
+    reason = "needs the launch of a ROS installation: no wheels of it exist"
+    launch = pytest.importorskip("launch", reason=reason, exc_type=ImportError)
+    pytest.importorskip("launch_ros", reason=reason, exc_type=ImportError)
     from launch.launch_description_sources import PythonLaunchDescriptionSource
 
     description = PythonLaunchDescriptionSource(str(file)).get_launch_description(

@@ -62,8 +62,8 @@ def test_it_closes_the_loop_in_lockstep_on_simulated_time(ros, stage, every):
     diagnostics = Diagnostics(ros)
     with TopicHardware(rate, TARGET, DURATION, use_sim_time=True, context=ros.context) as hardware:
         arrive(ros, hardware, encoder)
-        # The loop is closed: an open one leaves all of the target. How much it leaves hangs on the
-        # machine, since commands may act a cycle later and states be those of the sample before:
+        # The loop is closed: an open one leaves all of the target. The error depends on the load of
+        # the machine, since commands may act a cycle later and states be those of the sample before:
         # threads and clocks of manager and hardware are their own.
         assert hardware.largest_error < 0.2 * TARGET, f"largest error {hardware.largest_error} m"
         moving = [sample for sample in encoder if sample.position[0] > 1e-4]

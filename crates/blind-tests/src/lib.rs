@@ -91,7 +91,7 @@ pub struct Setup {
     pub step: f64,
     /// Crossover of the controller, Hz.
     pub bandwidth: f64,
-    /// How far the encoder reads behind its instant, samples; negative: ahead of it.
+    /// How late the encoder is read, samples; negative: early.
     pub late: f64,
 }
 
@@ -113,7 +113,7 @@ impl Setup {
     }
 
     /// A machine of another kind: its rate (250 Hz to 10 kHz), its encoder (white noise or counts
-    /// of 0.2 nm to 10 um) and how exactly that keeps its instant are drawn. Its controller is as
+    /// of 0.2 nm to 10 µm) and how exactly that keeps its instant are drawn. Its controller is as
     /// fast as rate and counts allow: a count makes it kick by no more than 10 N.
     pub fn drawing_machine(mut self) -> Self {
         let mut drawn = Noise::new(self.seed, 12);

@@ -2,9 +2,9 @@
 //! row per tick.
 //!
 //! The pieces and their numbers are those of the recorded stage runs (read off their setpoints):
-//! strokes with a sinusoidal acceleration, oscillations of 1 um to 0.42 mm for the presliding
+//! strokes with a sinusoidal acceleration, oscillations of 1 µm to 0.42 mm for the presliding
 //! regime, strokes of constant speed from 2 to 800 mm/s there and back, 50 mm moves in 100 ms,
-//! steps of 10 um in 3 ms, and a sum of sines with random phases. Everything stays within +-0.2 m
+//! steps of 10 µm in 3 ms, and a sum of sines with random phases. Everything stays within +-0.2 m
 //! and 1 m/s.
 
 use std::f64::consts::TAU;

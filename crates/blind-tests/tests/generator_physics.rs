@@ -434,7 +434,7 @@ fn sudden_elements_make_masing_loops() {
         }
         force / GUIDES as f64
     };
-    // Slip limits: 0.2/0.5 and 0.8/0.5 of 30 um, so 12 and 48 um.
+    // Slip limits: 0.2/0.5 and 0.8/0.5 of 30 µm, so 12 and 48 µm.
     let (k, fc) = (guide.stiffness, guide.coulomb_force);
     let close = |force: f64, expected: f64| {
         assert!((force - expected).abs() < 0.01, "{force} N, expected {expected}")

@@ -544,7 +544,7 @@ fn capture(count: usize, x: f64, t: f64) -> String {
 
 #[test]
 fn each_capture_of_a_file_is_a_bag() {
-    // Times that begin anew, at 0 or elsewhere; captures of one length and of others.
+    // Times that start again, at 0 or elsewhere; captures of equal and of different length.
     for (lengths, begin) in [(vec![50, 50, 50], 0.0), (vec![30, 70, 41, 3, 90], 5.0)] {
         let text: String = lengths
             .iter()
@@ -561,7 +561,7 @@ fn each_capture_of_a_file_is_a_bag() {
         assert!(told.contains(&format!("line {}", lengths[0] + 2)), "{told}");
         assert!(told.contains("--split"), "{told}");
     }
-    // Names and units before each; times that go on, and times that begin anew.
+    // Names and units before each capture; times that continue, and times that start again.
     for begin in [0.0, 100.0] {
         let block = |x: f64, t: f64| format!("t,x,u\ns,m,N\n{}", capture(40, x, t));
         let text = format!("{}\n{}", block(0.0, 0.0), block(0.2, begin));

@@ -31,7 +31,7 @@ const ROWS_AT_ONCE: usize = 4096;
 const FAITHFUL: f64 = 0.01;
 
 /// Samples without a position in a row over which the simulated stage goes on: behind more of them
-/// it begins anew. Assumed: the setpoint is as unknown there.
+/// it begins again. Assumed: the setpoint is as unknown there.
 const LONGEST_BRIDGED: usize = 3;
 
 /// Why there is no closed-loop position error. The message of each variant says what it is.

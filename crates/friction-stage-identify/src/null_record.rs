@@ -89,7 +89,7 @@ impl Hypothesis {
         seed: u64,
         mut push: impl FnMut(usize, f64) -> f64,
     ) -> Result<Measured, ModelError> {
-        // Where balls slip nobody knows the phase.
+        // Where balls slip the phase is not identifiable.
         let mut known = self.clone();
         known.effects.retain(|part| !part.slips());
         let model = known.model().without_noise();
@@ -128,7 +128,7 @@ impl Hypothesis {
     }
 
     /// What is missing from the command to the motion, slow enough to be no noise, as means over
-    /// the intervals behind the samples, N to be added to the command.
+    /// the intervals after the samples, N to be added to the command.
     fn missed_over_intervals(&self, measured: &Measured) -> Result<Vec<f64>, ModelError> {
         let missing = self.missing_unfiltered(measured, Sides::BOTH)?;
         let mut whole = missing.carriage;

@@ -31,8 +31,8 @@ const AREA_FROM: f64 = 200e-9;
 /// Parts of the proportional and integral gain of the 60 Hz servo in the quiet one, and its
 /// lowpass, Hz; no derivative.
 ///
-/// Assumed: encoder noise of 1 nm through the derivative shakes the carriage at about 0.1 um/s, as
-/// fast as a loop of 1 um moves and far enough to relax a bristle that breaks away at 0.1 um. A
+/// Assumed: encoder noise of 1 nm through the derivative shakes the carriage at about 0.1 µm/s, as
+/// fast as a loop of 1 µm moves and far enough to relax a bristle that breaks away at 0.1 µm. A
 /// spring needs no derivative to be held.
 const QUIET_SERVO: (f64, f64, f64) = (0.1, 0.5, 60.0);
 /// Largest speed of a loop, m/s, and time of a quick conditioning travel, s. Assumed: a tenth of
@@ -312,7 +312,7 @@ mod tests {
                     found.stiffness
                 );
                 if found.amplitude > 0.9e-6 {
-                    // The bristle damping adds 3 % at 1 um, as the travel time is chosen for.
+                    // The bristle damping adds 3 % at 1 µm, as the travel time is chosen for.
                     let share = 0.05;
                     let error = 4.0 * found.area.standard_error + share * area;
                     assert!(

@@ -78,7 +78,7 @@ impl Experiment {
             Experiment::FastMove => {
                 "50 mm in 100 ms, forward and return, with and without viscous feedforward"
             }
-            Experiment::FineStep => "10 um in 3 ms, with and without viscous feedforward",
+            Experiment::FineStep => "10 µm in 3 ms, with and without viscous feedforward",
             Experiment::Hunting => "Integral action at rest near the target: limit cycles",
             Experiment::Rig => {
                 "How far coupling, force cell, speed and servo of the rig bias the curves"

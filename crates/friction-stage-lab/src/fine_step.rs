@@ -1,4 +1,4 @@
-//! The fine step of the paper's section 4: 10 um in 3 ms, after a return move and a rest.
+//! The fine step of the paper's section 4: 10 µm in 3 ms, after a return move and a rest.
 
 use serde::Serialize;
 

@@ -7,7 +7,7 @@ use friction_stage_core::control::Point;
 
 /// Stroke (m) and duration (s) of the fast move: 50 mm in 100 ms.
 const FAST: (f64, f64) = (50e-3, 100e-3);
-/// Step (m) and duration (s) of the fine move: 10 um in 3 ms.
+/// Step (m) and duration (s) of the fine move: 10 µm in 3 ms.
 const FINE: (f64, f64) = (10e-6, 3e-3);
 /// Time to settle after a fast move and after a fine step, s. Assumed: longer than the slowest
 /// guide needs.
@@ -145,7 +145,7 @@ impl PaperMotion {
     }
 
     /// Return move of 50 mm, `rest` s of rest, forward and return move of 50 mm, then `fine_steps`
-    /// steps of 10 um forward.
+    /// steps of 10 µm forward.
     ///
     /// The return move prepares the steps as well: they come after `rest` s, but not before the
     /// move is watched.

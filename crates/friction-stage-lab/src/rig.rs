@@ -2,7 +2,7 @@
 //! servo.
 //!
 //! Each row measures something whose true value is known in closed form on a rig with one property
-//! changed: the effective stiffness and loop area at 1 um, the friction at a speed where F(v) may
+//! changed: the effective stiffness and loop area at 1 µm, the friction at a speed where F(v) may
 //! fall.
 
 use serde::Serialize;
@@ -33,13 +33,13 @@ pub struct RigBias {
     pub property: &'static str,
     pub value: f64,
     pub unit: &'static str,
-    /// Stiffness at 1 um against Fs tanh(sigma0 A/Fs)/A, with the encoder at the guide.
+    /// Stiffness at 1 µm against Fs tanh(sigma0 A/Fs)/A, with the encoder at the guide.
     pub stiffness_bias: f64,
     /// Its standard error, relative.
     pub stiffness_error: f64,
     /// The same if the position were taken at the motor, behind the coupling: x + F/kc.
     pub stiffness_bias_at_motor: f64,
-    /// Area of the 1 um loop against its closed form.
+    /// Area of the 1 µm loop against its closed form.
     pub area_bias: f64,
     /// Friction at 3 mm/s against g(v) + sigma2 v, and the scatter of the cell there, N. `None`
     /// where not measured.

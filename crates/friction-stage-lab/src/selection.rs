@@ -572,7 +572,7 @@ mod tests {
         let mut tally = Tally::default();
         let guide = Catalogue::builtin().guide("guide_1").unwrap();
         for k in 1..=1000u64 {
-            // Peak errors 10 nm .. 10 um; settling 0.2 ms .. 160 ms, the last fifth never.
+            // Peak errors 10 nm .. 10 µm; settling 0.2 ms .. 160 ms, the last fifth never.
             let settling_time = (k <= 800).then_some(k as f64 * 0.2e-3);
             let result = VariantResult {
                 variant: k,
@@ -593,7 +593,7 @@ mod tests {
         close(settling.q05, 10e-3);
         close(settling.q50, 100e-3);
         assert!(settling.q95.is_infinite() && tally.never_settled == 200);
-        // Required: 6 um and 100 ms, met by k <= 500 (100 ms is the binding one).
+        // Required: 6 µm and 100 ms, met by k <= 500 (100 ms is the binding one).
         assert_eq!(tally.met, 500);
         let [low, high] = tally.chance_ci95();
         // Wilson for 500 of 1000.

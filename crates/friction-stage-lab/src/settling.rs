@@ -2,7 +2,7 @@
 
 use super::paper::Move;
 
-/// Bands to settle into, m: 10 um, 1 um, 0.1 um.
+/// Bands to settle into, m: 10 µm, 1 µm, 0.1 µm.
 pub const SETTLING_BANDS: [f64; 3] = [10e-6, 1e-6, 0.1e-6];
 
 /// Result of one move, from measured errors.
@@ -61,7 +61,7 @@ mod tests {
             end: 1_000_000_000,
             target: 0.05,
         };
-        // 100 um at the arrival, time constant 50 ms, constant before.
+        // 100 µm at the arrival, time constant 50 ms, constant before.
         let error =
             |time: i64| 100e-6 * (-((time - 100_000_000).max(0) as f64) * 1e-9 / 0.05).exp();
         let result =

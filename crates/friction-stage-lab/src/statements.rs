@@ -126,7 +126,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
             "a coupling about 100 times as stiff as the guide leaves the measurement alone (within \
              2 %)",
             format!(
-                "stiffness at 1 um {:+.2} % with the encoder at the guide, {:+.2} % behind the \
+                "stiffness at 1 µm {:+.2} % with the encoder at the guide, {:+.2} % behind the \
                  coupling",
                 100.0 * row.stiffness_bias,
                 100.0 * row.stiffness_bias_at_motor
@@ -218,8 +218,8 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         let found = stiffness(of.dahl[0], amplitude);
         let paper = [
             "effective stiffness of guide 1 at 10 nm: 7.5e5 N/m (within 5 %)",
-            "effective stiffness of guide 1 at 1 um: 4.5e5 N/m (within 5 %)",
-            "effective stiffness of guide 1 at 40 um: 2.3e5 N/m (within 5 %)",
+            "effective stiffness of guide 1 at 1 µm: 4.5e5 N/m (within 5 %)",
+            "effective stiffness of guide 1 at 40 µm: 2.3e5 N/m (within 5 %)",
         ][index];
         let error = 100.0 * (found / stated - 1.0);
         add(
@@ -253,14 +253,14 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     let at_1um = of.dahl.map(|curves| stiffness(curves, 1e-6));
     add(
         "3",
-        "effective stiffness of guide 2 at 1 um: 2.6e5 N/m (within 5 %)",
+        "effective stiffness of guide 2 at 1 µm: 2.6e5 N/m (within 5 %)",
         format!("{:.3e} N/m, {:+.1} %", at_1um[1], 100.0 * (at_1um[1] / 2.6e5 - 1.0)),
         (at_1um[1] / 2.6e5 - 1.0).abs() < 0.05,
         None,
     );
     add(
         "3",
-        "the lubricant barely changes the stiffness at 1 um (guides 1 and 3 within 5 %)",
+        "the lubricant barely changes the stiffness at 1 µm (guides 1 and 3 within 5 %)",
         format!("{:.3e} and {:.3e} N/m", at_1um[0], at_1um[2]),
         (at_1um[2] / at_1um[0] - 1.0).abs() < 0.05,
         None,
@@ -270,7 +270,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         "3",
         "without seals the break-away force is about 12 N lower (within 1 N)",
         format!(
-            "{:.2} N lower: {:.2} against {:.2} N at 420 um",
+            "{:.2} N lower: {:.2} against {:.2} N at 420 µm",
             break_away[0] - break_away[1],
             break_away[1],
             break_away[0]
@@ -281,9 +281,9 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     let reached = of.dahl.map(|curves| tip(curves, 40e-6) / tip(curves, 420e-6));
     add(
         "3",
-        "at 40 um guide 2 has exceeded its break-away force (95 % of it), guides 1 and 3 have not",
+        "at 40 µm guide 2 has exceeded its break-away force (95 % of it), guides 1 and 3 have not",
         format!(
-            "force at 40 um over force at 420 um: {:.2}, {:.2}, {:.2}",
+            "force at 40 µm over force at 420 µm: {:.2}, {:.2}, {:.2}",
             reached[0], reached[1], reached[2]
         ),
         reached[1] > 0.95 && reached[0] < 0.95 && reached[2] < 0.95,
@@ -396,7 +396,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     let [a, b, c] = order(coarse);
     add(
         "4, fast move",
-        "guide 3 initially settles faster (to 10 um)",
+        "guide 3 initially settles faster (to 10 µm)",
         ms(coarse),
         c < a && c < b,
         None,
@@ -410,7 +410,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         "4, fast move",
         "the other two catch up as the error becomes very small (their lag behind guide 3 shrinks)",
         format!(
-            "lag of guides 1 and 2 at 1, 0.1, 0.03 um: {:.0} and {:.0}, {:.0} and {:.0}, {:.0} and \
+            "lag of guides 1 and 2 at 1, 0.1, 0.03 µm: {:.0} and {:.0}, {:.0} and {:.0}, {:.0} and \
              {:.0} ms",
             lead[1].0, lead[1].1, lead[2].0, lead[2].1, lead[3].0, lead[3].1
         ),
@@ -421,7 +421,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     let [a, b, c] = order(fine_band);
     add(
         "4, fast move",
-        "guide 3 reaches the required position last (to 0.1 um)",
+        "guide 3 reaches the required position last (to 0.1 µm)",
         ms(fine_band),
         c > a && c > b,
         Some(
@@ -442,7 +442,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         format!("{:.2e}, {:.2e}, {:.2e} against {gain:.2e} N/m", guides[0], guides[1], guides[2]),
         guides.iter().all(|stiffness| *stiffness > gain),
         Some(
-            "the catalogue meets the stiffness at 1 um; one bristle cannot have the higher one at \
+            "the catalogue meets the stiffness at 1 µm; one bristle cannot have the higher one at \
              10 nm as well. The paper gives no gains: a 60 Hz PID by the usual rules of thumb has \
              this one",
         ),
@@ -467,11 +467,11 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     let settled =
         of.fine.map(|found| first(found).and_then(|step| step.settling[2]).map(|time| 1e3 * time));
     let [a, b, c] = order(settled);
-    add("4, fine step", "guide 2 settles first (to 0.1 um)", ms(settled), b < a && b < c, None);
+    add("4, fine step", "guide 2 settles first (to 0.1 µm)", ms(settled), b < a && b < c, None);
     add(
         "4, fine step",
         "guide 3 has the worst performance",
-        format!("peak {:.2} um, {} into 0.1 um", 1e6 * peaks[2], ms(settled)),
+        format!("peak {:.2} um, {} into 0.1 µm", 1e6 * peaks[2], ms(settled)),
         peaks[2] > peaks[0] && peaks[2] > peaks[1] && c > a && c > b,
         None,
     );

@@ -138,14 +138,14 @@ pub struct Tuned {
     pub settings: ControllerSettings,
     /// Worst over guides within their tolerances and amplitudes: the least of each.
     pub worst: Margins,
-    /// The same of PID alone, for controllers that have no lowpass behind it.
+    /// The same of PID alone, for controllers without a lowpass.
     pub without_lowpass: Margins,
     /// Of the nominal stage.
     pub nominal: Vec<AmplitudeMargins>,
     pub on_variants: OnVariants,
 }
 
-/// Tunings beside each other: the rule of thumb, what was found, and what was given to compare.
+/// Tunings to compare: the rule of thumb, what was found, and what was given to compare.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tuning {
     pub objective: Objective,

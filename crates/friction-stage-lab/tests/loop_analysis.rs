@@ -101,7 +101,7 @@ fn margins_of_linear_loops_are_those_of_python_control() {
         };
         near(found.crossover.unwrap(), case.crossover, 2e-3);
         near(found.phase_margin.unwrap(), case.phase_margin, 1e-2);
-        // A distance from -1, beside a circle of radius 1.
+        // A distance from -1, where the whole circle has radius 1.
         let distance = (found.modulus_margin - case.modulus_margin).abs();
         assert!(distance < 1e-3, "{}: {found:?}", case.name);
         for (found, expected) in

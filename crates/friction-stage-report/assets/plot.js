@@ -155,7 +155,7 @@
       this.at = element(parent, "span", { className: "plot-at", textContent: "" });
       const named = new Map();
       this.curves.forEach((curve, index) => {
-        // A curve without a name goes with the one of its colour.
+        // A curve without a name is toggled with the one of its colour.
         const partner = curve.name === ""
           ? this.curves.find((other) => other.name !== "" && other.colour === curve.colour) : null;
         if (partner && named.has(partner)) { named.get(partner).push(index); return; }

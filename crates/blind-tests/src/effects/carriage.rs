@@ -152,7 +152,7 @@ impl Law for QuadraticDrag {
 
 /// Balls that enter and leave the loaded zone: one sine over position per guide. Balls that roll
 /// keep their phase over the position; where they slip, it walks at random with the distance
-/// travelled and starts anew in each record.
+/// travelled and starts again in each record.
 #[derive(Debug, Clone)]
 pub struct BallPassage {
     /// N, per guide.
@@ -267,7 +267,7 @@ impl Law for StructuralMode {
     }
 }
 
-/// Floor that shakes: A sin(2 pi f t + phi), phi anew in each record.
+/// Floor that shakes: A sin(2 pi f t + phi), phi differs in each record.
 #[derive(Debug, Clone)]
 pub struct ExternalVibration {
     /// A, N.

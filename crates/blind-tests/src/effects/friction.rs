@@ -166,12 +166,12 @@ pub struct StictionAging {
     pub rise: f64,
     /// tau, s.
     pub time_constant: f64,
-    /// D, m: travel that renews the contact; the integrator is stable down to 8 um at 1 m/s.
+    /// D, m: travel that renews the contact; the integrator is stable down to 8 µm at 1 m/s.
     pub length: f64,
 }
 
 impl StictionAging {
-    /// 8 to 40 % per e-fold of 0.1 to 1 s, renewed over 20 to 60 um.
+    /// 8 to 40 % per e-fold of 0.1 to 1 s, renewed over 20 to 60 µm.
     pub fn draw(noise: &mut Noise) -> Effect {
         Box::new(Self {
             rise: noise.log_between(0.08, 0.4),

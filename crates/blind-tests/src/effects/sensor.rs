@@ -18,7 +18,7 @@ pub struct EncoderSde {
 }
 
 impl EncoderSde {
-    /// 0.3 to 1.5 % of a period of 4 to 40 um.
+    /// 0.3 to 1.5 % of a period of 4 to 40 µm.
     pub fn draw(noise: &mut Noise) -> Effect {
         let period = noise.log_between(4e-6, 40e-6);
         Box::new(Self {

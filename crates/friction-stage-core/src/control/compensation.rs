@@ -56,7 +56,7 @@ impl CompensationTermsOn {
     };
 }
 
-/// Forces of the terms beside mass and viscous friction, N.
+/// Forces of the terms other than mass and viscous friction, N.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CompensationTerms {
     /// Of the bristles.

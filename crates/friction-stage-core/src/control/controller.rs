@@ -56,7 +56,7 @@ pub struct Terms {
     pub mass_feedforward: f64,
     /// Viscous coefficient times velocity of the reference, N.
     pub viscous_feedforward: f64,
-    /// What a compensation adds beside mass and viscous friction, N.
+    /// What a compensation adds to mass and viscous friction, N.
     pub compensation: CompensationTerms,
     /// Sum of feedback, feedforward and the effort of the reference, within the limits, N.
     pub output: f64,
@@ -297,7 +297,7 @@ mod tests {
             x += v * 2.5e-4 + 0.5 * a * 2.5e-4 * 2.5e-4;
             v += a * 2.5e-4;
         }
-        // What remains is the shape of the acceleration within a sample: a T^2 / 12 = 0.15 um at
+        // What remains is the shape of the acceleration within a sample: a T^2 / 12 = 0.15 µm at
         // the most.
         assert!((x - 0.05).abs() < 2e-7 && v.abs() < 1e-9, "{x} {v}");
     }

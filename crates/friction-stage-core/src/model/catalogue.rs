@@ -322,7 +322,7 @@ mod tests {
         assert!(close(two.effective_stiffness(1e-6), 2.6e5), "{}", two.effective_stiffness(1e-6));
         assert!(
             close(three.effective_stiffness(1e-6), one.effective_stiffness(1e-6)),
-            "lubricant hardly matters at 1 um"
+            "lubricant hardly matters at 1 µm"
         );
         assert!(
             (one.static_force - two.static_force - 12.0).abs() < 0.5,

@@ -193,7 +193,7 @@ impl Found {
             .map_err(|error| BagError::NotABag {
                 path,
                 reason: format!(
-                    "it does not read as rosbag2 metadata: {}; `ros2 bag reindex` writes it anew",
+                    "it does not read as rosbag2 metadata: {}; `ros2 bag reindex` writes it again",
                     error.without_snippet()
                 ),
             })

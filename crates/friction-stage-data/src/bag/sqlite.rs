@@ -396,7 +396,7 @@ impl Database {
         }
     }
 
-    /// The place behind the message that follows the one of this time and row, which cannot be
+    /// The place after the message that follows the one of this time and row, which cannot be
     /// read. The index alone tells it; where that is damaged, too, the order of rows has to do.
     fn after_row(&self, connection: &Connection, time: i64, row: i64) -> Option<Position> {
         let query = "SELECT timestamp, rowid FROM messages \
@@ -496,7 +496,7 @@ impl Database {
 }
 
 /// Whether the file has the index over time that rosbag2 makes; without it every page is sorted
-/// anew.
+/// again.
 fn has_index(connection: &Connection) -> rusqlite::Result<bool> {
     let query = "SELECT EXISTS (SELECT 1 FROM pragma_index_list('messages') AS list, \
                  pragma_index_info(list.name) AS info \

@@ -32,7 +32,7 @@ pub struct RecordingCheck {
 impl RecordingCheck {
     /// Checks a rosbag2 directory, a file of one, or a table. Without a model the one in the bag
     /// counts. Messages are those of the whole bag, signals those of `part`. A bag without the
-    /// signals of a stage is an error if somebody asked for them.
+    /// signals of a stage is an error if they were asked for.
     pub fn new(
         path: &Path,
         mapping: Option<&Mapping>,

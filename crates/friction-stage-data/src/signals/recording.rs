@@ -101,7 +101,7 @@ impl Recording {
         }
     }
 
-    /// Counts anew what a signal still covers; one without any value is not recorded.
+    /// Counts again what a signal still covers; one without any value is not recorded.
     fn count_values(&mut self, signal: Signal) {
         let Some(column) = self.column_mut(signal) else {
             return;

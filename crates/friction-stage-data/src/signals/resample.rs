@@ -7,7 +7,7 @@
 //! than [`MOST_MISSING`] samples in a row are missing the column is NaN.
 //!
 //! A position between samples lies on the cubic through its four neighbours: at 20 m/s² a straight
-//! line is off by 0.6 um between samples at 2 kHz, which a second difference turns into 100 N. A
+//! line is off by 0.6 µm between samples at 2 kHz, which a second difference turns into 100 N. A
 //! force reading is interpolated linearly. A command is held until the next one, so its value in a
 //! row is its mean from that row to the next.
 

@@ -325,7 +325,7 @@ impl Measured {
         raw_cell: Option<Vec<f64>>,
         mass: f64,
     ) -> Measured {
-        // All but what is worked out anew.
+        // All but what is worked out again.
         let mut other = Measured {
             time: self.time.clone(),
             position,

@@ -623,7 +623,7 @@ mod tests {
             let truth = undo(100.0 * (1.0 + gain), |force| force * (1.0 + gain));
             assert!((truth - 100.0).abs() < 1e-9, "gain {gain}: {truth}");
         }
-        // 5 % of a signal period of 4 um.
+        // 5 % of a signal period of 4 µm.
         let read = |x: f64| x + 2e-7 * (TAU * x / 4e-6).sin();
         assert!((undo(read(1.3e-6), read) - 1.3e-6).abs() < 1e-13);
     }
@@ -651,7 +651,7 @@ mod tests {
 
     /// A part that is taken over is the one that would have come out.
     #[test]
-    fn what_a_changed_value_does_not_move_is_as_if_worked_out_anew() {
+    fn what_a_changed_value_does_not_move_is_as_if_worked_out_again() {
         let measured = record();
         let start = hypothesis(&[
             ("cogging", &[2.0, 0.024, 0.7]),
@@ -670,11 +670,11 @@ mod tests {
             let mut moved = start.clone();
             moved.set(coordinate.id, coordinate.value + 1e-2 * coordinate.scale);
             let after = moved.driven(&measured, Sides::BOTH, &before).unwrap();
-            let anew = moved.driven(&measured, Sides::BOTH, &Driven::default()).unwrap();
-            let [after_all, anew_all] = [&after, &anew]
+            let again = moved.driven(&measured, Sides::BOTH, &Driven::default()).unwrap();
+            let [after_all, again_all] = [&after, &again]
                 .map(|driven| moved.missing_at_samples(driven, &measured, Sides::BOTH));
-            assert_eq!(after_all.motor, anew_all.motor, "{:?}", coordinate.id);
-            assert_eq!(after_all.carriage, anew_all.carriage, "{:?}", coordinate.id);
+            assert_eq!(after_all.motor, again_all.motor, "{:?}", coordinate.id);
+            assert_eq!(after_all.carriage, again_all.carriage, "{:?}", coordinate.id);
             let [after, before] = [&after, &before].map(|driven| driven.friction.as_ref().unwrap());
             kept.0 += usize::from(Arc::ptr_eq(&after.bristles, &before.bristles));
             kept.1 += usize::from(Arc::ptr_eq(&after.viscous, &before.viscous));

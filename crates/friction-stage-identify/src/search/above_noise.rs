@@ -1,4 +1,4 @@
-//! Whether what laws take out of both records is more than they take out of null records.
+//! Whether laws reduce the residual of both records by more than that of null records.
 
 use crate::error::IdentifyError;
 use crate::hypothesis::{Hypothesis, Sides};

@@ -34,10 +34,10 @@ const COARSE_PLACE: f64 = 16e-3;
 const FINE_PLACE: f64 = 2.5e-4;
 /// How long a stage hardly moves between two strokes, s. Assumed.
 const HARDLY_MOVES: f64 = 0.6;
-/// How often a curve is drawn anew at most, and how often laws are looked for beside it.
+/// How often a curve is drawn again at most, and how often laws are looked for beside it.
 pub(super) const MOST_CURVES: usize = 4;
 
-/// A curve as it is drawn, before anything is fitted anew.
+/// A curve as it is drawn, before anything is fitted again.
 struct DrawnCurve {
     with: Hypothesis,
     over: Coordinate,
@@ -109,10 +109,10 @@ impl Search<'_> {
         ripples.filter(|(_, periods)| *periods < LEAST_PERIODS).collect()
     }
 
-    /// Draws the curve anew while that is worth it.
+    /// Draws the curve again while that is worth it.
     pub(super) fn settle_curve(&mut self) -> Result<(), IdentifyError> {
         for _ in 0..MOST_CURVES {
-            if self.watch.stopped() || !self.draw_curve_anew()? {
+            if self.watch.stopped() || !self.draw_curve_again()? {
                 break;
             }
         }
@@ -141,7 +141,7 @@ impl Search<'_> {
     }
 
     /// The curve once more, of what is left without it; whether that is worth going on.
-    fn draw_curve_anew(&mut self) -> Result<bool, IdentifyError> {
+    fn draw_curve_again(&mut self) -> Result<bool, IdentifyError> {
         let Some(index) = self.curve() else { return Ok(false) };
         self.watch.progress("the curve once more", 0.92);
         let without = self.best.hypothesis.without(index);
@@ -262,7 +262,7 @@ impl Search<'_> {
         Ok(Some(jumping))
     }
 
-    /// The same with the jump of its curve where it leaves least, fitted anew if that is another
+    /// The same with the jump of its curve where it leaves least, fitted again if that is another
     /// place: sought around where it stands, or everywhere.
     fn with_jump_in_place(
         &self,

@@ -17,7 +17,7 @@ use super::state::{Search, errors};
 pub(super) enum Forms {
     /// With the guides held as they are: enough to tell whether the law wins a round.
     Quick,
-    /// Those that come close to each other with the guides fitted anew: held, these speak for the
+    /// Those that come close to each other with the guides fitted again: held, these speak for the
     /// form that is most like what they were biased to.
     Thorough,
 }
@@ -27,7 +27,7 @@ const BETTER_START: f64 = 0.99;
 /// Share of the squares without a law to which one start must come, and above which another comes
 /// close to it.
 const WORTH_A_LOOK: f64 = 0.7;
-/// The same, with the guides fitted anew, for the fits of several to be brought to their ends.
+/// The same, with the guides fitted again, for the fits of several to be brought to their ends.
 const WORTH_THE_END: f64 = 0.9;
 
 impl Search<'_> {
@@ -109,17 +109,17 @@ impl Search<'_> {
         best.map(|(_, one)| one)
     }
 
-    /// Chooses forms anew before a further law is added, once for so many effects. Whether that
+    /// Chooses forms again before a further law is added, once for so many effects. Whether that
     /// changed one.
     pub(super) fn choose_forms_once(&mut self) -> Result<bool, IdentifyError> {
         let effects = self.best.hypothesis.effects.len();
         let first = std::mem::replace(&mut self.forms_chosen, effects) != effects;
-        Ok(first && self.choose_forms_anew()?)
+        Ok(first && self.choose_forms_again()?)
     }
 
     /// The form of a law was chosen while effects that came later were still in the residual: where
-    /// more than noise is left, it is proposed anew without them. Whether that changed one.
-    pub(super) fn choose_forms_anew(&mut self) -> Result<bool, IdentifyError> {
+    /// more than noise is left, it is proposed again without them. Whether that changed one.
+    pub(super) fn choose_forms_again(&mut self) -> Result<bool, IdentifyError> {
         let mut changed = false;
         for index in self.declared_effects()..self.best.hypothesis.effects.len() {
             if self.is_all_but_noise(&self.best_errors) {
@@ -261,7 +261,7 @@ mod tests {
                     fit(&start.with(drift.clone()), &train, Sides::BOTH, FitBudget::KEPT).unwrap(),
                 )
                 .unwrap();
-            search.choose_forms_anew().unwrap();
+            search.choose_forms_again().unwrap();
             let found = search.best.hypothesis.effects[0].value_of("amplitude").unwrap();
             assert_eq!(found != 0.0, stays, "{in_holdout} N on the hold-out: {found} N");
         }

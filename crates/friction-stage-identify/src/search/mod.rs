@@ -65,7 +65,7 @@ pub fn search(
     search.refuse_other_guides(declared, tolerances)?;
     search.add_laws()?;
     if !search.stopped {
-        search.choose_forms_anew()?;
+        search.choose_forms_again()?;
         search.add_curve()?;
         // Beside a curve laws show, or change, that what it stands for had hidden; beside these it
         // is another curve. It settles first: a round of all laws costs far more.
@@ -73,7 +73,7 @@ pub fn search(
         while search.coordinate.is_some() {
             search.settle_curve()?;
             turns += 1;
-            if turns > MOST_CURVES || !(search.add_laws()? | search.choose_forms_anew()?) {
+            if turns > MOST_CURVES || !(search.add_laws()? | search.choose_forms_again()?) {
                 break;
             }
         }
@@ -81,7 +81,7 @@ pub fn search(
     if !search.stopped && search.let_balls_slip()? {
         search.add_laws()?;
         if !search.stopped {
-            search.choose_forms_anew()?;
+            search.choose_forms_again()?;
             search.add_curve()?;
             search.settle_curve()?;
         }

@@ -149,7 +149,7 @@ impl Search<'_> {
 
     /// A law that takes half of what is left out of the train record and nothing out of the
     /// hold-out may be right beside laws in forms that are not: adds the strongest of these where
-    /// it is worth it once the forms are chosen anew beside it. Whether it was.
+    /// it is worth it once the forms are chosen again beside it. Whether it was.
     fn add_beside_other_forms(&mut self, tried: &mut [Candidate]) -> Result<bool, IdentifyError> {
         let half =
             HALF_OF_THE_REST * (self.best_errors.train() - self.floors.train.total().powi(2));
@@ -163,7 +163,7 @@ impl Search<'_> {
         let effort = self.on_the_way(&one.errors);
         let without = (self.best.clone(), self.best_errors);
         self.take(with_different_guides(&with.holding_guides(false), self.train, effort)?)?;
-        let changed = self.choose_forms_anew()?;
+        let changed = self.choose_forms_again()?;
         let with = mem::replace(&mut self.best, without.0);
         let errors = mem::replace(&mut self.best_errors, without.1);
         let Some(part) = with.hypothesis.effects.last().cloned() else { return Ok(false) };
@@ -218,7 +218,7 @@ impl Search<'_> {
         Ok(tried)
     }
 
-    /// A candidate in the form that is best with the guides fitted anew; `None` where there is no
+    /// A candidate in the form that is best with the guides fitted again; `None` where there is no
     /// other, or it does not explain enough.
     fn in_best_form(
         &self,

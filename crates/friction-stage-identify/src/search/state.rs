@@ -47,7 +47,7 @@ pub(super) struct Search<'a> {
     /// N.
     pub(super) runners_up: Vec<Vec<(&'static str, f64)>>,
     pub(super) inseparable: Vec<Inseparable>,
-    /// Number of effects whose forms were chosen anew before a further one was added.
+    /// Number of effects whose forms were chosen again before a further one was added.
     pub(super) forms_chosen: usize,
     pub(super) stopped: bool,
 }

@@ -64,7 +64,7 @@ impl LoopResponse {
         LoopResponse::of(stage, controller, |frequency| controller.transfer(frequency))
     }
 
-    /// The same without the lowpass behind the PID.
+    /// The same without the lowpass after the PID.
     pub fn without_lowpass(stage: &SampledStage, controller: &ControllerSettings) -> LoopResponse {
         let rate = controller.rate;
         LoopResponse::of(stage, controller, |frequency| controller.gains.transfer(frequency, rate))

@@ -1,5 +1,5 @@
-//! The loop measured on the emulator as a drive's autotuner does it: a sine beside the controller's
-//! force, one frequency after the other.
+//! The loop measured on the emulator as a drive's autotuner does it: a sine added to the
+//! controller's force, one frequency after the other.
 
 use std::f64::consts::TAU;
 

@@ -2,7 +2,7 @@
 
     python3 loops.py > loops.json
 
-The stage is a mass on a spring and a damper behind a first-order motor, held and sampled; the
+The stage is a mass on a spring and a damper driven by a first-order motor, held and sampled; the
 controller is discretised by hand from its definition: integral by the backward rectangle,
 derivative by the backward difference, lowpass by Tustin with prewarping.
 """

@@ -1,4 +1,4 @@
-//! What a guide is, beside its name.
+//! What a guide is, in words.
 
 use friction_stage_core::model::Catalogue;
 

@@ -103,7 +103,7 @@ impl Words for IdentifyFinding {
                  either record are those with the ones that fit it best, the closed loop is \
                  simulated without it, and a stage that loads the model shows one example of such \
                  phases; its slip is the one of a few that does best. A ripple of the carriage on \
-                 a machine that was homed anew between the records looks the same"
+                 a machine that was homed again between the records looks the same"
             ),
             Self::NoClosedLoop { reason } => {
                 format!("no position error, because the closed loop cannot be simulated: {reason}")

@@ -468,7 +468,7 @@ mod tests {
         );
     }
 
-    /// Loops from 2 to 300 um within each other: the shares found give the effective stiffness at
+    /// Loops from 2 to 300 µm within each other: the shares found give the effective stiffness at
     /// every amplitude.
     #[test]
     fn proposal_gives_the_effective_stiffness_under_noise_and_nothing_in_noise() {

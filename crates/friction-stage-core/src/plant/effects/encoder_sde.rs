@@ -5,7 +5,7 @@
 //! (rad). In a residual it shows as m d2(reading - x)/dt2 = m A (k a cos(k x + phi) - k^2 v^2 sin(k
 //! x + phi)) along +x, k = 2 pi / p: it grows with v^2. Source: offset of the sine and cosine
 //! signals before interpolation (R. Heydemann, Applied Optics 20(19), 1981), first harmonic. Sizes:
-//! assumed, 1 to 2 % of the signal period at worst, p = 2 to 20 um. Not modelled: second harmonic
+//! assumed, 1 to 2 % of the signal period at worst, p = 2 to 20 µm. Not modelled: second harmonic
 //! (unequal amplitudes, quadrature error), change along the scale.
 
 use std::f64::consts::TAU;

@@ -20,7 +20,7 @@ use super::{
 };
 use crate::plant::guides::FrictionScale;
 
-/// Distance that renews the contacts where nothing else is known, m. Assumed: some times the 40 um
+/// Distance that renews the contacts where nothing else is known, m. Assumed: some times the 40 µm
 /// at which the paper's guides 1 and 3 have not yet broken away; over less the contacts would be
 /// new before the bristles could show that they were old.
 const WIDTH: f64 = 200e-6;

@@ -111,7 +111,7 @@ pub struct Excitation {
     /// Speeds that were held for at least 50 ms, m/s, both directions taken together, slowest
     /// first.
     pub speeds: Vec<f64>,
-    /// Time at rest, s: slower than 10 um/s, or than the noise allows to tell.
+    /// Time at rest, s: slower than 10 µm/s, or than the noise allows to tell.
     pub rest_s: f64,
     /// Stretches of rest of at least 50 ms: shortest, median, longest, s.
     pub rests: Option<Spread>,

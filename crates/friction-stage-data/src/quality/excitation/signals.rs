@@ -37,7 +37,7 @@ impl Examiner<'_> {
         let jitter = quality.signal(Signal::Position).and_then(|q| q.jitter_s).unwrap_or(0.0);
         let clock = quality.clock;
         let jitters = matches!(clock, ClockKind::UniformBehindJitter | ClockKind::AtStamps);
-        // a thousandth of a period moves a carriage at 1 m/s by less than 1 um (assumed)
+        // a thousandth of a period moves a carriage at 1 m/s by less than 1 µm (assumed)
         if jitters && jitter > 1e-3 * self.step {
             self.findings.push(DataFinding::Jitter { jitter, clock });
         }

@@ -48,7 +48,7 @@ impl Format {
             Err(SignalError::Array {
                 path: path.to_owned(),
                 reason: "it is none of .npy, .npz (NumPy), .mat of version 5 to 7.3 (MATLAB); a \
-                         .mat of version 4, or a table of text, is to be saved anew: `save -v7 \
+                         .mat of version 4, or a table of text, is to be saved again: `save -v7 \
                          FILE`, or as CSV"
                     .into(),
             })
