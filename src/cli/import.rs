@@ -27,7 +27,8 @@ use friction_stage_report::words::{import_text, proposal_text};
 #[command(after_help = "Example:\n  friction-stage import drive.csv                  # writes \
                         drive.mapping.yaml\n  friction-stage import drive.csv --mapping \
                         drive.mapping.yaml --out drive\n  friction-stage import runs.csv \
-                        --mapping runs.mapping.yaml --out runs --split\n\nA mapping:\n  \
+                        --mapping runs.mapping.yaml --out runs --split\n  friction-stage import \
+                        drive.csv cell.csv       # one mapping for both files\n\nA mapping:\n  \
                         signals:\n    time: {column: t_ms, unit: ms}\n    \
                         position: {column: x, unit: mm}\n    \
                         force: {column: u, scale: 35.15}   # N per V")]
@@ -35,6 +36,10 @@ pub struct ImportArgs {
     /// Table: CSV, TSV, columns between blanks; arrays in .mat, .npz, .npy
     #[arg(value_name = "FILE")]
     pub csv: PathBuf,
+    /// Further tables of the same motion with clocks of their own, beside FILE or below: the
+    /// mapping joins them
+    #[arg(value_name = "OTHER", conflicts_with = "mapping")]
+    pub others: Vec<PathBuf>,
     /// YAML file that says which column is which signal; without it one is proposed
     #[arg(long, value_name = "FILE", requires = "out")]
     pub mapping: Option<PathBuf>,
@@ -103,11 +108,29 @@ fn import(
 
 fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let proposal = Proposal::of(&args.csv)?;
+    let directory = args.csv.parent().unwrap_or(Path::new(""));
+    let mut taken: Vec<_> = proposal.recorded().collect();
+    let joined = args
+        .others
+        .iter()
+        .map(|path| {
+            let from_there = path.strip_prefix(directory).with_context(|| {
+                format!(
+                    "{} is not beside {} or below: name the file with the motion first",
+                    path.display(),
+                    args.csv.display()
+                )
+            })?;
+            let other = Proposal::beside(path, &taken)?;
+            taken.extend(other.recorded());
+            Ok((from_there.display().to_string(), other))
+        })
+        .collect::<anyhow::Result<Vec<(String, Proposal)>>>()?;
     let name = args.csv.file_stem().unwrap_or(args.csv.as_os_str()).to_string_lossy();
     let path = args.write.clone().unwrap_or_else(|| format!("{name}.mapping.yaml").into());
     let has_motion = proposal.has_motion();
     if has_motion {
-        let text = proposal.to_yaml(&args.csv.display().to_string());
+        let text = proposal.to_yaml(&args.csv.display().to_string(), &joined);
         std::fs::File::create_new(&path)
             .and_then(|mut file| file.write_all(text.as_bytes()))
             .with_context(|| {
@@ -115,8 +138,18 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             })?;
     }
     if args.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&proposal)?)?;
+        match joined.as_slice() {
+            [] => writeln!(out, "{}", serde_json::to_string_pretty(&proposal)?)?,
+            joined => {
+                let all: Vec<&Proposal> =
+                    std::iter::once(&proposal).chain(joined.iter().map(|(_, p)| p)).collect();
+                writeln!(out, "{}", serde_json::to_string_pretty(&all)?)?;
+            }
+        }
     } else {
+        for (path, (_, other)) in args.others.iter().zip(&joined) {
+            writeln!(out, "{}", proposal_text(other, path, None))?;
+        }
         let written = has_motion.then_some(path.as_path());
         write!(out, "{}", proposal_text(&proposal, &args.csv, written))?;
     }
@@ -126,5 +159,8 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
          (docs/how-to/recordings-of-others.md)",
         args.csv.display()
     );
-    Ok(Outcome::warned(proposal.signals.iter().any(|signal| signal.check.is_some())))
+    let mut proposals = std::iter::once(&proposal).chain(joined.iter().map(|(_, other)| other));
+    let is_unsure = proposals.any(|p| p.signals.iter().any(|signal| signal.check.is_some()));
+    let is_one_clock = |(_, other): &(String, Proposal)| proposal.has_dates() && other.has_dates();
+    Ok(Outcome::warned(is_unsure || !joined.iter().all(is_one_clock)))
 }

@@ -6,6 +6,7 @@ pub mod demo;
 pub mod effects;
 pub mod experiment;
 pub mod fit_guide;
+pub mod friction_curve;
 pub mod guides;
 pub mod identify;
 pub mod import;
@@ -49,6 +50,7 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 don
 enum Command {
     Demo(demo::DemoArgs),
     FitGuide(fit_guide::FitGuideArgs),
+    FrictionCurve(friction_curve::FrictionCurveArgs),
     Select(select::SelectArgs),
     Tune(tune::TuneArgs),
     Compensate(compensate::CompensateArgs),
@@ -85,6 +87,7 @@ impl Arguments {
         match self.command.unwrap_or_else(|| Command::Demo(demo::DemoArgs::default())) {
             Command::Demo(arguments) => demo::run(&arguments, out),
             Command::FitGuide(arguments) => fit_guide::run(&arguments, out),
+            Command::FrictionCurve(arguments) => friction_curve::run(&arguments, out),
             Command::Select(arguments) => select::run(&arguments, out),
             Command::Tune(arguments) => tune::run(&arguments, out),
             Command::Compensate(arguments) => compensate::run(&arguments, out),

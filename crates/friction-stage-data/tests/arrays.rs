@@ -149,7 +149,7 @@ fn a_mapping_is_proposed_and_the_rest_is_named() {
         for words in not_used {
             assert!(proposal.not_used.iter().any(|other| other == words), "{name} {proposal:?}");
         }
-        let yaml = proposal.to_yaml(name);
+        let yaml = proposal.to_yaml(name, &[]);
         assert!(!yaml.contains("csv:"), "{yaml}");
         let mapping = Mapping::from_yaml(&yaml, "m.yaml").unwrap();
         is_the_run(&load(fixture(name), Some(&mapping)).unwrap(), error);
@@ -288,7 +288,7 @@ proptest! {
         let file = home.path().join(name);
         fs::write(&file, &bytes).unwrap();
         if let Ok(proposal) = Proposal::of(&file)
-            && let Ok(mapping) = Mapping::from_yaml(&proposal.to_yaml(name), "m.yaml")
+            && let Ok(mapping) = Mapping::from_yaml(&proposal.to_yaml(name, &[]), "m.yaml")
         {
             let _ = load(&file, Some(&mapping));
         }

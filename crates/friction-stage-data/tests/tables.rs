@@ -264,7 +264,7 @@ fn a_velocity_is_integrated_where_there_is_no_position() {
         format!("Date:;2020-07-08 21:54:05\n;Velocity actual;Torque actual\nms;rpm;%\n{rows}");
     let file = file("t.csv", text);
     let proposal = Proposal::of(&file.path).unwrap();
-    let yaml = proposal.to_yaml("t.csv");
+    let yaml = proposal.to_yaml("t.csv", &[]);
     assert!(yaml.contains("unit: \"rpm\"}") && yaml.contains("N m of 100 %"), "{yaml}");
     // As it is it is of the motor, in multiples of the rated torque.
     let motor = load(&file.path, Some(&Mapping::from_yaml(&yaml, "proposed").unwrap())).unwrap();
@@ -299,7 +299,7 @@ fn a_position_is_the_reference_less_the_following_error() {
         .collect();
     let text = format!("time [s],set_point [mm],position_error [mm],force [N]\n{rows}");
     let file = file("t.csv", text);
-    let yaml = Proposal::of(&file.path).unwrap().to_yaml("t.csv");
+    let yaml = Proposal::of(&file.path).unwrap().to_yaml("t.csv", &[]);
     let mapping = Mapping::from_yaml(&yaml, "proposed").unwrap();
     let recording = load(&file.path, Some(&mapping)).unwrap();
     for k in 0..ROWS {
@@ -389,7 +389,7 @@ fn a_text_that_is_no_number_is_told_with_its_line() {
 fn proposed(name: &str, bytes: impl AsRef<[u8]>) -> (Proposal, Recording) {
     let file = file(name, bytes);
     let proposal = Proposal::of(&file.path).unwrap();
-    let yaml = proposal.to_yaml(name);
+    let yaml = proposal.to_yaml(name, &[]);
     let mapping = Mapping::from_yaml(&yaml, "proposed").unwrap_or_else(|e| panic!("{e}\n{yaml}"));
     let recording = load(&file.path, Some(&mapping)).unwrap_or_else(|e| panic!("{e}\n{yaml}"));
     (proposal, recording)
@@ -439,7 +439,7 @@ fn what_the_file_does_not_say_is_to_be_checked() {
     assert!(check(Signal::Position).contains("no unit"));
     assert!(check(Signal::Force).contains("N per A"));
     // As it is it is read with a warning.
-    let yaml = proposal.to_yaml("t.csv");
+    let yaml = proposal.to_yaml("t.csv", &[]);
     let recording = load(&file.path, Some(&Mapping::from_yaml(&yaml, "proposed").unwrap()));
     assert!(yaml.contains("current: {"), "{yaml}");
     assert_eq!(recording.unwrap().quality.notes, [SignalNote::NoForceConstant]);
@@ -513,7 +513,7 @@ proptest! {
         let _ = read("t.csv", &bytes, "rate: 10\nsignals: {position: {column: 1}}");
         let file = file("t.csv", &bytes);
         if let Ok(proposal) = Proposal::of(&file.path) {
-            let yaml = proposal.to_yaml("t.csv");
+            let yaml = proposal.to_yaml("t.csv", &[]);
             if proposal.has_motion() {
                 prop_assert!(Mapping::from_yaml(&yaml, "proposed").is_ok(), "{}", yaml);
             }

@@ -10,6 +10,8 @@
 
 use std::slice;
 
+use serde::Serialize;
+
 use super::least_squares::{FitError, Minimum, minimise};
 use super::specimen::LabRecording as Recording;
 use friction_stage_core::model::{
@@ -42,7 +44,7 @@ impl From<&Recording> for RigRecord {
 }
 
 /// A parameter with its 95 % confidence interval.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Fitted {
     pub value: f64,
     pub ci95: [f64; 2],
@@ -138,7 +140,7 @@ const FEWEST_RUNS: usize = 10;
 const LEAST_DAMPING: f64 = 0.8;
 /// 99.9 % quantile of chi-squared with 2 degrees of freedom: what the falling part of F(v) must
 /// gain.
-const SIGNIFICANT: f64 = 13.816;
+pub(super) const SIGNIFICANT: f64 = 13.816;
 /// Stribeck velocity where nothing falls with velocity, m/s: that of the catalogue's guide 2.
 const UNUSED_STRIBECK_VELOCITY: f64 = 5e-3;
 

@@ -24,6 +24,7 @@ mod experiment;
 mod fast_move;
 mod fine_step;
 mod frequency_response;
+mod friction_curve;
 mod guide_fit;
 mod hidden_effect;
 mod hunting;
@@ -60,6 +61,7 @@ pub use fine_step::{FineStep, STEPS, fine_step};
 pub use frequency_response::{
     FrequencyResponse, Resonance, ResponseLevel, ResponsePoint, frequency_response,
 };
+pub use friction_curve::{CurveError, CurvePoint, FrictionCurve, Stribeck, friction_curve};
 pub use guide_fit::{Fitted, GuideConstruction, GuideFit, GuideFitError, RigRecord, fit_guide};
 pub use hidden_effect::HiddenEffect;
 pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};

@@ -19,6 +19,7 @@ pub mod compensation;
 mod error;
 pub mod experiment;
 pub mod figure;
+pub mod friction_curve;
 pub mod identification;
 pub mod interactive;
 pub mod live;

@@ -25,6 +25,11 @@ impl JointType {
         }
     }
 
+    /// The type with a name as in model and mapping files.
+    pub fn named(name: &str) -> Option<JointType> {
+        [JointType::Prismatic, JointType::Revolute].into_iter().find(|joint| joint.name() == name)
+    }
+
     /// The unit that a quantity of this joint has, from the one of a prismatic joint: `N s/m`
     /// becomes `N m s/rad`. Other units, such as s or Hz, stay.
     pub fn unit(self, prismatic: &str) -> Cow<'_, str> {

@@ -60,6 +60,23 @@ pub enum SignalError {
         /// What is wrong and what would be right.
         reason: String,
     },
+    /// A joined recording whose times are not those of the recording.
+    #[error(
+        "{} begins at {begins_s} s, the position is recorded from {from_s} s to {to_s} s: they \
+         have no time in common; `clock_offset` in the mapping is added to the times of the joined \
+         file",
+        joined.display()
+    )]
+    NoTimeInCommon {
+        /// What is joined.
+        joined: PathBuf,
+        /// First time of the joined one with its offset, s.
+        begins_s: f64,
+        /// First time that is wanted, s.
+        from_s: f64,
+        /// Last time that is wanted, s.
+        to_s: f64,
+    },
     /// Columns in memory that are no table.
     #[error(
         "{}: {count} values of {column} for {rows} of time: give one for each row",

@@ -63,6 +63,14 @@ pub(crate) struct Grid {
     pub(super) ticks: Option<(Vec<i64>, Vec<u32>)>,
 }
 
+impl Grid {
+    /// Time of the last row, ns.
+    pub fn last_ns(&self) -> i64 {
+        let duration = self.rows.saturating_sub(1) as f64 * self.step_ns;
+        self.origin_ns.saturating_add(duration.round() as i64)
+    }
+}
+
 /// Usual (median) interval of ordered stamps, ns; none for less than two.
 pub(crate) fn usual_interval(stamps: &[i64]) -> Option<f64> {
     let mut intervals: Vec<i64> = stamps.windows(2).map(|pair| pair[1] - pair[0]).collect();

@@ -2,24 +2,35 @@
 //!
 //! Every row becomes the messages of one sample, with the time of the row as stamp and log time and
 //! with the values in SI; nothing is resampled. A value that a row lacks is a message that is not
-//! written.
+//! written. The rows of tables that the mapping joins come between, in the order of their times.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::csv_table::{Captures, CsvFile};
+use super::csv_table::{Captures, CsvFile, CsvRows};
 use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::load::Integral;
 use super::mapping::{Mapping, Signal, SignalSource};
 use super::source::NO_TIME;
-use crate::bag::{BagError, BagOptions, BagWriter, OfferedQos, TopicId, is_recording, topics};
+use crate::bag::{
+    BagError, BagOptions, BagReader, BagWriter, OfferedQos, TopicId, is_recording, topics,
+};
 use crate::message::{Header, JointState, JointTrajectory, JointTrajectoryPoint, WrenchStamped};
+use friction_stage_core::model::JointType;
 
 /// Name of the MCAP metadata record that says what was imported.
-const METADATA_NAME: &str = "friction_stage_import";
+pub(super) const METADATA_NAME: &str = "friction_stage_import";
+/// Key in it of the type of the joint, where the mapping says one.
+const JOINT_TYPE: &str = "joint_type";
+
+/// The type of the joint whose table was imported into a bag.
+pub(super) fn joint_type(reader: &BagReader) -> Option<JointType> {
+    let (_, imported) = reader.metadata().find(|(name, _)| name == METADATA_NAME)?;
+    JointType::named(imported.get(JOINT_TYPE)?)
+}
 /// Rows between two words of progress.
 const TOLD_EVERY: u64 = 100_000;
 
@@ -51,18 +62,22 @@ pub fn import(
     out: &Path,
     progress: &mut dyn FnMut(u64),
 ) -> Result<ImportReport, SignalError> {
-    let table = Table::open(csv, mapping, mapping_text)?;
-    let mut rows = table.file.rows(&table.columns, Captures::One)?;
-    let mut bag = table.bag(out.to_owned())?;
+    let import = Import::open(csv, mapping, mapping_text)?;
+    let mut tables = import.tables.iter().map(TableRows::open).collect::<Result<Vec<_>, _>>()?;
+    let mut bag = import.bag(out.to_owned())?;
     let mut count = 0;
-    while let Some(stamp) = rows.next()? {
-        bag.write(stamp, &rows.values)?;
+    // The earliest row is next; one without a time at once.
+    while let Some((stamp, table)) =
+        tables.iter().zip(0..).filter_map(|(table, index)| Some((table.stamp?, index))).min()
+    {
+        bag.write(table, stamp, &tables[table].rows.values)?;
+        tables[table].next()?;
         count += 1;
         if u64::is_multiple_of(count, TOLD_EVERY) {
             progress(count);
         }
     }
-    bag.finish(rows.notes())
+    bag.finish(tables.iter().flat_map(|table| table.rows.notes()).collect())
 }
 
 /// Writes a bag for each capture of a table that has several, one after the other: `capture_1`,
@@ -75,21 +90,30 @@ pub fn import_captures(
     out: &Path,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Vec<ImportReport>, SignalError> {
-    let table = Table::open(csv, mapping, mapping_text)?;
+    let import = Import::open(csv, mapping, mapping_text)?;
+    let [table] = import.tables.as_slice() else {
+        let reason = "captures of several files cannot be told to be the same: import each file \
+                      with --split and a mapping of its own";
+        return Err(SignalError::Mapping {
+            origin: csv.display().to_string(),
+            key: "join".into(),
+            reason: reason.into(),
+        });
+    };
     let mut rows = table.file.rows(&table.columns, Captures::Several)?;
     if out.exists() {
         return Err(BagError::Exists { path: out.to_owned() }.into());
     }
     let path = |capture: u64| out.join(format!("capture_{}", capture + 1));
-    let mut bag = table.bag(path(0))?;
+    let mut bag = import.bag(path(0))?;
     let (mut reports, mut capture, mut count) = (Vec::new(), 0, 0);
     while let Some(stamp) = rows.next()? {
         if rows.capture != capture {
             capture = rows.capture;
-            let next = table.bag(path(capture))?;
+            let next = import.bag(path(capture))?;
             reports.push(std::mem::replace(&mut bag, next).finish(Vec::new())?);
         }
-        bag.write(stamp, &rows.values)?;
+        bag.write(0, stamp, &rows.values)?;
         count += 1;
         if u64::is_multiple_of(count, TOLD_EVERY) {
             progress(count);
@@ -99,20 +123,16 @@ pub fn import_captures(
     Ok(reports)
 }
 
-/// A table to import.
-struct Table<'a> {
-    path: &'a Path,
-    mapping_text: &'a str,
+/// A table, and the columns of it that are imported.
+struct Table {
     file: CsvFile,
     columns: Vec<(Signal, SignalSource)>,
+    /// What is added to its times, ns.
+    clock_offset: i64,
 }
 
-impl<'a> Table<'a> {
-    fn open(
-        path: &'a Path,
-        mapping: &Mapping,
-        mapping_text: &'a str,
-    ) -> Result<Table<'a>, SignalError> {
+impl Table {
+    fn open(path: &Path, mapping: &Mapping, clock_offset: i64) -> Result<Table, SignalError> {
         if is_recording(path) {
             return Err(SignalError::IsRecording { path: path.to_owned() });
         }
@@ -123,25 +143,75 @@ impl<'a> Table<'a> {
             .filter(|(signal, _)| **signal != Signal::Time)
             .filter_map(|(signal, sources)| Some((*signal, sources.first()?.clone())))
             .collect();
-        Ok(Table { path, mapping_text, file, columns })
+        Ok(Table { file, columns, clock_offset })
+    }
+}
+
+/// The rows of a table, of which one is at hand.
+struct TableRows<'a> {
+    rows: CsvRows<'a>,
+    clock_offset: i64,
+    /// Time of the row at hand, ns; `None` after the last one.
+    stamp: Option<i64>,
+}
+
+impl<'a> TableRows<'a> {
+    fn open(table: &'a Table) -> Result<Self, SignalError> {
+        let rows = table.file.rows(&table.columns, Captures::One)?;
+        let mut rows = Self { rows, clock_offset: table.clock_offset, stamp: None };
+        rows.next()?;
+        Ok(rows)
+    }
+
+    fn next(&mut self) -> Result<(), SignalError> {
+        let on_clock = |stamp: i64| match stamp {
+            NO_TIME => NO_TIME,
+            stamp => stamp.saturating_add(self.clock_offset),
+        };
+        self.stamp = self.rows.next()?.map(on_clock);
+        Ok(())
+    }
+}
+
+/// The tables that become a bag: the recording, and what is joined with it.
+struct Import<'a> {
+    path: &'a Path,
+    mapping_text: &'a str,
+    tables: Vec<Table>,
+    joint_type: Option<JointType>,
+}
+
+impl<'a> Import<'a> {
+    fn open(
+        path: &'a Path,
+        mapping: &Mapping,
+        mapping_text: &'a str,
+    ) -> Result<Import<'a>, SignalError> {
+        let joined = mapping
+            .join
+            .iter()
+            .map(|other| Table::open(&other.path(path), &other.mapping, other.clock_offset_ns()));
+        let tables = std::iter::once(Table::open(path, mapping, 0))
+            .chain(joined)
+            .collect::<Result<_, _>>()?;
+        Ok(Import { path, mapping_text, tables, joint_type: mapping.joint_type })
     }
 
     fn has(&self, signal: Signal) -> bool {
-        self.columns.iter().any(|(s, ..)| *s == signal)
+        self.tables.iter().flat_map(|table| &table.columns).any(|(s, ..)| *s == signal)
     }
 
-    /// A bag for rows of the table.
+    /// A bag for the rows.
     fn bag(&self, out: PathBuf) -> Result<ImportedBag, SignalError> {
         let mut bag = BagWriter::create(&out, &BagOptions::default())?;
-        bag.write_metadata(
-            METADATA_NAME,
-            [
-                ("source".to_owned(), self.path.display().to_string()),
-                ("mapping".to_owned(), self.mapping_text.to_owned()),
-                ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
-            ]
-            .into(),
-        )?;
+        let mut about: BTreeMap<String, String> = [
+            ("source".to_owned(), self.path.display().to_string()),
+            ("mapping".to_owned(), self.mapping_text.to_owned()),
+            ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ]
+        .into();
+        about.extend(self.joint_type.map(|joint| (JOINT_TYPE.to_owned(), joint.name().to_owned())));
+        bag.write_metadata(METADATA_NAME, about)?;
         let qos = OfferedQos::reliable(100);
         let encoder = bag.add_topic::<JointState>(topics::ENCODER, &qos)?;
         let topic = |bag: &mut BagWriter, name: &str, wanted: bool| {
@@ -159,14 +229,20 @@ impl<'a> Table<'a> {
         };
         Ok(ImportedBag {
             bag,
-            columns: self.columns.iter().map(|(signal, _)| *signal).collect(),
+            tables: self
+                .tables
+                .iter()
+                .map(|table| WrittenRows {
+                    signals: table.columns.iter().map(|(signal, _)| *signal).collect(),
+                    last: None,
+                })
+                .collect(),
             encoder,
             cell,
             force,
             setpoint,
             travelled: self.has(Signal::Velocity).then(Integral::default),
             moved: None,
-            last: None,
             report: ImportReport {
                 bag: out,
                 rows: 0,
@@ -183,7 +259,7 @@ impl<'a> Table<'a> {
 /// A bag that rows of a table are written into.
 struct ImportedBag {
     bag: BagWriter,
-    columns: Vec<Signal>,
+    tables: Vec<WrittenRows>,
     encoder: TopicId,
     cell: Option<TopicId>,
     force: Option<TopicId>,
@@ -192,14 +268,19 @@ struct ImportedBag {
     travelled: Option<Integral>,
     /// ns
     moved: Option<i64>,
-    /// Time of the row before, ns.
-    last: Option<i64>,
     report: ImportReport,
 }
 
+/// What the rows of a table hold, and how far they are written.
+struct WrittenRows {
+    signals: Vec<Signal>,
+    /// Time of the row before, ns.
+    last: Option<i64>,
+}
+
 impl ImportedBag {
-    /// Writes the messages of a row; values in SI, one for each column.
-    fn write(&mut self, stamp: i64, row: &[f64]) -> Result<(), SignalError> {
+    /// Writes the messages of a row of a table, by its number; values in SI, one for each column.
+    fn write(&mut self, table: usize, stamp: i64, row: &[f64]) -> Result<(), SignalError> {
         self.report.rows += 1;
         if stamp == NO_TIME {
             self.report.without_time += 1;
@@ -213,10 +294,11 @@ impl ImportedBag {
             self.report.without_time += 1;
             return Ok(());
         };
-        self.report.not_later += u64::from(self.last.is_some_and(|last| stamp <= last));
-        self.last = Some(stamp);
+        let table = &mut self.tables[table];
+        self.report.not_later += u64::from(table.last.is_some_and(|last| stamp <= last));
+        table.last = Some(stamp);
         let mut values = [f64::NAN; 8];
-        for (signal, value) in self.columns.iter().zip(row) {
+        for (signal, value) in table.signals.iter().zip(row) {
             values[*signal as usize] = *value;
         }
         if let Some(travelled) = &mut self.travelled {

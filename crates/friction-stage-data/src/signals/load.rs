@@ -11,11 +11,11 @@ use super::columns::Columns;
 use super::data_quality::{DataQuality, SignalNote, SignalQuality};
 use super::error::SignalError;
 use super::grid::{self, Grid, stretches};
-use super::mapping::{Mapping, Place, Signal, SignalSource};
+use super::mapping::{Joined, Mapping, Place, Signal, SignalSource};
 use super::order::{Ordered, order};
 use super::recording::{LEAST_COVERAGE, Recording, valid_rows};
-use super::resample::{self, Between, Placed};
-use super::source::{Request, Source, Stream};
+use super::resample::{self, Apart, Between, Placed};
+use super::source::{NO_TIME, Request, Source, Stream};
 use super::trace::Trace;
 use super::window::{Span, Window};
 use friction_stage_core::numerics::noise;
@@ -42,7 +42,97 @@ pub fn load_part(
 ) -> Result<Recording, SignalError> {
     let path = path.as_ref();
     let (source, mapping) = Source::open(path, mapping)?;
-    on_grid(path, &source, &mapping, window)
+    let joined = joined(path, &mapping)?;
+    let joined: Vec<Origin> =
+        joined.iter().map(|(source, other)| Origin::joined(source, other)).collect();
+    on_grid(path, &Origin::recording(&source, &mapping), &joined, window)
+}
+
+/// The recordings that a mapping joins, opened.
+fn joined<'a>(
+    path: &Path,
+    mapping: &'a Mapping,
+) -> Result<Vec<(Source<'static>, &'a Joined)>, SignalError> {
+    let open = |other: &'a Joined| {
+        let (source, _) = Source::open(&other.path(path), Some(&other.mapping))?;
+        Ok((source, other))
+    };
+    mapping.join.iter().map(open).collect()
+}
+
+/// A recording that signals are taken from.
+struct Origin<'a> {
+    source: &'a Source<'a>,
+    mapping: &'a Mapping,
+    /// Its name, where it is joined.
+    file: Option<&'a Path>,
+    /// What is added to its times, ns.
+    clock_offset: i64,
+}
+
+impl<'a> Origin<'a> {
+    fn recording(source: &'a Source<'a>, mapping: &'a Mapping) -> Self {
+        Self { source, mapping, file: None, clock_offset: 0 }
+    }
+
+    fn joined(source: &'a Source<'a>, other: &'a Joined) -> Self {
+        let clock_offset = other.clock_offset_ns();
+        Self { source, mapping: &other.mapping, file: Some(&other.file), clock_offset }
+    }
+
+    /// The places of a signal that the recording has; those that somebody asked for in any case, so
+    /// that a missing one shows.
+    fn candidates(&self, signal: Signal) -> impl Iterator<Item = SignalSource> {
+        let asked_for = self.mapping.asked_for;
+        let places = self.mapping.signals.get(&signal).into_iter().flatten();
+        places.filter(move |source| asked_for || self.source.expected(source).is_some()).cloned()
+    }
+
+    /// Each group of signals as a stream, with the times of the recording.
+    fn read(
+        &self,
+        groups: &[Vec<(Signal, SignalSource)>],
+        span: Span,
+    ) -> Result<Vec<Stream>, SignalError> {
+        let requests: Vec<Request> =
+            groups.iter().map(|signals| Request { signals: signals.clone() }).collect();
+        let span = span.on_clock(self.clock_offset);
+        let mut streams = self.source.read(&requests, self.mapping.joint.as_deref(), span)?;
+        for stream in &mut streams {
+            if let Some(file) = self.file {
+                let named = |place: &String| format!("{} {place}", file.display());
+                stream.places = stream.places.iter().map(named).collect();
+            }
+            let timed = stream.stamps.iter_mut().filter(|stamp| **stamp != NO_TIME);
+            timed.for_each(|stamp| *stamp = stamp.saturating_add(self.clock_offset));
+        }
+        Ok(streams)
+    }
+
+    /// A joined recording has samples while the position is recorded, or its clock is another.
+    fn in_common(&self, stream: &Stream, grid: &Grid) -> Result<(), SignalError> {
+        let during = grid.origin_ns..=grid.last_ns();
+        let Some(file) = self.file else { return Ok(()) };
+        if stream.stamps.iter().any(|stamp| during.contains(stamp)) {
+            return Ok(());
+        }
+        // What is read is near the grid; of the others the first one says where they are.
+        let sources = self.mapping.signals.iter().filter(|(s, _)| stream.signals.contains(s));
+        let group: Vec<(Signal, SignalSource)> =
+            sources.filter_map(|(signal, s)| Some((*signal, s.first()?.clone()))).collect();
+        let one = Span::of(Window { most: Some(1), ..Window::default() });
+        let first = self.read(&[group], one)?.first().and_then(|s| s.stamps.first().copied());
+        let seconds = |stamp: i64| stamp as f64 * 1e-9;
+        match first.filter(|stamp| *stamp != NO_TIME) {
+            None => Ok(()),
+            Some(first) => Err(SignalError::NoTimeInCommon {
+                joined: file.to_owned(),
+                begins_s: seconds(first),
+                from_s: seconds(*during.start()),
+                to_s: seconds(*during.end()),
+            }),
+        }
+    }
 }
 
 /// Brings columns in memory onto a uniform grid, as [`load`] does with those of a file. Columns
@@ -54,22 +144,22 @@ pub fn from_columns(
     window: Window,
 ) -> Result<Recording, SignalError> {
     let name = name.as_ref();
-    on_grid(name, &Source::Columns(Columns::new(name, columns)?), &Mapping::own_csv(), window)
+    let (source, mapping) = (Source::Columns(Columns::new(name, columns)?), Mapping::own_csv());
+    on_grid(name, &Origin::recording(&source, &mapping), &[], window)
 }
 
 fn on_grid(
     path: &Path,
-    source: &Source,
-    mapping: &Mapping,
+    origin: &Origin,
+    joined: &[Origin],
     window: Window,
 ) -> Result<Recording, SignalError> {
+    let (source, mapping) = (origin.source, origin.mapping);
     let mut loading = Loading {
-        source,
-        mapping,
         span: Span::of(window),
         notes: same_place(mapping),
         filled: Vec::new(),
-        between: Vec::new(),
+        apart: Vec::new(),
     };
     let missing = || SignalError::MissingSignal {
         path: path.to_owned(),
@@ -79,10 +169,10 @@ fn on_grid(
     };
     let measured = [Signal::Position, Signal::Velocity]
         .into_iter()
-        .find_map(|signal| Some((signal, loading.candidates(signal).next()?)));
+        .find_map(|signal| Some((signal, origin.candidates(signal).next()?)));
     let (signal, place) = measured.ok_or_else(missing)?;
     let recorded = source.expected(&place).filter(|samples| *samples > 0);
-    let mut stream = loading.read(&[vec![(signal, place)]])?.remove(0);
+    let mut stream = loading.read(origin, &[vec![(signal, place)]])?.remove(0);
     stream.signals[0] = Signal::Position;
     let (total, is_part) = (stream.stamps.len(), stream.is_part());
     let Ordered { stamps, mut values, mut quality } = order(stream)?;
@@ -123,8 +213,12 @@ fn on_grid(
     if mapping.without_force_constant {
         loading.notes.push(SignalNote::NoForceConstant);
     }
-    loading.others(&grid, &mut trace, &mut quality)?;
-    resample::along_command(&mut trace.force_cell, &loading.between, &trace.force);
+    loading.others(origin, &grid, &mut trace, &mut quality)?;
+    for other in joined {
+        loading.others(other, &grid, &mut trace, &mut quality)?;
+    }
+    complete(&mut trace, grid.rows);
+    resample::along_command(&mut trace.force_cell, &loading.apart, &trace.force);
     let mut filled = vec![false; grid.rows];
     positions.iter().chain(&loading.filled).for_each(|row| filled[*row] = true);
     trace.time = (0..grid.rows).map(|row| row as f64 * grid.step_ns * 1e-9).collect();
@@ -214,30 +308,35 @@ fn needs(mapping: &Mapping) -> String {
     format!("{}{other}", places.join(" or "))
 }
 
-struct Loading<'a> {
-    source: &'a Source<'a>,
-    mapping: &'a Mapping,
-    span: Span,
-    notes: Vec<SignalNote>,
-    /// Rows of the forces that stand in place of missing samples, and those between samples of the
-    /// cell.
-    filled: Vec<usize>,
-    between: Vec<usize>,
+/// Columns of signals that are nowhere recorded hold no number.
+fn complete(trace: &mut Trace, rows: usize) {
+    for column in [
+        &mut trace.reference_position,
+        &mut trace.reference_velocity,
+        &mut trace.reference_acceleration,
+        &mut trace.force_cell,
+        &mut trace.force,
+    ] {
+        column.resize(rows, f64::NAN);
+    }
 }
 
-impl Loading<'_> {
-    /// The places of a signal that the recording has; those that somebody asked for in any case, so
-    /// that a missing one shows.
-    fn candidates(&self, signal: Signal) -> impl Iterator<Item = SignalSource> {
-        let asked_for = self.mapping.asked_for;
-        let places = self.mapping.signals.get(&signal).into_iter().flatten();
-        places.filter(move |source| asked_for || self.source.expected(source).is_some()).cloned()
-    }
+struct Loading {
+    span: Span,
+    notes: Vec<SignalNote>,
+    /// Rows of the forces that stand in place of missing samples, and samples of the cell that are
+    /// further apart than the rows.
+    filled: Vec<usize>,
+    apart: Vec<Apart>,
+}
 
-    fn read(&mut self, groups: &[Vec<(Signal, SignalSource)>]) -> Result<Vec<Stream>, SignalError> {
-        let requests: Vec<Request> =
-            groups.iter().map(|signals| Request { signals: signals.clone() }).collect();
-        let mut streams = self.source.read(&requests, self.mapping.joint.as_deref(), self.span)?;
+impl Loading {
+    fn read(
+        &mut self,
+        origin: &Origin,
+        groups: &[Vec<(Signal, SignalSource)>],
+    ) -> Result<Vec<Stream>, SignalError> {
+        let mut streams = origin.read(groups, self.span)?;
         for stream in &mut streams {
             // What is so of a file is told once, however often it is read.
             stream.notes.retain(|note| !self.notes.contains(note));
@@ -249,6 +348,7 @@ impl Loading<'_> {
     /// Reads every signal but the position and puts it into the trace.
     fn others(
         &mut self,
+        origin: &Origin,
         grid: &Grid,
         trace: &mut Trace,
         quality: &mut Vec<SignalQuality>,
@@ -256,7 +356,7 @@ impl Loading<'_> {
         let mut wanted: Vec<(Signal, Vec<SignalSource>)> = Signal::ALL
             .into_iter()
             .filter(|signal| ![Signal::Time, Signal::Position].contains(signal))
-            .map(|signal| (signal, self.candidates(signal).collect()))
+            .map(|signal| (signal, origin.candidates(signal).collect()))
             .collect();
         // each turn reads the first places, then the second ones of signals that the first did not
         // have
@@ -286,7 +386,7 @@ impl Loading<'_> {
                 // as many groups in one pass as fit, one at least
                 let bytes = |group: &Vec<(Signal, SignalSource)>| {
                     let samples =
-                        self.source.expected(&group[0].1).unwrap_or(0).max(grid.rows as u64);
+                        origin.source.expected(&group[0].1).unwrap_or(0).max(grid.rows as u64);
                     samples * 8 * (1 + group.len() as u64)
                 };
                 let (mut total, mut count) = (0, 0);
@@ -298,7 +398,8 @@ impl Loading<'_> {
                     count += 1;
                 }
                 let now: Vec<_> = groups.drain(..count).collect();
-                for stream in self.read(&now)? {
+                for stream in self.read(origin, &now)? {
+                    origin.in_common(&stream, grid)?;
                     self.place(grid, stream, trace, quality)?;
                 }
             }
@@ -307,15 +408,6 @@ impl Loading<'_> {
                     sources.clear();
                 }
             }
-        }
-        for column in [
-            &mut trace.reference_position,
-            &mut trace.reference_velocity,
-            &mut trace.reference_acceleration,
-            &mut trace.force_cell,
-            &mut trace.force,
-        ] {
-            column.resize(grid.rows, f64::NAN);
         }
         Ok(())
     }
@@ -330,7 +422,7 @@ impl Loading<'_> {
         let Ordered { stamps, mut values, quality: found } = order(stream)?;
         for (index, mut found) in found.into_iter().enumerate() {
             let raw = std::mem::take(&mut values[index]);
-            let Placed { column, filled, between } =
+            let Placed { column, filled, apart } =
                 resample::place(grid, &stamps, &raw, Between::of(found.signal), &mut found);
             found.noise = noise_of_samples(grid, &stamps, &raw, &column);
             drop(raw);
@@ -347,7 +439,7 @@ impl Loading<'_> {
             match found.signal {
                 Signal::ForceCell => {
                     self.filled.extend(filled);
-                    self.between = between;
+                    self.apart = apart;
                 }
                 Signal::Force => self.filled.extend(filled),
                 _ => {}

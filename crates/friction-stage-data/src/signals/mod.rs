@@ -14,6 +14,7 @@ mod grid;
 mod import;
 mod load;
 pub mod mapping;
+mod mapping_file;
 mod order;
 mod proposal;
 mod recording;

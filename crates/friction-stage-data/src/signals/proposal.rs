@@ -100,13 +100,22 @@ impl Proposal {
     /// # Errors
     /// It cannot be read, or holds no table of numbers.
     pub fn of(path: &Path) -> Result<Proposal, SignalError> {
+        Self::beside(path, &[])
+    }
+
+    /// Looks at a file with further signals of the same motion, which is in others that have the
+    /// signals `taken`.
+    ///
+    /// # Errors
+    /// As of [`Proposal::of`].
+    pub fn beside(path: &Path, taken: &[Signal]) -> Result<Proposal, SignalError> {
         if is_recording(path) {
             return Err(SignalError::IsRecording { path: path.to_owned() });
         }
-        if is_array_file(path) { Self::of_arrays(path) } else { Self::of_text(path) }
+        if is_array_file(path) { Self::of_arrays(path, taken) } else { Self::of_text(path, taken) }
     }
 
-    fn of_text(path: &Path) -> Result<Proposal, SignalError> {
+    fn of_text(path: &Path, taken: &[Signal]) -> Result<Proposal, SignalError> {
         let reading = |error| BagError::reading(path, error);
         let layout = TextLayout::find(path, &CsvLayout::default()).map_err(reading)?;
         let samples = samples(path, &layout).map_err(reading)?;
@@ -130,12 +139,12 @@ impl Proposal {
             names_line: layout.names_line,
             units_line: layout.units_line,
             data_line: layout.data_line,
-            ..Self::of_columns(&names, &units, &samples)
+            ..Self::of_columns(&names, &units, &samples, taken)
         })
     }
 
     /// Of a file of arrays, those of the length that a time has, or that most of them have.
-    fn of_arrays(path: &Path) -> Result<Proposal, SignalError> {
+    fn of_arrays(path: &Path, taken: &[Signal]) -> Result<Proposal, SignalError> {
         let file = ArrayFile::open(path)?;
         let is_time = |name: &str| words(name).iter().any(|word| TIME.contains(&word.as_str()));
         let times = |length: u64| {
@@ -162,12 +171,17 @@ impl Proposal {
         Ok(Proposal {
             format: file.format.name(),
             not_used: file.others(longest),
-            ..Self::of_columns(&names, &vec![String::new(); names.len()], &samples)
+            ..Self::of_columns(&names, &vec![String::new(); names.len()], &samples, taken)
         })
     }
 
     /// Which of these columns are which signals; says nothing of the file.
-    fn of_columns(names: &[String], units: &[String], samples: &[Samples]) -> Proposal {
+    fn of_columns(
+        names: &[String],
+        units: &[String],
+        samples: &[Samples],
+        taken: &[Signal],
+    ) -> Proposal {
         let rows = samples.first().map_or(0, |column| column.values.len());
         // The file's unit, or one behind the name: `t_ms`.
         let units = |column: usize| {
@@ -206,13 +220,24 @@ impl Proposal {
             Signal::Force,
         ] {
             let has_position = |found: &ProposedSignal| found.signal == Signal::Position;
-            if signal == Signal::Velocity && signals.iter().any(has_position) {
+            let is_moving = !taken.is_empty() || signals.iter().any(has_position);
+            let is_motion = signal == Signal::Velocity && is_moving
+                || signal == Signal::Position && !taken.is_empty();
+            if is_motion || taken.contains(&signal) {
                 continue;
             }
             let free = columns.iter().filter(|column| column.signal.is_none());
             let best = free
                 .map(|column| {
-                    (likeness(signal, column, &samples[column.number - 1]), column.number)
+                    let as_signal = |signal| likeness(signal, column, &samples[column.number - 1]);
+                    let best = match signal {
+                        // A force beside the command is a measured one.
+                        Signal::ForceCell if taken.contains(&Signal::Force) => {
+                            as_signal(Signal::ForceCell).max(as_signal(Signal::Force))
+                        }
+                        signal => as_signal(signal),
+                    };
+                    (best, column.number)
                 })
                 .filter(|(likeness, _)| *likeness > 0.0)
                 .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
@@ -223,7 +248,9 @@ impl Proposal {
                 signals.push(proposed(signal, column, &samples[number - 1], joint));
             }
         }
-        signals.extend(from_following_error(&signals, &mut columns));
+        if taken.is_empty() {
+            signals.extend(from_following_error(&signals, &mut columns));
+        }
         let time = signals.iter().find(|found| found.signal == Signal::Time);
         let rate_hz = time.and_then(|time| {
             let unit = time.unit.as_deref().and_then(Unit::named).map_or(1.0, |unit| unit.size);
@@ -270,12 +297,45 @@ impl Proposal {
         }
     }
 
-    /// The mapping file, with what to check in comments.
-    pub fn to_yaml(&self, file: &str) -> String {
+    /// The signals but for the time.
+    pub fn recorded(&self) -> impl Iterator<Item = Signal> {
+        self.signals.iter().map(|found| found.signal).filter(|signal| *signal != Signal::Time)
+    }
+
+    /// The mapping file, with what to check in comments. `joined` are other recordings of the same
+    /// motion, with their paths from the directory of `file` on.
+    pub fn to_yaml(&self, file: &str, joined: &[(String, Proposal)]) -> String {
         let mut text = format!(
             "# Proposed for {file}. What it does not say itself is marked CHECK.\n\
-             # Positive is along +x; `scale: -1` turns a signal round.\n"
+             # Positive is along +x; `scale: -1` turns a signal round.\n{}",
+            self.table_yaml()
         );
+        if !joined.is_empty() {
+            text += "join:\n";
+        }
+        for (path, other) in joined {
+            let check = match self.has_dates() && other.has_dates() {
+                true => "s, added to its times",
+                false => "CHECK: s, added to its times; 0 takes both clocks as one",
+            };
+            let path = serde_json::Value::from(path.as_str());
+            let _ = writeln!(text, "  - file: {path}\n    clock_offset: 0   # {check}");
+            for line in other.table_yaml().lines() {
+                let _ = writeln!(text, "    {line}");
+            }
+        }
+        text
+    }
+
+    /// Whether its times are dates or times of day, which are of the same clock in every file.
+    pub fn has_dates(&self) -> bool {
+        let time = self.signals.iter().find(|found| found.signal == Signal::Time);
+        time.is_some_and(|time| self.columns[time.column - 1].smallest.is_none())
+    }
+
+    /// The part of a mapping that is of this table.
+    fn table_yaml(&self) -> String {
+        let mut text = String::new();
         if !self.is_of_arrays() {
             self.write_layout(&mut text);
         }

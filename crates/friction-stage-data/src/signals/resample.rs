@@ -11,6 +11,8 @@
 //! force reading is interpolated linearly. A command is held until the next one, so its value in a
 //! row is its mean from that row to the next.
 
+use std::ops::Range;
+
 use super::data_quality::SignalQuality;
 use super::grid::{Grid, ON_GRID_NS, usual_interval};
 use super::mapping::Signal;
@@ -73,8 +75,16 @@ pub(crate) struct Placed {
     pub column: Vec<f64>,
     /// Rows in place of samples that are missing.
     pub filled: Vec<usize>,
-    /// Rows between samples that are further apart than the rows, those that are filled among them.
-    pub between: Vec<usize>,
+    /// Samples that are further apart than the rows, missing ones between them or not.
+    pub apart: Vec<Apart>,
+}
+
+/// Two samples and the rows between them.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Apart {
+    /// Where the samples lie, in rows; whole ones where they are in a row.
+    samples: (f64, f64),
+    rows: Range<usize>,
 }
 
 /// One signal onto the grid.
@@ -170,26 +180,28 @@ pub(crate) fn place(
             filled.extend(rows.clone());
         }
         if b.0 - a.0 > 1.5 {
-            apart.extend(rows.filter(|row| *row as f64 != b.0));
+            let rows = rows.start..(b.0.ceil() as usize).min(rows.end);
+            apart.push(Apart { samples: (a.0, b.0), rows });
         }
     }
     quality.coverage =
         column.iter().filter(|v| v.is_finite()).count() as f64 / grid.rows.max(1) as f64;
-    Placed { column, filled, between: apart }
+    Placed { column, filled, apart }
 }
 
 /// A force cell between its samples: a straight line beside the command, which it shows one row
 /// later. What the motor makes of its command changes slowly, the command itself with every row.
-pub(crate) fn along_command(cell: &mut [f64], between: &[usize], command: &[f64]) {
-    for run in between.chunk_by(|a, b| *b == a + 1) {
-        let (before, after) = (run[0].wrapping_sub(1), run[run.len() - 1] + 1);
-        let commanded = |row: usize| {
-            row.checked_sub(1).and_then(|row| command.get(row)).copied().unwrap_or(f64::NAN)
-        };
-        let (start, end) = (commanded(before), commanded(after));
-        for &row in run {
-            let share = (row - run[0] + 1) as f64 / (run.len() + 1) as f64;
-            let beside = commanded(row) - (start + share * (end - start));
+pub(crate) fn along_command(cell: &mut [f64], apart: &[Apart], command: &[f64]) {
+    // What was commanded in the interval that ends at a row, or that a time is in.
+    let commanded = |row: f64| match row.ceil() {
+        row if row >= 1.0 => command.get(row as usize - 1).copied().unwrap_or(f64::NAN),
+        _ => f64::NAN,
+    };
+    for Apart { samples: (a, b), rows } in apart {
+        let (start, end) = (commanded(*a), commanded(*b));
+        for row in rows.clone() {
+            let share = (row as f64 - a) / (b - a);
+            let beside = commanded(row as f64) - (start + share * (end - start));
             if beside.is_finite() {
                 cell[row] += beside;
             }

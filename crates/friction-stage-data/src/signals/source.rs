@@ -11,6 +11,7 @@ use super::columns::Columns;
 use super::csv_table::CsvFile;
 use super::data_quality::SignalNote;
 use super::error::SignalError;
+use super::import::joint_type;
 use super::mapping::{Mapping, Place, Signal, SignalSource};
 use super::topic_source::read_bag;
 use super::window::{Side, Span};
@@ -73,7 +74,10 @@ impl Source<'_> {
             return Ok((Self::Csv(CsvFile::new(path, &mapping)?), mapping));
         }
         let reader = BagReader::open(path)?;
-        let own = || Mapping::own_bag(reader.provenance().is_some());
+        let own = || Mapping {
+            joint_type: joint_type(&reader),
+            ..Mapping::own_bag(reader.provenance().is_some())
+        };
         let mapping = mapping.cloned().unwrap_or_else(own);
         Ok((Self::Bag(reader), mapping))
     }

@@ -2,10 +2,12 @@
 //! like.
 //!
 //! In goes the begin of a file and what a mapping says of it; out comes a [`TextLayout`], found by
-//! reading the lines in every way there is and taking the one that gives the most numbers.
+//! reading the lines in every way there is and taking the one that gives the most numbers, and of
+//! those that give as many the one with the fewest words beside them.
 //! Loggers, drives and spreadsheets write lines of settings above the names, a line of units below,
 //! decimal commas, blanks between columns; none of it has to be told.
 
+use std::cmp::Reverse;
 use std::fs::File;
 use std::io::{self, Cursor, Read};
 use std::path::Path;
@@ -138,6 +140,8 @@ struct Reading {
     columns: usize,
     /// Values in the longest stretch of rows alike.
     numbers: usize,
+    /// Words in each of them: what a wrong delimiter leaves of numbers, too.
+    words: usize,
     /// Whether a number has a mark that the other reading takes in another way.
     is_marked: bool,
 }
@@ -165,6 +169,7 @@ impl Reading {
                 first: rows.len(),
                 columns: 0,
                 numbers: 0,
+                words: 0,
                 is_marked: false,
             };
         };
@@ -176,7 +181,15 @@ impl Reading {
             first -= 1;
         }
         let is_marked = rows[first..].iter().any(|row| row.is_marked);
-        Reading { delimiter, decimal, first, columns: example.kinds.len(), numbers, is_marked }
+        Reading {
+            delimiter,
+            decimal,
+            first,
+            columns: example.kinds.len(),
+            numbers,
+            words: example.count(false),
+            is_marked,
+        }
     }
 }
 
@@ -288,8 +301,9 @@ impl TextLayout {
             .flat_map(|delimiter| decimals.iter().map(move |decimal| (*delimiter, *decimal)))
             .map(|(delimiter, decimal)| Reading::of(&lines, comment, delimiter, decimal))
             .collect();
-        let most = readings.iter().map(|reading| reading.numbers).max().unwrap_or(0);
-        readings.retain(|reading| reading.numbers == most);
+        let sense = |reading: &Reading| (reading.numbers, Reverse(reading.words));
+        let most = readings.iter().map(sense).max();
+        readings.retain(|reading| Some(sense(reading)) == most);
         let chosen = readings.swap_remove(0);
         let other = readings.iter().find(|reading| {
             reading.delimiter == chosen.delimiter && reading.decimal != chosen.decimal

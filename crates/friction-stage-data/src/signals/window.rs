@@ -68,6 +68,13 @@ impl Span {
         Span { limits, is_of_others: true, ..Span::default() }
     }
 
+    /// The same span on a clock that is behind by `offset`, ns.
+    pub fn on_clock(mut self, offset: i64) -> Span {
+        let moved = |stamp: i64| stamp.saturating_sub(offset);
+        self.limits = self.limits.map(|(from, to)| (moved(from), moved(to)));
+        self
+    }
+
     /// Samples at most.
     pub fn most(&self) -> u64 {
         self.window.most.map_or(u64::MAX, |most| most as u64)

@@ -384,6 +384,15 @@ impl Words for Obstacle {
                  held, so only reversals pass through it",
                 source(*declared)
             ),
+            Self::UnknownStribeckVelocity { slowest } => format!(
+                "no model declares its Stribeck velocity; {}",
+                match slowest {
+                    Some(slowest) => {
+                        format!("the slowest speed that is held is {} {speed}", short(*slowest))
+                    }
+                    None => "no speed is held".to_owned(),
+                }
+            ),
             Self::NoFastSpeed { fastest, stribeck_velocity } => format!(
                 "velocities up to {} {speed} only, which is not far above the Stribeck velocity of \
                  {stribeck_velocity:.1e} {speed}",

@@ -5,10 +5,11 @@ use serde::Serialize;
 use super::{Excitation, RoughFit, Spread};
 use crate::quality::finding::{DataFinding, Severity};
 use crate::signals::Signal;
-use friction_stage_core::model::StageModel;
+use friction_stage_core::model::{JointType, StageModel};
 
-/// Stribeck velocity, m/s, where no model declares one. Assumed: the low end of the usual 1 to 10
-/// mm/s.
+/// Stribeck velocity of a prismatic joint, m/s, where no model declares one. Assumed: the low end of
+/// the usual 1 to 10 mm/s. That of a revolute joint is as many times it as its radius is smaller
+/// than 1 m, so there is no usual one.
 const USUAL_STRIBECK_VELOCITY: f64 = 1e-3;
 
 /// What can be asked of a recording.
@@ -157,6 +158,11 @@ pub enum Obstacle {
         /// Whether a model declares it; assumed otherwise.
         declared: bool,
     },
+    /// No model declares a Stribeck velocity, and the joint has no usual one.
+    UnknownStribeckVelocity {
+        /// The slowest speed that is held, m/s; absent where none is.
+        slowest: Option<f64>,
+    },
     /// No speed is well above the Stribeck velocity.
     NoFastSpeed {
         /// Largest speed, m/s.
@@ -268,7 +274,8 @@ type Answer = Result<JudgementBasis, Obstacle>;
 struct Judge<'a> {
     found: &'a Excitation,
     fastest: f64,
-    stribeck_velocity: f64,
+    /// m/s; `None` where it is not declared and there is no usual one.
+    stribeck_velocity: Option<f64>,
     declared: bool,
 }
 
@@ -280,7 +287,10 @@ impl<'a> Judge<'a> {
         Self {
             found,
             fastest: found.velocity_range.iter().fold(0.0f64, |m, v| m.max(v.abs())),
-            stribeck_velocity: declared.unwrap_or(USUAL_STRIBECK_VELOCITY),
+            stribeck_velocity: declared.or(match found.joint {
+                JointType::Prismatic => Some(USUAL_STRIBECK_VELOCITY),
+                JointType::Revolute => None,
+            }),
             declared: declared.is_some(),
         }
     }
@@ -364,7 +374,11 @@ impl<'a> Judge<'a> {
 
     fn stribeck_curve(&self) -> Answer {
         self.fit()?;
-        let (stribeck_velocity, declared) = (self.stribeck_velocity, self.declared);
+        let declared = self.declared;
+        let stribeck_velocity = self.stribeck_velocity.ok_or_else(|| {
+            let slowest = self.found.speeds.iter().copied().reduce(f64::min);
+            Obstacle::UnknownStribeckVelocity { slowest }
+        })?;
         let slowest = self.found.speeds.iter().copied().find(|s| *s < stribeck_velocity);
         let slowest = slowest.ok_or(Obstacle::NoSlowSpeed { stribeck_velocity, declared })?;
         if self.fastest <= FAST * stribeck_velocity {

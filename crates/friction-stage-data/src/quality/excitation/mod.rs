@@ -21,6 +21,7 @@ use serde::Serialize;
 use super::finding::{DataFinding, Severity};
 use crate::signals::{Recording, Signal};
 use friction_stage_core::model::{JointType, StageModel};
+use friction_stage_core::numerics::correlation::correlation_length;
 
 pub use judgement::{Judgement, JudgementBasis, Obstacle, Subject};
 
@@ -154,6 +155,60 @@ pub fn examine(recording: &Recording, model: Option<&StageModel>) -> Excitation 
     Examiner::new(recording, model).run()
 }
 
+/// A stretch at a speed that is held, with the force that it takes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct HeldSpeed {
+    /// Mean velocity, m/s.
+    pub velocity: f64,
+    /// Mean force of the cell, N; of the command, where there is no cell.
+    pub force: f64,
+    /// Standard deviation of this mean, N, from the scatter within the stretch.
+    pub deviation: f64,
+    /// Length of the stretch, s.
+    pub duration_s: f64,
+}
+
+/// The stretches of a recording at held speeds, in the order of time; none where no force is
+/// recorded. The force of the acceleration, which is near 0 there, is part of the mean.
+pub fn held_speeds(recording: &Recording) -> Vec<HeldSpeed> {
+    let examiner = Examiner::new(recording, None);
+    let signal = match recording.has(Signal::ForceCell) {
+        true => Signal::ForceCell,
+        false => Signal::Force,
+    };
+    if !recording.has(signal) {
+        return Vec::new();
+    }
+    let noise = examiner.encoder_noise().map_or(0.0, |n| n.present);
+    let turn = smallest_turn(noise);
+    let (_, reversals, _) = examiner.travel(turn);
+    let examiner = Examiner { half: examiner.half_base(noise, reversals), ..examiner };
+    let held = examiner.held(&examiner.moments(turn), examiner.rest_speed(noise));
+    let force = examiner.column(signal);
+    held.iter()
+        .filter_map(|stretch| {
+            let values: Vec<f64> =
+                force[stretch.rows.clone()].iter().copied().filter(|f| f.is_finite()).collect();
+            let count = values.len() as f64;
+            let mean = values.iter().sum::<f64>() / count;
+            let beside: Vec<f64> = values.iter().map(|f| f - mean).collect();
+            let squares: f64 = beside.iter().map(|f| f * f).sum();
+            let variance = squares / (count - 1.0) * correlation_length(&beside) / count;
+            (values.len() > 1).then(|| HeldSpeed {
+                velocity: stretch.velocity,
+                force: mean,
+                deviation: variance.sqrt(),
+                duration_s: stretch.time,
+            })
+        })
+        .collect()
+}
+
+/// A turn round by less than this, m, is noise of this standard deviation, m.
+fn smallest_turn(noise: f64) -> f64 {
+    (20.0 * noise).max(1e-7)
+}
+
 struct Examiner<'a> {
     recording: &'a Recording,
     model: Option<&'a StageModel>,
@@ -177,6 +232,12 @@ impl<'a> Examiner<'a> {
         }
     }
 
+    /// Speed, m/s, up to which the carriage may rest: five standard deviations of the velocity's
+    /// noise, where the encoder's is `noise`, m.
+    fn rest_speed(&self, noise: f64) -> f64 {
+        REST_SPEED.max(5.0 * noise * 0.5f64.sqrt() / (self.half as f64 * self.step))
+    }
+
     fn column(&self, signal: Signal) -> &'a [f64] {
         self.recording.trace.columns()[signal as usize]
     }
@@ -190,7 +251,7 @@ impl<'a> Examiner<'a> {
         let encoder_noise = self.encoder_noise();
         let force_cell_noise = self.cell_noise();
         let noise = encoder_noise.map_or(0.0, |n| n.present);
-        let turn = (20.0 * noise).max(1e-7);
+        let turn = smallest_turn(noise);
         let (amplitudes, reversals, distance) = self.travel(turn);
         self.half = self.half_base(noise, reversals);
         let moments = self.moments(turn);
@@ -204,13 +265,12 @@ impl<'a> Examiner<'a> {
         let velocity_range = known(range(&mut moments.iter().map(|m| m.velocity)));
         let largest_acceleration = moments.iter().map(|m| m.acceleration.abs()).fold(0.0, f64::max);
         let stroke = position_range[1] - position_range[0];
-        // five standard deviations of the velocity's noise
-        let rest_speed =
-            REST_SPEED.max(5.0 * noise * 0.5f64.sqrt() / (self.half as f64 * self.step));
+        let rest_speed = self.rest_speed(noise);
         let moves = stroke > 20.0 * noise
             && stroke > 0.0
             && moments.iter().any(|m| m.velocity.abs() > rest_speed);
-        let (speeds, held) = self.speeds(&moments, rest_speed);
+        let held = self.held(&moments, rest_speed);
+        let speeds = motion::speeds(&held);
         let rests = self.rests(&moments, rest_speed);
         let moving = moments.iter().filter(|m| m.velocity.abs() > rest_speed).count();
         let moment_s = self.half as f64 * self.step;
@@ -264,7 +324,7 @@ impl<'a> Examiner<'a> {
             if velocity_range[0] > -rest_speed || velocity_range[1] < rest_speed {
                 self.findings.push(DataFinding::OneDirection);
             }
-            let share = held.iter().map(|(_, time)| time).sum::<f64>() / (moving as f64 * moment_s);
+            let share = held.iter().map(|h| h.time).sum::<f64>() / (moving as f64 * moment_s);
             if let [speed] = speeds[..]
                 && share > 0.6
             {

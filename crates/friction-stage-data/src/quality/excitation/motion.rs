@@ -1,5 +1,7 @@
 //! The motion of a recording: travel between reversals, speeds that are held, rests.
 
+use std::ops::Range;
+
 use super::{Examiner, LONGEST_BASE, NOISE_IN_ACCELERATION, rms_of_acceleration_noise};
 use crate::signals::Signal;
 
@@ -53,6 +55,29 @@ impl Travel {
         }
         None
     }
+}
+
+/// A stretch at a speed that is held.
+pub(super) struct Held {
+    /// Mean, m/s.
+    pub velocity: f64,
+    /// s.
+    pub time: f64,
+    pub rows: Range<usize>,
+}
+
+/// The speeds of stretches, slowest first; those that are alike once.
+pub(super) fn speeds(held: &[Held]) -> Vec<f64> {
+    let mut sorted: Vec<f64> = held.iter().map(|stretch| stretch.velocity.abs()).collect();
+    sorted.sort_by(f64::total_cmp);
+    let mut groups: Vec<Vec<f64>> = Vec::new();
+    for speed in sorted {
+        match groups.last_mut() {
+            Some(group) if speed <= SAME_SPEED * group[0] => group.push(speed),
+            _ => groups.push(vec![speed]),
+        }
+    }
+    groups.iter().map(|group| group[group.len() / 2]).collect()
 }
 
 impl Examiner<'_> {
@@ -124,14 +149,10 @@ impl Examiner<'_> {
         (amplitudes, reversals, distance)
     }
 
-    /// Speeds that are held, slowest first, and each stretch with its length in s.
-    pub(super) fn speeds(
-        &self,
-        moments: &[Moment],
-        rest_speed: f64,
-    ) -> (Vec<f64>, Vec<(f64, f64)>) {
+    /// Stretches at a speed that is held, in the order of time.
+    pub(super) fn held(&self, moments: &[Moment], rest_speed: f64) -> Vec<Held> {
         let moment_s = self.half as f64 * self.step;
-        let mut stretches: Vec<(f64, f64)> = Vec::new();
+        let mut stretches: Vec<Held> = Vec::new();
         let mut from = 0;
         while from < moments.len() {
             let start = &moments[from];
@@ -155,22 +176,14 @@ impl Examiner<'_> {
             if time >= SHORTEST_STRETCH && to - from >= HELD_MOMENTS {
                 let mean =
                     moments[from..to].iter().map(|m| m.velocity).sum::<f64>() / (to - from) as f64;
-                stretches.push((mean.abs(), time));
+                let rows = moments[from].row - self.half..moments[to - 1].row + self.half + 1;
+                stretches.push(Held { velocity: mean, time, rows });
                 from = to;
             } else {
                 from += 1;
             }
         }
-        let mut sorted: Vec<f64> = stretches.iter().map(|(speed, _)| *speed).collect();
-        sorted.sort_by(f64::total_cmp);
-        let mut groups: Vec<Vec<f64>> = Vec::new();
-        for speed in sorted {
-            match groups.last_mut() {
-                Some(group) if speed <= SAME_SPEED * group[0] => group.push(speed),
-                _ => groups.push(vec![speed]),
-            }
-        }
-        (groups.iter().map(|group| group[group.len() / 2]).collect(), stretches)
+        stretches
     }
 
     pub(super) fn rests(&self, moments: &[Moment], rest_speed: f64) -> Vec<f64> {
