@@ -1,7 +1,12 @@
-//! Names of directories for results.
+//! Where a command leaves its results.
 
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
+
+use anyhow::Context as _;
+use clap::Args;
+
+use crate::outcome::WrongArguments;
 
 /// A directory that is named after what it holds and when: `<name>_<date>` in `parent`, UTC.
 pub fn dated(parent: &Path, name: &str) -> PathBuf {
@@ -9,4 +14,63 @@ pub fn dated(parent: &Path, name: &str) -> PathBuf {
     let seconds = i64::try_from(now.as_secs()).unwrap_or_default();
     let date = chrono::DateTime::from_timestamp(seconds, 0).unwrap_or_default();
     parent.join(format!("{name}_{}", date.format("%Y_%m_%d-%H_%M_%S")))
+}
+
+/// The arguments that name the directory.
+#[derive(Debug, Clone, Args)]
+pub struct ResultsArgs {
+    /// Directory for the results [default: named after the command and the date]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Replace the results that the directory holds
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// A directory for the results of a command, of which summary.json is the last.
+#[derive(Debug)]
+pub struct Results {
+    directory: PathBuf,
+}
+
+/// What marks a directory with results.
+const SUMMARY: &str = "summary.json";
+
+impl ResultsArgs {
+    /// The directory, which is not made yet. One that holds results is refused without `--force`.
+    pub fn directory(&self, command: &str) -> Result<Results, WrongArguments> {
+        let directory = self.out.clone().unwrap_or_else(|| dated(Path::new(""), command));
+        if !self.force && directory.join(SUMMARY).exists() {
+            return Err(WrongArguments(format!(
+                "{} holds results already: choose another --out, or replace them with --force",
+                directory.display()
+            )));
+        }
+        Ok(Results { directory })
+    }
+}
+
+impl Results {
+    /// Its path.
+    pub fn path(&self) -> &Path {
+        &self.directory
+    }
+
+    /// Makes it, without the summary of an earlier run.
+    pub fn create(&self) -> anyhow::Result<()> {
+        std::fs::create_dir_all(&self.directory)
+            .with_context(|| format!("cannot create {}", self.directory.display()))?;
+        let summary = self.directory.join(SUMMARY);
+        if summary.exists() {
+            std::fs::remove_file(&summary)
+                .with_context(|| format!("cannot replace {}", summary.display()))?;
+        }
+        Ok(())
+    }
+
+    /// Writes a file of it.
+    pub fn write(&self, name: &str, text: &str) -> anyhow::Result<()> {
+        let path = self.directory.join(name);
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    }
 }

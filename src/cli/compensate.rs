@@ -2,13 +2,12 @@
 
 use std::fmt::Write as _;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::Context as _;
 use clap::Args;
 
-use super::{Outcome, WrongArguments, tell_assumptions};
-use crate::directory;
+use super::{Outcome, tell_assumptions};
+use crate::directory::ResultsArgs;
 use crate::node::controller_settings;
 use friction_stage_core::control::{CompensationTermsOn, ControllerSettings};
 use friction_stage_core::model::StageModel;
@@ -52,9 +51,8 @@ pub struct CompensateArgs {
     /// Seed of the sensor noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Directory for the results [default: compensate_ and the date]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub results: ResultsArgs,
     /// Print summary.json instead of a table
     #[arg(long)]
     pub json: bool,
@@ -84,37 +82,24 @@ pub fn run(args: &CompensateArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         settings,
         points,
     };
-    let directory =
-        args.out.clone().unwrap_or_else(|| directory::dated(Path::new(""), "compensate"));
-    if directory.join("summary.json").exists() {
-        return Err(WrongArguments(format!(
-            "{} holds results already: choose another --out",
-            directory.display()
-        ))
-        .into());
-    }
+    let results = args.results.directory("compensate")?;
     let (plain, compensated) = trial.run()?;
     let compensation = trial.compensation()?;
     let left_out = compensation.left_out();
     let runs = TrialRuns { plain: &plain, compensated: &compensated, left_out };
     let (page, svg) = compensation_page(&trial.real.name, &runs)?;
-    std::fs::create_dir_all(&directory)
-        .with_context(|| format!("cannot create {}", directory.display()))?;
-    let write = |name: &str, text: &str| {
-        let path = directory.join(name);
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
-    };
-    write("report.html", &page)?;
-    write("error.svg", &svg)?;
+    results.create()?;
+    results.write("report.html", &page)?;
+    results.write("error.svg", &svg)?;
     let json = serde_json::to_string_pretty(&compensation_json(&runs))?;
-    write("summary.json", &format!("{json}\n"))?;
+    results.write("summary.json", &format!("{json}\n"))?;
     let mut table = String::from("position_m,force_n\n");
     for (position, force) in trial.over_position()? {
         let _ = writeln!(table, "{position:.9},{force:.6}");
     }
-    write("over_position.csv", &table)?;
+    results.write("over_position.csv", &table)?;
     let comments = [format!("{} with the effort of {}", args.motion.display(), args.model)];
-    write(
+    results.write(
         "motion_with_effort.yaml",
         &trajectory_yaml(&trial.with_effort()?, topics::JOINT, &comments),
     )?;
@@ -125,7 +110,7 @@ pub fn run(args: &CompensateArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         writeln!(
             out,
             "\n{}: report.html, summary.json, over_position.csv, motion_with_effort.yaml",
-            directory.display()
+            results.path().display()
         )?;
     }
     Ok(Outcome::warned(!compensation_warnings(&runs).is_empty()))

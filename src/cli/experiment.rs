@@ -3,7 +3,7 @@
 pub(super) mod bags;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::builder::PossibleValue;
@@ -12,7 +12,7 @@ use clap::{Args, ValueEnum};
 use self::bags::write_bag;
 use super::progress::Progress;
 use super::{Outcome, WrongArguments};
-use crate::directory;
+use crate::directory::ResultsArgs;
 use friction_stage_core::model::StageModel;
 use friction_stage_lab::{
     self as lab, Experiment, ExperimentPlan, Keep, LabError, LabRecording, Settings, Specimen,
@@ -45,9 +45,8 @@ pub struct ExperimentArgs {
     /// Model files: a stage, or a rig with a coupling; beside the guides
     #[arg(long, value_name = "FILE")]
     pub model: Vec<PathBuf>,
-    /// Directory for bags, figures and report [default: experiment_NAME_ and the date]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub results: ResultsArgs,
     /// Amplitudes of the loops of `dahl`, m [default: twelve from 10e-9 to 1e-3]
     #[arg(long, value_delimiter = ',', value_name = "METRES", value_parser = amplitude)]
     pub amplitudes: Vec<f64>,
@@ -131,24 +130,19 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         ..ExperimentPlan::new(experiment, specimens)?
     }
     .with_amplitudes(&args.amplitudes)?;
-    let directory = args
-        .out
-        .clone()
-        .unwrap_or_else(|| directory::dated(Path::new(""), &format!("experiment_{name}")));
-    anyhow::ensure!(
-        !directory.join("summary.json").exists(),
-        "{} holds an experiment already: choose another --out",
-        directory.display()
-    );
-    std::fs::create_dir_all(&directory)
-        .with_context(|| format!("cannot create {}", directory.display()))?;
+    let results = args.results.directory(&format!("experiment_{name}"))?;
+    results.create()?;
 
     let progress = Progress::of(plan.ticks() as u64, name);
     let keep = |of: &Specimen, recordings: &[LabRecording]| -> anyhow::Result<()> {
         recordings.iter().try_for_each(|recording| {
-            let directory =
-                directory.join("bags").join(format!("{}_{}", of.file_name(), recording.name));
-            write_bag(&directory, recording, name)
+            let name_of_bag = format!("{}_{}", of.file_name(), recording.name);
+            let bag = results.path().join("bags").join(name_of_bag);
+            if args.results.force && bag.exists() {
+                std::fs::remove_dir_all(&bag)
+                    .with_context(|| format!("cannot replace {}", bag.display()))?;
+            }
+            write_bag(&bag, recording, name)
         })
     };
     let keep: Option<&Keep<'_, anyhow::Error>> = if args.no_bags { None } else { Some(&keep) };
@@ -156,21 +150,17 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     drop(progress);
     let summary = ExperimentSummary::new(&plan, &found);
     let (page, figures) = experiment_page(&summary, &plan.specimens)?;
-    let write = |name: &str, text: &str| {
-        let path = directory.join(name);
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
-    };
     for figure in &figures {
-        write(&format!("{}.svg", figure.name), &figure.svg)?;
+        results.write(&format!("{}.svg", figure.name), &figure.svg)?;
     }
-    write("report.html", &page)?;
+    results.write("report.html", &page)?;
     let json = serde_json::to_string_pretty(&summary)?;
-    write("summary.json", &json)?;
+    results.write("summary.json", &json)?;
     if args.json {
         writeln!(out, "{json}")?;
     } else {
         write!(out, "{}", summary.text())?;
-        writeln!(out, "\nreport {}", directory.join("report.html").display())?;
+        writeln!(out, "\nreport {}", results.path().join("report.html").display())?;
     }
     // A guide that is not passive is a property of the catalogue's own guides: told, but not what
     // this run is about.

@@ -8,7 +8,7 @@ use clap::{Args, ValueEnum};
 
 use super::progress::Progress;
 use super::{Outcome, WrongArguments, tell_assumptions};
-use crate::directory;
+use crate::directory::ResultsArgs;
 use crate::node::controller_settings;
 use friction_stage_core::model::{EffectParameters, StageModel};
 use friction_stage_core::plant::effects::{ALL, EffectDescriptor, Role};
@@ -55,9 +55,8 @@ pub struct TuneArgs {
     /// Seed of tolerances and noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Directory for the results [default: tune_ and the date]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub results: ResultsArgs,
     /// Print summary.json instead of a table
     #[arg(long)]
     pub json: bool,
@@ -120,14 +119,7 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     }
     application.mass = mass;
     application.controller.force_limit = model.motor.force_limit;
-    let directory = args.out.clone().unwrap_or_else(|| directory::dated(Path::new(""), "tune"));
-    if directory.join("summary.json").exists() {
-        return Err(WrongArguments(format!(
-            "{} holds results already: choose another --out",
-            directory.display()
-        ))
-        .into());
-    }
+    let results = args.results.directory("tune")?;
     let progress = Progress::of(1000, "tuning");
     let objective = match args.objective {
         Aim::Peak => Objective::Peak,
@@ -144,20 +136,15 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let tuning = plan.run(compared, &|part| progress.reach((1000.0 * part) as u64))?;
     let (page, figures) = tuning_page(&model, &tuning, args.seed)?;
     drop(progress);
-    std::fs::create_dir_all(&directory)
-        .with_context(|| format!("cannot create {}", directory.display()))?;
-    let write = |name: &str, text: &str| {
-        let path = directory.join(name);
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
-    };
-    write("report.html", &page)?;
+    results.create()?;
+    results.write("report.html", &page)?;
     for (name, svg) in &figures {
-        write(&format!("{name}.svg"), svg)?;
+        results.write(&format!("{name}.svg"), svg)?;
     }
-    write("controller.yaml", &controller_parameters(tuning.found()))?;
-    write("ros2_control.yaml", &ros2_control_parameters(tuning.found()))?;
+    results.write("controller.yaml", &controller_parameters(tuning.found()))?;
+    results.write("ros2_control.yaml", &ros2_control_parameters(tuning.found()))?;
     let json = serde_json::to_string_pretty(&tuning_json(&tuning))?;
-    write("summary.json", &format!("{json}\n"))?;
+    results.write("summary.json", &format!("{json}\n"))?;
     notes.extend(tuning_warnings(&tuning));
     if args.json {
         writeln!(out, "{json}")?;
@@ -166,7 +153,7 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         writeln!(
             out,
             "\n{}: report.html, controller.yaml, ros2_control.yaml, summary.json",
-            directory.display()
+            results.path().display()
         )?;
     }
     for note in &notes {

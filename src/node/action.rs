@@ -117,10 +117,7 @@ pub fn serve<A: Action, W: FnMut(Wish<A>) + Send>(
             &action_type,
             qos,
         )
-        .map_err(|source| ServiceError::Create {
-            name: name.to_owned(),
-            problem: source.to_string(),
-        })?;
+        .map_err(ServiceError::creating(name))?;
     let (name, participant) = (name.to_owned(), participant.clone());
     let mut goals = Goals::<A, _> {
         name: name.clone(),

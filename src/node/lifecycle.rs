@@ -18,7 +18,7 @@ use super::outlet::Outlet;
 use super::participant::Participant;
 use super::qos::TRANSITIONS;
 use super::runtime::{Control, lock};
-use super::service::{self, Service};
+use super::service::{self, services};
 use friction_stage_data::message::lifecycle_msgs::{State, Transition, TransitionEvent};
 
 /// Looks at an active node in a row that find it at ERROR before it is deactivated: what was wrong
@@ -217,23 +217,12 @@ impl Message for GetStateResponse {}
 impl Message for StatesResponse {}
 impl Message for TransitionsResponse {}
 
-macro_rules! service {
-    ($name:ident, $request:ty, $response:ty) => {
-        struct $name;
-
-        impl Service for $name {
-            type Request = $request;
-            type Response = $response;
-            const PACKAGE: &'static str = "lifecycle_msgs";
-            const NAME: &'static str = stringify!($name);
-        }
-    };
+services! { "lifecycle_msgs":
+    ChangeState(ChangeStateRequest) -> ChangeStateResponse,
+    GetState(Empty) -> GetStateResponse,
+    GetAvailableStates(Empty) -> StatesResponse,
+    GetAvailableTransitions(Empty) -> TransitionsResponse,
 }
-
-service!(ChangeState, ChangeStateRequest, ChangeStateResponse);
-service!(GetState, Empty, GetStateResponse);
-service!(GetAvailableStates, Empty, StatesResponse);
-service!(GetAvailableTransitions, Empty, TransitionsResponse);
 
 /// Opens the services and the event topic, whose names `resolve` makes absolute; what there is to
 /// poll, and the life to report errors to.

@@ -19,7 +19,7 @@ use ros2_client::{
 
 use super::arguments::Override;
 use super::participant::Participant;
-use super::service::{self, Service, ServiceError};
+use super::service::{self, ServiceError, services};
 use friction_stage_core::model::nearest;
 
 /// Whether the node takes its time from `/clock`; every node has this parameter.
@@ -518,23 +518,14 @@ impl ParameterSet {
     }
 }
 
-macro_rules! parameter_service {
-    ($service:ident, $request:ident, $response:ident) => {
-        struct $service;
-        impl Service for $service {
-            type Request = rcl_interfaces::$request;
-            type Response = rcl_interfaces::$response;
-            const PACKAGE: &'static str = "rcl_interfaces";
-            const NAME: &'static str = stringify!($service);
-        }
-    };
+services! { "rcl_interfaces":
+    ListParameters(rcl_interfaces::ListParametersRequest) -> rcl_interfaces::ListParametersResponse,
+    GetParameters(rcl_interfaces::GetParametersRequest) -> rcl_interfaces::GetParametersResponse,
+    GetParameterTypes(rcl_interfaces::GetParameterTypesRequest) -> rcl_interfaces::GetParameterTypesResponse,
+    DescribeParameters(rcl_interfaces::DescribeParametersRequest) -> rcl_interfaces::DescribeParametersResponse,
+    SetParameters(rcl_interfaces::SetParametersRequest) -> rcl_interfaces::SetParametersResponse,
+    SetParametersAtomically(rcl_interfaces::SetParametersRequest) -> rcl_interfaces::SetParametersAtomicallyResponse,
 }
-parameter_service!(ListParameters, ListParametersRequest, ListParametersResponse);
-parameter_service!(GetParameters, GetParametersRequest, GetParametersResponse);
-parameter_service!(GetParameterTypes, GetParameterTypesRequest, GetParameterTypesResponse);
-parameter_service!(DescribeParameters, DescribeParametersRequest, DescribeParametersResponse);
-parameter_service!(SetParameters, SetParametersRequest, SetParametersResponse);
-parameter_service!(SetParametersAtomically, SetParametersRequest, SetParametersAtomicallyResponse);
 
 /// The six parameter services of a node, and its `/parameter_events`.
 ///

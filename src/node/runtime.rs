@@ -21,7 +21,7 @@ use super::memory_watch;
 use super::parameters::{ParameterServer, ParameterSet, ParameterSpec};
 use super::participant::{self, Network, Participant, environment};
 use super::qos_overrides::{self, QosOverrides};
-use super::service::{self, Service};
+use super::service::{self, services};
 use super::signals::{Asked, Signals};
 use super::simulation::{self, Steps};
 use super::std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
@@ -189,22 +189,9 @@ impl Startup {
     }
 }
 
-struct Trigger;
-
-impl Service for Trigger {
-    type Request = TriggerRequest;
-    type Response = TriggerResponse;
-    const PACKAGE: &'static str = "std_srvs";
-    const NAME: &'static str = "Trigger";
-}
-
-struct SetBool;
-
-impl Service for SetBool {
-    type Request = SetBoolRequest;
-    type Response = SetBoolResponse;
-    const PACKAGE: &'static str = "std_srvs";
-    const NAME: &'static str = "SetBool";
+services! { "std_srvs":
+    Trigger(TriggerRequest) -> TriggerResponse,
+    SetBool(SetBoolRequest) -> SetBoolResponse,
 }
 
 /// Everything of a node that waits and is in no hurry. Built up, then [`Background::run`] until a

@@ -29,6 +29,21 @@ pub trait Service {
     const NAME: &'static str;
 }
 
+/// Declares the service types of a package, each with its request and response.
+macro_rules! services {
+    ($package:literal: $($name:ident($request:ty) -> $response:ty),+ $(,)?) => {$(
+        struct $name;
+
+        impl $crate::node::service::Service for $name {
+            type Request = $request;
+            type Response = $response;
+            const PACKAGE: &'static str = $package;
+            const NAME: &'static str = stringify!($name);
+        }
+    )+};
+}
+pub(super) use services;
+
 /// Why a service or its topic could not be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
@@ -36,6 +51,14 @@ pub enum ServiceError {
     Name { name: String, problem: String },
     #[error("cannot open `{name}`: {problem}")]
     Create { name: String, problem: String },
+}
+
+impl ServiceError {
+    /// What the library says when it does not create `name`.
+    pub(super) fn creating<E: std::fmt::Display>(name: &str) -> impl FnOnce(E) -> ServiceError {
+        let name = name.to_owned();
+        move |source| ServiceError::Create { name, problem: source.to_string() }
+    }
 }
 
 /// Opens the service `name` (absolute) and gives back the future that answers its requests, one
@@ -75,10 +98,7 @@ where
             qos.clone(),
             qos,
         )
-        .map_err(|source| ServiceError::Create {
-            name: name.to_owned(),
-            problem: source.to_string(),
-        })?;
+        .map_err(ServiceError::creating(name))?;
     let (name, participant) = (name.to_owned(), participant.clone());
     Ok(async move {
         let (name, server, participant) = (&name, &server, &participant);

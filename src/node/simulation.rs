@@ -18,7 +18,7 @@ use tokio::sync::oneshot;
 use super::action::{self, Action, GoalEnd, GoalId, News, Wish};
 use super::participant::Participant;
 use super::runtime::{Control, lock};
-use super::service::{self, Service};
+use super::service::{self, services};
 use super::stage_status::StageStatus;
 use super::words::quoted;
 use friction_stage_data::message::{Header, Quaternion, Twist, Vector3};
@@ -169,25 +169,14 @@ impl Message for EntityRequest {}
 impl Message for EntityResponse {}
 impl Message for StepFeedback {}
 
-macro_rules! service {
-    ($name:ident, $request:ty, $response:ty) => {
-        struct $name;
-
-        impl Service for $name {
-            type Request = $request;
-            type Response = $response;
-            const PACKAGE: &'static str = "simulation_interfaces";
-            const NAME: &'static str = stringify!($name);
-        }
-    };
+services! { "simulation_interfaces":
+    GetSimulatorFeatures(Empty) -> FeaturesResponse,
+    GetSimulationState(Empty) -> StateResponse,
+    SetSimulationState(StateRequest) -> OutcomeResponse,
+    StepSimulation(StepRequest) -> OutcomeResponse,
+    ResetSimulation(ResetRequest) -> OutcomeResponse,
+    GetEntityState(EntityRequest) -> EntityResponse,
 }
-
-service!(GetSimulatorFeatures, Empty, FeaturesResponse);
-service!(GetSimulationState, Empty, StateResponse);
-service!(SetSimulationState, StateRequest, OutcomeResponse);
-service!(StepSimulation, StepRequest, OutcomeResponse);
-service!(ResetSimulation, ResetRequest, OutcomeResponse);
-service!(GetEntityState, EntityRequest, EntityResponse);
 
 struct SimulateSteps;
 

@@ -584,21 +584,13 @@ pub fn errors_along(
 mod tests {
     use super::*;
 
-    fn fine() -> Application {
-        Application::from_yaml(
-            include_str!("../../../launch_config/application_fine_step_clean.yaml"),
-            "fine",
-        )
-        .unwrap()
-    }
-
     fn plan(model: StageModel, application: Application) -> TuningPlan {
         TuningPlan { model, application, objective: Objective::Both, unseen: 40, seed: 5 }
     }
 
     #[test]
     fn tuned_gains_keep_the_margins_and_beat_the_rule_of_thumb_on_unseen_variants() {
-        let plan = plan(StageModel::on_guides("guide_2"), fine());
+        let plan = plan(StageModel::on_guides("guide_2"), Application::fine_step());
         let found = plan.run(None, &|_| ()).unwrap();
         let tuned = found.found();
         assert!(found.improved && keeps(&tuned.worst), "{tuned:?}");
@@ -614,22 +606,22 @@ mod tests {
         let lag = [("time_constant", 1e-3), ("delay", 2e-3)];
         model.effects =
             vec![friction_stage_core::model::EffectParameters::new("actuator_lag", lag)];
-        let found = plan(model, fine()).run(None, &|_| ()).unwrap();
+        let found = plan(model, Application::fine_step()).run(None, &|_| ()).unwrap();
         assert!(!found.rule_keeps_margins, "{:?}", found.tunings[0].worst);
         assert!(keeps(&found.found().worst), "{:?}", found.found().worst);
     }
 
     #[test]
     fn bad_plans_are_refused_with_what_would_do() {
-        let mut slow = fine();
+        let mut slow = Application::fine_step();
         slow.controller.rate = 500.0;
         let told = plan(StageModel::default(), slow).run(None, &|_| ()).unwrap_err().to_string();
         assert!(told.contains("500 Hz is too low") && told.contains("720 Hz"), "{told}");
-        let mut far = fine();
+        let mut far = Application::fine_step();
         far.motion.distance = 1.0;
         let told = plan(StageModel::default(), far).run(None, &|_| ()).unwrap_err().to_string();
         assert!(told.contains("motor has 2000 N"), "{told}");
-        let plan = plan(StageModel::default(), fine());
+        let plan = plan(StageModel::default(), Application::fine_step());
         let wild = ControllerSettings::paper(40.0, 4000.0, 2000.0).slowed(10.0 / 6.0 * 1.5);
         let mut wild = wild;
         wild.gains.p *= 100.0;

@@ -235,14 +235,6 @@ mod tests {
     use super::*;
     use friction_stage_core::model::Catalogue;
 
-    fn fine() -> Application {
-        Application::from_yaml(
-            include_str!("../../../launch_config/application_fine_step_clean.yaml"),
-            "fine",
-        )
-        .unwrap()
-    }
-
     #[test]
     fn seeds_of_variants_differ_by_seed_guide_and_number() {
         let seeds = [
@@ -261,7 +253,7 @@ mod tests {
     #[test]
     fn a_variant_without_tolerances_is_the_move_of_the_laboratory() {
         use super::super::{SETTLING_BANDS, settling};
-        let mut application = fine();
+        let mut application = Application::fine_step();
         application.tolerances = Default::default();
         let nominal = Catalogue::builtin().guide("guide_1").unwrap();
         let experiment = VariantExperiment::new(&application).unwrap();
@@ -287,7 +279,7 @@ mod tests {
 
     #[test]
     fn a_band_that_is_never_reached_gives_no_settling_time() {
-        let mut application = fine();
+        let mut application = Application::fine_step();
         application.requirement.settling_band = 1e-12;
         let nominal = Catalogue::builtin().guide("guide_2").unwrap();
         let found =
