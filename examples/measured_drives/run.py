@@ -11,7 +11,8 @@ DATA holds
                 doi 10.17862/cranfield.rd.5097649)
 
 The files are not part of this repository. What a file does not say, and its mapping marks with
-CHECK, is said here: the rated torque of the first drive, mm and A of the second.
+CHECK, is said here: the rated torque of the first drive, and that the current of the second counts
+as the force, in A.
 """
 
 import argparse
@@ -98,7 +99,6 @@ def cranfield(data: Path, out: Path) -> None:
         mapping = confirmed(
             file,
             out / "mappings" / f"{name}.yaml",
-            ('unit: "m"', 'unit: "mm"'),
             ('unit: "A"}', 'unit: "A", scale: 1}'),
         )
         bags = out / name

@@ -626,3 +626,34 @@ fn a_part_of_a_recording_is_the_rows_of_the_whole() {
     let told = load_part(&file.path, Some(&mapping), beyond).unwrap_err().to_string();
     assert!(told.contains("0 usable samples"), "{told}");
 }
+
+#[test]
+fn a_travel_without_a_unit_is_proposed_in_one_that_a_stage_can_have() {
+    let rows = |scale: f64| -> String {
+        let row = |k: usize| format!("{:.3},{:.8}\n", k as f64 / RATE, values(k).0 * scale);
+        format!("time,position\n{}", (0..ROWS).map(row).collect::<String>())
+    };
+    // 0.1 m of travel.
+    for (scale, unit) in [(1.0, "m"), (1e3, "mm"), (1e6, "um")] {
+        let proposal = Proposal::of(&file("t.csv", rows(scale)).path).unwrap();
+        let position = proposal.signals.iter().find(|s| s.signal == Signal::Position).unwrap();
+        assert_eq!(position.unit.as_deref(), Some(unit));
+        assert!(position.check.as_deref().unwrap().contains("no unit"), "{position:?}");
+    }
+}
+
+#[test]
+fn two_columns_with_decimal_commas_are_two_columns() {
+    for delimiter in [";", "\t", " "] {
+        let table = rows(delimiter, ',', "\n");
+        // Time and position only.
+        let two: String = table
+            .lines()
+            .map(|line| line.rsplit_once(delimiter).unwrap().0.to_owned() + "\n")
+            .collect();
+        let mapping = "signals: {time: {column: 1}, position: {column: 2}}";
+        let recording = read("t.csv", format!("t{delimiter}x\n{two}"), mapping).unwrap();
+        assert_eq!(recording.trace.len(), ROWS);
+        assert!((0..ROWS).all(|k| (recording.trace.position[k] - values(k).0).abs() < 1e-12));
+    }
+}

@@ -579,6 +579,18 @@ fn joint_of(signals: &[ProposedSignal]) -> JointType {
     units.filter_map(Unit::joint).next().unwrap_or_default()
 }
 
+/// Longest travel of a stage, m. Assumed.
+const LONGEST_TRAVEL: f64 = 10.0;
+
+/// The largest unit in which numbers that reach so far are the travel of a stage.
+fn unit_of_travel(range: f64) -> &'static str {
+    match range {
+        range if range <= LONGEST_TRAVEL => "m",
+        range if range * 1e-3 <= LONGEST_TRAVEL => "mm",
+        _ => "um",
+    }
+}
+
 /// The signal with its unit, and what the file does not say of it.
 fn proposed(
     signal: Signal,
@@ -617,7 +629,13 @@ fn proposed(
             Some(unit) => {
                 (None, Some(1.0), Some(format!("it is in {unit}: its `scale`, {si} per {unit}")))
             }
-            None => (Some(si), None, Some(format!("the file gives no unit, {si}?"))),
+            None => {
+                let unit = match column.smallest.zip(column.largest) {
+                    Some((low, high)) if si == "m" => unit_of_travel(high - low),
+                    _ => si,
+                };
+                (Some(unit), None, Some(format!("the file gives no unit, {unit}?")))
+            }
         },
     };
     let unit = unit.map(str::to_owned);
