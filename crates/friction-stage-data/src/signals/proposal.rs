@@ -353,13 +353,20 @@ impl Proposal {
             Some(line) => format!("names_in_line: {line}"),
             None => "header: false".to_owned(),
         };
-        let check = if self.either_decimal { "   # CHECK: or true?" } else { "" };
+        // Files of one logger differ in the lines above the names: the mapping is for all of them.
         let _ = writeln!(
             text,
-            "csv: {{delimiter: \"{delimiter}\", decimal_comma: {}, {names}, data_from_line: {}}}\
-             {check}",
+            "# As it is found in each file, unless a line as this one says it:\n\
+             # csv: {{delimiter: \"{delimiter}\", decimal_comma: {}, {names}, data_from_line: {}}}",
             self.decimal_comma, self.data_line
         );
+        if self.either_decimal {
+            let _ = writeln!(
+                text,
+                "csv: {{decimal_comma: {}}}   # CHECK: or true?",
+                self.decimal_comma
+            );
+        }
     }
 
     fn write_signals(&self, text: &mut String) {
