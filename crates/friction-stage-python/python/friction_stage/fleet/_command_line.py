@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 from collections.abc import Sequence
@@ -88,13 +89,15 @@ def _run(given: argparse.Namespace) -> int:
     job = load_job(given.job)
     progress = ProgressLine()
     try:
-        result = run(
-            job,
-            engine=given.engine,
-            address=given.address,
-            workers=given.workers,
-            progress=progress,
-        )
+        # What an engine has to say is no result: Ray prints of lost workers.
+        with contextlib.redirect_stdout(sys.stderr):
+            result = run(
+                job,
+                engine=given.engine,
+                address=given.address,
+                workers=given.workers,
+                progress=progress,
+            )
     except KeyboardInterrupt:
         progress.end()
         return _interrupted(job)

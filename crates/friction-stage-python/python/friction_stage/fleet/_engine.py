@@ -131,7 +131,7 @@ class Dask:
                     n_workers=cores, threads_per_worker=1, dashboard_address=None
                 )
             else:
-                self._client = distributed.Client(address, timeout="20s")
+                self._client = distributed.Client(address, timeout="10s")
         except (OSError, ValueError) as error:
             raise FleetError(f"no Dask scheduler at {address}: {error}") from error
         # Every submission is work of its own, also of the same chunk.
