@@ -218,6 +218,7 @@ def children(pid: int) -> list[int]:
     return found
 
 
+@pytest.mark.timeout(300)
 def test_a_killed_run_takes_its_workers_along_and_repeats_the_open_chunks_alone(
     tmp_path: Path,
 ) -> None:
@@ -244,6 +245,7 @@ def test_a_killed_run_takes_its_workers_along_and_repeats_the_open_chunks_alone(
     assert digests(tmp_path / "out") == digests(tmp_path / "whole")
 
 
+@pytest.mark.timeout(300)
 def test_a_killed_worker_costs_its_chunk_alone(tmp_path: Path) -> None:
     job = variants_job(tmp_path, variants=4000, chunk=200)
     process = subprocess.Popen(
@@ -266,6 +268,7 @@ def test_a_killed_worker_costs_its_chunk_alone(tmp_path: Path) -> None:
     assert digests(tmp_path / "out") == digests(tmp_path / "whole")
 
 
+@pytest.mark.timeout(300)
 def test_a_chunk_that_kills_its_worker_fails_and_the_rest_goes_on(tmp_path: Path) -> None:
     script = tmp_path / "deadly.py"
     script.write_text(
@@ -288,6 +291,7 @@ def test_a_chunk_that_kills_its_worker_fails_and_the_rest_goes_on(tmp_path: Path
     assert ended.stdout.startswith("9 {2: 'no worker could compute it, 3 times: "), ended.stdout
 
 
+@pytest.mark.timeout(300)
 def test_ctrl_c_keeps_what_is_done_and_says_so(tmp_path: Path) -> None:
     job = variants_job(tmp_path, variants=40_000, chunk=200)
     process = subprocess.Popen(command("run", job), stderr=subprocess.PIPE, text=True)

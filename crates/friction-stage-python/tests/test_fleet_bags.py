@@ -1,6 +1,8 @@
 """Fleets of recordings: identification of many bags, and the report over them."""
 
 import json
+import os
+import re
 import shutil
 import subprocess
 import sys
@@ -12,7 +14,7 @@ import fsspec
 import numpy as np
 import polars as pl
 import pytest
-from conftest import CommandLine
+from conftest import LAUNCH_CONFIG, ROOT, CommandLine
 from fleet_jobs import AMPLITUDES, APPLICATION, DAY, FIRST_DAY, MACHINES, fleet, write_bags
 from friction_stage import Model, identify, select
 from friction_stage.fleet import (
@@ -220,3 +222,33 @@ def test_the_fleet_needs_its_libraries_and_says_which(tmp_path: Path) -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=False
     )
     assert ended.stderr.endswith("pip install friction-stage[fleet]\n")
+
+
+@pytest.mark.timeout(300)
+def test_the_page_of_the_documentation_runs_as_written(machines: Path, tmp_path: Path) -> None:
+    """Files, commands and Python in their order, beside the repository's files and recordings."""
+    (tmp_path / "launch_config").symlink_to(LAUNCH_CONFIG)
+    (tmp_path / "declared.yaml").write_text((machines / "declared.yaml").read_text())
+    for machine, day in (("west", 0), ("west", 1), ("north", 0)):
+        bag = Path("recordings") / machine / f"day_{day}"
+        shutil.copytree(machines / "bags" / machine / f"day_{day}", tmp_path / bag)
+    text = (ROOT / "docs" / "how-to" / "fleets.md").read_text()
+    blocks = re.findall(r"^```(yaml|sh|python)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert [language for language, _ in blocks].count("sh") == 3
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.defpath}"}
+    for language, block in blocks:
+        if language == "yaml":
+            (tmp_path / block.split("\n")[0].removeprefix("# ")).write_text(block)
+            continue
+        if language == "python":
+            (tmp_path / "block.py").write_text(block)
+        words = ["/bin/bash", "-euc", block] if language == "sh" else [sys.executable, "block.py"]
+        done = subprocess.run(
+            words, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, block + done.stdout + done.stderr
+    assert status(load_job(tmp_path / "sweep.yaml")).is_complete
+    listed = load_job(tmp_path / "listed.yaml")
+    with ThreadPoolExecutor(1) as threads:
+        assert run(listed, engine=threads).done == 1
+    assert "<svg" in (tmp_path / "machines.html").read_text()

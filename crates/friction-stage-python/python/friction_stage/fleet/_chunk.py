@@ -128,29 +128,42 @@ def _identified(task: Task) -> Any:
     settings, chunk = task.settings, task.chunk
     mapping = None if settings["mapping"] is None else task.texts[settings["mapping"]]
     model = Model.from_yaml(task.texts[chunk["model"]])
+    sha256 = ""
     with tempfile.TemporaryDirectory(prefix="friction_stage_") as directory:
-        bag, sha256 = _bag.fetch(chunk["bag"], Path(directory) / "train")
-        if chunk["sha256"] is not None and _bag.fingerprint(bag) != chunk["sha256"]:
-            raise FrictionStageError(
-                f"{chunk['bag']} is not the recording that the manifest names: it was changed"
+        copies: dict[str, str] = {}
+        for side in ("bag", "holdout"):
+            if chunk[side] is None:
+                continue
+            copies[side], sha = _bag.fetch(chunk[side], Path(directory) / side)
+            sha256 = sha256 or sha
+            said = chunk["sha256"][side]
+            if said is not None and _bag.fingerprint(copies[side]) != said:
+                raise FrictionStageError(
+                    f"{chunk[side]} is not the recording that the manifest names: it was changed"
+                )
+        try:
+            run = read_bag(copies["bag"], mapping=mapping)
+            train: Any = copies["bag"]
+            holdout: Any = copies.get("holdout")
+            if holdout is None:
+                train, holdout = parts(run, settings["holdout_share"])
+            verdict = identify(
+                model,
+                train,
+                holdout,
+                mapping=mapping,
+                mass_tolerance=settings["mass_tolerance"],
+                guide_tolerance=settings["guide_tolerance"],
+                presliding_tolerance=settings["presliding_tolerance"],
+                threads=1,
+                progress=_look,
             )
-        run = read_bag(bag, mapping=mapping)
-        train: Any = bag
-        if chunk["holdout"] is not None:
-            holdout: Any = _bag.fetch(chunk["holdout"], Path(directory) / "holdout")[0]
-        else:
-            train, holdout = parts(run, settings["holdout_share"])
-        verdict = identify(
-            model,
-            train,
-            holdout,
-            mapping=mapping,
-            mass_tolerance=settings["mass_tolerance"],
-            guide_tolerance=settings["guide_tolerance"],
-            presliding_tolerance=settings["presliding_tolerance"],
-            threads=1,
-            progress=_look,
-        )
+        except FrictionStageError as error:
+            # A copy in a temporary directory has a name that nobody knows.
+            told = str(error)
+            for side, copy in copies.items():
+                told = told.replace(copy, chunk[side])
+            raise type(error)(told) from error
     recorded = chunk["recorded"]
     if recorded is None and run.origin_ns > 0:
         recorded = run.origin_ns * 1e-9

@@ -15,6 +15,8 @@ from typing import Any, Protocol
 from ..errors import FleetError
 
 NAMES = ("local", "dask", "ray")
+MOST_UNKNOWN = 512
+"""Chunks at once for an executor that does not say how many workers it has. Assumed."""
 
 
 class Engine(Protocol):
@@ -101,8 +103,14 @@ class Given:
         self._slots = slots
 
     def slots(self) -> int:
-        said = getattr(self._executor, "_max_workers", None)
-        return self._slots or (said if isinstance(said, int) else len(os.sched_getaffinity(0)))
+        if self._slots is not None:
+            return self._slots
+        # As the executors of Python and of mpi4py say it.
+        for name in ("_max_workers", "num_workers"):
+            said = getattr(self._executor, name, None)
+            if isinstance(said, int) and said > 0:
+                return said
+        return MOST_UNKNOWN
 
     def submit(self, work: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
         return self._executor.submit(work, *arguments)

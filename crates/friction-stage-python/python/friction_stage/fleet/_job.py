@@ -197,9 +197,8 @@ class BagsJob:
                 }
             )
         with ThreadPoolExecutor(READERS) as readers:
-            prints = readers.map(_print_of, [part["bag"] for part in parts])
-            for part, sha in zip(parts, prints, strict=True):
-                part["sha256"] = sha
+            for part, prints in zip(parts, readers.map(_prints, parts), strict=True):
+                part["sha256"] = prints
         mapping = None if self.mapping is None else keep(*_text(self.mapping, "mapping"))
         settings = {
             "mapping": mapping,
@@ -353,12 +352,16 @@ def _url(where: Path) -> str:
     return str(fs.unstrip_protocol(path))
 
 
-def _print_of(url: str) -> str | None:
-    try:
-        return _bag.fingerprint(url)
-    except OSError:
-        # Its chunk says what is wrong with it.
-        return None
+def _prints(part: Mapping[str, Any]) -> dict[str, str | None]:
+    """Fingerprints of a bag and of its hold-out."""
+    found: dict[str, str | None] = {}
+    for side in ("bag", "holdout"):
+        try:
+            found[side] = None if part[side] is None else _bag.fingerprint(part[side])
+        except OSError:
+            # Its chunk says what is wrong with it.
+            found[side] = None
+    return found
 
 
 def _text(source: Path | Mapping[str, Any], what: str) -> tuple[str, str]:

@@ -56,6 +56,13 @@ class Place:
         if not self.is_local and WHOLE_OBJECTS & set(_protocols(self.fs)):
             self.fs.pipe_file(path, content)
             return
+        try:
+            self._write_and_rename(path, content)
+        except FileNotFoundError:
+            # Another run took it for what a killed writer left.
+            self._write_and_rename(path, content)
+
+    def _write_and_rename(self, path: str, content: bytes) -> None:
         directory, _, last = path.rpartition("/")
         self.fs.makedirs(directory, exist_ok=True)
         other = f"{directory}/.{last}.{uuid.uuid4().hex}.tmp"
