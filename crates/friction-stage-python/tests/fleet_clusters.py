@@ -123,6 +123,8 @@ class RayCluster:
             stdout=self._log,
             stderr=self._log,
             text=True,
+            # As it is, its workers give way to whatever else the machine does.
+            env=os.environ | {"RAY_worker_niceness": "0"},
         )
 
     def _answers(self) -> bool:
