@@ -33,6 +33,7 @@ sys.path.insert(0, str(HERE.parent / "tests"))
 from conftest import CommandLine  # noqa: E402
 from fleet_clusters import DaskCluster, RayCluster, cluster  # noqa: E402
 from fleet_jobs import AMPLITUDES, command, variants_job, write_bags  # noqa: E402
+from friction_stage.fleet import load_job, run  # noqa: E402
 
 APPLICATION = HERE.parents[2] / "launch_config" / "application_fine_step_clean.yaml"
 
@@ -87,6 +88,8 @@ def cores_until_now() -> float:
         with contextlib.suppress(psutil.Error):
             times = process.cpu_times()
             total += times.user + times.system
+            # Of the workers that a node of Ray ended.
+            total += times.children_user + times.children_system
     return total
 
 
@@ -205,12 +208,31 @@ def identify(program: Path, directory: Path, arguments: argparse.Namespace) -> N
     print(f"  report {told.seconds:.1f} s, {told.cores:.1f} s of a core, {max(told.memory):.0f} MB")
 
 
+def hand_out(directory: Path, arguments: argparse.Namespace) -> None:
+    """What the run itself costs for each chunk: chunks of three variants."""
+    chunks = arguments.small_chunks
+    job = load_job(variants_job(directory, "small", variants=3 * chunks, chunk=3))
+    before, begin = time.process_time(), time.perf_counter()
+    run(job, workers=arguments.workers)
+    own, seconds = time.process_time() - before, time.perf_counter() - begin
+    print(
+        f"{chunks} chunks of 3 variants: {1e3 * own / chunks:.2f} ms of a core each in the run, "
+        f"{1e3 * seconds * arguments.workers / chunks:.1f} ms of a worker"
+    )
+    before = time.process_time()
+    again = run(job, workers=arguments.workers)
+    own = time.process_time() - before
+    assert again.computed == ()
+    print(f"  {1e3 * own / chunks:.2f} ms of a core each to see that it is done")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("program", type=Path)
     parser.add_argument("--variants", type=int, default=20_000)
     parser.add_argument("--chunk", type=int, default=20_000)
     parser.add_argument("--bags", type=int, default=30)
+    parser.add_argument("--small-chunks", type=int, default=300)
     parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--engines", default="local,dask,ray")
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
@@ -221,6 +243,8 @@ def main() -> None:
         if given.variants:
             with engines(names, Path(directory) / "clusters") as started:
                 compute_variants(given.program.absolute(), started, Path(directory), given)
+        if given.small_chunks:
+            hand_out(Path(directory), given)
         if given.bags:
             identify(given.program.absolute(), Path(directory), given)
 

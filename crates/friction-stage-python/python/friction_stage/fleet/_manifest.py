@@ -13,6 +13,7 @@ import json
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from ..errors import FleetError
@@ -92,7 +93,7 @@ class Manifest:
             "texts": self.texts,
         }
 
-    @property
+    @cached_property
     def fingerprint(self) -> str:
         """What tells results of this job from those of any other."""
         said = {key: value for key, value in self._content().items() if key != "inputs"}

@@ -5,16 +5,10 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    wait,
-)
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import dataclass
+from queue import Empty, SimpleQueue
 from typing import Any
 
 from .._native import Model
@@ -148,6 +142,7 @@ class _Run:
         chunks = range(len(manifest.chunks))
         self.open: deque[int] = deque(i for i in chunks if i not in self.done | self.failed)
         self.running: dict[Future[Outcome], int] = {}
+        self.ended: SimpleQueue[Future[Outcome]] = SimpleQueue()
         self.attempts: dict[int, int] = {}
         # Chunks with which a worker was lost twice: each runs by itself, to see which one it is.
         self.suspects: deque[int] = deque()
@@ -161,8 +156,7 @@ class _Run:
             goes_on = self._tell()
             while goes_on and (self.open or self.suspects or self.running):
                 self._give()
-                ended, _ = wait(self.running, timeout=LOOK, return_when=FIRST_COMPLETED)
-                lost = [future for future in ended if self._take(future)]
+                lost = [future for future in self._ended() if self._take(future)]
                 if lost:
                     self._recover(lost)
                 goes_on = self._tell()
@@ -184,6 +178,18 @@ class _Run:
             seconds=time.perf_counter() - begin,
             core_seconds=self.core_seconds,
         )
+
+    def _ended(self) -> Iterator[Future[Outcome]]:
+        """What has ended of what runs; waits a moment for the first."""
+        try:
+            future = self.ended.get(timeout=LOOK)
+            while True:
+                # Others were given up with an engine that broke.
+                if future in self.running:
+                    yield future
+                future = self.ended.get_nowait()
+        except Empty:
+            return
 
     def _tell(self) -> bool:
         if self.progress is None:
@@ -212,6 +218,7 @@ class _Run:
             future = Future()
             future.set_exception(error)
         self.running[future] = index
+        future.add_done_callback(self.ended.put)
 
     def _take(self, future: Future[Outcome]) -> bool:
         """Takes in what became of a chunk; whether it was lost with its worker."""
