@@ -89,9 +89,10 @@ def _slope(times: Floats, values: Floats) -> tuple[float | None, tuple[float, fl
     count = len(times)
     if count < FEWEST:
         return median, None
-    width = TWO_SIDED_95 * np.sqrt(count * (count - 1) * (2 * count + 5) / 18.0)
-    low = int((len(slopes) - width) / 2.0)
-    high = int(np.ceil((len(slopes) + width) / 2.0))
+    # The statistic of Kendall, a whole number, is within this in 95 of 100 cases without a trend.
+    width = int(TWO_SIDED_95 * np.sqrt(count * (count - 1) * (2 * count + 5) / 18.0))
+    low = (len(slopes) - width) // 2 - 1
+    high = (len(slopes) + width + 1) // 2
     if low < 0 or high >= len(slopes):
         return median, None
     return median, (float(slopes[low]), float(slopes[high]))
