@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -348,6 +349,35 @@ def test_a_full_disk_fails_the_chunks_that_do_not_fit_and_a_later_run_goes_on(
     again = fleet("run", job)
     assert again.returncode == 0, again.stdout
     assert list((tmp_path / "out" / "failed").iterdir()) == []
+
+
+def test_a_disk_without_room_for_every_chunk_keeps_those_that_fit(tmp_path: Path) -> None:
+    job = variants_job(tmp_path, variants=3000, chunk=500)
+    (tmp_path / "out").mkdir()
+    # Room for the manifest and some chunks of 30 kB, in a mount that nobody else sees.
+    script = 'mount -t tmpfs -o size=80k tmpfs "$1" && shift && exec "$@"'
+    small = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", script, "sh"]
+    environment = os.environ | {"PATH": f"{os.environ['PATH']}:{os.defpath}:/usr/sbin:/sbin"}
+
+    def on_small_disk(*words: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [*small, tmp_path / "out", *map(str, words)],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=environment,
+        )
+
+    if (
+        shutil.which("unshare", path=environment["PATH"]) is None
+        or on_small_disk("true").returncode
+    ):
+        pytest.skip("this system mounts nothing for its users")
+    done = on_small_disk(*command("run", job, "--json", "--workers", 1))
+    assert done.returncode == 3, done.stderr
+    printed = json.loads(done.stdout)
+    assert 0 < printed["done"] < 6 and printed["done"] + len(printed["failed"]) == 6
+    assert all("No space left on device" in why for why in printed["failed"].values())
 
 
 def test_tasks_of_a_batch_system_share_the_chunks(tmp_path: Path) -> None:
