@@ -32,8 +32,10 @@ sys.path.insert(0, str(HERE.parent / "tests"))
 
 from conftest import CommandLine  # noqa: E402
 from fleet_clusters import DaskCluster, RayCluster, cluster  # noqa: E402
-from fleet_jobs import AMPLITUDES, command, variants_job, write_bags  # noqa: E402
+from fleet_jobs import AMPLITUDES, MOVES, command, variants_job, write_bags  # noqa: E402
+from friction_stage import Controller, Model, Motion, identify, simulate  # noqa: E402
 from friction_stage.fleet import load_job, run  # noqa: E402
+from friction_stage.fleet._chunk import parts  # noqa: E402
 
 APPLICATION = HERE.parents[2] / "launch_config" / "application_fine_step_clean.yaml"
 
@@ -184,7 +186,7 @@ def compute_variants(
     print(f"  report {told.seconds:.1f} s, {told.cores:.1f} s of a core, {max(told.memory):.0f} MB")
 
 
-def identify(program: Path, directory: Path, arguments: argparse.Namespace) -> None:
+def identify_bags(program: Path, directory: Path, arguments: argparse.Namespace) -> None:
     days = len(next(iter(AMPLITUDES.values())))
     bags = write_bags(directory / "machines", CommandLine(program), days)
     found = sorted(path for path in bags.glob("*/*"))
@@ -204,8 +206,25 @@ def identify(program: Path, directory: Path, arguments: argparse.Namespace) -> N
         f"{3600 * arguments.bags / told.cores:.0f} an hour for each core\n"
         f"  memory by quarters {memory} MB, {size / arguments.bags / 1e3:.1f} kB for each bag"
     )
+    manifest = (directory / "machines" / "out" / "manifest.json").stat().st_size
+    print(f"  {manifest / arguments.bags:.0f} bytes of the manifest for each bag")
     told = timed(command("report", job))
     print(f"  report {told.seconds:.1f} s, {told.cores:.1f} s of a core, {max(told.memory):.0f} MB")
+
+
+def lengths(repeats: list[int]) -> None:
+    """What longer recordings cost."""
+    declared = Model.guide("guide_2")
+    effects = [{"cogging": {"amplitude": 5.0, "period": 0.024, "phase": 0.3}}]
+    real = Model.from_dict(declared.to_dict() | {"effects": effects})
+    controller = Controller(declared, rate=1000.0)
+    for repeat in repeats:
+        trace = simulate(real, Motion.of_moves(MOVES * repeat), controller=controller)
+        train, holdout = parts(trace, 0.4)
+        before = time.process_time()
+        verdict = identify(declared, train, holdout, threads=1)
+        took = time.process_time() - before
+        print(f"  a recording of {trace.rows} samples: {took:.2f} s of a core, {verdict.verdict}")
 
 
 def hand_out(directory: Path, arguments: argparse.Namespace) -> None:
@@ -246,7 +265,8 @@ def main() -> None:
         if given.small_chunks:
             hand_out(Path(directory), given)
         if given.bags:
-            identify(given.program.absolute(), Path(directory), given)
+            identify_bags(given.program.absolute(), Path(directory), given)
+            lengths([1, 4, 16])
 
 
 if __name__ == "__main__":

@@ -59,6 +59,11 @@ AMPLITUDES = {
     "south": (4.0, 4.4, 4.8, 5.2, 5.6),
     "west": (5.0, 5.02, 9.0, 4.98, 5.0),
 }
+MOVES = (
+    *((-0.05, 0.3, 0.1), (1e-5, 0.05, 0.1), (0.08, 0.3, 0.1), (-0.06, 0.2, 0.1)),
+    *((0.07, 0.4, 0.1), (-1e-5, 0.05, 0.1), (-0.05, 0.25, 0.1), (0.03, 0.2, 0.1)),
+)
+"""Of a recording: m, s, s at rest."""
 FIRST_DAY = 1_750_000_000
 DAY = 86_400
 
@@ -70,10 +75,6 @@ def write_bags(directory: Path, command_line: Any, recordings: int = 4) -> Path:
 
     declared = Model.guide("guide_2")
     controller = Controller(declared, rate=1000.0)
-    moves = [
-        *((-0.05, 0.3, 0.1), (1e-5, 0.05, 0.1), (0.08, 0.3, 0.1), (-0.06, 0.2, 0.1)),
-        *((0.07, 0.4, 0.1), (-1e-5, 0.05, 0.1), (-0.05, 0.25, 0.1), (0.03, 0.2, 0.1)),
-    ]
     names = ("position", "force_cell", "force", "reference_position")
     mapping = directory / "columns.yaml"
     directory.mkdir(parents=True)
@@ -87,7 +88,7 @@ def write_bags(directory: Path, command_line: Any, recordings: int = 4) -> Path:
             cogging = {"amplitude": AMPLITUDES[machine][day], "period": 0.024, "phase": 0.3}
             real = Model.from_dict(declared.to_dict() | {"effects": [{"cogging": cogging}]})
             run = simulate(
-                real, Motion.of_moves(moves), controller=controller, seed=10 * number + day
+                real, Motion.of_moves(MOVES), controller=controller, seed=10 * number + day
             )
             table = directory / f"{machine}_{day}.csv"
             rows = zip(run.time, *(run[name] for name in names), strict=True)

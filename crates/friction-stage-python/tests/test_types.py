@@ -6,7 +6,10 @@ import sys
 from pathlib import Path
 
 import friction_stage
+import pytest
 from friction_stage import fleet
+
+pytestmark = pytest.mark.timeout(300)
 
 HERE = Path(__file__).parent
 
