@@ -1,5 +1,6 @@
 //! `identify`: what recordings show that a model lacks.
 
+use std::num::NonZeroUsize;
 use std::path::Path;
 
 use friction_stage_core::model::JointType;
@@ -18,7 +19,7 @@ use crate::error::{Raise as _, raised, words};
 use crate::model::{Model, TextOrPath};
 use crate::motion::Motion;
 use crate::recording::{self, Source};
-use crate::waiting::{Caller, wait_for};
+use crate::waiting::{Caller, wait_for_on};
 
 /// Name of the identified model among the files of a verdict.
 const MODEL_FILE: &str = "identified.yaml";
@@ -159,6 +160,7 @@ pub(crate) fn identify(
     guide_tolerance: Option<f64>,
     presliding_tolerance: Option<f64>,
     limits: Option<GivenLimits>,
+    threads: Option<NonZeroUsize>,
     progress: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Identified> {
     let usual = Tolerances::default();
@@ -177,6 +179,7 @@ pub(crate) fn identify(
     };
     let name = model.0.name.clone();
     let (found, records) =
-        wait_for(py, progress, move |caller| question.answer(caller))?.map_err(Refused::raise)?;
+        wait_for_on(py, threads, progress, move |caller| question.answer(caller))?
+            .map_err(Refused::raise)?;
     Ok(Identified { found, records, name })
 }

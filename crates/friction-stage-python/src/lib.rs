@@ -39,7 +39,7 @@ mod _native {
     #[pymodule_export]
     use super::recording::{check, read_bag, write_csv};
     #[pymodule_export]
-    use super::selection::Plan;
+    use super::selection::{Plan, Ranking};
     #[pymodule_export]
     use super::simulation::simulate;
     #[pymodule_export]

@@ -123,21 +123,22 @@ pub(crate) fn mapping(source: Option<TextOrPath>) -> PyResult<Option<Mapping>> {
     source.map(read).transpose().or_raise()
 }
 
-/// Columns, samples per second, and what the recording was like as JSON.
+/// Columns, samples per second, what the recording was like, and the time stamp of the first row.
 #[pyfunction]
 pub(crate) fn read_bag<'py>(
     py: Python<'py>,
     path: PathBuf,
     mapping: Option<TextOrPath>,
-) -> PyResult<(Bound<'py, PyDict>, f64, Bound<'py, PyAny>)> {
+) -> PyResult<(Bound<'py, PyDict>, f64, Bound<'py, PyAny>, i64)> {
     let mapping = self::mapping(mapping)?;
     let Recording { trace, rate, valid, quality, .. } =
         wait_for(py, None, move |_| load(&path, mapping.as_ref()))?.or_raise()?;
     let text = serde_json::to_string(&quality)
         .map_err(|error| raised::RecordingError::new_err(error.to_string()))?;
+    let origin_ns = trace.origin_ns;
     let arrays = columns(py, trace)?;
     arrays.set_item("valid", valid.into_pyarray(py))?;
-    Ok((arrays, rate, from_json(py, &text)?))
+    Ok((arrays, rate, from_json(py, &text)?, origin_ns))
 }
 
 /// Writes the columns of a trace as a CSV file that every command reads.

@@ -1,6 +1,6 @@
 //! `select`: which guide for an application; its variants in chunks.
 
-use std::path::PathBuf;
+use std::num::NonZeroUsize;
 use std::sync::Arc;
 
 use friction_stage_core::model::{Catalogue, ModelError};
@@ -15,7 +15,7 @@ use pyo3::types::PyDict;
 
 use crate::error::{OrRaise as _, raised, words};
 use crate::model::TextOrPath;
-use crate::waiting::wait_for;
+use crate::waiting::wait_for_on;
 
 /// Variants between two looks whether to stop: some tens of milliseconds of work.
 const AT_ONCE: u64 = 128;
@@ -31,11 +31,19 @@ fn refused(error: &(dyn std::error::Error + 'static)) -> PyErr {
     raised::SelectionError::new_err(words(error))
 }
 
-/// The built-in guides and those of the files, or those of them that are named.
-fn database(files: &[PathBuf], guides: &[String]) -> Result<Catalogue, ModelError> {
+/// The built-in guides and those of the catalogues, or those of them that are named.
+fn database(sources: Vec<TextOrPath>, guides: &[String]) -> Result<Catalogue, ModelError> {
     let mut all = Catalogue::builtin();
-    for path in files {
-        all.add(Catalogue::load(path)?, &path.display().to_string())?;
+    for source in sources {
+        match source.or_file() {
+            TextOrPath::Text(text) => {
+                let origin = "the catalogue";
+                all.add(Catalogue::from_yaml(&text, origin)?, origin)?;
+            }
+            TextOrPath::Path(path) => {
+                all.add(Catalogue::load(&path)?, &path.display().to_string())?;
+            }
+        }
     }
     if guides.is_empty() { Ok(all) } else { all.only(guides) }
 }
@@ -45,7 +53,7 @@ impl Plan {
     #[new]
     fn new(
         application: TextOrPath,
-        catalogues: Vec<PathBuf>,
+        catalogues: Vec<TextOrPath>,
         guides: Vec<String>,
         seed: u64,
         variants: u64,
@@ -61,7 +69,7 @@ impl Plan {
             }
         };
         let application = application.map_err(|error| refused(&error))?;
-        let database = database(&catalogues, &guides).or_raise()?;
+        let database = database(catalogues, &guides).or_raise()?;
         let experiment = VariantExperiment::new(&application).map_err(|error| refused(&error))?;
         let plan = SelectionPlan::new(application, &database, seed, variants)
             .map_err(|error| refused(&error))?;
@@ -84,6 +92,7 @@ impl Plan {
         py: Python<'py>,
         start: u64,
         stop: u64,
+        threads: Option<NonZeroUsize>,
         progress: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         if !(start <= stop && stop <= self.plan.variants) {
@@ -93,7 +102,7 @@ impl Plan {
             )));
         }
         let (plan, experiment) = (Arc::clone(&self.plan), Arc::clone(&self.experiment));
-        let results = wait_for(py, progress, move |caller| {
+        let results = wait_for_on(py, threads, progress, move |caller| {
             let mut results = Vec::with_capacity((stop - start) as usize);
             let mut next = start;
             while next < stop {
@@ -138,27 +147,49 @@ impl Plan {
         Ok(columns)
     }
 
-    /// The text of `summary.json` and what the command line prints, from all variants in order;
-    /// a settling time that is NaN is none.
-    fn rank(
-        &self,
+    /// A ranking of no variant yet.
+    fn ranking(&self) -> Ranking {
+        let tallies = vec![Tally::default(); self.plan.candidates.len()];
+        Ranking { plan: Arc::clone(&self.plan), tallies }
+    }
+}
+
+/// What variants of a plan reached, counted: its size does not grow with their number.
+#[pyclass(module = "friction_stage._native")]
+pub(crate) struct Ranking {
+    plan: Arc<SelectionPlan>,
+    tallies: Vec<Tally>,
+}
+
+#[pymethods]
+impl Ranking {
+    /// Counts the variants from `start` on; a settling time that is NaN is none.
+    fn add(
+        &mut self,
+        start: u64,
         peak_error: PyReadonlyArray1<'_, f64>,
         settling_time: PyReadonlyArray1<'_, f64>,
         saturated: PyReadonlyArray1<'_, bool>,
-    ) -> PyResult<(String, String)> {
+    ) -> PyResult<()> {
         let (peaks, times) = (peak_error.as_array(), settling_time.as_array());
         let saturated = saturated.as_array();
         let lengths = [peaks.len(), times.len(), saturated.len()];
-        if lengths.iter().any(|length| *length as u64 != self.plan.variants) {
+        if lengths.iter().any(|length| *length != lengths[0]) {
             return Err(raised::SelectionError::new_err(format!(
-                "{lengths:?} values of peak error, settling time and saturation, must be {} of \
-                 each",
-                self.plan.variants
+                "{lengths:?} values of peak error, settling time and saturation, must be as many \
+                 of each"
             )));
         }
-        let mut tallies = vec![Tally::default(); self.plan.candidates.len()];
-        for (job, ((peak, time), saturated)) in peaks.iter().zip(times).zip(saturated).enumerate() {
-            let (index, variant) = self.plan.job(job as u64);
+        if start.checked_add(lengths[0] as u64).is_none_or(|stop| stop > self.plan.variants) {
+            return Err(raised::SelectionError::new_err(format!(
+                "{} variants from {start} on are not among the {} of the plan",
+                lengths[0], self.plan.variants
+            )));
+        }
+        for (job, ((peak, time), saturated)) in
+            (start..).zip(peaks.iter().zip(times).zip(saturated))
+        {
+            let (index, variant) = self.plan.job(job);
             let result = VariantResult {
                 variant,
                 peak_error: *peak,
@@ -166,9 +197,14 @@ impl Plan {
                 saturated: *saturated,
                 guide: self.plan.candidates[index].guide.clone(),
             };
-            tallies[index].add(&result, &self.plan.application);
+            self.tallies[index].add(&result, &self.plan.application);
         }
-        let selection = self.plan.rank(&tallies);
+        Ok(())
+    }
+
+    /// The text of `summary.json` and what the command line prints, of what was counted.
+    fn conclude(&self) -> PyResult<(String, String)> {
+        let selection = self.plan.rank(&self.tallies);
         let summary = serde_json::to_string_pretty(&selection).map_err(|error| refused(&error))?;
         Ok((summary, selection_text(&self.plan, &selection)))
     }

@@ -5,8 +5,12 @@
 //! raised. The work sees it at its next step and ends there; nothing of it is kept. Where a step
 //! takes longer than [`PATIENCE`], the caller does not wait for its end: the thread owns all that
 //! it works on, so that it ends by itself.
+//!
+//! Work spreads over all processors, or over as many threads as the caller says: where many processes
+//! share a machine, each takes its own.
 
 use std::any::Any;
+use std::num::NonZeroUsize;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::Mutex;
@@ -16,6 +20,9 @@ use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
 use pyo3::types::PyBool;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::error::raised;
 
 /// Time between two looks for Ctrl-C.
 const LOOK: Duration = Duration::from_millis(50);
@@ -75,6 +82,17 @@ pub(crate) fn wait_for<T: Send + 'static>(
     progress: Option<&Bound<'_, PyAny>>,
     work: impl FnOnce(&Caller) -> T + Send + 'static,
 ) -> PyResult<T> {
+    wait_for_on(py, None, progress, work)
+}
+
+/// As [`wait_for`], on so many threads; without, on all processors.
+pub(crate) fn wait_for_on<T: Send + 'static>(
+    py: Python<'_>,
+    threads: Option<NonZeroUsize>,
+    progress: Option<&Bound<'_, PyAny>>,
+    work: impl FnOnce(&Caller) -> T + Send + 'static,
+) -> PyResult<T> {
+    let pool = threads.map(pool_of).transpose()?;
     let (sender, receiver) = channel();
     let (abandoned, enough) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
     let tell: Tell = match progress {
@@ -93,7 +111,11 @@ pub(crate) fn wait_for<T: Send + 'static>(
         progress: Mutex::new(tell),
     };
     std::thread::Builder::new().name(NAME.to_owned()).spawn(move || {
-        let done = catch_unwind(AssertUnwindSafe(|| work(&caller)));
+        let work = || match &pool {
+            Some(pool) => pool.install(|| work(&caller)),
+            None => work(&caller),
+        };
+        let done = catch_unwind(AssertUnwindSafe(work));
         let _ = sender.send(Message::Done(done));
     })?;
     let mut receiver = Some(receiver);
@@ -125,6 +147,17 @@ pub(crate) fn wait_for<T: Send + 'static>(
         }
     }
     Err(interrupted)
+}
+
+/// Threads for one piece of work.
+fn pool_of(threads: NonZeroUsize) -> PyResult<ThreadPool> {
+    ThreadPoolBuilder::new()
+        .num_threads(threads.get())
+        .thread_name(|_| NAME.to_owned())
+        .build()
+        .map_err(|error| {
+            raised::FrictionStageError::new_err(format!("no {threads} threads: {error}"))
+        })
 }
 
 /// The next message, waited for without the interpreter's lock; `None` where there is none in time.

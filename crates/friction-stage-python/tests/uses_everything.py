@@ -1,9 +1,11 @@
 """Every public name, for the type checker."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import friction_stage as fs
 import numpy as np
+from friction_stage import fleet
 from numpy.typing import NDArray
 
 
@@ -75,6 +77,45 @@ def laboratory(application: Path, directory: Path) -> fs.GuideFit:
     fit: fs.GuideFit = fs.fit_guide(first, directory / "loops", mass=1.0)
     assert fit.to_catalogue("mine", seals=True) and loops.figures and loops.results
     return fit
+
+
+def fleets(application: Path, bags: Path, out: Path) -> str:
+    with ThreadPoolExecutor() as threads:
+        result: fleet.FleetResult = fleet.map_variants(
+            application,
+            out / "variants",
+            variants=100,
+            sweep={"mass": [20.0, 40.0]},
+            engine=threads,
+        )
+    one = fleet.Bag(bags / "first", machine="left", recorded=1.75e9)
+    verdicts = fleet.identify_bags(
+        [one, bags / "second", {"bag": bags / "third"}],
+        out / "verdicts",
+        model=fs.Model.guide("guide_2"),
+        workers=2,
+        progress=told,
+    )
+    failed: list[str] = [*result.failed.values(), *verdicts.failed.values()]
+    assert not failed and result.is_complete and result.to_dict()
+    job: fleet.Job = fleet.load_job(out / "job.yaml")
+    jobs: list[fleet.Job] = [
+        fleet.VariantsJob(application, out, variants=1000, seed=3, chunk=100),
+        fleet.BagsJob(bags, out, model="guide_2"),
+        job,
+    ]
+    for each in jobs:
+        try:
+            fleet.run(each, engine="dask", address="tcp://scheduler:8786")
+            fleet.run_share(each, 0, tasks=10)
+        except fleet.OtherJobError as error:
+            return str(error)
+        except fleet.FleetError:
+            continue
+    chunks: int = fleet.status(job).chunks
+    found: fleet.Report = fleet.report(job)
+    texts = [fleet.slurm("job.yaml", chunks), fleet.kubernetes("job.yaml", chunks, image="i")]
+    return found.page() + "".join(texts)
 
 
 def refusals() -> str:

@@ -154,6 +154,7 @@ def identify(
     guide_tolerance: float | None = None,
     presliding_tolerance: float | None = None,
     next_experiment: Limits | None = None,
+    threads: int | None = None,
     progress: Progress | None = None,
 ) -> Verdict:
     """Finds what a declared model lacks.
@@ -172,6 +173,7 @@ def identify(
         presliding_tolerance: The same for stiffness, damping, static friction and Stribeck
             velocity.
         next_experiment: Asks for the motion that would settle most of what is open.
+        threads: How many to use; without, all processors. The verdict is the same.
         progress: Called with a line and the share that is done. Where it returns ``False``, the
             search stops after the running step and what there is becomes the verdict.
 
@@ -192,6 +194,7 @@ def identify(
             guide_tolerance,
             presliding_tolerance,
             limits,
+            threads,
             progress,
         )
     )

@@ -14,6 +14,7 @@ __all__ = [
     "Model",
     "Motion",
     "Plan",
+    "Ranking",
     "Sample",
     "Stage",
     "__version__",
@@ -303,10 +304,21 @@ class Plan:
     def variants(self) -> int: ...
     @property
     def guides(self) -> list[str]: ...
-    def run(self, start: int, stop: int, progress: _Progress | None) -> dict[str, NDArray[Any]]: ...
-    def rank(
-        self, peak_error: _Float, settling_time: _Float, saturated: NDArray[np.bool_]
-    ) -> tuple[str, str]: ...
+    def run(
+        self, start: int, stop: int, threads: int | None, progress: _Progress | None
+    ) -> dict[str, NDArray[Any]]: ...
+    def ranking(self) -> Ranking: ...
+
+@final
+class Ranking:
+    def add(
+        self,
+        start: int,
+        peak_error: _Float,
+        settling_time: _Float,
+        saturated: NDArray[np.bool_],
+    ) -> None: ...
+    def conclude(self) -> tuple[str, str]: ...
 
 def simulate(
     model: Model,
@@ -334,7 +346,7 @@ def simulate(
 ]: ...
 def read_bag(
     path: _Path, mapping: _Path | None
-) -> tuple[dict[str, NDArray[Any]], float, dict[str, Any]]: ...
+) -> tuple[dict[str, NDArray[Any]], float, dict[str, Any], int]: ...
 def write_csv(path: _Path, columns: Mapping[str, _Float]) -> None: ...
 def check(path: _Path, mapping: _Path | None, model: Model | None) -> dict[str, Any]: ...
 def identify(
@@ -346,6 +358,7 @@ def identify(
     guide_tolerance: float | None,
     presliding_tolerance: float | None,
     limits: tuple[tuple[float, float] | None, float | None, float | None, float | None] | None,
+    threads: int | None,
     progress: _Progress | None,
 ) -> Identified: ...
 def fit_guide(stribeck: _Source, dahl: _Source, mass: float | None) -> FittedGuide: ...

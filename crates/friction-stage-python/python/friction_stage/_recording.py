@@ -20,13 +20,14 @@ def read_bag(path: Path, *, mapping: Path | None = None) -> Trace:
 
     Returns:
         A trace with the columns of numbers, ``valid`` (per row whether position and forces are
-        known) and ``quality`` (what the samples were like and what was done to them).
+        known), ``quality`` (what the samples were like and what was done to them) and
+        ``origin_ns``.
 
     Raises:
         RecordingError: With the place and what would be right.
     """
-    columns, rate, quality = _native.read_bag(path, mapping)
-    return Trace(columns, rate=rate, quality=quality)
+    columns, rate, quality, origin_ns = _native.read_bag(path, mapping)
+    return Trace(columns, rate=rate, quality=quality, origin_ns=origin_ns)
 
 
 def check(path: Path, *, mapping: Path | None = None, model: Model | None = None) -> dict[str, Any]:

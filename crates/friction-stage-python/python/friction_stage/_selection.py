@@ -80,9 +80,9 @@ def plan_of(
 
 def conclude(plan: _native.Plan, columns: Mapping[str, NDArray[Any]]) -> Selection:
     """The selection from all variants of a plan, in order."""
-    summary, text = plan.rank(
-        columns["peak_error_m"], columns["settling_time_s"], columns["saturated"]
-    )
+    ranking = plan.ranking()
+    ranking.add(0, columns["peak_error_m"], columns["settling_time_s"], columns["saturated"])
+    summary, text = ranking.conclude()
     named = dict(columns)
     named["guide"] = np.array(plan.guides)[columns["guide"]]
     return Selection(summary, text, named)
@@ -102,7 +102,8 @@ def select(
     Args:
         application: What the stage is to do and to reach: a YAML file, a string that holds it, or
             its keys.
-        catalogues: Files with guides of one's own, beside the built-in ones.
+        catalogues: Files with guides of one's own, or strings that hold them, beside the built-in
+            ones.
         guides: Choose among these only.
         variants: Over all guides, dealt to them in turn.
         seed: Of tolerances and noise; a variant depends on seed, guide and its number only.
@@ -112,4 +113,4 @@ def select(
         SelectionError, ModelError: With what is wrong.
     """
     plan = plan_of(application, catalogues, guides, variants, seed)
-    return conclude(plan, plan.run(0, variants, progress))
+    return conclude(plan, plan.run(0, variants, None, progress))

@@ -68,6 +68,7 @@ class Trace(Mapping[str, NDArray[Any]]):
         moves: What became of each move of the motion of a simulation.
         model: The stage of a simulation or of a run of the laboratory.
         quality: What a recording was like and what was done to it; empty for a simulation.
+        origin_ns: Time stamp of the first row on the clock of a recording, ns.
     """
 
     def __init__(
@@ -78,7 +79,9 @@ class Trace(Mapping[str, NDArray[Any]]):
         moves: tuple[MoveResult, ...] = (),
         quality: Mapping[str, Any] | None = None,
         model: Model | None = None,
+        origin_ns: int = 0,
     ) -> None:
+        self.origin_ns = origin_ns
         self._columns = dict(columns)
         self.rate = rate
         self.moves = moves

@@ -39,3 +39,11 @@ class ExperimentError(FrictionStageError, ValueError):
 
 class SelectionError(FrictionStageError, ValueError):
     """An application or a catalogue from which no guide can be chosen."""
+
+
+class FleetError(FrictionStageError, ValueError):
+    """A job that cannot be run as it is given, or results that are not of this job."""
+
+
+class OtherJobError(FleetError):
+    """Results that are of another job or of another version."""
