@@ -156,31 +156,41 @@ fn read_by_all(path: &Path, words: &[&str]) {
     }
 }
 
-#[test]
-fn chunks_that_unpack_to_more_than_memory_are_damage() {
-    let home = TempDir::new().unwrap();
+/// A bag of so many chunks under zstd, each from 0 to 9 s with 50 MiB of zeros, of which the first
+/// bytes do not compress.
+fn bag_of_chunks(home: &TempDir, chunks: u32, incompressible: usize) -> PathBuf {
     let path = home.path().join("bag.mcap");
     let file = std::fs::File::create(&path).unwrap();
     let mut writer = mcap::WriteOptions::new()
         .compression(Some(mcap::Compression::Zstd))
-        .chunk_size(Some(1))
+        .chunk_size(None)
         .create(std::io::BufWriter::new(file))
         .unwrap();
     let schema = writer.add_schema("a/msg/B", "ros2msg", b"uint8[] data").unwrap();
     let channel = writer.add_channel(schema, "/zeros", "cdr", &BTreeMap::new()).unwrap();
-    let zeros = vec![0; 50 << 20];
-    for sequence in 0..12 {
-        // All at the same time: they are open at once.
-        let header = mcap::records::MessageHeader {
-            channel_id: channel,
-            sequence,
-            log_time: 0,
-            publish_time: 0,
-        };
-        writer.write_to_known_channel(&header, &zeros).unwrap();
+    let mut state = 1u64;
+    for sequence in 0..chunks {
+        let mut data = vec![0; 50 << 20];
+        data[..incompressible].fill_with(|| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 56) as u8
+        });
+        for (log_time, data) in [(0, &data[..4]), (9_000_000_000, &data[..])] {
+            let channel_id = channel;
+            let header =
+                mcap::records::MessageHeader { channel_id, sequence, log_time, publish_time: 0 };
+            writer.write_to_known_channel(&header, data).unwrap();
+        }
+        writer.flush().unwrap();
     }
     writer.finish().unwrap();
-    drop(writer);
+    path
+}
+
+#[test]
+fn chunks_that_unpack_to_more_than_memory_are_damage() {
+    let home = TempDir::new().unwrap();
+    let path = bag_of_chunks(&home, 12, 0);
     assert!(std::fs::metadata(&path).unwrap().len() < 200_000);
     read_by_all(&path, &["chunks that unpack to at most 268435456 bytes together"]);
 }
@@ -188,18 +198,9 @@ fn chunks_that_unpack_to_more_than_memory_are_damage() {
 #[test]
 fn chunks_that_lie_over_each_other_are_open_at_once_only_within_memory() {
     let home = TempDir::new().unwrap();
-    // Not compressed: the file is as large as what is in it. Each lasts over all of the others.
-    let long = |k: u8| {
-        let data = vec![k; 60 << 20];
-        [message(0, &[0, 1, 0, 0]), message(9_000_000_000, &data)].concat()
-    };
-    let chunk = |raw: &[u8]| {
-        let times = [0, 9_000_000_000, raw.len() as u64].map(u64::to_le_bytes).concat();
-        record(6, &[&times, &[0; 4], &string(b""), &(raw.len() as u64).to_le_bytes(), raw])
-    };
-    let parts = [schema("a/msg/B", "uint8[] data\n"), channel(1, "/zeros")];
-    let chunks = (0..7).map(|k| chunk(&long(k)));
-    let path = bag(&home, &parts.into_iter().chain(chunks).collect::<Vec<_>>());
+    // Enough that does not compress for all of it to be unpacked one after the other.
+    let path = bag_of_chunks(&home, 12, 100_000);
+    assert!(std::fs::metadata(&path).unwrap().len() > 1_000_000);
     read_by_all(&path, &["chunks whose times overlap to have at most 268435456 bytes together"]);
 }
 

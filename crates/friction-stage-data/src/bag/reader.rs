@@ -129,6 +129,8 @@ pub struct BagReader {
     has_metadata: bool,
     metadata_count: Option<u64>,
     missing: Vec<Damage>,
+    /// Whether a definition was damaged and is that of the program now.
+    has_mended: bool,
 }
 
 impl std::fmt::Debug for BagReader {
@@ -215,6 +217,7 @@ impl BagReader {
             has_metadata: metadata.is_some(),
             metadata_count: metadata.as_ref().and_then(Found::message_count),
             missing,
+            has_mended: false,
         };
         reader.find_topics(metadata.as_ref())?;
         Ok(reader)
@@ -268,6 +271,7 @@ impl BagReader {
             }
             let (kind, encoding) = (&topic.type_name, &topic.schema_encoding);
             if let Some(text) = known::mended(kind, encoding, &topic.definition) {
+                self.has_mended |= !topic.definition.is_empty();
                 topic.schema_encoding = "ros2msg".into();
                 topic.definition = text.into_bytes();
                 // A type of ROS 2 is in nothing else.
@@ -393,6 +397,11 @@ impl BagReader {
     /// the chunks shows only when the messages are read.
     pub fn is_complete(&self) -> bool {
         self.missing.is_empty() && self.files.iter().all(OpenFile::is_complete)
+    }
+
+    /// Whether a definition in it is damaged, in whose place that of the program is read.
+    pub(crate) fn has_mended(&self) -> bool {
+        self.has_mended
     }
 
     /// Whether the recording is a directory with a readable `metadata.yaml`.

@@ -125,7 +125,7 @@ fn readable(topic: &Topic) -> &[u8] {
 
 /// Whether index, metadata and every chunk are as they should be.
 fn is_whole(reader: &BagReader) -> Result<bool, BagError> {
-    if !reader.is_complete() || !reader.verify_checksums()?.is_empty() {
+    if !reader.is_complete() || reader.has_mended() || !reader.verify_checksums()?.is_empty() {
         return Ok(false);
     }
     let mut count = 0;

@@ -3,6 +3,8 @@
 //! Our own messages come from their structs; of the common interfaces the fields are listed in
 //! `common_types.txt`.
 
+use std::collections::BTreeSet;
+
 use super::type_layout::Sameness;
 use super::*;
 
@@ -59,13 +61,16 @@ pub(crate) fn mended(type_name: &str, encoding: &str, stored: &[u8]) -> Option<S
     if encoding == "ros2idl" {
         return None;
     }
-    let parts = |text: &str| text.lines().filter(|line| line.starts_with(BEGIN)).count();
+    let parts = |text: &str| -> BTreeSet<String> {
+        let names = text.lines().filter_map(|line| line.strip_prefix(BEGIN));
+        names.map(|name| full_name(name.trim())).collect()
+    };
     let is_whole = || {
         let text = std::str::from_utf8(stored).ok()?;
         let layout = type_layout::TypeLayout::parse(type_name, text).ok()?;
         let own = type_layout::TypeLayout::parse(type_name, &known).ok()?;
         Some(match own.compared(&layout) {
-            Sameness::Same => parts(text) >= parts(&known),
+            Sameness::Same => parts(text).is_superset(&parts(&known)),
             Sameness::OtherNames => false,
             Sameness::Different => true,
         })
@@ -125,6 +130,7 @@ mod tests {
             whole.replace("float64[] effort", "float64] effort"),
             whole.replace("nanosec", "nano\u{0}ec"),
             without_parts,
+            whole.replace("MSG: std_msgs/Header", "MSG: std_msgs/Hxader"),
             String::new(),
         ] {
             assert_eq!(mended(&name, "ros2msg", damaged.as_bytes()), Some(whole.clone()));
