@@ -3,7 +3,7 @@
 use std::io::Write as _;
 use std::process::ExitCode;
 
-use friction_stage_report::words::in_one_line;
+use friction_stage_report::words::{in_one_line, printable};
 
 /// How a command or a node ended, when it did not fail; `main` makes the exit code of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +33,9 @@ pub struct WrongArguments(pub String);
 #[error("{0}")]
 pub struct Interrupted(pub String);
 
+/// Longest text of an error, characters: one that lists the columns of a file may have very many.
+const LONGEST: usize = 10_000;
+
 /// Exit code of a program that ended with `result`; a failure is reported on stderr. Wrong
 /// arguments have ended it with 2 before.
 pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
@@ -41,7 +44,10 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
         Ok(Outcome::Warnings) => ExitCode::from(3),
         Err(error) => {
             // Nobody may read stderr any more, and `eprintln!` would panic of that.
-            let _ = writeln!(std::io::stderr(), "error: {}", in_one_line(error.as_ref()));
+            let text = in_one_line(error.as_ref());
+            let cut = text.char_indices().nth(LONGEST);
+            let (told, more) = cut.map_or((&text[..], ""), |(cut, _)| (&text[..cut], "..."));
+            let _ = writeln!(std::io::stderr(), "error: {}{more}", printable(told));
             match () {
                 () if error.is::<WrongArguments>() => ExitCode::from(2),
                 () if error.is::<Interrupted>() => ExitCode::from(130),

@@ -15,6 +15,7 @@ use indicatif::ProgressBar;
 use super::progress::Progress;
 use super::{Outcome, PartArgs, WrongArguments};
 use friction_stage_core::model::{JointType, StageModel};
+use friction_stage_core::text_file;
 use friction_stage_data::bag::topics;
 use friction_stage_data::signals::Mapping;
 use friction_stage_identify::{
@@ -255,7 +256,7 @@ fn may_write(directory: &Path) -> anyhow::Result<()> {
         "{} is a recording: choose another --out",
         directory.display()
     );
-    let Ok(text) = std::fs::read_to_string(directory.join("summary.json")) else {
+    let Ok(text) = text_file::read(&directory.join("summary.json")) else {
         let foreign = ["report.html", "identified.yaml"]
             .into_iter()
             .find(|name| directory.join(name).exists());

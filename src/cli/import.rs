@@ -8,6 +8,7 @@ use clap::Args;
 
 use super::Outcome;
 use super::progress::Progress;
+use friction_stage_core::text_file;
 use friction_stage_data::signals::{self, Mapping, Proposal};
 use friction_stage_report::words::{import_text, proposal_text};
 
@@ -72,8 +73,8 @@ fn import(
     bag: &Path,
     out: &mut dyn Write,
 ) -> anyhow::Result<Outcome> {
-    let text = std::fs::read_to_string(mapping)
-        .with_context(|| format!("cannot read {}", mapping.display()))?;
+    let text =
+        text_file::read(mapping).with_context(|| format!("cannot read {}", mapping.display()))?;
     let mapping = Mapping::from_yaml(&text, &mapping.display().to_string())?;
     let progress = Progress::endless("reading");
     let mut told = |rows: u64| progress.say(format!("{:.1} million rows", rows as f64 * 1e-6));

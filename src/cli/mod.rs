@@ -26,6 +26,7 @@ use std::io::Write;
 use clap::{Args, Parser, Subcommand};
 use friction_stage_core::model::StageModel;
 use friction_stage_data::signals::Window;
+use friction_stage_report::words::printable;
 
 pub use crate::outcome::{Interrupted, Outcome, WrongArguments, exit_code};
 
@@ -109,8 +110,9 @@ impl Arguments {
     }
 }
 
-/// What a command prints, until whoever reads it goes away, as `head` does behind a pipe: what
-/// comes then is dropped, and the command goes on to its end, with its files and its exit code.
+/// What a command prints, in characters that do nothing to a terminal, until whoever reads it goes
+/// away, as `head` does behind a pipe: what comes then is dropped, and the command goes on to its
+/// end, with its files and its exit code.
 #[derive(Debug)]
 pub struct Printed<W> {
     reader: Option<W>,
@@ -139,7 +141,9 @@ impl<W: Write> Printed<W> {
 
 impl<W: Write> Write for Printed<W> {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.tell(bytes.len(), |reader| reader.write(bytes))
+        let text = String::from_utf8_lossy(bytes);
+        self.tell((), |reader| reader.write_all(printable(&text).as_bytes()))?;
+        Ok(bytes.len())
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
@@ -172,6 +176,6 @@ impl PartArgs {
 /// Says on stderr what a model does not say of its guides and is assumed.
 fn tell_assumptions(model: Option<&StageModel>) {
     for assumption in model.iter().flat_map(|model| model.assumptions()) {
-        eprintln!("note: {assumption}");
+        eprintln!("note: {}", printable(&assumption));
     }
 }

@@ -11,6 +11,7 @@ use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::cpu;
 use crate::node::driver::{Driver, LockstepRun};
+use friction_stage_core::control::{Follower, Point, Trajectory};
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::Rates;
 use friction_stage_data::motion_file;
@@ -58,6 +59,29 @@ fn stretch(text: &str) -> Result<f64, String> {
     Ok(value)
 }
 
+/// Longest motion, ns: times on the clock of the samples must not overflow.
+const LONGEST: i64 = i64::MAX / 4;
+
+/// Refuses what the controller would refuse, before anything is started.
+fn check_motion(points: &[Point], model: &StageModel) -> anyhow::Result<()> {
+    let trajectory = Trajectory::new(0, points.to_vec())?;
+    anyhow::ensure!(
+        trajectory.end() <= LONGEST,
+        "the motion takes {:.3e} s, must take less than {:.3e} s",
+        trajectory.end() as f64 * 1e-9,
+        LONGEST as f64 * 1e-9
+    );
+    let (low, high) = stroke(model);
+    // A jump at the start is for the node to judge, which knows where the stage is.
+    Follower::new(f64::INFINITY).within(low, high).follow(0, trajectory)?;
+    Ok(())
+}
+
+/// Lowest and highest position of a model, m.
+fn stroke(model: &StageModel) -> (f64, f64) {
+    model.stroke.map_or((-1e6, 1e6), |stroke| (stroke.low, stroke.high))
+}
+
 /// What was played.
 #[derive(Debug, Serialize)]
 struct PlayReport {
@@ -77,6 +101,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     // Told here, not from the log of a node.
     let model = StageModel::named(&args.model)?;
     let mass = model.moving_mass();
+    check_motion(&points, &model).with_context(|| args.motion.display().to_string())?;
     if args.record.exists() {
         return Err(WrongArguments(format!(
             "{} exists already: choose another --record",
@@ -110,8 +135,8 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             format!("feedforward.mass:={mass:?}"),
             format!("gains.stage.u_clamp_max:={:?}", model.motor.force_limit),
             format!("gains.stage.u_clamp_min:={:?}", -model.motor.force_limit),
-            format!("stroke_min:={:?}", model.stroke.map_or(-1e6, |stroke| stroke.low)),
-            format!("stroke_max:={:?}", model.stroke.map_or(1e6, |stroke| stroke.high)),
+            format!("stroke_min:={:?}", stroke(&model).0),
+            format!("stroke_max:={:?}", stroke(&model).1),
             cpu,
         ]),
         points,
@@ -152,10 +177,26 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
 
 #[cfg(test)]
 mod tests {
-    use friction_stage_core::control::Point;
     use friction_stage_data::bag::topics;
     use friction_stage_data::motion_file::{from_yaml, stretched};
     use friction_stage_identify::next_experiment::trajectory_yaml;
+
+    use super::*;
+
+    #[test]
+    fn a_motion_that_no_controller_takes_is_refused_before_anything_starts() {
+        let model = StageModel::on_guides("guide_1");
+        let check = |points: &[Point]| check_motion(points, &model).unwrap_err().to_string();
+        let fast = |velocity| Point { velocity: Some(velocity), ..Point::at_rest(1_000_000, 1e-3) };
+        // Finite points, between which the motion is not.
+        let error = check(&[fast(1e308), Point::at_rest(2_000_000, 0.0)]);
+        assert!(error.contains("velocity") || error.contains("position"), "{error}");
+        let error = check(&[Point::at_rest(1_000_000_000, 0.5)]);
+        assert!(error.contains("must stay between -0.4 and 0.4 m"), "{error}");
+        let error = check(&[Point::at_rest(i64::MAX / 2, 0.1)]);
+        assert!(error.contains("must take less than"), "{error}");
+        check_motion(&[Point::at_rest(1_000_000_000, 0.1)], &model).unwrap();
+    }
 
     #[test]
     fn what_identify_writes_is_a_motion_that_can_be_played() {

@@ -6,6 +6,7 @@ use std::io::Write as _;
 use std::sync::Mutex;
 use std::time::Duration;
 
+use friction_stage_report::words::{in_line, printable};
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// Between two lines where stderr is no terminal.
@@ -42,7 +43,7 @@ impl Progress {
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style.progress_chars("=> "));
         }
-        bar.set_message(message.into());
+        bar.set_message(shown(message));
         bar.enable_steady_tick(Duration::from_millis(200));
         let told = Told { due: BETWEEN_LINES, steps: BTreeSet::new() };
         Progress { bar, told: Mutex::new(told) }
@@ -50,7 +51,7 @@ impl Progress {
 
     /// What is done now.
     pub fn say(&self, message: impl Into<String>) {
-        self.bar.set_message(message.into());
+        self.bar.set_message(shown(message));
         self.tell();
     }
 
@@ -72,7 +73,7 @@ impl Progress {
     pub fn line(&self, text: &str) {
         self.bar.suspend(|| {
             // Nobody may be reading: that is no reason to stop.
-            let _ = writeln!(std::io::stderr(), "{text}");
+            let _ = writeln!(std::io::stderr(), "{}", printable(text));
         });
     }
 
@@ -101,6 +102,11 @@ impl Progress {
         };
         let _ = writeln!(std::io::stderr(), "{message} ({share}{} s)", elapsed.as_secs());
     }
+}
+
+/// A message in one line; names from files may be in it.
+fn shown(message: impl Into<String>) -> String {
+    in_line(&message.into()).into_owned()
 }
 
 impl Drop for Progress {

@@ -12,6 +12,7 @@ use super::progress::Progress;
 use super::selection_output::finish;
 use super::{Interrupted, Outcome};
 use friction_stage_core::model::Catalogue;
+use friction_stage_core::text_file;
 use friction_stage_lab::{
     Application, SelectionPlan, Shard, Sheet, VariantExperiment, VariantRows,
 };
@@ -69,8 +70,8 @@ const CHUNK: u64 = 128;
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let origin = args.application.display().to_string();
-    let text = std::fs::read_to_string(&args.application)
-        .with_context(|| format!("cannot read {origin}"))?;
+    let text =
+        text_file::read(&args.application).with_context(|| format!("cannot read {origin}"))?;
     let application = Application::from_yaml(&text, &origin)?;
     let database = database(args)?;
     let experiment = VariantExperiment::new(&application)?;

@@ -12,11 +12,13 @@ use crate::directory::ResultsArgs;
 use crate::node::controller_settings;
 use friction_stage_core::model::{EffectParameters, StageModel};
 use friction_stage_core::plant::effects::{ALL, EffectDescriptor, Role};
+use friction_stage_core::text_file;
 use friction_stage_lab::{Application, Objective, TuningPlan};
 use friction_stage_report::tuning::{
     controller_parameters, ros2_control_parameters, tuning_json, tuning_page, tuning_text,
     tuning_warnings,
 };
+use friction_stage_report::words::printable;
 
 /// Propose gains for a stage: as good as the margins allow, over the tolerances of its guides.
 ///
@@ -89,8 +91,7 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         None => Application::fine_step(),
         Some(path) => {
             let origin = path.display().to_string();
-            let text =
-                std::fs::read_to_string(path).with_context(|| format!("cannot read {origin}"))?;
+            let text = text_file::read(path).with_context(|| format!("cannot read {origin}"))?;
             Application::from_yaml(&text, &origin)?
         }
     };
@@ -157,7 +158,7 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         )?;
     }
     for note in &notes {
-        eprintln!("warning: {note}");
+        eprintln!("warning: {}", printable(note));
     }
     Ok(Outcome::warned(!notes.is_empty()))
 }

@@ -17,6 +17,7 @@ use ros2_client::ParameterValue;
 
 use super::params_file;
 use friction_stage_core::model::nearest;
+use friction_stage_core::text_file;
 
 /// What the ROS part of a command line says.
 #[derive(Debug, Clone, Default)]
@@ -136,7 +137,7 @@ impl RosArguments {
     pub fn parse(
         arguments: impl Iterator<Item = String>,
     ) -> Result<(RosArguments, Vec<String>), ArgumentError> {
-        Self::parse_with(arguments, |path| std::fs::read_to_string(path))
+        Self::parse_with(arguments, text_file::read)
     }
 
     /// [`parse`](Self::parse), with parameter files read by the caller's function.

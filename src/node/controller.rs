@@ -34,6 +34,7 @@ use super::participant::Participant;
 use super::qos::{COMMANDS, CONTROLLER_STATE, DIAGNOSTICS, FORCES, SAMPLES};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::signals::Signals;
+use super::source_watch::SourceWatch;
 use super::wire::{Setpoint, SetpointError, compensation_message, controller_state, setpoint};
 use super::words::{Recent, quoted};
 use crate::outcome::Outcome;
@@ -260,6 +261,7 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         last: None,
         due: i64::MIN,
         held: Terms::default(),
+        sources: SourceWatch::default(),
         waiting: Vec::new(),
         states: Vec::with_capacity(BURST),
         setpoint_stamp: 0,
@@ -272,11 +274,14 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         work.controller.settings().rate
     );
     let thread = std::thread::Builder::new().name("controller".to_owned()).spawn(move || {
-        work.run();
+        let reason = work.run();
         let _ = ended.send(());
+        reason
     })?;
     let end = background.run(loop_ended)?;
-    thread.join().map_err(|_| anyhow::anyhow!("the loop of the controller ended by a panic"))?;
+    let reason = thread
+        .join()
+        .map_err(|_| anyhow::anyhow!("the loop of the controller ended by a panic"))?;
     match end {
         End::Signal => Ok(Outcome::Done),
         End::WasStopped => {
@@ -285,7 +290,9 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
             )
         }
         End::Memory(bytes) => memory_watch::end(bytes),
-        End::Loop => anyhow::bail!("the loop of the controller ended"),
+        End::Loop => {
+            anyhow::bail!(reason.unwrap_or_else(|| "the loop of the controller ended".to_owned()))
+        }
     }
 }
 
@@ -312,8 +319,14 @@ fn diagnose(
     })
 }
 
+/// Why a controller that hears two stages ends: a loop over samples of both holds neither. The stage
+/// that it commanded has no force once its `command_timeout` is over.
+const TWO_STAGES: &str = "the samples come from two stages at once: give one of them another name \
+                          with --ros-args -r __node:=NAME or -r __ns:=/NAMESPACE, or another \
+                          ROS_DOMAIN_ID; the controller ends";
+
 enum Event {
-    Encoder(Result<JointState, ReadError>),
+    Encoder(Result<(JointState, [u8; 16]), ReadError>),
     Setpoint(Result<JointTrajectory, ReadError>),
     Trajectory(Result<JointTrajectory, ReadError>),
     Wish(Wish<FollowJointTrajectory>),
@@ -408,6 +421,7 @@ struct ControllerLoop {
     /// Stamp from which on the next computation is due, ns.
     due: i64,
     held: Terms,
+    sources: SourceWatch,
     /// Setpoints that came before the first sample.
     waiting: Vec<JointTrajectory>,
     /// States that wait for others.
@@ -417,7 +431,8 @@ struct ControllerLoop {
 }
 
 impl ControllerLoop {
-    fn run(mut self) {
+    /// Works until the node ends, or why it cannot go on.
+    fn run(mut self) -> Option<String> {
         let waiter = Waiter::new();
         loop {
             let patience = (!self.states.is_empty()).then(|| Instant::now() + BURST_WITHIN);
@@ -437,11 +452,15 @@ impl ControllerLoop {
                 if let Poll::Ready(trajectory) = self.trajectory.poll_take(context) {
                     return Poll::Ready(Event::Trajectory(trajectory));
                 }
-                self.encoder.poll_take(context).map(Event::Encoder)
+                self.encoder.poll_take_from(context).map(Event::Encoder)
             });
             match event {
                 None => self.publish_states(),
-                Some(Event::Encoder(Ok(message))) => self.hear(&message),
+                Some(Event::Encoder(Ok((_, publisher)))) if self.sources.is_second(publisher) => {
+                    self.publish_states();
+                    return Some(TWO_STAGES.to_owned());
+                }
+                Some(Event::Encoder(Ok((message, _)))) => self.hear(&message),
                 Some(Event::Encoder(Err(error))) => {
                     self.status.refuse(
                         &self.status.refused_samples,
@@ -461,7 +480,7 @@ impl ControllerLoop {
                     self.publish_states();
                     // A writer that ends can repeat nothing.
                     std::thread::sleep(LINGER);
-                    return;
+                    return None;
                 }
                 Some(Event::Control(control)) => self.handle(control),
             }

@@ -33,6 +33,7 @@ pub mod service;
 mod signals;
 mod simulation;
 mod socket_filter;
+mod source_watch;
 pub mod stage;
 mod stage_inbox;
 mod stage_lockstep;

@@ -199,6 +199,23 @@ def test_a_second_stage_of_another_name_runs_beside_the_first(ros, start, stage)
     assert Diagnostics(ros, "/other: stage").newest().level == OK
 
 
+def test_a_controller_that_hears_two_stages_says_so_and_ends(ros, start, stage):
+    stage(mode="realtime", control_rate=500.0)
+    process = start("controller_node", rate=500.0)
+    encoder, states = ros.collect("/stage/encoder"), ros.collect("/controller/state")
+    ros.until(lambda: encoder and states, "a controlled stage")
+    publisher = ros.node.create_publisher(JointState, "/stage/encoder", 10)
+
+    def ended() -> bool:
+        publisher.publish(encoder[-1])
+        return process.popen.poll() is not None
+
+    ros.until(ended, "the end of the controller")
+    process.ended(expected=1)
+    assert "the samples come from two stages at once" in complaint(process)
+    assert "__node:=NAME" in complaint(process)
+
+
 def test_somebody_else_who_publishes_the_samples_is_reported(ros, start, stage):
     process = stage(mode="realtime", control_rate=500.0)
     diagnostics = Diagnostics(ros)

@@ -5,6 +5,8 @@ import subprocess
 
 import pytest
 import yaml
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
 
 import read_bag
 from conftest import BINARIES
@@ -78,3 +80,43 @@ def test_a_file_without_its_end_opens_after_recovery(bag, tmp_path):
         n: e["count"] for n, e in topics.items()
     }
     assert 0 < report["messages"] < 7 * SAMPLES
+
+
+DAMAGES = {
+    "no bracket": (b"float64[] position", b"float64] position"),
+    "control character": (b"position", b"posit\x01on"),
+    "not UTF-8": (b"velocity", b"velo\xffity"),
+    "other name": (b"nanosec", b"nanosed"),
+    "no part": (b"MSG: std_msgs/Header", b"MSG: std_msgs/Hxader"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_file_with_a_damaged_definition_opens_after_recovery(bag, tmp_path, damage):
+    damaged = tmp_path / "damaged.mcap"
+    original, replaced = DAMAGES[damage]
+    with read_bag.mcap_files(bag)[0].open("rb") as source, damaged.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start(profile="ros2")
+        channels = {}
+        for schema, channel, message in make_reader(source).iter_messages():
+            if channel.id not in channels:
+                text = schema.data.replace(original, replaced)
+                schema_id = writer.register_schema(schema.name, schema.encoding, text)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, schema_id, channel.metadata
+                )
+            writer.add_message(
+                channels[channel.id],
+                message.log_time,
+                message.data,
+                message.publish_time,
+                message.sequence,
+            )
+        writer.finish()
+    command = [BINARIES / "friction-stage", "recover", damaged, "--out", tmp_path / "recovered"]
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert run.returncode in (0, 3), run.stderr
+    whole = read_bag.read_with_mcap(bag)
+    assert read_bag.read_with_rosbags(tmp_path / "recovered") == whole
+    assert read_bag.read_with_mcap(tmp_path / "recovered") == whole

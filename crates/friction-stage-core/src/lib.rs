@@ -6,5 +6,6 @@ pub mod control;
 pub mod model;
 pub mod numerics;
 pub mod plant;
+pub mod text_file;
 
 pub use closed_loop::{ClosedLoop, Cycle};

@@ -8,6 +8,7 @@ use crate::bag::topics;
 use crate::message::{self, JointTrajectory, JointTrajectoryPoint};
 use crate::wire::{Setpoint, SetpointError, setpoint};
 use friction_stage_core::control::Point;
+use friction_stage_core::text_file;
 
 /// A motion file that cannot be read or played.
 #[derive(Debug, thiserror::Error)]
@@ -82,7 +83,7 @@ struct FileDuration {
 
 /// The points of a motion file, checked as the nodes check them.
 pub fn load(path: &Path) -> Result<Vec<Point>, MotionFileError> {
-    let text = std::fs::read_to_string(path)
+    let text = text_file::read(path)
         .map_err(|source| MotionFileError::Read { path: path.to_owned(), source })?;
     from_yaml(&text, &path.display().to_string())
 }

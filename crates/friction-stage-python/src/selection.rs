@@ -62,7 +62,7 @@ impl Plan {
             TextOrPath::Text(text) => Application::from_yaml(&text, "the application"),
             TextOrPath::Path(path) => {
                 let origin = path.display().to_string();
-                let text = std::fs::read_to_string(&path).map_err(|error| {
+                let text = friction_stage_core::text_file::read(&path).map_err(|error| {
                     raised::SelectionError::new_err(format!("cannot read {origin}: {error}"))
                 })?;
                 Application::from_yaml(&text, &origin)

@@ -9,6 +9,7 @@ use clap::Args;
 use crate::cli::experiment::bags::write_topics;
 use crate::cli::{Outcome, WrongArguments};
 use friction_stage_core::model::StageModel;
+use friction_stage_core::text_file;
 use friction_stage_lab::HiddenEffect;
 
 /// File with what is hidden, not to be read by accident.
@@ -98,7 +99,7 @@ fn sealed(text: &str) -> String {
 
 /// The model in a sealed file, as text and read.
 fn unsealed(path: &Path) -> anyhow::Result<(String, StageModel)> {
-    let text = std::fs::read_to_string(path)
+    let text = text_file::read(path)
         .with_context(|| format!("cannot read {}: no answer is here", path.display()))?;
     let digits: Vec<char> = text.chars().filter(|digit| !digit.is_whitespace()).collect();
     let bytes: Option<Vec<u8>> = digits

@@ -158,7 +158,7 @@ impl Trajectory {
 
     /// Instant of the last point, ns.
     pub fn end(&self) -> i64 {
-        self.start + self.points.last().map_or(0, |point| point.time)
+        self.start.saturating_add(self.points.last().map_or(0, |point| point.time))
     }
 }
 

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Guide;
 use super::error::{ModelError, nearest};
+use crate::text_file;
 
 /// Guides by name. The built-in catalogue holds the three guides of the paper; a user's own stand
 /// beside them.
@@ -156,7 +157,7 @@ impl Catalogue {
 
     /// Reads a file of a user's entries.
     pub fn load(path: &Path) -> Result<Catalogue, ModelError> {
-        let text = std::fs::read_to_string(path).map_err(|source| ModelError::ReadCatalogue {
+        let text = text_file::read(path).map_err(|source| ModelError::ReadCatalogue {
             path: path.display().to_string(),
             source,
         })?;

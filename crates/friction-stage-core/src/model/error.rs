@@ -12,6 +12,11 @@ pub enum ModelError {
     Yaml { origin: String, message: String, hint: String },
     #[error("{origin}: is empty; a model with every value at its default is `{{}}`")]
     Empty { origin: String },
+    #[error(
+        "{origin}: names the catalogue {path:?}; only a model file may: write the parameters of \
+         its guides in the place of their names"
+    )]
+    CatalogueOutsideFile { origin: String, path: std::path::PathBuf },
     #[error("cannot write the model: {message}")]
     Write { message: String },
     #[error("{key} is {value}, must {limit}")]

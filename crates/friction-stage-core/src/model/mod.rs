@@ -25,6 +25,8 @@ pub use guide::{Guide, GuideSource, PartialGuide};
 pub use joint::JointType;
 pub use stroke::Stroke;
 
+use crate::text_file;
+
 /// Most guides that one stage may have: the plant integrates this many lanes at once.
 pub const MAX_GUIDES: usize = 4;
 
@@ -197,10 +199,10 @@ impl StageModel {
         })
     }
 
-    /// Reads and checks a model; `origin` names the text in errors (a path, a parameter). Its
-    /// catalogue is relative to the working directory.
+    /// Reads and checks a model; `origin` names the text in errors (a bag, a parameter). A text
+    /// that is no file opens none: a `catalogue` in it is refused.
     pub fn from_yaml(text: &str, origin: &str) -> Result<StageModel, ModelError> {
-        StageModel::read(text, origin, Path::new(""))
+        StageModel::read(text, origin, None)
     }
 
     /// The model that a user names: a guide of the catalogue for the stage on four of it,
@@ -223,12 +225,12 @@ impl StageModel {
 
     /// Reads and checks a model file.
     pub fn load(path: &Path) -> Result<StageModel, ModelError> {
-        let text = std::fs::read_to_string(path)
+        let text = text_file::read(path)
             .map_err(|source| ModelError::Read { path: path.display().to_string(), source })?;
-        StageModel::read(&text, &path.display().to_string(), path.parent().unwrap_or(Path::new("")))
+        StageModel::read(&text, &path.display().to_string(), path.parent())
     }
 
-    fn read(text: &str, origin: &str, directory: &Path) -> Result<StageModel, ModelError> {
+    fn read(text: &str, origin: &str, directory: Option<&Path>) -> Result<StageModel, ModelError> {
         // Every key has a default, but a file that was cut off to nothing is no wish for all of
         // them.
         if text
@@ -239,8 +241,12 @@ impl StageModel {
         }
         let mut model: StageModel =
             serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
-        if let Some(path) = model.catalogue.take() {
-            model.guides_from(&directory.join(path))?;
+        match (model.catalogue.take(), directory) {
+            (Some(path), Some(directory)) => model.guides_from(&directory.join(path))?,
+            (Some(path), None) => {
+                return Err(ModelError::CatalogueOutsideFile { origin: origin.to_owned(), path });
+            }
+            (None, _) => {}
         }
         model.check()?;
         Ok(model)
@@ -413,6 +419,12 @@ mod tests {
         assert_eq!(model.resolved_guides().unwrap(), [mine.clone(), two, mine]);
         // Written out, as into a bag, it is read where the catalogue is not.
         assert_eq!(StageModel::from_yaml(&model.to_yaml().unwrap(), "bag").unwrap(), model);
+
+        // A text that is no file, as one from a bag, opens none.
+        let text = format!("catalogue: {}/guides/own.yaml\n", directory.path().display());
+        let refused = StageModel::from_yaml(&text, "model.yaml in a bag").unwrap_err().to_string();
+        assert!(refused.contains("only a model file may"), "{refused}");
+        assert!(load(&text).is_ok());
 
         let message = |text: &str| load(text).unwrap_err().to_string();
         let unknown = message("catalogue: guides/own.yaml\nguides: [my_gide]\n");

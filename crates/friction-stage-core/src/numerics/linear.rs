@@ -7,6 +7,10 @@ use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 /// length.
 const LEAST_PIVOT: f64 = 1e-6;
 
+/// Most iterations of a decomposition, which needs some tens. Without a bound one of a matrix that
+/// is not finite never ends.
+pub const DECOMPOSITION: usize = 10_000;
+
 /// Solves the normal equations `normal` x = `right`; `None` where a column is a sum of the others,
 /// or zero.
 pub fn solve_normal<const N: usize>(
@@ -28,7 +32,8 @@ pub fn solve_normal<const N: usize>(
 }
 
 /// The shortest x, in lengths of the columns, that leaves least of `matrix` x - `right`: directions
-/// whose singular value is below `rank` times the largest one have no part in it.
+/// whose singular value is below `rank` times the largest one have no part in it. `None` where the
+/// numbers are not finite.
 pub fn least_norm(
     mut matrix: DMatrix<f64>,
     right: &DVector<f64>,
@@ -39,7 +44,7 @@ pub fn least_norm(
     for (mut column, scale) in matrix.column_iter_mut().zip(&scales) {
         column /= *scale;
     }
-    let decomposed = matrix.svd(true, true);
+    let decomposed = matrix.try_svd(true, true, 5.0 * f64::EPSILON, DECOMPOSITION)?;
     let tolerance = rank * decomposed.singular_values.max();
     let mut solution = decomposed.solve(right, tolerance).ok()?;
     solution.iter_mut().zip(&scales).for_each(|(value, scale)| *value /= scale);
@@ -49,6 +54,21 @@ pub fn least_norm(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_that_are_not_finite_have_no_solution() {
+        for bad in [f64::NAN, f64::INFINITY, 1e308] {
+            let columns =
+                DMatrix::from_fn(
+                    20,
+                    3,
+                    |row, column| if row == 7 { bad } else { (row + column) as f64 },
+                );
+            let right = DVector::from_element(20, 1.0);
+            let found = least_norm(columns, &right, 1e-9);
+            assert!(found.is_none_or(|found| bad == 1e308 && found.len() == 3));
+        }
+    }
 
     /// Columns in nanometres and in kilometres, and one that is their sum.
     #[test]

@@ -5,7 +5,8 @@
 //! on at the next chunk that the file's own index knows, if the index survived. Message data are
 //! read later, a chunk at a time.
 
-use std::collections::{BTreeMap, HashMap};
+use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fs::File;
 use std::io::Read;
 use std::os::unix::fs::FileExt;
@@ -17,6 +18,8 @@ use mcap::records::{ChunkIndex, MessageHeader, Record, Statistics, op};
 use serde::Serialize;
 
 use super::error::BagError;
+use super::limits;
+use super::records;
 
 /// Opcode and length before every record.
 const HEAD: u64 = 9;
@@ -24,8 +27,6 @@ const HEAD: u64 = 9;
 const MESSAGE_HEAD: u64 = 22;
 /// Footer record with its head, and the magic after it.
 const FOOTER: u64 = HEAD + 20;
-/// Largest chunk (unpacked) and largest single record outside of chunks that is read into memory.
-const LARGEST: u64 = 256 * 1024 * 1024;
 /// Loose messages that are read together.
 const LOOSE: u64 = 1024 * 1024;
 /// Bytes read ahead while scanning.
@@ -57,6 +58,34 @@ impl Damage {
     }
 }
 
+/// Damaged places, each once. Of a file with very many of them the first ones are told.
+#[derive(Debug, Default)]
+pub(crate) struct Places {
+    list: Vec<Damage>,
+    known: HashSet<(PathBuf, u64)>,
+}
+
+impl Places {
+    pub fn new(list: Vec<Damage>) -> Self {
+        let known = list.iter().map(|damage| (damage.path.clone(), damage.offset)).collect();
+        Self { list, known }
+    }
+
+    /// Adds a place; how many bytes it has is only asked for where it is new.
+    pub fn note(&mut self, mut damage: Damage, bytes: impl FnOnce(&Damage) -> u64) {
+        if self.list.len() < 2 * limits::PLACES
+            && self.known.insert((damage.path.clone(), damage.offset))
+        {
+            damage.bytes = bytes(&damage);
+            self.list.push(damage);
+        }
+    }
+
+    pub fn into_list(self) -> Vec<Damage> {
+        self.list
+    }
+}
+
 /// Schema of a channel.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Schema {
@@ -75,6 +104,8 @@ pub(crate) struct Span {
     pub start: u64,
     /// Last log time in it, ns.
     pub end: u64,
+    /// Bytes that it says it unpacks to; those that it has, outside of chunks.
+    pub unpacked: u64,
 }
 
 /// One message of a span: its header and where its data are in the span's bytes.
@@ -98,6 +129,26 @@ pub(crate) struct Unpacked {
 pub(crate) struct Directory {
     pub schemas: HashMap<u16, Schema>,
     pub channels: BTreeMap<u16, mcap::records::Channel>,
+    /// Bytes of all of them.
+    bytes: u64,
+}
+
+/// Where [`Layout::unpack`] knows the channels from.
+pub(crate) enum Channels<'a> {
+    /// Whatever the span declares is added.
+    Noted(&'a mut Directory),
+    /// All are known.
+    Known(&'a Directory),
+}
+
+impl Channels<'_> {
+    fn has(&self, channel: u16) -> bool {
+        let directory = match self {
+            Self::Noted(directory) => &**directory,
+            Self::Known(directory) => directory,
+        };
+        directory.channels.contains_key(&channel)
+    }
 }
 
 impl Directory {
@@ -105,27 +156,41 @@ impl Directory {
     fn note(&mut self, record: Record<'_>) {
         match record {
             Record::Schema { header, data } => {
-                self.schemas.entry(header.id).or_insert_with(|| Schema {
-                    name: header.name,
-                    encoding: header.encoding,
-                    data: data.into_owned(),
+                self.schemas.entry(header.id).or_insert_with(|| {
+                    self.bytes += data.len() as u64;
+                    Schema { name: header.name, encoding: header.encoding, data: data.into_owned() }
                 });
             }
             Record::Channel(channel) => {
-                self.channels.entry(channel.id).or_insert(channel);
+                self.channels.entry(channel.id).or_insert_with(|| {
+                    let metadata = channel.metadata.iter();
+                    let texts = metadata.map(|(key, value)| 100 + key.len() + value.len());
+                    self.bytes += (channel.topic.len() + texts.sum::<usize>()) as u64;
+                    channel
+                });
             }
             _ => {}
         }
     }
+
+    /// Whether it has taken in as much as a file may declare.
+    fn is_full(&self) -> bool {
+        self.bytes > limits::DIRECTORY
+    }
 }
 
-/// An attachment, whole.
+/// An attachment: its name, and where its record is.
 #[derive(Debug, Clone)]
 pub(crate) struct StoredAttachment {
     pub name: String,
-    pub media_type: String,
-    pub log_time: u64,
-    pub create_time: u64,
+    /// Of the body of the record.
+    offset: u64,
+    length: u64,
+}
+
+/// An attachment with what is in it.
+pub(crate) struct Attached {
+    pub header: mcap::records::AttachmentHeader,
     pub data: Vec<u8>,
 }
 
@@ -233,7 +298,7 @@ fn read_summary(
     if !tail.ends_with(MAGIC) || tail[0] != op::FOOTER || u64_at(&tail, 1) != Some(FOOTER - HEAD) {
         return Ok(None);
     }
-    let Ok(Record::Footer(footer)) = mcap::parse_record(op::FOOTER, &tail[9..29]) else {
+    let Ok(Record::Footer(footer)) = records::parse(op::FOOTER, &tail[9..29]) else {
         return Ok(None);
     };
     let damage = |expected: String, found: String| Damage {
@@ -253,9 +318,9 @@ fn read_summary(
         ))));
     }
     let length = at - footer.summary_start;
-    if length > LARGEST {
+    if length > limits::INDEX {
         return Ok(Some(Err(damage(
-            format!("an index of at most {LARGEST} bytes"),
+            format!("an index of at most {} bytes", limits::INDEX),
             format!("{length} bytes"),
         ))));
     }
@@ -290,17 +355,23 @@ fn read_summary(
                 format!("one cut short at byte {}", footer.summary_start + at as u64),
             ))));
         };
-        match mcap::parse_record(bytes[at], body) {
+        match records::parse(bytes[at], body) {
             Ok(Record::Statistics(statistics)) => summary.statistics = Some(statistics),
             Ok(Record::ChunkIndex(chunk)) => summary.chunks.push(chunk),
             Ok(record @ (Record::Schema { .. } | Record::Channel(_))) => {
                 summary.directory.note(record);
+                if summary.directory.is_full() {
+                    return Ok(Some(Err(damage(
+                        format!("schemas and channels of at most {} bytes", limits::DIRECTORY),
+                        "more in the index".into(),
+                    ))));
+                }
             }
             Ok(_) => {}
             Err(e) => {
                 return Ok(Some(Err(damage(
                     format!("a {} record in the index", record_name(bytes[at])),
-                    e.to_string(),
+                    e,
                 ))));
             }
         }
@@ -310,8 +381,8 @@ fn read_summary(
     Ok(Some(Ok(summary)))
 }
 
-/// Finds the records of an MCAP file, which people know as `path`.
-pub(crate) fn scan(path: &Path, file: File) -> Result<Layout, BagError> {
+/// Finds the records of an MCAP file, which people know as `path`, where it takes `stored` bytes.
+pub(crate) fn scan(path: &Path, file: File, stored: Option<u64>) -> Result<Layout, BagError> {
     let size = file.metadata().map_err(|e| BagError::reading(path, e))?.len();
     let mut window = Window { path, file: &file, start: 0, bytes: Vec::new() };
     let summary = read_summary(&mut window, size)?;
@@ -324,6 +395,8 @@ pub(crate) fn scan(path: &Path, file: File) -> Result<Layout, BagError> {
         attachments: Vec::new(),
         damage: Vec::new(),
         data_end: None,
+        room: limits::unpacked(stored.unwrap_or(size)),
+        declared: 0,
     };
     scanner.run(match &summary {
         Some(Ok(summary)) => Some(summary),
@@ -367,6 +440,10 @@ struct Scanner<'a> {
     attachments: Vec<StoredAttachment>,
     damage: Vec<Damage>,
     data_end: Option<(u64, u32)>,
+    /// Bytes that chunks may still unpack to.
+    room: u64,
+    /// Bytes of the records of metadata.
+    declared: u64,
 }
 
 /// What the record at an offset is.
@@ -381,6 +458,16 @@ impl Scanner<'_> {
     fn run(&mut self, summary: Option<&Summary>) -> Result<(), BagError> {
         let mut offset = MAGIC.len() as u64;
         loop {
+            if let Some((expected, found)) = self.excess() {
+                self.damage.push(Damage {
+                    path: self.window.path.to_owned(),
+                    offset,
+                    bytes: self.size - offset,
+                    expected,
+                    found,
+                });
+                return Ok(());
+            }
             match self.record(offset)? {
                 Ok(Step::To(next)) => offset = next,
                 Ok(Step::End) => return Ok(()),
@@ -406,6 +493,25 @@ impl Scanner<'_> {
                 }
             }
         }
+    }
+
+    /// What a file has too much of for the rest of it to be read.
+    fn excess(&self) -> Option<(String, String)> {
+        if self.damage.len() >= limits::PLACES {
+            return Some((
+                "a recording".into(),
+                format!("{} damaged places before it; the rest is not read", limits::PLACES),
+            ));
+        }
+        let at_most =
+            |bytes: u64| format!("schemas, channels and metadata of at most {bytes} bytes");
+        if self.directory.is_full() || self.declared > limits::DIRECTORY {
+            return Some((at_most(limits::DIRECTORY), "more; the rest is not read".into()));
+        }
+        (self.spans.len() >= limits::SPANS).then(|| {
+            let expected = format!("at most {} chunks", limits::SPANS);
+            (expected, "more; the rest is not read".into())
+        })
     }
 
     /// Takes in the record at `offset`. The inner error says what was expected and what is there.
@@ -434,7 +540,7 @@ impl Scanner<'_> {
         }
         let body = offset + HEAD;
         let next = body + length;
-        let unreadable = |e: mcap::McapError| (format!("a {name} record"), e.to_string());
+        let unreadable = |e: String| (format!("a {name} record"), e);
         match opcode {
             op::CHUNK => {
                 // start, end, size, checksum, length of the name of the compression
@@ -446,13 +552,26 @@ impl Scanner<'_> {
                     )));
                 }
                 let bytes = self.window.get(body, FIXED)?;
-                self.spans.push(Span {
-                    offset,
-                    length: HEAD + length,
-                    is_chunk: true,
-                    start: u64_at(bytes, 0).unwrap_or(0),
-                    end: u64_at(bytes, 8).unwrap_or(0),
-                });
+                let at = |at: usize| u64_at(bytes, at).unwrap_or(0);
+                let (start, end, unpacked) = (at(0), at(8), at(16));
+                let span =
+                    Span { offset, length: HEAD + length, is_chunk: true, start, end, unpacked };
+                match self.room.checked_sub(unpacked) {
+                    Some(room) => {
+                        self.room = room;
+                        self.spans.push(span);
+                    }
+                    None => self.damage.push(Damage {
+                        path: self.window.path.to_owned(),
+                        offset,
+                        bytes: span.length,
+                        expected: format!(
+                            "chunks that unpack to at most {} bytes together",
+                            limits::unpacked(self.size)
+                        ),
+                        found: format!("one of {unpacked} bytes beyond them"),
+                    }),
+                }
             }
             op::MESSAGE => {
                 if length < MESSAGE_HEAD {
@@ -469,6 +588,7 @@ impl Scanner<'_> {
                             && span.length < LOOSE =>
                     {
                         span.length += HEAD + length;
+                        span.unpacked = span.length;
                         span.start = span.start.min(time);
                         span.end = span.end.max(time);
                     }
@@ -478,21 +598,25 @@ impl Scanner<'_> {
                         is_chunk: false,
                         start: time,
                         end: time,
+                        unpacked: HEAD + length,
                     }),
                 }
             }
             op::SCHEMA | op::CHANNEL | op::METADATA | op::ATTACHMENT | op::DATA_END
-                if length <= LARGEST =>
+                if length
+                    <= if opcode == op::ATTACHMENT { limits::CHUNK } else { limits::DIRECTORY } =>
             {
-                match mcap::parse_record(opcode, self.window.get(body, length)?) {
-                    Ok(Record::Metadata(m)) => self.metadata.push((m.name, m.metadata)),
-                    Ok(Record::Attachment { header, data, .. }) => {
+                match records::parse(opcode, self.window.get(body, length)?) {
+                    Ok(Record::Metadata(m)) => {
+                        self.declared += length;
+                        self.metadata.push((m.name, m.metadata));
+                    }
+                    Ok(Record::Attachment { header, .. }) => {
+                        self.declared += header.name.len() as u64 + 64;
                         self.attachments.push(StoredAttachment {
                             name: header.name,
-                            media_type: header.media_type,
-                            log_time: header.log_time,
-                            create_time: header.create_time,
-                            data: data.into_owned(),
+                            offset: body,
+                            length,
                         });
                     }
                     Ok(Record::DataEnd(end)) => {
@@ -532,6 +656,15 @@ impl Scanner<'_> {
                 }
                 return Ok(Ok(Step::End));
             }
+            op::SCHEMA | op::CHANNEL | op::METADATA | op::ATTACHMENT => {
+                self.damage.push(Damage {
+                    path: self.window.path.to_owned(),
+                    offset,
+                    bytes: HEAD + length,
+                    expected: format!("a {name} record of a size that is read"),
+                    found: format!("{length} bytes"),
+                });
+            }
             _ => {}
         }
         Ok(Ok(Step::To(next)))
@@ -539,8 +672,27 @@ impl Scanner<'_> {
 }
 
 impl Layout {
-    /// Unpacks a span: its messages, and the schemas and channels in it (noted in `directory`).
-    pub fn unpack(&self, span: &Span, directory: &mut Directory) -> Result<Unpacked, BagError> {
+    /// An attachment with its data, which its checksum has confirmed.
+    pub fn attached(&self, attachment: &StoredAttachment) -> Result<Attached, BagError> {
+        let mut record = vec![0; attachment.length as usize];
+        self.file
+            .read_exact_at(&mut record, attachment.offset)
+            .map_err(|e| BagError::reading(&self.path, e))?;
+        match records::parse(op::ATTACHMENT, &record) {
+            Ok(Record::Attachment { header, data, .. }) => {
+                Ok(Attached { header, data: data.into_owned() })
+            }
+            _ => Err(BagError::Broken {
+                path: self.path.clone(),
+                offset: attachment.offset - HEAD,
+                expected: "an attachment record".into(),
+                found: "one that has changed since".into(),
+            }),
+        }
+    }
+
+    /// Unpacks a span: its messages, and the schemas and channels in it, if they are noted.
+    pub fn unpack(&self, span: &Span, mut channels: Channels<'_>) -> Result<Unpacked, BagError> {
         let damage = |expected: String, found: String| Damage {
             path: self.path.clone(),
             offset: span.offset,
@@ -550,9 +702,9 @@ impl Layout {
         };
         let nothing =
             |damage| Unpacked { bytes: Arc::default(), messages: Vec::new(), damage: Some(damage) };
-        if span.length > LARGEST {
+        if span.length > limits::CHUNK {
             return Ok(nothing(damage(
-                format!("a chunk of at most {LARGEST} bytes"),
+                format!("a chunk of at most {} bytes", limits::CHUNK),
                 format!("{} bytes", span.length),
             )));
         }
@@ -572,6 +724,13 @@ impl Layout {
         let mut problem = None;
         let mut at = 0usize;
         while at < bytes.len() {
+            if messages.len() >= limits::CHUNK_MESSAGES {
+                problem = Some(damage(
+                    format!("at most {} messages in a chunk", limits::CHUNK_MESSAGES),
+                    format!("more, from {at} bytes into it on"),
+                ));
+                break;
+            }
             let body = u64_at(&bytes, at + 1)
                 .and_then(|length| usize::try_from(length).ok())
                 .and_then(|length| (at + 9).checked_add(length))
@@ -584,10 +743,8 @@ impl Layout {
                 break;
             };
             let from = at + HEAD as usize + MESSAGE_HEAD as usize;
-            match mcap::parse_record(bytes[at], &bytes[at + 9..end]) {
-                Ok(Record::Message { header, .. })
-                    if directory.channels.contains_key(&header.channel_id) =>
-                {
+            match records::parse(bytes[at], &bytes[at + 9..end]) {
+                Ok(Record::Message { header, .. }) if channels.has(header.channel_id) => {
                     messages.push(Located { header, from, to: end });
                 }
                 Ok(Record::Message { header, .. }) => {
@@ -598,13 +755,24 @@ impl Layout {
                         )
                     });
                 }
-                Ok(record) => directory.note(record),
+                Ok(record) => {
+                    if let Channels::Noted(directory) = &mut channels {
+                        directory.note(record);
+                        if directory.is_full() {
+                            problem = Some(damage(
+                                format!(
+                                    "schemas and channels of at most {} bytes",
+                                    limits::DIRECTORY
+                                ),
+                                format!("more, from {at} bytes into the chunk on"),
+                            ));
+                            break;
+                        }
+                    }
+                }
                 Err(e) => {
                     problem.get_or_insert_with(|| {
-                        damage(
-                            format!("a {} record in the chunk", record_name(bytes[at])),
-                            e.to_string(),
-                        )
+                        damage(format!("a {} record in the chunk", record_name(bytes[at])), e)
                     });
                 }
             }
@@ -645,29 +813,42 @@ impl Layout {
     }
 }
 
+thread_local! {
+    /// To make one takes longer than to unpack a small chunk.
+    static UNPACKER: RefCell<Option<zstd::bulk::Decompressor<'static>>> = const {
+        RefCell::new(None)
+    };
+}
+
 /// Unpacks the body of a chunk record and compares its checksum.
 fn unpack_chunk(body: &[u8]) -> Result<Vec<u8>, (String, String)> {
-    let (header, data) = match mcap::parse_record(op::CHUNK, body) {
+    let (header, data) = match records::parse(op::CHUNK, body) {
         Ok(Record::Chunk { header, data }) => (header, data),
         Ok(_) => return Err(("a chunk record".into(), "another".into())),
-        Err(e) => return Err(("a chunk record".into(), e.to_string())),
+        Err(e) => return Err(("a chunk record".into(), e)),
     };
-    if header.uncompressed_size > LARGEST {
+    if header.uncompressed_size > limits::CHUNK {
         return Err((
-            format!("a chunk of at most {LARGEST} bytes unpacked"),
+            format!("a chunk of at most {} bytes unpacked", limits::CHUNK),
             format!("{} bytes", header.uncompressed_size),
         ));
     }
     // one byte more than declared shows a chunk that is too long
     let limit = header.uncompressed_size + 1;
-    let mut bytes = Vec::new();
+    // Bounded, and what is not filled is not touched.
+    let mut bytes = Vec::with_capacity(limit as usize);
     let unpacked = match header.compression.as_str() {
         "" => {
             bytes.extend_from_slice(&data);
             Ok(data.len())
         }
-        "zstd" => zstd::Decoder::new(&data[..])
-            .and_then(|decoder| decoder.take(limit).read_to_end(&mut bytes)),
+        "zstd" => UNPACKER.with_borrow_mut(|unpacker| {
+            let unpacker = match unpacker {
+                Some(unpacker) => unpacker,
+                none => none.insert(zstd::bulk::Decompressor::new()?),
+            };
+            unpacker.decompress_to_buffer(&data[..], &mut bytes)
+        }),
         "lz4" => lz4::Decoder::new(&data[..])
             .and_then(|decoder| decoder.take(limit).read_to_end(&mut bytes)),
         other => {

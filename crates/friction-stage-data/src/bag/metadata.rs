@@ -8,6 +8,8 @@ use std::path::{Component, Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::error::BagError;
+use super::limits;
+use friction_stage_core::text_file;
 
 /// Name of the file in the directory.
 pub(crate) const FILE_NAME: &str = "metadata.yaml";
@@ -183,7 +185,7 @@ impl Found {
     /// Reads `metadata.yaml` of `directory`; `None` if there is none.
     pub fn read(directory: &Path) -> Result<Option<Self>, BagError> {
         let path = directory.join(FILE_NAME);
-        let text = match fs::read_to_string(&path) {
+        let text = match text_file::read(&path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(source) => return Err(BagError::reading(&path, source)),
@@ -238,6 +240,11 @@ impl Found {
     /// # Errors
     /// [`BagError::NotABag`] where a path leads out of it: a bag opens nothing but itself.
     pub fn paths(&self, directory: &Path) -> Result<Vec<PathBuf>, BagError> {
+        let count = self.relative_file_paths().len();
+        if count > limits::FILES {
+            let reason = format!("it names {count} files, at most {} are read", limits::FILES);
+            return Err(BagError::NotABag { path: directory.join(FILE_NAME), reason });
+        }
         let has_directory = self.version.is_some_and(|version| version < Self::PLAIN_PATHS);
         let inside = |text: &String| {
             let path = Path::new(text);

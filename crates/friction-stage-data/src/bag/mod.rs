@@ -7,10 +7,12 @@
 
 mod error;
 mod file;
+mod limits;
 mod metadata;
 mod provenance;
 mod qos;
 mod reader;
+mod records;
 mod recover;
 mod sqlite;
 mod storage;
@@ -19,6 +21,7 @@ mod writer;
 
 pub use error::BagError;
 pub use file::Damage;
+pub(crate) use file::Places;
 pub use provenance::{LOCKSTEP_EPOCH, Provenance};
 pub use qos::{Durability, History, OfferedQos, Reliability};
 pub use reader::{BagMessage, BagReader, Messages, Topic};

@@ -5,7 +5,8 @@
 //! of the files whose times overlap at the place that is being read.
 
 use std::cmp::Reverse;
-use std::collections::{BTreeMap, BinaryHeap, VecDeque};
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeMap, BinaryHeap, HashMap, VecDeque};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,7 +14,8 @@ use std::sync::Arc;
 use rusqlite::Connection;
 
 use super::error::BagError;
-use super::file::{Damage, Directory, Layout, Span, StoredAttachment};
+use super::file::{Attached, Channels, Damage, Directory, Layout, Span};
+use super::limits;
 use super::metadata::Found;
 use super::provenance::{METADATA_NAME, MODEL_NAME, Provenance};
 use super::sqlite::{Database, Position};
@@ -127,6 +129,8 @@ pub struct BagReader {
     has_metadata: bool,
     metadata_count: Option<u64>,
     missing: Vec<Damage>,
+    /// Whether a definition was damaged and is that of the program now.
+    has_mended: bool,
 }
 
 impl std::fmt::Debug for BagReader {
@@ -198,8 +202,11 @@ impl BagReader {
         let provenance = files.iter().filter_map(OpenFile::layout).find_map(|layout| {
             let (_, map) = layout.metadata.iter().find(|(n, _)| n == METADATA_NAME)?;
             let model = layout.attachments.iter().find(|a| a.name == MODEL_NAME);
-            let model =
-                model.map_or_else(String::new, |a| String::from_utf8_lossy(&a.data).into_owned());
+            let model = model
+                .and_then(|model| layout.attached(model).ok())
+                .map_or_else(String::new, |model| {
+                    String::from_utf8_lossy(&model.data).into_owned()
+                });
             Some(Provenance::from_map(map.clone(), model))
         });
         let mut reader = Self {
@@ -210,6 +217,7 @@ impl BagReader {
             has_metadata: metadata.is_some(),
             metadata_count: metadata.as_ref().and_then(Found::message_count),
             missing,
+            has_mended: false,
         };
         reader.find_topics(metadata.as_ref())?;
         Ok(reader)
@@ -223,11 +231,17 @@ impl BagReader {
             let topics = file.topics_in_it()?;
             found.extend(topics.into_iter().map(|(id, topic)| (index, id, topic)));
         }
+        let definitions: u64 = found.iter().map(|(.., topic)| topic.definition.len() as u64).sum();
+        refuse_definitions(&self.path, found.len(), definitions)?;
         let mut merged: Vec<Topic> = Vec::new();
+        let mut places: HashMap<&str, usize> = HashMap::new();
         for (_, _, topic) in &found {
-            match merged.iter_mut().find(|known| known.name == topic.name) {
-                Some(known) => known.messages += topic.messages,
-                None => merged.push(topic.clone()),
+            match places.entry(&topic.name) {
+                Entry::Occupied(known) => merged[*known.get()].messages += topic.messages,
+                Entry::Vacant(place) => {
+                    place.insert(merged.len());
+                    merged.push(topic.clone());
+                }
             }
         }
         let inside: Vec<Found> = self.files.iter().filter_map(OpenFile::own_metadata).collect();
@@ -242,8 +256,8 @@ impl BagReader {
         let share = |topics: Vec<Topic>, files: &mut [OpenFile]| -> Vec<Arc<Topic>> {
             let topics: Vec<Arc<Topic>> = topics.into_iter().map(Arc::new).collect();
             for (file, id, topic) in &found {
-                if let Some(shared) = topics.iter().find(|shared| shared.name == topic.name) {
-                    files[*file].topics.insert(*id, Arc::clone(shared));
+                if let Some(place) = places.get(topic.name.as_str()) {
+                    files[*file].topics.insert(*id, Arc::clone(&topics[*place]));
                 }
             }
             topics
@@ -255,12 +269,13 @@ impl BagReader {
                 topic.type_name = kind.unwrap_or_default();
                 topic.fitting_types = fitting;
             }
-            if topic.definition.is_empty()
-                && let Some((package, name)) = topic.type_name.split_once("/msg/")
-                && let Some(text) = known::definition(&format!("{package}/{name}"))
-            {
+            let (kind, encoding) = (&topic.type_name, &topic.schema_encoding);
+            if let Some(text) = known::mended(kind, encoding, &topic.definition) {
+                self.has_mended |= !topic.definition.is_empty();
                 topic.schema_encoding = "ros2msg".into();
                 topic.definition = text.into_bytes();
+                // A type of ROS 2 is in nothing else.
+                topic.message_encoding = "cdr".into();
             }
         }
         self.topics = share(merged, &mut self.files);
@@ -337,6 +352,11 @@ impl BagReader {
         self.topics.iter().find(|t| t.name == name)
     }
 
+    /// The place of each topic among [`topics`](Self::topics), by its name.
+    pub(crate) fn places(&self) -> HashMap<&str, usize> {
+        self.topics.iter().enumerate().map(|(place, topic)| (topic.name.as_str(), place)).collect()
+    }
+
     /// Where the recording comes from, if it says.
     pub fn provenance(&self) -> Option<&Provenance> {
         self.provenance.as_ref()
@@ -379,6 +399,11 @@ impl BagReader {
         self.missing.is_empty() && self.files.iter().all(OpenFile::is_complete)
     }
 
+    /// Whether a definition in it is damaged, in whose place that of the program is read.
+    pub(crate) fn has_mended(&self) -> bool {
+        self.has_mended
+    }
+
     /// Whether the recording is a directory with a readable `metadata.yaml`.
     pub fn has_metadata(&self) -> bool {
         self.has_metadata
@@ -409,9 +434,12 @@ impl BagReader {
             .iter()
             .filter_map(OpenFile::layout)
             .filter(|layout| layout.path == path)
-            .flat_map(|layout| &layout.spans)
-            .find(|s| s.offset == offset)
-            .map_or(0, |s| s.length)
+            .find_map(|layout| {
+                // They are in the order of the file.
+                let place = layout.spans.binary_search_by_key(&offset, |span| span.offset).ok()?;
+                Some(layout.spans[place].length)
+            })
+            .unwrap_or(0)
     }
 
     /// MCAP metadata records, for copying.
@@ -420,8 +448,10 @@ impl BagReader {
     }
 
     /// Attachments, for copying.
-    pub(crate) fn attachments(&self) -> impl Iterator<Item = &StoredAttachment> {
-        self.files.iter().filter_map(OpenFile::layout).flat_map(|layout| &layout.attachments)
+    pub(crate) fn attachments(&self) -> impl Iterator<Item = Result<Attached, BagError>> {
+        self.files.iter().filter_map(OpenFile::layout).flat_map(|layout| {
+            layout.attachments.iter().map(|attachment| layout.attached(attachment))
+        })
     }
 
     /// All messages in the order of log time; messages of the same time as they stand in the file.
@@ -450,6 +480,9 @@ impl BagReader {
             parts,
             connections: BTreeMap::new(),
             heap: BinaryHeap::new(),
+            open: HashMap::new(),
+            open_bytes: 0,
+            room: limits::unpacked(self.size()),
             errors: VecDeque::new(),
             last: self.damage().into(),
             ordinal: 0,
@@ -463,6 +496,18 @@ const READ_STORAGES: [&str; 3] = ["", "mcap", "sqlite3"];
 const ENOUGH: usize = 16;
 /// Messages that are looked at for that, over all topics.
 const LOOKED_AT: usize = 20_000;
+
+/// Refuses more definitions than are taken in: each topic has a copy of its own.
+fn refuse_definitions(path: &Path, topics: usize, bytes: u64) -> Result<(), BagError> {
+    if bytes <= limits::DEFINITIONS {
+        return Ok(());
+    }
+    let reason = format!(
+        "the definitions of its {topics} topics have {bytes} bytes together, read are at most {}",
+        limits::DEFINITIONS
+    );
+    Err(BagError::NotABag { path: path.to_owned(), reason })
+}
 
 /// A time of a database as log time, ns.
 fn log_time(time: i64) -> u64 {
@@ -572,13 +617,17 @@ impl OpenFile {
             _ => {
                 // without an index the channels stand in the chunks only
                 for span in &layout.spans {
-                    let unpacked = layout.unpack(span, &mut self.directory)?;
+                    let unpacked = layout.unpack(span, Channels::Noted(&mut self.directory))?;
                     for message in unpacked.messages {
                         *counts.entry(message.header.channel_id).or_insert(0) += 1;
                     }
                 }
             }
         }
+        let schemas = self.directory.channels.values().map(|channel| channel.schema_id);
+        let schemas = schemas.filter_map(|id| self.directory.schemas.get(&id));
+        let bytes = schemas.map(|schema| schema.data.len() as u64).sum();
+        refuse_definitions(self.path(), self.directory.channels.len(), bytes)?;
         let topic = |(id, channel): (&u16, &mcap::records::Channel)| {
             let schema = self.directory.schemas.get(&channel.schema_id).cloned();
             let schema = schema.unwrap_or_default();
@@ -654,6 +703,11 @@ pub struct Messages<'a> {
     /// To the databases that are being read.
     connections: BTreeMap<usize, Connection>,
     heap: BinaryHeap<Reverse<Waiting>>,
+    /// Messages that wait of each part that is open, and the bytes that the part takes.
+    open: HashMap<(usize, u64), (usize, u64)>,
+    open_bytes: u64,
+    /// Bytes that messages which are compressed one by one may still unpack to.
+    room: u64,
     errors: VecDeque<BagError>,
     last: VecDeque<Damage>,
     ordinal: u64,
@@ -682,13 +736,28 @@ impl Messages<'_> {
 
     fn unpack(&mut self, index: usize, layout: &Layout, span: &Span) {
         let file = &self.reader.files[index];
+        let needed = span.unpacked;
+        if self.open_bytes + needed > limits::OPEN {
+            return self.errors.push_back(BagError::Broken {
+                path: layout.path.clone(),
+                offset: span.offset,
+                expected: format!(
+                    "chunks whose times overlap to have at most {} bytes together",
+                    limits::OPEN
+                ),
+                found: format!("one of {needed} bytes beyond them"),
+            });
+        }
         // every channel is known since the bag was opened
-        let mut directory = file.directory.clone();
-        let unpacked = match layout.unpack(span, &mut directory) {
+        let unpacked = match layout.unpack(span, Channels::Known(&file.directory)) {
             Ok(unpacked) => unpacked,
             Err(error) => return self.errors.push_back(error),
         };
         let mut undeclared = None;
+        let place = (index, span.offset);
+        let bytes =
+            unpacked.bytes.len() as u64 + unpacked.messages.len() as u64 * limits::BESIDE_MESSAGE;
+        let mut waiting = 0;
         for located in unpacked.messages {
             let Some(topic) = file.topics.get(&i64::from(located.header.channel_id)) else {
                 undeclared = Some(located.header.channel_id);
@@ -703,7 +772,12 @@ impl Messages<'_> {
                 from: located.from,
                 to: located.to,
             };
-            self.wait(message, (index, span.offset));
+            self.wait(message, place);
+            waiting += 1;
+        }
+        if waiting > 0 {
+            self.open.insert(place, (waiting, bytes));
+            self.open_bytes += bytes;
         }
         if let Some(damage) = unpacked.damage {
             self.errors.push_back(damage.error());
@@ -758,21 +832,34 @@ impl Messages<'_> {
         }
     }
 
+    /// A message of this part has had its turn.
+    fn close(&mut self, place: (usize, u64)) {
+        if let Some((waiting, bytes)) = self.open.get_mut(&place) {
+            *waiting -= 1;
+            if *waiting == 0 {
+                self.open_bytes -= *bytes;
+                self.open.remove(&place);
+            }
+        }
+    }
+
     /// The message, unpacked if its recorder compressed it.
-    fn unpacked(&self, waiting: Waiting) -> Result<BagMessage, BagError> {
+    fn unpacked(&mut self, waiting: Waiting) -> Result<BagMessage, BagError> {
         let mut message = waiting.message;
         if !message.starts_with(&ZSTD_MAGIC) {
             return Ok(message);
         }
-        let bytes = unpack_message(&message).map_err(|found| BagError::Broken {
+        let most = self.room.min(limits::CHUNK);
+        let bytes = unpack_message(&message, most).map_err(|found| BagError::Broken {
             path: self.reader.files[waiting.place.0].path().to_owned(),
             offset: waiting.place.1,
             expected: format!(
-                "a message on {} at {} ns that unpacks with zstd to at most 256 MiB",
+                "a message on {} at {} ns that unpacks with zstd to at most {most} bytes",
                 message.topic.name, message.log_time
             ),
             found,
         })?;
+        self.room -= bytes.len() as u64;
         (message.from, message.to) = (0, bytes.len());
         message.chunk = Arc::new(bytes);
         Ok(message)
@@ -798,6 +885,7 @@ impl Iterator for Messages<'_> {
             }
         }
         if let Some(Reverse(waiting)) = self.heap.pop() {
+            self.close(waiting.place);
             return Some(self.unpacked(waiting));
         }
         self.last.pop_front().map(|damage| Err(damage.error()))

@@ -8,10 +8,11 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::error::BagError;
-use super::file::Damage;
+use super::file::{Attached, Damage, Places};
 use super::provenance::FLUSH_INTERVAL_KEY;
-use super::reader::BagReader;
+use super::reader::{BagReader, Topic};
 use super::writer::{BagOptions, BagWriter, TopicDescription};
+use crate::message::type_layout::TypeLayout;
 
 /// Messages kept of one topic.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -67,12 +68,13 @@ pub fn recover(path: &Path, out: Option<&Path>) -> Result<RecoverReport, BagErro
         writer.write_metadata(name, metadata.clone())?;
     }
     for attachment in reader.attachments() {
+        let Attached { header, data } = attachment?;
         writer.write_attachment(&mcap::Attachment {
-            log_time: attachment.log_time,
-            create_time: attachment.create_time,
-            name: attachment.name.clone(),
-            media_type: attachment.media_type.clone(),
-            data: attachment.data.as_slice().into(),
+            log_time: header.log_time,
+            create_time: header.create_time,
+            name: header.name,
+            media_type: header.media_type,
+            data: data.into(),
         })?;
     }
     let mut ids = Vec::new();
@@ -81,24 +83,24 @@ pub fn recover(path: &Path, out: Option<&Path>) -> Result<RecoverReport, BagErro
             name: &topic.name,
             type_name: &topic.type_name,
             schema_encoding: &topic.schema_encoding,
-            definition: &topic.definition,
+            definition: readable(topic),
             message_encoding: &topic.message_encoding,
             metadata: &topic.metadata,
         })?);
     }
     let mut tally = Tally::new(reader.topics().len());
+    let places = reader.places();
     for message in reader.messages() {
         let message = match message {
             Ok(message) => message,
             Err(BagError::Broken { path, offset, expected, found }) => {
                 tally.hole_open = true;
-                tally.note(Damage { path, offset, bytes: 0, expected, found });
+                tally.damage.note(Damage { path, offset, bytes: 0, expected, found }, |_| 0);
                 continue;
             }
             Err(error) => return Err(error),
         };
-        let index =
-            reader.topics().iter().position(|t| t.name == message.topic.name).unwrap_or_default();
+        let index = places.get(message.topic.name.as_str()).copied().unwrap_or_default();
         writer.write_numbered(
             ids[index],
             message.sequence,
@@ -112,9 +114,18 @@ pub fn recover(path: &Path, out: Option<&Path>) -> Result<RecoverReport, BagErro
     Ok(report(&reader, Some(output), tally))
 }
 
+/// The definition of a topic as long as it can be read: one that cannot keeps readers from opening
+/// the whole bag.
+fn readable(topic: &Topic) -> &[u8] {
+    let parsed = |text| TypeLayout::parse(&topic.type_name, text).ok();
+    let is_readable = topic.schema_encoding != "ros2msg"
+        || std::str::from_utf8(&topic.definition).ok().and_then(parsed).is_some();
+    if is_readable { &topic.definition } else { b"" }
+}
+
 /// Whether index, metadata and every chunk are as they should be.
 fn is_whole(reader: &BagReader) -> Result<bool, BagError> {
-    if !reader.is_complete() || !reader.verify_checksums()?.is_empty() {
+    if !reader.is_complete() || reader.has_mended() || !reader.verify_checksums()?.is_empty() {
         return Ok(false);
     }
     let mut count = 0;
@@ -146,7 +157,7 @@ struct Tally {
     counts: Vec<u64>,
     last: Vec<Option<u64>>,
     range: Option<(u64, u64)>,
-    damage: Vec<Damage>,
+    damage: Places,
     hole_open: bool,
     longest_hole_ns: Option<u64>,
 }
@@ -157,7 +168,7 @@ impl Tally {
             counts: vec![0; topics],
             last: vec![None; topics],
             range: None,
-            damage: Vec::new(),
+            damage: Places::default(),
             hole_open: false,
             longest_hole_ns: None,
         }
@@ -168,13 +179,6 @@ impl Tally {
         tally.counts = reader.topics().iter().map(|t| t.messages).collect();
         tally.range = reader.time_range();
         tally
-    }
-
-    fn note(&mut self, damage: Damage) {
-        let known = |d: &Damage| d.path == damage.path && d.offset == damage.offset;
-        if !self.damage.iter().any(known) {
-            self.damage.push(damage);
-        }
     }
 
     fn count(&mut self, index: usize, log_time: u64) {
@@ -196,13 +200,11 @@ impl Tally {
 
 fn report(reader: &BagReader, output: Option<PathBuf>, tally: Tally) -> RecoverReport {
     // the structural scan knows how many bytes each place has; the reading adds damaged chunks
-    let mut damage = reader.damage();
-    for found in tally.damage {
-        if !damage.iter().any(|d| d.path == found.path && d.offset == found.offset) {
-            let bytes = reader.span_length(&found.path, found.offset);
-            damage.push(Damage { bytes, ..found });
-        }
+    let mut damage = Places::new(reader.damage());
+    for found in tally.damage.into_list() {
+        damage.note(found, |place| reader.span_length(&place.path, place.offset));
     }
+    let damage = damage.into_list();
     let flush_interval = reader
         .provenance()
         .and_then(|p| p.extra.get(FLUSH_INTERVAL_KEY))

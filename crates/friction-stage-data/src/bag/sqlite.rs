@@ -16,14 +16,17 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension, Row, ffi, pa
 
 use super::error::BagError;
 use super::file::Damage;
+use super::limits;
 use super::metadata::Found;
 
 /// Bytes of messages that are read at once, beyond the first of them.
 const PAGE: usize = 4 * 1024 * 1024;
+/// Most topics, as many as MCAP can tell apart.
+const TOPICS: u32 = 1 << 16;
 /// Messages that are read at once.
 const PAGE_ROWS: usize = 4096;
 /// Largest text or message, bytes.
-const LARGEST: i32 = 256 * 1024 * 1024;
+const LARGEST: i32 = limits::CHUNK as i32;
 
 /// A topic of the file.
 #[derive(Debug, Clone, Default)]
@@ -155,7 +158,7 @@ impl Database {
     fn has_beside(&self, ending: &str) -> bool {
         let mut name = self.file.as_os_str().to_owned();
         name.push(ending);
-        std::fs::metadata(name).is_ok_and(|found| found.len() > 0)
+        std::fs::metadata(name).is_ok_and(|found| found.is_file() && found.len() > 0)
     }
 
     /// Whether the file is shorter than it says.
@@ -204,7 +207,7 @@ impl Database {
             Some(ErrorCode::NotADatabase) => "a header of none",
             Some(ErrorCode::DatabaseCorrupt) => "pages that contradict each other",
             Some(ErrorCode::SystemIoFailure) => "pages that cannot be read",
-            Some(ErrorCode::TooBig) => "a message of more than 256 MiB",
+            Some(ErrorCode::TooBig) => "a message of more than 128 MiB",
             _ => "tables with other values than rosbag2 writes",
         };
         Damage {
@@ -240,7 +243,7 @@ impl Database {
             if topics.iter().any(|found| found == name) { name.to_owned() } else { "''".into() }
         };
         let query = format!(
-            "SELECT id, name, type, {}, {}, {} FROM topics ORDER BY id",
+            "SELECT id, name, type, {}, {}, {} FROM topics ORDER BY id LIMIT {TOPICS}",
             optional("serialization_format"),
             optional("offered_qos_profiles"),
             optional("type_description_hash")
@@ -269,8 +272,16 @@ impl Database {
                     .map_err(Ok)?
                     .into_iter()
                     .collect();
+            let mut room = limits::DEFINITIONS;
             for topic in &mut self.topics {
                 if let Some(definition) = definitions.get(&topic.type_name) {
+                    room = room.saturating_sub(definition.1.len() as u64);
+                    if room == 0 {
+                        return Err(Err(format!(
+                            "the definitions of its topics have more than {} bytes",
+                            limits::DEFINITIONS
+                        )));
+                    }
                     topic.definition = definition.clone();
                 }
             }
@@ -313,9 +324,10 @@ impl Database {
     fn note(&mut self, id: i64, messages: u64, first: i64, last: i64) {
         let (begin, end) = self.range.unwrap_or((first, last));
         self.range = Some((begin.min(first), end.max(last)));
-        match self.topics.iter_mut().find(|topic| topic.id == id) {
-            Some(topic) => topic.messages += messages,
-            None => {
+        // They are in the order of their numbers.
+        match self.topics.binary_search_by_key(&id, |topic| topic.id) {
+            Ok(place) => self.topics[place].messages += messages,
+            Err(_) => {
                 let damage = Damage {
                     path: self.path.clone(),
                     offset: 0,
@@ -336,7 +348,7 @@ impl Database {
         while let Some(from) = position {
             let page = self.page(connection, from);
             for message in &page.messages {
-                if self.topics.iter().any(|topic| topic.id == message.topic) {
+                if self.topics.binary_search_by_key(&message.topic, |topic| topic.id).is_ok() {
                     self.note(message.topic, 1, message.time, message.time);
                 }
             }
@@ -505,9 +517,12 @@ fn has_index(connection: &Connection) -> rusqlite::Result<bool> {
 }
 
 /// Names of the columns of a table; none where there is no such table.
+/// Columns of a table that has rows of its own: views, and tables of modules, could compute without
+/// end.
 fn columns(connection: &Connection, table: &str) -> rusqlite::Result<Vec<String>> {
     let query = "SELECT name FROM pragma_table_info(?1) WHERE EXISTS \
-                 (SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = ?1)";
+                 (SELECT 1 FROM sqlite_master \
+                 WHERE type = 'table' AND name = ?1 AND rootpage > 0)";
     let mut statement = connection.prepare(query)?;
     statement.query_map([table], |row| row.get(0))?.collect()
 }

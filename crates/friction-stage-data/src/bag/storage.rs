@@ -9,6 +9,7 @@ use std::io::{self, Read, Write};
 use std::os::unix::ffi::OsStrExt;
 use std::path::{Path, PathBuf};
 
+use friction_stage_core::text_file;
 use tempfile::NamedTempFile;
 
 use super::error::BagError;
@@ -88,6 +89,7 @@ impl Files {
                 }
             }
             if !paths.is_empty() {
+                all_inside(directory, &paths)?;
                 return Ok(Self { paths, missing, metadata: metadata.ok().flatten() });
             }
         }
@@ -117,9 +119,28 @@ impl Files {
         // The same file, packed and unpacked, counts once.
         let all = paths.clone();
         paths.retain(|path| !is_packed(path) || !all.contains(&path.with_extension("")));
+        all_inside(directory, &paths)?;
         // None of the files that the metadata name is there: these have new names.
         Ok(Self { paths, missing: Vec::new(), metadata: metadata.ok().flatten() })
     }
+}
+
+/// Refuses a link that leads out of the directory: a bag opens nothing but itself.
+fn all_inside(directory: &Path, paths: &[PathBuf]) -> Result<(), BagError> {
+    let whole = |path: &Path| path.canonicalize().map_err(|e| BagError::reading(path, e));
+    let home = whole(directory)?;
+    for path in paths {
+        let place = whole(path)?;
+        if !place.starts_with(&home) {
+            let reason = format!(
+                "{:?} is a link to {place:?}: a bag's files lie in its own directory; give that \
+                 file itself",
+                path.file_name().unwrap_or_default()
+            );
+            return Err(BagError::NotABag { path: directory.to_owned(), reason });
+        }
+    }
+    Ok(())
 }
 
 fn is_packed(path: &Path) -> bool {
@@ -150,12 +171,14 @@ impl StoredFile {
     /// Opens a file of any of the formats. An error means that nothing of it can be read.
     pub fn open(path: &Path) -> Result<Self, BagError> {
         let reading = |error| BagError::reading(path, error);
+        text_file::regular(path).map_err(reading)?;
         let mut file = File::open(path).map_err(reading)?;
         let begin = begin_of(&mut file).map_err(reading)?;
         match Format::of(&begin) {
-            Some(Format::Mcap) => {
-                Ok(Self { content: Content::Mcap(Box::new(scan(path, file)?)), _unpacked: None })
-            }
+            Some(Format::Mcap) => Ok(Self {
+                content: Content::Mcap(Box::new(scan(path, file, None)?)),
+                _unpacked: None,
+            }),
             Some(Format::Sqlite) => Ok(Self {
                 content: Content::Sqlite(Box::new(Database::open(path, path)?)),
                 _unpacked: None,
@@ -170,7 +193,10 @@ impl StoredFile {
         let reading = |error| BagError::reading(path, error);
         let mut content = match format {
             Format::Sqlite => Content::Sqlite(Box::new(Database::open(path, file.path())?)),
-            _ => Content::Mcap(Box::new(scan(path, file.reopen().map_err(reading)?)?)),
+            _ => {
+                let stored = std::fs::metadata(path).map_err(reading)?.len();
+                Content::Mcap(Box::new(scan(path, file.reopen().map_err(reading)?, Some(stored))?))
+            }
         };
         match &mut content {
             Content::Mcap(layout) => layout.damage.extend(damage),
@@ -210,7 +236,8 @@ fn unknown(path: &Path, begin: &[u8]) -> BagError {
 
 /// Whether a path is a directory or a file that recordings are made of.
 pub(crate) fn is_recording(path: &Path) -> bool {
-    let begin = || File::open(path).and_then(|mut file| begin_of(&mut file));
+    let open = || text_file::regular(path).and_then(|()| File::open(path));
+    let begin = || open().and_then(|mut file| begin_of(&mut file));
     path.is_dir() || begin().is_ok_and(|begin| Format::of(&begin).is_some())
 }
 
@@ -306,16 +333,13 @@ fn free_bytes(directory: &Path) -> io::Result<u64> {
     Ok((found.f_bavail as u64).saturating_mul(found.f_frsize as u64))
 }
 
-/// What is unpacked of one message, at most this many bytes.
-pub(super) const LARGEST_MESSAGE: u64 = 256 * 1024 * 1024;
-
-/// Unpacks a message. The error says why it cannot be.
-pub(super) fn unpack_message(packed: &[u8]) -> Result<Vec<u8>, String> {
+/// Unpacks a message to at most so many bytes. The error says why it cannot be.
+pub(super) fn unpack_message(packed: &[u8], most: u64) -> Result<Vec<u8>, String> {
     let mut message = Vec::new();
     zstd::Decoder::with_buffer(packed)
-        .and_then(|decoder| decoder.take(LARGEST_MESSAGE + 1).read_to_end(&mut message))
+        .and_then(|decoder| decoder.take(most + 1).read_to_end(&mut message))
         .map_err(|_| format!("{} bytes that do not unpack", packed.len()))?;
-    if message.len() as u64 > LARGEST_MESSAGE {
+    if message.len() as u64 > most {
         return Err(format!("{} bytes that unpack to more", packed.len()));
     }
     Ok(message)

@@ -5,7 +5,7 @@
 //! open chunk and what has not reached the writer. A loss of power also takes what the operating
 //! system has not brought to the disk; [`Sync`] says when it is told to.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
 use std::io::{BufWriter, Write as _};
 use std::os::unix::fs::MetadataExt as _;
@@ -128,6 +128,8 @@ pub struct BagWriter {
     file: File,
     mcap: Option<McapWriter>,
     topics: Vec<OpenTopic>,
+    /// Their places by name.
+    places: HashMap<String, usize>,
     options: BagOptions,
     last_flush: Instant,
     unflushed: bool,
@@ -169,6 +171,7 @@ impl BagWriter {
             file,
             mcap: Some(mcap),
             topics: Vec::new(),
+            places: HashMap::new(),
             options: options.clone(),
             last_flush: Instant::now(),
             unflushed: false,
@@ -261,7 +264,7 @@ impl BagWriter {
         &mut self,
         topic: &TopicDescription<'_>,
     ) -> Result<TopicId, BagError> {
-        if let Some(index) = self.topics.iter().position(|t| t.recorded.name == topic.name) {
+        if let Some(&index) = self.places.get(topic.name) {
             let known = &self.topics[index].recorded.kind;
             if known != topic.type_name {
                 return Err(BagError::TopicType {
@@ -288,7 +291,10 @@ impl BagWriter {
         });
         let index = self.topics.len() - 1;
         match self.add_channel(index) {
-            Ok(channel) => self.topics[index].channel = channel,
+            Ok(channel) => {
+                self.topics[index].channel = channel;
+                self.places.insert(topic.name.into(), index);
+            }
             Err(error) => {
                 self.topics.pop();
                 return Err(error);

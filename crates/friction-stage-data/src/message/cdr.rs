@@ -18,6 +18,10 @@ use super::type_layout::TypeLayout;
 /// Encapsulation of plain CDR, little endian.
 const LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
 
+/// Largest message that is decoded, bytes: a list of empty texts takes six times its bytes in memory.
+/// Assumed: far above the longest trajectory.
+const LARGEST: usize = 16 << 20;
+
 /// Why bytes are not the message that they should be.
 #[derive(Debug, Error)]
 pub enum CdrError {
@@ -34,6 +38,14 @@ pub enum CdrError {
     NoEncapsulation {
         /// Bytes that are there.
         length: usize,
+    },
+    /// Larger than any message of these types.
+    #[error("{length} bytes, a message of {kind} has at most {LARGEST}")]
+    TooLarge {
+        /// Bytes that are there, encapsulation included.
+        length: usize,
+        /// Rust type that was asked for.
+        kind: &'static str,
     },
     /// An encapsulation that is not read, or a message of it that does not fit its type.
     #[error("{kind}: {reason}")]
@@ -75,6 +87,10 @@ pub fn to_cdr_into<M: Serialize>(message: &M, bytes: &mut Vec<u8>) -> Result<(),
 pub fn from_cdr<M: RosMessage>(bytes: &[u8]) -> Result<M, CdrError> {
     if bytes.len() < 4 {
         return Err(CdrError::NoEncapsulation { length: bytes.len() });
+    }
+    if bytes.len() > LARGEST {
+        let kind = std::any::type_name::<M>();
+        return Err(CdrError::TooLarge { length: bytes.len(), kind });
     }
     let plain = match bytes {
         [0, 0 | 1, ..] => Ok(Cow::Borrowed(bytes)),

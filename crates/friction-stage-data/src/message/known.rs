@@ -3,6 +3,9 @@
 //! Our own messages come from their structs; of the common interfaces the fields are listed in
 //! `common_types.txt`.
 
+use std::collections::BTreeSet;
+
+use super::type_layout::Sameness;
 use super::*;
 
 const COMMON: &str = include_str!("common_types.txt");
@@ -49,6 +52,33 @@ pub(crate) fn definition(name: &str) -> Option<String> {
     Some(text)
 }
 
+/// The definition that a recording should have for the type `package/msg/Name`, where it is known
+/// and the stored one is damaged: it cannot be read, lacks parts, or calls fields of the same
+/// layout by other names. A readable one of another layout is another version of the type.
+pub(crate) fn mended(type_name: &str, encoding: &str, stored: &[u8]) -> Option<String> {
+    let (package, name) = type_name.split_once("/msg/")?;
+    let known = definition(&format!("{package}/{name}"))?;
+    if encoding == "ros2idl" {
+        return None;
+    }
+    let parts = |text: &str| -> BTreeSet<String> {
+        let names = text.lines().filter_map(|line| line.strip_prefix(BEGIN));
+        names.map(|name| full_name(name.trim())).collect()
+    };
+    let is_whole = || {
+        let text = std::str::from_utf8(stored).ok()?;
+        let layout = type_layout::TypeLayout::parse(type_name, text).ok()?;
+        let own = type_layout::TypeLayout::parse(type_name, &known).ok()?;
+        Some(match own.compared(&layout) {
+            Sameness::Same => parts(text).is_superset(&parts(&known)),
+            Sameness::OtherNames => false,
+            Sameness::Different => true,
+        })
+    };
+    let is_damaged = encoding != "ros2msg" || !is_whole().unwrap_or(false);
+    is_damaged.then_some(known)
+}
+
 /// Names of all known types, as `package/Name`.
 pub(crate) fn names() -> impl Iterator<Item = String> {
     let own = OWN.iter().map(|own| format!("{}/{}", own.package, own.name));
@@ -83,6 +113,34 @@ mod tests {
             let layout = TypeLayout::parse(&full_name(&name), "");
             assert!(layout.is_ok(), "{name}: {layout:?}");
         }
+    }
+
+    #[test]
+    fn damaged_definitions_of_known_types_are_mended_and_other_versions_kept() {
+        let name = JointState::type_name();
+        let whole = definition("sensor_msgs/JointState").unwrap();
+        assert_eq!(mended(&name, "ros2msg", whole.as_bytes()), None);
+        assert_eq!(mended(&name, "ros2msg", JointState::definition().as_bytes()), None);
+        let commented = format!("# as of old\n{}", JointState::definition());
+        assert_eq!(mended(&name, "ros2msg", commented.as_bytes()), None);
+        let without_parts = JointState::definition().split("===").next().unwrap().to_owned();
+        for damaged in [
+            whole.replace("position", "posit\u{1}on"),
+            whole.replace("position", "positiom"),
+            whole.replace("float64[] effort", "float64] effort"),
+            whole.replace("nanosec", "nano\u{0}ec"),
+            without_parts,
+            whole.replace("MSG: std_msgs/Header", "MSG: std_msgs/Hxader"),
+            String::new(),
+        ] {
+            assert_eq!(mended(&name, "ros2msg", damaged.as_bytes()), Some(whole.clone()));
+        }
+        let not_utf_8 = [whole.as_bytes(), &[0xff]].concat();
+        assert_eq!(mended(&name, "ros2msg", &not_utf_8), Some(whole.clone()));
+        assert_eq!(mended(&name, "ros2nsg", whole.as_bytes()), Some(whole.clone()));
+        let other_version = whole.replace("float64[] effort", "float32[] effort");
+        assert_eq!(mended(&name, "ros2msg", other_version.as_bytes()), None);
+        assert_eq!(mended("own/msg/Type", "ros2msg", b"float64] x"), None);
     }
 
     #[test]

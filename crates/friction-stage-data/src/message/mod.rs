@@ -34,6 +34,22 @@ pub use trajectory_msgs::{
 
 use serde::{Serialize, de::DeserializeOwned};
 
+/// The number at a path such as `wrench.force.x` or `position[joint]` in a message (CDR with
+/// encapsulation) of a type that only its definition tells, as bags hold it (`ros2msg`); times in
+/// s. None where the message lacks it. The error says what does not fit.
+pub fn field_value(
+    type_name: &str,
+    definition: &str,
+    path: &str,
+    joint: &str,
+    message: &[u8],
+) -> Result<Option<f64>, String> {
+    let layout = type_layout::TypeLayout::parse(type_name, definition)?;
+    let path = layout.path(path)?;
+    let plain = layout.plain(message)?;
+    Ok(layout.value(&path, joint, &plain)?.map(type_layout::Value::as_f64))
+}
+
 /// A message of ROS 2: its fields by serde, its identity by constants.
 pub trait RosMessage: Serialize + DeserializeOwned + Clone + Send + 'static {
     /// ROS package, e.g. `sensor_msgs`.

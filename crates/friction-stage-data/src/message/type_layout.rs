@@ -94,11 +94,19 @@ impl Kind {
     }
 }
 
+/// Longest text of a definition, bytes. Assumed: those of ROS 2 have some kB with all their parts.
+const LONGEST_TEXT: usize = 1 << 20;
+/// Types inside each other. Assumed: the deepest messages of ROS 2 have fewer than ten.
+const DEEPEST: usize = 64;
+/// Largest message in version 2 of CDR, bytes: as version 1 it may take eight times as many.
+const LARGEST_VERSION_2: usize = 16 << 20;
+
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Visit {
     Not,
     Inside,
-    Done,
+    /// With so many types inside each other, itself included.
+    Done(usize),
 }
 
 /// Where in a message a value stands.
@@ -141,10 +149,52 @@ impl Value {
     }
 }
 
+/// How two types compare.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Sameness {
+    /// Same names, kinds and order.
+    Same,
+    /// Same kinds and order: their messages look alike.
+    OtherNames,
+    /// Something else.
+    Different,
+}
+
 impl TypeLayout {
+    /// How another type differs from this one.
+    pub fn compared(&self, other: &Self) -> Sameness {
+        self.compared_inside(0, other, 0)
+    }
+
+    /// As deep as this type goes.
+    fn compared_inside(&self, message: usize, other: &Self, as_message: usize) -> Sameness {
+        let (own, others) = (&self.messages[message].fields, &other.messages[as_message].fields);
+        if own.len() != others.len() {
+            return Sameness::Different;
+        }
+        let compare = |(own, others): (&Field, &Field)| {
+            let names = if own.name == others.name { Sameness::Same } else { Sameness::OtherNames };
+            match (own.kind, others.kind) {
+                _ if own.many != others.many => Sameness::Different,
+                (Kind::Message(own), Kind::Message(others)) => {
+                    names.max(self.compared_inside(own, other, others))
+                }
+                (own, others) if own == others => names,
+                _ => Sameness::Different,
+            }
+        };
+        own.iter().zip(others).map(compare).max().unwrap_or(Sameness::Same)
+    }
+
     /// Reads the text that a bag stores with encoding `ros2msg`; an empty one stands for a known
     /// type. The error says what is wrong with it.
     pub fn parse(type_name: &str, text: &str) -> Result<Self, String> {
+        if text.len() > LONGEST_TEXT {
+            return Err(format!(
+                "its definition has {} bytes, read are at most {LONGEST_TEXT}",
+                text.len()
+            ));
+        }
         let mut sections = vec![(short_name(type_name), Vec::new())];
         let mut between = false;
         for line in field_lines(text) {
@@ -206,26 +256,31 @@ impl TypeLayout {
             messages.push(MessageType { name, fields });
         }
         let layout = Self { messages };
-        layout.check_finite(0, &mut vec![Visit::Not; layout.messages.len()])?;
+        layout.height(0, 1, &mut vec![Visit::Not; layout.messages.len()])?;
         Ok(layout)
     }
 
-    /// ROS 2 has no recursive types, a broken file may claim one.
-    fn check_finite(&self, message: usize, visits: &mut [Visit]) -> Result<(), String> {
+    /// How many types a type has inside each other, itself included; it is that deep itself. ROS 2
+    /// has no recursive types, a broken file may claim one.
+    fn height(&self, message: usize, depth: usize, visits: &mut [Visit]) -> Result<usize, String> {
+        let too_deep = || format!("it has more than {DEEPEST} types inside each other");
         match visits[message] {
-            Visit::Done => return Ok(()),
+            Visit::Done(height) if depth + height > DEEPEST + 1 => return Err(too_deep()),
+            Visit::Done(height) => return Ok(height),
             Visit::Inside => {
                 return Err(format!("{} contains itself", self.messages[message].name));
             }
+            Visit::Not if depth > DEEPEST => return Err(too_deep()),
             Visit::Not => visits[message] = Visit::Inside,
         }
+        let mut height = 1;
         for field in &self.messages[message].fields {
             if let Kind::Message(inner) = field.kind {
-                self.check_finite(inner, visits)?;
+                height = height.max(1 + self.height(inner, depth + 1, visits)?);
             }
         }
-        visits[message] = Visit::Done;
-        Ok(())
+        visits[message] = Visit::Done(height);
+        Ok(height)
     }
 
     /// The message in plain CDR of version 1, which the other methods take. The error says why it
@@ -233,6 +288,10 @@ impl TypeLayout {
     pub fn plain<'a>(&self, message: &'a [u8]) -> Result<Cow<'a, [u8]>, String> {
         match xcdr2::Encoding::of(message)? {
             None => Ok(Cow::Borrowed(message)),
+            Some(_) if message.len() > LARGEST_VERSION_2 => Err(format!(
+                "it has {} bytes, in version 2 of CDR at most {LARGEST_VERSION_2} are read",
+                message.len()
+            )),
             Some(encoding) => xcdr2::to_version_1(self, encoding, message).map(Cow::Owned),
         }
     }
@@ -509,9 +568,10 @@ impl<'a> FieldText<'a> {
             Some((kind, bound)) if bound.starts_with("<=") && bound.ends_with(']') => {
                 (kind, Many::Sequence)
             }
+            // As in ROS 2, no array is empty: every value takes a byte at least.
             Some((base, length)) => match length.strip_suffix(']').and_then(|n| n.parse().ok()) {
-                Some(length) => (base, Many::Fixed(length)),
-                None => return Err(format!("{name}: `{kind}` is no array type")),
+                Some(length @ 1..) => (base, Many::Fixed(length)),
+                _ => return Err(format!("{name}: `{kind}` is no array type")),
             },
         };
         Ok(Some(Self { kind, many, field }))

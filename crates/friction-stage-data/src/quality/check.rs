@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::finding::FileFinding;
-use crate::bag::{BagError, BagMessage, BagReader, Damage, topics};
+use super::log_times::LogTimes;
+use crate::bag::{BagError, BagMessage, BagReader, Damage, Places, topics};
 use crate::message::*;
 use crate::signals::{Mapping, SignalError, visit_rows};
 
@@ -129,6 +130,9 @@ pub(super) fn check_messages(
         reader.topics().iter().map(|t| Watch::new(&t.name, &t.type_name)).collect();
     let mut damage = reader.damage();
     damage.extend(reader.verify_checksums()?);
+    let mut damage = Places::new(damage);
+    let places = reader.places();
+    let mut log_times = LogTimes::default();
     let mut joints = BTreeSet::new();
     let mut range: Option<(u64, u64)> = None;
     let mut count = 0;
@@ -136,15 +140,8 @@ pub(super) fn check_messages(
         let message = match message {
             Ok(message) => message,
             Err(BagError::Broken { path, offset, expected, found }) => {
-                if !damage.iter().any(|d| d.path == path && d.offset == offset) {
-                    damage.push(Damage {
-                        bytes: reader.span_length(&path, offset),
-                        path,
-                        offset,
-                        expected,
-                        found,
-                    });
-                }
+                let place = Damage { bytes: 0, path, offset, expected, found };
+                damage.note(place, |place| reader.span_length(&place.path, place.offset));
                 continue;
             }
             Err(error) => return Err(error),
@@ -157,10 +154,14 @@ pub(super) fn check_messages(
             None => (message.log_time, message.log_time),
             Some((first, last)) => (first.min(message.log_time), last.max(message.log_time)),
         });
-        if let Some(watch) = topics.iter_mut().find(|w| w.report.name == message.topic.name) {
-            watch.take(&message, &mut joints);
+        if let Some(place) = places.get(message.topic.name.as_str()) {
+            if let Some(stamp) = topics[*place].take(&message, &mut joints) {
+                let log_time = i64::try_from(message.log_time).unwrap_or(i64::MAX);
+                log_times.take(*place, log_time, stamp);
+            }
         }
     }
+    let damage = damage.into_list();
     let topics: Vec<TopicCheck> = topics.into_iter().map(Watch::finish).collect();
     let complete = reader.is_complete();
     let mut findings = Vec::new();
@@ -185,6 +186,11 @@ pub(super) fn check_messages(
         type_name: topic.type_name.clone(),
     }));
     findings.extend(topics.iter().flat_map(TopicCheck::findings));
+    findings.extend(log_times.finish().into_iter().map(|misfit| FileFinding::LogTimes {
+        topic: topics[misfit.topic].name.clone(),
+        messages: misfit.messages,
+        seconds: misfit.seconds,
+    }));
     Ok(CheckReport {
         path: path.to_owned(),
         bytes: reader.size(),
@@ -216,6 +222,17 @@ impl Facts {
     }
 }
 
+/// Most joints that are listed.
+const JOINTS: usize = 1000;
+
+fn note_joints(joints: &mut BTreeSet<String>, names: &[String]) {
+    for name in names {
+        if joints.len() < JOINTS && !joints.contains(name) {
+            joints.insert(name.clone());
+        }
+    }
+}
+
 /// Looks into a message; `None` if the type is not one of ours.
 fn facts(message: &BagMessage, joints: &mut BTreeSet<String>) -> Option<Result<Facts, CdrError>> {
     fn decode<M: RosMessage>(
@@ -226,7 +243,7 @@ fn facts(message: &BagMessage, joints: &mut BTreeSet<String>) -> Option<Result<F
     }
     match current_type_name(&message.topic.type_name).as_ref() {
         "sensor_msgs/msg/JointState" => decode(message, |m: JointState| {
-            joints.extend(m.name.iter().cloned());
+            note_joints(joints, &m.name);
             // The clock of topic hardware is its own.
             let stamp = (message.topic.name != topics::JOINT_COMMANDS).then_some(m.header.stamp);
             Facts::new(stamp).values(&m.position).values(&m.velocity).values(&m.effort)
@@ -236,7 +253,7 @@ fn facts(message: &BagMessage, joints: &mut BTreeSet<String>) -> Option<Result<F
             Facts::new(Some(m.header.stamp)).values(&[f.x, f.y, f.z, t.x, t.y, t.z])
         }),
         "trajectory_msgs/msg/JointTrajectory" => decode(message, |m: JointTrajectory| {
-            joints.extend(m.joint_names.iter().cloned());
+            note_joints(joints, &m.joint_names);
             m.points.iter().fold(Facts::new(Some(m.header.stamp)), |facts, p| {
                 facts
                     .values(&p.positions)
@@ -313,7 +330,8 @@ impl Watch {
         }
     }
 
-    fn take(&mut self, message: &BagMessage, joints: &mut BTreeSet<String>) {
+    /// Takes a message; its stamp, ns, if it has one.
+    fn take(&mut self, message: &BagMessage, joints: &mut BTreeSet<String>) -> Option<i64> {
         let report = &mut self.report;
         report.messages += 1;
         let facts = match facts(message, joints) {
@@ -324,12 +342,13 @@ impl Watch {
             Some(Ok(facts)) => facts,
             Some(Err(_)) => {
                 report.decode_failures += 1;
-                return;
+                return None;
             }
         };
         report.non_finite += facts.non_finite;
         report.by_stamp = facts.stamp.is_some();
         self.at(facts.stamp.unwrap_or_else(|| i64::try_from(message.log_time).unwrap_or(i64::MAX)));
+        facts.stamp
     }
 
     /// Takes the time of a message, ns.

@@ -403,6 +403,15 @@ pub enum FileFinding {
         /// The usual one, s.
         usual_s: f64,
     },
+    /// Messages that were logged at another time than others with such stamps.
+    LogTimes {
+        /// The topic.
+        topic: String,
+        /// How many.
+        messages: u64,
+        /// How far off the log time is at most, s.
+        seconds: f64,
+    },
     /// The model in it cannot be used.
     UnusableModel {
         /// Why not.
@@ -424,6 +433,7 @@ impl FileFinding {
             Self::BackwardStamps { .. } => "backward_stamps",
             Self::RepeatedStamps { .. } => "repeated_stamps",
             Self::Gaps { .. } => "gaps",
+            Self::LogTimes { .. } => "log_times",
             Self::UnusableModel { .. } => "unusable_model",
         }
     }

@@ -7,6 +7,7 @@
 mod check;
 mod excitation;
 mod finding;
+mod log_times;
 mod outliers;
 mod recording_check;
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::error::SignalError;
 use super::mapping::{Column, Place};
-use super::source::{Request, Stream, seconds_to_nanos};
+use super::source::{Request, Stream, refuse_impossible, seconds_to_nanos};
 use super::trace::{COLUMNS, Trace};
 use super::window::Span;
 
@@ -14,13 +14,20 @@ pub(crate) struct Columns<'a> {
 }
 
 impl<'a> Columns<'a> {
-    /// Refuses columns of different lengths; an empty one is not there.
+    /// Refuses columns of different lengths, and values that no unit can mean; an empty column is
+    /// not there.
     pub fn new(name: &Path, trace: &'a Trace) -> Result<Self, SignalError> {
         let rows = trace.time.len();
         for (column, values) in COLUMNS.into_iter().zip(trace.columns()) {
             if !values.is_empty() && values.len() != rows {
                 let count = values.len();
                 return Err(SignalError::Columns { name: name.to_owned(), column, count, rows });
+            }
+            for (row, value) in values.iter().enumerate() {
+                refuse_impossible(column, *value).map_err(|reason| {
+                    let name = name.to_owned();
+                    SignalError::ImpossibleValue { name, row, reason }
+                })?;
             }
         }
         Ok(Self { trace })

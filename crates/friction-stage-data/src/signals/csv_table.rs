@@ -8,7 +8,7 @@ use super::arrays::ArrayFile;
 use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::mapping::{Column, Mapping, Place, Signal, SignalSource};
-use super::source::{NO_TIME, Request, Stream, seconds_to_nanos};
+use super::source::{NO_TIME, Request, Stream, refuse_impossible, seconds_to_nanos};
 use super::text_layout::{TextLayout, bare_unit, name};
 use super::text_lines::{Lines, Splitter};
 use super::text_value::{Decimal, Value};
@@ -125,6 +125,7 @@ impl CsvFile {
             .map(|(signal, source)| {
                 let minus = source.minus.as_ref();
                 Ok(PlacedColumn {
+                    signal: *signal,
                     column: table.place(*signal, source)?,
                     minus: minus.map(|place| table.place_plain(place)).transpose()?,
                     source: source.clone(),
@@ -211,6 +212,7 @@ enum RowClock {
 
 /// Where the values of a signal stand.
 struct PlacedColumn {
+    signal: Signal,
     column: usize,
     minus: Option<usize>,
     source: SignalSource,
@@ -300,11 +302,18 @@ impl CsvRows<'_> {
             RowClock::Rate(rate) => (seconds_to_nanos(self.count as f64 / rate), false),
         };
         self.count += 1;
-        for (value, PlacedColumn { column, minus, source }) in
+        if stamp == i64::MAX {
+            let reason = "the time is beyond 292 years: a wrong unit or a damaged value";
+            return Err(self.table.wrong(self.table.line(), reason.into()));
+        }
+        for (value, PlacedColumn { signal, column, minus, source }) in
             self.values.iter_mut().zip(&self.columns)
         {
             let minus = minus.map_or(Ok(0.0), |minus| self.table.number(minus))?;
             *value = source.to_si(self.table.number(*column)? - minus);
+            refuse_impossible(*signal, *value).map_err(|reason| {
+                self.table.wrong(self.table.line(), format!("column {}: {reason}", column + 1))
+            })?;
         }
         Ok(Some(RowTime { stamp, is_time_of_day, line: self.table.line(), begins }))
     }

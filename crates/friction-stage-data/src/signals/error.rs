@@ -92,6 +92,16 @@ pub enum SignalError {
         /// Values of time.
         rows: usize,
     },
+    /// A value in memory that no unit can mean.
+    #[error("{}: row {row}: {reason}", name.display())]
+    ImpossibleValue {
+        /// What stands for their path.
+        name: PathBuf,
+        /// Row, counted from 0.
+        row: usize,
+        /// Which value, and what would be right.
+        reason: String,
+    },
     /// Too few samples for a rate.
     #[error(
         "{} has {samples} usable samples of {signal} (a value, at a time of its own), of {total} \

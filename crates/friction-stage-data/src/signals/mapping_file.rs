@@ -12,6 +12,7 @@ use super::mapping::{
 use super::unit::{Dimension, Unit};
 use crate::bag::BagError;
 use friction_stage_core::model::{JointType, nearest};
+use friction_stage_core::text_file;
 
 /// Name in mappings of a force that is a current.
 const CURRENT: &str = "current";
@@ -69,7 +70,7 @@ struct SignalFile {
 impl Mapping {
     /// Reads a mapping file.
     pub fn load(path: &Path) -> Result<Self, SignalError> {
-        let text = std::fs::read_to_string(path).map_err(|e| BagError::reading(path, e))?;
+        let text = text_file::read(path).map_err(|e| BagError::reading(path, e))?;
         Self::from_yaml(&text, &path.display().to_string())
     }
 

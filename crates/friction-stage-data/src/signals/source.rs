@@ -17,6 +17,8 @@ use super::topic_source::read_bag;
 use super::window::{Side, Span};
 use crate::bag::BagReader;
 
+/// Topics that an error lists.
+const LISTED: usize = 50;
 /// Most samples that memory is set aside for before they are read.
 const RESERVE: u64 = 16_000_000;
 /// The smallest time there is stands for none.
@@ -100,11 +102,13 @@ impl Source<'_> {
         match self {
             Self::Bag(reader) if reader.topics().is_empty() => "no topics".into(),
             Self::Bag(reader) => {
-                let names: Vec<String> = reader
-                    .topics()
-                    .iter()
-                    .map(|t| format!("{} ({})", t.name, t.type_name))
-                    .collect();
+                let topics = reader.topics();
+                let listed = topics.iter().take(LISTED);
+                let mut names: Vec<String> =
+                    listed.map(|t| format!("{} ({})", t.name, t.type_name)).collect();
+                if topics.len() > LISTED {
+                    names.push(format!("{} more", topics.len() - LISTED));
+                }
                 names.join(", ")
             }
             Self::Csv(file) => file.inventory(),
@@ -181,6 +185,21 @@ impl Stream {
     pub fn is_part(&self) -> bool {
         self.span.is_part
     }
+}
+
+/// Largest size of a value that a signal can have, in SI units. Assumed, as for models: beyond it
+/// no machine is, and its powers leave what a double can hold.
+const LARGEST: f64 = 1e12;
+
+/// Refuses a value of a signal, in SI, that no unit can mean. Infinite ones are counted elsewhere.
+pub(super) fn refuse_impossible(signal: impl std::fmt::Display, value: f64) -> Result<(), String> {
+    if !value.is_finite() || value.abs() <= LARGEST {
+        return Ok(());
+    }
+    Err(format!(
+        "{signal} is {value:e} in SI units, at most {LARGEST:e} is possible: a wrong unit or scale, \
+         or a damaged value"
+    ))
 }
 
 /// Seconds as nanoseconds; NaN is no time.

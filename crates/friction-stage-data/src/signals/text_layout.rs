@@ -19,6 +19,7 @@ use super::mapping::{CsvLayout, Delimiter};
 use super::text_lines::{Lines, Splitter};
 use super::text_value::{Decimal, Value};
 use super::unit::Unit;
+use friction_stage_core::text_file;
 
 /// So much of a file is looked at, bytes.
 const LOOKED_AT: usize = 64 * 1024;
@@ -52,6 +53,7 @@ pub struct TextLayout {
 /// The text of a file, as UTF-8 where it is UTF-16, without a byte order mark. Other bytes stay:
 /// numbers are ASCII in every other encoding, names are decoded by [`name`].
 fn decoded(path: &Path) -> io::Result<Box<dyn Read>> {
+    text_file::regular(path)?;
     let mut file = File::open(path)?;
     let mut begin = [0; 1024];
     let mut length = 0;

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::mapping::{Place, Signal, SignalSource, Stamp};
-use super::source::{Request, Stream, seconds_to_nanos};
+use super::source::{Request, Stream, refuse_impossible, seconds_to_nanos};
 use super::window::Span;
 use crate::bag::{BagReader, Topic, topics};
 use crate::message::type_layout::{FieldPath, TypeLayout, Value};
@@ -237,10 +237,12 @@ pub(super) fn read_bag(
             row.clear();
             let layout = &extraction.layout;
             let plain = layout.plain(&message).map_err(failed)?;
-            for (path, source) in &extraction.sources {
+            for ((path, source), signal) in extraction.sources.iter().zip(&stream.signals) {
                 let joint = joints.wanted(|| layout.joints(path, &plain)).map_err(failed)?;
                 let value = layout.value(path, joint, &plain).map_err(failed)?;
-                row.push(value.map(|value| source.to_si(value.as_f64())));
+                let value = value.map(|value| source.to_si(value.as_f64()));
+                refuse_impossible(*signal, value.unwrap_or(0.0)).map_err(failed)?;
+                row.push(value);
             }
             if row.iter().all(Option::is_none) {
                 for (path, _) in &extraction.sources {

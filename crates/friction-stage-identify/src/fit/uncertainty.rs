@@ -1,12 +1,14 @@
 //! How well a record knows what was fitted to it: standard deviations and correlations of the
 //! coordinates, from the derivatives and the residual.
 
+use nalgebra::linalg::SymmetricEigen;
 use nalgebra::{DMatrix, DMatrixView, DVector};
 
 use crate::fit::objective::normal_of;
 use crate::hypothesis::{FreeParameter, ParameterId};
 use crate::residual::missing::Missing;
 use friction_stage_core::numerics::correlation::correlation_length;
+use friction_stage_core::numerics::linear;
 
 /// Eigenvalue of the normal matrix with columns of length 1 below which the data say nothing about
 /// a direction: derivatives by differences are no better than that.
@@ -111,8 +113,11 @@ pub(crate) fn inverse_where_known(normal: &DMatrix<f64>) -> (DMatrix<f64>, Vec<b
     let scaled = DMatrix::from_fn(count, count, |row, column| {
         normal[(row, column)] / (length[row] * length[column])
     });
-    let eigen = scaled.symmetric_eigen();
     let (mut inverse, mut known) = (DMatrix::zeros(count, count), vec![true; count]);
+    let Some(eigen) = SymmetricEigen::try_new(scaled, f64::EPSILON, linear::DECOMPOSITION) else {
+        // Numbers that are not finite: nothing is known.
+        return (inverse, vec![false; count]);
+    };
     for (value, direction) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
         if *value > UNKNOWN {
             inverse += direction * direction.transpose() / *value;

@@ -22,6 +22,7 @@ pub use self::merge::merge_shards;
 use crate::selection::{GuideSelection, SelectionPlan, Shard, Tally};
 use crate::variant::{VariantResult, variant_seed};
 use friction_stage_core::model::Guide;
+use friction_stage_core::text_file;
 
 /// What a directory of rows was computed from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -77,7 +78,7 @@ impl Sheet {
     /// The sheet of a directory.
     pub fn read(directory: &Path) -> Result<Sheet, RowsError> {
         let path = directory.join(PLAN);
-        let text = std::fs::read_to_string(&path).map_err(|source| RowsError::NoSelection {
+        let text = text_file::read(&path).map_err(|source| RowsError::NoSelection {
             directory: directory.to_owned(),
             path: path.clone(),
             source,

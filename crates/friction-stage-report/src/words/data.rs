@@ -224,6 +224,10 @@ impl Words for FileFinding {
             Self::Gaps { topic, gaps, longest_s, usual_s } => format!(
                 "{topic}: {gaps} gaps, the longest {longest_s:.6} s where {usual_s:.6} s is usual"
             ),
+            Self::LogTimes { topic, messages, seconds } => format!(
+                "{topic}: log times of {messages} messages do not fit their stamps, by up to \
+                 {seconds:.1} s: the recording looks longer than it is"
+            ),
             Self::UnusableModel { reason } => format!("its model cannot be used: {reason}"),
         }
     }

@@ -3,6 +3,7 @@
 //! The rooms below decide what a finding is and how much it matters; only here is it said in a
 //! language. What comes in are typed findings, what goes out is text without the word "warning".
 
+use std::borrow::Cow;
 use std::error::Error;
 
 use friction_stage_core::model::JointType;
@@ -37,6 +38,50 @@ pub fn all_words<'a, F: Words + 'a>(
     joint: JointType,
 ) -> Vec<String> {
     findings.into_iter().map(|finding| finding.words(joint)).collect()
+}
+
+/// A text for a terminal: what would move its cursor, change its colours or turn the direction of
+/// writing is written out, as `\u001b`, which JSON has for the same. Lines and tabs stay.
+///
+/// Whatever comes from a file or a peer may hold such characters; everything that is printed goes
+/// through here.
+pub fn printable(text: &str) -> Cow<'_, str> {
+    let is_plain = |c: char| match c {
+        '\n' | '\t' => true,
+        // Marks and overrides of direction, and separators of lines that are none.
+        '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => {
+            false
+        }
+        c => !c.is_control(),
+    };
+    if text.chars().all(is_plain) {
+        return Cow::Borrowed(text);
+    }
+    let mut written = String::with_capacity(text.len() + 16);
+    for c in text.chars() {
+        if is_plain(c) {
+            written.push(c);
+        } else {
+            written.push_str(&format!("\\u{:04x}", u32::from(c)));
+        }
+    }
+    Cow::Owned(written)
+}
+
+/// Most characters of a name that is shown in a table or within a sentence.
+const LONGEST_NAME: usize = 200;
+
+/// A name from a file or a peer within a line: as [`printable`], in one line, and cut at 200
+/// characters.
+pub fn in_line(name: &str) -> Cow<'_, str> {
+    let mut shown = printable(name);
+    if shown.contains(['\n', '\t']) {
+        shown = Cow::Owned(shown.replace('\n', "\\n").replace('\t', "\\t"));
+    }
+    match shown.char_indices().nth(LONGEST_NAME) {
+        Some((cut, _)) => Cow::Owned(format!("{}...", &shown[..cut])),
+        None => shown,
+    }
 }
 
 /// An error with its causes, outermost first. Many an error names its cause in its own text: not

@@ -11,7 +11,7 @@ use friction_stage_data::quality::{
 use friction_stage_data::signals::{ClockKind, DataQuality, ImportReport, Proposal, SignalQuality};
 
 use super::data::{severity, signals, subject};
-use super::{Words, short};
+use super::{Words, in_line, short};
 
 /// What a recording holds, what is wrong with it and what can be identified from it.
 pub fn recording_text(check: &RecordingCheck) -> String {
@@ -27,7 +27,7 @@ pub fn recording_text(check: &RecordingCheck) -> String {
         text += &identification_text(identification);
     }
     if let Some(reason) = &check.no_data {
-        text += &format!("nothing can be identified from it: {reason}\n");
+        text += &format!("nothing can be identified from it: {}\n", in_one(&reason.to_string()));
     }
     text
 }
@@ -64,12 +64,17 @@ pub fn messages_text(report: &CheckReport) -> String {
     );
     text += &topics_table(report);
     for damage in &report.damage {
-        text += &format!("damaged: {}\n", place(damage));
+        text += &format!("damaged: {}\n", in_one(&place(damage)));
     }
     for finding in &report.findings {
-        text += &format!("warning: {}\n", finding.words(JointType::default()));
+        text += &format!("warning: {}\n", in_one(&finding.words(JointType::default())));
     }
     text
+}
+
+/// A sentence in one line: names from the file in it may have several.
+fn in_one(sentence: &str) -> String {
+    sentence.replace('\n', "\\n")
 }
 
 fn place(damage: &Damage) -> String {
@@ -105,8 +110,8 @@ fn topics_table(report: &CheckReport) -> String {
             if topic.decoded { value.to_string() } else { "-".into() }
         };
         rows.push([
-            topic.name.clone(),
-            topic.type_name.clone(),
+            in_line(&topic.name).into_owned(),
+            in_line(&topic.type_name).into_owned(),
             topic.messages.to_string(),
             if topic.in_bursts { "in bursts".into() } else { number(topic.rate_hz, 1.0, 1) },
             number(topic.jitter_s, 1e6, 1),
@@ -315,8 +320,8 @@ pub fn proposal_text(proposal: &Proposal, file: &Path, written: Option<&Path>) -
             column.signal.map_or("-", |signal| signal.name()),
             value(column.smallest),
             value(column.largest),
-            if column.unit.is_empty() { "-" } else { &column.unit },
-            column.name
+            if column.unit.is_empty() { "-".into() } else { in_line(&column.unit) },
+            in_line(&column.name)
         );
     }
     if !proposal.not_used.is_empty() {
@@ -349,11 +354,12 @@ pub fn recover_text(report: &RecoverReport) -> String {
     };
     let mut text = format!("{} -> {}\n", report.source.display(), output.display());
     for damage in &report.damage {
-        text += &format!("  {}; {} bytes dropped\n", place(damage), damage.bytes);
+        text += &format!("  {}; {} bytes dropped\n", in_one(&place(damage)), damage.bytes);
     }
-    let width = report.topics.iter().map(|topic| topic.name.len()).max().unwrap_or(0);
-    for topic in &report.topics {
-        text += &format!("  {:width$}  {:>9} messages kept", topic.name, topic.messages);
+    let names: Vec<_> = report.topics.iter().map(|topic| in_line(&topic.name)).collect();
+    let width = names.iter().map(|name| name.chars().count()).max().unwrap_or(0);
+    for (topic, name) in report.topics.iter().zip(&names) {
+        text += &format!("  {name:width$}  {:>9} messages kept", topic.messages);
         if let Some(last) = topic.last_log_time {
             text += &format!(", the last at {:.6} s", last as f64 * 1e-9);
         }

@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 
 use super::error::SignalError;
 use crate::bag::BagError;
+use friction_stage_core::text_file;
 
 /// Most bytes of the arrays that are read of one file, as numbers of eight bytes.
 const MOST: u64 = 256 * 1024 * 1024;
@@ -32,7 +33,9 @@ pub(super) enum Format {
 impl Format {
     fn of(path: &Path) -> Result<Format, SignalError> {
         let mut begin = Vec::new();
-        let read = File::open(path).and_then(|file| file.take(520).read_to_end(&mut begin));
+        let read = text_file::regular(path)
+            .and_then(|()| File::open(path))
+            .and_then(|file| file.take(520).read_to_end(&mut begin));
         read.map_err(|error| BagError::reading(path, error))?;
         let has = |at: usize, magic: &[u8]| begin.get(at..at + magic.len()) == Some(magic);
         const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
