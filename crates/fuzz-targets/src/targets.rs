@@ -155,7 +155,7 @@ fn mapping(bytes: &[u8], _: &Path) {
 fn table(path: &Path) {
     let _ = RecordingCheck::new(path, None, Window::default(), None, &mut |_| {});
     if let Ok(proposal) = Proposal::of(path)
-        && let Ok(mapping) = Mapping::from_yaml(&proposal.to_yaml("table"), "the proposal")
+        && let Ok(mapping) = Mapping::from_yaml(&proposal.to_yaml("table", &[]), "the proposal")
     {
         let _ = RecordingCheck::new(path, Some(&mapping), Window::default(), None, &mut |_| {});
     }
