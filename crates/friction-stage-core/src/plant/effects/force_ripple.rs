@@ -16,8 +16,8 @@ use super::{
     ParameterKind, RecordSpecific, Residual, Role, descriptor,
 };
 
-/// Shortest and longest period, m.
-const PERIODS: (f64, f64) = (1e-4, 1.0);
+/// Shortest and longest period, m; of a turning joint up to some sixteen turns, rad.
+const PERIODS: (f64, f64) = (1e-4, 100.0);
 
 pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     name: "force_ripple",
