@@ -108,19 +108,48 @@ fn message(time: u64, data: &[u8]) -> Vec<u8> {
     record(5, &[&1u16.to_le_bytes(), &0u32.to_le_bytes(), &times, data])
 }
 
-fn samples(position: impl Fn(u64) -> f64, frame: &str, joint: &str) -> Vec<u8> {
-    let sample = |k: u64| {
-        let time = 1_000_000_000 + k * 1_000_000;
-        let state = JointState {
-            header: Header::new(time as i64, frame),
-            name: vec![joint.to_owned()],
-            position: vec![position(k)],
-            velocity: vec![0.0],
-            effort: vec![1.0],
-        };
-        message(time, &to_cdr(&state).unwrap())
+/// Log time and message of a sample.
+fn sample(k: u64, position: f64, frame: &str, joint: &str) -> (u64, Vec<u8>) {
+    let time = 1_000_000_000 + k * 1_000_000;
+    let state = JointState {
+        header: Header::new(time as i64, frame),
+        name: vec![joint.to_owned()],
+        position: vec![position],
+        velocity: vec![0.0],
+        effort: vec![1.0],
     };
-    (0..400).flat_map(sample).collect()
+    (time, to_cdr(&state).unwrap())
+}
+
+fn samples(position: impl Fn(u64) -> f64, frame: &str, joint: &str) -> Vec<u8> {
+    let all = (0..400).map(|k| sample(k, position(k), frame, joint));
+    all.flat_map(|(time, data)| message(time, &data)).collect()
+}
+
+/// A bag with its index, so that its signals are read.
+fn whole_bag(
+    home: &TempDir,
+    type_name: &str,
+    definition: &str,
+    position: impl Fn(u64) -> f64,
+) -> PathBuf {
+    let path = home.path().join("whole.mcap");
+    let file = std::fs::File::create(&path).unwrap();
+    let mut writer = mcap::Writer::new(std::io::BufWriter::new(file)).unwrap();
+    let schema = writer.add_schema(type_name, "ros2msg", definition.as_bytes()).unwrap();
+    let channel = writer.add_channel(schema, "/stage/encoder", "cdr", &BTreeMap::new()).unwrap();
+    for k in 0..400 {
+        let (log_time, data) = sample(k, position(k), "stage", "stage");
+        let header = mcap::records::MessageHeader {
+            channel_id: channel,
+            sequence: k as u32,
+            log_time,
+            publish_time: log_time,
+        };
+        writer.write_to_known_channel(&header, &data).unwrap();
+    }
+    writer.finish().unwrap();
+    path
 }
 
 fn plain(k: u64) -> f64 {
@@ -141,10 +170,14 @@ fn bag(home: &TempDir, parts: &[Vec<u8>]) -> PathBuf {
     path
 }
 
-/// The commands that read a bag, each of which may refuse it or warn.
+/// The commands that read a bag, each of which may refuse it or warn; `check` with these words, if
+/// there are any.
 fn read_by_all(path: &Path, words: &[&str]) {
     let out = path.with_extension("out");
-    tells(&friction_stage(&["check", text(path)]), words);
+    let checked = friction_stage(&["check", text(path)]);
+    if !words.is_empty() {
+        tells(&checked, words);
+    }
     for arguments in [
         &["check", "--json", text(path)][..],
         &["recover", text(path), "--out", text(&out)],
@@ -236,27 +269,33 @@ fn lengths_beyond_what_is_left_are_damage() {
 #[test]
 fn definitions_without_an_end_are_told() {
     let home = TempDir::new().unwrap();
+    let mapping = home.path().join("mapping.yaml");
+    let field = "signals:\n  position: {topic: /stage/encoder, field: 'position[0]'}\n";
+    std::fs::write(&mapping, field).unwrap();
     let between = "=".repeat(80);
-    let part = |name: &str, fields: &str| format!("{between}\nMSG: sensor_msgs/{name}\n{fields}\n");
+    let part = |name: &str, fields: &str| format!("{between}\nMSG: own/{name}\n{fields}\n");
     let position = "float64[] position\n";
-    let deep: String =
-        (0..100_000).map(|k| part(&format!("A{k}"), &format!("A{} a", k + 1))).collect();
-    let chain: String =
-        (0..100).map(|k| part(&format!("A{k}"), &format!("A{} a", k + 1))).collect();
-    let wide: String =
-        (0..20).map(|k| part(&format!("A{k}"), &format!("A{}[1000000] a", k + 1))).collect();
+    let in_chain = |length: usize, many: &str| -> String {
+        (0..length).map(|k| part(&format!("A{k}"), &format!("A{}{many} a", k + 1))).collect()
+    };
     for (definition, words) in [
-        (format!("A0 a\n{position}{deep}"), "read are at most"),
-        (format!("A0 a\n{position}{chain}{}", part("A100", "uint8 x")), "types inside each other"),
+        (format!("A0 a\n{position}{}", in_chain(100_000, "")), "read are at most"),
+        (
+            format!("A0 a\n{position}{}{}", in_chain(100, ""), part("A100", "uint8 x")),
+            "types inside each other",
+        ),
         (format!("E[1000000000000] e\n{position}{}", part("E", "uint8[0] x")), "is no array type"),
-        (format!("A0 a\n{position}{wide}{}", part("A20", "uint8 x")), "more were expected at byte"),
-        (format!("JointState state\n{position}"), "contains itself"),
+        (
+            format!("A0 a\n{position}{}{}", in_chain(20, "[1000000]"), part("A20", "uint8 x")),
+            "more were expected at byte",
+        ),
+        (format!("Type inside\n{position}"), "contains itself"),
         (format!("uint8[99999999999999999999999] x\n{position}"), "is no array type"),
     ] {
-        let schema = schema("sensor_msgs/msg/JointState", &definition);
-        let parts = [schema, channel(1, "/stage/encoder"), samples(plain, "stage", "stage")];
-        let path = bag(&home, &parts);
-        tells(&friction_stage(&["check", text(&path), "--model", "guide_1"]), &[words]);
+        read_by_all(&whole_bag(&home, &JointState::type_name(), &definition, plain), &[]);
+        let path = whole_bag(&home, "own/msg/Type", &definition, plain);
+        let checked = friction_stage(&["check", text(&path), "--mapping", text(&mapping)]);
+        tells(&checked, &[words]);
         read_by_all(&path, &[]);
     }
 }
@@ -373,7 +412,7 @@ fn texts_of_files_do_nothing_to_a_terminal() {
     let table = home.path().join("table.csv");
     let rows: String = (0..50).map(|k| format!("0.{k:03},{k}\n")).collect();
     std::fs::write(&table, format!("time,{evil}\n{rows}")).unwrap();
-    tells(&friction_stage(&["check", text(&table)]), &["\\u001b"]);
+    tells(&friction_stage(&["check", text(&table)]), &["<script>"]);
     friction_stage(&["import", text(&table)]);
     for yaml in [
         format!("{evil:?}: 1\n"),
@@ -400,7 +439,7 @@ fn readers(path: &Path, table: &Path) -> Vec<Ended> {
         friction_stage(&["model", text(path)]),
         friction_stage(&["check", text(table), "--mapping", text(path)]),
         friction_stage(&["guides", "--catalogue", text(path)]),
-        friction_stage(&["select", text(path), "--out", text(&out)]),
+        friction_stage(&["select", "--application", text(path), "--out", text(&out)]),
         friction_stage(&["play", text(path), "--record", text(&out)]),
         node(env!("CARGO_BIN_EXE_stage_node")),
         node(env!("CARGO_BIN_EXE_controller_node")),
@@ -472,15 +511,14 @@ fn values_that_no_unit_can_mean_are_refused_with_their_place() {
             let place = format!("line 252: column {}: {words}", column + 1);
             let table = text(&table);
             tells(&friction_stage(&["check", table, "--mapping", text(&mapping)]), &[&place]);
-            let out = home.path().join("out");
+            let out = home.path().join(format!("{value}_{column}"));
             let import = ["import", table, "--mapping", text(&mapping), "--out", text(&out)];
             tells(&friction_stage(&import), &[&place]);
         }
     }
-    let path = bag(
-        &home,
-        &[encoder(), samples(|k| if k == 250 { 1e308 } else { plain(k) }, "stage", "stage")],
-    );
+    let impossible = |k| if k == 250 { 1e308 } else { plain(k) };
+    let (name, definition) = (JointState::type_name(), JointState::definition());
+    let path = whole_bag(&home, &name, &definition, impossible);
     let words = ["message at 1250000000 ns", "1e308"];
     tells(&friction_stage(&["check", text(&path), "--model", "guide_1"]), &words);
     read_by_all(&path, &[]);

@@ -201,7 +201,7 @@ def test_a_second_stage_of_another_name_runs_beside_the_first(ros, start, stage)
 
 def test_a_controller_that_hears_two_stages_says_so_and_ends(ros, start, stage):
     stage(mode="realtime", control_rate=500.0)
-    process = start("controller_node", rate=500.0)
+    process = start("controller_node", rate=500.0, bandwidth=30.0)
     encoder, states = ros.collect("/stage/encoder"), ros.collect("/controller/state")
     ros.until(lambda: encoder and states, "a controlled stage")
     publisher = ros.node.create_publisher(JointState, "/stage/encoder", 10)

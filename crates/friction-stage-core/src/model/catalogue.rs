@@ -126,15 +126,19 @@ impl Catalogue {
     ///
     /// Refused are a text without entries, units other than SI and guides that cannot be.
     pub fn from_yaml(text: &str, origin: &str) -> Result<Catalogue, ModelError> {
+        let empty = || ModelError::EmptyCatalogue { origin: origin.to_owned() };
         // A text of comments only is no map, yet it is what an empty database looks like.
         if text
             .lines()
-            .all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"..." | b"{}"))
+            .all(|line| matches!(line.trim().as_bytes(), [] | [b'#', ..] | b"---" | b"..."))
         {
-            return Err(ModelError::EmptyCatalogue { origin: origin.to_owned() });
+            return Err(empty());
         }
         let catalogue: Catalogue =
             serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
+        if catalogue.is_empty() {
+            return Err(empty());
+        }
         for (name, entry) in &catalogue.entries {
             let key = format!("{origin}: {name}");
             let bristles = entry.distributed_bristles.as_ref().map(DistributedBristles::quantities);
@@ -367,7 +371,7 @@ mod tests {
     #[test]
     fn a_bad_catalogue_is_refused_with_what_would_be_right() {
         let bad = |text: &str| Catalogue::from_yaml(text, "own.yaml").unwrap_err().to_string();
-        for empty in ["", "# nothing yet\n", "{}"] {
+        for empty in ["", "# nothing yet\n", "{}", " ~", "null", "{ }"] {
             assert!(bad(empty).contains("own.yaml holds no guide"), "{}", bad(empty));
         }
         let message = bad(&OWN.replace("unit: N/m,", "unit: N/um,"));

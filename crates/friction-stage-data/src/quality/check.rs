@@ -154,11 +154,11 @@ pub(super) fn check_messages(
             None => (message.log_time, message.log_time),
             Some((first, last)) => (first.min(message.log_time), last.max(message.log_time)),
         });
-        if let Some(place) = places.get(message.topic.name.as_str()) {
-            if let Some(stamp) = topics[*place].take(&message, &mut joints) {
-                let log_time = i64::try_from(message.log_time).unwrap_or(i64::MAX);
-                log_times.take(*place, log_time, stamp);
-            }
+        if let Some(place) = places.get(message.topic.name.as_str())
+            && let Some(stamp) = topics[*place].take(&message, &mut joints)
+        {
+            let log_time = i64::try_from(message.log_time).unwrap_or(i64::MAX);
+            log_times.take(*place, log_time, stamp);
         }
     }
     let damage = damage.into_list();

@@ -233,7 +233,7 @@ impl JoinFile {
         }
         let clock_offset = self.clock_offset.unwrap_or(0.0);
         // Where times are dates, 1970 is 0; what is further away than that is no clock.
-        if !(clock_offset.abs() < 1e10) {
+        if !clock_offset.is_finite() || clock_offset.abs() >= 1e10 {
             let reason = format!("it is {clock_offset} s, must be a time in s");
             return Err(keys.wrong("clock_offset", reason));
         }
