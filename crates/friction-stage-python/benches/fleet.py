@@ -6,8 +6,8 @@
 
 Each round computes the variants of the fine step with the program `select` and on every engine, in
 turn, so that whatever else the machine does falls on all; time of cores (CPU time, that of the
-cluster's processes included) depends on it least. Clusters have one worker process for each core
-and are started before the clock is.
+workers of Dask included) depends on it least. The workers of Ray end with a run and are counted by
+nobody. Clusters have one worker process for each core and are started before the clock is.
 """
 
 import argparse
@@ -90,8 +90,6 @@ def cores_until_now() -> float:
         with contextlib.suppress(psutil.Error):
             times = process.cpu_times()
             total += times.user + times.system
-            # Of the workers that a node of Ray ended.
-            total += times.children_user + times.children_system
     return total
 
 
@@ -176,9 +174,10 @@ def compute_variants(
         each = statistics.median(one.cores for one in runs) / arguments.variants
         quarters = ", ".join(f"{mb:.0f}" for mb in runs[-1].memory)
         what = "with its workers" if name in ("select", "local") else "the run alone"
+        of_cores = "" if name == "ray" else f", cores {core_ratio:.3f} ({1e3 * each:.3f} ms each)"
         print(
-            f"  {name:6} {seconds:8.1f} s, {1e3 * each:.3f} ms of a core each; over select: time "
-            f"{time_ratio:.3f}, cores {core_ratio:.3f}; memory by quarters {quarters} MB ({what})"
+            f"  {name:6} {seconds:8.1f} s; over select: time {time_ratio:.3f}{of_cores}; memory by "
+            f"quarters {quarters} MB ({what})"
         )
     local = directory / f"{next(iter(given))}0"
     print(f"  {size_of(local) / arguments.variants:.1f} bytes for each variant")

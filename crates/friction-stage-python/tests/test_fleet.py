@@ -51,6 +51,15 @@ def test_the_data_set_holds_the_variants_of_select(tmp_path: Path) -> None:
     settling = rows["settling_time_s"].fill_null(float("nan")).to_numpy()
     assert np.array_equal(settling, expected["settling_time_s"].to_numpy(), equal_nan=True)
 
+    # What never settles has no time.
+    strict = APPLICATION["requirement"] | {"settling_band": 1e-12}
+    with ThreadPoolExecutor(1) as threads:
+        map_variants(
+            APPLICATION | {"requirement": strict}, tmp_path / "never", variants=30, engine=threads
+        )
+    never = pl.read_parquet(tmp_path / "never" / "data" / "*.parquet")
+    assert never["settling_time_s"].null_count() == 30
+
 
 def test_a_sweep_computes_every_combination(tmp_path: Path) -> None:
     sweep = {"controller.bandwidth": [40.0, 80.0], "mass": [20, 40.5]}
