@@ -649,7 +649,10 @@ fn what_unpacks_without_end_takes_no_memory() {
     let (read, errors): (Vec<_>, Vec<_>) = reader.messages().partition(Result::is_ok);
     assert_eq!((read.len(), errors.len()), (3, 3));
     let error = errors[0].as_ref().unwrap_err().to_string();
-    assert!(error.contains("at most 134217728 bytes") && error.contains("/joint_states"), "{error}");
+    assert!(
+        error.contains("at most 134217728 bytes") && error.contains("/joint_states"),
+        "{error}"
+    );
     assert!(peak_memory() < 1 << 30, "{} bytes", peak_memory());
 }
 
