@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
+use friction_stage_core::model::{Coordinate, Guide, GuideSource, JointType, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
     FitBudget, Hypothesis, Measured, NOISE_LIKE, Part, Selection, Sides, Silent, Tolerances,
@@ -19,9 +19,9 @@ use friction_stage_identify::{
 use serde_json::Value;
 
 use blind_tests::effects::{
-    ActuatorLag, CableChain, ConstantForce, DistributedBristles, EncoderSde, ExternalVibration,
-    ForceCellGain, QuadraticDrag, RailJoint, SaturatingBrake, StictionAging, StructuralMode,
-    ViscousWarmUp,
+    ActuatorLag, CableChain, Cogging, ConstantForce, DistributedBristles, EncoderSde,
+    ExternalVibration, ForceCellGain, QuadraticDrag, RailJoint, SaturatingBrake, StictionAging,
+    StructuralMode, ViscousWarmUp,
 };
 use blind_tests::guides::Slip;
 use blind_tests::programme::Programme;
@@ -330,6 +330,52 @@ fn a_law_is_found_beside_one_whose_form_is_right_only_with_it() {
     assert_eq!(effects[0].value_of("form"), Some(3.0), "{effects:?}");
     assert!((effects[0].values[0] / 0.29 - 1.0).abs() < 0.02, "{effects:?}");
     assert!((effects[1].values[0] / 3.6 - 1.0).abs() < 0.05, "{effects:?}");
+}
+
+/// What is found does not hang on the unit: the stage of 40 kg on a radius of 1.6 mm is an inertia of
+/// 1e-4 kg m², and the pitch of its motor 2.4 turns.
+#[test]
+fn a_turning_joint_gets_what_the_same_motion_along_an_axis_gets() {
+    const INERTIA: f64 = 1e-4;
+    let (amplitude, period) = (6.0, 24e-3);
+    let mut declared = declared();
+    let radius = (INERTIA / declared.mass).sqrt();
+    let run = Setup::new(61).with(Cogging::new(amplitude, period, 0.7)).generate().expect("a run");
+    declared.joint = JointType::Revolute;
+    declared.mass = INERTIA;
+    for guide in &mut declared.guides {
+        let GuideSource::Inline(guide) = guide else { panic!("the guides have parameters") };
+        guide.stiffness *= radius * radius;
+        guide.bristle_damping *= radius * radius;
+        guide.viscous_friction *= radius * radius;
+        guide.coulomb_force *= radius;
+        guide.static_force *= radius;
+        guide.stribeck_velocity /= radius;
+    }
+    declared.force_cell.noise *= radius;
+    declared.encoder.noise /= radius;
+    declared.encoder.resolution /= radius;
+    let [train, check] = [&run.train, &run.check].map(|columns| {
+        let mut trace = columns.to_trace();
+        let motion = [
+            &mut trace.reference_position,
+            &mut trace.reference_velocity,
+            &mut trace.reference_acceleration,
+            &mut trace.position,
+        ];
+        motion.into_iter().flatten().for_each(|value| *value /= radius);
+        let torques = [&mut trace.force_cell, &mut trace.force];
+        torques.into_iter().flatten().for_each(|value| *value *= radius);
+        Measured::new(&trace, &declared, "a record").expect("data")
+    });
+    let found = search(&declared, Tolerances::default(), &train, &check, &Silent).expect("found");
+    let effects = &found.after.fitted.hypothesis.effects;
+    assert_eq!(found.verdict, Verdict::Found, "{effects:?}");
+    let [cogging] = effects.as_slice() else { panic!("{effects:?}") };
+    assert_eq!(cogging.descriptor.name, "cogging");
+    let value = |name: &str| cogging.value_of(name).expect("a parameter");
+    assert!((value("amplitude") / (amplitude * radius) - 1.0).abs() < 0.01, "{cogging:?}");
+    assert!((value("period") / (period / radius) - 1.0).abs() < 0.001, "{cogging:?}");
 }
 
 /// A guide with a third of the viscous friction was once found as a warm-up of -196 %.
