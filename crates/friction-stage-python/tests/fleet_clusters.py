@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import secrets
 import shutil
 import signal
 import socket
@@ -94,11 +95,16 @@ class DaskCluster:
 
 
 class RayCluster:
-    """Two nodes with a core each."""
+    """Two nodes with a core each. They take runs that have the token of this cluster, so that
+    neither the settings of the user nor those of another cluster have a part in it."""
 
     name = "ray"
 
     def __init__(self, directory: Path) -> None:
+        # Nodes, this process and what it starts; before Ray is loaded, which looks once.
+        secret = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
+        self._before = {name: os.environ.get(name) for name in secret}
+        os.environ.update(secret)
         with socket.socket() as free:
             free.bind((HERE, 0))
             port = free.getsockname()[1]
@@ -159,6 +165,11 @@ class RayCluster:
     def close(self) -> None:
         for node in reversed(self._nodes):
             end(node)
+        for name, value in self._before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
         self._log.close()
         shutil.rmtree(self._directory, ignore_errors=True)
 

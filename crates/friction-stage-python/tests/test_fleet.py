@@ -1,5 +1,6 @@
 """Fleets on this machine: the data set, resuming, and what is refused or goes wrong."""
 
+import contextlib
 import json
 import os
 import shutil
@@ -330,6 +331,32 @@ def test_a_progress_callback_stops_a_run(tmp_path: Path) -> None:
     assert result.stopped and 3 <= result.done < 6
     assert lines[0] == "0 of 6 chunks"
     assert run_here(load_job(tmp_path / "out.yaml")).done == 6
+
+
+def test_progress_is_a_bar_of_60_columns_on_a_terminal(tmp_path: Path) -> None:
+    job = variants_job(tmp_path, chunk=100)
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(
+        command("run", job, "--workers", 1), stdout=subprocess.PIPE, stderr=theirs, text=True
+    )
+    os.close(theirs)
+    shown = b""
+    # The terminal ends with the last process that has it.
+    with contextlib.suppress(OSError):
+        while more := os.read(ours, 4096):
+            shown += more
+    os.close(ours)
+    out, _ = process.communicate()
+    lines = shown.decode().split("\r")
+    assert process.returncode == 0 and "6 of 6 chunks" in out
+    assert max(map(len, lines)) <= 60 and any("[#" in line for line in lines), lines
+    # Nothing of it is left on the terminal.
+    assert lines[-1] == "" and lines[-2].strip() == ""
+
+
+def test_progress_is_lines_where_there_is_no_terminal(tmp_path: Path) -> None:
+    done = fleet("run", variants_job(tmp_path, chunk=300), "--workers", 1)
+    assert done.stderr.startswith("fleet: 0 of 2 chunks\n") and "\r" not in done.stderr
 
 
 def test_a_full_disk_fails_the_chunks_that_do_not_fit_and_a_later_run_goes_on(
