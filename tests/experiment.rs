@@ -47,10 +47,13 @@ fn an_experiment_leaves_summary_report_figures_and_bags_that_repeat_bit_for_bit(
     let replay = friction_stage(&["replay", bag.to_str().unwrap(), "--json"], directory.path());
     let replayed: serde_json::Value = serde_json::from_slice(&replay.stdout).unwrap();
     assert_eq!(replayed["identical"], replayed["samples"], "{replayed}");
-    // The same directory again is refused: nothing is overwritten.
+    // The same directory again is refused: nothing is overwritten but with --force.
     let again = friction_stage(&arguments, directory.path());
-    assert_eq!(again.status.code(), Some(1));
+    assert_eq!(again.status.code(), Some(2));
     assert!(text(&again.stderr).contains("choose another --out"), "{}", text(&again.stderr));
+    let forced = friction_stage(&[&arguments[..], &["--force"]].concat(), directory.path());
+    assert_eq!(forced.status.code(), Some(0), "{}", text(&forced.stderr));
+    assert_eq!(forced.stdout, output.stdout);
 }
 
 #[test]
