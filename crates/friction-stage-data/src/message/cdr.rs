@@ -18,8 +18,8 @@ use super::type_layout::TypeLayout;
 /// Encapsulation of plain CDR, little endian.
 const LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
 
-/// Largest message that is decoded, bytes: a list of empty texts takes six times its bytes in memory.
-/// Assumed: far above the longest trajectory.
+/// Largest message that is decoded, bytes: a list of empty texts takes six times its bytes in
+/// memory. Assumed: far above the longest trajectory.
 const LARGEST: usize = 16 << 20;
 
 /// Why bytes are not the message that they should be.

@@ -197,8 +197,8 @@ pub(super) fn refuse_impossible(signal: impl std::fmt::Display, value: f64) -> R
         return Ok(());
     }
     Err(format!(
-        "{signal} is {value:e} in SI units, at most {LARGEST:e} is possible: a wrong unit or scale, \
-         or a damaged value"
+        "{signal} is {value:e} in SI units, at most {LARGEST:e} is possible: a wrong unit or \
+         scale, or a damaged value"
     ))
 }
 
