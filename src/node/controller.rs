@@ -319,8 +319,8 @@ fn diagnose(
     })
 }
 
-/// Why a controller that hears two stages ends: a loop over samples of both holds neither. The stage
-/// that it commanded has no force once its `command_timeout` is over.
+/// Why a controller that hears two stages ends: a loop over samples of both holds neither. The
+/// stage that it commanded has no force once its `command_timeout` is over.
 const TWO_STAGES: &str = "the samples come from two stages at once: give one of them another name \
                           with --ros-args -r __node:=NAME or -r __ns:=/NAMESPACE, or another \
                           ROS_DOMAIN_ID; the controller ends";

@@ -111,5 +111,6 @@ macro_rules! bounded {
 }
 
 bounded! {
-    mcap sqlite metadata cdr definition model catalogue mapping csv arrays motion trajectory arguments
+    mcap sqlite metadata cdr definition model catalogue
+    mapping csv arrays motion trajectory arguments
 }
