@@ -332,8 +332,8 @@ fn a_law_is_found_beside_one_whose_form_is_right_only_with_it() {
     assert!((effects[1].values[0] / 3.6 - 1.0).abs() < 0.05, "{effects:?}");
 }
 
-/// What is found does not hang on the unit: the stage of 40 kg on a radius of 1.6 mm is an inertia of
-/// 1e-4 kg m², and the pitch of its motor 2.4 turns.
+/// What is found does not hang on the unit: the stage of 40 kg on a radius of 1.6 mm is an inertia
+/// of 1e-4 kg m², and the pitch of its motor 2.4 turns.
 #[test]
 fn a_turning_joint_gets_what_the_same_motion_along_an_axis_gets() {
     const INERTIA: f64 = 1e-4;

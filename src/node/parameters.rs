@@ -521,10 +521,13 @@ impl ParameterSet {
 services! { "rcl_interfaces":
     ListParameters(rcl_interfaces::ListParametersRequest) -> rcl_interfaces::ListParametersResponse,
     GetParameters(rcl_interfaces::GetParametersRequest) -> rcl_interfaces::GetParametersResponse,
-    GetParameterTypes(rcl_interfaces::GetParameterTypesRequest) -> rcl_interfaces::GetParameterTypesResponse,
-    DescribeParameters(rcl_interfaces::DescribeParametersRequest) -> rcl_interfaces::DescribeParametersResponse,
+    GetParameterTypes(rcl_interfaces::GetParameterTypesRequest)
+        -> rcl_interfaces::GetParameterTypesResponse,
+    DescribeParameters(rcl_interfaces::DescribeParametersRequest)
+        -> rcl_interfaces::DescribeParametersResponse,
     SetParameters(rcl_interfaces::SetParametersRequest) -> rcl_interfaces::SetParametersResponse,
-    SetParametersAtomically(rcl_interfaces::SetParametersRequest) -> rcl_interfaces::SetParametersAtomicallyResponse,
+    SetParametersAtomically(rcl_interfaces::SetParametersRequest)
+        -> rcl_interfaces::SetParametersAtomicallyResponse,
 }
 
 /// The six parameter services of a node, and its `/parameter_events`.

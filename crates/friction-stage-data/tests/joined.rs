@@ -27,7 +27,8 @@ fn cell(t: f64) -> f64 {
     command((t * RATE - 1e-6).ceil() as i64 - 1) + 20.0 * (5.0 * t).cos()
 }
 
-/// `drive.csv` with position and command, and the force cell in `cell.txt`, written by another tool.
+/// `drive.csv` with position and command, and the force cell in `cell.txt` as another tool writes
+/// it.
 fn two_files(directory: &Path) -> std::path::PathBuf {
     let mut drive = "t,x,u\n".to_owned();
     for k in 0..ROWS {

@@ -6,8 +6,8 @@
 //! takes longer than [`PATIENCE`], the caller does not wait for its end: the thread owns all that
 //! it works on, so that it ends by itself.
 //!
-//! Work spreads over all processors, or over as many threads as the caller says: where many processes
-//! share a machine, each takes its own.
+//! Work spreads over all processors, or over as many threads as the caller says: where many
+//! processes share a machine, each takes its own.
 
 use std::any::Any;
 use std::num::NonZeroUsize;

@@ -7,8 +7,8 @@ use crate::quality::finding::{DataFinding, Severity};
 use crate::signals::Signal;
 use friction_stage_core::model::{JointType, StageModel};
 
-/// Stribeck velocity of a prismatic joint, m/s, where no model declares one. Assumed: the low end of
-/// the usual 1 to 10 mm/s. That of a revolute joint is as many times it as its radius is smaller
+/// Stribeck velocity of a prismatic joint, m/s, where no model declares one. Assumed: the low end
+/// of the usual 1 to 10 mm/s. That of a revolute joint is as many times it as its radius is smaller
 /// than 1 m, so there is no usual one.
 const USUAL_STRIBECK_VELOCITY: f64 = 1e-3;
 
