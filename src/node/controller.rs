@@ -662,11 +662,7 @@ impl ControllerLoop {
         if silent {
             self.held = Terms { reference: self.follower.at(stamp), position, ..Terms::default() };
             self.held.error = self.held.reference.position - position;
-            // Of a sample that waits for its setpoint the state comes with the answer.
-            if !self.enabled {
-                self.tell(stamp);
-            }
-            return;
+            return self.tell(stamp);
         }
         // A thousandth of a period is below any rounding of stamps to nanoseconds.
         if stamp >= self.due - self.period / 1000 {

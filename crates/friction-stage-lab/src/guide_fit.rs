@@ -510,8 +510,8 @@ impl GuideFit {
         let break_away = guide.static_force / guide.stiffness;
         if high - low < 4.0 * break_away {
             self.warnings.push(format!(
-                "the largest loop spans {:.1} um, break-away takes some {:.1} um: make it at least \
-                 {:.0} um",
+                "the largest loop spans {:.1} µm, break-away takes some {:.1} µm: make it at least \
+                 {:.0} µm",
                 (high - low) * 1e6,
                 break_away * 1e6,
                 4e6 * break_away

@@ -294,8 +294,8 @@ impl SelectionPlan {
         let peak = tally.peak_error().q50;
         if tally.peak_too_large > 0 {
             reasons.push(format!(
-                "its peak error is too large in {} of the variants: {:.2} um at the median, {:.2} \
-                 um allowed",
+                "its peak error is too large in {} of the variants: {:.2} µm at the median, {:.2} \
+                 µm allowed",
                 share(tally.peak_too_large),
                 peak * 1e6,
                 requirement.peak_error * 1e6
@@ -309,7 +309,7 @@ impl SelectionPlan {
                 "not while watched".to_owned()
             };
             reasons.push(format!(
-                "it settles too late in {} of the variants: to {} um after {told} at the median, \
+                "it settles too late in {} of the variants: to {} µm after {told} at the median, \
                  {:.1} ms allowed",
                 share(tally.settled_too_late),
                 requirement.settling_band * 1e6,
@@ -326,8 +326,8 @@ impl SelectionPlan {
         if candidate.obstacle.is_none() && tally.met == tally.variants {
             let (median, best_median) = (tally.settling_time().q50, best_tally.settling_time().q50);
             reasons.push(format!(
-                "it meets the requirement as well, with less margin: median peak error {:.2} um \
-                 against {:.2} um of {}, settled after {:.1} ms against {:.1} ms",
+                "it meets the requirement as well, with less margin: median peak error {:.2} µm \
+                 against {:.2} µm of {}, settled after {:.1} ms against {:.1} ms",
                 peak * 1e6,
                 best_tally.peak_error().q50 * 1e6,
                 best.name,
@@ -374,7 +374,7 @@ fn low_friction_trap(
     (looks_better && is_worse).then(|| {
         format!(
             "{} has {} of the viscous friction of {}, but more static friction ({} against {} N), \
-             which decides here: its median peak error is {:.2} um against {:.2} um. Low friction \
+             which decides here: its median peak error is {:.2} µm against {:.2} µm. Low friction \
              in a data sheet is friction at speed",
             candidate.name,
             percent(own.viscous_friction / other.viscous_friction),

@@ -338,7 +338,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     );
     // Section 4, fast move
     let um = |values: [f64; 3]| {
-        format!("{:.1}, {:.1}, {:.1} um", 1e6 * values[0], 1e6 * values[1], 1e6 * values[2])
+        format!("{:.1}, {:.1}, {:.1} µm", 1e6 * values[0], 1e6 * values[1], 1e6 * values[2])
     };
     let peaks = of.fast.map(|found| found.forward.peak_error);
     add(
@@ -460,7 +460,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     add(
         "4, fine step",
         "guide 2 has the lowest peak error",
-        format!("{:.2}, {:.2}, {:.2} um", 1e6 * peaks[0], 1e6 * peaks[1], 1e6 * peaks[2]),
+        format!("{:.2}, {:.2}, {:.2} µm", 1e6 * peaks[0], 1e6 * peaks[1], 1e6 * peaks[2]),
         peaks[1] < peaks[0] && peaks[1] < peaks[2],
         None,
     );
@@ -471,7 +471,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     add(
         "4, fine step",
         "guide 3 has the worst performance",
-        format!("peak {:.2} um, {} into 0.1 µm", 1e6 * peaks[2], ms(settled)),
+        format!("peak {:.2} µm, {} into 0.1 µm", 1e6 * peaks[2], ms(settled)),
         peaks[2] > peaks[0] && peaks[2] > peaks[1] && c > a && c > b,
         None,
     );

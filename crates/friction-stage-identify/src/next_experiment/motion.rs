@@ -64,7 +64,7 @@ impl Segment {
     pub(super) fn description(&self) -> String {
         let mm = |metres: f64| {
             if metres.abs() < 1e-3 {
-                format!("{:.0} um", metres * 1e6)
+                format!("{:.0} µm", metres * 1e6)
             } else {
                 format!("{:.1} mm", metres * 1e3)
             }
