@@ -125,12 +125,16 @@ impl Files {
     }
 }
 
-/// Refuses a link that leads out of the directory: a bag opens nothing but itself.
+/// Refuses a link that leads out of the directory: a bag opens nothing but itself. The directory
+/// may be behind links, and where its path cannot be made whole, as in `/proc/1/root`.
 fn all_inside(directory: &Path, paths: &[PathBuf]) -> Result<(), BagError> {
     let whole = |path: &Path| path.canonicalize().map_err(|e| BagError::reading(path, e));
-    let home = whole(directory)?;
-    for path in paths {
-        let place = whole(path)?;
+    let is_link = |path: &Path| {
+        let inside = path.ancestors().take_while(|above| *above != directory);
+        inside.into_iter().any(Path::is_symlink)
+    };
+    for path in paths.iter().filter(|path| is_link(path)) {
+        let (home, place) = (whole(directory)?, whole(path)?);
         if !place.starts_with(&home) {
             let reason = format!(
                 "{:?} is a link to {place:?}: a bag's files lie in its own directory; give that \
