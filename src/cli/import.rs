@@ -37,8 +37,8 @@ pub struct ImportArgs {
     /// Table: CSV, TSV, columns between blanks; arrays in .mat, .npz, .npy
     #[arg(value_name = "FILE")]
     pub csv: PathBuf,
-    /// Further tables of the same motion with clocks of their own, beside FILE or below: the
-    /// mapping joins them
+    /// Further tables of the same motion with clocks of their own, in the directory of FILE or
+    /// below it: the mapping joins them
     #[arg(value_name = "OTHER", conflicts_with = "mapping")]
     pub others: Vec<PathBuf>,
     /// YAML file that says which column is which signal; without it one is proposed
@@ -117,7 +117,8 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         .map(|path| {
             let from_there = path.strip_prefix(directory).with_context(|| {
                 format!(
-                    "{} is not beside {} or below: name the file with the motion first",
+                    "{} is not in the directory of {} or below it: name the file with the motion \
+                     first",
                     path.display(),
                     args.csv.display()
                 )

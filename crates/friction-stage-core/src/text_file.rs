@@ -7,8 +7,8 @@ use std::fs::File;
 use std::io::{Error, ErrorKind, Read};
 use std::path::Path;
 
-/// Largest text, bytes. Assumed: far above what a person or a program writes as a model, a motion
-/// or a mapping, and small beside the memory of any machine.
+/// Largest text, bytes. Assumed: larger than any model, motion or mapping that a person or a
+/// program writes, and a small part of the memory of any machine.
 pub const LARGEST: u64 = 16 * 1024 * 1024;
 
 /// Reads the text of a regular file of at most [`LARGEST`] bytes.
@@ -69,7 +69,7 @@ mod tests {
         }
         let home = tempfile::tempdir().unwrap();
         let pipe = home.path().join("pipe");
-        // Nobody writes to it: to open it would wait for ever.
+        // It has no writer: opening it would block.
         assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
         assert!(read(&pipe).unwrap_err().to_string().contains("a pipe"));
     }

@@ -9,10 +9,10 @@ const MIB: u64 = 1024 * 1024;
 pub(super) const CHUNK: u64 = 128 * MIB;
 /// Messages in one chunk.
 pub(super) const CHUNK_MESSAGES: usize = 1 << 20;
-/// Bytes of all chunks that are open at once since their times overlap, and of what is kept beside
-/// each message of them.
+/// Bytes of all chunks that are open at once since their times overlap, with [`BESIDE_MESSAGE`] for
+/// each of their messages.
 pub(super) const OPEN: u64 = 256 * MIB;
-/// What is kept beside the bytes of a message that waits for its turn.
+/// Memory that a queued message takes in addition to its own bytes, bytes.
 pub(super) const BESIDE_MESSAGE: u64 = 128;
 /// Schemas, channels and metadata of a file, in their records, bytes.
 pub(super) const DIRECTORY: u64 = 32 * MIB;

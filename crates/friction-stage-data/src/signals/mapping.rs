@@ -35,7 +35,7 @@
 //!
 //! ```yaml
 //! join:
-//!   - file: cell.csv             # beside the recording, or below
+//!   - file: cell.csv             # in the directory of the recording, or below it
 //!     clock_offset: 12.5         # s, added to its times; default 0
 //!     signals:
 //!       time: {column: Time_s}

@@ -225,8 +225,8 @@ impl JoinFile {
         let is_plain = |part: Component| matches!(part, Component::Normal(_) | Component::CurDir);
         if self.file.as_os_str().is_empty() || !self.file.components().all(is_plain) {
             let reason = format!(
-                "it is {:?}, must be beside the recording or below: a path without `..`, from the \
-                 directory of the recording on",
+                "it is {:?}, must be in the directory of the recording or below it: a relative \
+                 path without `..`",
                 self.file.display().to_string()
             );
             return Err(keys.wrong("file", reason));

@@ -231,7 +231,7 @@ impl Proposal {
                 .map(|column| {
                     let as_signal = |signal| likeness(signal, column, &samples[column.number - 1]);
                     let best = match signal {
-                        // A force beside the command is a measured one.
+                        // Where the command is known, another force is a measured one.
                         Signal::ForceCell if taken.contains(&Signal::Force) => {
                             as_signal(Signal::ForceCell).max(as_signal(Signal::Force))
                         }

@@ -26,6 +26,23 @@ HOLDOUT_SHARE = 0.4
 """Of a recording, its last part, that no fit sees. Assumed."""
 
 
+class _Inputs:
+    """Texts that a job has read."""
+
+    def __init__(self) -> None:
+        self.texts: dict[str, str] = {}
+        """By their SHA-256."""
+        self.shas: dict[str, str] = {}
+        """SHA-256 of each, by its name."""
+
+    def keep(self, name: str, text: str) -> str:
+        """Takes a text; its SHA-256 stands for it."""
+        sha = digest(text.encode())
+        self.texts[sha] = text
+        self.shas[name] = sha
+        return sha
+
+
 @dataclass(frozen=True)
 class VariantsJob:
     """Variants of a stage: an application over the guides of catalogues and their tolerances.
@@ -60,27 +77,19 @@ class VariantsJob:
         """
         if self.chunk < 1:
             raise FleetError(f"chunk is {self.chunk}, must be at least 1 variant")
-        texts: dict[str, str] = {}
-        inputs: dict[str, str] = {}
-
-        def keep(name: str, text: str) -> str:
-            sha = digest(text.encode())
-            texts[sha] = text
-            inputs[name] = sha
-            return sha
-
+        read = _Inputs()
         name, text = _text(self.application, "application")
         base = _mapping(text, name)
         points: list[dict[str, Any]] = []
         for values in _points(self.sweep):
             if values:
                 label = f"{name} with " + ", ".join(f"{k} {v:g}" for k, v in values.items())
-                sha = keep(label, json.dumps(_with(base, values, name)))
+                sha = read.keep(label, json.dumps(_with(base, values, name)))
             else:
-                sha = keep(name, text)
+                sha = read.keep(name, text)
             points.append({"application": sha, "values": values})
         catalogues = [
-            keep(*_text(catalogue, f"catalogue {number}"))
+            read.keep(*_text(catalogue, f"catalogue {number}"))
             for number, catalogue in enumerate(self.catalogues, 1)
         ]
         settings = {
@@ -94,8 +103,8 @@ class VariantsJob:
         for point in points:
             # Refuses here what every chunk would refuse.
             _native.Plan(
-                texts[point["application"]],
-                [texts[sha] for sha in catalogues],
+                read.texts[point["application"]],
+                [read.texts[sha] for sha in catalogues],
                 list(self.guides),
                 self.seed,
                 self.variants,
@@ -105,7 +114,7 @@ class VariantsJob:
             for point in range(len(points) if chunks else 0)
             for first in range(0, self.variants, self.chunk)
         ]
-        return Manifest("variants", _native.__version__, settings, inputs, parts, texts)
+        return Manifest("variants", _native.__version__, settings, read.shas, parts, read.texts)
 
 
 @dataclass(frozen=True)
@@ -163,25 +172,17 @@ class BagsJob:
         """
         if not 0.0 < self.holdout_share < 1.0:
             raise FleetError(f"holdout_share is {self.holdout_share}, must be between 0 and 1")
-        texts: dict[str, str] = {}
-        inputs: dict[str, str] = {}
-
-        def keep(name: str, text: str) -> str:
-            sha = digest(text.encode())
-            texts[sha] = text
-            inputs[name] = sha
-            return sha
-
+        read = _Inputs()
         models: dict[str, str] = {}
 
         def model(source: Path | Model | None, bag: str) -> str:
             if source is None:
                 raise FleetError(f"{bag} has no model: give it one, or one to the whole job")
             if isinstance(source, Model):
-                return keep(f"model {source.name}", source.to_yaml())
+                return read.keep(f"model {source.name}", source.to_yaml())
             key = os.fspath(source)
             if key not in models:
-                models[key] = keep(f"model {key}", _model(key).to_yaml())
+                models[key] = read.keep(f"model {key}", _model(key).to_yaml())
             return models[key]
 
         parts: list[dict[str, Any]] = []
@@ -199,7 +200,7 @@ class BagsJob:
         with ThreadPoolExecutor(READERS) as readers:
             for part, prints in zip(parts, readers.map(_prints, parts), strict=True):
                 part["sha256"] = prints
-        mapping = None if self.mapping is None else keep(*_text(self.mapping, "mapping"))
+        mapping = None if self.mapping is None else read.keep(*_text(self.mapping, "mapping"))
         settings = {
             "mapping": mapping,
             "holdout_share": self.holdout_share,
@@ -207,7 +208,7 @@ class BagsJob:
             "guide_tolerance": self.guide_tolerance,
             "presliding_tolerance": self.presliding_tolerance,
         }
-        return Manifest("bags", _native.__version__, settings, inputs, parts, texts)
+        return Manifest("bags", _native.__version__, settings, read.shas, parts, read.texts)
 
     def _bags(self) -> list[Bag]:
         if isinstance(self.bags, (str, os.PathLike)):
