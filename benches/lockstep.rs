@@ -716,7 +716,7 @@ fn record(layout: &Layout, participant: &Participant) {
         Records::DrainedBestEffort => Qos::best_effort(10_000),
     };
     let woken = layout.records == Records::Woken;
-    let states =
+    let mut states =
         Inlet::<ControllerState>::new(participant, "/controller/state", &qos).expect("an inlet");
     thread::spawn(move || {
         let waiter = Waiter::new();

@@ -32,7 +32,7 @@ fn main() -> anyhow::Result<()> {
     let mut setup = Setup::new(seed);
     for (index, word) in hidden.iter().enumerate() {
         if let Ok(count) = word.parse() {
-            setup = setup.with_all(composition(count, seed));
+            setup = setup.with_all(composition(&CATALOGUE[..LISTED], count, seed));
             continue;
         }
         let (name, factor) = word.split_once('=').unwrap_or((word, "1"));

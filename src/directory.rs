@@ -6,6 +6,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use anyhow::Context as _;
 use clap::Args;
 
+use crate::interrupt;
 use crate::outcome::WrongArguments;
 
 /// A directory that is named after what it holds and when: `<name>_<date>` in `parent`, UTC.
@@ -14,6 +15,22 @@ pub fn dated(parent: &Path, name: &str) -> PathBuf {
     let seconds = i64::try_from(now.as_secs()).unwrap_or_default();
     let date = chrono::DateTime::from_timestamp(seconds, 0).unwrap_or_default();
     parent.join(format!("{name}_{}", date.format("%Y_%m_%d-%H_%M_%S")))
+}
+
+/// Refuses a file that exists already, unless it is to be replaced; `option` names it. It is
+/// announced, so that an interrupted command can say what is kept. A device or a pipe holds nothing
+/// that could be lost.
+pub fn may_replace(path: Option<&Path>, force: bool, option: &str) -> Result<(), WrongArguments> {
+    let Some(path) = path else { return Ok(()) };
+    let holds = path.metadata().is_ok_and(|found| found.is_file() || found.is_dir());
+    if holds && !force {
+        return Err(WrongArguments(format!(
+            "{} exists already: choose another {option}, or replace it with --force",
+            path.display()
+        )));
+    }
+    interrupt::writes(path);
+    Ok(())
 }
 
 /// The arguments that name the directory.
@@ -46,6 +63,7 @@ impl ResultsArgs {
                 directory.display()
             )));
         }
+        interrupt::writes(&directory);
         Ok(Results { directory })
     }
 }

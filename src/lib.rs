@@ -3,5 +3,6 @@
 pub mod cli;
 pub mod cpu;
 pub mod directory;
+pub mod interrupt;
 pub mod node;
 pub mod outcome;

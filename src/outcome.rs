@@ -33,6 +33,9 @@ pub struct WrongArguments(pub String);
 #[error("{0}")]
 pub struct Interrupted(pub String);
 
+/// Exit code of a program that was interrupted, as a shell has it.
+pub const INTERRUPTED: u8 = 130;
+
 /// Longest text of an error, characters: one that lists the columns of a file may have very many.
 const LONGEST: usize = 10_000;
 
@@ -50,7 +53,7 @@ pub fn exit_code(result: anyhow::Result<Outcome>) -> ExitCode {
             let _ = writeln!(std::io::stderr(), "error: {}{more}", printable(told));
             match () {
                 () if error.is::<WrongArguments>() => ExitCode::from(2),
-                () if error.is::<Interrupted>() => ExitCode::from(130),
+                () if error.is::<Interrupted>() => ExitCode::from(INTERRUPTED),
                 () => ExitCode::FAILURE,
             }
         }

@@ -610,6 +610,28 @@ impl RosMessage for FormerState {
 }
 
 #[test]
+fn a_setpoint_that_begins_later_is_no_fault_of_its_log_time() {
+    let home = TempDir::new().unwrap();
+    let directory = home.path().join("run");
+    let mut bag = BagWriter::create(&directory, &options()).unwrap();
+    let qos = OfferedQos::reliable(10);
+    let encoder_id = bag.add_topic::<JointState>("/stage/encoder", &qos).unwrap();
+    let setpoint_id = bag.add_topic::<JointTrajectory>("/stage/setpoint", &qos).unwrap();
+    for k in 0..8000_i64 {
+        let time = k * MILLISECOND;
+        bag.write(encoder_id, time as u64, &encoder(time, k as f64 * 1e-6)).unwrap();
+        // The same one twice, and one that is to begin at once.
+        if let 1000 | 1500 = k {
+            bag.write(setpoint_id, time as u64, &setpoint(5000 * MILLISECOND, 0.01)).unwrap();
+        } else if k == 6000 {
+            bag.write(setpoint_id, time as u64, &setpoint(0, 0.0)).unwrap();
+        }
+    }
+    bag.finish().unwrap();
+    assert_eq!(check(&directory).unwrap().findings, []);
+}
+
+#[test]
 fn messages_by_the_name_that_their_package_had_are_read_and_recovered() {
     let home = TempDir::new().unwrap();
     let directory = home.path().join("run");

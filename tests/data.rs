@@ -446,19 +446,19 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
             "no cell",
             |t| t.force_cell.fill(f64::NAN),
             |p| matches!(p, DataFinding::NoForceCell),
-            Severity::Warning,
+            Severity::Note,
         ),
         (
             "no command",
             |t| t.force.fill(f64::NAN),
             |p| matches!(p, DataFinding::NoCommand),
-            Severity::Warning,
+            Severity::Note,
         ),
         (
             "no setpoint",
             |t| t.reference_position.fill(f64::NAN),
             |p| matches!(p, DataFinding::NoSetpoint),
-            Severity::Warning,
+            Severity::Note,
         ),
         (
             "a constant cell",

@@ -135,7 +135,9 @@ fn a_csv_file_is_imported_checked_and_told_in_sentences_and_json() {
         told.contains("Stribeck velocity of 1.0e-3 m/s (assumed: no model declares one)"),
         "{told}"
     );
-    assert_eq!(direct.status.code(), Some(3), "{told}");
+    // What a recording lacks is no fault of it.
+    assert!(told.contains("note: there is no setpoint") && !told.contains("warning:"), "{told}");
+    assert_eq!(direct.status.code(), Some(0), "{told}");
     assert!(
         told.contains("mass: can be identified")
             && told.contains("closed loop: cannot be identified"),

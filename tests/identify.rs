@@ -488,7 +488,7 @@ fn bad_input_is_told_with_its_reason_and_the_right_exit_code() {
         (&forceless, &short, 1, "force"),
         (&short, &short, 2, "both train and hold-out"),
     ] {
-        let output = identify(&["--train", train, "--holdout", holdout, "--out", &out]);
+        let output = identify(&["--train", train, "--holdout", holdout, "--out", &out, "--force"]);
         let told = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(code), "{told}");
         assert!(told.contains(words), "{words:?} is not in {told:?}");

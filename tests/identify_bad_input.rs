@@ -104,7 +104,7 @@ fn csv(home: &Path, name: &str, columns: &Columns) -> PathBuf {
 
 fn identify(model: &str, train: &Path, holdout: &Path, out: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_friction-stage"))
-        .args(["identify", "--model", model, "--json", "--train"])
+        .args(["identify", "--force", "--model", model, "--json", "--train"])
         .arg(train)
         .arg("--holdout")
         .arg(holdout)

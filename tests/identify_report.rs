@@ -226,6 +226,12 @@ fn wrong_arguments_end_with_2_and_missing_files_with_1() {
     let foreign = identify(&nothing, &other, &out, &[]).output().unwrap();
     assert_eq!(foreign.status.code(), Some(1));
     assert!(stderr(&foreign).contains("another command"), "{}", stderr(&foreign));
+    std::fs::write(out.join("summary.json"), "{\"verdict\": \"none\"}").unwrap();
+    let earlier = identify(&nothing, &other, &out, &[]).output().unwrap();
+    assert_eq!(earlier.status.code(), Some(2));
+    assert!(stderr(&earlier).contains("--force"), "{}", stderr(&earlier));
+    let replaced = identify(&nothing, &other, &out, &["--force"]).output().unwrap();
+    assert_eq!(replaced.status.code(), Some(1), "{}", stderr(&replaced));
     for (file, words) in [
         ("metadata.yaml", "is a recording"),
         ("report.html", "no summary.json of an identification"),
@@ -260,7 +266,7 @@ fn ctrl_c_leaves_a_partial_report_that_says_so() {
         let sent = unsafe { libc::kill(child.id() as i32, libc::SIGINT) };
         assert_eq!(sent, 0);
         let output = child.wait_with_output().unwrap();
-        assert_eq!(output.status.code(), Some(3));
+        assert_eq!(output.status.code(), Some(130));
         let summary: Summary = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!((summary.verdict.as_str(), summary.effects.len()), ("unknown", 0));
         assert!(

@@ -48,10 +48,14 @@ struct Open {
 }
 
 fn open(look: Look) -> Option<Open> {
+    open_page(look, page())
+}
+
+fn open_page(look: Look, page: String) -> Option<Open> {
     let program = chromium()?;
     let directory = tempfile::tempdir().expect("a directory");
     let file = directory.path().join("page.html");
-    std::fs::write(&file, page()).expect("a page");
+    std::fs::write(&file, page).expect("a page");
     let browser = Browser::open(&program, &format!("file://{}", file.display()), look);
     Some(Open { browser, _directory: directory })
 }
@@ -205,6 +209,34 @@ fn the_page_fits_a_phone_follows_the_colours_of_the_system_and_prints_its_drawin
     open.browser.print();
     assert_eq!(open.browser.text(&display("figure.live > svg")), "block");
     assert_eq!(open.browser.text(&display(".plot")), "none");
+    open.assert_quiet();
+}
+
+/// On less than a decade, on two that begin anywhere, and on more than numbers of 64 bits resolve.
+#[test]
+fn a_logarithmic_axis_has_its_numbers_whatever_it_spans() {
+    let mut page = Page::new("Plots", "of a test");
+    for values in [[2.0, 7.0, 3.0], [4.7e3, 4.6e5, 2e4], [1e-20, 2e3, 1.0]] {
+        let mut chart = Chart::new("t", "x", "y").logarithmic(false, true);
+        let points = values.into_iter().enumerate().map(|(k, value)| (0.1 * k as f64, value));
+        chart.add("curve", 0, Style::Both, points);
+        chart.line("limit", Axis::Y, values[2]);
+        page.figure(&chart, "caption").expect("a chart");
+    }
+    let Some(mut open) = open_page(WIDE, page.finish()) else { return };
+    // What is written from now on; the plots are made again for a dark screen.
+    open.browser.evaluate(
+        "window.words = []; const write = CanvasRenderingContext2D.prototype.fillText; \
+         CanvasRenderingContext2D.prototype.fillText = function (text, ...more) { \
+         window.words.push(text); return write.call(this, text, ...more); }; true",
+    );
+    open.browser.look(Look { width: 1280, dark: true });
+    for number in ["4", "6", "10000", "1e5", "1e-8", "100", "limit"] {
+        open.browser.wait_until(&format!("window.words.includes('{number}')"));
+    }
+    for figure in 0..3 {
+        assert!(open.pixels(figure, [74, 168, 224]).0 > 50.0, "{figure}");
+    }
     open.assert_quiet();
 }
 

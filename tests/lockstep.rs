@@ -7,7 +7,7 @@ use friction_stage::node::LOCKSTEP_EPOCH;
 use friction_stage::node::driver::{Driver, LockstepRun};
 use friction_stage::node::participant::{Network, Reach};
 use friction_stage_core::control::{
-    Compensation, CompensationTermsOn, Controller, ControllerSettings, Trajectory,
+    Compensation, CompensationTermsOn, Controller, ControllerSettings, ObserverSettings, Trajectory,
 };
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
@@ -19,6 +19,7 @@ use friction_stage_lab::PaperMotion;
 /// Domains of this test file alone.
 const DOMAIN: u16 = 71;
 const DOMAIN_OF_COMPENSATION: u16 = 72;
+const DOMAIN_OF_OBSERVER: u16 = 76;
 
 fn record(directory: &Path, motion: &PaperMotion, domain: u16, controller: &[&str]) {
     let network = Network { domain, reach: Reach::Localhost };
@@ -40,15 +41,26 @@ fn record(directory: &Path, motion: &PaperMotion, domain: u16, controller: &[&st
     Driver::new(program, network).unwrap().run(&run, &mut |_| {}).unwrap();
 }
 
-fn in_process(motion: &PaperMotion, count: usize, known: Option<&StageModel>) -> Vec<Cycle> {
+fn in_process(
+    motion: &PaperMotion,
+    count: usize,
+    known: Option<&StageModel>,
+    observer: Option<ObserverSettings>,
+) -> Vec<Cycle> {
     let stage = Stage::new(&StageModel::on_guides("guide_3"), Rates::DEFAULT, 42).unwrap();
-    let settings = ControllerSettings::paper(40.0, 4000.0, 2000.0);
-    let controller = Controller::new(settings.clone()).unwrap();
-    let mut closed_loop =
-        ClosedLoop::new(stage, controller, Trajectory::new(0, motion.points.clone()).unwrap());
-    if let Some(known) = known {
-        let on = CompensationTermsOn::ALL;
-        closed_loop = closed_loop.compensated(Compensation::new(known, &settings, on).unwrap());
+    let settings =
+        ControllerSettings { observer, ..ControllerSettings::paper(40.0, 4000.0, 2000.0) };
+    let compensation =
+        known.map(|known| Compensation::new(known, &settings, CompensationTermsOn::ALL).unwrap());
+    let controller = Controller::new(match &compensation {
+        Some(compensation) => settings.informed(compensation),
+        None => settings,
+    })
+    .unwrap();
+    let trajectory = Trajectory::new(0, motion.points.clone()).unwrap();
+    let mut closed_loop = ClosedLoop::new(stage, controller, trajectory);
+    if let Some(compensation) = compensation {
+        closed_loop = closed_loop.compensated(compensation);
     }
     (0..count).map(|_| closed_loop.cycle().unwrap()).collect()
 }
@@ -60,7 +72,7 @@ fn trace_over_ros_is_the_trace_in_one_process_bit_for_bit() {
     let motion = PaperMotion::new(0.05, 1);
     record(&bag, &motion, DOMAIN, &[]);
     let cycles = (motion.duration() / 250_000) as usize;
-    let expected = in_process(&motion, cycles, None);
+    let expected = in_process(&motion, cycles, None, None);
 
     let (mut samples, mut forces, mut states, mut last) = (0, 0, 0, None);
     let at = |stamp: i64| {
@@ -147,15 +159,40 @@ fn trace_over_ros_is_the_trace_in_one_process_bit_for_bit() {
 /// The controller node with what it knows of the stage is the compensation in one process.
 #[test]
 fn compensation_over_ros_is_that_in_one_process_bit_for_bit() {
+    compensation_is_that_in_one_process(DOMAIN_OF_COMPENSATION, None);
+}
+
+#[test]
+fn a_disturbance_observer_over_ros_is_that_in_one_process_bit_for_bit() {
+    let observer = ObserverSettings {
+        bandwidth: 12.5,
+        limit: 80.0,
+        mass: 40.0,
+        delay: 0.0,
+        forward_delay: 0.0,
+    };
+    compensation_is_that_in_one_process(DOMAIN_OF_OBSERVER, Some(observer));
+}
+
+fn compensation_is_that_in_one_process(domain: u16, observer: Option<ObserverSettings>) {
     let directory = tempfile::tempdir().unwrap();
     let bag = directory.path().join("run");
     let motion = PaperMotion::new(0.05, 1);
-    let given = ["-p", "compensation:=guide_3"];
-    record(&bag, &motion, DOMAIN_OF_COMPENSATION, &given);
+    let mut given = vec!["-p".to_owned(), "compensation:=guide_3".to_owned()];
+    if let Some(observer) = observer {
+        let ObserverSettings { bandwidth, limit, .. } = observer;
+        for (name, value) in [("bandwidth", bandwidth), ("limit", limit)] {
+            given.extend(["-p".to_owned(), format!("disturbance_observer.{name}:={value:?}")]);
+        }
+    }
+    let given: Vec<&str> = given.iter().map(String::as_str).collect();
+    record(&bag, &motion, domain, &given);
     let cycles = (motion.duration() / 250_000) as usize;
     let known = StageModel::on_guides("guide_3");
-    let expected = in_process(&motion, cycles, Some(&known));
-    let plain = in_process(&motion, cycles, None);
+    let expected = in_process(&motion, cycles, Some(&known), observer);
+    let plain = in_process(&motion, cycles, None, None);
+    let observed = expected.iter().any(|one| one.terms.disturbance != 0.0);
+    assert_eq!(observed, observer.is_some(), "what the observer adds");
     let peak = |run: &[Cycle]| run.iter().map(|one| one.terms.error.abs()).fold(0.0, f64::max);
     assert!(peak(&expected) < 0.2 * peak(&plain), "{} {}", peak(&expected), peak(&plain));
     let (mut forces, mut states, mut last) = (0, 0, None);

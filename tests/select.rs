@@ -1,25 +1,16 @@
 //! `select`, `merge` and `fit-guide` at the process boundary: results, messages and exit codes.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 
 use friction_stage_core::model::{Catalogue, StageModel};
 use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, Provenance, topics};
 use friction_stage_data::message::{Header, JointState, WrenchStamped};
 use friction_stage_lab::RigRecord;
 
-fn program(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_friction-stage"));
-    command.args(arguments);
-    command
-}
+mod program;
 
-/// Exit code, stdout and stderr.
-fn run(arguments: &[&str]) -> (i32, String, String) {
-    let Output { status, stdout, stderr } = program(arguments).output().unwrap();
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    (status.code().unwrap_or(-1), text(stdout), text(stderr))
-}
+use program::{program, run};
 
 fn config(name: &str) -> String {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("launch_config").join(name).display().to_string()
@@ -384,7 +375,7 @@ fn a_guide_goes_from_the_rig_through_bags_into_the_catalogue_and_is_chosen_from_
     let fitted = Catalogue::load(Path::new(&out)).unwrap();
     assert_near(&fitted, "fitted", "guide_1", 6);
     let (code, _, stderr) = fit(&stribeck, &[]);
-    assert!(code == 1 && stderr.contains("is there already"), "{code} {stderr}");
+    assert!(code == 2 && stderr.contains("exists already"), "{code} {stderr}");
 
     let application = config("application_fine_step_sealed.yaml");
     let place = at("choice").display().to_string();

@@ -4,6 +4,10 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use friction_stage::node::controller_settings;
+use friction_stage_core::control::ControllerSettings;
+use friction_stage_core::model::StageModel;
+use friction_stage_core::plant::Rates;
+use friction_stage_lab::{MeasuredLoop, Settings, measure_loop};
 
 fn tune(arguments: &[&str], out: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_friction-stage"))
@@ -85,5 +89,51 @@ fn bad_input_is_refused_with_what_is_wrong() {
             assert!(told.contains(words), "{arguments:?} gave {told:?} without {words:?}");
         }
         assert!(!out.join("controller.yaml").exists());
+    }
+}
+
+#[test]
+fn a_measured_loop_is_shown_next_to_that_of_the_model() {
+    let directory = tempfile::tempdir().unwrap();
+    let model = StageModel::on_guides("guide_1");
+    let lab = Settings { seed: 1, rates: Rates::DEFAULT };
+    let settings = ControllerSettings::of_model(&model, 60.0, 4000.0);
+    let frequencies = [20.0, 40.0, 60.0, 90.0, 140.0, 220.0, 350.0];
+    let points = measure_loop(&model, &lab, &settings, 1e-6, &frequencies).unwrap();
+    let measured = MeasuredLoop { settings, force: 20.0, points };
+    let file = directory.path().join("loop.json");
+    std::fs::write(&file, measured.to_json().unwrap()).unwrap();
+    let path = file.to_str().unwrap();
+    let out = directory.path().join("out");
+    let run = tune(&["guide_1", "--variants", "1", "--measured", path, "--json"], &out);
+    assert!(matches!(run.status.code(), Some(0 | 3)), "{run:?}");
+    let summary: serde_json::Value = serde_json::from_slice(&run.stdout).unwrap();
+    let found = &summary["measured"];
+    let largest = &found["largest_difference"];
+    assert!(largest["points"].as_u64().unwrap() >= 5, "{found}");
+    assert!(largest["magnitude"].as_f64().unwrap() < 0.02, "{found}");
+    assert_eq!(found["points"].as_array().unwrap().len(), 7);
+    // The tuned controller keeps its margin on the stage that is the model's.
+    assert!(found["tuned_margins"]["modulus_margin"].as_f64().unwrap() > 0.5, "{found}");
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert_eq!(page.matches("<svg").count(), 11);
+    assert!(out.join("measured_gain.svg").exists() && page.contains("Measured loop"));
+
+    // As text; of another stage the margin is another one, which is said.
+    let run =
+        tune(&["guide_1", "--variants", "1", "--measured", path], &directory.path().join("t"));
+    let text = String::from_utf8(run.stdout).unwrap();
+    assert!(text.contains("tuned controller on the measured stage"), "{text}");
+
+    let bad = directory.path().join("bad.json");
+    let text = measured.to_json().unwrap().replace("\"rate\": 4000.0", "\"rate\": 8000.0");
+    for (text, told) in [
+        ("{}".to_owned(), "bad.json: not a measured loop: missing field `schema_version`"),
+        (text, "bad.json was measured at 8000 Hz and the application is at 4000 Hz"),
+    ] {
+        std::fs::write(&bad, text).unwrap();
+        let run = tune(&["guide_1", "--measured", bad.to_str().unwrap()], &out);
+        let error = String::from_utf8_lossy(&run.stderr).into_owned();
+        assert!(run.status.code() != Some(0) && error.contains(told), "{error}");
     }
 }

@@ -27,7 +27,8 @@ use friction_stage_report::words::recording_text;
 /// .npz, .npy); a mapping says which topic and field, or which column, is which signal.
 ///
 /// Exit code: 0 nothing wrong, 3 with warnings, 1 nothing of it can be read. What stands in the way
-/// of identification counts as a warning if --model or --mapping asks for it.
+/// of identification counts as a warning if --model or --mapping asks for it. Notes, such as that
+/// there is no force cell, are no warnings.
 #[derive(Debug, Clone, Args)]
 #[command(
     after_help = "Examples:\n  friction-stage check run_1\n  friction-stage check run_1 --model \

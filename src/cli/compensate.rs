@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::progress::Progress;
 use super::{Outcome, tell_assumptions};
 use crate::directory::ResultsArgs;
 use crate::node::controller_settings;
@@ -83,7 +84,9 @@ pub fn run(args: &CompensateArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         points,
     };
     let results = args.results.directory("compensate")?;
+    let progress = Progress::endless("moving");
     let (plain, compensated) = trial.run()?;
+    drop(progress);
     let compensation = trial.compensation()?;
     let left_out = compensation.left_out();
     let runs = TrialRuns { plain: &plain, compensated: &compensated, left_out };

@@ -13,6 +13,7 @@ use super::Outcome;
 use super::progress::Progress;
 use crate::cpu;
 use crate::directory;
+use crate::interrupt;
 use crate::node::driver::{Driver, LockstepRun};
 use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, topics};
 use friction_stage_data::message::ControllerState;
@@ -45,6 +46,9 @@ pub struct DemoArgs {
     /// Directory for bags and figures [default: demo_ and the date]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Replace the bags and figures that the directory holds
+    #[arg(long)]
+    pub force: bool,
     /// Rest after a return move, before the fast move and before the steps, simulated seconds; the
     /// paper: a minute
     #[arg(long, default_value_t = Conditioning::DEMO_REST, value_name = "SECONDS")]
@@ -81,6 +85,7 @@ impl Default for DemoArgs {
             other: None,
             guides: guides(),
             out: None,
+            force: false,
             rest: Conditioning::DEMO_REST,
             fine_steps: FINE_STEPS,
             seed: 1,
@@ -124,11 +129,16 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         friction_stage_core::model::StageModel::on_guides(guide).check()?;
     }
     let directory = args.out.clone().unwrap_or_else(|| directory::dated(Path::new(""), "demo"));
-    anyhow::ensure!(
-        !args.guides.iter().any(|guide| directory.join(guide).exists()),
-        "{} holds a demo already: choose another --out",
-        directory.display()
-    );
+    for bag in args.guides.iter().map(|guide| directory.join(guide)).filter(|bag| bag.exists()) {
+        anyhow::ensure!(
+            args.force,
+            "{} holds a demo already: choose another --out, or replace it with --force",
+            directory.display()
+        );
+        std::fs::remove_dir_all(&bag)
+            .with_context(|| format!("cannot replace {}", bag.display()))?;
+    }
+    interrupt::writes(&directory);
     std::fs::create_dir_all(&directory)
         .with_context(|| format!("cannot create {}", directory.display()))?;
     let motion = PaperMotion::new(args.rest, args.fine_steps);

@@ -1,6 +1,7 @@
 //! `friction-stage experiment`: the laboratory of the paper, one experiment or all of them.
 
 pub(super) mod bags;
+mod parts;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -10,12 +11,15 @@ use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 
 use self::bags::write_bag;
+use self::parts::Parts;
 use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::directory::ResultsArgs;
+use crate::interrupt;
 use friction_stage_core::model::StageModel;
 use friction_stage_lab::{
-    self as lab, Experiment, ExperimentPlan, Keep, LabError, LabRecording, Settings, Specimen,
+    self as lab, Experiment, ExperimentPlan, ExperimentResults, Keep, KeptParts, LabError,
+    LabRecording, Settings, Specimen,
 };
 use friction_stage_report::experiment::{ExperimentSummary, experiment_page};
 
@@ -25,6 +29,9 @@ use friction_stage_report::experiment::{ExperimentSummary, experiment_page};
 /// (SVG), summary.json and one self-contained report.html. `paper` runs all of them and checks
 /// every statement of the paper.
 ///
+/// What is measured of a guide is kept in `parts` until the end, so that --resume continues a run
+/// that was stopped.
+///
 /// Exit code: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings, for instance a statement
 /// that does not hold.
 #[derive(Debug, Clone, Args)]
@@ -32,7 +39,9 @@ use friction_stage_report::experiment::{ExperimentSummary, experiment_page};
     after_help = "Examples:\n  friction-stage experiment stribeck\n  friction-stage experiment \
                   dahl --guides guide_1,guide_1+distributed_bristles --out dahl\n  friction-stage \
                   experiment fast-move --model my_stage.yaml\n  friction-stage experiment paper \
-                  --out paper && xdg-open paper/report.html"
+                  --out paper && xdg-open paper/report.html\n  friction-stage experiment paper \
+                  --out paper --resume   # after Ctrl-C\n  friction-stage experiment fine-step \
+                  --distance 1e-6 --duration 2e-3 --bandwidth 90"
 )]
 pub struct ExperimentArgs {
     /// What to run
@@ -47,9 +56,24 @@ pub struct ExperimentArgs {
     pub model: Vec<PathBuf>,
     #[command(flatten)]
     pub results: ResultsArgs,
+    /// Go on with a run that was stopped, in --out: what it has measured is not measured again
+    #[arg(long, conflicts_with = "force", requires = "out")]
+    pub resume: bool,
     /// Amplitudes of the loops of `dahl`, m [default: twelve from 10e-9 to 1e-3]
     #[arg(long, value_delimiter = ',', value_name = "METRES", value_parser = amplitude)]
     pub amplitudes: Vec<f64>,
+    /// Way of the move of fast-move or the step of fine-step, m [default: 50e-3 or 10e-6]
+    #[arg(long, value_name = "METRES")]
+    pub distance: Option<f64>,
+    /// Time of that move or step, s [default: 0.1 or 3e-3]
+    #[arg(long, value_name = "SECONDS")]
+    pub duration: Option<f64>,
+    /// Mass of the stage in fast-move and fine-step, kg [default: that of the model]
+    #[arg(long, value_name = "KG")]
+    pub mass: Option<f64>,
+    /// Bandwidth of the controller in fast-move and fine-step, Hz [default: 60]
+    #[arg(long, value_name = "HZ")]
+    pub bandwidth: Option<f64>,
     /// Seed of the sensor noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -129,16 +153,25 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         rest: args.rest,
         ..ExperimentPlan::new(experiment, specimens)?
     }
-    .with_amplitudes(&args.amplitudes)?;
+    .with_amplitudes(&args.amplitudes)?
+    .with_move(args.distance, args.duration, args.mass, args.bandwidth)
+    .map_err(|error| match error {
+        LabError::NoMove { .. } | LabError::Limit { .. } | LabError::Model(_) => {
+            anyhow::Error::from(WrongArguments(error.to_string()))
+        }
+        other => other.into(),
+    })?;
     let results = args.results.directory(&format!("experiment_{name}"))?;
     results.create()?;
+    let parts = Parts::open(results.path(), &plan, args.resume, args.results.force)?;
+    interrupt::remind(format!("continue with --resume --out {}", results.path().display()));
 
     let progress = Progress::of(plan.ticks() as u64, name);
     let keep = |of: &Specimen, recordings: &[LabRecording]| -> anyhow::Result<()> {
         recordings.iter().try_for_each(|recording| {
             let name_of_bag = format!("{}_{}", of.file_name(), recording.name);
             let bag = results.path().join("bags").join(name_of_bag);
-            if args.results.force && bag.exists() {
+            if (args.results.force || args.resume) && bag.exists() {
                 std::fs::remove_dir_all(&bag)
                     .with_context(|| format!("cannot replace {}", bag.display()))?;
             }
@@ -146,7 +179,13 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         })
     };
     let keep: Option<&Keep<'_, anyhow::Error>> = if args.no_bags { None } else { Some(&keep) };
-    let found = plan.run(keep, &|| progress.step())?;
+    let kept = KeptParts {
+        load: &|of: &Specimen, part: Experiment| parts.load(of, part),
+        save: &|of: &Specimen, part: Experiment, found: &ExperimentResults| {
+            parts.save(of, part, found)
+        },
+    };
+    let found = plan.run_on(keep, Some(&kept), &|| progress.step())?;
     drop(progress);
     let summary = ExperimentSummary::new(&plan, &found);
     let (page, figures) = experiment_page(&summary, &plan.specimens)?;
@@ -156,6 +195,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     results.write("report.html", &page)?;
     let json = serde_json::to_string_pretty(&summary)?;
     results.write("summary.json", &json)?;
+    parts.remove()?;
     if args.json {
         writeln!(out, "{json}")?;
     } else {

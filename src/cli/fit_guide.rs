@@ -8,6 +8,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Outcome;
+use super::progress::Progress;
+use crate::directory::may_replace;
 use friction_stage_data::signals::Trace;
 use friction_stage_lab::{Fitted, GuideConstruction, GuideFit, RigRecord, fit_guide};
 
@@ -28,9 +30,12 @@ pub struct FitGuideArgs {
     /// rosbag2 directory or one of its files, with slow loops
     #[arg(long, value_name = "BAG")]
     pub dahl: PathBuf,
-    /// Catalogue file to write; one that is there already is left alone
+    /// Catalogue file to write
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Replace the file of --out
+    #[arg(long)]
+    pub force: bool,
     /// Name of the entry [default: that of the file]
     #[arg(long)]
     pub name: Option<String>,
@@ -78,11 +83,7 @@ struct Parameter {
 
 /// Runs the command; the result goes to `out`.
 pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
-    anyhow::ensure!(
-        !args.out.exists(),
-        "{} is there already: choose another --out",
-        args.out.display()
-    );
+    may_replace(Some(&args.out), args.force, "--out")?;
     let name = match &args.name {
         Some(name) => name.clone(),
         None => {
@@ -95,8 +96,10 @@ pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         let Trace { time, position, force_cell: force, .. } = trace;
         Ok((RigRecord { time, position, force }, model.map(|model| model.mass)))
     };
+    let progress = Progress::endless("reading");
     let (stribeck, said) = read(&args.stribeck)?;
     let (dahl, _) = read(&args.dahl)?;
+    progress.say("fitting");
     let mass = args.mass.or(said).with_context(|| {
         format!(
             "{} does not say what mass moves behind the force cell: give it by --mass",
@@ -110,6 +113,7 @@ pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let fit = fit_guide(&stribeck, &dahl, mass).with_context(|| {
         format!("no guide from {} and {}", args.stribeck.display(), args.dahl.display())
     })?;
+    drop(progress);
     let catalogue = fit
         .catalogue(
             &name,

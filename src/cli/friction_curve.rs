@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::progress::Progress;
 use super::{Outcome, PartArgs};
+use crate::directory::may_replace;
 use friction_stage_data::quality::held_speeds;
 use friction_stage_data::signals::{self, Mapping};
 use friction_stage_lab::{CurvePoint, friction_curve};
@@ -45,6 +46,9 @@ pub struct FrictionCurveArgs {
     /// Draw the points and the curve into this SVG file; one that exists is replaced
     #[arg(long, value_name = "FILE")]
     pub figure: Option<PathBuf>,
+    /// Replace the file of --figure
+    #[arg(long)]
+    pub force: bool,
     /// Print JSON instead of text
     #[arg(long)]
     pub json: bool,
@@ -52,6 +56,7 @@ pub struct FrictionCurveArgs {
 
 /// Runs the command; the result goes to `out`.
 pub fn run(args: &FrictionCurveArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    may_replace(args.figure.as_deref(), args.force, "--figure")?;
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
     let window = args.part.window()?;
     let progress = Progress::of(args.recordings.len() as u64, "reading");

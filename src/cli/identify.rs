@@ -4,8 +4,6 @@ mod next;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use anyhow::Context as _;
@@ -13,7 +11,8 @@ use clap::Args;
 use indicatif::ProgressBar;
 
 use super::progress::Progress;
-use super::{Outcome, PartArgs, WrongArguments};
+use super::{Interrupted, Outcome, PartArgs, WrongArguments};
+use crate::interrupt::{self, Patience};
 use friction_stage_core::model::{JointType, StageModel};
 use friction_stage_core::text_file;
 use friction_stage_data::bag::topics;
@@ -35,7 +34,8 @@ use friction_stage_report::words::records_error;
 /// stage node and every experiment load, summary.json, report.html and the figures. Ctrl-C ends the
 /// search after the running step and writes what there is.
 ///
-/// Exit code: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings.
+/// Exit code: 0 done, 1 failed, 2 wrong arguments, 3 done with warnings, 130 stopped with Ctrl-C.
+/// Notes, such as that there is no setpoint, are no warnings.
 #[derive(Debug, Clone, Args)]
 #[command(
     after_help = "Examples:\n  friction-stage identify --model stage.yaml --train run/train \
@@ -58,6 +58,9 @@ pub struct IdentifyArgs {
     /// Directory for the results
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// Replace an earlier identification in that directory
+    #[arg(long)]
+    pub force: bool,
     /// YAML file that says which topic and field, or column, is which signal
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
@@ -123,7 +126,6 @@ const STEPS: u64 = 1000;
 /// Shows what is tried, and knows whether to stop.
 struct Watched {
     progress: Progress,
-    stop: Arc<AtomicBool>,
 }
 
 impl Watch for Watched {
@@ -133,7 +135,7 @@ impl Watch for Watched {
     }
 
     fn stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        interrupt::seen()
     }
 }
 
@@ -143,15 +145,11 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let part = args.part.window()?;
     let declared = StageModel::named(&args.model)?;
     super::tell_assumptions(Some(&declared));
-    may_write(&args.out)?;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        // The second one ends the program at once, with the code of a shell for an interrupt.
-        signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop))?;
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
+    may_write(&args.out, args.force)?;
+    interrupt::writes(&args.out);
+    let _patience = Patience::begin();
     let progress = Progress::of(STEPS, "reading");
-    tell_of_stop(progress.bar(), &stop);
+    tell_of_stop(progress.bar());
 
     let records = Records::load(&args.train, &args.holdout, mapping.as_ref(), part, &declared)
         .map_err(|error| refused(error, declared.joint))?;
@@ -179,7 +177,7 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
             directory.display()
         );
     }
-    let watch = Watched { progress, stop };
+    let watch = Watched { progress };
     let mut found = Identification::new(&declared, tolerances, &records, &watch)?;
     if let Some(limits) = limits {
         watch.progress.say("next experiment");
@@ -216,7 +214,14 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     } else {
         write!(out, "{}", identification_text(&summary, &page))?;
     }
-    Ok(Outcome::warned(!summary.warnings.is_empty()))
+    if interrupt::seen() {
+        return Err(Interrupted(format!(
+            "interrupted; the partial report is kept in {}",
+            args.out.display()
+        ))
+        .into());
+    }
+    Ok(Outcome::warned(summary.has_warnings()))
 }
 
 /// Recordings that stand where they must not are wrong arguments.
@@ -230,11 +235,10 @@ fn refused(error: RecordsError, joint: JointType) -> anyhow::Error {
 }
 
 /// Says at once that Ctrl-C was seen: the running step may take a while.
-fn tell_of_stop(bar: ProgressBar, stop: &Arc<AtomicBool>) {
-    let stop = Arc::clone(stop);
+fn tell_of_stop(bar: ProgressBar) {
     std::thread::spawn(move || {
         while !bar.is_finished() {
-            if stop.load(Ordering::Relaxed) {
+            if interrupt::seen() {
                 bar.suspend(|| {
                     eprintln!(
                         "stopping after the running step; Ctrl-C again ends at once, without \
@@ -249,8 +253,8 @@ fn tell_of_stop(bar: ProgressBar, stop: &Arc<AtomicBool>) {
 }
 
 /// Refuses a directory that is a recording or holds the results of another command; those of an
-/// earlier identification are replaced.
-fn may_write(directory: &Path) -> anyhow::Result<()> {
+/// earlier identification are replaced with `force` alone.
+fn may_write(directory: &Path, force: bool) -> anyhow::Result<()> {
     anyhow::ensure!(
         !directory.join("metadata.yaml").exists(),
         "{} is a recording: choose another --out",
@@ -275,6 +279,13 @@ fn may_write(directory: &Path) -> anyhow::Result<()> {
         "{} holds results of another command: choose another --out",
         directory.display()
     );
+    if !force {
+        return Err(WrongArguments(format!(
+            "{} holds an identification already: choose another --out, or replace it with --force",
+            directory.display()
+        ))
+        .into());
+    }
     Ok(())
 }
 

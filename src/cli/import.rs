@@ -8,6 +8,7 @@ use clap::Args;
 
 use super::Outcome;
 use super::progress::Progress;
+use crate::interrupt;
 use friction_stage_core::text_file;
 use friction_stage_data::signals::{self, Mapping, Proposal};
 use friction_stage_report::words::{import_text, proposal_text};
@@ -76,6 +77,7 @@ fn import(
     let text =
         text_file::read(mapping).with_context(|| format!("cannot read {}", mapping.display()))?;
     let mapping = Mapping::from_yaml(&text, &mapping.display().to_string())?;
+    interrupt::writes(bag);
     let progress = Progress::endless("reading");
     let mut told = |rows: u64| progress.say(format!("{:.1} million rows", rows as f64 * 1e-6));
     let reports = if args.split {
@@ -162,7 +164,7 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         args.csv.display()
     );
     let mut proposals = std::iter::once(&proposal).chain(joined.iter().map(|(_, other)| other));
-    let is_unsure = proposals.any(|p| p.signals.iter().any(|signal| signal.check.is_some()));
+    let is_unsure = proposals.any(|proposal| !proposal.checks().is_empty());
     let is_one_clock = |(_, other): &(String, Proposal)| proposal.has_dates() && other.has_dates();
     Ok(Outcome::warned(is_unsure || !joined.iter().all(is_one_clock)))
 }

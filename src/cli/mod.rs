@@ -12,12 +12,14 @@ pub mod identify;
 pub mod import;
 pub mod merge;
 pub mod model;
+mod numbered;
 pub mod play;
 mod progress;
 pub mod recover;
 pub mod replay;
 pub mod select;
 mod selection_output;
+pub mod sweep;
 pub mod tune;
 pub mod view;
 
@@ -28,6 +30,7 @@ use friction_stage_core::model::StageModel;
 use friction_stage_data::signals::Window;
 use friction_stage_report::words::printable;
 
+use crate::interrupt;
 pub use crate::outcome::{Interrupted, Outcome, WrongArguments, exit_code};
 
 /// A positioning stage on friction-loaded guides as software: on ROS 2, recorded, and compared with
@@ -53,6 +56,7 @@ enum Command {
     FitGuide(fit_guide::FitGuideArgs),
     FrictionCurve(friction_curve::FrictionCurveArgs),
     Select(select::SelectArgs),
+    Sweep(sweep::SweepArgs),
     Tune(tune::TuneArgs),
     Compensate(compensate::CompensateArgs),
     Merge(merge::MergeArgs),
@@ -85,11 +89,17 @@ struct NodeArgs {
 impl Arguments {
     /// Runs the command; results go to `out`, progress and logs to stderr.
     pub fn run(self, out: &mut dyn Write) -> anyhow::Result<Outcome> {
-        match self.command.unwrap_or_else(|| Command::Demo(demo::DemoArgs::default())) {
+        let command = self.command.unwrap_or_else(|| Command::Demo(demo::DemoArgs::default()));
+        if !matches!(command, Command::StageNode(_) | Command::ControllerNode(_)) {
+            // The nodes have signals of their own.
+            interrupt::listen()?;
+        }
+        let result = match command {
             Command::Demo(arguments) => demo::run(&arguments, out),
             Command::FitGuide(arguments) => fit_guide::run(&arguments, out),
             Command::FrictionCurve(arguments) => friction_curve::run(&arguments, out),
             Command::Select(arguments) => select::run(&arguments, out),
+            Command::Sweep(arguments) => sweep::run(&arguments, out),
             Command::Tune(arguments) => tune::run(&arguments, out),
             Command::Compensate(arguments) => compensate::run(&arguments, out),
             Command::Merge(arguments) => merge::run(&arguments, out),
@@ -106,7 +116,8 @@ impl Arguments {
             Command::Model(arguments) => model::run(&arguments, out),
             Command::StageNode(node) => crate::node::stage::run(node.arguments),
             Command::ControllerNode(node) => crate::node::controller::run(node.arguments),
-        }
+        };
+        result.map_err(interrupt::ended)
     }
 }
 

@@ -1,7 +1,7 @@
 //! `friction-stage play`: a motion from a file, on a stage and its controller over ROS 2.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::Args;
@@ -10,22 +10,43 @@ use serde::Serialize;
 use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::cpu;
+use crate::interrupt;
+use crate::node::controller_settings;
 use crate::node::driver::{Driver, LockstepRun};
-use friction_stage_core::control::{Follower, Point, Trajectory};
+use friction_stage_core::control::{ControllerSettings, Follower, Gains, Point, Trajectory};
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::Rates;
+use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, topics};
+use friction_stage_data::message::{ControllerState, JointState};
 use friction_stage_data::motion_file;
+use friction_stage_lab::{
+    Cell, Column, ColumnKind, FollowedSample, MotionQuality, TableFormat, motion_quality,
+    moves_along, write_table,
+};
+use friction_stage_report::played::{
+    PlayedMove, PlayedSample, played_figure, played_moves, played_text,
+};
+use friction_stage_report::words::printable;
 
-/// Play a motion on a stage over ROS 2 and record it.
+/// Play a motion on a stage over ROS 2, record it, and say how well it was followed.
 ///
 /// The motion is a trajectory_msgs/JointTrajectory in YAML, such as `identify --next-experiment`
 /// writes: the file that `ros2 topic pub /stage/setpoint trajectory_msgs/msg/JointTrajectory` takes
 /// for a stage that runs already. Here the stage node and the controller node are started as two
 /// processes in lockstep on loopback, the stage at position 0 on the model that is given.
+///
+/// The controller follows the model: the rule of thumb for --bandwidth and the mass that moves,
+/// mass feedforward, the force limit of the motor. --gains gives its PID, --controller all of it.
+///
+/// Of each move: peak and rms error, force, and the time from the arrival of the reference to the
+/// last sample outside of 10 µm, 1 µm and 0.1 µm. The figure and the samples (time, reference,
+/// position, velocity, error, force, force cell) are written next to the bag.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:\n  friction-stage play next_experiment.yaml --model stage.yaml \
                   --record second\n  friction-stage play next_experiment.yaml --model stage.yaml \
-                  --record third --stretch 1.25 --seed 2")]
+                  --record third --stretch 1.25 --seed 2\n  friction-stage play move.yaml --model \
+                  stage.yaml --controller tune/controller.yaml --record tuned --samples \
+                  tuned.parquet")]
 pub struct PlayArgs {
     /// The motion
     #[arg(value_name = "MOTION")]
@@ -33,12 +54,27 @@ pub struct PlayArgs {
     /// Model file or catalogue guide of the stage
     #[arg(long, value_name = "MODEL", default_value = "guide_1")]
     pub model: String,
-    /// Bag directory to record into; it must not exist
+    /// Bandwidth for which the controller's gains are worked out, Hz
+    #[arg(long, value_name = "HZ", default_value_t = ControllerSettings::PAPER_BANDWIDTH)]
+    pub bandwidth: f64,
+    /// Gains of the PID in N/m, N/(m s) and N s/m; the lowpass is that of --bandwidth
+    #[arg(long, value_name = "P,I,D", value_parser = pid_gains)]
+    pub gains: Option<[f64; 3]>,
+    /// Parameter file of a controller_node, such as `tune` writes
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["bandwidth", "gains"])]
+    pub controller: Option<PathBuf>,
+    /// Bag directory to record into; it must not exist, unless --force replaces it
     #[arg(long, value_name = "BAG")]
     pub record: PathBuf,
-    /// Samples per second of stage and controller, Hz
-    #[arg(long, value_name = "HZ", default_value_t = 4000.0)]
-    pub rate: f64,
+    /// File for the samples, .csv or .parquet [default: the name of the bag with .csv]
+    #[arg(long, value_name = "FILE")]
+    pub samples: Option<PathBuf>,
+    /// Replace bag, figure and samples of an earlier run
+    #[arg(long)]
+    pub force: bool,
+    /// Samples per second of stage and controller, Hz [default: that of --controller, or 4000]
+    #[arg(long, value_name = "HZ")]
+    pub rate: Option<f64>,
     /// Play it in this many times its time: the same way at other speeds
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = stretch)]
     pub stretch: f64,
@@ -51,6 +87,15 @@ pub struct PlayArgs {
     /// Print JSON instead of text
     #[arg(long)]
     pub json: bool,
+}
+
+/// Samples per second where nothing is given, Hz.
+const RATE: f64 = 4000.0;
+
+fn pid_gains(text: &str) -> Result<[f64; 3], String> {
+    let gains: Result<Vec<f64>, _> = text.split(',').map(|gain| gain.trim().parse()).collect();
+    let gains = gains.map_err(|_| "must be three numbers, such as 8e5,1.6e7,6e3".to_owned())?;
+    gains.try_into().map_err(|_| "must be three numbers, such as 8e5,1.6e7,6e3".to_owned())
 }
 
 fn stretch(text: &str) -> Result<f64, String> {
@@ -86,6 +131,9 @@ fn stroke(model: &StageModel) -> (f64, f64) {
 #[derive(Debug, Serialize)]
 struct PlayReport {
     bag: PathBuf,
+    figure: PathBuf,
+    samples: PathBuf,
+    controller: ControllerReport,
     /// s
     duration: f64,
     points: usize,
@@ -93,6 +141,137 @@ struct PlayReport {
     cycles_per_second: f64,
     /// Every sample of every topic is in the bag.
     complete: bool,
+    moves: Vec<PlayedMove>,
+    /// Over all moves; null where the motion has none.
+    all_moves: Option<MotionQuality>,
+}
+
+/// The controller of a run, SI units.
+#[derive(Debug, Serialize)]
+struct ControllerReport {
+    /// Where its gains come from.
+    gains: String,
+    rate: f64,
+    p: f64,
+    i: f64,
+    d: f64,
+    lowpass_frequency: f64,
+    mass_feedforward: f64,
+    force_limit: f64,
+    /// What the stage moves.
+    moving_mass: f64,
+}
+
+/// The settings of the controller for a model, in words where they come from, and whether they are
+/// for another mass.
+fn controller_of(
+    args: &PlayArgs,
+    model: &StageModel,
+) -> anyhow::Result<(ControllerSettings, String, Option<String>)> {
+    let mass = model.moving_mass();
+    if let Some(path) = &args.controller {
+        let settings = controller_settings::from_file(path)?;
+        if let Some(rate) = args.rate.filter(|rate| *rate != settings.rate) {
+            return Err(WrongArguments(format!(
+                "--rate is {rate} Hz and {} samples at {} Hz: leave --rate out, or give both the \
+                 same",
+                path.display(),
+                settings.rate
+            ))
+            .into());
+        }
+        let other = (settings.mass_feedforward / mass - 1.0).abs() > 0.01;
+        let warning = other.then(|| {
+            format!(
+                "{} feeds {} kg forward and the stage moves {mass} kg: the error contains the \
+                 difference",
+                path.display(),
+                settings.mass_feedforward
+            )
+        });
+        return Ok((settings, path.display().to_string(), warning));
+    }
+    let rate = args.rate.unwrap_or(RATE);
+    let mut settings = ControllerSettings::of_model(model, args.bandwidth, rate);
+    let mut words = format!("the rule of thumb for {} Hz and {mass} kg", args.bandwidth);
+    if let Some([p, i, d]) = args.gains {
+        settings.gains = Gains { p, i, d, ..settings.gains };
+        words = format!("--gains, with the lowpass for {} Hz", args.bandwidth);
+    }
+    settings.check().map_err(|error| WrongArguments(error.to_string()))?;
+    Ok((settings, words, None))
+}
+
+/// The parameters of the controller node.
+fn controller_parameters(
+    args: &PlayArgs,
+    model: &StageModel,
+    settings: &ControllerSettings,
+    cpu: String,
+) -> Vec<String> {
+    let (low, high) = stroke(model);
+    let mut all = vec![format!("stroke_min:={low:?}"), format!("stroke_max:={high:?}"), cpu];
+    if args.controller.is_some() {
+        // The file is that of a node elsewhere.
+        all.extend(["stage:=/stage", "joint:=stage", "enabled:=true"].map(str::to_owned));
+        return all;
+    }
+    all.extend([
+        format!("rate:={:?}", settings.rate),
+        format!("mass:={:?}", model.moving_mass()),
+        format!("bandwidth:={:?}", args.bandwidth),
+        format!("feedforward.mass:={:?}", settings.mass_feedforward),
+        format!("gains.stage.u_clamp_max:={:?}", settings.limits.1),
+        format!("gains.stage.u_clamp_min:={:?}", settings.limits.0),
+    ]);
+    if args.gains.is_some() {
+        let gains = &settings.gains;
+        all.extend([
+            "tuning:=gains".to_owned(),
+            format!("gains.stage.p:={:?}", gains.p),
+            format!("gains.stage.i:={:?}", gains.i),
+            format!("gains.stage.d:={:?}", gains.d),
+            format!("lowpass.frequency:={:?}", gains.lowpass_frequency),
+            format!("lowpass.damping:={:?}", gains.lowpass_damping),
+        ]);
+    }
+    all
+}
+
+/// The name of the bag with something after it, next to the bag.
+fn next_to(bag: &Path, suffix: &str) -> PathBuf {
+    let mut name = bag.file_name().unwrap_or_default().to_owned();
+    name.push(suffix);
+    bag.with_file_name(name)
+}
+
+/// Refuses files of an earlier run, or removes them with `--force`.
+fn make_room(args: &PlayArgs, files: &[&Path]) -> anyhow::Result<()> {
+    for path in std::iter::once(args.record.as_path()).chain(files.iter().copied()) {
+        if !path.exists() {
+            continue;
+        }
+        if !args.force {
+            return Err(WrongArguments(format!(
+                "{} exists already: choose another --record, or replace it with --force",
+                path.display()
+            ))
+            .into());
+        }
+        let removed = match path.is_dir() {
+            false => std::fs::remove_file(path),
+            true if path.join("metadata.yaml").exists() => std::fs::remove_dir_all(path),
+            true => {
+                return Err(WrongArguments(format!(
+                    "{} is a directory and no recording: choose another --record",
+                    path.display()
+                ))
+                .into());
+            }
+        };
+        removed.with_context(|| format!("cannot replace {}", path.display()))?;
+    }
+    Ok(())
 }
 
 /// Runs the command; results go to `out`, progress to stderr.
@@ -100,84 +279,200 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let points = motion_file::stretched(&motion_file::load(&args.motion)?, args.stretch);
     // Told here, not from the log of a node.
     let model = StageModel::named(&args.model)?;
-    let mass = model.moving_mass();
     check_motion(&points, &model).with_context(|| args.motion.display().to_string())?;
-    if args.record.exists() {
-        return Err(WrongArguments(format!(
-            "{} exists already: choose another --record",
-            args.record.display()
-        ))
-        .into());
-    }
+    let (settings, gains, warning) = controller_of(args, &model)?;
+    let figure = next_to(&args.record, ".svg");
+    let samples_file = args.samples.clone().unwrap_or_else(|| next_to(&args.record, ".csv"));
+    TableFormat::of(&samples_file).map_err(|error| WrongArguments(error.to_string()))?;
+    make_room(args, &[&figure, &samples_file])?;
     if let Some(parent) = args.record.parent() {
         std::fs::create_dir_all(parent)
             .with_context(|| format!("cannot create {}", parent.display()))?;
     }
+    interrupt::writes(&args.record);
     let seconds = points.last().map_or(0.0, |point| point.time as f64 * 1e-9);
     let progress = Progress::of((1000.0 * seconds) as u64, "starting");
     let parameters = |given: &[String]| -> Vec<String> {
         given.iter().flat_map(|parameter| ["-p".to_owned(), parameter.clone()]).collect()
     };
     let cpu = format!("cpu:={}", cpu::online() - 1);
+    let file = args
+        .controller
+        .iter()
+        .flat_map(|path| ["--params-file".to_owned(), path.display().to_string()]);
     let run = LockstepRun {
         stage_arguments: parameters(&[
             format!("model:={}", args.model),
             format!("seed:={}", args.seed),
-            format!("control_rate:={:?}", args.rate),
-            format!("physics_rate:={:?}", Rates::of_control(args.rate)?.physics()),
+            format!("control_rate:={:?}", settings.rate),
+            format!("physics_rate:={:?}", Rates::of_control(settings.rate)?.physics()),
             format!("record:={}", args.record.display()),
             cpu.clone(),
         ]),
-        // The controller of the paper, for what this stage moves.
-        controller_arguments: parameters(&[
-            format!("rate:={:?}", args.rate),
-            format!("mass:={mass:?}"),
-            format!("feedforward.mass:={mass:?}"),
-            format!("gains.stage.u_clamp_max:={:?}", model.motor.force_limit),
-            format!("gains.stage.u_clamp_min:={:?}", -model.motor.force_limit),
-            format!("stroke_min:={:?}", stroke(&model).0),
-            format!("stroke_max:={:?}", stroke(&model).1),
-            cpu,
-        ]),
+        controller_arguments: file
+            .chain(parameters(&controller_parameters(args, &model, &settings, cpu)))
+            .collect(),
         points,
         log_stem: args.record.clone(),
     };
+    let moves = moves_along(&run.points);
     let count = run.points.len();
     let done =
         Driver::on_loopback(&std::env::current_exe()?, args.domain)?.run(&run, &mut |time| {
             progress.say(format!("{time:.1}/{seconds:.1} s"));
             progress.reach((1000.0 * time.min(seconds)) as u64);
         })?;
+    progress.say("reading the bag");
+    let samples = played_samples(&args.record)?;
+    let followed: Vec<FollowedSample> = samples
+        .iter()
+        .map(|sample| FollowedSample {
+            time: sample.time,
+            error: sample.error,
+            force: sample.force,
+            saturated: sample.saturated,
+        })
+        .collect();
+    let each: Vec<Option<MotionQuality>> = moves
+        .iter()
+        .map(|a_move| motion_quality(std::slice::from_ref(a_move), &followed))
+        .collect();
+    let title = format!("{} on {}", args.motion.display(), model.name);
+    let drawing = played_figure(&title, &samples, &moves, settings.limits)?;
+    std::fs::write(&figure, drawing)
+        .with_context(|| format!("cannot write {}", figure.display()))?;
+    write_table(&samples_file, sample_columns(), samples.iter().map(sample_row))?;
     drop(progress);
     let report = PlayReport {
         bag: args.record.clone(),
+        figure,
+        samples: samples_file,
+        controller: ControllerReport {
+            gains,
+            rate: settings.rate,
+            p: settings.gains.p,
+            i: settings.gains.i,
+            d: settings.gains.d,
+            lowpass_frequency: settings.gains.lowpass_frequency,
+            mass_feedforward: settings.mass_feedforward,
+            force_limit: settings.limits.1,
+            moving_mass: model.moving_mass(),
+        },
         duration: seconds,
         points: count,
         cycles: done.cycles,
         cycles_per_second: done.rate,
         complete: !done.incomplete,
+        moves: played_moves(&moves, &each),
+        all_moves: motion_quality(&moves, &followed),
     };
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
-        writeln!(
-            out,
-            "{}: {:.1} s of motion, {} samples at {:.0} per second",
-            report.bag.display(),
-            report.duration,
-            report.cycles,
-            report.cycles_per_second
-        )?;
+        print(&report, out)?;
+    }
+    if let Some(warning) = &warning {
+        eprintln!("warning: {}", printable(warning));
     }
     if done.incomplete {
         eprintln!("warning: {} lacks samples; its log says how many", report.bag.display());
     }
-    Ok(Outcome::warned(done.incomplete))
+    Ok(Outcome::warned(done.incomplete || warning.is_some()))
+}
+
+fn print(report: &PlayReport, out: &mut dyn Write) -> std::io::Result<()> {
+    let ControllerReport { gains, p, i, d, mass_feedforward, .. } = &report.controller;
+    writeln!(
+        out,
+        "controller: {gains}: p {p:.4e} N/m, i {i:.4e} N/(m s), d {d:.4e} N s/m, mass feedforward \
+         {mass_feedforward} kg\n"
+    )?;
+    write!(out, "{}", played_text(&report.moves, report.all_moves.as_ref()))?;
+    writeln!(
+        out,
+        "\n{}: {:.1} s of motion, {} samples at {:.0} per second\nfigure {}, samples {}",
+        report.bag.display(),
+        report.duration,
+        report.cycles,
+        report.cycles_per_second,
+        report.figure.display(),
+        report.samples.display()
+    )
+}
+
+/// The samples of a run from its bag: the controller's view, with what the encoder adds to it.
+fn played_samples(bag: &Path) -> anyhow::Result<Vec<PlayedSample>> {
+    let reader = BagReader::open(bag)?;
+    let mut samples = Vec::new();
+    // Stamp, velocity and force cell.
+    let mut sensors: Vec<(i64, f64, f64)> = Vec::new();
+    for message in reader.messages() {
+        let message = message?;
+        if message.topic.name == topics::CONTROLLER_STATE {
+            let state: ControllerState = message.decode()?;
+            if state.enabled && state.sample > 0 {
+                samples.push(PlayedSample {
+                    time: state.header.stamp.to_nanos() - LOCKSTEP_EPOCH,
+                    reference: state.reference_position,
+                    position: state.position,
+                    velocity: f64::NAN,
+                    error: state.error,
+                    force: state.output,
+                    force_cell: f64::NAN,
+                    saturated: state.saturated,
+                });
+            }
+        } else if message.topic.name == topics::ENCODER {
+            let state: JointState = message.decode()?;
+            let first = |values: &[f64]| values.first().copied().unwrap_or(f64::NAN);
+            sensors.push((
+                state.header.stamp.to_nanos() - LOCKSTEP_EPOCH,
+                first(&state.velocity),
+                first(&state.effort),
+            ));
+        }
+    }
+    anyhow::ensure!(!samples.is_empty(), "{} holds no state of the controller", bag.display());
+    samples.sort_by_key(|sample| sample.time);
+    sensors.sort_by_key(|(time, ..)| *time);
+    for sample in &mut samples {
+        if let Ok(place) = sensors.binary_search_by_key(&sample.time, |(time, ..)| *time) {
+            (_, sample.velocity, sample.force_cell) = sensors[place];
+        }
+    }
+    Ok(samples)
+}
+
+/// The columns of the file with the samples.
+fn sample_columns() -> Vec<Column> {
+    let numbers = [
+        "time_s",
+        "reference_m",
+        "position_m",
+        "velocity_m_s",
+        "error_m",
+        "force_n",
+        "force_cell_n",
+    ];
+    let numbers = numbers.map(|name| Column::new(name, ColumnKind::Number));
+    numbers.into_iter().chain([Column::new("saturated", ColumnKind::Flag)]).collect()
+}
+
+fn sample_row(sample: &PlayedSample) -> Vec<Cell> {
+    let numbers = [
+        sample.time as f64 * 1e-9,
+        sample.reference,
+        sample.position,
+        sample.velocity,
+        sample.error,
+        sample.force,
+        sample.force_cell,
+    ];
+    numbers.map(Cell::Number).into_iter().chain([Cell::Flag(sample.saturated)]).collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use friction_stage_data::bag::topics;
     use friction_stage_data::motion_file::{from_yaml, stretched};
     use friction_stage_identify::next_experiment::trajectory_yaml;
 

@@ -3,7 +3,8 @@
 
 use std::collections::BTreeSet;
 use std::io::Write as _;
-use std::sync::Mutex;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use friction_stage_report::words::{in_line, printable};
@@ -15,7 +16,9 @@ const BETWEEN_LINES: Duration = Duration::from_secs(5);
 /// Shows on stderr how far a command is. Any thread may report.
 pub(super) struct Progress {
     bar: ProgressBar,
-    told: Mutex<Told>,
+    told: Arc<Mutex<Told>>,
+    /// Ends the thread that writes lines through a long step, where there is one.
+    _lines: Option<Sender<()>>,
 }
 
 /// What was written where there is no terminal.
@@ -46,7 +49,9 @@ impl Progress {
         bar.set_message(shown(message));
         bar.enable_steady_tick(Duration::from_millis(200));
         let told = Told { due: BETWEEN_LINES, steps: BTreeSet::new() };
-        Progress { bar, told: Mutex::new(told) }
+        let told = Arc::new(Mutex::new(told));
+        let lines = bar.is_hidden().then(|| lines(bar.clone(), Arc::clone(&told)));
+        Progress { bar, told, _lines: lines }
     }
 
     /// What is done now.
@@ -83,25 +88,40 @@ impl Progress {
     }
 
     fn tell(&self) {
-        if !self.bar.is_hidden() {
-            return;
+        if self.bar.is_hidden() {
+            tell(&self.bar, &self.told);
         }
-        let elapsed = self.bar.elapsed();
-        let message = self.bar.message();
-        let Ok(mut told) = self.told.lock() else { return };
-        let begins = message.split_once(':').is_some_and(|(step, _)| {
-            !told.steps.contains(step) && told.steps.insert(step.to_owned())
-        });
-        if elapsed < told.due && !begins {
-            return;
-        }
-        told.due = elapsed + BETWEEN_LINES;
-        let share = match self.bar.length() {
-            Some(steps) if steps > 0 => format!("{} %, ", 100 * self.bar.position() / steps),
-            _ => String::new(),
-        };
-        let _ = writeln!(std::io::stderr(), "{message} ({share}{} s)", elapsed.as_secs());
     }
+}
+
+/// Writes a line every few seconds until what it returns is dropped: a step may take long.
+fn lines(bar: ProgressBar, told: Arc<Mutex<Told>>) -> Sender<()> {
+    let (sender, receiver) = channel();
+    std::thread::spawn(move || {
+        while receiver.recv_timeout(BETWEEN_LINES) == Err(RecvTimeoutError::Timeout) {
+            tell(&bar, &told);
+        }
+    });
+    sender
+}
+
+/// Writes a line where one is due or a step begins.
+fn tell(bar: &ProgressBar, told: &Mutex<Told>) {
+    let elapsed = bar.elapsed();
+    let message = bar.message();
+    let Ok(mut told) = told.lock() else { return };
+    let begins = message
+        .split_once(':')
+        .is_some_and(|(step, _)| !told.steps.contains(step) && told.steps.insert(step.to_owned()));
+    if elapsed < told.due && !begins {
+        return;
+    }
+    told.due = elapsed + BETWEEN_LINES;
+    let share = match bar.length() {
+        Some(steps) if steps > 0 => format!("{} %, ", 100 * bar.position() / steps),
+        _ => String::new(),
+    };
+    let _ = writeln!(std::io::stderr(), "{message} ({share}{} s)", elapsed.as_secs());
 }
 
 /// A message in one line; names from files may be in it.

@@ -6,6 +6,8 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Outcome;
+use super::progress::Progress;
+use crate::interrupt;
 use friction_stage_data::bag;
 use friction_stage_report::words::recover_text;
 
@@ -38,7 +40,10 @@ pub struct RecoverArgs {
 
 /// Runs the command; the report goes to `out`.
 pub fn run(args: &RecoverArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    interrupt::writes(&bag::recovered(&args.bag, args.out.as_deref())?);
+    let progress = Progress::endless("reading");
     let report = bag::recover(&args.bag, args.out.as_deref())?;
+    drop(progress);
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {

@@ -9,6 +9,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::Outcome;
+use super::progress::Progress;
+use crate::directory::may_replace;
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
 use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, Provenance};
@@ -46,6 +48,9 @@ pub struct ReplayArgs {
     /// Write recorded and replayed samples here
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
+    /// Replace the file of --csv
+    #[arg(long)]
+    pub force: bool,
     /// Print JSON instead of text
     #[arg(long)]
     pub json: bool,
@@ -76,6 +81,7 @@ struct ReplayReport {
 
 /// Runs the command; the report goes to `out`.
 pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    may_replace(args.csv.as_deref(), args.force, "--csv")?;
     let reader = BagReader::open(&args.bag)?;
     let provenance = reader.provenance().cloned();
     let model = match &args.model {
@@ -91,6 +97,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         }
         (None, None) => 1,
     };
+    let progress = Progress::endless("reading");
     let trace = Trace::from_reader(&reader)?;
     let recording = load(&args.bag, None);
     let rates = match &provenance {
@@ -153,6 +160,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         )
         .with_context(|| cannot_write(path))?;
     }
+    progress.say("replaying");
     let columns = trace.position.iter().zip(&trace.force_cell).zip(&trace.force).zip(&trace.time);
     // Sum of squares, and readings of the cell.
     let mut cell = (0.0, 0usize);
@@ -204,6 +212,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         report.closed_loop_position_rms_m = comparison.closed_loop.as_ref().ok().copied();
         report.notes = comparison_notes(&comparison);
     }
+    drop(progress);
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {
@@ -211,9 +220,20 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         for warning in &report.warnings {
             writeln!(out, "warning: {warning}")?;
         }
-        writeln!(
-            out,
-            "{} samples, {} without a force; encoder: {} bit for bit, rms {}, largest {}; {}",
+        let mut lines = Vec::new();
+        if let Some(rms) = report.missing_force_rms_n {
+            let rms = in_prefix(rms, &n);
+            lines.push(format!("along the recorded motion the model misses a force of {rms} rms"));
+        }
+        if let Some(rms) = report.closed_loop_position_rms_m {
+            lines.push(format!(
+                "in closed loop, with the recorded setpoint and controller: encoder rms {}",
+                in_prefix(rms, &m)
+            ));
+        }
+        let forces_alone = format!(
+            "forces alone: {} samples, {} without a force; encoder: {} bit for bit, rms {}, \
+             largest {}; {}",
             report.samples,
             report.unforced,
             report.identical,
@@ -223,20 +243,13 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
                 Some(rms) => format!("force cell: rms {}", in_prefix(rms, &n)),
                 None => "no force cell is recorded".to_owned(),
             }
-        )?;
-        if let Some(rms) = report.missing_force_rms_n {
-            writeln!(
-                out,
-                "along the recorded motion the model misses a force of {} rms",
-                in_prefix(rms, &n)
-            )?;
-        }
-        if let Some(rms) = report.closed_loop_position_rms_m {
-            writeln!(
-                out,
-                "in closed loop, with the recorded setpoint and controller: encoder rms {}",
-                in_prefix(rms, &m)
-            )?;
+        );
+        // First what counts: that it is the recorded stage, or else how good the model is, since
+        // forces alone lead another stage elsewhere soon.
+        let place = if report.identical == report.samples { 0 } else { lines.len() };
+        lines.insert(place, forces_alone);
+        for line in lines {
+            writeln!(out, "{line}")?;
         }
         for note in &report.notes {
             writeln!(out, "{note}")?;

@@ -2,20 +2,16 @@
 
 use std::io::Write;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context as _;
 use clap::Args;
 
-use super::progress::Progress;
+use super::Outcome;
+use super::numbered::RowsArgs;
 use super::selection_output::finish;
-use super::{Interrupted, Outcome};
 use friction_stage_core::model::Catalogue;
 use friction_stage_core::text_file;
-use friction_stage_lab::{
-    Application, SelectionPlan, Shard, Sheet, VariantExperiment, VariantRows,
-};
+use friction_stage_lab::{Application, SelectionPlan, VariantExperiment};
 
 /// Choose a guide for an application: rank every guide of the catalogue by what it reaches over its
 /// tolerances.
@@ -39,9 +35,6 @@ pub struct SelectArgs {
     /// Choose among these guides only
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     pub guides: Vec<String>,
-    /// Directory for the results
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
     /// Variants over all guides, dealt to them in turn
     #[arg(
         long,
@@ -53,19 +46,12 @@ pub struct SelectArgs {
     /// Seed of tolerances and noise; a variant depends on seed, guide and its number only
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Go on with what is in --out
-    #[arg(long)]
-    pub resume: bool,
-    /// Compute part i of n only; `friction-stage merge` puts the parts together
-    #[arg(long, value_name = "I/N", default_value_t = Shard::WHOLE)]
-    pub shard: Shard,
+    #[command(flatten)]
+    pub rows: RowsArgs,
     /// Print JSON instead of a table
     #[arg(long)]
     pub json: bool,
 }
-
-/// Variants between two writes: some tens of milliseconds of work.
-const CHUNK: u64 = 128;
 
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
@@ -76,47 +62,11 @@ pub fn run(args: &SelectArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let database = database(args)?;
     let experiment = VariantExperiment::new(&application)?;
     let plan = SelectionPlan::new(application, &database, args.seed, args.variants)?;
-    let (rows, done) = VariantRows::open(&args.out, Sheet::new(plan, args.shard), args.resume)?;
-
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        // The second one ends the program at once, with the code of a shell for an interrupt.
-        signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop))?;
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
-    let (plan, jobs) = (&rows.sheet().plan, rows.sheet().jobs());
-    let count = jobs.end - jobs.start;
-    let progress = Progress::of(count, format!("{count} variants"));
-    progress.reach(done);
-    let mut next = jobs.start + done;
-    while next < jobs.end {
-        if stop.load(Ordering::Relaxed) {
-            return Err(Interrupted(format!(
-                "stopped after {} of {count} variants, which are kept in {}: continue with \
-                 --resume",
-                next - jobs.start,
-                args.out.display()
-            ))
-            .into());
-        }
-        let chunk = next..(next + CHUNK).min(jobs.end);
-        next = chunk.end;
-        let first = chunk.start;
-        rows.append(first, &plan.run(&experiment, chunk)?)?;
-        progress.reach(next - jobs.start);
-    }
-    drop(progress);
-    if args.shard != Shard::WHOLE {
-        writeln!(
-            out,
-            "shard {} of {}: {count} variants in {}",
-            args.shard,
-            plan.variants,
-            rows.path().display()
-        )?;
+    let rows = args.rows.compute(plan, |plan, jobs| Ok(plan.run(&experiment, jobs)?))?;
+    if args.rows.is_part(&rows, out)? {
         return Ok(Outcome::Done);
     }
-    finish(&args.out, &rows, args.json, out)
+    finish(&args.rows.out, &rows, args.json, out)
 }
 
 /// The built-in guides and the user's, or those of them that were asked for.

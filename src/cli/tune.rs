@@ -13,7 +13,8 @@ use crate::node::controller_settings;
 use friction_stage_core::model::{EffectParameters, StageModel};
 use friction_stage_core::plant::effects::{ALL, EffectDescriptor, Role};
 use friction_stage_core::text_file;
-use friction_stage_lab::{Application, Objective, TuningPlan};
+use friction_stage_lab::{Application, MeasuredLoop, Objective, TuningPlan};
+use friction_stage_report::measured_loop::MeasuredReport;
 use friction_stage_report::tuning::{
     controller_parameters, ros2_control_parameters, tuning_json, tuning_page, tuning_text,
     tuning_warnings,
@@ -31,6 +32,7 @@ use friction_stage_report::words::printable;
     after_help = "Examples:\n  friction-stage tune guide_2\n  friction-stage tune stage.yaml \
                         --application launch_config/application_fast_move_clean.yaml --out \
                         tuning\n  friction-stage tune stage.yaml --compare my_controller.yaml\n  \
+                        friction-stage tune stage.yaml --measured controller_loop.json\n  \
                         controller_node --ros-args --params-file tuning/controller.yaml"
 )]
 pub struct TuneArgs {
@@ -47,6 +49,9 @@ pub struct TuneArgs {
     /// Parameter file of a controller_node to compare with them
     #[arg(long, value_name = "FILE")]
     pub compare: Option<PathBuf>,
+    /// Loop that `~/identify_loop` of a controller_node measured, to show with that of MODEL
+    #[arg(long, value_name = "FILE")]
+    pub measured: Option<PathBuf>,
     /// Time between a sample and the force that answers it, s, beyond what MODEL says
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, value_parser = delay)]
     pub delay: f64,
@@ -110,6 +115,17 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         ))
         .into());
     }
+    let measured = args.measured.as_ref().map(|path| measured_loop(path)).transpose()?;
+    if let Some((name, measured)) = &measured
+        && measured.settings.rate != application.controller.rate
+    {
+        return Err(WrongArguments(format!(
+            "{name} was measured at {} Hz and the application is at {} Hz (controller.rate): give \
+             an application with the rate of the measurement",
+            measured.settings.rate, application.controller.rate
+        ))
+        .into());
+    }
     let mut notes = Vec::new();
     let mass = model.moving_mass();
     if args.application.is_some() && (application.mass / mass - 1.0).abs() > 0.01 {
@@ -135,7 +151,13 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         seed: args.seed,
     };
     let tuning = plan.run(compared, &|part| progress.reach((1000.0 * part) as u64))?;
-    let (page, figures) = tuning_page(&model, &tuning, args.seed)?;
+    let measured = measured
+        .map(|(name, measured)| {
+            MeasuredReport::new(&name, &measured, &model, &tuning.found().settings)
+        })
+        .transpose()?;
+    let measured = measured.as_ref();
+    let (page, figures) = tuning_page(&model, &tuning, measured, args.seed)?;
     drop(progress);
     results.create()?;
     results.write("report.html", &page)?;
@@ -144,13 +166,16 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     }
     results.write("controller.yaml", &controller_parameters(tuning.found()))?;
     results.write("ros2_control.yaml", &ros2_control_parameters(tuning.found()))?;
-    let json = serde_json::to_string_pretty(&tuning_json(&tuning))?;
+    let json = serde_json::to_string_pretty(&tuning_json(&tuning, measured))?;
     results.write("summary.json", &format!("{json}\n"))?;
-    notes.extend(tuning_warnings(&tuning));
+    notes.extend(tuning_warnings(&tuning, measured));
     if args.json {
         writeln!(out, "{json}")?;
     } else {
         write!(out, "{}", tuning_text(&tuning))?;
+        if let Some(measured) = measured {
+            write!(out, "\n{}", measured.text())?;
+        }
         writeln!(
             out,
             "\n{}: report.html, controller.yaml, ros2_control.yaml, summary.json",
@@ -161,6 +186,12 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         eprintln!("warning: {}", printable(note));
     }
     Ok(Outcome::warned(!notes.is_empty()))
+}
+
+fn measured_loop(path: &Path) -> anyhow::Result<(String, MeasuredLoop)> {
+    let origin = path.display().to_string();
+    let text = text_file::read(path).with_context(|| format!("cannot read {origin}"))?;
+    Ok((name_of(path), MeasuredLoop::from_json(&text, &origin)?))
 }
 
 fn name_of(path: &Path) -> String {

@@ -8,6 +8,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::Outcome;
+use crate::directory::may_replace;
 use friction_stage_data::signals::{self, Mapping};
 use friction_stage_report::view::{ViewedRun, view_page};
 
@@ -29,9 +30,12 @@ pub struct ViewArgs {
     /// YAML file that says which topic and field, or column, is which signal
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
-    /// The page; one that exists is replaced
+    /// The page
     #[arg(long, value_name = "FILE", default_value = "view.html")]
     pub out: PathBuf,
+    /// Replace the page of an earlier run
+    #[arg(long)]
+    pub force: bool,
     /// Open the page in the browser
     #[arg(long)]
     pub open: bool,
@@ -42,6 +46,7 @@ pub struct ViewArgs {
 
 /// Runs the command; the path of the page goes to `out`.
 pub fn run(args: &ViewArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    may_replace(Some(&args.out), args.force, "--out")?;
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
     let runs: Vec<ViewedRun> = args
         .bags

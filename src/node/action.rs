@@ -25,6 +25,7 @@ use tokio::sync::oneshot;
 
 use super::participant::Participant;
 use super::qos::{ACTION_STATUS, FEEDBACK, SERVICES};
+use super::reopened::{Reopened, Shared, Taken};
 use super::service::{ServiceError, WAITING_ANSWERS, absolute, reader_is_there};
 
 pub use ros2_client::action::GoalId;
@@ -72,9 +73,17 @@ pub enum News<A: Action> {
 type Server<A> = ActionServer<<A as Action>::Goal, <A as Action>::Result, <A as Action>::Feedback>;
 
 enum Request<A: Action> {
-    Goal(RmwRequestId, SendGoalRequest<A::Goal>),
-    Cancel(RmwRequestId, CancelGoalRequest),
-    Result(RmwRequestId, GetResultRequest),
+    Goal(SendGoalRequest<A::Goal>),
+    Cancel(CancelGoalRequest),
+    Result(GetResultRequest),
+}
+
+type Asked<A> = Taken<Server<A>, Request<A>>;
+
+/// Who asked, and the server that is to answer.
+struct Asking<A: Action> {
+    server: Shared<Server<A>>,
+    id: RmwRequestId,
 }
 
 enum Answer<A: Action> {
@@ -100,28 +109,32 @@ pub fn serve<A: Action, W: FnMut(Wish<A>) + Send>(
     mut news: UnboundedReceiver<News<A>>,
 ) -> Result<impl Future<Output = ()> + Send + use<A, W>, ServiceError> {
     let parsed = absolute(name)?;
-    let services = QosProfile::from(&SERVICES);
-    let qos = ActionServerQosPolicies {
-        goal_service: services.clone(),
-        result_service: services.clone(),
-        cancel_service: services,
+    let qos = || ActionServerQosPolicies {
+        goal_service: QosProfile::from(&SERVICES),
+        result_service: QosProfile::from(&SERVICES),
+        cancel_service: QosProfile::from(&SERVICES),
         feedback_publisher: QosProfile::from(&FEEDBACK),
         status_publisher: QosProfile::from(&ACTION_STATUS),
     };
     let action_type = ActionTypeName::new(A::PACKAGE, A::NAME);
-    let server = participant
-        .node()
-        .create_action_server::<A::Goal, A::Result, A::Feedback>(
-            ServiceMapping::Enhanced,
-            &parsed,
-            &action_type,
-            qos,
-        )
-        .map_err(ServiceError::creating(name))?;
     let (name, participant) = (name.to_owned(), participant.clone());
+    let servers = Reopened::new(&participant, &name, {
+        let (name, participant) = (name.clone(), participant.clone());
+        move || {
+            participant
+                .node()
+                .create_action_server::<A::Goal, A::Result, A::Feedback>(
+                    ServiceMapping::Enhanced,
+                    &parsed,
+                    &action_type,
+                    qos(),
+                )
+                .map_err(ServiceError::creating(&name))
+        }
+    })?;
     let mut goals = Goals::<A, _> {
         name: name.clone(),
-        server,
+        servers,
         wish,
         known: BTreeMap::new(),
         over: VecDeque::new(),
@@ -129,12 +142,12 @@ pub fn serve<A: Action, W: FnMut(Wish<A>) + Send>(
     Ok(async move {
         let mut waiting = FuturesUnordered::new();
         loop {
-            let answers: Vec<(RmwRequestId, Answer<A>)> = tokio::select! {
+            let answers: Vec<(Asking<A>, Answer<A>)> = tokio::select! {
                 biased;
                 Some(news) = news.next() => goals.note(news),
-                Some((id, answer)) = waiting.next() => {
+                Some((asking, answer)) = waiting.next() => {
                     if let Some(answer) = answer {
-                        goals.send(id, answer);
+                        goals.send(&asking, answer);
                     }
                     Vec::new()
                 }
@@ -150,71 +163,80 @@ pub fn serve<A: Action, W: FnMut(Wish<A>) + Send>(
                     }
                 }
             };
-            for (id, answer) in answers {
+            for (asking, answer) in answers {
                 let (participant, name) = (&participant, &name);
                 waiting.push(async move {
-                    let there = reader_is_there(participant, name, &id).await;
-                    (id, there.then_some(answer))
+                    let there = reader_is_there(participant, name, &asking.id).await;
+                    (asking, there.then_some(answer))
                 });
             }
         }
     })
 }
 
-struct Known<R> {
+struct Known<A: Action> {
     accepted: Time,
     status: GoalStatusEnum,
     /// Once it is over, or was refused.
-    result: Option<R>,
+    result: Option<A::Result>,
     /// Who waits for the result.
-    asking: Vec<RmwRequestId>,
+    asking: Vec<Asking<A>>,
 }
 
 struct Goals<A: Action, W> {
     name: String,
-    server: Server<A>,
+    servers: Reopened<Server<A>>,
     wish: W,
-    known: BTreeMap<GoalId, Known<A::Result>>,
+    known: BTreeMap<GoalId, Known<A>>,
     /// Goals that are over or were refused, the oldest first.
     over: VecDeque<GoalId>,
 }
 
 impl<A: Action, W: FnMut(Wish<A>) + Send> Goals<A, W> {
     /// The next request of a client; a cancel goes before what it may cancel.
-    fn poll(&mut self, context: &mut Context<'_>) -> Poll<Result<Request<A>, ReadError>> {
-        // A new future each time is sound here: rustdds' stream keeps no state between polls.
-        let cancel = pin!(self.server.cancel_server().async_receive_request()).poll(context);
-        if let Poll::Ready(request) = cancel {
-            return Poll::Ready(request.map(|(id, request)| Request::Cancel(id, request)));
+    fn poll(&mut self, context: &mut Context<'_>) -> Poll<Result<Asked<A>, ReadError>> {
+        if self.servers.meet_returned(context) {
+            // The new publisher of the states has none for who comes late.
+            self.publish_status();
         }
-        let goal = pin!(self.server.goal_server().async_receive_request()).poll(context);
-        if let Poll::Ready(request) = goal {
-            return Poll::Ready(request.map(|(id, request)| Request::Goal(id, request)));
-        }
-        let result = pin!(self.server.result_server().async_receive_request()).poll(context);
-        result.map(|request| request.map(|(id, request)| Request::Result(id, request)))
+        self.servers.poll(context, |server, context| {
+            // A new future each time is sound here: rustdds' stream keeps no state between polls.
+            let cancel = pin!(server.cancel_server().async_receive_request()).poll(context);
+            if let Poll::Ready(request) = cancel {
+                return Poll::Ready(request.map(|(id, request)| (id, Request::Cancel(request))));
+            }
+            let goal = pin!(server.goal_server().async_receive_request()).poll(context);
+            if let Poll::Ready(request) = goal {
+                return Poll::Ready(request.map(|(id, request)| (id, Request::Goal(request))));
+            }
+            let result = pin!(server.result_server().async_receive_request()).poll(context);
+            result.map(|request| request.map(|(id, request)| (id, Request::Result(request))))
+        })
     }
 
-    async fn handle(&mut self, request: Request<A>) -> Vec<(RmwRequestId, Answer<A>)> {
-        match request {
-            Request::Goal(id, request) => {
-                vec![(id, Answer::Goal(self.accept(request.goal_id, request.goal).await))]
+    async fn handle(
+        &mut self,
+        Taken { server, id, request }: Asked<A>,
+    ) -> Vec<(Asking<A>, Answer<A>)> {
+        let asking = Asking { server, id };
+        let answer = match request {
+            Request::Goal(request) => {
+                Answer::Goal(self.accept(request.goal_id, request.goal).await)
             }
-            Request::Cancel(id, request) => vec![(id, Answer::Cancel(self.cancel(&request).await))],
-            Request::Result(id, GetResultRequest { goal_id }) => {
-                let Some(known) = self.known.get_mut(&goal_id) else {
-                    return vec![(id, result(GoalStatusEnum::Unknown, A::Result::default()))];
-                };
-                match &known.result {
-                    Some(known_result) => vec![(id, result(known.status, known_result.clone()))],
+            Request::Cancel(request) => Answer::Cancel(self.cancel(&request).await),
+            Request::Result(GetResultRequest { goal_id }) => match self.known.get_mut(&goal_id) {
+                None => result(GoalStatusEnum::Unknown, A::Result::default()),
+                Some(known) => match &known.result {
+                    Some(known_result) => result(known.status, known_result.clone()),
                     None if known.asking.len() < ASKING => {
-                        known.asking.push(id);
-                        Vec::new()
+                        known.asking.push(asking);
+                        return Vec::new();
                     }
-                    None => vec![(id, result(known.status, A::Result::default()))],
-                }
-            }
-        }
+                    None => result(known.status, A::Result::default()),
+                },
+            },
+        };
+        vec![(asking, answer)]
     }
 
     async fn accept(&mut self, id: GoalId, goal: A::Goal) -> SendGoalResponse {
@@ -264,7 +286,7 @@ impl<A: Action, W: FnMut(Wish<A>) + Send> Goals<A, W> {
             return answer(Code::UnknownGoal, Vec::new());
         }
         // action_msgs/srv/CancelGoal: one goal, those accepted until then, both, or all.
-        let asked = |id: &GoalId, known: &Known<A::Result>| {
+        let asked = |id: &GoalId, known: &Known<A>| {
             let until = stamp != Time::ZERO && known.accepted <= stamp;
             (one && *id == goal_id) || until || (!one && stamp == Time::ZERO)
         };
@@ -294,10 +316,10 @@ impl<A: Action, W: FnMut(Wish<A>) + Send> Goals<A, W> {
     }
 
     /// Takes in what the node says; the answers to who waited for it.
-    fn note(&mut self, news: News<A>) -> Vec<(RmwRequestId, Answer<A>)> {
+    fn note(&mut self, news: News<A>) -> Vec<(Asking<A>, Answer<A>)> {
         let (id, end, ended) = match news {
             News::Feedback(id, feedback) => {
-                if self.server.send_feedback(id, feedback).is_err() {
+                if self.servers.current().lock().send_feedback(id, feedback).is_err() {
                     tracing::debug!("action {}: no room for feedback of {id:?}", self.name);
                 }
                 return Vec::new();
@@ -338,16 +360,18 @@ impl<A: Action, W: FnMut(Wish<A>) + Send> Goals<A, W> {
                 status: known.status,
             })
             .collect();
-        if let Err(error) = self.server.send_goal_statuses(GoalStatusArray { status_list }) {
+        let server = self.servers.current().lock();
+        if let Err(error) = server.send_goal_statuses(GoalStatusArray { status_list }) {
             tracing::warn!("action {}: the status was not sent: {error}", self.name);
         }
     }
 
-    fn send(&self, id: RmwRequestId, answer: Answer<A>) {
+    fn send(&self, Asking { server, id }: &Asking<A>, answer: Answer<A>) {
+        let server = server.lock();
         let sent = match answer {
-            Answer::Goal(answer) => self.server.send_goal_response(id, answer),
-            Answer::Cancel(answer) => self.server.send_cancel_response(id, answer),
-            Answer::Result(answer) => self.server.send_result(id, answer),
+            Answer::Goal(answer) => server.send_goal_response(*id, answer),
+            Answer::Cancel(answer) => server.send_cancel_response(*id, answer),
+            Answer::Result(answer) => server.send_result(*id, answer),
         };
         if let Err(error) = sent {
             tracing::warn!("action {}: the answer was not sent: {error}", self.name);

@@ -732,7 +732,7 @@ stage:
                 4,
                 "`g.p` mixes integer and string",
             ),
-            ("/**:\n  ros__parameters:\n    a: 1\n    a: 2\n", 4, "duplicate"),
+            ("/**:\n  ros__parameters:\n    a: 1\n    a: 2\n", 4, "a second time"),
             ("/**:\n  ros__parameters:\n    a: [1\n", 3, "unclosed"),
             ("/**:\n  ros__parameters:\n    a: 1\n   b: 2\n", 4, "block mapping"),
             ("my-node:\n  ros__parameters:\n    a: 1\n", 2, "must not contain `-`"),

@@ -71,7 +71,14 @@ pub enum Refusal {
     )]
     AnswersNoSample { topic: CommandTopic, stamp: i64, expected: i64 },
     #[error("{topic}: refused, {owner} commands the stage since {since} ns of its time")]
-    OtherSource { topic: CommandTopic, owner: CommandTopic, since: i64 },
+    OtherSource {
+        topic: CommandTopic,
+        owner: CommandTopic,
+        since: i64,
+        /// The publisher that was refused, if the owner has commanded between two commands of it:
+        /// there are two at once.
+        second: Option<[u8; 16]>,
+    },
 }
 
 impl std::fmt::Display for CommandTopic {
@@ -145,6 +152,29 @@ struct Owner {
     since: i64,
     last_heard: i64,
     last_stamp: i64,
+    /// The publisher that the owner has replaced.
+    former: Option<[u8; 16]>,
+    /// The other source that was refused last, and when.
+    refused: Option<(CommandSource, i64)>,
+}
+
+/// Vendor number of RustDDS (OMG, list of DDS-RTPS vendor ids), with which the identities of its
+/// participants begin.
+const RUSTDDS: [u8; 2] = [0x01, 0x12];
+
+impl Owner {
+    /// Whether `source` goes on for the owner: a node of this project replaces its publishers by
+    /// others, which have the same participant, the first 12 bytes of their identity. The one that
+    /// was replaced does not come back. Of another vendor two publishers of a participant are two
+    /// sources.
+    fn is_succeeded_by(&self, source: CommandSource) -> bool {
+        let participant = |source: CommandSource| source.writer.first_chunk::<12>().copied();
+        source != self.source
+            && source.topic == self.source.topic
+            && source.writer.starts_with(&RUSTDDS)
+            && participant(source) == participant(self.source)
+            && self.former != Some(source.writer)
+    }
 }
 
 /// How stamps of commands are judged.
@@ -179,15 +209,25 @@ impl Arbiter {
         since: i64,
     ) -> Result<Command, Refusal> {
         let topic = source.topic;
+        if let Some(owner) = &mut self.owner
+            && owner.is_succeeded_by(source)
+        {
+            owner.former = Some(owner.source.writer);
+            owner.source = source;
+        }
         let is_silent = self.owner.is_none_or(|owner| now - owner.last_heard >= self.silence);
-        if let Some(owner) = &self.owner
+        if let Some(owner) = &mut self.owner
             && owner.source != source
             && !is_silent
         {
+            let before = owner.refused.replace((source, now));
+            let is_second =
+                before.is_some_and(|(other, at)| other == source && owner.last_heard > at);
             return Err(Refusal::OtherSource {
                 topic,
                 owner: owner.source.topic,
                 since: owner.since,
+                second: is_second.then_some(source.writer),
             });
         }
         let last_stamp =
@@ -221,7 +261,14 @@ impl Arbiter {
             }
             // A source that asks for no force does not take the stage.
             _ if command.force.is_some() => {
-                self.owner = Some(Owner { source, since, last_heard: now, last_stamp: stamp });
+                self.owner = Some(Owner {
+                    source,
+                    since,
+                    last_heard: now,
+                    last_stamp: stamp,
+                    former: None,
+                    refused: None,
+                });
             }
             _ => {}
         }
@@ -298,6 +345,22 @@ mod tests {
     }
 
     #[test]
+    fn a_source_is_a_second_one_once_the_first_commands_between_its_commands() {
+        let mut arbiter = Arbiter::new(100);
+        let mut second =
+            |source, now| match arbiter.judge(source, force(0), StampRule::NotBack, now, 0) {
+                Err(Refusal::OtherSource { second, .. }) => second,
+                _ => None,
+            };
+        assert_eq!(second(A, 0), None);
+        // The first may have ended, and this be its successor.
+        assert_eq!([second(B, 10), second(B, 90)], [None, None]);
+        assert_eq!(second(A, 95), None);
+        assert_eq!(second(B, 96), Some(B.writer));
+        assert_eq!(second(B, 97), None);
+    }
+
+    #[test]
     fn the_first_source_keeps_the_stage_until_it_falls_silent() {
         let mut arbiter = Arbiter::new(100);
         assert!(arbiter.judge(A, force(0), StampRule::NotBack, 0, 0).is_ok());
@@ -309,6 +372,39 @@ mod tests {
         assert!(arbiter.judge(B, force(0), StampRule::NotBack, 189, 0).is_err());
         assert!(arbiter.judge(B, force(0), StampRule::NotBack, 190, 0).is_ok());
         assert!(arbiter.judge(A, force(0), StampRule::NotBack, 200, 0).is_err());
+    }
+
+    #[test]
+    fn a_publisher_that_replaces_that_of_the_owner_goes_on_and_two_at_once_are_refused() {
+        let publisher = |number| {
+            let mut writer = [1; 16];
+            (writer[1], writer[15]) = (RUSTDDS[1], number);
+            CommandSource { topic: CommandTopic::Force, writer }
+        };
+        let mut arbiter = Arbiter::new(100);
+        for (now, number) in [(0, 1), (1, 2), (2, 2), (3, 3)] {
+            let command = force(1000 + now);
+            assert!(arbiter.judge(publisher(number), command, StampRule::NotBack, now, 0).is_ok());
+        }
+        assert!(arbiter.owns(publisher(3)));
+        // Two publishers of a participant of another vendor are two sources.
+        let other = |number| CommandSource {
+            writer: [1, 15, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, number],
+            ..A
+        };
+        let mut strict = Arbiter::new(100);
+        assert!(strict.judge(other(1), force(1000), StampRule::NotBack, 0, 0).is_ok());
+        assert!(strict.judge(other(2), force(1001), StampRule::NotBack, 1, 0).is_err());
+        assert!(strict.judge(other(1), force(1002), StampRule::NotBack, 2, 0).is_ok());
+        let mut refusal = |number, now| {
+            arbiter.judge(publisher(number), force(0), StampRule::NotBack, now, 0).err()
+        };
+        assert!(matches!(refusal(2, 4), Some(Refusal::OtherSource { second: None, .. })));
+        assert_eq!(refusal(3, 5), None);
+        let second = Some(publisher(2).writer);
+        assert!(
+            matches!(refusal(2, 6), Some(Refusal::OtherSource { second: s, .. }) if s == second)
+        );
     }
 
     #[test]

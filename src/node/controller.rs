@@ -25,16 +25,18 @@ use super::follow_joint_trajectory::{
     Progress, Sampled,
 };
 use super::help;
+use super::identify_loop::{self, Measurement};
 use super::inlet::{Inlet, Waiter};
 use super::lifecycle::Lifecycle;
 use super::memory_watch;
 use super::outlet::{Outlet, Published};
 use super::parameters::ParameterValues;
 use super::participant::Participant;
-use super::qos::{COMMANDS, CONTROLLER_STATE, DIAGNOSTICS, FORCES, SAMPLES};
+use super::qos::{COMMANDS, CONTROLLER_STATE, DIAGNOSTICS, FORCES, Qos, SAMPLES};
 use super::runtime::{Background, Control, End, Startup, lock};
 use super::signals::Signals;
 use super::source_watch::SourceWatch;
+use super::stage_status::{SECOND_SOURCE, gid_text};
 use super::wire::{Setpoint, SetpointError, compensation_message, controller_state, setpoint};
 use super::words::{Recent, quoted};
 use crate::outcome::Outcome;
@@ -61,12 +63,20 @@ const BURST_WITHIN: Duration = Duration::from_millis(5);
 /// answer.
 const SETTLE: Duration = Duration::from_secs(1);
 
+/// Longest time that states are held for subscribers that lag: shorter than a stage waits for them
+/// when it records.
+const STATES_PATIENCE: Duration = Duration::from_millis(1500);
+
 /// Why a goal is refused, in the words of joint_trajectory_controller where it has any.
 const NOT_RUNNING: &str = "Can't accept new action goals. Controller is not running.";
 const NO_SAMPLE: &str = "Can't accept new action goals. No sample of the stage has come yet.";
 
 /// How long the last states can be asked for again: three heartbeats of the DDS library.
 const LINGER: Duration = Duration::from_millis(300);
+/// Messages of `/diagnostics` that are kept until they are taken, and after: they are large.
+const FEW: u32 = 32;
+/// Bytes at the begin of a GID that all publishers of a participant share.
+const PREFIX: usize = 12;
 /// Positions beyond this, m, are no positions of a stage.
 const FAR: f64 = 1e6;
 /// Least share of its bandwidth that a late loop keeps.
@@ -164,7 +174,10 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     for name in compensation.iter().flat_map(Compensation::left_out) {
         tracing::warn!("{name} of the model is not compensated");
     }
-    let controller = Controller::new(initial)?;
+    let controller = Controller::new(match &compensation {
+        Some(compensation) => initial.informed(compensation),
+        None => initial,
+    })?;
     let (stage, joint) = (parameters.string("stage"), parameters.string("joint"));
     let (enabled, jump_limit) =
         (parameters.boolean("enabled"), parameters.double("setpoint_jump_limit"));
@@ -201,11 +214,19 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     let intervals = ["action_monitor_rate", "state_publish_rate"]
         .map(|name| (1e9 / parameters.double(name)).round() as i64);
     let parameters = Arc::new(Mutex::new(parameters));
+    let (measure, measurements) = futures::channel::mpsc::unbounded();
+    let identify_loop = identify_loop::handler(
+        parameters.clone(),
+        settings::settings,
+        startup.name.clone(),
+        measure,
+    );
     let mut background = Background::new(signals, &participant, parameters, control.clone())?;
     let lifecycle = background.serve_enable_or_lifecycle(&startup, &participant, managed)?;
     background.serve_reset(&startup, &participant)?;
+    background.serve_trigger(&startup, &participant, "~/identify_loop", identify_loop)?;
     background.spawn(diagnose(&startup, &participant, status.clone(), lifecycle)?);
-    drop(control);
+    background.spawn(end_as_second(&startup, &participant, control)?);
     let (wish, wishes) = futures::channel::mpsc::unbounded();
     let (news, told) = futures::channel::mpsc::unbounded();
     let name = startup.topic("~/follow_joint_trajectory");
@@ -224,6 +245,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         )?,
         trajectory: Inlet::new(&participant, &startup.topic("~/joint_trajectory"), &COMMANDS)?,
         control: control_inbox,
+        measurements,
+        measurement: None,
         goals: Goals {
             wishes,
             news,
@@ -233,7 +256,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
             due: i64::MIN,
         },
         force: Outlet::new(&participant, &startup.topic(&format!("{stage}/force")), &FORCES)?,
-        state: Outlet::new(&participant, &startup.topic("~/state"), &SAMPLES)?.patient(),
+        state: Outlet::new(&participant, &startup.topic("~/state"), &SAMPLES)?
+            .patient(STATES_PATIENCE),
         joint_state: Outlet::new(
             &participant,
             &startup.topic("~/controller_state"),
@@ -242,11 +266,10 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         joint_state_interval: intervals[1],
         joint_state_due: i64::MIN,
         period: (1e9 / controller.settings().rate).round() as i64,
-        compensation_terms: compensation
-            .is_some()
+        compensation_terms: (compensation.is_some() || controller.settings().observer.is_some())
             .then(|| Outlet::new(&participant, &startup.topic("~/compensation"), &SAMPLES))
             .transpose()?
-            .map(Outlet::patient),
+            .map(|outlet| outlet.patient(STATES_PATIENCE)),
         compensation,
         controller,
         follower: Follower::new(jump_limit).within(stroke.0, stroke.1),
@@ -284,11 +307,6 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         .map_err(|_| anyhow::anyhow!("the loop of the controller ended by a panic"))?;
     match end {
         End::Signal => Ok(Outcome::Done),
-        End::WasStopped => {
-            anyhow::bail!(
-                "the process was stopped and continued, which ends its DDS connections: start again"
-            )
-        }
         End::Memory(bytes) => memory_watch::end(bytes),
         End::Loop => {
             anyhow::bail!(reason.unwrap_or_else(|| "the loop of the controller ended".to_owned()))
@@ -319,6 +337,45 @@ fn diagnose(
     })
 }
 
+/// Ends the controller if a stage says that it is refused because another source commands at once.
+///
+/// The stage, not the network, tells: a controller that is started again while the stage still
+/// waits for its predecessor is refused as well, and is no second one.
+fn end_as_second(
+    startup: &Startup,
+    participant: &Participant,
+    control: UnboundedSender<Control>,
+) -> anyhow::Result<impl Future<Output = ()> + Send + 'static> {
+    // Of a reliable one in the participant that publishes, too, the library waits in vain for an
+    // acknowledgement.
+    let qos = Qos::best_effort(FEW).window(FEW);
+    let mut inlet =
+        Inlet::<DiagnosticArray>::new(participant, &startup.topic("/diagnostics"), &qos)?;
+    // All publishers of this participant begin with it.
+    let own = gid_text(&participant.gid())[..3 * PREFIX].to_owned();
+    Ok(async move {
+        loop {
+            let Ok(message) = std::future::poll_fn(|context| inlet.poll_take(context)).await else {
+                continue;
+            };
+            let stage = message.status.iter().find(|status| {
+                let mut values = status.values.iter();
+                values.any(|value| value.key == SECOND_SOURCE && value.value.starts_with(&own))
+            });
+            if let Some(stage) = stage {
+                let reason = format!(
+                    "another source commands {} and this controller is refused: stop one of them, \
+                     or give this one another stage with -p stage:=NAME; the controller ends",
+                    quoted(&stage.hardware_id)
+                );
+                // Where the loop has ended nothing is left to end.
+                let _ = control.unbounded_send(Control::End(reason));
+                return;
+            }
+        }
+    })
+}
+
 /// Why a controller that hears two stages ends: a loop over samples of both holds neither. The
 /// stage that it commanded has no force once its `command_timeout` is over.
 const TWO_STAGES: &str = "the samples come from two stages at once: give one of them another name \
@@ -330,6 +387,7 @@ enum Event {
     Setpoint(Result<JointTrajectory, ReadError>),
     Trajectory(Result<JointTrajectory, ReadError>),
     Wish(Wish<FollowJointTrajectory>),
+    Measure(identify_loop::Wish),
     Control(Control),
 }
 
@@ -395,6 +453,9 @@ struct ControllerLoop {
     setpoint: Inlet<JointTrajectory>,
     trajectory: Inlet<JointTrajectory>,
     control: UnboundedReceiver<Control>,
+    measurements: UnboundedReceiver<identify_loop::Wish>,
+    /// Of the loop, while one is under way.
+    measurement: Option<Measurement>,
     goals: Goals,
     force: Outlet<WrenchStamped>,
     state: Outlet<ControllerState>,
@@ -404,7 +465,7 @@ struct ControllerLoop {
     joint_state_due: i64,
     controller: Controller,
     compensation: Option<Compensation>,
-    /// Its terms, by name; only where there is one.
+    /// Its terms and that of a disturbance observer, by name; only where there is one at the start.
     compensation_terms: Option<Outlet<JointState>>,
     follower: Follower,
     joint: String,
@@ -435,7 +496,8 @@ impl ControllerLoop {
     fn run(mut self) -> Option<String> {
         let waiter = Waiter::new();
         loop {
-            let patience = (!self.states.is_empty()).then(|| Instant::now() + BURST_WITHIN);
+            let burst = (!self.states.is_empty()).then(|| Instant::now() + BURST_WITHIN);
+            let patience = burst.into_iter().chain(self.held_until()).min();
             let event = waiter.wait(patience, |context| {
                 // First what comes seldom: samples may be there always.
                 let control = std::pin::Pin::new(&mut self.control).poll_next(context);
@@ -446,6 +508,10 @@ impl ControllerLoop {
                 if let Poll::Ready(Some(wish)) = wishes.poll_next(context) {
                     return Poll::Ready(Event::Wish(wish));
                 }
+                let measurements = std::pin::Pin::new(&mut self.measurements);
+                if let Poll::Ready(Some(wish)) = measurements.poll_next(context) {
+                    return Poll::Ready(Event::Measure(wish));
+                }
                 if let Poll::Ready(setpoint) = self.setpoint.poll_take(context) {
                     return Poll::Ready(Event::Setpoint(setpoint));
                 }
@@ -455,7 +521,10 @@ impl ControllerLoop {
                 self.encoder.poll_take_from(context).map(Event::Encoder)
             });
             match event {
-                None => self.publish_states(),
+                None => {
+                    self.publish_states();
+                    self.settle();
+                }
                 Some(Event::Encoder(Ok((_, publisher)))) if self.sources.is_second(publisher) => {
                     self.publish_states();
                     return Some(TWO_STAGES.to_owned());
@@ -470,6 +539,7 @@ impl ControllerLoop {
                 Some(Event::Setpoint(Ok(message))) => self.follow(message),
                 Some(Event::Trajectory(Ok(message))) => self.follow_trajectory(&message),
                 Some(Event::Wish(wish)) => self.consider(wish),
+                Some(Event::Measure(wish)) => self.begin_measurement(wish),
                 Some(Event::Setpoint(Err(error)) | Event::Trajectory(Err(error))) => {
                     self.status.refuse(
                         &self.status.refused_setpoints,
@@ -482,6 +552,10 @@ impl ControllerLoop {
                     std::thread::sleep(LINGER);
                     return None;
                 }
+                Some(Event::Control(Control::End(reason))) => {
+                    self.publish_states();
+                    return Some(reason);
+                }
                 Some(Event::Control(control)) => self.handle(control),
             }
         }
@@ -489,6 +563,7 @@ impl ControllerLoop {
 
     /// Forgets integral and lowpass, and how the bristles of the compensation are loaded.
     fn forget(&mut self) {
+        self.give_up_measurement("the stage or the controller was reset");
         self.controller.reset();
         if let Some(compensation) = &mut self.compensation {
             compensation.reset();
@@ -637,6 +712,7 @@ impl ControllerLoop {
             *lock(&self.status.warning) = Some(cause.to_string());
             return;
         }
+        self.give_up_measurement(&format!("the supervision stopped the stage: {cause}"));
         tracing::error!(
             "{cause}: damped stop; `~/enable` with true starts the loop again (supervision.* say \
              what is allowed)"
@@ -677,6 +753,7 @@ impl ControllerLoop {
                     );
                     self.supervise(velocity);
                     self.judge_goal(stamp, position, velocity);
+                    self.measure(stamp);
                 }
                 Some(stop) => match stop.force(velocity) {
                     Some(force) => {
@@ -697,6 +774,57 @@ impl ControllerLoop {
         }
         self.answer(stamp);
         self.tell(stamp);
+    }
+
+    /// Begins to measure the loop, where it holds.
+    fn begin_measurement(&mut self, wish: identify_loop::Wish) {
+        let moving = |last: Last| self.follower.is_moving(last.stamp);
+        let obstacle = if !self.enabled {
+            "the controller is not enabled"
+        } else if self.watch.stopping.is_some() {
+            "the supervision stops the stage"
+        } else if self.wait_for_setpoint {
+            "the controller waits for its first setpoint"
+        } else if self.measurement.is_some() {
+            "a measurement is already under way"
+        } else if self.watch.share < 1.0 {
+            "samples come late, and the loop has given up bandwidth"
+        } else if self.goals.active.is_some() || self.last.is_some_and(moving) {
+            "a motion is followed: wait for its end"
+        } else if self.last.is_none() {
+            "no sample of the stage has come yet"
+        } else {
+            let (settings, reference) = (self.controller.settings(), self.held.reference);
+            self.measurement = Some(Measurement::new(wish, settings, reference));
+            return;
+        };
+        wish.refuse(obstacle);
+    }
+
+    /// Adds what a measurement of the loop wants, if one is under way.
+    fn measure(&mut self, stamp: i64) {
+        let Some(measurement) = &mut self.measurement else { return };
+        match measurement.update(stamp, &self.held, self.controller.settings()) {
+            identify_loop::Progress::Add(force) => {
+                self.held.reference.effort += force;
+                self.held.output += force;
+            }
+            identify_loop::Progress::Over => self.end_measurement(None),
+            identify_loop::Progress::Failed(why) => self.end_measurement(Some(why)),
+        }
+    }
+
+    fn give_up_measurement(&mut self, why: &str) {
+        self.end_measurement(Some(why.to_owned()));
+    }
+
+    fn end_measurement(&mut self, failure: Option<String>) {
+        if let Some(measurement) = self.measurement.take() {
+            if let Some(why) = &failure {
+                tracing::warn!("the measurement of the loop ended: {why}");
+            }
+            measurement.end(failure);
+        }
     }
 
     fn answer(&mut self, stamp: i64) {
@@ -730,6 +858,24 @@ impl ControllerLoop {
     fn publish_states(&mut self) {
         for state in self.states.drain(..) {
             let _ = self.state.publish(state);
+        }
+    }
+
+    /// When something that an outlet holds can be sent, at the earliest.
+    fn held_until(&self) -> Option<Instant> {
+        let terms = self.compensation_terms.as_ref().and_then(Outlet::held_until);
+        let others = [self.force.held_until(), self.state.held_until(), terms];
+        others.into_iter().chain([self.joint_state.held_until()]).flatten().min()
+    }
+
+    /// Sends what outlets hold, as far as its time has come. A stage in lockstep may wait for it,
+    /// and then no sample comes with which more would be published.
+    fn settle(&mut self) {
+        self.force.settle(Duration::ZERO);
+        self.state.settle(Duration::ZERO);
+        self.joint_state.settle(Duration::ZERO);
+        if let Some(terms) = &mut self.compensation_terms {
+            terms.settle(Duration::ZERO);
         }
     }
 
@@ -939,6 +1085,7 @@ impl ControllerLoop {
             Control::Enable(enabled) => {
                 self.enabled = enabled;
                 if !enabled {
+                    self.give_up_measurement("the controller was disabled");
                     let why = "Current goal cancelled during deactivate transition.";
                     self.give_up(follow::INVALID_GOAL, why);
                 }
@@ -963,9 +1110,13 @@ impl ControllerLoop {
                 let Retuned { settings: wanted, stops, constraints, terms } = retuned;
                 self.watch.stops = stops;
                 self.goals.constraints = constraints;
-                if let Some(compensation) = &mut self.compensation {
-                    compensation.switch(terms);
-                }
+                let wanted = match &mut self.compensation {
+                    Some(compensation) => {
+                        compensation.switch(terms);
+                        wanted.informed(compensation)
+                    }
+                    None => wanted,
+                };
                 match self.controller.retune(wanted.slowed(self.watch.share)) {
                     Ok(()) => self.watch.settings = wanted,
                     Err(error) => tracing::error!("parameters were not taken over: {error}"),
@@ -973,7 +1124,7 @@ impl ControllerLoop {
             }
             // Of the stage.
             Control::Pause(..) | Control::Step(_) | Control::StopSteps => {}
-            Control::Shutdown => {}
+            Control::End(_) | Control::Shutdown => {}
         }
     }
 }

@@ -4,10 +4,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::arguments::{Override, RosArguments};
+use super::identify_loop;
 use super::parameters::{ParameterSet, ParameterSpec, ParameterValues};
 use super::runtime::Startup;
 use friction_stage_core::control::{
-    AntiWindup, Compensation, CompensationTermsOn, ControllerSettings, Gains, SupervisorSettings,
+    AntiWindup, Compensation, CompensationTermsOn, ControllerSettings, Gains, ObserverSettings,
+    SupervisorSettings,
 };
 use friction_stage_core::model::StageModel;
 use ros2_client::ParameterValue;
@@ -36,7 +38,7 @@ pub fn supervision(values: &ParameterValues) -> SupervisorSettings {
 pub fn specs() -> Vec<ParameterSpec> {
     let paper = ControllerSettings::paper(40.0, 4000.0, 2000.0);
     let gains = paper.gains;
-    vec![
+    let mut specs = vec![
         Startup::cpu_spec(),
         Startup::priority_spec(),
         Startup::lifecycle_spec(),
@@ -48,8 +50,13 @@ pub fn specs() -> Vec<ParameterSpec> {
         .unit("Hz")
         .range(1.0, 20_000.0)
         .read_only(),
-        ParameterSpec::string("stage", "/stage", "full name of the stage node to control")
-            .read_only(),
+        ParameterSpec::string(
+            "stage",
+            "stage",
+            "name of the stage node to control, in the namespace of the controller unless it \
+             begins with /",
+        )
+        .read_only(),
         ParameterSpec::string("joint", "stage", "name of the joint in messages").read_only(),
         ParameterSpec::boolean(
             "enabled",
@@ -143,6 +150,30 @@ pub fn specs() -> Vec<ParameterSpec> {
             true,
             "against gain, ripple and lag of its motor",
         ),
+        ParameterSpec::double(
+            "disturbance_observer.bandwidth",
+            0.0,
+            "up to where a disturbance observer answers the force that command and motion do not \
+             explain; 0: none",
+        )
+        .unit("Hz")
+        .range(0.0, 10_000.0),
+        ParameterSpec::double(
+            "disturbance_observer.limit",
+            ObserverSettings::LIMIT,
+            "largest force that it adds",
+        )
+        .unit("N")
+        .range(1e-6, 1e6),
+        ParameterSpec::double(
+            "disturbance_observer.delay",
+            0.0,
+            "delay of the motor's force that it reckons with; 0 with a compensation: that of its \
+             model",
+        )
+        .unit("s")
+        .range(0.0, ObserverSettings::LONGEST_DELAY)
+        .read_only(),
         ParameterSpec::double("stroke_min", -STROKE, "lowest setpoint that is followed")
             .unit("m")
             .range(-1e6, 0.0)
@@ -232,7 +263,9 @@ pub fn specs() -> Vec<ParameterSpec> {
             .unit("m")
             .range(0.0, 10.0)
             .read_only(),
-    ]
+    ];
+    specs.extend(identify_loop::specs());
+    specs
 }
 
 /// The settings that the parameters ask for.
@@ -255,6 +288,15 @@ pub fn settings(values: &ParameterValues) -> ControllerSettings {
         ),
         mass_feedforward: values.double("feedforward.mass"),
         viscous_feedforward: values.double("feedforward.viscous"),
+        observer: (values.double("disturbance_observer.bandwidth") > 0.0).then(|| {
+            ObserverSettings {
+                bandwidth: values.double("disturbance_observer.bandwidth"),
+                limit: values.double("disturbance_observer.limit"),
+                mass: values.double("feedforward.mass"),
+                delay: values.double("disturbance_observer.delay"),
+                forward_delay: values.double("disturbance_observer.delay"),
+            }
+        }),
     }
 }
 

@@ -18,6 +18,7 @@ use super::participant::{Network, Participant, Reach};
 use super::qos::{COMMANDS, DIAGNOSTICS};
 use super::socket_filter::LARGEST_SAMPLE;
 use super::wire::joint_trajectory;
+use crate::interrupt::{self, Patience};
 use friction_stage_core::control::Point;
 use friction_stage_data::message::to_cdr;
 use friction_stage_data::message::{DiagnosticArray, DiagnosticStatus, JointTrajectory};
@@ -84,6 +85,8 @@ impl Process {
         let file = std::fs::File::create(&log)
             .with_context(|| format!("cannot write {}", log.display()))?;
         let mut command = Command::new(&driver.program);
+        // Ctrl-C of a terminal is for the driver, which ends its nodes in order.
+        command.process_group(0);
         // SAFETY: prctl is async-signal-safe and touches nothing of the parent's.
         unsafe {
             // A node whose driver was killed would go on, and keep the topics of the next one.
@@ -205,7 +208,7 @@ impl Driver {
         duration: Duration,
         keys: [&str; N],
     ) -> anyhow::Result<[f64; N]> {
-        let diagnostics =
+        let mut diagnostics =
             Inlet::<DiagnosticArray>::new(&self.participant, "/diagnostics", &DIAGNOSTICS)?;
         let mut stage = Process::start(&self, "stage", stage_arguments, log_stem)?;
         let controller = controller_arguments
@@ -234,6 +237,7 @@ impl Driver {
         run: &LockstepRun,
         progress: &mut dyn FnMut(f64),
     ) -> anyhow::Result<RunResult> {
+        let _patience = Patience::begin();
         let start = super::LOCKSTEP_EPOCH;
         let motion = joint_trajectory("stage", start, &run.points);
         let size = to_cdr(&motion)?.len();
@@ -247,7 +251,7 @@ impl Driver {
         let waiter = Waiter::new();
         let mut setpoint =
             Outlet::<JointTrajectory>::new(&self.participant, "/stage/setpoint", &COMMANDS)?;
-        let diagnostics =
+        let mut diagnostics =
             Inlet::<DiagnosticArray>::new(&self.participant, "/diagnostics", &DIAGNOSTICS)?;
         let with = |given: &[String], added: &[&str]| -> Vec<String> {
             let added =
@@ -261,17 +265,25 @@ impl Driver {
         let mut controller = Process::start(&self, "controller", &arguments, &run.log_stem)?;
         let deadline = Instant::now() + PATIENCE;
         while setpoint.wait_for_subscribers(2, Duration::from_millis(100)) < 2 {
+            interrupt::check()?;
             stage.check()?;
             controller.check()?;
             anyhow::ensure!(
                 Instant::now() < deadline,
-                "stage and controller did not find each other in {PATIENCE:?}"
+                "stage and controller did not find each other within {} s: discovery needs UDP \
+                 multicast or unicast on the loopback interface, which a firewall or a container \
+                 may forbid, and a free ROS domain (--domain chooses one); they say more in {} and \
+                 {}",
+                PATIENCE.as_secs(),
+                stage.log.display(),
+                controller.log.display()
             );
         }
         // A recorder that has not met the controller yet would miss its first states.
         loop {
             let soon = Some(Instant::now() + Duration::from_millis(100));
             let message = waiter.wait(soon, |context| diagnostics.poll_take(context));
+            interrupt::check()?;
             stage.check()?;
             controller.check()?;
             let is = |key| {
@@ -294,6 +306,7 @@ impl Driver {
         loop {
             let look_again = Instant::now() + Duration::from_millis(100);
             let message = waiter.wait(Some(look_again), |context| diagnostics.poll_take(context));
+            interrupt::check()?;
             stage.check()?;
             controller.check()?;
             if let Some(Ok(message)) = &message

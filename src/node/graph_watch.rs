@@ -2,20 +2,21 @@
 //!
 //! A thread follows the discovery events of one participant. It replaces ros2-client's spinner,
 //! which also subscribes to `/clock`: every tick of a lockstep clock would wake it in every
-//! process. In: discovery events. Out: counts of matches and single peers to wait for, and a
-//! warning when the quality of service of a peer does not fit, which otherwise nobody would see.
+//! process. In: discovery events and acknowledgements. Out: counts of matches and single peers to
+//! wait for, which subscribers lag, endpoints of ours whose lost peer is back, and a warning when
+//! the quality of service of a peer does not fit, which is not reported otherwise.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
     pin::pin,
     sync::{
         Arc, Condvar, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
         mpsc::sync_channel,
     },
     task::{Poll, Waker},
     thread::{self, JoinHandle},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use futures::Stream;
@@ -24,30 +25,56 @@ use rustdds::{
 };
 use tokio::sync::Notify;
 
-use super::inlet::Waiter;
+use super::{
+    inlet::Waiter,
+    socket_filter::{Acknowledgement, on_acknowledgement},
+};
+
+/// A matched endpoint of another node.
+#[derive(Default)]
+struct Peer {
+    /// The first sample of ours that it may miss, and when it came this far; `None` until it has
+    /// acknowledged something.
+    first_missing: Option<(u64, Instant)>,
+}
+
+/// Matched subscribers that have not acknowledged all.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lag {
+    /// When one that has acknowledged something came closer, at last; `None`: none has, since it
+    /// is new or best effort.
+    pub progressed: Option<Instant>,
+}
 
 /// What is known of one endpoint of ours.
 #[derive(Default)]
 struct Endpoint {
     topic: Option<String>,
-    peers: BTreeSet<GUID>,
+    peers: BTreeMap<GUID, Peer>,
     /// Meetings with endpoints whose quality of service does not fit.
     misfits: usize,
+    /// Participants of peers that were lost: they were silent for longer than their lease.
+    lost: BTreeSet<[u8; 12]>,
+    /// One of these has been found again, and the library matches only new endpoints with its own.
+    has_returned: bool,
+    /// Who waits at the endpoint.
+    waker: Option<Waker>,
 }
 
 impl Endpoint {
-    fn misfit(&mut self, what: &str, requested: &QosPolicies, offered: &QosPolicies) {
+    /// Counts a misfit, and words the warning.
+    fn misfit(&mut self, what: &str, requested: &QosPolicies, offered: &QosPolicies) -> String {
         self.misfits += 1;
         let topic = self.topic.as_deref().unwrap_or("a topic");
         let policy = offered.compliance_failure_wrt(requested);
-        tracing::warn!(
+        format!(
             "{topic}: {what}: its quality of service does not fit ({policy:?}): requested {:?} \
              {:?}, offered {:?} {:?}",
             requested.reliability(),
             requested.durability(),
             offered.reliability(),
             offered.durability()
-        );
+        )
     }
 }
 
@@ -58,10 +85,29 @@ struct State {
     changed: Condvar,
     /// For tasks that wait.
     changed_async: Notify,
+    /// How often a lost participant was found again.
+    returns: AtomicU64,
+    /// Who waits for that.
+    wakers: Mutex<Vec<Waker>>,
     stop: AtomicBool,
 }
 
 impl State {
+    fn wakers(&self) -> MutexGuard<'_, Vec<Waker>> {
+        self.wakers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn acknowledge(&self, what: Acknowledgement) {
+        let mut endpoints = self.endpoints();
+        let endpoint = endpoints.get_mut(&what.writer);
+        let Some(peer) = endpoint.and_then(|endpoint| endpoint.peers.get_mut(&what.reader)) else {
+            return;
+        };
+        if peer.first_missing.is_none_or(|(first, _)| what.first_missing > first) {
+            peer.first_missing = Some((what.first_missing, Instant::now()));
+        }
+    }
+
     fn endpoints(&self) -> MutexGuard<'_, BTreeMap<GUID, Endpoint>> {
         self.endpoints.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -70,6 +116,8 @@ impl State {
 /// Follows the discovery events of one participant until it is dropped.
 pub struct GraphWatch {
     state: Arc<State>,
+    /// Hears acknowledgements as long as it is kept.
+    _listener: Arc<dyn Fn(Acknowledgement) + Send + Sync>,
     waker: Waker,
     thread: Option<JoinHandle<()>>,
 }
@@ -91,7 +139,9 @@ impl GraphWatch {
                 follow(&participant, &shared, &waiter);
             })?;
         let waker = waker.recv().map_err(std::io::Error::other)?;
-        Ok(Self { state, waker, thread: Some(thread) })
+        let shared = Arc::clone(&state);
+        let listener = on_acknowledgement(move |what| shared.acknowledge(what));
+        Ok(Self { state, _listener: listener, waker, thread: Some(thread) })
     }
 
     /// Gives the endpoint `guid` the name that warnings call it by.
@@ -104,10 +154,79 @@ impl GraphWatch {
         self.state.endpoints().get(&guid).map_or(0, |endpoint| endpoint.peers.len())
     }
 
+    /// What is known of the subscribers that have not acknowledged the first `written` samples of
+    /// the publisher `guid`; `None` when all have.
+    pub fn lag(&self, guid: GUID, written: u64) -> Option<Lag> {
+        let endpoints = self.state.endpoints();
+        let peers = endpoints.get(&guid).into_iter().flat_map(|endpoint| endpoint.peers.values());
+        let mut lag: Option<Lag> = None;
+        for peer in peers {
+            match peer.first_missing {
+                Some((first, _)) if first > written => {}
+                Some((_, at)) => {
+                    let lag = lag.get_or_insert_default();
+                    lag.progressed = lag.progressed.max(Some(at));
+                }
+                None => {
+                    lag.get_or_insert_default();
+                }
+            }
+        }
+        lag
+    }
+
     /// How often an endpoint appeared whose quality of service does not fit ours: it is not
     /// matched.
     pub fn misfits(&self, guid: GUID) -> usize {
         self.state.endpoints().get(&guid).map_or(0, |endpoint| endpoint.misfits)
+    }
+
+    /// Who is to be woken when a lost peer of the endpoint `guid` is back.
+    pub fn wake_on_return(&self, guid: GUID, waker: Waker) {
+        self.state.endpoints().entry(guid).or_default().waker = Some(waker);
+    }
+
+    /// Who is to be woken whenever a lost peer of any endpoint is back, in place of `before`.
+    pub fn wake_on_returns(&self, before: Option<&Waker>, waker: &Waker) {
+        let mut wakers = self.state.wakers();
+        if let Some(before) = before
+            && let Some(index) = wakers.iter().position(|waker| waker.will_wake(before))
+        {
+            wakers.swap_remove(index);
+        }
+        wakers.push(waker.clone());
+    }
+
+    /// How often a lost participant was found again. A change means that
+    /// [`GraphWatch::take_return`] is worth a look.
+    pub fn returns(&self) -> u64 {
+        self.state.returns.load(Ordering::Acquire)
+    }
+
+    /// Whether a lost peer of the endpoint `guid` is back, since the last look. It is matched with
+    /// a new endpoint only.
+    pub fn take_return(&self, guid: GUID) -> bool {
+        let mut endpoints = self.state.endpoints();
+        endpoints.get_mut(&guid).is_some_and(|endpoint| std::mem::take(&mut endpoint.has_returned))
+    }
+
+    /// The endpoint `new` takes the place of `old`: it waits for the same lost peers, by the same
+    /// name. A peer that came back since the last look may have come after `new` was made.
+    pub fn succeed(&self, old: GUID, new: GUID) {
+        let mut endpoints = self.state.endpoints();
+        let Some(before) = endpoints.get_mut(&old) else { return };
+        let lost = std::mem::take(&mut before.lost);
+        let has_returned = std::mem::take(&mut before.has_returned);
+        let (topic, waker) = (before.topic.clone(), before.waker.take());
+        let endpoint = endpoints.entry(new).or_default();
+        (endpoint.topic, endpoint.waker) = (topic, waker);
+        endpoint.lost.extend(lost);
+        endpoint.has_returned |= has_returned;
+    }
+
+    /// The endpoint `guid` is no more.
+    pub fn forget(&self, guid: GUID) {
+        self.state.endpoints().remove(&guid);
     }
 
     /// Waits until at least `wanted` are matched, or `limit` has passed; how many there are.
@@ -128,7 +247,7 @@ impl GraphWatch {
     /// passed; whether it is. To be awaited on a tokio runtime with time.
     pub async fn wait_for_peer(&self, peer: GUID, limit: Duration) -> bool {
         let matched =
-            || self.state.endpoints().values().any(|endpoint| endpoint.peers.contains(&peer));
+            || self.state.endpoints().values().any(|endpoint| endpoint.peers.contains_key(&peer));
         let until_matched = async {
             loop {
                 // Before the look: what comes between the two counts.
@@ -172,12 +291,18 @@ fn follow(participant: &DomainParticipant, state: &State, waiter: &Waiter) {
     }
 }
 
+/// The bytes that all endpoints of a participant share.
+fn participant_of(guid: GUID) -> [u8; 12] {
+    std::array::from_fn(|index| guid.to_bytes()[index])
+}
+
 fn note(state: &State, event: Event) {
     let mut endpoints = state.endpoints();
+    let mut warning = None;
     match event {
         Event::RemoteReaderMatched { local_writer: ours, remote_reader: peer }
         | Event::RemoteWriterMatched { local_reader: ours, remote_writer: peer } => {
-            endpoints.entry(ours).or_default().peers.insert(peer);
+            endpoints.entry(ours).or_default().peers.entry(peer).or_default();
         }
         Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
             endpoints.values_mut().for_each(|endpoint| {
@@ -185,9 +310,32 @@ fn note(state: &State, event: Event) {
             });
         }
         Event::ParticipantLost { id, .. } => {
-            endpoints
-                .values_mut()
-                .for_each(|endpoint| endpoint.peers.retain(|peer| peer.prefix != id));
+            for endpoint in endpoints.values_mut() {
+                let Endpoint { peers, lost, .. } = endpoint;
+                peers.retain(|peer, _| {
+                    let is_lost = peer.prefix == id;
+                    if is_lost {
+                        lost.insert(participant_of(*peer));
+                    }
+                    !is_lost
+                });
+            }
+        }
+        Event::ParticipantDiscovered { dpd } => {
+            let mut wakers = Vec::new();
+            let mut is_back = false;
+            for endpoint in endpoints.values_mut() {
+                if endpoint.lost.remove(&participant_of(dpd.guid)) {
+                    endpoint.has_returned = true;
+                    is_back = true;
+                    wakers.extend(endpoint.waker.clone());
+                }
+            }
+            if is_back {
+                state.returns.fetch_add(1, Ordering::Release);
+                wakers.extend(state.wakers().iter().cloned());
+                wakers.into_iter().for_each(Waker::wake);
+            }
         }
         Event::RemoteReaderQosIncompatible {
             local_writer: ours,
@@ -195,11 +343,9 @@ fn note(state: &State, event: Event) {
             offered_qos,
             ..
         } => {
-            endpoints.entry(ours).or_default().misfit(
-                "a subscriber gets nothing",
-                &requested_qos,
-                &offered_qos,
-            );
+            let what = "a subscriber gets nothing";
+            let endpoint = endpoints.entry(ours).or_default();
+            warning = Some(endpoint.misfit(what, &requested_qos, &offered_qos));
         }
         Event::RemoteWriterQosIncompatible {
             local_reader: ours,
@@ -207,13 +353,16 @@ fn note(state: &State, event: Event) {
             offered_qos,
             ..
         } => {
-            endpoints.entry(ours).or_default().misfit(
-                "nothing comes from a publisher",
-                &requested_qos,
-                &offered_qos,
-            );
+            let what = "nothing comes from a publisher";
+            let endpoint = endpoints.entry(ours).or_default();
+            warning = Some(endpoint.misfit(what, &requested_qos, &offered_qos));
         }
         _ => return,
+    }
+    // Not under the lock, which the thread that receives takes as well.
+    drop(endpoints);
+    if let Some(warning) = warning {
+        tracing::warn!("{warning}");
     }
     state.changed.notify_all();
     state.changed_async.notify_waiters();

@@ -7,7 +7,7 @@
 //! # use std::task::Poll;
 //! # use friction_stage::node::{inlet::{Inlet, Waiter}, participant::ParticipantError};
 //! # use friction_stage_data::message::{JointState, WrenchStamped};
-//! # fn f(force: Inlet<WrenchStamped>, joint: Inlet<JointState>) {
+//! # fn f(mut force: Inlet<WrenchStamped>, mut joint: Inlet<JointState>) {
 //! enum Command { Force(WrenchStamped), Joint(JointState) }
 //! let waiter = Waiter::new();
 //! let command = waiter.wait(None, |cx| {
@@ -29,6 +29,7 @@ use std::{
 };
 
 use ros2_client::{ReadError, Subscription, message_info::MessageInfo};
+use rustdds::{Topic, TopicDescription};
 
 use super::{
     participant::{Participant, ParticipantError},
@@ -38,9 +39,17 @@ use super::{
 use friction_stage_data::message::RosMessage;
 
 /// A subscription to `M`.
+///
+/// A publisher that was silent for longer than its lease and goes on is found again, but matched
+/// with new subscriptions only: then this one is replaced.
 pub struct Inlet<M: RosMessage> {
     subscription: Subscription<M>,
+    topic: Topic,
     participant: Participant,
+    /// Returns of lost participants that were looked at.
+    returns: u64,
+    /// Who was told to be woken when a lost publisher is back.
+    waker: Option<Waker>,
 }
 
 impl<M: RosMessage> Inlet<M> {
@@ -52,7 +61,8 @@ impl<M: RosMessage> Inlet<M> {
         let qos = participant.qos_overrides().of(name, Role::Subscription, qos);
         // The window is a publisher's: rustdds 0.15 would keep as many samples that have long been
         // taken.
-        let topic = participant.topic(name, M::PACKAGE, M::NAME, &qos.window(DEFAULT_WINDOW))?;
+        let qos = qos.window(qos.window.min(DEFAULT_WINDOW));
+        let topic = participant.topic(name, M::PACKAGE, M::NAME, &qos)?;
         let subscription = participant.node().create_subscription(&topic, None).map_err(|e| {
             ParticipantError::Endpoint {
                 what: "subscription",
@@ -61,15 +71,40 @@ impl<M: RosMessage> Inlet<M> {
             }
         })?;
         participant.watch().name(subscription.guid(), name);
-        Ok(Self { subscription, participant: participant.clone() })
+        let returns = participant.watch().returns();
+        let participant = participant.clone();
+        Ok(Self { subscription, topic, participant, returns, waker: None })
+    }
+
+    /// Replaces the subscription where a lost publisher is back; whether it did.
+    fn meet_returned(&mut self) -> bool {
+        let watch = self.participant.watch();
+        let returns = watch.returns();
+        if std::mem::replace(&mut self.returns, returns) == returns
+            || !watch.take_return(self.subscription.guid())
+        {
+            return false;
+        }
+        match self.participant.node().create_subscription(&self.topic, None) {
+            Ok(subscription) => {
+                watch.succeed(self.subscription.guid(), subscription.guid());
+                self.subscription = subscription;
+                true
+            }
+            Err(error) => {
+                let topic = self.topic.name();
+                tracing::error!("{topic}: a publisher that was lost is back, not heard: {error}");
+                false
+            }
+        }
     }
 
     /// The next message, if one has come.
     ///
     /// # Errors
     /// [`ReadError`] for a sample that cannot be decoded; it is consumed, the next call goes on.
-    pub fn take(&self) -> Result<Option<M>, ReadError> {
-        Ok(self.subscription.take()?.map(|(message, _)| message))
+    pub fn take(&mut self) -> Result<Option<M>, ReadError> {
+        Ok(self.take_with_info()?.map(|(message, _)| message))
     }
 
     /// The next message, if one has come, with who sent it and its number among those of its
@@ -77,21 +112,40 @@ impl<M: RosMessage> Inlet<M> {
     ///
     /// # Errors
     /// As [`Inlet::take`].
-    pub fn take_with_info(&self) -> Result<Option<(M, MessageInfo)>, ReadError> {
-        self.subscription.take()
+    pub fn take_with_info(&mut self) -> Result<Option<(M, MessageInfo)>, ReadError> {
+        match self.subscription.take()? {
+            None if self.meet_returned() => self.subscription.take(),
+            taken => Ok(taken),
+        }
     }
 
     /// The next message, or a promise to wake `cx` when one comes.
-    pub fn poll_take(&self, cx: &mut Context<'_>) -> Poll<Result<M, ReadError>> {
+    pub fn poll_take(&mut self, cx: &mut Context<'_>) -> Poll<Result<M, ReadError>> {
         self.poll_take_from(cx).map(|result| result.map(|(message, _)| message))
     }
 
     /// The same with the identity of the publisher that sent it.
-    pub fn poll_take_from(&self, cx: &mut Context<'_>) -> Poll<Result<(M, [u8; 16]), ReadError>> {
-        // A new future each time is sound here: rustdds' stream keeps no state between polls.
-        pin!(self.subscription.async_take()).poll(cx).map(|result| {
+    pub fn poll_take_from(
+        &mut self,
+        cx: &mut Context<'_>,
+    ) -> Poll<Result<(M, [u8; 16]), ReadError>> {
+        if !self.waker.as_ref().is_some_and(|waker| waker.will_wake(cx.waker())) {
+            let waker = cx.waker().clone();
+            self.participant.watch().wake_on_return(self.subscription.guid(), waker.clone());
+            self.waker = Some(waker);
+        }
+        let mut polled = self.poll(cx);
+        if polled.is_pending() && self.meet_returned() {
+            polled = self.poll(cx);
+        }
+        polled.map(|result| {
             result.map(|(message, info)| (message, info.publisher_gid().to_bytes16()))
         })
+    }
+
+    fn poll(&self, cx: &mut Context<'_>) -> Poll<Result<(M, MessageInfo), ReadError>> {
+        // A new future each time is sound here: rustdds' stream keeps no state between polls.
+        pin!(self.subscription.async_take()).poll(cx)
     }
 
     /// Its name in DDS, for [`GraphWatch`](super::graph_watch::GraphWatch).

@@ -187,7 +187,7 @@ fn at(path: &Path, line: u64, problem: String) -> ArgumentError {
 }
 
 fn without_place(error: &serde_saphyr::Error) -> String {
-    error.without_snippet().to_string()
+    friction_stage_core::yaml::problem(error, "")
 }
 
 fn options() -> serde_saphyr::Options {

@@ -11,14 +11,18 @@ use std::{
 };
 
 use ros2_client::{Context, Name, Node, NodeName, NodeOptions, names::NameError};
+use rustdds::no_key::DataWriterCdr;
 use rustdds::{
-    DomainParticipant, DomainParticipantBuilder, QosPolicies, RTPSEntity, Topic, TopicDescription,
-    TopicKind,
+    DomainParticipant, DomainParticipantBuilder, GUID, QosPolicies, RTPSEntity, Topic,
+    TopicDescription, TopicKind,
 };
 use thiserror::Error;
 
-use super::socket_filter;
-use super::{graph_watch::GraphWatch, qos::Qos, qos_overrides::QosOverrides, signals::Threads};
+use super::graph_info::GraphInfo;
+use super::graph_watch::GraphWatch;
+use super::qos::Qos;
+use super::qos_overrides::QosOverrides;
+use super::{socket_filter, uninterrupted};
 
 /// Largest domain whose UDP ports exist: 7400 + 250 * domain + 11 must stay below 65536
 /// (DDSI-RTPS 2.5, 9.6.2.3).
@@ -189,29 +193,6 @@ fn set(variable: impl Fn(&str) -> Option<String>, name: &str) -> Option<String> 
     variable(name).map(|value| value.trim().to_owned()).filter(|value| !value.is_empty())
 }
 
-/// Runs `start` with every signal blocked: the threads that it starts inherit that for good, and
-/// signals go to the other threads of the process.
-///
-/// Stopping the process and continuing it (SIGSTOP, SIGCONT) still interrupts them; a process that
-/// was stopped has to make a new participant.
-fn without_signals<T>(start: impl FnOnce() -> T) -> T {
-    // SAFETY: both sets are local and initialised by the calls that fill them; sigfillset and
-    // pthread_sigmask with SIG_SETMASK cannot fail with these arguments.
-    let before = unsafe {
-        let mut all = std::mem::zeroed::<libc::sigset_t>();
-        let mut before = std::mem::zeroed::<libc::sigset_t>();
-        libc::sigfillset(&raw mut all);
-        libc::pthread_sigmask(libc::SIG_SETMASK, &raw const all, &raw mut before);
-        before
-    };
-    let result = start();
-    // SAFETY: `before` is the mask that this thread had.
-    unsafe {
-        libc::pthread_sigmask(libc::SIG_SETMASK, &raw const before, std::ptr::null_mut());
-    }
-    result
-}
-
 /// Why a participant, or something in it, could not be made.
 #[derive(Debug, Error)]
 pub enum ParticipantError {
@@ -242,14 +223,15 @@ pub struct Participant {
     inner: Arc<Inner>,
 }
 
-/// Dropped in this order: the watch keeps the DDS participant alive.
+/// Dropped in this order: the first two keep the DDS participant alive.
 struct Inner {
+    info: Mutex<Option<GraphInfo>>,
     watch: GraphWatch,
     node: Mutex<Node>,
     node_name: NodeName,
     context: Context,
     domain_participant: DomainParticipant,
-    threads: Threads,
+    publisher: rustdds::Publisher,
     qos_overrides: QosOverrides,
 }
 
@@ -283,10 +265,9 @@ impl Participant {
             })?;
         socket_filter::hear(network.reach)
             .map_err(|source| ParticipantError::Filter { network, source })?;
-        // rustdds ends its threads when a signal interrupts their wait: they must never see one.
-        let (joined, threads) =
-            Threads::started_by(|| without_signals(|| network.domain_participant()));
-        let domain_participant = joined?;
+        uninterrupted::check()
+            .map_err(|error| ParticipantError::Join { network, reason: error.to_string() })?;
+        let domain_participant = network.domain_participant()?;
         let context = Context::from_domain_participant(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
         let node =
@@ -296,9 +277,21 @@ impl Participant {
             })?;
         let watch = GraphWatch::start(domain_participant.clone())
             .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
-        let node = Mutex::new(node);
-        let inner =
-            Inner { watch, node, node_name, context, domain_participant, threads, qos_overrides };
+        // Every policy is that of the topic.
+        let publisher = domain_participant
+            .create_publisher(&QosPolicies::qos_none())
+            .map_err(|e| ParticipantError::Join { network, reason: e.to_string() })?;
+        let (info, node) = (Mutex::default(), Mutex::new(node));
+        let inner = Inner {
+            info,
+            watch,
+            node,
+            node_name,
+            context,
+            domain_participant,
+            publisher,
+            qos_overrides,
+        };
         Ok(Self { inner: Arc::new(inner) })
     }
 
@@ -310,11 +303,6 @@ impl Participant {
 
     pub fn context(&self) -> &Context {
         &self.inner.context
-    }
-
-    /// The threads of the DDS library: where one has ended, the participant is dead.
-    pub fn threads(&self) -> &Threads {
-        &self.inner.threads
     }
 
     /// Quality of service that the user wants of single endpoints.
@@ -330,6 +318,42 @@ impl Participant {
     /// Endpoints of the whole domain can be asked here.
     pub fn domain_participant(&self) -> &DomainParticipant {
         &self.inner.domain_participant
+    }
+
+    /// Of the participant itself.
+    pub fn gid(&self) -> [u8; 16] {
+        self.inner.domain_participant.guid().to_bytes()
+    }
+
+    /// A publisher on `topic` that takes the place of another one of this node.
+    pub(super) fn succeeding_writer<M: serde::Serialize>(
+        &self,
+        topic: &Topic,
+    ) -> Result<DataWriterCdr<M>, String> {
+        let writer = self.inner.publisher.create_datawriter_no_key_cdr(topic, None);
+        let writer = writer.map_err(|error| error.to_string())?;
+        self.with_info(|info| info.add(writer.guid()));
+        Ok(writer)
+    }
+
+    /// The publisher `guid` has given its place to another one, and is no more.
+    pub(super) fn forget_writer(&self, guid: GUID) {
+        self.watch().forget(guid);
+        self.with_info(|info| info.remove(guid));
+    }
+
+    fn with_info(&self, use_it: impl FnOnce(&GraphInfo)) {
+        let Inner { info, domain_participant, publisher, context, .. } = &*self.inner;
+        let mut info = info.lock().unwrap_or_else(PoisonError::into_inner);
+        if info.is_none() {
+            match GraphInfo::start(domain_participant, publisher, context) {
+                Ok(started) => *info = Some(started),
+                Err(reason) => tracing::warn!("new publishers have no node's name: {reason}"),
+            }
+        }
+        if let Some(info) = &*info {
+            use_it(info);
+        }
     }
 
     /// Subscribers on `topic` anywhere in the domain, dead ones included until their lease ends.

@@ -82,11 +82,11 @@ pub const COMMANDS: Qos = Qos::reliable(100);
 pub const FORCES: Qos = COMMANDS.window(OUTLASTS_A_LEASE);
 /// `/clock`, as the clock publishers of ROS 2 simulators offer it. rclpy's time source asks for
 /// best effort, depth 1.
-pub const CLOCK: Qos = Qos::reliable(10);
+pub const CLOCK: Qos = Qos::reliable(10).window(OUTLASTS_A_LEASE);
 /// `/diagnostics`, as diagnostic_updater publishes it.
 pub const DIAGNOSTICS: Qos = Qos::reliable(1);
 /// `~/controller_state`, as joint_trajectory_controller publishes it.
-pub const CONTROLLER_STATE: Qos = Qos::reliable(10);
+pub const CONTROLLER_STATE: Qos = Qos::reliable(10).window(OUTLASTS_A_LEASE);
 /// `~/transition_event`: `rmw_qos_profile_default`.
 pub const TRANSITIONS: Qos = Qos::reliable(10);
 /// Feedback of an action: `rmw_qos_profile_default`.

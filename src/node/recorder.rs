@@ -111,7 +111,7 @@ pub struct RecorderStatus {
     pub fault: Mutex<Option<String>>,
     /// Stamp of the last tick in the bag, ns.
     written: AtomicI64,
-    /// Stamp of the controller's last state in the bag, ns; `i64::MIN` before the first.
+    /// Stamp of the controller's last state that was heard for the bag, ns; `i64::MIN` before.
     heard: AtomicI64,
     /// A loop that may wait does so for the controller's states too.
     waits_for_states: AtomicBool,
@@ -282,6 +282,7 @@ impl Recorder {
             controller: None,
             heard,
             answered: i64::MIN,
+            last_force: None,
             last_tick: None,
         };
         let thread = std::thread::Builder::new()
@@ -310,6 +311,8 @@ struct Work {
     heard: Arc<Mutex<Vec<(i64, Heard)>>>,
     /// Stamp of the last force, ns.
     answered: i64,
+    /// The last force in the bag.
+    last_force: Option<WrenchStamped>,
     /// Number of the last tick in the bag.
     last_tick: Option<u64>,
 }
@@ -453,6 +456,7 @@ impl Work {
         while self.ring.pop().is_ok() {}
         lock(&self.heard).clear();
         self.answered = i64::MIN;
+        self.last_force = None;
         self.last_tick = None;
         self.status.dropped_of_bag.store(0, Ordering::Relaxed);
         let status = &self.status;
@@ -480,8 +484,11 @@ impl Work {
             std::thread::sleep(NAP);
             self.drain();
         }
-        if let Some(listener) = self.controller.take() {
+        if let Some(mut listener) = self.controller.take() {
             self.miss(listener.missing_until(self.answered));
+            if let Some(state) = listener.latest.take() {
+                self.write_state(state);
+            }
         }
         if let Some(last) = self.last_tick.take() {
             self.miss(self.status.offered.load(Ordering::Acquire).saturating_sub(last));
@@ -510,20 +517,28 @@ impl Work {
         for (time, message) in heard {
             if let Heard::Force(force) = &message {
                 self.answered = force.header.stamp.to_nanos();
+                // A controller that heard its sample again answers it again.
+                if self.last_force.as_ref().is_some_and(|last| last == force) {
+                    continue;
+                }
+                self.last_force = Some(force.clone());
             }
             self.write(|bag, _| bag.write_heard(time, &message));
         }
         while let Some((state, missing)) = self.controller.as_mut().and_then(Listener::take) {
             self.miss(missing);
-            let time = state.header.stamp.to_nanos();
-            self.write(|bag, _| bag.write_heard(time, &Heard::ControllerState(state)));
-            self.status.heard.store(time, Ordering::Relaxed);
+            self.write_state(state);
+        }
+        if let Some(stamp) = self.controller.as_ref().map(|listener| listener.stamp)
+            && self.status.heard.swap(stamp, Ordering::Relaxed) != stamp
+        {
             self.status.waits_for_states.store(true, Ordering::Relaxed);
         }
         if let Some(listener) = &self.controller
             && listener.is_silent()
             && self.status.waits_for_states.load(Ordering::Relaxed)
-            && self.status.is_behind(self.answered.saturating_sub(BACKLOG * self.setup.period))
+            // By less than the backlog: a loop that waits for states publishes no more samples.
+            && self.status.is_behind(self.answered.saturating_sub(BACKLOG / 2 * self.setup.period))
         {
             self.status.waits_for_states.store(false, Ordering::Relaxed);
             tracing::warn!(
@@ -533,6 +548,11 @@ impl Work {
             );
         }
         self.write(|bag, _| bag.writer.flush_if_due());
+    }
+
+    fn write_state(&mut self, state: ControllerState) {
+        let time = state.header.stamp.to_nanos();
+        self.write(|bag, _| bag.write_heard(time, &Heard::ControllerState(state)));
     }
 
     /// Counts samples that the bag lacks; a flood is logged at powers of two only.
@@ -573,7 +593,8 @@ struct Listener {
     last: Option<(Gid, i64)>,
     /// Two states of this sender have come in a row.
     met: bool,
-    /// The last state.
+    /// The last state, which one of the same sample may still replace: a controller that waits
+    /// for its setpoint tells of a sample before it answers it.
     latest: Option<ControllerState>,
     /// Stamp of the last state, ns.
     stamp: i64,
@@ -629,38 +650,41 @@ impl Listener {
         ((answered - self.stamp) / self.period.max(1)) as u64
     }
 
-    /// The next one that has come, and how many before it are missing.
+    /// How many of `sender` did not arrive before its message `number`.
+    fn missing_before(&mut self, sender: Gid, number: i64) -> u64 {
+        let missing = match self.last {
+            Some((last_sender, last)) if last_sender == sender => number - last - 1,
+            _ => 0,
+        };
+        // A reader and a writer that are just meeting pass each other: what comes before two in a
+        // row is of before they met.
+        self.met = match self.last {
+            Some((last_sender, _)) if last_sender == sender => self.met || missing == 0,
+            _ => false,
+        };
+        self.last = Some((sender, number));
+        if self.met { u64::try_from(missing).unwrap_or(0) } else { 0 }
+    }
+
+    /// The last state of the next sample that is over, and how many before it are missing.
     fn take(&mut self) -> Option<(ControllerState, u64)> {
+        let mut missing = 0;
         loop {
             match self.inlet.take_with_info() {
                 Ok(None) => return None,
                 Ok(Some((state, info))) => {
-                    let (sender, number) = (info.publisher_gid(), info.sequence_number());
-                    let missing = match self.last {
-                        Some((last_sender, last)) if last_sender == sender => number - last - 1,
-                        _ => 0,
-                    };
-                    // A reader and a writer that are just meeting pass each other: what comes
-                    // before two in a row is of before they met.
-                    self.met = match self.last {
-                        Some((last_sender, _)) if last_sender == sender => self.met || missing == 0,
-                        _ => false,
-                    };
-                    let missing = if self.met { missing } else { 0 };
-                    self.last = Some((sender, number));
+                    missing += self.missing_before(info.publisher_gid(), info.sequence_number());
+                    self.taken = Instant::now();
                     let stamp = state.header.stamp.to_nanos();
-                    // A stage that waits for its first answer sends its sample again, and the
-                    // controller says the same of it again.
-                    if stamp == self.stamp && self.latest.as_ref() == Some(&state) {
+                    let before = self.latest.replace(state);
+                    if stamp == self.stamp {
                         continue;
                     }
-                    if stamp != self.stamp {
-                        self.interval = stamp.saturating_sub(self.stamp);
-                        self.stamp = stamp;
+                    self.interval = stamp.saturating_sub(self.stamp);
+                    self.stamp = stamp;
+                    if let Some(before) = before {
+                        return Some((before, missing));
                     }
-                    self.taken = Instant::now();
-                    self.latest = Some(state.clone());
-                    return Some((state, u64::try_from(missing).unwrap_or(0)));
                 }
                 Err(error) => {
                     tracing::warn!("a state of the controller could not be read: {error}")

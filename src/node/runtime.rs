@@ -22,7 +22,7 @@ use super::parameters::{ParameterServer, ParameterSet, ParameterSpec};
 use super::participant::{self, Network, Participant, environment};
 use super::qos_overrides::{self, QosOverrides};
 use super::service::{self, services};
-use super::signals::{Asked, Signals};
+use super::signals::Signals;
 use super::simulation::{self, Steps};
 use super::std_srvs::{SetBoolRequest, SetBoolResponse, TriggerRequest, TriggerResponse};
 use super::words::quoted;
@@ -44,6 +44,8 @@ pub enum Control {
     Move(f64, oneshot::Sender<Result<String, String>>),
     /// Parameters that can change while running have changed.
     Retune,
+    /// The node must end, and why.
+    End(String),
     Shutdown,
 }
 
@@ -208,8 +210,6 @@ pub struct Background {
 pub enum End {
     /// SIGINT or SIGTERM.
     Signal,
-    /// The process was stopped and continued, which ends the threads of the DDS library.
-    WasStopped,
     /// The process takes this much memory, bytes, beyond [`memory_watch::BOUND`].
     Memory(u64),
     /// The node's loop ended by itself.
@@ -279,22 +279,38 @@ impl Background {
         participant: &Participant,
     ) -> anyhow::Result<()> {
         let control = self.control.clone();
-        let handler = move |_: TriggerRequest| {
+        self.serve_trigger(startup, participant, "~/reset", move || {
             let (reply, answer) = oneshot::channel();
             let sent = control.unbounded_send(Control::Reset(reply)).is_ok();
             async move {
                 let result = if sent { answer.await.ok() } else { None };
-                match result.unwrap_or_else(|| Err("the node is shutting down".to_owned())) {
+                result.unwrap_or_else(|| Err("the node is shutting down".to_owned()))
+            }
+        })
+    }
+
+    /// A service without arguments: `answer` says what was done, or why not.
+    pub fn serve_trigger<F>(
+        &mut self,
+        startup: &Startup,
+        participant: &Participant,
+        name: &str,
+        mut answer: impl FnMut() -> F + Send + 'static,
+    ) -> anyhow::Result<()>
+    where
+        F: Future<Output = Result<String, String>> + Send + 'static,
+    {
+        let handler = move |_: TriggerRequest| {
+            let answer = answer();
+            async move {
+                match answer.await {
                     Ok(message) => TriggerResponse { success: true, message },
                     Err(message) => TriggerResponse { success: false, message },
                 }
             }
         };
-        let task = service::serve::<Trigger, _, _>(
-            participant,
-            &startup.service_name("~/reset"),
-            handler,
-        )?;
+        let task =
+            service::serve::<Trigger, _, _>(participant, &startup.service_name(name), handler)?;
         self.spawn(task);
         Ok(())
     }
@@ -344,20 +360,12 @@ impl Background {
             let everything = futures::future::join_all(tasks);
             let memory = memory_watch::exceeds(memory_watch::BOUND);
             tokio::pin!(everything, loop_ended, memory);
-            loop {
-                tokio::select! {
-                    biased;
-                    asked = signals.next() => match asked {
-                        Asked::End => return End::Signal,
-                        Asked::Continued if participant.threads().have_ended().await => {
-                            return End::WasStopped;
-                        }
-                        Asked::Continued => {}
-                    },
-                    bytes = &mut memory => return End::Memory(bytes),
-                    _ = &mut loop_ended => return End::Loop,
-                    _ = &mut everything => return End::Loop,
-                }
+            tokio::select! {
+                biased;
+                () = signals.next() => End::Signal,
+                bytes = &mut memory => End::Memory(bytes),
+                _ = &mut loop_ended => End::Loop,
+                _ = &mut everything => End::Loop,
             }
         });
         let _ = control.unbounded_send(Control::Shutdown);

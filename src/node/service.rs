@@ -4,20 +4,23 @@
 //! is polled; a node polls all of its services together on one thread (`futures::join!`). The
 //! parameter services and the node's own (`~/reset`, `~/enable`, `~/record`) are both served by it.
 
-use std::{future::Future, time::Duration};
+use std::{future::Future, pin::pin, time::Duration};
 
-use futures::StreamExt;
+use futures::{StreamExt, stream};
 use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{Message, Name, QosProfile, RmwRequestId, ServiceMapping, ServiceTypeName};
 use rustdds::GUID;
 
 use super::participant::Participant;
+use super::reopened::{Reopened, Shared, Taken};
 
 /// How long an answer waits for the reader that it is for. A packet of the discovery that was lost
 /// comes again with the next heartbeat, after 3 s with Fast DDS.
 pub const READER_COMES_WITHIN: Duration = Duration::from_secs(10);
 /// Answers that may wait for their readers at the same time, before new requests wait too.
 pub const WAITING_ANSWERS: usize = 1000;
+
+type Server<S> = ros2_client::Server<<S as Service>::Request, <S as Service>::Response>;
 
 /// A ROS 2 service type: request, response and name, as in `std_srvs/srv/Trigger`.
 pub trait Service {
@@ -70,7 +73,8 @@ impl ServiceError {
 ///
 /// A request may come before its client's reader of answers is known here, and an answer that is
 /// sent then is lost. So an answer waits for that reader, as in rmw_fastrtps
-/// (`__rmw_send_response`), while other requests are answered.
+/// (`__rmw_send_response`), while other requests are answered. A client that was silent for longer
+/// than its lease is heard again.
 pub fn serve<S, H, F>(
     participant: &Participant,
     name: &str,
@@ -89,37 +93,47 @@ where
     let parsed = absolute(name)?;
     let service_type = ServiceTypeName::new(S::PACKAGE, S::NAME);
     // Enhanced is what rmw_fastrtps speaks.
-    let server = participant
-        .node()
-        .create_server::<S::Request, S::Response>(
-            ServiceMapping::Enhanced,
-            &parsed,
-            &service_type,
-            qos.clone(),
-            qos,
-        )
-        .map_err(ServiceError::creating(name))?;
     let (name, participant) = (name.to_owned(), participant.clone());
+    let mut servers = Reopened::new(&participant, &name, {
+        let (name, participant) = (name.clone(), participant.clone());
+        move || {
+            participant
+                .node()
+                .create_server::<S::Request, S::Response>(
+                    ServiceMapping::Enhanced,
+                    &parsed,
+                    &service_type,
+                    qos.clone(),
+                    qos.clone(),
+                )
+                .map_err(ServiceError::creating(&name))
+        }
+    })?;
     Ok(async move {
-        let (name, server, participant) = (&name, &server, &participant);
-        let answers = server.receive_request_stream().filter_map(|request| {
+        let (name, participant) = (&name, &participant);
+        let requests = stream::poll_fn(move |cx| {
+            servers.meet_returned(cx);
+            // A new future each time is sound here: rustdds' stream keeps no state between polls.
+            servers.poll(cx, |server, cx| pin!(server.async_receive_request()).poll(cx)).map(Some)
+        });
+        let answers = requests.filter_map(|request| {
             let answer = match request {
-                Ok((id, request)) => Some((id, handler(request))),
+                Ok(Taken { server, id, request }) => Some((server, id, handler(request))),
                 Err(error) => {
                     tracing::warn!("service {name}: a request could not be read: {error}");
                     None
                 }
             };
             async move {
-                let (id, response) = answer?;
-                Some((id, response.await))
+                let (server, id, response) = answer?;
+                Some((server, id, response.await))
             }
         });
-        let send = |(id, response): (RmwRequestId, S::Response)| async move {
+        let send = |(server, id, response): (Shared<Server<S>>, _, _)| async move {
             if !reader_is_there(participant, name, &id).await {
                 return;
             }
-            if let Err(error) = server.send_response(id, response) {
+            if let Err(error) = server.lock().send_response(id, response) {
                 tracing::warn!("service {name}: the answer was not sent: {error}");
             }
         };

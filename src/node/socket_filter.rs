@@ -11,11 +11,24 @@
 //! - fragments of samples of [`LARGEST_SAMPLE`] bytes or more, and requests for fragments that such
 //!   a sample does not have.
 //!
-//! One such submessage drops its whole datagram. The layout of the submessages: DDSI-RTPS 2.5,
+//! One such submessage drops its whole datagram.
+//!
+//! One thing it sees changed: every announcement of a participant has a sequence number of its own.
+//! A participant announces itself with one sample, again and again (DDSI-RTPS 2.5, 8.5.3.3), and
+//! the library takes a number once. One whose lease has ended, since it was stopped in a debugger
+//! or its announcements were lost, would never be found again.
+//!
+//! What subscribers acknowledge passes here as well, and the library does not say it: whoever
+//! [asks](on_acknowledgement) learns of it.
+//!
+//! The layout of the submessages: DDSI-RTPS 2.5,
 //! 9.4.5. Why here and not in the kernel: `docs/decisions/0012-strangers.md`.
 
 use std::io;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+use rustdds::GUID;
 
 use super::participant::Reach;
 
@@ -30,6 +43,39 @@ const LARGEST_FRAGMENT: u32 = 1 << 16;
 
 /// Index of the only interface that is heard, 0 for all of them.
 static INTERFACE: AtomicU32 = AtomicU32::new(0);
+
+/// Announcements of participants that have come.
+static ANNOUNCEMENTS: AtomicU64 = AtomicU64::new(0);
+
+/// A subscriber has every sample of a publisher below a number (DDSI-RTPS 2.5, 8.3.8.1, ACKNACK).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Acknowledgement {
+    pub reader: GUID,
+    pub writer: GUID,
+    /// The first sample that it may miss; they count from 1.
+    pub first_missing: u64,
+}
+
+type Listener = dyn Fn(Acknowledgement) + Send + Sync;
+
+static LISTENERS: Mutex<Vec<Weak<Listener>>> = Mutex::new(Vec::new());
+
+/// Calls `listener` with every acknowledgement that comes, until the result is dropped. On the
+/// thread that receives: it has to be quick.
+#[must_use]
+pub fn on_acknowledgement(
+    listener: impl Fn(Acknowledgement) + Send + Sync + 'static,
+) -> Arc<Listener> {
+    let listener: Arc<Listener> = Arc::new(listener);
+    let mut listeners = listeners();
+    listeners.retain(|listener| listener.strong_count() > 0);
+    listeners.push(Arc::downgrade(&listener));
+    listener
+}
+
+fn listeners() -> MutexGuard<'static, Vec<Weak<Listener>>> {
+    LISTENERS.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 /// Hears this far from now on, in the whole process. To be called before a participant is made.
 ///
@@ -77,7 +123,7 @@ pub unsafe extern "C" fn recvmsg(
         let received = unsafe { libc::syscall(libc::SYS_recvmsg, socket, message, flags) };
         let Ok(length) = usize::try_from(received) else { return received as libc::ssize_t };
         // SAFETY: the kernel has filled in `message`, and up to `length` bytes of its first buffer.
-        let is_heard = unsafe { asked.msg_iovlen != 1 || is_heard(&*message, length) };
+        let is_heard = unsafe { asked.msg_iovlen != 1 || take(&*message, length) };
         if is_heard {
             return received as libc::ssize_t;
         }
@@ -86,21 +132,29 @@ pub unsafe extern "C" fn recvmsg(
     }
 }
 
+/// Whether the library sees a datagram; numbers its announcements.
+///
 /// # Safety
 /// `message` is what recvmsg(2) has filled in, with one buffer that holds `length` bytes, or fewer
 /// where the datagram was cut off.
-unsafe fn is_heard(message: &libc::msghdr, length: usize) -> bool {
-    // SAFETY: see above.
+unsafe fn take(message: &libc::msghdr, length: usize) -> bool {
+    // SAFETY: see above; nobody else has the buffer until recvmsg(2) returns.
     let datagram = unsafe {
         let buffer = *message.msg_iov;
-        std::slice::from_raw_parts(buffer.iov_base.cast::<u8>(), length.min(buffer.iov_len))
+        std::slice::from_raw_parts_mut(buffer.iov_base.cast::<u8>(), length.min(buffer.iov_len))
     };
     if !datagram.starts_with(b"RTPS") {
         return true;
     }
     let interface = INTERFACE.load(Ordering::Relaxed);
     // SAFETY: see above.
-    (interface == 0 || unsafe { came_through(message) } == Some(interface)) && is_harmless(datagram)
+    let is_near = interface == 0 || unsafe { came_through(message) } == Some(interface);
+    if !(is_near && is_harmless(datagram)) {
+        return false;
+    }
+    number_announcements(datagram);
+    report_acknowledgements(datagram);
+    true
 }
 
 /// Index of the interface that a datagram came through, where the socket asks for it.
@@ -132,9 +186,13 @@ const ACKNACK: u8 = 0x06;
 const HEARTBEAT: u8 = 0x07;
 const GAP: u8 = 0x08;
 const INFO_TS: u8 = 0x09;
+const INFO_DST: u8 = 0x0e;
 const NACK_FRAG: u8 = 0x12;
 const DATA: u8 = 0x15;
 const DATA_FRAG: u8 = 0x16;
+
+/// Entity of the writer of announcements (DDSI-RTPS 2.5, table 9.3).
+const ANNOUNCER: [u8; 4] = [0x00, 0x01, 0x00, 0xc2];
 
 /// Whether every submessage of an RTPS message is within the bounds of this file.
 fn is_harmless(message: &[u8]) -> bool {
@@ -147,6 +205,64 @@ fn is_harmless(message: &[u8]) -> bool {
         rest = &rest[SUBMESSAGE_HEADER + submessage.body.len()..];
     }
     message.len() >= RTPS_HEADER
+}
+
+/// Gives every announcement of a participant in a harmless RTPS message a number of its own.
+fn number_announcements(message: &mut [u8]) {
+    let mut at = RTPS_HEADER;
+    while let Some(submessage) = message.get(at..).and_then(Submessage::first_of) {
+        let (begin, length) = (at + SUBMESSAGE_HEADER, submessage.body.len());
+        if submessage.kind == DATA && submessage.body.get(8..12) == Some(&ANNOUNCER) {
+            let number = ANNOUNCEMENTS.fetch_add(1, Ordering::Relaxed) % LARGEST_NUMBER + 1;
+            let words = [(number >> 32) as u32, number as u32];
+            let bytes = match submessage.is_little_endian {
+                true => words.map(u32::to_le_bytes),
+                false => words.map(u32::to_be_bytes),
+            };
+            message[begin + 12..begin + 20].copy_from_slice(bytes.as_flattened());
+        }
+        at = begin + length;
+    }
+}
+
+/// Calls the listeners with the acknowledgements in a harmless RTPS message.
+fn report_acknowledgements(message: &[u8]) {
+    // Both are named by the participant, 12 bytes, and 4 bytes of their own.
+    let Some(&from) = message.get(8..RTPS_HEADER).and_then(<[u8]>::first_chunk::<12>) else {
+        return;
+    };
+    let guid = |participant: [u8; 12], own: &[u8; 4]| {
+        let mut bytes = [0; 16];
+        bytes[..12].copy_from_slice(&participant);
+        bytes[12..].copy_from_slice(own);
+        GUID::from_bytes(bytes)
+    };
+    let mut to = None;
+    let mut at = RTPS_HEADER;
+    while let Some(submessage) = message.get(at..).and_then(Submessage::first_of) {
+        let body = submessage.body;
+        match submessage.kind {
+            INFO_DST => to = body.first_chunk().copied(),
+            ACKNACK => {
+                if let (Some(to), Some(&reader), Some(&writer), Some(first_missing)) = (
+                    to,
+                    body.first_chunk::<4>(),
+                    body.get(4..).and_then(<[u8]>::first_chunk::<4>),
+                    submessage.number(8),
+                ) {
+                    let acknowledgement = Acknowledgement {
+                        reader: guid(from, &reader),
+                        writer: guid(to, &writer),
+                        first_missing,
+                    };
+                    let all: Vec<_> = listeners().iter().filter_map(Weak::upgrade).collect();
+                    all.iter().for_each(|listener| listener(acknowledgement));
+                }
+            }
+            _ => {}
+        }
+        at += SUBMESSAGE_HEADER + body.len();
+    }
 }
 
 struct Submessage<'a> {
@@ -354,6 +470,32 @@ mod tests {
     }
 
     #[test]
+    fn acknowledgements_are_reported() {
+        let link = Link::new(0);
+        let heard = Arc::new(Mutex::new(Vec::new()));
+        let shared = Arc::clone(&heard);
+        let listener = on_acknowledgement(move |what| shared.lock().unwrap().push(what));
+        let to: [u8; 12] = std::array::from_fn(|index| 100 + index as u8);
+        let destination = submessage(INFO_DST, &to);
+        // Without a destination there is no writer.
+        assert!(link.passes(&message(&[acknack(3)])));
+        assert!(link.passes(&message(&[destination, timestamp(), acknack(7), acknack(8)])));
+        let guid = |participant: &[u8], own: [u8; 4]| {
+            GUID::from_bytes([participant, &own].concat().try_into().unwrap())
+        };
+        let from: Vec<u8> = (1..=12).collect();
+        let expected = [7, 8].map(|first_missing| Acknowledgement {
+            reader: guid(&from, [0, 0, 3, 0xc7]),
+            writer: guid(&to, [0, 0, 3, 0xc2]),
+            first_missing,
+        });
+        assert_eq!(*heard.lock().unwrap(), expected);
+        drop(listener);
+        assert!(link.passes(&message(&[submessage(INFO_DST, &to), acknack(9)])));
+        assert_eq!(heard.lock().unwrap().len(), 2);
+    }
+
+    #[test]
     fn counts_beyond_what_the_nodes_use_are_dropped() {
         let link = Link::new(0);
         let negative = u64::MAX;
@@ -443,6 +585,53 @@ mod tests {
         }
         assert_eq!(link.receive(), Some(message(&[data(7)])));
         assert_eq!(link.receive(), None);
+    }
+
+    #[test]
+    fn an_announcement_has_a_number_of_its_own_however_often_it_comes() {
+        let link = Link::new(0);
+        let little = data(1);
+        let mut big = [&[DATA, 0, 0, 28][..], &[0; 8], &ANNOUNCER, &[0; 7], &[1], &[7; 8]].concat();
+        let mut announcement = little.clone();
+        announcement[12..16].copy_from_slice(&ANNOUNCER);
+        let datagram = message(&[timestamp(), little, announcement, big.clone()]);
+        let receive = || {
+            link.sender.send(&datagram).unwrap();
+            link.receive().unwrap()
+        };
+        let (first, second) = (receive(), receive());
+        let numbers = |received: &[u8]| {
+            let at = |from: usize| <[u8; 8]>::try_from(&received[from..from + 8]).unwrap();
+            let little = at(RTPS_HEADER + 12 + 32 + 16);
+            let big = at(RTPS_HEADER + 12 + 32 + 32 + 16);
+            // The upper word comes first.
+            let word =
+                |bytes: &[u8], read: fn([u8; 4]) -> u32| u64::from(read(bytes.try_into().unwrap()));
+            [
+                word(&little[..4], u32::from_le_bytes) << 32
+                    | word(&little[4..], u32::from_le_bytes),
+                u64::from_be_bytes(big),
+            ]
+        };
+        let mut all = [numbers(&first), numbers(&second)].concat();
+        all.sort_unstable();
+        all.dedup();
+        assert_eq!(all.len(), 4, "{all:?}");
+        assert!(all.iter().all(|number| (1..LARGEST_NUMBER).contains(number)), "{all:?}");
+        // Nothing else has changed.
+        let without = |received: &[u8]| {
+            let mut rest = received.to_vec();
+            for from in [RTPS_HEADER + 12 + 32 + 16, RTPS_HEADER + 12 + 32 + 32 + 16] {
+                rest[from..from + 8].fill(0);
+            }
+            rest
+        };
+        assert_eq!(without(&first), without(&datagram));
+        // The last one may leave its length to that of the message.
+        big[2..4].fill(0);
+        let last = message(&[big]);
+        link.sender.send(&last).unwrap();
+        assert_ne!(link.receive().unwrap(), last);
     }
 
     #[test]

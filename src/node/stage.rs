@@ -254,10 +254,6 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
             }
             Ok(Outcome::warned(lost > 0))
         }
-        End::WasStopped => anyhow::bail!(
-            "the process was stopped and continued, which ends its DDS connections; the bag, if \
-             any, is closed: start again"
-        ),
         End::Memory(bytes) => memory_watch::end(bytes),
         End::Loop => anyhow::bail!("the loop of the stage ended"),
     }
@@ -274,7 +270,7 @@ fn recorded_topics(startup: &Startup, with_clock: bool) -> RecordedTopics {
         joint_commands: startup.topic("~/joint_commands"),
         commands: startup.topic("~/commands"),
         setpoint: startup.topic("~/setpoint"),
-        controller_state: startup.topic("/controller/state"),
+        controller_state: startup.topic("controller/state"),
         diagnostics: startup.topic("/diagnostics"),
     }
 }

@@ -235,7 +235,7 @@ impl StageLoop {
             };
             match self.judge(run, source, command, tick) {
                 Ok(_) => _ = self.status.surplus.fetch_add(1, Ordering::Relaxed),
-                Err(refusal) => self.status.refuse(&refusal.to_string()),
+                Err(refusal) => self.status.refuse_command(&refusal),
             }
         }
     }
@@ -391,7 +391,7 @@ impl StageLoop {
                     let quiet = if run.settling { ANNOUNCE } else { Duration::ZERO };
                     newest = Some((force, last.min(now + quiet)));
                 }
-                Err(refusal) => self.status.refuse(&refusal.to_string()),
+                Err(refusal) => self.status.refuse_command(&refusal),
             }
         }
     }
@@ -419,11 +419,11 @@ impl StageLoop {
     /// Handles what is no valid command; `true` for shutdown.
     fn handle(&mut self, run: &mut Run, event: Event) -> bool {
         match event {
-            Event::Command(_, Err(refusal)) => self.status.refuse(&refusal.to_string()),
+            Event::Command(_, Err(refusal)) => self.status.refuse_command(&refusal),
             Event::Unreadable(topic, error) => {
                 self.status.refuse(&format!("{topic}: unreadable: {error}"))
             }
-            Event::Control(Control::Shutdown) => return true,
+            Event::Control(Control::Shutdown | Control::End(_)) => return true,
             Event::Control(Control::Enable(enabled)) => {
                 run.enabled = enabled;
                 self.status.disabled.store(!enabled, Ordering::Relaxed);

@@ -1,6 +1,6 @@
 //! What the stage publishes for each sample.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::outlet::{Outlet, Published};
 use super::participant::{Participant, ParticipantError};
@@ -12,8 +12,10 @@ use friction_stage_data::message::{
     Clock, JointState, KeyValue, RosMessage, StageState, WrenchStamped,
 };
 
-/// Longest wait in lockstep for a writer that replaces one with a dead subscriber.
-const SETTLE: Duration = Duration::from_secs(1);
+/// Longest time that a sample is held in lockstep for subscribers that lag.
+const LONGEST_PATIENCE: Duration = Duration::from_secs(5);
+/// Longest wait in lockstep for them and for new writers.
+const SETTLE: Duration = LONGEST_PATIENCE.saturating_add(Duration::from_secs(1));
 
 /// The publishers of the stage's samples.
 pub struct StageOutlets {
@@ -63,15 +65,15 @@ impl StageOutlets {
     /// Publishes a sample in lockstep: nothing is left waiting in an outlet, and the clock may come
     /// a pause later.
     pub fn publish_and_settle(&mut self, tick: &Tick) {
-        let names = &self.names;
-        settled(&mut self.encoder, tick.encoder(names));
-        settled(&mut self.force_cell, tick.force_cell(names));
-        settled(&mut self.state, tick.state(names));
+        let (names, deadline) = (&self.names, Instant::now() + SETTLE);
+        settled(&mut self.encoder, tick.encoder(names), deadline);
+        settled(&mut self.force_cell, tick.force_cell(names), deadline);
+        settled(&mut self.state, tick.state(names), deadline);
         if !self.clock_pause.is_zero() {
             std::thread::sleep(self.clock_pause);
         }
         if let Some(clock) = &mut self.clock {
-            settled(clock, tick.clock());
+            settled(clock, tick.clock(), deadline);
         }
     }
 
@@ -102,11 +104,12 @@ fn outlet<M: RosMessage>(
     qos: &Qos,
 ) -> Result<Outlet<M>, ParticipantError> {
     let outlet = Outlet::new(participant, &startup.topic(name), qos)?;
-    Ok(if settings.mode == Mode::Lockstep { outlet.patient() } else { outlet })
+    Ok(if settings.mode == Mode::Lockstep { outlet.patient(LONGEST_PATIENCE) } else { outlet })
 }
 
-fn settled<M: RosMessage>(outlet: &mut Outlet<M>, message: M) {
-    if outlet.publish(message) == Published::Held && !outlet.settle(SETTLE) {
+fn settled<M: RosMessage>(outlet: &mut Outlet<M>, message: M, deadline: Instant) {
+    let left = || deadline.saturating_duration_since(Instant::now());
+    if outlet.publish(message) == Published::Held && !outlet.settle(left()) {
         tracing::error!("{}: subscribers got no sample for {SETTLE:?}", outlet.name());
     }
 }

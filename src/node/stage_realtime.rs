@@ -338,15 +338,15 @@ impl CommandThread {
                             None if arbiter.owns(source) => self.send(Order::Force(0.0)),
                             None => {}
                         },
-                        Err(refusal) => self.status.refuse(&refusal.to_string()),
+                        Err(refusal) => self.status.refuse_command(&refusal),
                     }
                 }
-                Some(Event::Command(_, Err(refusal))) => self.status.refuse(&refusal.to_string()),
+                Some(Event::Command(_, Err(refusal))) => self.status.refuse_command(&refusal),
                 Some(Event::Unreadable(topic, error)) => {
                     self.status.refuse(&format!("{topic}: unreadable: {error}"))
                 }
                 Some(Event::Setpoint(message)) => self.follow(&message),
-                Some(Event::Control(Control::Shutdown)) => {
+                Some(Event::Control(Control::Shutdown | Control::End(_))) => {
                     self.send(Order::Shutdown);
                     return;
                 }

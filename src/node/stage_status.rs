@@ -1,12 +1,24 @@
 //! What the stage node tells about itself: counters that its threads write and `/diagnostics`
 //! reads.
 
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 
+use super::commands::Refusal;
 use super::lateness::LatenessHistogram;
+use super::runtime::lock;
 use super::words::{Recent, quoted};
 use friction_stage_core::plant::StageState;
 use friction_stage_data::message::{DiagnosticStatus, KeyValue};
+
+/// Key in `/diagnostics` of the publisher that was refused because another one commands the stage
+/// at once with it.
+pub const SECOND_SOURCE: &str = "second_source";
+
+/// A publisher's GID as ROS tools write it: 16 bytes, hexadecimal, with dots.
+pub fn gid_text(gid: &[u8; 16]) -> String {
+    gid.map(|byte| format!("{byte:02x}")).join(".")
+}
 
 /// Counters of one stage node since its start. Written without locks on the tick.
 #[derive(Debug, Default)]
@@ -43,6 +55,8 @@ pub struct StageStatus {
     /// The tick thread runs under SCHED_FIFO.
     pub real_time_scheduling: AtomicBool,
     last_refusal: Recent,
+    /// The publisher that was refused last because another one commands the stage at once with it.
+    second_source: Mutex<Option<[u8; 16]>>,
     last_unanswered: Recent,
     /// Samples were not published a moment ago.
     last_unpublished: Recent,
@@ -60,6 +74,14 @@ impl StageStatus {
     /// The same: m, m/s, m/s². In real time the three may be of neighbouring samples.
     pub fn motion(&self) -> [f64; 3] {
         self.motion.each_ref().map(|slot| f64::from_bits(slot.load(Ordering::Relaxed)))
+    }
+
+    /// Counts a command that was refused by the rules of commands, and logs it.
+    pub fn refuse_command(&self, refusal: &Refusal) {
+        if let Refusal::OtherSource { second: Some(publisher), .. } = refusal {
+            *lock(&self.second_source) = Some(*publisher);
+        }
+        self.refuse(&refusal.to_string());
     }
 
     /// Counts a refused command and logs it; a flood is logged at powers of ten only.
@@ -156,6 +178,9 @@ impl StageStatus {
         if let Some(reason) = refusal {
             values.push(KeyValue::new("last_refusal", reason));
         }
+        if let Some(publisher) = *lock(&self.second_source) {
+            values.push(KeyValue::new(SECOND_SOURCE, gid_text(&publisher)));
+        }
         values.extend(more);
         DiagnosticStatus { level, name, message, hardware_id: hardware, values }
     }
@@ -164,6 +189,22 @@ impl StageStatus {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::node::commands::CommandTopic;
+
+    #[test]
+    fn a_second_source_is_named_once_there_are_two_at_once() {
+        let status = StageStatus::default();
+        let told = |status: &StageStatus| {
+            let values = status.diagnostic("a".into(), "b".into(), vec![], &[], &[]).values;
+            values.into_iter().find(|value| value.key == SECOND_SOURCE).map(|value| value.value)
+        };
+        let topic = CommandTopic::Force;
+        let refusal = |second| Refusal::OtherSource { topic, owner: topic, since: 0, second };
+        status.refuse_command(&refusal(None));
+        assert_eq!(told(&status), None);
+        status.refuse_command(&refusal(Some([0xa5; 16])));
+        assert_eq!(told(&status), Some([["a5"; 16].join(".")].concat()));
+    }
 
     #[test]
     fn a_missing_answer_is_an_error_and_a_refused_command_a_warning() {

@@ -48,7 +48,9 @@ domain, count = int(sys.argv[1]), int(sys.argv[2])
 participant = DomainParticipant(domain)
 qos = Qos(Policy.Reliability.Reliable(duration(seconds=1)), Policy.History.KeepAll)
 reader = DataReader(participant, Topic(participant, "rt/stage/encoder", JointState), qos)
-for _, sample in zip(range(count), reader.take_iter(timeout=duration(seconds=20))):
+# What tells that a publisher was lost is no sample.
+samples = (s for s in reader.take_iter(timeout=duration(seconds=90)) if isinstance(s, JointState))
+for _, sample in zip(range(count), samples):
     stamp = sample.header.stamp.sec * 10**9 + sample.header.stamp.nanosec
     print(
         json.dumps([stamp, sample.name, sample.position, sample.velocity, sample.effort]),

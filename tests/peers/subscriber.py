@@ -1,4 +1,5 @@
-"""subscriber.py TOPIC...: an rclpy program that subscribes with the defaults, says when it has heard each topic, and goes on."""
+"""subscriber.py TOPIC...: an rclpy program that subscribes with the defaults, and says whenever it has heard each topic
+since it said so last, twice a second at most."""
 
 import sys
 
@@ -13,11 +14,15 @@ silent = set(sys.argv[1:])
 
 def hear(topic: str) -> None:
     silent.discard(topic)
+
+
+def tell() -> None:
     if not silent:
         print("heard all", flush=True)
-        silent.add("")
+        silent.update(sys.argv[1:])
 
 
 for name in sys.argv[1:]:
     node.create_subscription(TOPICS[name], name, lambda _, topic=name: hear(topic), 10)
+node.create_timer(0.5, tell)
 rclpy.spin(node)

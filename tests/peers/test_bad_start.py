@@ -1,9 +1,10 @@
 """Nodes that cannot start as they were told to: exit code 1 within seconds, saying what is wrong, where, and what would be right."""
 
+import signal
 import time
 
 import pytest
-from diagnostics import ERROR, OK, Diagnostics
+from diagnostics import ERROR, OK, Diagnostics, number
 from ros import nanoseconds
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
@@ -26,13 +27,13 @@ def complaint(process) -> str:
 MODELS = {
     "cut off in a list": ("mass: 40\nguides: [guide_1, gui", ["line 2", "unclosed bracket"]),
     "cut off in a key": ("mass: 40\nmotor:\n  force_limit", ["line 3"]),
-    "cut off before a value": ("mass: 40\nmotor:\n  force_limit:", ["line 3", "floating point"]),
+    "cut off before a value": ("mass: 40\nmotor:\n  force_limit:", ["line 3", "a number is expected"]),
     "cut off to nothing": ("", ["is empty"]),
     "not YAML": ("{{{", ["line 1"]),
     "not text": ("\0\1\2", ["line 1", "unexpected character"]),
     "a list": ("- mass: 40\n", ["line 1"]),
     "mistyped key": ("mas: 40\n", ["line 1", "mas", "did you mean `mass`?"]),
-    "not a number": ("mass: heavy\n", ["line 1", "floating point"]),
+    "not a number": ("mass: heavy\n", ["line 1", "a number is expected"]),
     "given twice": ("mass: 40\nmass: 41\n", ["line 2", "mass"]),
     "negative mass": ("mass: -40\n", ["mass is -40", "must be greater than 0"]),
     "mass that is none": ("mass: .nan\n", ["mass is NaN", "must be finite"]),
@@ -214,6 +215,33 @@ def test_a_controller_that_hears_two_stages_says_so_and_ends(ros, start, stage):
     process.ended(expected=1)
     assert "the samples come from two stages at once" in complaint(process)
     assert "__node:=NAME" in complaint(process)
+
+
+@pytest.mark.parametrize("mode", ["realtime", "lockstep"])
+def test_a_second_controller_says_so_and_ends_and_the_first_goes_on(ros, start, stage, controller, mode):
+    stage(mode=mode, control_rate=500.0)
+    first = controller(rate=500.0, bandwidth=30.0)
+    second = start("controller_node", rate=500.0, bandwidth=30.0)
+    ros.until(lambda: second.popen.poll() is not None, "the end of the second controller")
+    second.ended(expected=1)
+    assert "another source commands /stage and this controller is refused" in complaint(second)
+    encoder = ros.collect("/stage/encoder")
+    ros.until(lambda: len(encoder) > 500, "a second of samples")
+    assert first.popen.poll() is None
+    # On a busy machine samples may come late, which is a warning.
+    assert Diagnostics(ros, "/controller: controller").newest().level != ERROR
+
+
+def test_a_controller_that_takes_the_place_of_a_killed_one_is_no_second_one(ros, start, stage, controller):
+    stage(mode="realtime", control_rate=500.0, command_timeout=3.0)
+    first = controller(rate=500.0, bandwidth=30.0)
+    first.stop(signal.SIGKILL, expected=-signal.SIGKILL)
+    second = start("controller_node", rate=500.0, bandwidth=30.0)
+    of_stage = Diagnostics(ros)
+    # It is refused as long as the stage waits for the first one, and then commands.
+    refused = number(of_stage.until(lambda s: number(s, "refused_commands") > 0, "a refusal"), "refused_commands")
+    of_stage.until(lambda s: number(s, "refused_commands") > refused and s.message == "running", "a stage that runs")
+    assert second.popen.poll() is None
 
 
 def test_somebody_else_who_publishes_the_samples_is_reported(ros, start, stage):

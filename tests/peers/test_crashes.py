@@ -13,6 +13,8 @@ import pytest
 from conftest import BINARIES
 from diagnostics import ERROR, OK, Diagnostics, number, value
 from friction_stage_testing import Process
+from mcap.reader import make_reader
+from rcl_interfaces.srv import GetParameters
 from ros import nanoseconds
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
@@ -72,19 +74,32 @@ def test_a_signal_while_recording_at_full_speed_closes_the_bag(ros, start, tmp_p
     assert messages["/stage/force"] and messages["/controller/state"]
 
 
-def test_a_stage_that_was_stopped_and_continued_says_so_and_closes_its_bag(ros, stage, tmp_path):
-    process = stage(mode="realtime", control_rate=1000.0, record=tmp_path / "bag")
-    encoder = ros.collect("/stage/encoder")
-    ros.until(lambda: len(encoder) > 100, "100 samples")
-    process.popen.send_signal(signal.SIGSTOP)
-    count = len(encoder)
-    ros.until(lambda: state_of(process) == "T", "the stop")
-    process.popen.send_signal(signal.SIGCONT)
-    process.ended(expected=1)
-    last = process.log().splitlines()[-1]
-    assert last.startswith("error: the process was stopped and continued") and "start again" in last
+def test_nodes_that_were_stopped_go_on(ros, stage, controller, subscriber, tmp_path):
+    """As with Ctrl-Z and fg, or in a debugger."""
+    rate = 200.0
+    staged = stage(mode="realtime", control_rate=rate, record=tmp_path / "bag")
+    nodes = staged, controller(rate=rate, bandwidth=10.0)
+    # A few times: what the nodes wait for while they are stopped is a matter of chance.
+    for seconds in (0.2, 0.5, 1.0):
+        for node in nodes:
+            node.popen.send_signal(signal.SIGSTOP)
+        ros.until(lambda: all(state_of(node) == "T" for node in nodes), "the stop")
+        ros.spin(seconds)
+        for node in nodes:
+            node.popen.send_signal(signal.SIGCONT)
+        # They still send, and hear each other.
+        controlled = ros.collect("/controller/state", depth=10)
+        ros.until(lambda controlled=controlled: len(controlled) > 10, "states of the controller")
+    # They find others.
+    subscriber("/stage/encoder", "/stage/state", "/controller/state")
+    for node in ("/stage", "/controller"):
+        client = ros.node.create_client(GetParameters, f"{node}/get_parameters")
+        ros.until(client.service_is_ready, f"the service of {node}")
+        question = client.call_async(GetParameters.Request(names=["use_sim_time"]))
+        ros.result(question, f"an answer of {node}")
+    staged.stop(signal.SIGTERM)
     assert friction_stage("check", tmp_path / "bag", code=0)["complete"]
-    assert len(assert_python_reads(tmp_path / "bag")["/stage/encoder"]) >= count
+    assert_no_holes(assert_python_reads(tmp_path / "bag")["/stage/encoder"], round(1e9 / rate))
 
 
 def state_of(process: Process) -> str:
@@ -95,9 +110,13 @@ def state_of(process: Process) -> str:
 # --- a killed recorder, a full disk
 
 
+# A process that is killed leaves what it has handed to the system, synced or not.
+@pytest.mark.parametrize("sync", ["never", "end", "interval"])
 @pytest.mark.parametrize("mode", ["lockstep", "realtime"])
-def test_a_killed_recording_loses_less_than_a_second(ros, start, tmp_path, mode):
-    process = start("stage_node", mode=mode, record=tmp_path / "bag", publish_clock=True)
+def test_a_killed_recording_loses_less_than_a_second(ros, start, tmp_path, mode, sync):
+    process = start(
+        "stage_node", mode=mode, record=tmp_path / "bag", record_sync=sync, publish_clock=True
+    )
     start("controller_node")
     # When the clock of each sample was heard, as far as this process keeps up; s.
     heard: dict[int, float] = {}
@@ -137,6 +156,29 @@ def test_a_killed_recording_loses_less_than_a_second(ros, start, tmp_path, mode)
         "at most 0.5 s before it are missing" in text
         and f"{report['messages']} messages kept" in text
     )
+
+
+@pytest.mark.parametrize("sync", ["never", "end", "interval"])
+def test_files_that_were_closed_before_the_kill_are_whole(ros, start, tmp_path, sync):
+    bag = tmp_path / "bag"
+    process = start("stage_node", record=bag, record_sync=sync, record_split_duration=0.5)
+    start("controller_node")
+    open_file = bag / "bag_3.mcap"
+    ros.until(open_file.exists, "the fourth file")
+    process.stop(signal.SIGKILL, expected=-signal.SIGKILL)
+    before = []
+    for number in range(3):
+        # One that was not closed has no summary, which mcap needs to count messages.
+        with (bag / f"bag_{number}.mcap").open("rb") as file:
+            summary = make_reader(file).get_summary()
+        topics = {id: channel.topic for id, channel in summary.channels.items()}
+        counts = {topics[id]: n for id, n in summary.statistics.channel_message_counts.items()}
+        assert counts["/stage/encoder"] > 0, counts
+        before.append(counts["/stage/encoder"])
+    report = friction_stage("recover", bag, "--out", tmp_path / "recovered", code=3)
+    kept = {topic["name"]: topic["messages"] for topic in report["topics"]}["/stage/encoder"]
+    assert kept >= sum(before)
+    assert_no_holes(bags.with_rosbags(tmp_path / "recovered")["/stage/encoder"], 250_000)
 
 
 def limited(kind: str, directory: Path) -> list[str]:
@@ -329,6 +371,74 @@ def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_h
     newest = number(status, "stamp_ns")
     ros.until(lambda: stamps(encoder[-1:])[0] >= newest, "the newest sample", timeout=90.0)
     assert_no_holes(encoder, period)
+
+
+def test_a_subscriber_that_was_frozen_longer_than_its_lease_hears_the_stage_again(
+    ros, stage, subscriber, domain, processes, tmp_path
+):
+    stage(mode="realtime", control_rate=200.0)
+    # The lease of Fast DDS is 20 s, that of Cyclone DDS 10 s.
+    fast = subscriber("/stage/encoder")
+    command = [sys.executable, str(HERE / "cyclone_reader.py"), str(domain), "1000000"]
+    cyclone = Process(command, tmp_path / "cyclone.log")
+    processes.append(cyclone)
+    ros.until(lambda: cyclone.log().count("\n") > 100, "a subscriber of Cyclone DDS")
+    for process in (fast, cyclone):
+        process.popen.send_signal(signal.SIGSTOP)
+    began = time.monotonic()
+    ros.until(
+        lambda: ros.node.count_subscribers("/stage/encoder") == 0, "the end of their leases", 60.0
+    )
+    # The stage grants them a little more.
+    ros.spin(max(0.0, 30.0 - (time.monotonic() - began)))
+    now = nanoseconds(ros.first("/stage/encoder").header.stamp)
+    heard = fast.log().count("heard all")
+    for process in (fast, cyclone):
+        process.popen.send_signal(signal.SIGCONT)
+    # Some of what was heard before may still wait to be taken.
+    ros.until(lambda: fast.log().count("heard all") > heard + 5, "samples in Fast DDS", 60.0)
+
+    def newest() -> int:
+        # The last line may not be whole yet.
+        return json.loads(cyclone.log().splitlines()[-2])[0]
+
+    ros.until(lambda: newest() > now, "samples in Cyclone DDS", 60.0)
+
+
+def test_a_client_that_was_frozen_longer_than_its_lease_is_answered_again(
+    ros, stage, controller, processes, tmp_path
+):
+    stage(mode="realtime", control_rate=200.0)
+    controller(rate=200.0, bandwidth=10.0)
+    caller = Process([sys.executable, str(HERE / "caller.py")], tmp_path / "caller.log")
+    processes.append(caller)
+    # One that is there all the time is answered once for each question.
+    healthy = ros.node.create_client(GetParameters, "/controller/get_parameters")
+    ros.until(healthy.service_is_ready, "the service")
+
+    def ask() -> None:
+        question = healthy.call_async(GetParameters.Request(names=["rate"]))
+        assert ros.result(question, "an answer").values[0].double_value == 200.0
+
+    def answered(what: str) -> int:
+        return caller.log().count(what)
+
+    ros.until(lambda: answered("answer 200.0") > 1 and answered("result 0") > 1, "two of each")
+    caller.popen.send_signal(signal.SIGSTOP)
+    began = time.monotonic()
+    ros.until(
+        lambda: ("caller", "/") not in ros.node.get_node_names_and_namespaces(),
+        "the end of its lease",
+        60.0,
+    )
+    # The controller grants it a little more.
+    ros.spin(max(0.0, 30.0 - (time.monotonic() - began)))
+    answers, results = answered("answer"), answered("result")
+    caller.popen.send_signal(signal.SIGCONT)
+    while answered("answer") < answers + 3 or answered("result 0") < results + 3:
+        assert time.monotonic() - began < 100.0, caller.log()
+        ask()
+    caller.stop(signal.SIGKILL, expected=-signal.SIGKILL)
 
 
 def test_a_killed_controller_is_missed_and_another_takes_its_place(ros, stage, controller, start):

@@ -43,8 +43,14 @@ def assert_whole(bag: Path) -> None:
     assert [nanoseconds(message.clock) for message in messages["/clock"]] == encoder
     assert stamps(messages["/stage/force_cell"]) == stamps(messages["/stage/state"]) == encoder
     for topic in ("/stage/force", "/controller/state"):
-        missing = set(encoder[:-1]) - set(stamps(messages[topic]))
+        heard = stamps(messages[topic])
+        missing = set(encoder[:-1]) - set(heard)
         assert not missing, f"{topic} lacks {len(missing)} of {len(encoder)} samples"
+        assert len(heard) == len(set(heard)), f"{topic} has samples twice"
+    check = subprocess.run(
+        [BINARIES / "friction-stage", "check", bag], capture_output=True, text=True, timeout=300
+    )
+    assert check.returncode == 0, check.stdout + check.stderr
 
 
 @pytest.mark.timeout(900)

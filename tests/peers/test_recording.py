@@ -4,6 +4,8 @@ import math
 
 import bags
 import pytest
+from diagnostics import Diagnostics, value
+from friction_stage_msgs.msg import ControllerState
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from ros import Ros, nanoseconds, rest
@@ -117,6 +119,32 @@ def test_a_bag_played_back_onto_the_force_gives_the_recorded_encoder_exactly(
             new.effort[0],
         ), f"sample {stamp} ns differs"
     assert max(sample.position[0] for sample in player.samples.values()) > 0.019
+
+
+def test_time_does_not_wait_for_states_that_no_longer_come(ros, start, tmp_path):
+    process = start("stage_node", **STAGE, record=tmp_path / "bag")
+    states = ros.publisher("/controller/state")
+    force = ros.publisher("/stage/force")
+    told: list[int] = []
+    answered: list[int] = []
+    falls_silent = False
+
+    def answer(sample: JointState) -> None:
+        force.publish(WrenchStamped(header=sample.header))
+        answered.append(nanoseconds(sample.header.stamp))
+        if not falls_silent:
+            states.publish(ControllerState(header=sample.header))
+            told.append(answered[-1])
+
+    ros.node.create_subscription(JointState, "/stage/encoder", answer, 100)
+    hears = "recording_hears_controller"
+    Diagnostics(ros).until(lambda status: value(status, hears) == "true", "the states in the bag")
+    falls_silent = True
+    # It may go on for 512 samples without states.
+    silence = 3 * 512 * round(1e9 / RATE)
+    ros.until(lambda: answered[-1] > told[-1] + silence, "samples without states")
+    process.stop(expected=(0, 3))
+    assert "time no longer waits for it" in process.log()
 
 
 def test_the_record_service_starts_and_ends_a_bag(ros, stage, tmp_path):

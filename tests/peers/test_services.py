@@ -1,6 +1,7 @@
 """Parameters of the controller and services of both nodes, as rclpy programs use them."""
 
 import pytest
+from diagnostics import Diagnostics, number
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters
@@ -8,7 +9,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.serialization import serialize_message
-from ros import nanoseconds
+from ros import Ros, nanoseconds
 from std_srvs.srv import SetBool, Trigger
 
 CONTROLLER = {
@@ -117,8 +118,8 @@ def test_all_parameters_at_once_are_told_and_described(ros, on_controller):
     assert len(values) == len(names)
     described = ros.call(DescribeParameters, "/controller/describe_parameters", names=names)
     assert [descriptor.name for descriptor in described.descriptors] == names
-    # More than an Ethernet frame.
-    assert len(serialize_message(described)) > 1500
+    # More than an Ethernet frame, and half of the largest datagram at most: parameters are added.
+    assert 1500 < len(serialize_message(described)) < 8192
 
 
 def test_a_program_with_many_topics_and_clients_is_answered(ros, stage):
@@ -178,3 +179,23 @@ def test_a_disabled_controller_sends_no_force_and_an_enabled_one_does(ros, on_co
         ros.until(lambda: states and states[-1].enabled == on, f"enabled = {on}")
         if not on:
             assert states[-1].output == 0.0
+
+
+def test_publishers_have_the_name_of_their_node_also_when_they_were_replaced(ros, stage, controller, domain):
+    stage(mode="lockstep", control_rate=1000.0)
+    controller(rate=1000.0, bandwidth=20.0)
+    diagnostics = Diagnostics(ros)
+    ros.until(
+        lambda: number(diagnostics.newest(), "sample") > 70_000, "more samples than one publisher sends", 300.0
+    )
+    for topic, node in (("/stage/encoder", "stage"), ("/controller/state", "controller")):
+
+        def names(observer, topic=topic):
+            return {info.node_name for info in observer.node.get_publishers_info_by_topic(topic)}
+
+        # One that was there all the time, and one that comes now.
+        ros.until(lambda: names(ros) == {node}, f"the name {node}")
+        with Ros(domain, []) as late:
+            late.until(lambda: names(late) == {node}, f"the name {node} in a new participant")
+            published = late.node.get_publisher_names_and_types_by_node(node, "/")
+            assert topic in dict(published)

@@ -134,8 +134,8 @@ def into_a_network() -> list[str]:
 
 @pytest.mark.skipif(
     not into_a_network(),
-    reason="a second machine is a network namespace: it needs unshare and ip (iproute2), and root or a kernel "
-    "that lets users make namespaces",
+    reason="this machine cannot stand in for two: the test makes a network namespace, with ip of the package iproute2, as "
+    "root or where the kernel lets users do so (README)",
 )
 def test_another_machine_does_not_reach_a_stage_of_this_machine(tmp_path):
     command = [*into_a_network(), sys.executable, str(HERE / "other_machine.py"), str(BINARIES / "stage_node"), str(tmp_path)]

@@ -8,6 +8,9 @@
 //! of the recorded stage runs. One line per run on stdout, as soon as it is known, then a summary;
 //! progress on stderr.
 
+#[path = "../tests/declared/mod.rs"]
+mod declared;
+
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -15,7 +18,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
 use clap::{Parser, Subcommand};
-use friction_stage_core::model::{Coordinate, Guide, GuideSource, StageModel};
+use friction_stage_core::model::{Coordinate, StageModel};
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_identify::{
     Estimate, Evidence, Hypothesis, IdentifyError, Measured, NominalParameter, Outcome,
@@ -26,6 +29,7 @@ use serde::Serialize;
 use blind_tests::effects::{self, CATALOGUE, LISTED};
 use blind_tests::noise::Noise;
 use blind_tests::{Columns, Effect, GeneratedRun, Programme, RecordTruth, SensorNoise, Setup};
+use declared::declared;
 
 #[derive(Parser)]
 #[command(about = "Blind tests of identification")]
@@ -108,6 +112,9 @@ enum What {
     Mixed {
         #[arg(long, default_value_t = 6)]
         runs: u64,
+        /// Out of these effects, with commas between them; without it out of all that are listed.
+        #[arg(long, value_delimiter = ',')]
+        only: Vec<String>,
     },
 }
 
@@ -200,9 +207,13 @@ fn main() -> Result<()> {
                 }
             }
         }
-        What::Mixed { runs } => {
+        What::Mixed { runs, only } => {
+            let wanted = chosen(&CATALOGUE[..LISTED], only)?;
+            let list: Vec<_> =
+                CATALOGUE.iter().copied().filter(|(name, _)| wanted.contains(name)).collect();
             for seed in session.seeds(*runs) {
-                session.run(seed, 1.0, effects::composition(1 + (seed % 3) as usize, seed))?;
+                let count = 1 + (seed % 3) as usize;
+                session.run(seed, 1.0, effects::composition(&list, count, seed))?;
             }
         }
     }
@@ -538,20 +549,6 @@ fn half(runs: &[&Report]) -> Option<f64> {
         last = Some((size, detected));
     }
     None
-}
-
-/// The declared model of the recorded stage runs.
-fn declared() -> StageModel {
-    let guide = Guide {
-        stiffness: 4.5e5,
-        bristle_damping: 900.0,
-        viscous_friction: 18.0,
-        coulomb_force: 13.5,
-        static_force: 16.8,
-        stribeck_velocity: 5e-3,
-        damping_velocity: None,
-    };
-    StageModel { guides: vec![GuideSource::Inline(guide); 4], ..StageModel::default() }
 }
 
 /// A record as the one who identifies gets it.

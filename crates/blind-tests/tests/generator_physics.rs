@@ -4,8 +4,9 @@
 use std::path::Path;
 
 use blind_tests::effects::{
-    ActuatorLag, AsymmetricFriction, CATALOGUE, CableChain, Cogging, ConstantForce, EncoderSde,
-    ForceCellDrift, LISTED, MotorGain, Payload, by_name, composition,
+    ActuatorLag, AsymmetricFriction, CATALOGUE, CableChain, Cogging, ConstantForce, DeadZone,
+    EncoderCyclicError, EncoderSde, ForceCellDrift, HardeningSpring, LISTED, MotorDroop, MotorGain,
+    MotorSaturation, Payload, by_name, composition,
 };
 use blind_tests::guides::{Change, Elements, GUIDES, Slip};
 use blind_tests::noise::Noise;
@@ -297,6 +298,8 @@ fn twice_the_effect_is_twice_the_force() {
         "payload",
         "saturating_brake",
         "ball_passage",
+        "dead_zone",
+        "hardening_spring",
     ] {
         let effect = by_name(name, 4).unwrap();
         let ratio = size(effect.scaled(2.0)) / size(effect.clone());
@@ -377,6 +380,52 @@ fn lag_is_a_first_order_and_a_delay_of_the_held_command() {
             (columns.force_cell[k] - expected).abs() < 1e-9 * (1.0 + expected.abs()),
             "row {k}"
         );
+    }
+}
+
+/// The cell shows what the motor made of the command of the tick before.
+fn motor_of(effect: impl Into<Effect>, expected: impl Fn(f64, f64) -> f64) {
+    let (columns, truth) = check_record(8, effect);
+    for k in 1..columns.time.len() {
+        let expected = expected(columns.force[k - 1], truth.velocity[k]);
+        let found = columns.force_cell[k];
+        assert!((found - expected).abs() < 1e-6, "row {k}: {found} N, expected {expected} N");
+    }
+}
+
+#[test]
+fn motors_lose_force_with_command_and_speed() {
+    motor_of(
+        DeadZone { width: 3.0 },
+        |u, _| if u.abs() < 3.0 { 0.0 } else { u - 3.0 * u.signum() },
+    );
+    // 1/F^2 = 1/u^2 + 1/S^2.
+    motor_of(MotorSaturation { limit: 3000.0 }, |u, _| {
+        if u == 0.0 { 0.0 } else { u.signum() / (u.powi(-2) + 3000f64.powi(-2)).sqrt() }
+    });
+    motor_of(MotorDroop { coefficient: 0.1 }, |u, v| u - 0.1 * v.abs() * u);
+}
+
+#[test]
+fn hardening_spring_has_the_cubic_part_of_its_stretch() {
+    let spring = HardeningSpring { hardening: 2000.0, center: 0.02 };
+    let (_, truth) = check_record(8, spring);
+    for (force, position) in truth.hidden[0].force.iter().zip(&truth.position) {
+        let stretch = position - 0.02;
+        let expected = -2000.0 * stretch * stretch * stretch;
+        assert!((force - expected).abs() < 1e-9, "{position} m: {force} N, {expected} N");
+    }
+}
+
+#[test]
+fn cyclic_error_of_the_encoder_repeats_over_its_period() {
+    let cyclic = EncoderCyclicError { amplitude: 4e-6, period: 0.02, phase: 0.0 };
+    let (columns, truth) = check_record(8, cyclic);
+    for k in 0..columns.time.len() {
+        let error = columns.position[k] - truth.position[k];
+        // Half a turn on it has the other sign.
+        let expected = -4e-6 * (std::f64::consts::TAU * (truth.position[k] + 0.01) / 0.02).cos();
+        assert!((error - expected).abs() < 1e-12, "row {k}: {error} m, {expected} m");
     }
 }
 
@@ -516,7 +565,8 @@ fn seed_fixes_everything_and_effects_do_not_move_it() {
 #[test]
 fn compositions_hide_different_listed_effects() {
     for seed in 0..50 {
-        let names: Vec<&str> = composition(3, seed).iter().map(|e| e.name()).collect();
+        let names: Vec<&str> =
+            composition(&CATALOGUE[..LISTED], 3, seed).iter().map(|e| e.name()).collect();
         assert_eq!(names.len(), 3);
         assert!(names[0] != names[1] && names[1] != names[2] && names[0] != names[2], "{names:?}");
     }
@@ -596,9 +646,8 @@ fn generator_shares_nothing_with_what_is_identified() {
 /// None to three effects together, on the recorded motion or a varied one, keep the loop.
 fn generate_composition(seed: u64) {
     let programme = if seed.is_multiple_of(2) { Programme::Recorded } else { Programme::Varied };
-    let setup =
-        Setup { programme, ..Setup::new(seed) }.with_all(composition(seed as usize % 4, seed));
-    setup.generate().unwrap();
+    let hidden = composition(&CATALOGUE[..LISTED], seed as usize % 4, seed);
+    Setup { programme, ..Setup::new(seed) }.with_all(hidden).generate().unwrap();
 }
 
 #[test]

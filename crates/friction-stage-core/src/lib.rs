@@ -7,5 +7,6 @@ pub mod model;
 pub mod numerics;
 pub mod plant;
 pub mod text_file;
+pub mod yaml;
 
 pub use closed_loop::{ClosedLoop, Cycle};

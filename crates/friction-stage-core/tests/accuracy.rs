@@ -105,6 +105,7 @@ fn run(cases: &OracleCases, case: &OracleCase, substeps: u32, ticks: usize) -> V
         limits: (-c.force_limit, c.force_limit),
         mass_feedforward: c.mass_feedforward,
         viscous_feedforward: c.viscous_feedforward,
+        observer: None,
     };
     let mut points = Vec::new();
     let mut position = 0.0;

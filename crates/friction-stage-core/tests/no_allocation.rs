@@ -7,7 +7,9 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::hint::black_box;
 
-use friction_stage_core::control::{Controller, ControllerSettings, Follower, Point, Trajectory};
+use friction_stage_core::control::{
+    Controller, ControllerSettings, Follower, ObserverSettings, Point, Trajectory,
+};
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, EffectParameters, StageModel};
 use friction_stage_core::plant::{Rates, Stage, effects};
 
@@ -85,7 +87,16 @@ fn every_effect() -> Vec<EffectParameters> {
 fn requests_of_a_move(model: &StageModel) -> u64 {
     let rates = Rates::DEFAULT;
     let mut stage = Stage::new(model, rates, 1).unwrap();
-    let settings = ControllerSettings::paper(model.mass, rates.control(), model.motor.force_limit);
+    let settings = ControllerSettings {
+        observer: Some(ObserverSettings {
+            bandwidth: 30.0,
+            limit: 100.0,
+            mass: model.mass,
+            delay: 1e-3,
+            forward_delay: 0.7e-3,
+        }),
+        ..ControllerSettings::paper(model.mass, rates.control(), model.motor.force_limit)
+    };
     let mut controller = Controller::new(settings).unwrap();
     let mut follower = Follower::new(f64::INFINITY);
     let trajectory = Trajectory::new(

@@ -8,7 +8,7 @@ use crate::bag::topics;
 use crate::message::{self, JointTrajectory, JointTrajectoryPoint};
 use crate::wire::{Setpoint, SetpointError, setpoint};
 use friction_stage_core::control::Point;
-use friction_stage_core::text_file;
+use friction_stage_core::{text_file, yaml};
 
 /// A motion file that cannot be read or played.
 #[derive(Debug, thiserror::Error)]
@@ -92,8 +92,7 @@ pub fn load(path: &Path) -> Result<Vec<Point>, MotionFileError> {
 pub fn from_yaml(text: &str, origin: &str) -> Result<Vec<Point>, MotionFileError> {
     let no_motion =
         |reason: String| MotionFileError::NoMotion { origin: origin.to_owned(), reason };
-    let file: File = serde_saphyr::from_str(text)
-        .map_err(|error| no_motion(error.without_snippet().to_string()))?;
+    let file: File = yaml::read(text).map_err(no_motion)?;
     let points = file
         .points
         .into_iter()

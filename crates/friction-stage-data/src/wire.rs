@@ -99,7 +99,8 @@ pub fn controller_state(
         effort: terms.reference.effort
             + terms.compensation.bristles
             + terms.compensation.forces
-            + terms.compensation.motor,
+            + terms.compensation.motor
+            + terms.disturbance,
         output: terms.output,
         saturated: terms.saturated,
         enabled,
@@ -108,7 +109,8 @@ pub fn controller_state(
     }
 }
 
-/// The terms of a compensation by name, N: a `JointState` whose efforts they are.
+/// The terms of compensation and disturbance observer by name, N: a `JointState` whose efforts they
+/// are.
 pub fn compensation_message(header: Header, terms: &Terms) -> JointState {
     let named = [
         ("mass", terms.mass_feedforward),
@@ -116,6 +118,7 @@ pub fn compensation_message(header: Header, terms: &Terms) -> JointState {
         ("bristles", terms.compensation.bristles),
         ("forces", terms.compensation.forces),
         ("motor", terms.compensation.motor),
+        ("disturbance", terms.disturbance),
     ];
     JointState {
         header,

@@ -128,6 +128,25 @@ fn a_delimiter_at_the_end_of_rows_is_no_column() {
 }
 
 #[test]
+fn names_that_wrap_in_their_quotes_are_names() {
+    let comma = format!("\"t\n(s)\",\"x \r\n[m]\",\"u\n\n(N)\"\n{}", rows(",", '.', "\n"));
+    let semicolon = format!("\"t\r(s)\";\"x;\r[m]\";u (N)\r{}", rows(";", ',', "\r"));
+    for (text, x, line) in [(comma, "x [m]", 6), (semicolon, "x; [m]", 4)] {
+        let (proposal, recording) = proposed("wrapped.csv", &text);
+        // Lines as an editor counts them.
+        assert_eq!((proposal.data_line, proposal.names_line), (line, Some(1)));
+        let from = format!("{{names_in_line: 1, data_from_line: {}}}", line + 2);
+        let asked = format!("csv: {from}\n{}", proposal.to_yaml("", &[]));
+        let later = read("wrapped.csv", &text, &asked).unwrap();
+        assert_eq!(later.trace.position[0], recording.trace.position[2]);
+        let yaml = proposal.to_yaml("wrapped.csv", &[]);
+        assert!(yaml.contains(x), "{yaml}");
+        assert_eq!(recording.trace.len(), ROWS);
+        assert!((recording.trace.position[7] - values(7).0).abs() < 1e-12);
+    }
+}
+
+#[test]
 fn thousands_are_read_or_refused_and_never_a_factor_of_1000() {
     let counts = |mark: &str| -> String {
         let rows: String = (0..ROWS)
@@ -447,6 +466,101 @@ fn what_the_file_does_not_say_is_to_be_checked() {
     let (proposal, _) = proposed("t.csv", &rows);
     let found = proposal.signals.iter().find(|found| found.signal == Signal::Position);
     assert_eq!(found.map(|found| found.column), Some(2), "{proposal:#?}");
+}
+
+/// Names as exports have them that say what a column is, and in which unit.
+#[test]
+fn a_quantity_over_its_unit_and_a_path_of_a_topic_are_names() {
+    let row = |k: usize| format!("{k},{:.7},{:.6}\n", 1e3 * values(k).0, values(k).1);
+    let rows: String = (0..ROWS).map(row).collect();
+    for head in ["t/ms,x/mm,F/N", "Time / ms,s_x / mm,F_x / N", "t_ms,q_mm,f_N"] {
+        let (proposal, recording) = proposed("t.csv", format!("{head}\n{rows}"));
+        assert!(proposal.checks().is_empty(), "{head}: {:?}", proposal.checks());
+        assert!((recording.trace.position[40] - values(40).0).abs() < 1e-9, "{head}");
+        assert!((recording.trace.force[40] - values(40).1).abs() < 1e-6, "{head}");
+    }
+    for (head, force) in [
+        ("__time,/stage/encoder/stage/position,/stage/force/wrench/force/x", 3),
+        ("time,/joint_states/position[0],/joint_states/effort[0]", 3),
+        ("stamp,axis.x.torque,axis.x.pos", 2),
+    ] {
+        let (proposal, _) = proposed("t.csv", format!("{head}\n{rows}"));
+        let found = proposal.signals.iter().find(|found| found.signal == Signal::Force);
+        assert_eq!(found.map(|found| found.column), Some(force), "{head}: {proposal:#?}");
+    }
+}
+
+#[test]
+fn whole_numbers_are_no_seconds_and_the_only_column_left_is_the_force_to_check() {
+    for (step, rate) in [(1.0, RATE), (20.0, 50.0), (1000.0, RATE), (1e6, RATE)] {
+        let row = |k: usize| format!("{} {:.8} {:.6}\n", step * k as f64, values(k).0, values(k).1);
+        let rows: String = (0..ROWS).map(row).collect();
+        for head in ["", "t x f\n"] {
+            let (proposal, recording) = proposed("t.txt", format!("{head}{rows}"));
+            assert!((recording.rate / rate - 1.0).abs() < 1e-6, "{step}: {} Hz", recording.rate);
+            let what: Vec<&str> = proposal.checks().iter().map(|(what, _)| *what).collect();
+            assert_eq!(what, ["time", "position", "force"], "{step}");
+        }
+    }
+    let row = |k: usize| format!("{:.8},{:.6}\n", values(k).0, values(k).1);
+    let rows: String = (0..ROWS).map(row).collect();
+    let (proposal, _) = proposed("t.csv", format!("x,f\n{rows}"));
+    assert_eq!(proposal.checks()[0].0, "rate");
+}
+
+/// Signals with stamps of their own in one table, as an outer join of them is written: a row is a
+/// sample of one of them.
+#[test]
+fn an_empty_field_is_no_sample() {
+    let of = |k: usize| {
+        let (x, u) = values(k);
+        let t = k as f64 / RATE;
+        (t, x, u)
+    };
+    let text: String = (0..ROWS)
+        .map(|k| {
+            let (t, x, u) = of(k);
+            format!("{t:.6},{x:.8},\n{:.6}, ,{u:.6}\n", t + 1e-5)
+        })
+        .collect();
+    let recording = read("t.csv", format!("t,x,u\n{text}"), MAPPING).unwrap();
+    assert_eq!((recording.trace.len(), recording.quality.valid_rows), (ROWS, ROWS));
+    for signal in &recording.quality.signals {
+        assert_eq!((signal.samples, signal.not_finite), (ROWS as u64, 0), "{signal:?}");
+    }
+    for k in 1..ROWS {
+        assert!((recording.trace.position[k] - of(k).1).abs() < 1e-12, "row {k}");
+    }
+    // A force at a third of the rate of the position.
+    let text: String = (0..ROWS)
+        .map(|k| {
+            let (t, x, u) = of(k);
+            let u = if k % 3 == 0 { format!("{u:.6}") } else { String::new() };
+            format!("{t:.6};{x:.8};{u}\n")
+        })
+        .collect();
+    let recording = read("t.csv", format!("t;x;u\n{text}"), MAPPING).unwrap();
+    assert_eq!((recording.trace.len(), recording.rate.round()), (ROWS, RATE));
+    let force = recording.quality.signals.iter().find(|found| found.signal == Signal::Force);
+    assert_eq!(
+        force.map(|found| found.samples),
+        Some(ROWS.div_ceil(3) as u64),
+        "{:?}",
+        recording.quality
+    );
+}
+
+#[test]
+fn rows_with_the_newest_first_are_refused_with_what_to_do() {
+    let lines = rows(",", '.', "\n");
+    let newest: String = lines.lines().rev().map(|line| format!("{line}\n")).collect();
+    let text = format!("t,x,u\n{newest}");
+    let told = error(&text, MAPPING);
+    assert!(told.contains("newest row comes first") && told.contains("line 4"), "{told}");
+    let file = file("t.csv", format!("time,x_mm,f\n{newest}"));
+    let proposal = Proposal::of(&file.path).unwrap();
+    let (what, check) = proposal.checks()[0];
+    assert!(what == "time" && check.contains("reverse the rows"), "{what}: {check}");
 }
 
 proptest! {

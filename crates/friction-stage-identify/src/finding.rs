@@ -9,6 +9,8 @@ use friction_stage_core::model::{Coordinate, CurveSide};
 use friction_stage_data::quality::{DataFinding, Severity};
 use friction_stage_data::signals::{Signal, SignalNote};
 
+use crate::residual_location::ResidualLocation;
+
 /// One of the two sides of the split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -67,6 +69,16 @@ pub enum IdentifyFinding {
         share: f64,
         /// Whether the forces there are compared all the same: there are too many to leave out.
         compared: bool,
+    },
+    /// Rests in which friction changes within a count of the encoder: not compared, until the
+    /// guides have slid far enough to have forgotten what they held.
+    HiddenRest {
+        /// The record.
+        record: RecordSide,
+        /// Share of its samples.
+        share: f64,
+        /// Count of the encoder, m.
+        count: f64,
     },
     /// A force that only some of the recordings have: left out of all of them.
     NotCommon {
@@ -148,6 +160,22 @@ pub enum IdentifyFinding {
         /// Least force of an effect that is seen, N rms.
         least: f64,
     },
+    /// Stiffness or damping of the bristles is not what the model declares: with what the records
+    /// show of them no more than noise is left.
+    OtherBristles {
+        /// Name of the parameter.
+        parameter: &'static str,
+        /// What the records show, mean of the guides.
+        found: f64,
+        /// What the model declares, mean of the guides.
+        declared: f64,
+        /// Its unit.
+        unit: &'static str,
+        /// Its tolerance, as a share of the declared value.
+        tolerance: f64,
+        /// What the model leaves of the hold-out with bristles within their tolerance, N.
+        left_within_tolerance: f64,
+    },
     /// Something is left that neither a law nor a map explains.
     Unexplained {
         /// What is left on the hold-out, N.
@@ -167,6 +195,19 @@ pub enum IdentifyFinding {
         /// What the noise of the sensors leaves, N.
         noise_floor: f64,
     },
+    /// Where it sits what the laws leave of a record, where that is more than noise.
+    ResidualLocation {
+        /// The record.
+        record: RecordSide,
+        /// The side of the stage on which most of it is: `motor` or `carriage`.
+        side: &'static str,
+        /// What is left there without maps, N.
+        left: f64,
+        /// What the noise of the sensors leaves there, N.
+        noise_floor: f64,
+        /// Where it sits.
+        location: ResidualLocation,
+    },
     /// No more laws are added.
     MostLaws {
         /// How many are.
@@ -182,6 +223,8 @@ pub enum IdentifyFinding {
         value: f64,
         /// Its unit.
         unit: &'static str,
+        /// Its tolerance, as a share of what is declared, where that is the bound.
+        tolerance: Option<f64>,
     },
     /// A parameter about which the data say nothing.
     NotIdentifiable {
@@ -255,6 +298,7 @@ impl IdentifyFinding {
             Self::Reading { note, .. } => note.code(),
             Self::Data { finding, .. } => finding.code(),
             Self::Filled { .. } => "filled_rows",
+            Self::HiddenRest { .. } => "hidden_rest",
             Self::NotCommon { .. } => "signal_not_common",
             Self::Joined => "joined_recordings",
             Self::PhaseOfRecord { .. } => "phase_of_record",
@@ -268,9 +312,11 @@ impl IdentifyFinding {
             Self::UnexplainedOver { .. } => "unexplained_over_coordinate",
             Self::MapJumps { .. } => "map_jumps",
             Self::NoiseAboveDeclared { .. } => "noise_above_declared",
+            Self::OtherBristles { .. } => "other_bristles",
             Self::Unexplained { .. } => "unexplained",
             Self::WanderingZero { .. } => "wandering_zero",
             Self::RoughLaws { .. } => "rough_laws",
+            Self::ResidualLocation { .. } => "residual_location",
             Self::MostLaws { .. } => "most_laws",
             Self::AtBound { .. } => "at_bound",
             Self::NotIdentifiable { .. } => "not_identifiable",
@@ -285,7 +331,19 @@ impl IdentifyFinding {
 
     /// How much it stands in the way; none of an identification that came to an end is fatal.
     pub fn severity(&self) -> Severity {
-        Severity::Warning
+        match self {
+            Self::Data { finding, .. } => finding.severity().min(Severity::Warning),
+            Self::Joined
+            | Self::HiddenRest { .. }
+            | Self::PhaseOfRecord { .. }
+            | Self::Slips { .. }
+            | Self::OneRipple { .. }
+            | Self::ResidualLocation { .. }
+            | Self::NoClosedLoop { .. }
+            | Self::NoSeparatingMotion { .. }
+            | Self::NoNextExperiment { .. } => Severity::Note,
+            _ => Severity::Warning,
+        }
     }
 
     /// The recording that it is about, where it is about one.

@@ -7,16 +7,19 @@
 
 use crate::closed_loop::{self, ClosedLoopError, LinearController};
 use crate::error::IdentifyError;
-use crate::finding::IdentifyFinding;
+use crate::finding::{IdentifyFinding, RecordSide};
 use crate::fit::sensor_noise::MORE_THAN_DECLARED;
+use crate::hypothesis::nominal_parameter::NominalParameter;
 use crate::hypothesis::{Hypothesis, Part, Tolerances};
 use crate::next_experiment::{self, Limits, NextExperiment, Plan};
 use crate::record::records::{Record, Records};
+use crate::residual_location::SideResidual;
+use crate::search::nulls::known_controller;
 use crate::search::phase::{RippleElsewhere, ripple_elsewhere};
 use crate::search::{
     CARRIAGE_GAIN, Inseparable, MOST_LAWS, NOISE_LIKE, Outcome, Selection, Verdict, Watch, search,
 };
-use crate::summary::{Change, PositionErrors, Summary, parameter_findings};
+use crate::summary::{Change, PositionErrors, Summary, parameter_findings, side_name};
 use friction_stage_core::model::{Coordinate, Curve, Jump, ModelError, StageModel};
 use friction_stage_core::numerics::range;
 use friction_stage_core::plant::effects::{Multiplicity, ParameterKind};
@@ -83,6 +86,12 @@ impl Identification {
         let identified = &selection.after.fitted.hypothesis;
         let model = identified.model();
         let mut findings = records.findings.clone();
+        for (record, measured) in [(RecordSide::Train, train), (RecordSide::Holdout, holdout)] {
+            let (share, count) = (measured.hidden_rest_share, measured.count);
+            if share > 0.0 {
+                findings.push(IdentifyFinding::HiddenRest { record, share, count });
+            }
+        }
         let on_holdout = identified.in_record(holdout)?;
         findings.extend(of_each_record(
             identified,
@@ -98,6 +107,7 @@ impl Identification {
         };
         findings.extend(of_search(&selection, train.rate));
         findings.extend(moved_ripples(&selection, records)?);
+        findings.extend(residual_locations(&selection, records)?);
         let mut identification = Identification {
             selection,
             model,
@@ -253,6 +263,7 @@ fn of_search(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
         let least = CARRIAGE_GAIN.sqrt() * selection.floor.carriage;
         findings.push(IdentifyFinding::NoiseAboveDeclared { found: noise_floor, declared, least });
     }
+    findings.extend(other_bristles(selection, rate));
     if selection.verdict == Verdict::Unknown && coordinate.is_none() && !selection.stopped {
         findings.push(IdentifyFinding::Unexplained { left, noise_floor });
     }
@@ -268,6 +279,24 @@ fn of_search(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
     }
     findings.extend(parameter_findings(&selection.after, rate));
     findings
+}
+
+/// Bristles that are beyond their tolerance.
+fn other_bristles(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
+    let Some(within) = selection.errors_within_tolerance else { return Vec::new() };
+    let hypothesis = &selection.after.fitted.hypothesis;
+    let of = |(parameter, factor): (NominalParameter, f64)| {
+        let found = hypothesis.declared_value(parameter, rate);
+        IdentifyFinding::OtherBristles {
+            parameter: parameter.name(),
+            found,
+            declared: found / factor,
+            unit: parameter.unit(),
+            tolerance: hypothesis.tolerance_of(parameter),
+            left_within_tolerance: within.holdout().sqrt(),
+        }
+    };
+    hypothesis.bristles_beyond_tolerance().into_iter().map(of).collect()
 }
 
 /// Ripples of the train record that the hold-out has too, but with another phase: as found they
@@ -304,6 +333,42 @@ fn moved_ripples(
         IdentifyFinding::MovedRipple { effects, period, phase_shift }
     };
     Ok(moved.into_iter().map(finding).collect())
+}
+
+/// Where what the laws leave of each record sits, where it is more than noise. A map stands for
+/// what no law explains: its part is left, too.
+fn residual_locations(
+    selection: &Selection,
+    records: &Records,
+) -> Result<Vec<IdentifyFinding>, ModelError> {
+    let declared = selection.before.hypothesis.effects.len();
+    let mut laws = selection.after.fitted.hypothesis.clone();
+    let mut added = laws.effects.split_off(declared);
+    added.retain(|part| !part.descriptor.is_curve());
+    laws.effects.append(&mut added);
+    let (train, holdout) = (&records.train.measured, &records.holdout.measured);
+    let controller = known_controller(train, holdout);
+    let mut findings = Vec::new();
+    for (record, measured, floor) in [
+        (RecordSide::Train, train, selection.train_floor),
+        (RecordSide::Holdout, holdout, selection.floor),
+    ] {
+        let here = laws.in_record(measured)?;
+        let found = here.residual_location(measured, floor, controller.as_ref())?;
+        if let Some(SideResidual { side, left, noise_floor, location }) = found
+            && !location.is_empty()
+        {
+            let side = side_name(side);
+            findings.push(IdentifyFinding::ResidualLocation {
+                record,
+                side,
+                left,
+                noise_floor,
+                location,
+            });
+        }
+    }
+    Ok(findings)
 }
 
 /// What no motion within the limits does.

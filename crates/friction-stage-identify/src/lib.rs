@@ -61,6 +61,7 @@ pub mod next_experiment;
 mod null_record;
 mod record;
 mod residual;
+mod residual_location;
 mod search;
 mod summary;
 #[cfg(test)]
@@ -82,6 +83,9 @@ pub use record::measured::{Floor, MIN_SAMPLES, Measured, Step};
 pub use record::records::{Record, RecordSource, Records, RecordsError};
 pub use record::spectrum;
 pub use residual::missing::Missing;
+pub use residual_location::{
+    MostPower, MotionSignal, PositiveDirection, ResidualLocation, SideResidual, SignalCorrelation,
+};
 pub use search::phase::{RippleElsewhere, ripple_elsewhere};
 pub use search::{
     CARRIAGE_GAIN, Errors, Evidence, Inseparable, LEFT_AT_MOST, MOST_LAWS, NOISE_LIKE, Outcome,

@@ -16,6 +16,7 @@ use crate::search::{Selection, Verdict};
 use friction_stage_core::model::{Curve, JointType};
 use friction_stage_core::numerics::TWO_SIDED_95;
 use friction_stage_core::plant::{EffectDescriptor, Side};
+use friction_stage_data::quality::Severity;
 
 /// Version of the schema.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -61,7 +62,7 @@ pub struct Summary {
 pub struct SummaryFinding {
     /// Stable name of the kind.
     pub code: String,
-    /// `warning` or `fatal`.
+    /// `note`, `warning` or `fatal`.
     pub severity: String,
     /// The recording that it is about, where it is about one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -70,6 +71,13 @@ pub struct SummaryFinding {
     pub numbers: serde_json::Map<String, serde_json::Value>,
     /// The sentence for it.
     pub text: String,
+}
+
+impl SummaryFinding {
+    /// Whether it says what a recording or the search is like, and nothing is wrong.
+    pub fn is_note(&self) -> bool {
+        self.severity == Severity::Note.name()
+    }
 }
 
 /// An effect that the declared model lacked.
@@ -331,6 +339,11 @@ impl Summary {
         }
     }
 
+    /// Whether there is more to know than notes: what a script must not pass over.
+    pub fn has_warnings(&self) -> bool {
+        !self.findings.iter().all(SummaryFinding::is_note)
+    }
+
     /// Figures of merit that are worse after than before.
     pub fn worse(&self) -> Vec<IdentifyFinding> {
         let mut worse = Vec::new();
@@ -561,19 +574,29 @@ pub(crate) fn parameter_findings(estimate: &Estimate, rate: f64) -> Vec<Identify
         } else if estimate.fitted.at_bound[index] {
             let lower = coordinate.value <= 0.5 * (lower + upper);
             let bound = if lower { BoundSide::Lower } else { BoundSide::Upper };
-            findings.push(IdentifyFinding::AtBound { parameter, bound, value, unit });
+            let tolerance = match coordinate.id {
+                ParameterId::Nominal(declared) if declared != NominalParameter::SensorShift => {
+                    Some(estimate.fitted.hypothesis.tolerance_of(declared))
+                }
+                _ => None,
+            };
+            findings.push(IdentifyFinding::AtBound { parameter, bound, value, unit, tolerance });
         } else if !deviation.is_finite()
+            || (is_share(coordinate.id) && TWO_SIDED_95 * deviation > 1.0)
             || (matches!(coordinate.id, ParameterId::Effect { .. })
                 && 2.0 * TWO_SIDED_95 * deviation >= upper - lower)
         {
             findings.push(IdentifyFinding::NotIdentifiable { parameter, value, unit });
-        } else if is_share(coordinate.id) && TWO_SIDED_95 * deviation > upper {
+        } else if let ParameterId::Nominal(declared) = coordinate.id
+            && declared.is_factor()
+            && TWO_SIDED_95 * deviation > upper
+        {
             findings.push(IdentifyFinding::HardlyIdentifiable {
                 parameter,
                 value,
                 unit,
                 half_width: TWO_SIDED_95 * deviation,
-                tolerance: coordinate.scale,
+                tolerance: estimate.fitted.hypothesis.tolerance_of(declared),
             });
         }
     }

@@ -5,8 +5,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::paper::Conditioning;
-use friction_stage_core::model::{CatalogueEntry, Guide, MAX_GUIDES, StageModel, nearest};
+use super::paper::{Conditioning, MoveKind, PaperMotion};
+use friction_stage_core::model::{CatalogueEntry, Guide, MAX_GUIDES, StageModel};
+use friction_stage_core::yaml;
 
 /// An application for which a guide is to be chosen. SI units.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -123,17 +124,18 @@ pub struct GuideTolerances {
 /// An application that cannot be read or cannot be.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum ApplicationError {
-    #[error("{origin}: {message}{hint}")]
-    Yaml { origin: String, message: String, hint: String },
+    #[error("{origin}: {message}")]
+    Yaml { origin: String, message: String },
     #[error("{origin}: {key} is {value}, must {limit}")]
     Value { origin: String, key: &'static str, value: f64, limit: String },
     #[error(
-        "{origin}: the move of {distance} m in {duration} s needs {needed:.0} N to accelerate \
+        "{origin}: {the_move} of {distance} m in {duration} s needs {needed:.0} N to accelerate \
          {mass} kg, the motor has {limit} N (controller.force_limit): at least {slowest:.4} s \
          would do"
     )]
     Motor {
         origin: String,
+        the_move: &'static str,
         distance: f64,
         duration: f64,
         needed: f64,
@@ -145,7 +147,7 @@ pub enum ApplicationError {
 
 /// Peak acceleration of the minimum-jerk profile over distance / duration^2: at u = (3 - sqrt 3)/6
 /// of its acceleration 60 u - 180 u^2 + 120 u^3.
-const PEAK_ACCELERATION: f64 = 5.773_502_691_896_258;
+pub(super) const PEAK_ACCELERATION: f64 = 5.773_502_691_896_258;
 /// Largest relative standard deviation of a parameter. Assumed: beyond it one no longer speaks of a
 /// tolerance.
 const LARGEST_TOLERANCE: f64 = 1.0;
@@ -171,23 +173,23 @@ impl Default for Loop {
     }
 }
 
+impl ApplicationMotion {
+    /// The moves of one run, the conditioning first.
+    pub(super) fn path(&self) -> PaperMotion {
+        let mut path = PaperMotion::conditioned(LEAD, &self.conditioning);
+        path.travel(MoveKind::Application, self.distance, self.duration, self.settle);
+        if self.and_return {
+            path.travel(MoveKind::Application, -self.distance, self.duration, self.settle);
+        }
+        path
+    }
+}
+
 impl Application {
     /// Reads and checks an application; `origin` names the text in errors.
     pub fn from_yaml(text: &str, origin: &str) -> Result<Application, ApplicationError> {
-        let application: Application = serde_saphyr::from_str(text).map_err(|error| {
-            let hint = match error.without_snippet() {
-                serde_saphyr::Error::SerdeUnknownField { field: invalid, expected, .. }
-                | serde_saphyr::Error::SerdeUnknownVariant { variant: invalid, expected, .. } => {
-                    nearest(invalid, expected.iter().copied())
-                }
-                _ => String::new(),
-            };
-            ApplicationError::Yaml {
-                origin: origin.to_owned(),
-                message: error.without_snippet().to_string(),
-                hint,
-            }
-        })?;
+        let application: Application = yaml::read(text)
+            .map_err(|message| ApplicationError::Yaml { origin: origin.to_owned(), message })?;
         application.check(origin)?;
         Ok(application)
     }
@@ -281,9 +283,13 @@ impl Application {
                 format!("take at most {LONGEST} s in all"),
             );
         }
-        for (distance, duration) in [
-            (self.motion.distance, self.motion.duration),
-            (conditioning.distance, conditioning.duration),
+        for (the_move, distance, duration) in [
+            ("the move", self.motion.distance, self.motion.duration),
+            (
+                "the move before it (motion.conditioning)",
+                conditioning.distance,
+                conditioning.duration,
+            ),
         ] {
             let impulse = PEAK_ACCELERATION * self.mass * distance;
             let needed = impulse / (duration * duration);
@@ -291,6 +297,7 @@ impl Application {
             if needed > limit {
                 return Err(ApplicationError::Motor {
                     origin: origin.to_owned(),
+                    the_move,
                     distance,
                     duration,
                     needed,

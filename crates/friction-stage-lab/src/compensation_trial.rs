@@ -121,11 +121,15 @@ impl CompensationTrial {
     pub fn one(&self, compensated: bool) -> Result<TrialRun, TrialError> {
         let rates = Rates::of_control(self.settings.rate)?;
         let stage = Stage::new(&self.real, rates, self.seed)?;
-        let controller = Controller::new(self.settings.clone())?;
+        let compensation = compensated.then(|| self.compensation()).transpose()?;
+        let settings = match &compensation {
+            Some(compensation) => self.settings.informed(compensation),
+            None => self.settings.clone(),
+        };
         let trajectory = Trajectory::new(0, self.points.clone())?;
-        let mut run = ClosedLoop::new(stage, controller, trajectory);
-        if compensated {
-            run = run.compensated(self.compensation()?);
+        let mut run = ClosedLoop::new(stage, Controller::new(settings)?, trajectory);
+        if let Some(compensation) = compensation {
+            run = run.compensated(compensation);
         }
         let end = self.points.last().map_or(0, |point| point.time);
         let (mut errors, mut saturated): (Vec<(i64, f64)>, u64) = (Vec::new(), 0);

@@ -8,7 +8,7 @@
 
 use std::f64::consts::PI;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use friction_stage_core::control::Gains;
 
@@ -62,7 +62,7 @@ pub struct LoopTiming {
 }
 
 /// A measured hysteresis loop.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HysteresisLoop {
     /// Half of the measured distance between the dwells, m.
     pub amplitude: f64,
@@ -75,12 +75,12 @@ pub struct HysteresisLoop {
     /// Half of the force difference between the dwells, N.
     pub tip_force: MeasuredValue,
     /// Position (m) and force (N) around the loop.
-    #[serde(skip)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub points: Vec<(f64, f64)>,
 }
 
 /// Loops over amplitude, ascending.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DahlCurves {
     pub name: String,
     pub loops: Vec<HysteresisLoop>,
@@ -89,7 +89,7 @@ pub struct DahlCurves {
 }
 
 /// Stage on its guides as a spring with hysteresis, from the loop of one guide.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DahlResonance {
     /// m
     pub amplitude: f64,

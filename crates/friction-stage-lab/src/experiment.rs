@@ -6,15 +6,15 @@
 use std::ops::RangeInclusive;
 
 use rayon::prelude::*;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::dahl::{AMPLITUDES, DahlCurves, dahl};
 use super::distributed_fit::{DistributedFit, best_single};
-use super::fast_move::{FastMove, fast_move};
-use super::fine_step::{FineStep, fine_step};
+use super::fast_move::{FastMove, fast_move_along};
+use super::fine_step::{FineStep, STEPS, fine_step_along};
 use super::frequency_response::{FrequencyResponse, frequency_response};
 use super::hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, hunting};
-use super::paper::Conditioning;
+use super::paper::{Conditioning, FAST, FINE, PaperMotion};
 use super::quick_loops::{QUICK_LOOPS, quick_loops};
 use super::rig::{RIG_TICKS, RigBias, rig};
 use super::specimen::{LabError, LabRecording, Settings, Specimen};
@@ -108,6 +108,16 @@ pub struct ExperimentPlan {
     pub rest: f64,
     /// Amplitudes of the loops of `dahl`, m, ascending.
     pub amplitudes: Vec<f64>,
+    /// Way and time of the moves of `fast-move` or the steps of `fine-step`, where they are not the
+    /// article's.
+    pub own_move: Option<OwnMove>,
+}
+
+/// The way (m) and time (s) of a move.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct OwnMove {
+    pub distance: f64,
+    pub duration: f64,
 }
 
 /// Refuses an amplitude, m, that no loop has.
@@ -127,6 +137,22 @@ fn within(value: f64, limits: RangeInclusive<f64>, words: &'static str) -> Resul
 /// Takes the recordings of a specimen, to be kept.
 pub type Keep<'a, E> = dyn Fn(&Specimen, &[LabRecording]) -> Result<(), E> + Sync + 'a;
 
+/// What was measured of a specimen in an experiment that is a part of the whole: kept as soon as it
+/// is there, and not measured again by a run that goes on.
+pub struct KeptParts<'a, E> {
+    /// A part that is kept.
+    pub load: &'a LoadPart<'a, E>,
+    /// Keeps a part.
+    pub save: &'a SavePart<'a, E>,
+}
+
+/// Looks for a part that is kept.
+pub type LoadPart<'a, E> =
+    dyn Fn(&Specimen, Experiment) -> Result<Option<ExperimentResults>, E> + Sync + 'a;
+/// Keeps a part.
+pub type SavePart<'a, E> =
+    dyn Fn(&Specimen, Experiment, &ExperimentResults) -> Result<(), E> + Sync + 'a;
+
 /// What an experiment found.
 #[derive(Debug)]
 pub struct ExperimentFindings {
@@ -139,7 +165,8 @@ pub struct ExperimentFindings {
 }
 
 /// Everything measured, by experiment; SI units.
-#[derive(Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct ExperimentResults {
     /// Force over constant velocity.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -165,7 +192,7 @@ pub struct ExperimentResults {
 }
 
 /// How a specimen behaves under integral action.
-#[derive(Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SpecimenHunting {
     /// Name of the specimen.
     pub name: String,
@@ -174,7 +201,7 @@ pub struct SpecimenHunting {
 }
 
 /// How the rig biases the curves of a specimen.
-#[derive(Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SpecimenRig {
     /// Name of the specimen.
     pub name: String,
@@ -194,6 +221,16 @@ pub struct StiffnessFit {
 }
 
 impl ExperimentResults {
+    /// The same without the points of curves, as a summary has it.
+    pub fn without_points(&self) -> ExperimentResults {
+        let mut results = self.clone();
+        results.fast_move.iter_mut().for_each(|found| found.points.clear());
+        results.fine_step.iter_mut().for_each(|found| found.points.clear());
+        let loops = results.dahl.iter_mut().flat_map(|found| &mut found.loops);
+        loops.for_each(|found| found.points.clear());
+        results
+    }
+
     /// The results of several specimens together.
     pub fn merged(all: Vec<ExperimentResults>) -> ExperimentResults {
         let mut merged = ExperimentResults::default();
@@ -266,7 +303,47 @@ impl ExperimentPlan {
             settings: Settings::default(),
             rest: Conditioning::PAPER_REST,
             amplitudes: AMPLITUDES.into(),
+            own_move: None,
         })
+    }
+
+    /// With another way (m) and time (s) of the moves of `fast-move` or the steps of `fine-step`,
+    /// another mass that the stage moves (kg) and another bandwidth of its controller (Hz); what is
+    /// not given is the article's.
+    pub fn with_move(
+        mut self,
+        distance: Option<f64>,
+        duration: Option<f64>,
+        mass: Option<f64>,
+        bandwidth: Option<f64>,
+    ) -> Result<ExperimentPlan, LabError> {
+        let given = [distance, duration, mass, bandwidth];
+        if given.iter().all(Option::is_none) {
+            return Ok(self);
+        }
+        let article = match self.experiment {
+            Experiment::FastMove => FAST,
+            Experiment::FineStep => FINE,
+            other => return Err(LabError::NoMove { experiment: other.name() }),
+        };
+        let own = OwnMove {
+            distance: distance.unwrap_or(article.0),
+            duration: duration.unwrap_or(article.1),
+        };
+        within(own.distance, 1e-9..=10.0, "between 1e-9 and 10 m")?;
+        within(own.duration, 1e-4..=100.0, "between 1e-4 and 100 s")?;
+        self.own_move = Some(own);
+        for of in &mut self.specimens {
+            if let Some(mass) = mass {
+                of.stage.mass = mass;
+                of.stage.check()?;
+            }
+            if let Some(bandwidth) = bandwidth {
+                within(bandwidth, 0.1..=1000.0, "between 0.1 and 1000 Hz")?;
+                of.bandwidth = bandwidth;
+            }
+        }
+        Ok(self)
     }
 
     /// With these amplitudes of the loops of `dahl`, m, in any order; with none of them, as it is.
@@ -290,19 +367,34 @@ impl ExperimentPlan {
         Ok(ExperimentPlan { rest, ..self })
     }
 
+    /// The move that is made, the article's where no other is asked for.
+    fn moved(&self, (distance, duration): (f64, f64)) -> OwnMove {
+        self.own_move.unwrap_or(OwnMove { distance, duration })
+    }
+
     /// Steps of progress.
     pub fn ticks(&self) -> usize {
-        let parts = [
-            (Experiment::Stribeck, SPEEDS.len()),
-            (Experiment::Dahl, self.amplitudes.len()),
-            (Experiment::FrequencyResponse, FrequencyResponse::TICKS),
-            (Experiment::FastMove, 2),
-            (Experiment::FineStep, 2),
-            (Experiment::Hunting, BANDWIDTHS.len() * INTEGRALS.len()),
-            (Experiment::Rig, RIG_TICKS),
-        ];
-        let asked = parts.iter().filter(|(part, _)| self.experiment.includes(*part));
-        self.specimens.len() * asked.map(|(_, ticks)| ticks).sum::<usize>()
+        self.specimens.len() * self.parts().map(|part| self.ticks_of(part)).sum::<usize>()
+    }
+
+    /// The experiments that this one consists of.
+    fn parts(&self) -> impl Iterator<Item = Experiment> {
+        let asked = self.experiment;
+        Experiment::ALL
+            .into_iter()
+            .filter(move |part| *part != Experiment::Paper && asked.includes(*part))
+    }
+
+    fn ticks_of(&self, part: Experiment) -> usize {
+        match part {
+            Experiment::Stribeck => SPEEDS.len(),
+            Experiment::Dahl => self.amplitudes.len(),
+            Experiment::FrequencyResponse => FrequencyResponse::TICKS,
+            Experiment::FastMove | Experiment::FineStep => 2,
+            Experiment::Hunting => BANDWIDTHS.len() * INTEGRALS.len(),
+            Experiment::Rig => RIG_TICKS,
+            Experiment::Paper => 0,
+        }
     }
 
     /// Measures all specimens, several at once; `tick` is called [`ExperimentPlan::ticks`] times.
@@ -311,11 +403,38 @@ impl ExperimentPlan {
         keep: Option<&Keep<'_, E>>,
         tick: &(dyn Fn() + Sync),
     ) -> Result<ExperimentFindings, E> {
-        let results: Vec<ExperimentResults> = self
-            .specimens
-            .par_iter()
-            .map(|of| self.measure(of, keep, tick))
-            .collect::<Result<_, E>>()?;
+        self.run_on(keep, None, tick)
+    }
+
+    /// As [`ExperimentPlan::run`]; parts that are kept are not measured again.
+    pub fn run_on<E: From<LabError> + Send>(
+        &self,
+        keep: Option<&Keep<'_, E>>,
+        kept: Option<&KeptParts<'_, E>>,
+        tick: &(dyn Fn() + Sync),
+    ) -> Result<ExperimentFindings, E> {
+        let one = |of: &Specimen| {
+            let mut results = Vec::new();
+            for part in self.parts() {
+                let found = match kept.map(|kept| (kept.load)(of, part)).transpose()?.flatten() {
+                    Some(found) => {
+                        (0..self.ticks_of(part)).for_each(|_| tick());
+                        found
+                    }
+                    None => {
+                        let found = self.measure(of, part, keep, tick)?;
+                        if let Some(kept) = kept {
+                            (kept.save)(of, part, &found)?;
+                        }
+                        found
+                    }
+                };
+                results.push(found);
+            }
+            Ok(ExperimentResults::merged(results))
+        };
+        let results: Vec<ExperimentResults> =
+            self.specimens.par_iter().map(one).collect::<Result<_, E>>()?;
         Ok(self.conclude(ExperimentResults::merged(results))?)
     }
 
@@ -345,71 +464,79 @@ impl ExperimentPlan {
     fn measure<E: From<LabError>>(
         &self,
         of: &Specimen,
+        part: Experiment,
         keep: Option<&Keep<'_, E>>,
         tick: &(dyn Fn() + Sync),
     ) -> Result<ExperimentResults, E> {
         let settings = &self.settings;
-        let asked = |part| self.experiment.includes(part);
         let wanted = keep.is_some();
         let keep = |recordings: &[LabRecording]| keep.map_or(Ok(()), |keep| keep(of, recordings));
         let mut results = ExperimentResults::default();
-        if asked(Experiment::Stribeck) {
-            let (found, recording) = stribeck(of, settings, &SPEEDS, tick)?;
-            keep(&[recording])?;
-            results.stribeck.push(found);
-        }
-        if asked(Experiment::Dahl) {
-            let (found, recordings) = dahl(of, settings, &self.amplitudes, tick)?;
-            keep(&recordings)?;
-            if wanted {
-                keep(&[quick_loops(of, settings, &QUICK_LOOPS)?])?;
-            }
-            results.dahl.push(found);
-        }
-        if asked(Experiment::FrequencyResponse) {
-            let (found, recording) = frequency_response(of, settings, tick)?;
-            keep(&[recording])?;
-            results.frequency_response.push(found);
-        }
-        for feedforward in [false, true] {
-            if asked(Experiment::FastMove) {
-                let (found, recording) = fast_move(of, settings, self.rest, feedforward)?;
+        match part {
+            Experiment::Stribeck => {
+                let (found, recording) = stribeck(of, settings, &SPEEDS, tick)?;
                 keep(&[recording])?;
-                results.fast_move.push(found);
-                tick();
+                results.stribeck.push(found);
             }
-            if asked(Experiment::FineStep) {
-                let (found, recording) = fine_step(of, settings, self.rest, feedforward)?;
+            Experiment::Dahl => {
+                let (found, recordings) = dahl(of, settings, &self.amplitudes, tick)?;
+                keep(&recordings)?;
+                if wanted {
+                    keep(&[quick_loops(of, settings, &QUICK_LOOPS)?])?;
+                }
+                results.dahl.push(found);
+            }
+            Experiment::FrequencyResponse => {
+                let (found, recording) = frequency_response(of, settings, tick)?;
                 keep(&[recording])?;
-                results.fine_step.push(found);
-                tick();
+                results.frequency_response.push(found);
             }
-        }
-        if asked(Experiment::Hunting) {
-            let (found, recordings) = hunting(of, settings, &BANDWIDTHS, &INTEGRALS, tick)?;
-            keep(&recordings)?;
-            results.hunting.push(SpecimenHunting { name: of.name.clone(), results: found });
-        }
-        if asked(Experiment::Rig) {
-            match of.is_plain() {
-                true => {
-                    let (found, recording) = rig(of, settings, tick)?;
+            Experiment::FastMove => {
+                let OwnMove { distance, duration } = self.moved(FAST);
+                let motion = match self.own_move {
+                    None => PaperMotion::fast(self.rest),
+                    Some(_) => PaperMotion::fast_of(self.rest, distance, duration),
+                };
+                for feedforward in [false, true] {
+                    let (found, recording) = fast_move_along(of, settings, &motion, feedforward)?;
                     keep(&[recording])?;
-                    results.rig.push(SpecimenRig { name: of.name.clone(), biases: found });
+                    results.fast_move.push(found);
+                    tick();
                 }
-                // Biases are against closed forms, and those are of a single bristle.
-                false if self.experiment == Experiment::Rig => {
-                    return Err(LabError::Signal {
-                        experiment: "rig",
-                        specimen: of.name.clone(),
-                        what:
-                            "has effects beside the LuGre guide, so no closed form to compare with"
-                                .to_owned(),
-                    }
-                    .into());
-                }
-                false => (0..RIG_TICKS).for_each(|_| tick()),
             }
+            Experiment::FineStep => {
+                let OwnMove { distance, duration } = self.moved(FINE);
+                let motion = PaperMotion::fine_of(self.rest, STEPS, distance, duration);
+                for feedforward in [false, true] {
+                    let (found, recording) = fine_step_along(of, settings, &motion, feedforward)?;
+                    keep(&[recording])?;
+                    results.fine_step.push(found);
+                    tick();
+                }
+            }
+            Experiment::Hunting => {
+                let (found, recordings) = hunting(of, settings, &BANDWIDTHS, &INTEGRALS, tick)?;
+                keep(&recordings)?;
+                results.hunting.push(SpecimenHunting { name: of.name.clone(), results: found });
+            }
+            Experiment::Rig if of.is_plain() => {
+                let (found, recording) = rig(of, settings, tick)?;
+                keep(&[recording])?;
+                results.rig.push(SpecimenRig { name: of.name.clone(), biases: found });
+            }
+            // Biases are against closed forms, and those are of a single bristle.
+            Experiment::Rig if self.experiment == Experiment::Rig => {
+                return Err(LabError::Signal {
+                    experiment: "rig",
+                    specimen: of.name.clone(),
+                    what:
+                        "has more effects than the LuGre guide, so no closed form to compare with"
+                            .to_owned(),
+                }
+                .into());
+            }
+            Experiment::Rig => (0..RIG_TICKS).for_each(|_| tick()),
+            Experiment::Paper => {}
         }
         Ok(results)
     }
@@ -454,4 +581,76 @@ fn paper_fit(
         distributed: fit_stated(static_force)?,
         errors: stiffness_errors(single, distributed, best_single, static_force),
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_move_of_ones_own_is_made_with_ones_own_mass_and_bandwidth() {
+        let plan = |experiment| {
+            let specimens = vec![Specimen::named("guide_2").unwrap()];
+            let plan = ExperimentPlan::new(experiment, specimens).unwrap();
+            plan.with_rest(0.05).unwrap()
+        };
+        let run = |plan: &ExperimentPlan| plan.run::<LabError>(None, &|| ());
+        let peak = |found: &ExperimentFindings| found.results.fine_step[0].steps[0].peak_error;
+        let step = |bandwidth| {
+            let plan = plan(Experiment::FineStep);
+            run(&plan.with_move(Some(1e-6), Some(2e-3), None, Some(bandwidth)).unwrap()).unwrap()
+        };
+        let (slow, fast) = (peak(&step(40.0)), peak(&step(80.0)));
+        assert!(fast < slow, "{fast} {slow}");
+        let same = plan(Experiment::FineStep);
+        let same = same.with_move(Some(10e-6), None, Some(40.0), Some(60.0)).unwrap();
+        let article = run(&plan(Experiment::FineStep)).unwrap();
+        assert_eq!(run(&same).unwrap().results, article.results);
+
+        // Four times the force of the article's move in half its time; the motor has 2000 N.
+        let quick = plan(Experiment::FastMove).with_move(None, Some(0.05), None, None).unwrap();
+        let error = run(&quick).unwrap_err().to_string();
+        assert!(error.contains("return move before it of 50 mm in 50 ms needs 4619 N"), "{error}");
+        // The move before the steps is the article's, and too much for the mass.
+        let heavy = plan(Experiment::FineStep).with_move(None, None, Some(100.0), None).unwrap();
+        let error = run(&heavy).unwrap_err().to_string();
+        assert!(error.contains("return move before it of 50 mm in 100 ms"), "{error}");
+        let dahl = plan(Experiment::Dahl).with_move(Some(1e-3), None, None, None);
+        assert!(dahl.unwrap_err().to_string().contains("not for dahl"));
+    }
+
+    /// As `--resume` keeps it: what is read back gives the same report.
+    #[test]
+    fn results_survive_their_file_with_all_their_bits() {
+        let specimens = vec![Specimen::named("guide_2").unwrap()];
+        let plan = ExperimentPlan::new(Experiment::Dahl, specimens).unwrap();
+        let plan = plan.with_amplitudes(&[1e-6]).unwrap();
+        let kept = std::sync::Mutex::new(None);
+        let parts = KeptParts::<LabError> {
+            load: &|_, _| Ok(None),
+            save: &|_, _, found| {
+                *kept.lock().unwrap() = Some(serde_json::to_string(found).unwrap());
+                Ok(())
+            },
+        };
+        let found = plan.run_on(None, Some(&parts), &|| ()).unwrap();
+        let text = kept.lock().unwrap().clone().unwrap();
+        let read: ExperimentResults = serde_json::from_str(&text).unwrap();
+        assert!(!read.dahl[0].loops[0].points.is_empty());
+        assert_eq!(serde_json::to_string(&read).unwrap(), text);
+        assert_eq!(read.dahl[0].loops, found.results.dahl[0].loops);
+        assert!(read.without_points().dahl[0].loops[0].points.is_empty());
+        // A part that is kept is not measured again.
+        let parts = KeptParts::<LabError> {
+            load: &|_, _| Ok(Some(read.clone())),
+            save: &|_, _, _| unreachable!("nothing is measured"),
+        };
+        let ticks = std::sync::atomic::AtomicUsize::new(0);
+        let tick = || {
+            ticks.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        };
+        let again = plan.run_on(None, Some(&parts), &tick).unwrap();
+        assert_eq!(again.results, found.results);
+        assert_eq!(ticks.into_inner(), plan.ticks());
+    }
 }

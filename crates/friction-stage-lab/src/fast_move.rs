@@ -1,8 +1,9 @@
 //! The fast move of the paper's section 4: 50 mm in 100 ms, forward and return, after a return move
 //! and a rest.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
+use super::application::PEAK_ACCELERATION;
 use super::paper::{Move, MoveKind, PaperMotion};
 use super::settling::{MoveResult, settling};
 use super::specimen::{LabError, LabRecording, Row, Settings, Specimen, within_motor};
@@ -11,7 +12,7 @@ use super::specimen::{LabError, LabRecording, Row, Settings, Specimen, within_mo
 pub const WAVE: (f64, f64) = (0.025, 0.150);
 
 /// One guide type in the fast move, with or without viscous feedforward.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FastMove {
     pub name: String,
     /// N s/m
@@ -25,7 +26,7 @@ pub struct FastMove {
     /// Settling times of the forward move into finer steps of the band: (band in m, time in s).
     pub settling_over_band: Vec<(f64, Option<f64>)>,
     /// Time (s after the start of the forward move) and error (m).
-    #[serde(skip)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub points: Vec<(f64, f64)>,
 }
 
@@ -41,9 +42,18 @@ pub fn fast_move(
     rest: f64,
     feedforward: bool,
 ) -> Result<(FastMove, LabRecording), LabError> {
-    let motion = PaperMotion::fast(rest);
+    fast_move_along(specimen, settings, &PaperMotion::fast(rest), feedforward)
+}
+
+/// As [`fast_move`], along moves of one's own.
+pub(super) fn fast_move_along(
+    specimen: &Specimen,
+    settings: &Settings,
+    motion: &PaperMotion,
+    feedforward: bool,
+) -> Result<(FastMove, LabRecording), LabError> {
     let viscous = ideal_viscous(specimen, feedforward)?;
-    let rows = run("fast-move", specimen, settings, &motion, viscous)?;
+    let rows = run("fast-move", specimen, settings, motion, viscous)?;
     let signal = |what: &str| LabError::Signal {
         experiment: "fast-move",
         specimen: specimen.name.clone(),
@@ -89,8 +99,46 @@ pub(super) fn run(
     let count = (motion.duration() as f64 * 1e-9 * settings.rates.control()).ceil() as usize;
     let rows =
         (0..count).map(|_| Ok(Row::of(&stage.cycle()?))).collect::<Result<Vec<_>, LabError>>()?;
+    moves_within_motor(experiment, specimen, motion)?;
     within_motor(experiment, specimen, &specimen.stage, &rows)?;
     Ok(rows)
+}
+
+/// Refuses moves whose acceleration alone takes more than the motor has, by their name.
+fn moves_within_motor(
+    experiment: &'static str,
+    specimen: &Specimen,
+    motion: &PaperMotion,
+) -> Result<(), LabError> {
+    let (mass, limit) = (specimen.stage.moving_mass(), specimen.stage.motor.force_limit);
+    let mut from = 0.0;
+    for the_move in &motion.moves {
+        let distance = (the_move.target - from).abs();
+        let duration = (the_move.arrival - the_move.start) as f64 * 1e-9;
+        from = the_move.target;
+        let impulse = PEAK_ACCELERATION * mass * distance;
+        let needed = impulse / (duration * duration);
+        if needed > limit {
+            return Err(LabError::MoveForce {
+                experiment,
+                specimen: specimen.name.clone(),
+                the_move: match the_move.kind {
+                    MoveKind::Conditioning => "the return move before it",
+                    MoveKind::FastForward => "the move forward",
+                    MoveKind::FastReturn => "the move back",
+                    MoveKind::FineStep => "the step",
+                    MoveKind::Application => "the move",
+                },
+                distance,
+                duration,
+                needed,
+                mass,
+                limit,
+                slowest: (impulse / limit).sqrt(),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Time (ns) and position error (m) as the controller saw it.

@@ -1,6 +1,6 @@
 //! The fine step of the paper's section 4: 10 µm in 3 ms, after a return move and a rest.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use friction_stage_core::control::Gains;
 
@@ -14,7 +14,7 @@ use super::specimen::{LabError, LabRecording, Settings, Specimen};
 pub const STEPS: usize = 5;
 
 /// One guide type in the fine steps.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FineStep {
     pub name: String,
     /// N s/m
@@ -24,7 +24,7 @@ pub struct FineStep {
     /// Proportional gain of the controller, N/m: what the guides' stiffness works against.
     pub proportional_gain: f64,
     /// Time (s after the start of the first step) and error (m).
-    #[serde(skip)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub points: Vec<(f64, f64)>,
 }
 
@@ -35,16 +35,24 @@ pub fn fine_step(
     rest: f64,
     feedforward: bool,
 ) -> Result<(FineStep, LabRecording), LabError> {
-    let motion = PaperMotion::fine(rest, STEPS);
+    fine_step_along(specimen, settings, &PaperMotion::fine(rest, STEPS), feedforward)
+}
+
+/// As [`fine_step`], along steps of one's own.
+pub(super) fn fine_step_along(
+    specimen: &Specimen,
+    settings: &Settings,
+    motion: &PaperMotion,
+    feedforward: bool,
+) -> Result<(FineStep, LabRecording), LabError> {
     let viscous = ideal_viscous(specimen, feedforward)?;
-    let rows = run("fine-step", specimen, settings, &motion, viscous)?;
+    let rows = run("fine-step", specimen, settings, motion, viscous)?;
     let moves = &motion.moves[1..];
     let found = FineStep {
         name: specimen.name.clone(),
         viscous_feedforward: viscous,
         steps: moves.iter().filter_map(|the_move| settling(the_move, errors(&rows))).collect(),
-        // The bandwidth is the paper's 60 Hz, as in `on_stage`.
-        proportional_gain: Gains::from_bandwidth(60.0, specimen.stage.mass).p,
+        proportional_gain: Gains::from_bandwidth(specimen.bandwidth, specimen.stage.mass).p,
         points: after(&moves[0], &rows, 0.3),
     };
     let suffix = if feedforward { "_with_viscous_feedforward" } else { "" };

@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use friction_stage_core::numerics::sinusoid::SinusoidSums;
 use nalgebra::Complex;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use friction_stage_core::plant::Stage;
 
@@ -29,7 +29,7 @@ const MEASURE: (f64, f64) = (0.25, 5.0);
 const PARTS: usize = 5;
 
 /// The responses of one stage.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrequencyResponse {
     pub name: String,
     pub levels: Vec<ResponseLevel>,
@@ -39,7 +39,7 @@ pub struct FrequencyResponse {
 }
 
 /// The response at one force amplitude.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResponseLevel {
     /// N
     pub force: f64,
@@ -48,7 +48,7 @@ pub struct ResponseLevel {
     pub resonance: Option<Resonance>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResponsePoint {
     /// Hz
     pub frequency: f64,
@@ -63,7 +63,7 @@ pub struct ResponsePoint {
     pub coherence: f64,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Resonance {
     /// Hz
     pub frequency: f64,

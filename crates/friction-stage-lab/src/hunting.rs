@@ -6,7 +6,7 @@
 //! the target, stick there, and so on (paper, section 2, on guides with a falling F(v); Olsson,
 //! Astrom, IEEE TCST 9(4), 2001, on limit cycles of the kind).
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use friction_stage_core::control::{ControllerSettings, Gains};
 
@@ -36,7 +36,7 @@ const SEEN: f64 = 30e-9;
 const PERIODS: usize = 3;
 
 /// What the stage did at rest under one controller.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct HuntingResult {
     /// Bandwidth of the controller, Hz.
     pub bandwidth: f64,
@@ -47,11 +47,11 @@ pub struct HuntingResult {
     /// The limit cycle; `None` where the stage comes to rest.
     pub cycle: Option<LimitCycle>,
     /// Time (s after the step) and error (m), thinned.
-    #[serde(skip)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub points: Vec<(f64, f64)>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LimitCycle {
     /// Half of peak to peak, m.
     pub amplitude: f64,

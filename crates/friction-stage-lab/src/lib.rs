@@ -30,6 +30,7 @@ mod hidden_effect;
 mod hunting;
 mod least_squares;
 mod loop_analysis;
+mod motion_quality;
 mod paper;
 mod quick_loops;
 mod rig;
@@ -39,6 +40,7 @@ mod settling;
 mod specimen;
 mod statements;
 mod stribeck;
+mod sweep;
 mod tuning;
 mod variant;
 
@@ -53,8 +55,8 @@ pub use dahl::{
 };
 pub use distributed_fit::{DistributedFit, NoDistributedFit, best_single, fit as fit_distributed};
 pub use experiment::{
-    Experiment, ExperimentFindings, ExperimentPlan, ExperimentResults, Keep, SpecimenHunting,
-    SpecimenRig, StiffnessFit, check_amplitude, check_rest,
+    Experiment, ExperimentFindings, ExperimentPlan, ExperimentResults, Keep, KeptParts, LoadPart,
+    OwnMove, SavePart, SpecimenHunting, SpecimenRig, StiffnessFit, check_amplitude, check_rest,
 };
 pub use fast_move::{FastMove, WAVE, fast_move};
 pub use fine_step::{FineStep, STEPS, fine_step};
@@ -67,13 +69,20 @@ pub use hidden_effect::HiddenEffect;
 pub use hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, LimitCycle, hunting};
 pub use least_squares::{FitError, Minimum, minimise};
 pub use loop_analysis::{
-    LoopPoint, LoopResponse, Margins, MeasuredLoopPoint, SampledStage, StageMotion,
+    COHERENT, ComparedPoint, LoopComparison, LoopPoint, LoopProbe, LoopResponse, LoopSine, Margins,
+    MeasuredLoop, MeasuredLoopError, MeasuredLoopPoint, SampledStage, StageMotion, UNDISTORTED,
     loop_frequencies, measure_loop,
 };
+pub use motion_quality::{FollowedSample, MotionQuality, motion_quality, moves_along};
 pub use paper::{Conditioning, Move, MoveError, MoveKind, PaperMotion};
 pub use quick_loops::{QUICK_LOOPS, quick_loops};
 pub use rig::{RIG_TICKS, RigBias, rig};
-pub use rows::{RowsError, Sheet, VariantRows, merge_shards};
+#[cfg(feature = "parquet")]
+pub use rows::ParquetTable;
+pub use rows::{
+    Cell, Column, ColumnKind, NumberedPlan, OtherJob, Rows, RowsError, Sheet, TableFormat,
+    VariantRows, kind_of, merge_shards, write_table,
+};
 pub use selection::{
     Candidate, GuideSelection, Quantiles, Ranked, SelectionError, SelectionPlan, Shard, Tally,
 };
@@ -86,6 +95,11 @@ pub use statements::{
     stiffness_errors,
 };
 pub use stribeck::{SPEEDS, StribeckCurve, StribeckPoint, stribeck};
+pub use sweep::{
+    Axis, AxisSummary, AxisValues, CONTROLLER_KEYS, GivenParameters, PointSummary, SweepError,
+    SweepMotion, SweepOutcome, SweepPlan, SweepQuantiles, SweepRows, SweepSummary, SweepValue,
+    TrajectoryPoint, given_by, sweep_unit,
+};
 pub use tuning::{
     AmplitudeMargins, Objective, OnVariants, Tuned, Tuning, TuningError, TuningPlan, break_away,
     errors_along, step_response,

@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 use friction_stage_core::control::Point;
 
 /// Stroke (m) and duration (s) of the fast move: 50 mm in 100 ms.
-const FAST: (f64, f64) = (50e-3, 100e-3);
+pub(super) const FAST: (f64, f64) = (50e-3, 100e-3);
 /// Step (m) and duration (s) of the fine move: 10 µm in 3 ms.
-const FINE: (f64, f64) = (10e-6, 3e-3);
+pub(super) const FINE: (f64, f64) = (10e-6, 3e-3);
 /// Time to settle after a fast move and after a fine step, s. Assumed: longer than the slowest
 /// guide needs.
 const SETTLE: (f64, f64) = (0.9, 0.5);
@@ -167,6 +167,26 @@ impl PaperMotion {
     /// steps forward.
     pub fn fine(rest: f64, steps: usize) -> PaperMotion {
         PaperMotion::conditioned(PaperMotion::LEAD, &Conditioning::resting(rest)).fine_steps(steps)
+    }
+
+    /// As [`PaperMotion::fast`], with moves of another distance (m) and duration (s); the return
+    /// move before them is as long.
+    pub fn fast_of(rest: f64, distance: f64, duration: f64) -> PaperMotion {
+        let before = Conditioning { distance, duration, rest };
+        let mut motion = PaperMotion::conditioned(PaperMotion::LEAD, &before);
+        motion.travel(MoveKind::FastForward, distance, duration, SETTLE.0);
+        motion.travel(MoveKind::FastReturn, -distance, duration, SETTLE.0);
+        motion
+    }
+
+    /// As [`PaperMotion::fine`], with steps of another distance (m) and duration (s).
+    pub fn fine_of(rest: f64, steps: usize, distance: f64, duration: f64) -> PaperMotion {
+        let before = Conditioning::resting(rest);
+        let mut motion = PaperMotion::conditioned(PaperMotion::LEAD, &before);
+        for _ in 0..steps {
+            motion.travel(MoveKind::FineStep, distance, duration, SETTLE.1);
+        }
+        motion
     }
 
     /// `lead` s at rest at 0, then the conditioning; whatever is judged comes behind it.

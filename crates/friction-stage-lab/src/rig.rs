@@ -5,7 +5,9 @@
 //! changed: the effective stiffness and loop area at 1 µm, the friction at a speed where F(v) may
 //! fall.
 
-use serde::Serialize;
+use std::borrow::Cow;
+
+use serde::{Deserialize, Serialize};
 
 use super::dahl::{HysteresisLoop, LoopTiming, hysteresis_loop};
 use super::specimen::{LabError, LabRecording, SERVO_BANDWIDTH, Settings, Specimen};
@@ -27,12 +29,12 @@ const SPEEDS: [f64; 3] = [3e-3, 0.2, 0.5];
 
 /// What one setting of the rig does to the measurement; biases relative to the closed form, so 0.01
 /// is 1 % too much.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RigBias {
     /// What was changed: `coupling`, `noise`, `travel`, `servo`.
-    pub property: &'static str,
+    pub property: Cow<'static, str>,
     pub value: f64,
-    pub unit: &'static str,
+    pub unit: Cow<'static, str>,
     /// Stiffness at 1 µm against Fs tanh(sigma0 A/Fs)/A, with the encoder at the guide.
     pub stiffness_bias: f64,
     /// Its standard error, relative.
@@ -131,9 +133,9 @@ fn bias(
     let stiffness = guide.effective_stiffness(found.amplitude);
     let at_motor = found.tip_force.value / (found.amplitude + found.tip_force.value / coupling);
     RigBias {
-        property,
+        property: property.into(),
         value,
-        unit,
+        unit: unit.into(),
         stiffness_bias: found.stiffness.value / stiffness - 1.0,
         stiffness_error: found.stiffness.standard_error / stiffness,
         stiffness_bias_at_motor: at_motor / stiffness - 1.0,

@@ -13,7 +13,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::application::Application;
-use super::variant::{VariantError, VariantExperiment, VariantResult};
+use super::rows::{Cell, Column, ColumnKind, NumberedPlan, OtherJob, RowsError, VariantRows};
+use super::variant::{VariantError, VariantExperiment, VariantResult, variant_seed};
 use friction_stage_core::model::{Catalogue, CatalogueEntry, Guide};
 use friction_stage_core::numerics::TWO_SIDED_95;
 
@@ -341,6 +342,100 @@ impl SelectionPlan {
             reasons.push(cause);
         }
         reasons
+    }
+}
+
+impl NumberedPlan for SelectionPlan {
+    type Outcome = VariantResult;
+    const KIND: &'static str = "selection";
+    const ROWS: &'static str = "variants";
+
+    fn count(&self) -> u64 {
+        self.variants
+    }
+
+    fn obstacle(&self) -> Option<String> {
+        self.candidates.is_empty().then(|| "has no guide".to_owned())
+    }
+
+    fn columns(&self) -> Vec<Column> {
+        use ColumnKind::{Count, Flag, Number, Optional, Text};
+        [
+            ("guide", Text),
+            ("variant", Count),
+            ("seed", Count),
+            ("peak_error_m", Number),
+            ("settling_time_s", Optional),
+            ("saturated", Flag),
+            ("stiffness", Number),
+            ("bristle_damping", Number),
+            ("viscous_friction", Number),
+            ("coulomb_force", Number),
+            ("static_force", Number),
+            ("stribeck_velocity", Number),
+        ]
+        .map(|(name, kind)| Column::new(name, kind))
+        .into()
+    }
+
+    fn row(&self, job: u64, result: &VariantResult) -> Vec<Cell> {
+        let (index, variant) = self.job(job);
+        let name = &self.candidates[index].name;
+        let guide = &result.guide;
+        vec![
+            Cell::Text(name.clone()),
+            Cell::Count(variant),
+            Cell::Count(variant_seed(self.seed, name, variant)),
+            Cell::Number(result.peak_error),
+            Cell::Optional(result.settling_time),
+            Cell::Flag(result.saturated),
+            Cell::Number(guide.stiffness),
+            Cell::Number(guide.bristle_damping),
+            Cell::Number(guide.viscous_friction),
+            Cell::Number(guide.coulomb_force),
+            Cell::Number(guide.static_force),
+            Cell::Number(guide.stribeck_velocity),
+        ]
+    }
+
+    fn outcome(&self, job: u64, row: &[Cell]) -> Result<VariantResult, OtherJob> {
+        let (index, variant) = self.job(job);
+        let words = |variant: u64, guide: &str| format!("variant {variant} of {guide}");
+        let number = |cell: usize| row[cell].number().unwrap_or(f64::NAN);
+        let (guide, found) = (row[0].text(), row[1].count());
+        let name = &self.candidates[index].name;
+        if guide != name || found != variant {
+            return Err(OtherJob { found: words(found, guide), planned: words(variant, name) });
+        }
+        Ok(VariantResult {
+            variant,
+            peak_error: number(3),
+            settling_time: row[4].number(),
+            saturated: row[5].flag(),
+            guide: Guide {
+                stiffness: number(6),
+                bristle_damping: number(7),
+                viscous_friction: number(8),
+                coulomb_force: number(9),
+                static_force: number(10),
+                stribeck_velocity: number(11),
+                damping_velocity: None,
+            },
+        })
+    }
+}
+
+impl VariantRows {
+    /// Per guide what its variants reach, and all guides ranked by that.
+    pub fn ranked(&self) -> Result<(Vec<Tally>, GuideSelection), RowsError> {
+        let plan = &self.sheet().plan;
+        let mut tallies = vec![Tally::default(); plan.candidates.len()];
+        self.read(&mut |job, result| {
+            tallies[plan.job(job).0].add(&result, &plan.application);
+            Ok(())
+        })?;
+        let selection = plan.rank(&tallies);
+        Ok((tallies, selection))
     }
 }
 

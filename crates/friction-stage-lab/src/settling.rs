@@ -6,7 +6,7 @@ use super::paper::Move;
 pub const SETTLING_BANDS: [f64; 3] = [10e-6, 1e-6, 0.1e-6];
 
 /// Result of one move, from measured errors.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MoveResult {
     /// Largest |error| from the start of the move to its end, m.
     pub peak_error: f64,

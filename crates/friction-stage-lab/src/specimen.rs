@@ -1,6 +1,6 @@
 //! What an experiment runs on: a guide type on the measuring rig and on the 40 kg stage.
 
-use serde::Serialize;
+use serde::{Deserialize, Deserializer, Serialize};
 
 use friction_stage_core::control::{
     Controller, ControllerError, ControllerSettings, Gains, Point, Terms, Trajectory,
@@ -26,6 +26,8 @@ pub struct Specimen {
     pub rig: StageModel,
     /// 40 kg on four of the guides (paper, section 4).
     pub stage: StageModel,
+    /// Bandwidth of the stage's controller, Hz (paper, section 4: 60 Hz).
+    pub bandwidth: f64,
     /// What was left out to come from one to the other.
     pub warnings: Vec<String>,
 }
@@ -54,12 +56,34 @@ pub enum LabError {
     )]
     MotorLimit { experiment: &'static str, specimen: String, limit: f64, samples: u64 },
     #[error(
+        "{experiment} on {specimen}: {the_move} of {} mm in {} ms needs {needed:.0} N to \
+         accelerate {mass} kg, and the friction on top; the motor has {limit} N \
+         (motor.force_limit): at least {:.1} ms would do",
+        distance * 1e3, duration * 1e3, slowest * 1e3
+    )]
+    MoveForce {
+        experiment: &'static str,
+        specimen: String,
+        the_move: &'static str,
+        distance: f64,
+        duration: f64,
+        needed: f64,
+        mass: f64,
+        limit: f64,
+        slowest: f64,
+    },
+    #[error(
         "{guide} has no distributed bristles in the catalogue: the paper gives several stiffnesses \
          for guide_1 only"
     )]
     NoDistributedBristles { guide: String },
     #[error("{value} must be {limit}")]
     Limit { value: f64, limit: &'static str },
+    #[error(
+        "distance, duration, mass and bandwidth are for fast-move and fine-step, not for \
+         {experiment}"
+    )]
+    NoMove { experiment: &'static str },
     #[error("amplitudes are for the loops of dahl, not for {experiment}")]
     NoLoops { experiment: &'static str },
     #[error("two of the guides and models are called `{name}`: give each a name of its own")]
@@ -87,10 +111,17 @@ pub struct LabRecording {
 }
 
 /// A value with its standard error.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredValue {
+    #[serde(deserialize_with = "number")]
     pub value: f64,
+    #[serde(deserialize_with = "number")]
     pub standard_error: f64,
+}
+
+/// A number, which JSON has as null where it is none.
+fn number<'de, D: Deserializer<'de>>(source: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(source)?.unwrap_or(f64::NAN))
 }
 
 impl Default for Settings {
@@ -103,6 +134,7 @@ impl Specimen {
     /// A guide of the catalogue.
     pub fn of_guide(name: &str) -> Result<Specimen, ModelError> {
         Ok(Specimen {
+            bandwidth: ControllerSettings::PAPER_BANDWIDTH,
             name: name.replace('_', " "),
             rig: StageModel::measuring_rig(name)?,
             stage: StageModel::on_guides(name),
@@ -164,7 +196,8 @@ impl Specimen {
             };
             (rig, model.clone())
         };
-        Ok(Specimen { name: model.name.clone(), rig, stage, warnings })
+        let bandwidth = ControllerSettings::PAPER_BANDWIDTH;
+        Ok(Specimen { name: model.name.clone(), rig, stage, bandwidth, warnings })
     }
 
     /// The guide type, parameters resolved.
@@ -236,12 +269,12 @@ impl Specimen {
             settings.rates.control(),
             self.stage.motor.force_limit,
         );
-        closed_loop(
-            &self.stage,
-            settings,
-            ControllerSettings { viscous_feedforward: viscous, ..paper },
-            points,
-        )
+        let controller = ControllerSettings {
+            gains: Gains::from_bandwidth(self.bandwidth, self.stage.mass),
+            viscous_feedforward: viscous,
+            ..paper
+        };
+        closed_loop(&self.stage, settings, controller, points)
     }
 }
 

@@ -4,7 +4,7 @@
 //! force cell while the velocity is constant. At constant velocity the cell reads the friction of
 //! the guide alone.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use friction_stage_core::control::Point;
 
@@ -35,7 +35,7 @@ const ACCELERATION: f64 = 10.0;
 const LINE_FROM: f64 = 0.1;
 
 /// The measured curve of one guide type.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StribeckCurve {
     pub name: String,
     /// Ascending in velocity, return direction negative.
@@ -53,7 +53,7 @@ pub struct StribeckCurve {
     pub falls: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StribeckPoint {
     /// Measured by the encoder from end to end, m/s.
     pub velocity: f64,

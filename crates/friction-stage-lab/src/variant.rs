@@ -5,8 +5,8 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::application::{Application, LEAD};
-use super::paper::{Move, MoveKind, PaperMotion};
+use super::application::Application;
+use super::paper::{Move, MoveKind};
 use friction_stage_core::ClosedLoop;
 use friction_stage_core::control::{
     Controller, ControllerError, ControllerSettings, Gains, Trajectory, TrajectoryError,
@@ -98,12 +98,7 @@ impl VariantExperiment {
         rates: Rates,
     ) -> Result<VariantExperiment, VariantError> {
         settings.check()?;
-        let motion = &application.motion;
-        let mut path = PaperMotion::conditioned(LEAD, &motion.conditioning);
-        path.travel(MoveKind::Application, motion.distance, motion.duration, motion.settle);
-        if motion.and_return {
-            path.travel(MoveKind::Application, -motion.distance, motion.duration, motion.settle);
-        }
+        let path = application.motion.path();
         let moves = path
             .moves
             .iter()

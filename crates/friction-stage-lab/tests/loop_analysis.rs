@@ -1,12 +1,14 @@
 //! The loop as it is computed, against python-control for linear stages and against a sine on the
 //! emulator for guides with friction.
 
-use friction_stage_core::control::ControllerSettings;
+use friction_stage_core::control::{
+    Compensation, CompensationTermsOn, Controller, ControllerSettings, Follower, ObserverSettings,
+};
 use friction_stage_core::model::{EffectParameters, Guide, GuideSource, StageModel};
-use friction_stage_core::plant::Rates;
+use friction_stage_core::plant::{Rates, Stage};
 use friction_stage_lab::{
-    LoopResponse, MeasuredLoopPoint, SampledStage, Settings, StageMotion, loop_frequencies,
-    measure_loop,
+    LoopProbe, LoopResponse, LoopSine, MeasuredLoop, MeasuredLoopPoint, SampledStage, Settings,
+    StageMotion, loop_frequencies, measure_loop,
 };
 use serde::Deserialize;
 
@@ -155,5 +157,98 @@ fn measured_loops_are_the_computed_ones_where_the_measurement_is_good() {
             }
         }
         assert!(good >= 24, "only {good} points of {} are coherent", model.name);
+    }
+}
+
+/// The loop of a stage that runs on, one sine after the other, with a disturbance observer that
+/// knows the motor's delay: what an autotuner would measure.
+fn measured_on_a_running_stage(model: &StageModel) -> MeasuredLoop {
+    let observer = ObserverSettings {
+        bandwidth: 15.0,
+        limit: 200.0,
+        mass: 40.0,
+        delay: 0.0,
+        forward_delay: 0.0,
+    };
+    let plain = ControllerSettings {
+        observer: Some(observer),
+        ..ControllerSettings::of_model(model, 60.0, 4000.0)
+    };
+    let on = CompensationTermsOn::ALL;
+    let settings = plain.informed(&Compensation::new(model, &plain, on).unwrap());
+    let mut stage = Stage::new(model, Rates::DEFAULT, 5).unwrap();
+    let mut controller = Controller::new(settings.clone()).unwrap();
+    let mut follower = Follower::new(f64::INFINITY);
+    let force = 20.0;
+    let frequencies = [12.0, 20.0, 32.0, 50.0, 80.0, 120.0, 180.0, 260.0, 380.0];
+    let sines = frequencies.map(|frequency| LoopSine { frequency, force }).to_vec();
+    let mut probe = LoopProbe::new(sines, settings.rate);
+    let length = probe.duration();
+    let mut samples = 0.0;
+    while probe.sine().is_some() {
+        let sample = stage.sample();
+        if sample.index == 0 {
+            follower.hold(sample.time, sample.position);
+        }
+        let output = controller.update(sample.time, sample.position, &mut follower).output;
+        let time = sample.time as f64 * 1e-9;
+        stage.advance(output + probe.update(time, sample.position, output));
+        samples += 1.0;
+    }
+    // A sine ends with the first sample after it.
+    assert!((0.0..0.01).contains(&(samples / 4000.0 - length)), "{samples} samples, {length} s");
+    MeasuredLoop { settings, force, points: probe.into_points() }
+}
+
+#[test]
+fn a_loop_measured_on_a_running_stage_is_that_of_its_model_with_observer_and_late_motor() {
+    let mut model = StageModel::on_guides("guide_2");
+    let lag = [("time_constant", 3e-4), ("delay", 2e-4)];
+    model.effects = vec![EffectParameters::new("actuator_lag", lag)];
+    let measured = measured_on_a_running_stage(&model);
+    let comparison = measured.compare(&model).unwrap();
+    for point in &comparison.points {
+        println!(
+            "{:?} {:?} {:?}",
+            point.difference(),
+            point.measured.coherence,
+            point.measured.distortion
+        );
+    }
+    let (gain, phase, count) = comparison.largest();
+    assert!(count >= 6 && gain < TOLERANCE && phase < 2.0, "{gain} {phase} {count}");
+    let (found, expected) = (comparison.measured.unwrap(), comparison.model.unwrap());
+    let near = |found: f64, expected: f64| (found / expected - 1.0).abs() < TOLERANCE;
+    assert!(near(found.crossover.unwrap(), expected.crossover.unwrap()), "{found:?}");
+    assert!((found.modulus_margin - expected.modulus_margin).abs() < TOLERANCE, "{found:?}");
+    // Between the few frequencies of the measurement lies what many show.
+    let motion = StageMotion::Amplitude(measured.points[4].amplitude);
+    let stage = SampledStage::new(&model, 4000.0, 0.0, motion, &loop_frequencies(4000.0)).unwrap();
+    let all = LoopResponse::new(&stage, &measured.settings).margins();
+    assert!(all.stable && (all.modulus_margin - found.modulus_margin).abs() < 0.05, "{all:?}");
+    // Another stage is told from this one.
+    let other = measured.compare(&StageModel { mass: 44.0, ..model.clone() }).unwrap();
+    assert!(other.largest().0 > 2.0 * TOLERANCE, "{:?}", other.largest());
+    // The same controller on the measured stage is the measured loop.
+    let again = measured.margins_with(&measured.settings).unwrap();
+    assert!((again.modulus_margin - found.modulus_margin).abs() < 1e-3, "{again:?} {found:?}");
+
+    let text = measured.to_json().unwrap();
+    let read = MeasuredLoop::from_json(&text, "loop.json").unwrap();
+    assert_eq!(read.points, measured.points);
+    assert_eq!(read.margins(), measured.margins());
+    for (from, to, named) in [
+        ("\"schema_version\": 1", "\"schema_version\": 2", "schema_version is 2"),
+        ("\"rate\": 4000.0", "\"rate\": 40.0", "controller"),
+        ("\"frequency\": 20.0", "\"frequency\": 2.0", "points[1].frequency is 2"),
+        ("\"frequency\": 380.0", "\"frequency\": 3800.0", "points[8].frequency is 3800"),
+        ("\"coherence\": ", "\"coherence\": -", "points[0].coherence"),
+        ("\"amplitude\": ", "\"amplitude\": 1e999, \"x\": ", "not a measured loop"),
+        ("{", "[", "not a measured loop"),
+    ] {
+        assert!(text.contains(from), "{from} in {text}");
+        let error = MeasuredLoop::from_json(&text.replacen(from, to, 1), "loop.json").unwrap_err();
+        let told = error.to_string();
+        assert!(told.contains("loop.json") && told.contains(named), "{told}");
     }
 }

@@ -63,6 +63,7 @@ impl Controller {
             limits: force_limit.map_or(paper.limits, |limit| (-limit, limit)),
             mass_feedforward: mass_feedforward.unwrap_or(paper.mass_feedforward),
             viscous_feedforward,
+            observer: None,
             rate,
         };
         settings.check().or_raise()?;

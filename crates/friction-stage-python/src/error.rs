@@ -23,6 +23,7 @@ pub(crate) mod raised {
     import_exception!(friction_stage.errors, IdentificationError);
     import_exception!(friction_stage.errors, FitError);
     import_exception!(friction_stage.errors, SelectionError);
+    import_exception!(friction_stage.errors, SweepError);
     import_exception!(friction_stage.errors, ExperimentError);
 }
 

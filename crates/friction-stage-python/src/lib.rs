@@ -16,6 +16,7 @@ mod recording;
 mod selection;
 mod simulation;
 mod stage;
+mod sweep;
 mod waiting;
 
 use pyo3::prelude::*;
@@ -44,6 +45,8 @@ mod _native {
     use super::simulation::simulate;
     #[pymodule_export]
     use super::stage::{Sample, Stage};
+    #[pymodule_export]
+    use super::sweep::sweep;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

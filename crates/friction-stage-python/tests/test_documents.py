@@ -1,6 +1,8 @@
 """The page of the documentation and the notebooks run as they are written."""
 
+import os
 import re
+import subprocess
 from pathlib import Path
 
 import friction_stage
@@ -25,7 +27,7 @@ def test_the_page_runs_as_written(
     beside_the_examples: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), re.DOTALL | re.MULTILINE)
-    assert len(blocks) == 10
+    assert len(blocks) == 11
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, str(PAGE), "exec"), names)
@@ -33,9 +35,28 @@ def test_the_page_runs_as_written(
     assert "verdict: found" in printed and "did you mean `guide_" in printed
 
 
+def test_the_page_of_data_frames_runs_and_prints_what_it_says(
+    beside_the_examples: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (ROOT / "docs" / "how-to" / "data-frames.md").read_text()
+    blocks = re.findall(r"^```(\w+)\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
+    assert [kind for kind, _ in blocks] == ["sh", *["python", "text"] * 3]
+    names: dict[str, object] = {}
+    printed = ""
+    for kind, block in blocks:
+        if kind == "sh":
+            program = Path(os.environ["FRICTION_STAGE_BIN"]) / "friction-stage"
+            subprocess.run([program, *block.split()[1:]], check=True, capture_output=True)
+        elif kind == "python":
+            exec(compile(block, "data-frames.md", "exec"), names)
+            printed = capsys.readouterr().out
+        else:
+            assert printed == block
+
+
 def test_the_page_names_every_function() -> None:
     functions = [name for name in friction_stage.__all__ if name[0].islower()]
-    assert len(functions) == 7
+    assert len(functions) == 8
     assert [name for name in functions if f"{name}(" not in PAGE.read_text()] == []
 
 

@@ -11,7 +11,7 @@ from conftest import LAUNCH_CONFIG, CommandLine, HiddenEffect
 
 def test_every_exception_is_one_of_this_package_and_of_values() -> None:
     kinds = [kind for name, kind in vars(fs).items() if name.endswith("Error")]
-    assert len(kinds) == 9
+    assert len(kinds) == 10
     assert all(issubclass(kind, fs.FrictionStageError) for kind in kinds)
     assert all(issubclass(kind, ValueError) for kind in kinds if kind is not fs.FrictionStageError)
 
@@ -117,6 +117,10 @@ BAD: list[tuple[type[Exception], str, Callable[[fs.Model, fs.Trace], object]]] =
         "2 variants are too few",
         lambda m, t: fs.select(LAUNCH_CONFIG / APPLICATION, variants=2),
     ),
+    (fs.SweepError, "did you mean `model.mass`", lambda m, t: fs.sweep(m, {"model.mas": [1.0]})),
+    (fs.SweepError, "from:to:count", lambda m, t: fs.sweep(m, {"model.mass": "1:2"})),
+    (fs.SweepError, "--samples", lambda m, t: fs.sweep(m, {"model.mass": "normal(40,1)"})),
+    (fs.SweepError, "fine-step", lambda m, t: fs.sweep(m, {"model.mass": [1.0]}, motion="no")),
     (fs.ExperimentError, "there are stribeck, dahl", lambda m, t: fs.experiment("dahls")),
     (fs.ExperimentError, "amplitudes", lambda m, t: fs.experiment("rig", amplitudes=[1e-6])),
     (

@@ -1,5 +1,6 @@
 """For the same input the package and the command line give the same bits."""
 
+import csv
 import json
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from friction_stage import (
     read_bag,
     select,
     simulate,
+    sweep,
 )
 
 SIGNALS = ("position", "force_cell", "force", "reference_position")
@@ -63,6 +65,37 @@ def test_experiment_prints_the_same_summary(command_line: CommandLine, tmp_path:
     found = experiment("dahl", guides=["guide_3"], amplitudes=[50e-6, 1e-6], seed=3)
     assert found.summary == printed
     assert found.report_html == (tmp_path / "out" / "report.html").read_text()
+
+
+def test_sweep_has_the_rows_of_the_command_line(command_line: CommandLine, tmp_path: Path) -> None:
+    motion = Motion.of_moves([(2e-5, 0.005, 0.02)])
+    (tmp_path / "motion.yaml").write_text(motion.to_yaml())
+    printed = command_line.json(
+        "sweep",
+        *("model.guides.stiffness=lognormal(17e6,0.1)", "controller.bandwidth=40,60"),
+        "motion.stretch=1:2:2",
+        *("--model", "guide_2", "--motion", tmp_path / "motion.yaml", "--samples", 5),
+        *("--seed", 4, "--out", tmp_path / "out"),
+    )
+    found = sweep(
+        Model.guide("guide_2"),
+        {
+            "model.guides.stiffness": "lognormal(17e6,0.1)",
+            "controller.bandwidth": [40, 60],
+            "motion.stretch": "1:2:2",
+        },
+        motion=Motion.from_yaml(tmp_path / "motion.yaml"),
+        samples=5,
+        seed=4,
+    )
+    assert found.summary == printed
+    with (tmp_path / "out" / "points.csv").open(newline="") as table:
+        rows = list(csv.DictReader(table))
+    assert len(rows) == len(found) == 20
+    for name in ("peak_error_m", "rms_error_m", "settling_10000nm_s", "peak_force_n"):
+        expected = [float(row[name] or "nan") for row in rows]
+        assert np.array_equal(found[name], expected, equal_nan=True), name
+    assert [int(row["seed"]) for row in rows] == found["seed"].tolist()
 
 
 def test_select_prints_the_same_summary(command_line: CommandLine, tmp_path: Path) -> None:

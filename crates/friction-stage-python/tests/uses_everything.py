@@ -68,6 +68,9 @@ def recordings(trace: fs.Trace, directory: Path) -> fs.Verdict:
 
 
 def laboratory(application: Path, directory: Path) -> fs.GuideFit:
+    stage = fs.Model.guide("guide_1")
+    swept: fs.Sweep = fs.sweep(stage, {"model.mass": [30.0, 40.0]}, motion="fine-step", seed=2)
+    assert len(swept) == 2 and len(swept["peak_error_m"]) == len(swept.to_pandas()) and str(swept)
     selection: fs.Selection = fs.select(application, guides=["guide_1"], variants=10, seed=2)
     choice: str | None = selection.choice
     assert choice or selection.ranking or selection.warnings or len(selection.to_pandas())
@@ -128,6 +131,7 @@ def refusals() -> str:
         fs.MotionError,
         fs.RecordingError,
         fs.SelectionError,
+        fs.SweepError,
     )
     try:
         fs.Model.guide("none")

@@ -5,6 +5,8 @@
   const LIGHT = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#5a5a5a", "#e69f00", "#56b4e9"];
   const DARK = ["#4aa8e0", "#ff8a3c", "#2fc79a", "#e6a3c8", "#b9c0c9", "#f2b632", "#9bd5f7"];
   const COLUMN_PIXELS = 1;
+  // What a logarithmic ordinate shows below its highest point, as the drawings.
+  const LEAST = 1e-12;
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const colour = (index) => (dark.matches ? DARK : LIGHT)[index % LIGHT.length];
   // Those of the bands begin at the other end.
@@ -91,11 +93,46 @@
     if (size >= 1e-3 && size < 1e6) return String(Number(value.toPrecision(6)));
     return value.toExponential(4);
   };
+  const axisNumber = (value) => {
+    const text = String(+value.toPrecision(6));
+    return /^-?\d{6,}$/.test(text) || /^-?0\.0{3,}/.test(text) || /e/.test(text)
+      ? Number(text).toExponential().replace("e+", "e") : text;
+  };
+  // Marks of a logarithmic axis with room for so many numbers, and which of them have one: whole
+  // powers; between them, on few decades, 2 to 9; on less than a decade, even steps. uPlot itself
+  // counts up from the lower end, which on many decades never arrives.
+  const logMarks = (low, high, room) => {
+    const decades = Math.log10(high / low);
+    if (!(decades > 0) || !Number.isFinite(decades)) return [];
+    const marks = [];
+    if (decades < 0.9) {
+      const rough = (high - low) / Math.max(2, room / 2), power = Math.floor(Math.log10(rough));
+      const factor = [1, 2, 5, 10].find((one) => one * Number(`1e${power}`) >= rough) || 10;
+      const step = factor * Number(`1e${power}`);
+      for (let k = Math.ceil(low / step); k * step <= high; k++) {
+        marks.push({ at: Number((k * step).toPrecision(12)), named: true });
+      }
+      return marks;
+    }
+    const every = Math.max(1, Math.ceil(decades / room));
+    const named = 3 * decades < room ? [1, 2, 5] : [1];
+    for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power++) {
+      if (power % every !== 0) continue;
+      for (const factor of decades < 5 ? [1, 2, 3, 4, 5, 6, 7, 8, 9] : [1]) {
+        const at = Number(`${factor}e${power}`);
+        if (at >= low && at <= high) marks.push({ at, named: named.includes(factor) });
+      }
+    }
+    return marks;
+  };
   const element = (parent, tag, properties) => {
     const made = Object.assign(document.createElement(tag), properties);
     parent.append(made);
     return made;
   };
+
+  // A line along the abscissa, which has its name where it is drawn.
+  const level = (band) => band.axis === "y" && band.low === band.high;
 
   const charts = [];
 
@@ -118,6 +155,7 @@
           high = Math.max(high, band.high);
         }
       }
+      if (chart.x.names.length > 0) { low = 0.5; high = chart.x.names.length + 0.5; }
       if (!(low < high)) { low = xlog ? low / 2 : low - 1; high = xlog ? high * 2 : high + 1; }
       const pad = xlog ? Math.pow(high / low, 0.02) : 0.02 * (high - low);
       this.whole = xlog ? [low / pad, high * pad] : [low - pad, high + pad];
@@ -178,7 +216,7 @@
         });
       });
       this.chart.bands.forEach((band, index) => {
-        if (band.name === "") return;
+        if (band.name === "" || level(band)) return;
         const key = element(parent, "span", { className: "plot-band" });
         band.swatch = element(key, "i", { className: band.low === band.high ? "dashed" : "" });
         band.index = index;
@@ -206,19 +244,23 @@
       const axis = { stroke: soft, grid: { stroke: line, width: 1 }, ticks: { stroke: line },
         font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif" };
       const log = (scale) => (scale.log ? { distr: 3, log: 10 } : {});
-      const numbers = (u, splits) => splits.map((v) => (v == null ? "" : String(+v.toPrecision(6))))
-        .map((text) => (/^-?\d{6,}$/.test(text) || /^-?0\.0{3,}/.test(text)
-          ? Number(text).toExponential().replace("e+", "e") : text));
-      const powers = (u, splits) => splits.map((v) => {
-        const power = v == null ? NaN : Math.log10(v);
-        if (!(Math.abs(power - Math.round(power)) < 1e-9)) return "";
-        return power >= -3 && power <= 4 ? String(+v.toPrecision(3))
-          : `1e${Math.round(power)}`;
+      const logAxis = (name) => ({
+        splits: (u, index, low, high) => logMarks(low, high, room(u, name)).map((m) => m.at),
+        filter: (u, splits) => splits,
+        values: (u, splits) => {
+          const { min, max } = u.scales[name];
+          const named = new Set(logMarks(min, max, room(u, name)).filter((m) => m.named).map((m) => m.at));
+          return splits.map((v) => (named.has(v) ? axisNumber(v) : ""));
+        },
       });
-      // On less than a decade the powers alone would leave an axis without a number.
-      const several = (u, scale) => u.scales[scale].max / u.scales[scale].min > 8;
-      const values = (scale, isLog) => (u, splits) =>
-        (isLog && several(u, scale) ? powers : numbers)(u, splits);
+      const room = (u, name) => (name === "x" ? u.width / 60 : u.height / 30);
+      const numbers = { values: (u, splits) => splits.map((v) => (v == null ? "" : axisNumber(v))) };
+      const names = chart.x.names;
+      const named = {
+        splits: () => names.map((name, k) => k + 1),
+        values: (u, splits) => splits.map((v) => names[v - 1]),
+      };
+      const marks = (name, scale) => (scale.names.length > 0 ? named : scale.log ? logAxis(name) : numbers);
       const options = {
         width: Math.max(this.stage.clientWidth, 120), height: 340,
         legend: { show: false }, padding: [10, 14, 0, 0],
@@ -227,9 +269,9 @@
           y: { ...log(chart.y), range: (u, low, high) => this.height(low, high) },
         },
         axes: [
-          { ...axis, label: chart.x.label, values: values("x", chart.x.log), space: 60,
+          { ...axis, label: chart.x.label, ...marks("x", chart.x), space: 60,
             size: 34, labelSize: 22 },
-          { ...axis, label: chart.y.label, values: values("y", chart.y.log), size: 64 },
+          { ...axis, label: chart.y.label, ...marks("y", chart.y), size: 64 },
         ],
         series: [{}, ...this.curves.map((curve) => ({
           label: curve.name, show: curve.on, stroke: colour(curve.colour), spanGaps: false,
@@ -280,6 +322,7 @@
         }
       }
       if (log) {
+        low = Math.max(low, high * LEAST);
         const pad = Math.max(Math.pow(high / low, 0.05), 1.1);
         return [low / pad, high * pad];
       }
@@ -299,7 +342,7 @@
         const scale = u.scales[band.axis];
         const within = (v) => Math.min(Math.max(v, scale.min), scale.max);
         const [a, b] = [band.low, band.high].map((v) => u.valToPos(log ? within(v) : v, band.axis, true));
-        context.strokeStyle = context.fillStyle = bandColour(index);
+        context.strokeStyle = context.fillStyle = level(band) ? ink("--soft") : bandColour(index);
         if (band.low === band.high) {
           if (band.low < scale.min || band.low > scale.max) return;
           context.setLineDash([8, 5]);
@@ -308,6 +351,13 @@
           if (band.axis === "x") { context.moveTo(a, top); context.lineTo(a, top + height); }
           else { context.moveTo(left, a); context.lineTo(left + width, a); }
           context.stroke();
+          if (level(band)) {
+            const size = devicePixelRatio, under = a - top < 18 * size;
+            context.font = `${12 * size}px system-ui, sans-serif`;
+            context.textAlign = "right";
+            context.textBaseline = under ? "top" : "bottom";
+            context.fillText(band.name, left + width - 4 * size, a + (under ? 3 : -2) * size);
+          }
         } else {
           context.globalAlpha = 0.18;
           if (band.axis === "x") context.fillRect(a, top, b - a, height);

@@ -6,6 +6,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::figure::FigureError;
+use friction_stage_core::numerics::rounded;
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,10 +44,11 @@ pub enum Axis {
 }
 
 /// A range of an axis that means something: what noise alone makes, what counts as settled. A line
-/// where both ends are the same.
+/// where both ends are the same; a level, a line along the abscissa, has its name where it is
+/// drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Band {
-    /// Name in the legend.
+    /// Name in the legend, or at a level.
     pub name: String,
     /// Along which axis its ends are.
     pub axis: Axis,
@@ -86,12 +88,16 @@ pub struct Chart {
     pub labels: Vec<PointLabel>,
     /// Charts of one page with the same word here zoom together.
     pub zooms_with: Option<String>,
+    /// Names in the place of the numbers 1, 2, ... of the abscissa; empty for numbers.
+    pub x_names: Vec<String>,
 }
 
 /// Size of a figure, px.
 pub(crate) const SIZE: (u32, u32) = (900, 420);
 /// Width of the legend at its right, px: line and margins, what a character takes, and its limits.
 const LEGEND: (u32, u32, std::ops::RangeInclusive<u32>) = (58, 7, 120..=320);
+/// The margin at the right where there is nothing to name, px: half a number of the abscissa.
+const NO_LEGEND: u32 = 24;
 /// Colours that stay apart for colour-blind readers (Okabe, Ito 2008).
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
@@ -104,6 +110,11 @@ const COLOURS: [RGBColor; 7] = [
 ];
 /// Columns of a figure: of what falls into one, the extremes are drawn.
 const COLUMNS: usize = 1000;
+/// Colour of a level.
+const LEVEL: RGBColor = RGBColor(90, 90, 90);
+/// Decades below its highest point that a logarithmic ordinate shows: 240 dB, more than anything
+/// measures. What is 0 but for rounding lies below.
+const DECADES: i32 = 12;
 /// Part of a band's colour.
 const BAND_OPACITY: f64 = 0.16;
 
@@ -112,6 +123,13 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 /// Takes the part of a point that is along an axis.
 type PartOfPoint = fn(&(f64, f64)) -> f64;
+
+impl Band {
+    /// Whether it is a line along the abscissa.
+    pub fn is_level(&self) -> bool {
+        self.axis == Axis::Y && self.low == self.high
+    }
+}
 
 impl Chart {
     /// A chart without series, with linear axes.
@@ -130,7 +148,14 @@ impl Chart {
             bands: Vec::new(),
             labels: Vec::new(),
             zooms_with: None,
+            x_names: Vec::new(),
         }
+    }
+
+    /// The same with names along the abscissa: the first at 1.
+    pub fn named(mut self, names: Vec<String>) -> Chart {
+        self.x_names = names;
+        self
     }
 
     /// The same with logarithmic axes.
@@ -139,7 +164,7 @@ impl Chart {
         self
     }
 
-    /// Adds a series.
+    /// Adds a series. One that runs from right to left is drawn as its reverse, which is the same.
     pub fn add(
         &mut self,
         name: impl Into<String>,
@@ -147,12 +172,11 @@ impl Chart {
         style: Style,
         points: impl IntoIterator<Item = (f64, f64)>,
     ) {
-        self.series.push(Series {
-            name: name.into(),
-            points: points.into_iter().collect(),
-            style,
-            colour,
-        });
+        let mut points: Vec<_> = points.into_iter().collect();
+        if points.is_sorted_by(|a, b| a.0 > b.0) {
+            points.reverse();
+        }
+        self.series.push(Series { name: name.into(), points, style, colour });
     }
 
     /// Adds a band.
@@ -168,6 +192,14 @@ impl Chart {
     /// Writes a word at a point.
     pub fn label(&mut self, at: (f64, f64), text: impl Into<String>) {
         self.labels.push(PointLabel { at, text: text.into() });
+    }
+
+    /// The name at a value of the abscissa; nothing between two.
+    fn x_name(&self, value: f64) -> String {
+        let at = value.round();
+        let is_at = (value - at).abs() < 1e-6 && at >= 1.0;
+        let name = self.x_names.get(at as usize - usize::from(is_at)).filter(|_| is_at);
+        name.cloned().unwrap_or_default()
     }
 
     /// Whether every series goes from left to right: only then its value at an abscissa is one.
@@ -231,6 +263,10 @@ impl Chart {
             points.chain(lines).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
                 (low.min(value), high.max(value))
             });
+        if axis == Axis::X && !self.x_names.is_empty() {
+            return 0.5..self.x_names.len() as f64 + 0.5;
+        }
+        let low = if log && axis == Axis::Y { low.max(high * 10f64.powi(-DECADES)) } else { low };
         match low.partial_cmp(&high) {
             Some(std::cmp::Ordering::Less) if log => {
                 let margin = (high / low).powf(0.04);
@@ -255,11 +291,14 @@ impl Chart {
             .series
             .iter()
             .map(|series| &series.name)
-            .chain(self.bands.iter().map(|band| &band.name))
+            .chain(self.bands.iter().filter(|band| !band.is_level()).map(|band| &band.name))
             .map(|name| name.chars().count())
             .max()
             .unwrap_or(0);
-        let legend = (frame + per_character * longest as u32).clamp(*widths.start(), *widths.end());
+        let legend = match longest {
+            0 => NO_LEGEND,
+            _ => (frame + per_character * longest as u32).clamp(*widths.start(), *widths.end()),
+        };
         let (x_range, y_range) = (self.range(Axis::X), self.range(Axis::Y));
         let mut chart = ChartBuilder::on(area)
             .caption(&self.title, ("sans-serif", 18))
@@ -272,15 +311,19 @@ impl Chart {
             .configure_mesh()
             .x_desc(&self.x_label)
             .y_desc(&self.y_label)
-            .x_labels(9)
+            .x_labels(if self.x_names.is_empty() { 9 } else { self.x_names.len() + 1 })
             .y_labels(8)
-            .x_label_formatter(&|value| number(*value))
-            .y_label_formatter(&|value| number(*value))
+            .x_label_formatter(&|value| match self.x_names.is_empty() {
+                true => tick(*value, &x_range, self.x_log),
+                false => self.x_name(*value),
+            })
+            .y_label_formatter(&|value| tick(*value, &y_range, self.y_log))
             .light_line_style(TRANSPARENT)
             .bold_line_style(BLACK.mix(0.12))
             .label_style(("sans-serif", 13))
             .axis_desc_style(("sans-serif", 14))
             .draw()?;
+        let word = ("sans-serif", 13).into_text_style(area);
         for (index, band) in self.bands.iter().enumerate() {
             let range = if band.axis == Axis::X { &x_range } else { &y_range };
             let (low, high) =
@@ -289,9 +332,17 @@ impl Chart {
                 Axis::X => [(low, y_range.start), (high, y_range.end)],
                 Axis::Y => [(x_range.start, low), (x_range.end, high)],
             };
-            let colour = band_colour(index);
+            let colour = if band.is_level() { LEVEL } else { band_colour(index) };
             if band.low == band.high {
                 chart.draw_series(DashedLineSeries::new(corners, 8, 4, colour.stroke_width(1)))?;
+                if band.is_level() {
+                    // Where there is no room above it, below.
+                    let under = area_part(&y_range, low, self.y_log) > 0.94;
+                    let (at, off) = if under { (VPos::Top, 4) } else { (VPos::Bottom, -3) };
+                    let style = word.pos(Pos::new(HPos::Right, at)).color(&colour);
+                    chart.draw_series([EmptyElement::at((x_range.end, low))
+                        + Text::new(band.name.clone(), (-4, off), style)])?;
+                }
             } else {
                 chart.draw_series([Rectangle::new(corners, colour.mix(BAND_OPACITY).filled())])?;
             }
@@ -321,7 +372,6 @@ impl Chart {
                 }
             }
         }
-        let word = ("sans-serif", 13).into_text_style(area);
         for label in self.labels.iter().filter(|label| self.shown(&label.at)) {
             let style = word.pos(Pos::new(HPos::Center, VPos::Bottom));
             chart.draw_series([EmptyElement::at(label.at)
@@ -352,8 +402,8 @@ impl Chart {
             area.draw(&Text::new(series.name.clone(), (left + 28, y), style.clone()))?;
             y += 20;
         }
-        for (index, band) in self.bands.iter().enumerate().filter(|(_, band)| !band.name.is_empty())
-        {
+        let in_legend = |band: &Band| !band.name.is_empty() && !band.is_level();
+        for (index, band) in self.bands.iter().enumerate().filter(|(_, band)| in_legend(band)) {
             let colour = band_colour(index);
             if band.low == band.high {
                 area.draw(&PathElement::new([(left, y), (left + 9, y)], colour.stroke_width(1)))?;
@@ -370,6 +420,12 @@ impl Chart {
         }
         Ok(())
     }
+}
+
+/// How far up a range a value is, as a part of it.
+fn area_part(range: &std::ops::Range<f64>, value: f64, log: bool) -> f64 {
+    let at = |value: f64| if log { value.ln() } else { value };
+    (at(value) - at(range.start)) / (at(range.end) - at(range.start))
 }
 
 /// Colour of a chart's band: those of the series the other way round, since series begin in front.
@@ -457,16 +513,17 @@ const SEEN: f64 = 0.25;
 /// Most labels of a curve: more would lie on each other.
 const MOST_PEAKS: usize = 4;
 
-/// A number as an axis shows it: short, and a power where it is very large or very small.
-fn number(value: f64) -> String {
-    let size = value.abs();
-    if size < 1e-12 {
-        "0".to_owned()
-    } else if (1e-3..1e5).contains(&size) {
-        format!("{}", (value * 1e6).round() / 1e6)
-    } else {
-        format!("{value:.1e}").replace(".0e", "e")
+/// A number as an axis with this range shows it: with the digits that tell it from its neighbours,
+/// and as a power where it is very large or very small.
+fn tick(value: f64, range: &std::ops::Range<f64>, log: bool) -> String {
+    let (size, span) = (value.abs(), if log { value } else { range.end - range.start });
+    if size < 1e-9 * span || size == 0.0 {
+        return "0".to_owned();
     }
+    // A step is no less than a hundredth of the range.
+    let digits = (size / span).log10().floor().clamp(0.0, 12.0) as usize + 3;
+    let short = rounded(value, digits);
+    if (1e-3..1e5).contains(&size) { short.to_string() } else { format!("{short:e}") }
 }
 
 #[cfg(test)]
@@ -539,10 +596,31 @@ mod tests {
     }
 
     #[test]
-    fn axis_numbers_are_short() {
-        assert_eq!(
-            [0.0, 0.5, 1e-8, 2.5e5, 1000.0].map(number),
-            ["0", "0.5", "1e-8", "2.5e5", "1000"]
-        );
+    fn axis_numbers_are_short_and_differ_from_their_neighbours() {
+        let on = |range: std::ops::Range<f64>, values: [f64; 3]| {
+            values.map(|value| tick(value, &range, false))
+        };
+        assert_eq!(on(-1.0..1.0, [1e-17, 0.5, 0.1 + 0.2]), ["0", "0.5", "0.3"]);
+        assert_eq!(on(0.0..3e-14, [0.0, 1e-14, 2.5e-14]), ["0", "1e-14", "2.5e-14"]);
+        assert_eq!(on(0.0..1e300, [5e299, 1e300, 0.0]), ["5e299", "1e300", "0"]);
+        assert_eq!(on(7.0..7.0001, [7.00002, 7.00004, 7.0]), ["7.00002", "7.00004", "7"]);
+        let powers = [1e-8, 1000.0, 2.5e5].map(|value| tick(value, &(1e-9..1e6), true));
+        assert_eq!(powers, ["1e-8", "1000", "2.5e5"]);
+    }
+
+    #[test]
+    fn a_zero_among_decades_does_not_hide_the_rest() {
+        let mut chart = Chart::new("t", "x", "y").logarithmic(false, true);
+        chart.add("s", 0, Style::Line, [(0.0, 1e3), (1.0, 1e-200), (2.0, 1.0)]);
+        assert!((chart.range(Axis::Y).start / 1e-9).ln().abs() < 2.0);
+    }
+
+    #[test]
+    fn names_stand_along_the_abscissa() {
+        let names = ["guide_1".to_owned(), "guide_2".to_owned()];
+        let mut chart = Chart::new("t", "x", "y").named(names.to_vec());
+        chart.add("", 0, Style::Marks, [(1.0, 1.0), (2.0, 2.0)]);
+        let text = chart.svg().unwrap();
+        assert!(text.contains("guide_1") && text.contains("guide_2") && !text.contains("1.5<"));
     }
 }

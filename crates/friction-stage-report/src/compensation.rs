@@ -9,6 +9,7 @@ use friction_stage_lab::TrialRun;
 use crate::chart::{Chart, Style};
 use crate::figure::FigureError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
+use crate::words::{fixed, four_digits};
 
 /// Both runs of a trial, with what is not compensated.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +44,7 @@ pub fn compensation_text(runs: &TrialRuns) -> String {
     let _ = writeln!(out, "{:24} {:>12} {:>12} {:>8}", "", "without", "with", "ratio");
     for (name, plain, with) in rows(runs) {
         let shown = |value: f64, digits: usize| match value.is_finite() {
-            true => format!("{value:.digits$}"),
+            true => fixed(value, digits),
             false => "never".to_owned(),
         };
         let ratio = if plain > 0.0 { with / plain } else { f64::NAN };
@@ -98,8 +99,8 @@ pub fn compensation_page(name: &str, runs: &TrialRuns) -> Result<(String, String
     );
     let tile = |name: &str, plain: f64, with: f64| Tile {
         name: name.to_owned(),
-        value: format!("{:.2}", with / plain),
-        detail: format!("{:.3} µm became {:.3} µm", 1e6 * plain, 1e6 * with),
+        value: format!("{} µm", four_digits(1e6 * with)),
+        detail: format!("without compensation {} µm", four_digits(1e6 * plain)),
         mark: if with < plain { Mark::Good } else { Mark::Bad },
     };
     page.tiles(&[
@@ -109,7 +110,7 @@ pub fn compensation_page(name: &str, runs: &TrialRuns) -> Result<(String, String
     for warning in compensation_warnings(runs) {
         page.note(Mark::Warning, &warning);
     }
-    let mut chart = Chart::new("Position error", "time, s", "error, µm");
+    let mut chart = Chart::new("Position error", "time, s", "position error, µm");
     for (colour, (name, run)) in [("without", plain), ("with", with)].into_iter().enumerate() {
         let points = run.errors.iter().map(|(time, error)| (1e-9 * *time as f64, 1e6 * error));
         chart.add(name, colour, Style::Line, points);

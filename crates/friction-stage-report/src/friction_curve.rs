@@ -99,7 +99,7 @@ pub fn curve_text(found: &CurveOfRuns) -> String {
     text += &format!(
         "{:>12} {:>12} {:>12}  time, s  recording\n",
         format!("v, {speed}"),
-        format!("force, {n}"),
+        format!("{}, {n}", found.joint.quantity("force")),
         format!("curve, {n}")
     );
     for run in runs {
@@ -124,8 +124,9 @@ pub fn curve_text(found: &CurveOfRuns) -> String {
 /// It cannot be drawn.
 pub fn curve_figure(found: &CurveOfRuns) -> Result<String, FigureError> {
     let [n, speed] = ["N", "m/s"].map(|unit| found.joint.unit(unit));
+    let force = found.joint.quantity("force");
     let mut chart =
-        Chart::new("Friction over velocity", format!("velocity, {speed}"), format!("force, {n}"));
+        Chart::new("Friction over velocity", format!("velocity, {speed}"), format!("{force}, {n}"));
     let point = |run: &Run| (run.point.velocity, run.point.force);
     chart.add("runs", 0, Style::Marks, found.runs.iter().map(point));
     for direction in [-1.0, 1.0] {

@@ -94,6 +94,7 @@ struct Drawn<'a> {
 struct Scale<'a> {
     label: &'a str,
     log: bool,
+    names: &'a [String],
 }
 
 #[derive(Serialize)]
@@ -171,8 +172,8 @@ impl Columns {
         });
         let drawn = Drawn {
             title: &chart.title,
-            x: Scale { label: &chart.x_label, log: chart.x_log },
-            y: Scale { label: &chart.y_label, log: chart.y_log },
+            x: Scale { label: &chart.x_label, log: chart.x_log, names: &chart.x_names },
+            y: Scale { label: &chart.y_label, log: chart.y_log, names: &[] },
             series,
             bands: bands.collect(),
             labels: labels.collect(),

@@ -10,6 +10,7 @@ use std::fmt::Write as _;
 use crate::chart::Chart;
 use crate::figure::FigureError;
 use crate::interactive::{self, Columns};
+use crate::words::fixed;
 
 /// A page that grows from top to bottom.
 ///
@@ -33,6 +34,7 @@ pub struct Page {
     /// Identifier and title of each section.
     sections: Vec<(String, String)>,
     figures: usize,
+    tables: usize,
     columns: Columns,
 }
 
@@ -108,14 +110,14 @@ impl Cell {
         Cell::Text(text.into())
     }
 
-    /// A number with so many digits behind the point, or with an exponent where that leaves less
-    /// than two that count; a dash where it is not finite.
+    /// A number with so many decimals, or with an exponent where that leaves fewer than two
+    /// significant digits or the number is 1e9 or larger; a dash where it is not finite.
     pub fn number(value: f64, digits: usize) -> Cell {
         let least = 10f64.powi(1 - digits as i32);
         Cell::Text(if !value.is_finite() {
             "\u{2013}".to_owned()
         } else if value == 0.0 || digits < 2 || value.abs() >= least {
-            format!("{value:.digits$}")
+            fixed(value, digits)
         } else {
             format!("{value:.2e}")
         })
@@ -157,7 +159,7 @@ impl Table {
         }
     }
 
-    /// The same with a caption below it.
+    /// The same with a caption above it.
     pub fn captioned(mut self, caption: impl Into<String>) -> Table {
         self.caption = Some(caption.into());
         self
@@ -183,6 +185,7 @@ impl Page {
             body: String::new(),
             sections: Vec::new(),
             figures: 0,
+            tables: 0,
             columns: Columns::default(),
         }
     }
@@ -254,9 +257,16 @@ impl Page {
 
     /// Adds a table.
     pub fn table(&mut self, table: &Table) {
-        self.body.push_str("<div class=\"table\"><table>\n");
+        // A caption within the table would be as wide as it is, beyond a small screen.
         if let Some(caption) = &table.caption {
-            self.add(format_args!("<caption>{}</caption>\n", escaped(caption)));
+            self.tables += 1;
+            let (id, caption) = (self.tables, escaped(caption));
+            self.add(format_args!("<p class=\"caption\" id=\"table-{id}\">{caption}</p>\n"));
+            self.add(format_args!(
+                "<div class=\"table\"><table aria-describedby=\"table-{id}\">\n"
+            ));
+        } else {
+            self.body.push_str("<div class=\"table\"><table>\n");
         }
         let class = |align: Align| if align == Align::Right { " class=\"right\"" } else { "" };
         self.body.push_str("<thead><tr>");
@@ -415,5 +425,7 @@ mod tests {
     fn numbers_that_are_none_are_dashes() {
         assert_eq!(Cell::number(1.25, 1), Cell::Text("1.2".into()));
         assert_eq!(Cell::number(f64::NAN, 1), Cell::maybe(None, 1));
+        assert_eq!(Cell::number(-1e300, 3), Cell::Text("-1e300".into()));
+        assert_eq!(Cell::number(12_345_678.5, 1), Cell::Text("12345678.5".into()));
     }
 }

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use crate::chart::{Axis, Chart, Style};
 use crate::figure::{FigureError, svg};
-use crate::words::guide_label;
+use crate::words::{fixed, guide_label};
 use friction_stage_lab::{GuideSelection, SelectionPlan, Tally};
 
 /// The ranking as text for a person.
@@ -32,7 +32,7 @@ fn write_ranking(
     for row in &selection.ranking {
         let mark = if selection.choice.as_ref() == Some(&row.guide) { '*' } else { ' ' };
         let (peak, settling) = (row.peak_error, row.settling_time);
-        let [a, b, c] = [peak.q05, peak.q50, peak.q95].map(|error| format!("{:.2}", error * 1e6));
+        let [a, b, c] = [peak.q05, peak.q50, peak.q95].map(|error| fixed(error * 1e6, 2));
         let [d, e, f] =
             [settling.q05, settling.q50, settling.q95].map(|time| match time.is_finite() {
                 true => format!("{:.1}", time * 1e3),

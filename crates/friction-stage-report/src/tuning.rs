@@ -13,8 +13,9 @@ use friction_stage_lab::{
     settling, step_response,
 };
 
-use crate::chart::{Chart, Style};
+use crate::chart::{Axis, Chart, Style};
 use crate::figure::svg;
+use crate::measured_loop::MeasuredReport;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
 use crate::paper_motion::position_error_charts;
 
@@ -45,8 +46,8 @@ const STEP: (f64, f64) = (1e-6, 0.1);
 /// Rest before the moves of the article, s.
 const REST: f64 = Conditioning::VARIANT_REST;
 
-/// The gains for other programs.
-pub fn tuning_json(tuning: &Tuning) -> Value {
+/// The gains for other programs, with a measured loop if there is one.
+pub fn tuning_json(tuning: &Tuning, measured: Option<&MeasuredReport>) -> Value {
     let tunings: Vec<Value> = tuning
         .tunings
         .iter()
@@ -68,7 +69,7 @@ pub fn tuning_json(tuning: &Tuning) -> Value {
             })
         })
         .collect();
-    json!({
+    let mut summary = json!({
         "schema_version": 1,
         "objective": tuning.objective,
         "mass": tuning.mass,
@@ -76,12 +77,16 @@ pub fn tuning_json(tuning: &Tuning) -> Value {
         "improved": tuning.improved,
         "rule_keeps_margins": tuning.rule_keeps_margins,
         "tunings": tunings,
-        "warnings": tuning_warnings(tuning),
-    })
+        "warnings": tuning_warnings(tuning, measured),
+    });
+    if let Some(measured) = measured {
+        summary["measured"] = measured.json();
+    }
+    summary
 }
 
 /// What a user should know of the gains.
-pub fn tuning_warnings(tuning: &Tuning) -> Vec<String> {
+pub fn tuning_warnings(tuning: &Tuning, measured: Option<&MeasuredReport>) -> Vec<String> {
     let (rule, found) = (&tuning.tunings[0], tuning.found());
     let mut warnings = Vec::new();
     if !tuning.rule_keeps_margins {
@@ -119,6 +124,7 @@ pub fn tuning_warnings(tuning: &Tuning) -> Vec<String> {
             found.on_variants.saturated, found.on_variants.variants
         ));
     }
+    warnings.extend(measured.into_iter().flat_map(MeasuredReport::warnings));
     warnings
 }
 
@@ -263,13 +269,14 @@ fn margins_in_words(margins: &Margins) -> String {
 pub fn tuning_page(
     model: &StageModel,
     tuning: &Tuning,
+    measured: Option<&MeasuredReport>,
     seed: u64,
 ) -> Result<(String, Vec<(String, String)>), TuningPageError> {
     let found = tuning.found();
     let mut page = Page::new(format!("Tuning: {}", model.name), verdict(tuning));
     let mut figures: Vec<(String, String)> = Vec::new();
     page.tiles(&tiles(tuning));
-    for warning in tuning_warnings(tuning) {
+    for warning in tuning_warnings(tuning, measured) {
         page.note(Mark::Warning, &warning);
     }
     page.section("Gains and what they reach");
@@ -280,8 +287,10 @@ pub fn tuning_page(
          their describing function at three amplitudes. Marks: a sine on the emulator.",
     );
     let rate = found.settings.rate;
+    // Close to half the rate the zero of the hold is all that is seen.
+    let drawn = 1.0..=0.475 * rate;
     let frequencies: Vec<f64> =
-        loop_frequencies(rate).into_iter().filter(|frequency| *frequency > 1.0).collect();
+        loop_frequencies(rate).into_iter().filter(|one| drawn.contains(one)).collect();
     let distance = break_away(&model.resolved_guides()?);
     let motions = [(StageMotion::PlainMass, "free mass".to_owned(), None)].into_iter().chain(
         SHOWN.map(|(share, words)| {
@@ -291,13 +300,14 @@ pub fn tuning_page(
         }),
     );
     let (mut gain, mut phase) = (
-        Chart::new("Open loop: gain", "frequency, Hz", "|L|").logarithmic(true, true),
+        Chart::new("Open loop: gain", "frequency, Hz", "open loop |L|").logarithmic(true, true),
         Chart::new("Open loop: phase", "frequency, Hz", "phase, degrees").logarithmic(true, false),
     );
     let mut sensitivity =
-        Chart::new("Sensitivity", "frequency, Hz", "|S|, dB").logarithmic(true, false);
+        Chart::new("Sensitivity", "frequency, Hz", "sensitivity |S|, dB").logarithmic(true, false);
     let mut process =
-        Chart::new("Process sensitivity", "frequency, Hz", "|P S|, m/N").logarithmic(true, true);
+        Chart::new("Process sensitivity", "frequency, Hz", "position over force |P S|, m/N")
+            .logarithmic(true, true);
     let settings = Settings { seed, rates: Rates::of_control(rate)? };
     let swept: Vec<f64> = frequencies
         .iter()
@@ -315,12 +325,10 @@ pub fn tuning_page(
             Style::Line,
             points.iter().map(|p| (p.frequency, p.open_loop.norm())),
         );
-        phase.add(
-            &name,
-            colour,
-            Style::Line,
-            points.iter().map(|p| (p.frequency, falling(p.open_loop.arg().to_degrees()))),
-        );
+        let angles = points.iter().map(|p| p.open_loop.arg().to_degrees());
+        let line: Vec<(f64, f64)> =
+            points.iter().map(|p| p.frequency).zip(unwrapped(angles)).collect();
+        phase.add(&name, colour, Style::Line, line.iter().copied());
         sensitivity.add(
             &name,
             colour,
@@ -349,7 +357,11 @@ pub fn tuning_page(
                 "",
                 colour,
                 Style::Marks,
-                marks.iter().map(|p| (p.frequency, falling(p.open_loop.arg().to_degrees()))),
+                marks.iter().map(|p| {
+                    let near = line.iter().find(|point| point.0 >= p.frequency);
+                    let angle = p.open_loop.arg().to_degrees();
+                    (p.frequency, near.map_or(angle, |near| beside(near.1, angle)))
+                }),
             );
         }
         if motion == StageMotion::PlainMass {
@@ -362,11 +374,15 @@ pub fn tuning_page(
             );
         }
     }
-    let limit = [frequencies[0], frequencies[frequencies.len() - 1]].map(|f| (f, 6.0));
-    sensitivity.add("6 dB", 5, Style::Dashed, limit);
+    sensitivity.line("6 dB", Axis::Y, 6.0);
+    phase.line("-180°", Axis::Y, -180.0);
     for (name, chart, caption) in [
         ("open_loop_gain", gain, "Guides hold the stage below their resonance."),
-        ("open_loop_phase", phase, "The same."),
+        (
+            "open_loop_phase",
+            phase,
+            "Its distance from -180° where the gain is 1 is the phase margin.",
+        ),
         ("sensitivity", sensitivity, "Below the dashed line the modulus margin is kept."),
         ("process_sensitivity", process, "Position over a force: small is stiff."),
     ] {
@@ -374,8 +390,12 @@ pub fn tuning_page(
         figures.push((name.to_owned(), chart.svg()?));
     }
     page.table(&by_amplitude(found));
+    if let Some(measured) = measured {
+        measured.section(&mut page, &mut figures)?;
+    }
     page.section("Step");
-    let mut steps = Chart::new("Step of 1 µm of the reference", "time, ms", "position over step");
+    let mut steps =
+        Chart::new("Step of 1 µm of the reference", "time, ms", "position, part of the step");
     for (colour, one) in tuning.tunings.iter().enumerate() {
         let response = step_response(model, &one.settings, STEP.0, STEP.1)?;
         let points = response.into_iter().map(|(time, x)| (1e3 * time, x));
@@ -537,7 +557,16 @@ fn short(value: f64) -> String {
     format!("{value:.digits$}")
 }
 
-/// A phase as it is drawn: it falls from 0 to -360.
-fn falling(degrees: f64) -> f64 {
-    if degrees > 30.0 { degrees - 360.0 } else { degrees }
+/// A phase in whole turns from another, so that both are less than half a turn apart.
+pub(crate) fn beside(other: f64, degrees: f64) -> f64 {
+    degrees + 360.0 * ((other - degrees) / 360.0).round()
+}
+
+/// Phases along a frequency without jumps of a turn; the first between -330 and 30 degrees, since
+/// a loop begins with integrators.
+pub(crate) fn unwrapped(phases: impl Iterator<Item = f64>) -> impl Iterator<Item = f64> {
+    phases.scan(-150.0, |last, phase| {
+        *last = beside(*last, phase);
+        Some(*last)
+    })
 }

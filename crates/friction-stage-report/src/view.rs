@@ -142,11 +142,12 @@ fn chart(signal: &Viewed, runs: &[ViewedRun], names: &[String], joint: JointType
         ("m", size) if size < 1.0 => (1e3, "m"),
         _ => (1.0, ""),
     };
-    let mut title = signal.name.to_owned();
+    let name = joint.quantity(signal.name);
+    let mut title = name.clone().into_owned();
     title[..1].make_ascii_uppercase();
     let unit = format!("{prefix}{}", signal.unit);
     let unit = joint.unit(&unit);
-    let mut chart = Chart::new(title, "time, s", format!("{}, {unit}", signal.name));
+    let mut chart = Chart::new(title, "time, s", format!("{name}, {unit}"));
     chart.zooms_with = Some("time".to_owned());
     for (colour, (run, values)) in runs.iter().zip(values).enumerate() {
         if values.iter().any(|value| value.is_finite()) {

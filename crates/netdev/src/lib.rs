@@ -14,9 +14,9 @@ use nix::net::if_::{InterfaceFlags, if_nametoindex};
 use nix::sys::socket::SockaddrStorage;
 
 /// The largest packet that the library puts together, in bytes with the headers of IP and UDP. The
-/// longest answer of these nodes fits: the descriptions of all parameters, 5 KB. No larger than
-/// needed: a lost frame loses the whole packet.
-pub const DATAGRAM: u32 = 6144;
+/// longest answer of these nodes fits twice: the descriptions of all parameters of the controller.
+/// No larger than needed: a lost frame loses the whole packet.
+pub const DATAGRAM: u32 = 16_384;
 
 /// A network interface.
 #[derive(Clone, Debug)]

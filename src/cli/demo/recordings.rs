@@ -8,6 +8,7 @@ use clap::Args;
 
 use crate::cli::experiment::bags::write_topics;
 use crate::cli::{Outcome, WrongArguments};
+use crate::interrupt;
 use friction_stage_core::model::StageModel;
 use friction_stage_core::text_file;
 use friction_stage_lab::HiddenEffect;
@@ -60,6 +61,7 @@ pub(super) fn run(args: &RecordingsArgs, out: &mut dyn Write) -> anyhow::Result<
         ))
         .into());
     }
+    interrupt::writes(&args.out);
     let made = HiddenEffect::new(u64::from(args.seed))?;
     std::fs::create_dir_all(&args.out).with_context(|| format!("cannot create {place}"))?;
     let write = |name: &str, text: String| {

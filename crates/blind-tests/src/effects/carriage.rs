@@ -304,3 +304,36 @@ impl Law for ExternalVibration {
         self.amplitude * (TAU * self.frequency * now.time + self.phase).sin()
     }
 }
+
+/// What a spring has beyond a linear one as it is stretched: its slope is 3 h (x - x0)^2 (Duffing
+/// 1918).
+#[derive(Debug, Clone)]
+pub struct HardeningSpring {
+    /// h, N/m^3.
+    pub hardening: f64,
+    /// x0, m.
+    pub center: f64,
+}
+
+impl HardeningSpring {
+    /// 0.5 to 5 N at 100 mm from the center.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self {
+            hardening: noise.log_between(500.0, 5000.0),
+            center: noise.between(-0.05, 0.05),
+        })
+    }
+}
+
+impl Law for HardeningSpring {
+    identity!("hardening_spring", Carriage);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("hardening", self.hardening), ("center", self.center)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { hardening: factor * self.hardening, ..self.clone() })
+    }
+    fn carriage(&self, now: &Now<'_>, _state: &[f64]) -> f64 {
+        self.hardening * (self.center - now.x).powi(3)
+    }
+}

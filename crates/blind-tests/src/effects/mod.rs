@@ -13,15 +13,17 @@ mod sensor;
 mod unlisted;
 
 pub use carriage::{
-    BallPassage, CableChain, ConstantForce, ExternalVibration, Payload, QuadraticDrag,
-    StructuralMode,
+    BallPassage, CableChain, ConstantForce, ExternalVibration, HardeningSpring, Payload,
+    QuadraticDrag, StructuralMode,
 };
 pub use friction::{
     AsymmetricFriction, DistributedBristles, PositionDependentFriction, Shape, StictionAging,
     ViscousWarmUp,
 };
-pub use motor::{ActuatorLag, Cogging, ForceRipple, MotorGain};
-pub use sensor::{EncoderScale, EncoderSde, ForceCellDrift, ForceCellGain};
+pub use motor::{
+    ActuatorLag, Cogging, DeadZone, ForceRipple, MotorDroop, MotorGain, MotorSaturation,
+};
+pub use sensor::{EncoderCyclicError, EncoderScale, EncoderSde, ForceCellDrift, ForceCellGain};
 pub use unlisted::{
     Backlash, ForceStep, FrictionStep, PayloadStep, PositionVelocity, RailJoint, SaturatingBrake,
     SealMemory,
@@ -170,7 +172,7 @@ pub type Draw = fn(&mut Noise) -> Effect;
 
 /// Every effect with the way to draw one of usual size: first those that the library lists, then
 /// the others.
-pub const CATALOGUE: [(&str, Draw); 28] = [
+pub const CATALOGUE: [(&str, Draw); 33] = [
     ("cogging", Cogging::draw),
     ("force_ripple", ForceRipple::draw),
     ("motor_gain", MotorGain::draw),
@@ -191,6 +193,11 @@ pub const CATALOGUE: [(&str, Draw); 28] = [
     ("encoder_scale", EncoderScale::draw),
     ("force_cell_gain", ForceCellGain::draw),
     ("force_cell_drift", ForceCellDrift::draw),
+    ("motor_saturation", MotorSaturation::draw),
+    ("motor_droop", MotorDroop::draw),
+    ("dead_zone", DeadZone::draw),
+    ("hardening_spring", HardeningSpring::draw),
+    ("encoder_cyclic_error", EncoderCyclicError::draw),
     ("rail_joint", RailJoint::draw),
     ("force_step", ForceStep::draw),
     ("friction_step", FrictionStep::draw),
@@ -202,7 +209,7 @@ pub const CATALOGUE: [(&str, Draw); 28] = [
 ];
 
 /// Number of effects at the head of [`CATALOGUE`] that the library lists.
-pub const LISTED: usize = 20;
+pub const LISTED: usize = 25;
 
 /// An effect of usual size by name, drawn from a seed.
 pub fn by_name(name: &str, seed: u64) -> Option<Effect> {
@@ -210,14 +217,14 @@ pub fn by_name(name: &str, seed: u64) -> Option<Effect> {
     Some(draw(&mut Noise::new(seed, 11)))
 }
 
-/// `count` different listed effects of usual size, drawn from a seed.
-pub fn composition(count: usize, seed: u64) -> Vec<Effect> {
+/// `count` different effects of usual size out of a list, drawn from a seed.
+pub fn composition(list: &[(&str, Draw)], count: usize, seed: u64) -> Vec<Effect> {
     let mut noise = Noise::new(seed, 12);
-    let mut open: Vec<usize> = (0..LISTED).collect();
-    (0..count.min(LISTED))
+    let mut open = list.to_vec();
+    (0..count.min(list.len()))
         .map(|_| {
-            let pick = open.swap_remove(noise.index(open.len()));
-            CATALOGUE[pick].1(&mut noise)
+            let (_, draw) = open.swap_remove(noise.index(open.len()));
+            draw(&mut noise)
         })
         .collect()
 }

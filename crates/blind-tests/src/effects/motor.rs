@@ -91,7 +91,7 @@ impl Law for ForceRipple {
         Box::new(Self { fraction: factor * self.fraction, ..self.clone() })
     }
     fn rank(&self) -> u8 {
-        2
+        4
     }
     fn motor(&self, now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
         force + force * self.fraction * (TAU * now.x / self.period - self.phase).cos()
@@ -121,7 +121,7 @@ impl Law for MotorGain {
         Box::new(Self { fraction: factor * self.fraction })
     }
     fn rank(&self) -> u8 {
-        1
+        3
     }
     fn motor(&self, _now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
         force + force * self.fraction
@@ -175,5 +175,98 @@ impl Law for ActuatorLag {
     }
     fn motor(&self, now: &Now<'_>, _force: f64, state: &[f64]) -> f64 {
         state.first().copied().unwrap_or_else(|| now.held(self.delay))
+    }
+}
+
+/// Drive that needs w newtons of command before it makes any force: the force is what the command
+/// has beyond +-w (Tao and Kokotovic 1994).
+#[derive(Debug, Clone)]
+pub struct DeadZone {
+    /// w, N.
+    pub width: f64,
+}
+
+impl DeadZone {
+    /// 0.5 to 5 N.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { width: noise.log_between(0.5, 5.0) })
+    }
+}
+
+impl Law for DeadZone {
+    identity!("dead_zone", Motor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("width", self.width)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { width: factor * self.width })
+    }
+    fn rank(&self) -> u8 {
+        1
+    }
+    fn motor(&self, _now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
+        force.signum() * (force.abs() - self.width).max(0.0)
+    }
+}
+
+/// Motor whose iron saturates: its force is bounded by S, F / S = sin(atan(u / S)) (the rounded
+/// corner of a magnetisation curve).
+#[derive(Debug, Clone)]
+pub struct MotorSaturation {
+    /// S, N.
+    pub limit: f64,
+}
+
+impl MotorSaturation {
+    /// 2.5 to 8 kN: 12 to 1.2 % of the largest force of the programme.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { limit: noise.log_between(2500.0, 8000.0) })
+    }
+}
+
+impl Law for MotorSaturation {
+    identity!("motor_saturation", Motor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("saturation_force", self.limit)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        // What is lost goes with 1/S^2.
+        Box::new(Self { limit: self.limit / factor.sqrt() })
+    }
+    fn rank(&self) -> u8 {
+        2
+    }
+    fn motor(&self, _now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
+        self.limit * (force / self.limit).atan().sin()
+    }
+}
+
+/// Motor whose force constant falls in proportion to the speed: (1 - c |v|) u.
+#[derive(Debug, Clone)]
+pub struct MotorDroop {
+    /// c, s/m.
+    pub coefficient: f64,
+}
+
+impl MotorDroop {
+    /// 2 to 15 % at 1 m/s.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        Box::new(Self { coefficient: noise.log_between(0.02, 0.15) })
+    }
+}
+
+impl Law for MotorDroop {
+    identity!("motor_droop", Motor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("coefficient", self.coefficient)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { coefficient: factor * self.coefficient })
+    }
+    fn rank(&self) -> u8 {
+        4
+    }
+    fn motor(&self, now: &Now<'_>, force: f64, _state: &[f64]) -> f64 {
+        force * (1.0 - self.coefficient * now.v.abs())
     }
 }

@@ -138,3 +138,40 @@ impl Law for ForceCellDrift {
         self.rate * now.time + self.walk
     }
 }
+
+/// Error of a disc that is not centred, or of the lead of a screw: d cos(2 pi x/p - phi), once per
+/// turn (Slocum 1992).
+#[derive(Debug, Clone)]
+pub struct EncoderCyclicError {
+    /// d, m.
+    pub amplitude: f64,
+    /// p, m.
+    pub period: f64,
+    /// phi, rad.
+    pub phase: f64,
+}
+
+impl EncoderCyclicError {
+    /// 50 to 500 millionths of a period of 3 to 60 mm: 0.15 to 30 µm.
+    pub fn draw(noise: &mut Noise) -> Effect {
+        let period = noise.log_between(3e-3, 60e-3);
+        Box::new(Self {
+            amplitude: period * noise.log_between(50e-6, 500e-6),
+            period,
+            phase: noise.angle(),
+        })
+    }
+}
+
+impl Law for EncoderCyclicError {
+    identity!("encoder_cyclic_error", Sensor);
+    fn parameters(&self) -> Vec<(&'static str, f64)> {
+        vec![("amplitude", self.amplitude), ("period", self.period), ("phase", self.phase)]
+    }
+    fn scaled(&self, factor: f64) -> Effect {
+        Box::new(Self { amplitude: factor * self.amplitude, ..self.clone() })
+    }
+    fn encoder(&self, now: &Now<'_>) -> f64 {
+        self.amplitude * (TAU * now.x / self.period - self.phase).cos()
+    }
+}

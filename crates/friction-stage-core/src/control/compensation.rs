@@ -18,6 +18,7 @@ use crate::plant::effects::{CommandStage, EffectDescriptor, Effects, Motion, Rol
 use crate::plant::{FrictionScale, GuideBank, Rates, RatesError, Stage};
 
 use super::controller::{Controller, ControllerError, ControllerSettings};
+use super::disturbance_observer::ObserverSettings;
 use super::trajectory::Follower;
 
 /// Relative difference of the moving masses of model and controller from which on they are not of
@@ -119,6 +120,8 @@ pub struct Compensation {
     output: f64,
     /// How far ahead the reference is looked at, ns: the motor's delay and what is left of its lag.
     ahead: i64,
+    /// Delay of the motor, its lag included, s.
+    late: f64,
     /// Mean speed of the carriage at rest, m/s.
     trembling: f64,
     /// Names of the model's effects that are not compensated.
@@ -146,8 +149,11 @@ impl Compensation {
             let (descriptor, values) = EffectDescriptor::read(effect)?;
             match descriptor.role_of(&values) {
                 Role::Command(CommandStage::Lag) => lag.push(effect.clone()),
+                // Not proportional to the command.
+                Role::Command(CommandStage::Threshold | CommandStage::Curve)
+                | Role::Encoder
+                | Role::ForceCell => left_out.push(descriptor.name),
                 Role::Command(_) => motor.push(effect.clone()),
-                Role::Encoder | Role::ForceCell => left_out.push(descriptor.name),
                 _ if is_of_the_time(descriptor, &values) => left_out.push(descriptor.name),
                 _ => along.push(effect.clone()),
             }
@@ -186,6 +192,7 @@ impl Compensation {
             decay,
             output: 0.0,
             ahead: (ahead * 1e9).round() as i64,
+            late,
             trembling: trembling(model, settings)?,
             left_out,
             last: None,
@@ -216,6 +223,14 @@ impl Compensation {
     /// Names of the effects of the model that are not compensated.
     pub fn left_out(&self) -> &[&'static str] {
         &self.left_out
+    }
+
+    /// A disturbance observer with the mass of the model, the delay of its motor where the observer
+    /// has none, and the lead of the feedforward.
+    pub fn informed(&self, observer: ObserverSettings) -> ObserverSettings {
+        let delay = if observer.delay > 0.0 { observer.delay } else { self.late };
+        let forward_delay = if self.on.motor { 1e-9 * self.ahead as f64 } else { delay };
+        ObserverSettings { mass: self.mass, delay, forward_delay, ..observer }
     }
 
     /// Which terms are added.
@@ -363,6 +378,15 @@ mod tests {
     /// Largest error along a move of 50 mm and back, µm, with the sensors of the model.
     fn peak(real: &StageModel, known: Option<&StageModel>, on: CompensationTermsOn) -> f64 {
         let settings = ControllerSettings::of_model(real, 60.0, 4000.0);
+        let known = known.map(|known| Compensation::new(known, &settings, on).unwrap());
+        peak_of(real, settings, known)
+    }
+
+    fn peak_of(
+        real: &StageModel,
+        settings: ControllerSettings,
+        compensation: Option<Compensation>,
+    ) -> f64 {
         let point = |time: i64, position| super::super::Point::at_rest(time * 1_000_000, position);
         let points = vec![
             point(50, 0.0),
@@ -372,10 +396,10 @@ mod tests {
             point(800, 0.0),
         ];
         let stage = Stage::new(real, Rates::DEFAULT, 1).unwrap();
-        let controller = Controller::new(settings.clone()).unwrap();
+        let controller = Controller::new(settings).unwrap();
         let mut run = ClosedLoop::new(stage, controller, Trajectory::new(0, points).unwrap());
-        if let Some(known) = known {
-            run = run.compensated(Compensation::new(known, &settings, on).unwrap());
+        if let Some(compensation) = compensation {
+            run = run.compensated(compensation);
         }
         let errors = (0..3200).map(|_| 1e6 * run.cycle().unwrap().terms.error.abs());
         errors.fold(0.0, f64::max)
@@ -422,6 +446,7 @@ mod tests {
             ],
             vec![named("actuator_lag", &[("time_constant", 4e-4), ("delay", 6e-4)])],
             vec![named("actuator_lag", &[("time_constant", 5e-5)])],
+            vec![named("motor_droop", &[("coefficient", 0.1)])],
         ];
         for effects in cases {
             let model = with(effects.clone());
@@ -446,6 +471,28 @@ mod tests {
             let without = peak(&model, Some(&model), on);
             assert!(without > 2.0 * best, "{on:?}: {without} µm, {best} µm with all");
         }
+    }
+
+    #[test]
+    fn an_observer_gets_the_lag_of_the_motor_from_the_compensation() {
+        let lag = [("time_constant", 5e-4), ("delay", 1e-3)];
+        let model = with(vec![EffectParameters::new("actuator_lag", lag)]);
+        let settings = ControllerSettings::of_model(&model, 30.0, 4000.0);
+        let observer = ObserverSettings {
+            bandwidth: 6.0,
+            limit: ObserverSettings::LIMIT,
+            mass: model.mass,
+            delay: 0.0,
+            forward_delay: 0.0,
+        };
+        let observed = ControllerSettings { observer: Some(observer), ..settings.clone() };
+        let on = CompensationTermsOn::ALL;
+        let compensation = || Compensation::new(&model, &settings, on).unwrap();
+        let informed = observed.informed(&compensation());
+        let run = |settings: ControllerSettings| peak_of(&model, settings, Some(compensation()));
+        // Without it the lag of the feedforward is a disturbance to it.
+        let (ignorant, knowing) = (run(observed), run(informed));
+        assert!(knowing < 0.05 * ignorant, "{knowing} µm, {ignorant} µm");
     }
 
     #[test]
@@ -500,8 +547,11 @@ mod tests {
             "encoder_sde",
             [("amplitude", 1e-7), ("period", 15e-6), ("phase", 0.0)],
         );
-        let model = with(vec![sde]);
+        let dead_zone = EffectParameters::new("dead_zone", [("width", 2.0)]);
+        let saturation = EffectParameters::new("motor_saturation", [("saturation_force", 3000.0)]);
+        let model = with(vec![sde, dead_zone, saturation]);
         let settings = ControllerSettings::of_model(&model, 60.0, 4000.0);
-        assert_eq!(Compensation::new(&model, &settings, on).unwrap().left_out(), ["encoder_sde"]);
+        let compensation = Compensation::new(&model, &settings, on).unwrap();
+        assert_eq!(compensation.left_out(), ["encoder_sde", "dead_zone", "motor_saturation"]);
     }
 }

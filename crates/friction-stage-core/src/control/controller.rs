@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Complex;
 
 use super::compensation::{Compensated, Compensation, CompensationTerms};
+use super::disturbance_observer::{DisturbanceObserver, ObserverSettings};
 use super::lowpass::Lowpass;
 use super::pid::{AntiWindup, Gains, Pid};
 use super::trajectory::{Follower, Reference};
@@ -25,6 +26,8 @@ pub struct ControllerSettings {
     pub mass_feedforward: f64,
     /// N s/m
     pub viscous_feedforward: f64,
+    /// The disturbance observer, if any.
+    pub observer: Option<ObserverSettings>,
 }
 
 /// Settings that no controller can have.
@@ -58,7 +61,10 @@ pub struct Terms {
     pub viscous_feedforward: f64,
     /// What a compensation adds to mass and viscous friction, N.
     pub compensation: CompensationTerms,
-    /// Sum of feedback, feedforward and the effort of the reference, within the limits, N.
+    /// What a disturbance observer adds, N.
+    pub disturbance: f64,
+    /// Sum of feedback, feedforward, disturbance observer and the effort of the reference, within
+    /// the limits, N.
     pub output: f64,
     /// Whether the output is at a limit.
     pub saturated: bool,
@@ -75,6 +81,7 @@ pub struct Controller {
     period_ns: i64,
     pid: Pid,
     lowpass: Lowpass,
+    observer: Option<DisturbanceObserver>,
 }
 
 impl ControllerSettings {
@@ -101,6 +108,7 @@ impl ControllerSettings {
             limits: (-force_limit, force_limit),
             mass_feedforward: mass,
             viscous_feedforward: 0.0,
+            observer: None,
         }
     }
 
@@ -114,15 +122,29 @@ impl ControllerSettings {
             lowpass_frequency: self.gains.lowpass_frequency * share,
             ..self.gains
         };
-        ControllerSettings { gains, ..self.clone() }
+        let observer = self
+            .observer
+            .map(|observer| ObserverSettings { bandwidth: observer.bandwidth * share, ..observer });
+        ControllerSettings { gains, observer, ..self.clone() }
     }
 
-    /// Force over position error at `frequency` (Hz, up to half the rate), N/m: PID and lowpass as
-    /// they are sampled.
+    /// The same with what a compensation knows for the disturbance observer: the moving mass, and
+    /// the delay of the motor where the settings have none.
+    pub fn informed(&self, compensation: &Compensation) -> ControllerSettings {
+        let observer = self.observer.map(|observer| compensation.informed(observer));
+        ControllerSettings { observer, ..self.clone() }
+    }
+
+    /// Force over position error at `frequency` (Hz, up to half the rate), N/m: PID, lowpass and
+    /// disturbance observer as they are sampled.
     pub fn transfer(&self, frequency: f64) -> Complex<f64> {
         let (z, gains) = (Complex::from_polar(1.0, TAU * frequency / self.rate), &self.gains);
         let lowpass = Lowpass::new(gains.lowpass_frequency, gains.lowpass_damping, self.rate);
-        gains.transfer(frequency, self.rate) * lowpass.transfer(z)
+        let feedback = gains.transfer(frequency, self.rate) * lowpass.transfer(z);
+        match &self.observer {
+            Some(observer) => observer.around(feedback, frequency, self.rate),
+            None => feedback,
+        }
     }
 
     /// Refuses settings that no controller can have.
@@ -161,7 +183,7 @@ impl ControllerSettings {
                 format!("be greater than 0, with the lower limit ({}) below 0", self.limits.0);
             return refuse("gains.stage.u_clamp_max", self.limits.1, limit);
         }
-        Ok(())
+        self.observer.map_or(Ok(()), |observer| observer.check(self.rate))
     }
 }
 
@@ -179,6 +201,9 @@ impl Controller {
                 settings.gains.lowpass_damping,
                 settings.rate,
             ),
+            observer: settings
+                .observer
+                .map(|observer| DisturbanceObserver::new(observer, settings.rate)),
             settings,
         })
     }
@@ -216,7 +241,19 @@ impl Controller {
         if terms != CompensationTerms::default() {
             wanted += terms.bristles + terms.forces + terms.motor;
         }
+        let disturbance = match &mut self.observer {
+            Some(observer) => observer.estimate(time, position),
+            None => 0.0,
+        };
+        if self.observer.is_some() {
+            wanted += disturbance;
+        }
         let output = wanted.clamp(self.settings.limits.0, self.settings.limits.1);
+        if let Some(observer) = &mut self.observer {
+            let against = viscous + reference.effort;
+            let compensated = terms.bristles + terms.forces + terms.motor;
+            observer.commanded(output - mass - against - compensated, mass);
+        }
         self.pid.saturated(wanted - output, error);
         Terms {
             reference,
@@ -229,6 +266,7 @@ impl Controller {
             mass_feedforward: mass,
             viscous_feedforward: viscous,
             compensation: terms,
+            disturbance,
             output,
             saturated: wanted != output,
             holding: !follower.is_moving(time),
@@ -263,6 +301,12 @@ impl Controller {
             gains.lowpass_damping,
             settings.rate,
         ));
+        match (&mut self.observer, settings.observer) {
+            (Some(observer), Some(wanted)) => observer.retune(wanted),
+            (observer, wanted) => {
+                *observer = wanted.map(|wanted| DisturbanceObserver::new(wanted, settings.rate));
+            }
+        }
         self.settings = settings;
         Ok(())
     }
@@ -272,10 +316,13 @@ impl Controller {
         &self.settings
     }
 
-    /// Forgets integral, lowpass and last error.
+    /// Forgets integral, lowpass, last error and the estimate of the disturbance.
     pub fn reset(&mut self) {
         self.pid.reset();
         self.lowpass.reset();
+        if let Some(observer) = &mut self.observer {
+            observer.reset();
+        }
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod compensation;
 mod controller;
+mod disturbance_observer;
 mod lowpass;
 mod pid;
 mod supervisor;
@@ -14,6 +15,7 @@ pub use compensation::{
     Compensated, Compensation, CompensationError, CompensationTerms, CompensationTermsOn,
 };
 pub use controller::{Controller, ControllerError, ControllerSettings, Terms};
+pub use disturbance_observer::{DisturbanceObserver, ObserverSettings};
 pub use lowpass::Lowpass;
 pub use pid::{AntiWindup, Gains, Pid};
 pub use supervisor::{Cause, DampedStop, Health, MOVING, Supervisor, SupervisorSettings};

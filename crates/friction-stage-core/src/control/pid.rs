@@ -97,6 +97,15 @@ impl AntiWindup {
             _ => None,
         }
     }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            AntiWindup::None => "none",
+            AntiWindup::ConditionalIntegration => "conditional_integration",
+            AntiWindup::BackCalculation => "back_calculation",
+        }
+    }
 }
 
 impl Pid {
@@ -186,6 +195,7 @@ mod tests {
         assert!((run(AntiWindup::None) - 10.0).abs() < 1e-9);
         assert!((run(AntiWindup::ConditionalIntegration) - 0.1).abs() < 1e-9);
         assert!(run(AntiWindup::BackCalculation) < 6.0);
-        assert_eq!(AntiWindup::NAMES.map(|name| AntiWindup::from_name(name).is_some()), [true; 3]);
+        let names = AntiWindup::NAMES.map(|name| AntiWindup::from_name(name).map(AntiWindup::name));
+        assert_eq!(names, AntiWindup::NAMES.map(Some));
     }
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Guide;
 use super::error::{ModelError, nearest};
-use crate::text_file;
+use crate::{text_file, yaml};
 
 /// Guides by name. The built-in catalogue holds the three guides of the paper; a user's own stand
 /// beside them.
@@ -134,8 +134,8 @@ impl Catalogue {
         {
             return Err(empty());
         }
-        let catalogue: Catalogue =
-            serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
+        let catalogue: Catalogue = yaml::read(text)
+            .map_err(|message| ModelError::Yaml { origin: origin.to_owned(), message })?;
         if catalogue.is_empty() {
             return Err(empty());
         }

@@ -8,8 +8,8 @@ pub enum ModelError {
     Read { path: String, source: std::io::Error },
     #[error("cannot read the catalogue {path}: {source}")]
     ReadCatalogue { path: String, source: std::io::Error },
-    #[error("{origin}: {message}{hint}")]
-    Yaml { origin: String, message: String, hint: String },
+    #[error("{origin}: {message}")]
+    Yaml { origin: String, message: String },
     #[error("{origin}: is empty; a model with every value at its default is `{{}}`")]
     Empty { origin: String },
     #[error(
@@ -55,23 +55,6 @@ pub enum ModelError {
          stable"
     )]
     Step { step: f64, limit: f64 },
-}
-
-impl ModelError {
-    pub(super) fn yaml(origin: &str, error: &serde_saphyr::Error) -> ModelError {
-        let hint = match error.without_snippet() {
-            serde_saphyr::Error::SerdeUnknownField { field: invalid, expected, .. }
-            | serde_saphyr::Error::SerdeUnknownVariant { variant: invalid, expected, .. } => {
-                nearest(invalid, expected.iter().copied())
-            }
-            _ => String::new(),
-        };
-        ModelError::Yaml {
-            origin: origin.to_owned(),
-            message: error.without_snippet().to_string(),
-            hint,
-        }
-    }
 }
 
 /// `; did you mean ...` when one of the known names is close to the given one, else nothing.

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize, de};
 
 use super::error::{self, ModelError, nearest};
 use super::{Catalogue, JointType};
+use crate::numerics::rounded;
 
 /// LuGre parameters of one guide (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE TAC 40(3), 1995,
 /// eqs. 1 to 4).
@@ -204,7 +205,8 @@ impl Guide {
                 "{key} is not passive: viscous_friction is {} N s/m, passive above {needed:.1} N \
                  s/m (bristle_damping (Fs - Fc) / Fc); give it a damping_velocity, for example {} \
                  m/s, to let the bristle damping fade with speed",
-                self.viscous_friction, self.stribeck_velocity
+                rounded(self.viscous_friction, 4),
+                rounded(self.stribeck_velocity, 4)
             )
         })
     }

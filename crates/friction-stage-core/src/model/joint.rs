@@ -30,6 +30,20 @@ impl JointType {
         [JointType::Prismatic, JointType::Revolute].into_iter().find(|joint| joint.name() == name)
     }
 
+    /// What a quantity of this joint is called, from its name at a prismatic one: `force` becomes
+    /// `torque`.
+    pub fn quantity(self, prismatic: &str) -> Cow<'_, str> {
+        match self {
+            JointType::Prismatic => Cow::Borrowed(prismatic),
+            JointType::Revolute => Cow::Owned(
+                prismatic
+                    .replace("position", "angle")
+                    .replace("force", "torque")
+                    .replace("mass", "moment of inertia"),
+            ),
+        }
+    }
+
     /// The unit that a quantity of this joint has, from the one of a prismatic joint: `N s/m`
     /// becomes `N m s/rad`. Other units, such as s or Hz, stay.
     pub fn unit(self, prismatic: &str) -> Cow<'_, str> {

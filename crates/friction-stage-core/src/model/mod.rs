@@ -25,7 +25,7 @@ pub use guide::{Guide, GuideSource, PartialGuide};
 pub use joint::JointType;
 pub use stroke::Stroke;
 
-use crate::text_file;
+use crate::{text_file, yaml};
 
 /// Most guides that one stage may have: the plant integrates this many lanes at once.
 pub const MAX_GUIDES: usize = 4;
@@ -214,13 +214,14 @@ impl StageModel {
         if Catalogue::builtin().entry(name).is_some() {
             return Ok(StageModel::on_guides(name));
         }
-        if Path::new(name).extension().is_none() {
+        let path = Path::new(name);
+        if path.extension().is_none() && path.components().count() == 1 && !path.is_file() {
             // Not a file by its looks: the catalogue's error names the nearest guide.
             let model = StageModel::on_guides(name);
             model.check()?;
             return Ok(model);
         }
-        StageModel::load(Path::new(name))
+        StageModel::load(path)
     }
 
     /// Reads and checks a model file.
@@ -239,8 +240,8 @@ impl StageModel {
         {
             return Err(ModelError::Empty { origin: origin.to_owned() });
         }
-        let mut model: StageModel =
-            serde_saphyr::from_str(text).map_err(|error| ModelError::yaml(origin, &error))?;
+        let mut model: StageModel = yaml::read(text)
+            .map_err(|message| ModelError::Yaml { origin: origin.to_owned(), message })?;
         match (model.catalogue.take(), directory) {
             (Some(path), Some(directory)) => model.guides_from(&directory.join(path))?,
             (Some(path), None) => {
@@ -447,7 +448,7 @@ mod tests {
             ("mas: 40", &["mas", "did you mean `mass`", "line 1"]),
             ("mass: -4", &["mass", "-4", "greater than 0"]),
             ("mass: .nan", &["mass", "NaN", "finite"]),
-            ("mass: forty", &["line 1", "floating point"]),
+            ("mass: forty", &["line 1", "a number is expected"]),
             ("guides: [guide_7]", &["guides[0]", "guide_7", "did you mean `guide_"]),
             ("guides: []", &["1 to 4 guides", "0"]),
             ("guides: [guide_1, guide_1, guide_1, guide_1, guide_1]", &["1 to 4 guides", "5"]),

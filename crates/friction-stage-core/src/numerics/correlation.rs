@@ -15,17 +15,19 @@ pub fn correlation_length(values: &[f64]) -> f64 {
 /// of a force that changes from row to row. Along nothing: along a constant.
 pub fn correlation_length_along(values: &[f64], along: &[f64]) -> f64 {
     let power = product_at(along, 0);
-    length_weighted(values, |lag| if power > 0.0 { product_at(along, lag) / power } else { 1.0 })
+    let mut products = Products::new(along);
+    length_weighted(values, |lag| if power > 0.0 { products.at(lag) / power } else { 1.0 })
 }
 
 /// 1 + 2 sum of the autocorrelation of a signal times a weight of the lag.
-fn length_weighted(values: &[f64], weight: impl Fn(usize) -> f64) -> f64 {
+fn length_weighted(values: &[f64], mut weight: impl FnMut(usize) -> f64) -> f64 {
     let power = product_at(values, 0);
     if power <= 0.0 {
         return 1.0;
     }
+    let mut products = Products::new(values);
     let correlations =
-        (1..values.len().min(LONGEST_LAG)).map(|lag| (lag, product_at(values, lag) / power));
+        (1..values.len().min(LONGEST_LAG)).map(|lag| (lag, products.at(lag) / power));
     let correlated = correlations.take_while(|(_, correlation)| *correlation > INDEPENDENT);
     correlated
         .fold(1.0, |length, (lag, correlation)| length + 2.0 * correlation * weight(lag))
@@ -37,6 +39,48 @@ fn product_at(values: &[f64], lag: usize) -> f64 {
     values.iter().zip(&values[lag..]).map(|(one, later)| one * later).sum()
 }
 
+/// Lags whose sums advance together.
+const LAGS: usize = 8;
+
+/// Sums of the products of a signal with itself later, bit for bit those of [`product_at`], for
+/// lags that are asked for one after the other: of several lags at once, since in a sum each
+/// addition waits for the one before it.
+struct Products<'a> {
+    values: &'a [f64],
+    first: usize,
+    sums: [f64; LAGS],
+}
+
+impl<'a> Products<'a> {
+    fn new(values: &'a [f64]) -> Products<'a> {
+        Products { values, first: usize::MAX, sums: [0.0; LAGS] }
+    }
+
+    /// Of a lag that is less than the number of values.
+    fn at(&mut self, lag: usize) -> f64 {
+        let values = self.values;
+        if lag < self.first || lag - self.first >= LAGS {
+            self.first = lag;
+            // As an iterator begins a sum.
+            self.sums = [-0.0; LAGS];
+            for (one, later) in values.iter().zip(values[lag..].windows(LAGS)) {
+                for (sum, later) in self.sums.iter_mut().zip(later) {
+                    *sum += one * later;
+                }
+            }
+            // The last ones of each lag, for which the longest has no more.
+            let common = (values.len() - lag).saturating_sub(LAGS - 1);
+            for (more, sum) in self.sums.iter_mut().enumerate() {
+                let later = values.get(lag + more + common..).unwrap_or_default();
+                for (one, later) in values[common..].iter().zip(later) {
+                    *sum += one * later;
+                }
+            }
+        }
+        self.sums[lag - self.first]
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use rand::SeedableRng;
@@ -44,6 +88,18 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
+
+    #[test]
+    fn products_of_several_lags_have_the_bits_of_each_alone() {
+        for count in [1usize, 7, 8, 9, 40] {
+            let values: Vec<f64> = (0..count).map(|k| (0.7 * (k * k) as f64).sin() + 0.3).collect();
+            let mut products = Products::new(&values);
+            for lag in (0..count).chain([3 % count]) {
+                let (together, alone) = (products.at(lag), product_at(&values, lag));
+                assert_eq!(together.to_bits(), alone.to_bits(), "{count} values, lag {lag}");
+            }
+        }
+    }
 
     /// Of a first-order autoregression of 0.9 along a wave: 1 + 2 sum 0.9^k cos(w k) = (1 - 0.81) /
     /// (1 - 1.8 cos w + 0.81); along a constant 19.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::error::BagError;
 use super::limits;
-use friction_stage_core::text_file;
+use friction_stage_core::{text_file, yaml};
 
 /// Name of the file in the directory.
 pub(crate) const FILE_NAME: &str = "metadata.yaml";
@@ -190,13 +190,13 @@ impl Found {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
             Err(source) => return Err(BagError::reading(&path, source)),
         };
-        serde_saphyr::from_str::<Document<Self>>(&text)
+        yaml::read::<Document<Self>>(&text)
             .map(|document| Some(document.rosbag2_bagfile_information))
-            .map_err(|error| BagError::NotABag {
+            .map_err(|problem| BagError::NotABag {
                 path,
                 reason: format!(
-                    "it does not read as rosbag2 metadata: {}; `ros2 bag reindex` writes it again",
-                    error.without_snippet()
+                    "it does not read as rosbag2 metadata: {problem}; `ros2 bag reindex` writes it \
+                     again"
                 ),
             })
     }

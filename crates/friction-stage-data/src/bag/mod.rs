@@ -25,6 +25,6 @@ pub(crate) use file::Places;
 pub use provenance::{LOCKSTEP_EPOCH, Provenance};
 pub use qos::{Durability, History, OfferedQos, Reliability};
 pub use reader::{BagMessage, BagReader, Messages, Topic};
-pub use recover::{KeptTopic, RecoverReport, recover};
+pub use recover::{KeptTopic, RecoverReport, recover, recovered};
 pub(crate) use storage::is_recording;
 pub use writer::{BagOptions, BagWriter, Compression, Sync, TopicId};

@@ -20,6 +20,7 @@ use super::metadata::Found;
 use super::provenance::{METADATA_NAME, MODEL_NAME, Provenance};
 use super::sqlite::{Database, Position};
 use super::storage::{Content, Files, StoredFile, ZSTD_MAGIC, check_compression, unpack_message};
+use super::topics;
 use super::writer::{HASH_KEY, QOS_KEY};
 use crate::message::type_layout::TypeLayout;
 use crate::message::{RosMessage, current_type_name, from_cdr, known};
@@ -350,6 +351,17 @@ impl BagReader {
     /// The topic of this name.
     pub fn topic(&self, name: &str) -> Option<&Arc<Topic>> {
         self.topics.iter().find(|t| t.name == name)
+    }
+
+    /// The namespace of the stage that was recorded; empty without one, or with several stages.
+    pub fn namespace(&self) -> &str {
+        topics::namespace(self.topics.iter().map(|topic| topic.name.as_str()))
+    }
+
+    /// The topic that a stage without a namespace would call so.
+    pub fn own_topic(&self, name: &str) -> Option<&Arc<Topic>> {
+        let namespace = self.namespace();
+        self.topics.iter().find(|topic| topic.name.strip_prefix(namespace) == Some(name))
     }
 
     /// The place of each topic among [`topics`](Self::topics), by its name.

@@ -52,6 +52,14 @@ pub struct RecoverReport {
     pub lost_at_end_s: Option<f64>,
 }
 
+/// Directory that [`recover`] makes of a recording.
+pub fn recovered(path: &Path, out: Option<&Path>) -> Result<PathBuf, BagError> {
+    match out {
+        Some(out) => Ok(out.to_owned()),
+        None => default_output(path),
+    }
+}
+
 /// Copies what is whole in `path` into `out`, by default `<path>_recovered`. A recording that is
 /// whole already is left alone and reported without `output`.
 pub fn recover(path: &Path, out: Option<&Path>) -> Result<RecoverReport, BagError> {
@@ -59,10 +67,7 @@ pub fn recover(path: &Path, out: Option<&Path>) -> Result<RecoverReport, BagErro
     if out.is_none() && is_whole(&reader)? {
         return Ok(report(&reader, None, Tally::of_whole(&reader)));
     }
-    let output = match out {
-        Some(out) => out.to_owned(),
-        None => default_output(path)?,
-    };
+    let output = recovered(path, out)?;
     let mut writer = BagWriter::create(&output, &BagOptions::default())?;
     for (name, metadata) in reader.metadata() {
         writer.write_metadata(name, metadata.clone())?;

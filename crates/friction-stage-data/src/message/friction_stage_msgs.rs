@@ -87,8 +87,8 @@ pub struct ControllerState {
     pub mass_feedforward: f64,
     /// N.
     pub viscous_feedforward: f64,
-    /// N, added by the setpoint itself, and by a compensation in addition to mass and viscous
-    /// friction.
+    /// N, added by the setpoint itself, by a compensation in addition to mass and viscous friction,
+    /// and by a disturbance observer.
     pub effort: f64,
     /// N, sum after saturation.
     pub output: f64,

@@ -245,7 +245,8 @@ fn facts(message: &BagMessage, joints: &mut BTreeSet<String>) -> Option<Result<F
         "sensor_msgs/msg/JointState" => decode(message, |m: JointState| {
             note_joints(joints, &m.name);
             // The clock of topic hardware is its own.
-            let stamp = (message.topic.name != topics::JOINT_COMMANDS).then_some(m.header.stamp);
+            let stamp =
+                (!message.topic.name.ends_with(topics::JOINT_COMMANDS)).then_some(m.header.stamp);
             Facts::new(stamp).values(&m.position).values(&m.velocity).values(&m.effort)
         }),
         "geometry_msgs/msg/WrenchStamped" => decode(message, |m: WrenchStamped| {
@@ -254,7 +255,8 @@ fn facts(message: &BagMessage, joints: &mut BTreeSet<String>) -> Option<Result<F
         }),
         "trajectory_msgs/msg/JointTrajectory" => decode(message, |m: JointTrajectory| {
             note_joints(joints, &m.joint_names);
-            m.points.iter().fold(Facts::new(Some(m.header.stamp)), |facts, p| {
+            // Its stamp says when it begins, not when it was sent.
+            m.points.iter().fold(Facts::new(None), |facts, p| {
                 facts
                     .values(&p.positions)
                     .values(&p.velocities)
@@ -426,8 +428,8 @@ fn four_digits(value: u64) -> u64 {
 
 /// Topics that are sent when there is something to say, not at a rate.
 fn is_occasional(topic: &str) -> bool {
-    topic == topics::SETPOINT
-        || !(topic.starts_with("/stage/") || topic.starts_with("/controller/"))
+    topic.ends_with(topics::SETPOINT)
+        || !(topic.contains("/stage/") || topic.contains("/controller/"))
 }
 
 impl TopicCheck {

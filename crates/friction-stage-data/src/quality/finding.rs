@@ -15,6 +15,8 @@ use friction_stage_core::model::JointType;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
+    /// What the recording is like, and what follows from it; nothing is wrong with it.
+    Note,
     /// Something cannot be identified, or should be looked at.
     Warning,
     /// Nothing can be identified.
@@ -25,6 +27,7 @@ impl Severity {
     /// As in JSON.
     pub fn name(self) -> &'static str {
         match self {
+            Self::Note => "note",
             Self::Warning => "warning",
             Self::Fatal => "fatal",
         }
@@ -64,6 +67,13 @@ pub enum DataFinding {
         /// Least number of rows.
         needed: usize,
     },
+    /// Rows enough, in a time in which no stage moves.
+    TooBrief {
+        /// Length of the longest stretch, s.
+        seconds: f64,
+        /// Least length, s.
+        needed: f64,
+    },
     /// Much of the recording is missing.
     Holes {
         /// Share of the rows that are not valid.
@@ -81,6 +91,10 @@ pub enum DataFinding {
         range: f64,
         /// Standard deviation of the noise, m.
         noise: f64,
+        /// Highest speed, m/s.
+        fastest: f64,
+        /// Speed up to which such noise counts as rest, m/s.
+        rest_speed: f64,
     },
     /// A signal that never changes.
     Constant {
@@ -264,6 +278,7 @@ impl DataFinding {
     pub fn code(&self) -> &'static str {
         match self {
             Self::TooShort { .. } => "too_short",
+            Self::TooBrief { .. } => "too_brief",
             Self::Holes { .. } => "holes",
             Self::NoForce => "no_force",
             Self::NoMotion { .. } => "no_motion",
@@ -296,7 +311,12 @@ impl DataFinding {
     /// How much it stands in the way.
     pub fn severity(&self) -> Severity {
         match self {
-            Self::TooShort { .. } | Self::NoForce | Self::NoMotion { .. } => Severity::Fatal,
+            Self::TooShort { .. }
+            | Self::TooBrief { .. }
+            | Self::NoForce
+            | Self::NoMotion { .. } => Severity::Fatal,
+            Self::NoForceCell | Self::NoCommand | Self::NoSetpoint => Severity::Note,
+            Self::Jitter { clock: ClockKind::UniformBehindJitter, .. } => Severity::Note,
             Self::SwappedSign { .. }
             | Self::WrongUnit { .. }
             | Self::Disagree { .. }
@@ -327,7 +347,10 @@ impl DataFinding {
     /// machine made: then no figure of a comparison with the model says anything.
     pub fn is_contradiction(&self) -> bool {
         match self {
-            Self::TooShort { .. } | Self::NoMotion { .. } | Self::NoForce => false,
+            Self::TooShort { .. }
+            | Self::TooBrief { .. }
+            | Self::NoMotion { .. }
+            | Self::NoForce => false,
             Self::Outliers { .. } | Self::NotFinite { .. } => true,
             other => other.severity() == Severity::Fatal,
         }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::check::{CheckReport, TopicCheck, check_messages, check_rows};
 use super::excitation::{Excitation, examine};
-use super::finding::{DataFinding, FileFinding};
+use super::finding::{DataFinding, FileFinding, Severity};
 use crate::bag::BagReader;
 use crate::signals::{
     DataQuality, Mapping, Recording, SignalError, SignalNote, Window, is_table, load_part,
@@ -74,10 +74,11 @@ impl RecordingCheck {
     }
 
     /// Whether something is wrong: with the messages, or with the signals if they were asked for.
+    /// Notes say what a recording is like, and are no fault of it.
     pub fn has_warnings(&self) -> bool {
         let messages = self.messages.as_ref().is_some_and(|found| !found.findings.is_empty());
-        let signals = self.identification.as_ref().is_some_and(|found| found.severity().is_some());
-        messages || (self.asked && signals)
+        let signals = self.identification.as_ref().and_then(Excitation::severity);
+        messages || (self.asked && signals >= Some(Severity::Warning))
     }
 }
 

@@ -19,6 +19,10 @@ use friction_stage_core::model::JointType;
 
 /// A time that goes back by more than so many usual intervals is not a row that was written late.
 const LATE_ROWS: i64 = 50;
+/// Share of the fields of a signal that may be empty because samples are missing. With a larger one
+/// the signals were sampled at times of their own, and a row is a sample of some of them. Assumed:
+/// no logger loses a third of its samples.
+const MOST_BLANK: f64 = 1.0 / 3.0;
 const HALF_A_DAY: i64 = 43_200_000_000_000;
 
 /// What a file looks like.
@@ -136,7 +140,7 @@ impl CsvFile {
             table.read()?;
         }
         Ok(CsvRows {
-            values: vec![f64::NAN; columns.len()],
+            row: Fields::none(columns.len()),
             table,
             clock,
             columns,
@@ -154,15 +158,24 @@ impl CsvFile {
             self.rows(requests.iter().flat_map(|request| &request.signals), Captures::One)?;
         let mut streams: Vec<Stream> =
             requests.iter().map(|request| Stream::new(request, 0, span)).collect();
+        let (mut blanks, mut count) = (vec![0; streams.len()], 0);
         while let Some(stamp) = rows.next()? {
-            let mut values = rows.values.iter();
-            for stream in &mut streams {
-                let count = stream.signals.len();
-                stream.push(stamp, values.by_ref().take(count).copied());
+            let mut from = 0;
+            for (stream, blanks) in streams.iter_mut().zip(&mut blanks) {
+                let columns = from..from + stream.signals.len();
+                from = columns.end;
+                *blanks += usize::from(rows.row.blank[columns.clone()].iter().all(|blank| *blank));
+                stream.push(stamp, rows.row.values[columns].iter().copied());
             }
+            count += 1;
             // All streams have the times of the rows.
             if streams.iter().all(|stream| stream.is_done) {
                 break;
+            }
+        }
+        for (stream, blanks) in streams.iter_mut().zip(blanks) {
+            if blanks as f64 > MOST_BLANK * count as f64 {
+                stream.keep_values();
             }
         }
         if let Some(first) = streams.first_mut() {
@@ -198,7 +211,7 @@ pub(crate) fn visit_rows(
         .collect();
     let mut rows = file.rows(&columns, Captures::One)?;
     while let Some(stamp) = rows.next()? {
-        visit((stamp != NO_TIME).then_some(stamp), &rows.values);
+        visit((stamp != NO_TIME).then_some(stamp), &rows.row.values);
     }
     Ok(())
 }
@@ -230,10 +243,25 @@ pub(super) struct CsvRows<'a> {
     /// Rows of the capture.
     count: u64,
     order: RowOrder,
-    /// A row that was looked at ahead of its turn, with its values.
-    ahead: Option<(RowTime, Vec<f64>)>,
-    /// Values of the row that was read last; NaN for an empty field.
+    /// A row that was looked at ahead of its turn.
+    ahead: Option<(RowTime, Fields)>,
+    /// The row that was read last.
+    pub row: Fields,
+}
+
+/// What a row has of each column.
+#[derive(Clone)]
+pub(super) struct Fields {
+    /// In SI; NaN where there is no number.
     pub values: Vec<f64>,
+    /// Whether the field is empty.
+    pub blank: Vec<bool>,
+}
+
+impl Fields {
+    fn none(columns: usize) -> Self {
+        Self { values: vec![f64::NAN; columns], blank: vec![true; columns] }
+    }
 }
 
 /// When a row was taken, as the table has it.
@@ -255,9 +283,15 @@ impl CsvRows<'_> {
             self.capture += 1;
             self.order = RowOrder::default();
         } else if let Some(back) = self.order.behind(&row) {
-            let values = self.values.clone();
+            let fields = self.row.clone();
             let second = self.read()?;
-            self.ahead = second.map(|second| (second, std::mem::replace(&mut self.values, values)));
+            self.ahead = second.map(|second| (second, std::mem::replace(&mut self.row, fields)));
+            if second.is_some_and(|next| !next.begins && self.order.falls(&row, &next)) {
+                let reason = "the times fall from row to row: the newest row comes first; reverse \
+                              the rows of the file"
+                    .to_owned();
+                return Err(self.table.wrong(row.line, reason));
+            }
             let begins = second.is_some_and(|next| !next.begins && self.order.goes_on(&row, &next));
             if begins {
                 self.begin_by_time(back, row.line)?;
@@ -284,8 +318,8 @@ impl CsvRows<'_> {
 
     /// The next row of the table, with its values.
     fn read(&mut self) -> Result<Option<RowTime>, SignalError> {
-        if let Some((row, values)) = self.ahead.take() {
-            self.values = values;
+        if let Some((row, fields)) = self.ahead.take() {
+            self.row = fields;
             return Ok(Some(row));
         }
         if !self.table.next()? {
@@ -306,9 +340,10 @@ impl CsvRows<'_> {
             let reason = "the time is beyond 292 years: a wrong unit or a damaged value";
             return Err(self.table.wrong(self.table.line(), reason.into()));
         }
-        for (value, PlacedColumn { signal, column, minus, source }) in
-            self.values.iter_mut().zip(&self.columns)
+        for ((value, blank), PlacedColumn { signal, column, minus, source }) in
+            self.row.values.iter_mut().zip(&mut self.row.blank).zip(&self.columns)
         {
+            *blank = self.table.is_blank(*column);
             let minus = minus.map_or(Ok(0.0), |minus| self.table.number(minus))?;
             *value = source.to_si(self.table.number(*column)? - minus);
             refuse_impossible(*signal, *value).map_err(|reason| {
@@ -381,6 +416,11 @@ impl Table<'_> {
         matches!(self, Table::Text(table) if table.is_time_of_day(column))
     }
 
+    /// Whether a field is empty.
+    fn is_blank(&self, column: usize) -> bool {
+        matches!(self, Table::Text(table) if table.field(column).trim_ascii().is_empty())
+    }
+
     fn number(&self, column: usize) -> Result<f64, SignalError> {
         match self {
             Table::Text(table) => table.number(column),
@@ -423,6 +463,14 @@ impl RowOrder {
     fn goes_on(&self, behind: &RowTime, next: &RowTime) -> bool {
         let stamp = self.place(next).0;
         next.stamp != NO_TIME && stamp >= self.place(behind).0 && stamp < self.latest
+    }
+
+    /// Whether the first rows are in the order of time turned round: each is earlier than the one
+    /// before.
+    fn falls(&self, behind: &RowTime, next: &RowTime) -> bool {
+        let (second, third) = (self.place(behind).0, self.place(next).0);
+        let first_rows = self.rows == 2 && next.stamp != NO_TIME && second < self.latest;
+        first_rows && third < second && self.first == Some(self.latest)
     }
 
     /// The time of a row, ns, and the days that it counts on. A time of day that jumps back by half

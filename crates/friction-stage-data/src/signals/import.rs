@@ -70,7 +70,7 @@ pub fn import(
     while let Some((stamp, table)) =
         tables.iter().zip(0..).filter_map(|(table, index)| Some((table.stamp?, index))).min()
     {
-        bag.write(table, stamp, &tables[table].rows.values)?;
+        bag.write(table, stamp, &tables[table].rows.row.values)?;
         tables[table].next()?;
         count += 1;
         if u64::is_multiple_of(count, TOLD_EVERY) {
@@ -113,7 +113,7 @@ pub fn import_captures(
             let next = import.bag(path(capture))?;
             reports.push(std::mem::replace(&mut bag, next).finish(Vec::new())?);
         }
-        bag.write(0, stamp, &rows.values)?;
+        bag.write(0, stamp, &rows.row.values)?;
         count += 1;
         if u64::is_multiple_of(count, TOLD_EVERY) {
             progress(count);

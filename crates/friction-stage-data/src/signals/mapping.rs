@@ -289,10 +289,11 @@ impl Mapping {
     /// reference of a row is the setpoint, or what the controller says it made of one.
     ///
     /// `by_stage`: the stage itself recorded it, so that the log time of a joint command is that of
-    /// the sample which it answered.
-    pub fn own_bag(by_stage: bool) -> Self {
+    /// the sample which it answered. `namespace`: that of the nodes, empty without one.
+    pub fn own_bag(by_stage: bool, namespace: &str) -> Self {
         let at = |topic: &str, field: &str, stamp: Stamp| {
-            SignalSource::plain(Place::Topic { topic: topic.into(), field: field.into(), stamp })
+            let topic = format!("{namespace}{topic}");
+            SignalSource::plain(Place::Topic { topic, field: field.into(), stamp })
         };
         let from = |topic: &str, field: &str| at(topic, field, Stamp::Auto);
         let taken = if by_stage { Stamp::LogTime } else { Stamp::Auto };

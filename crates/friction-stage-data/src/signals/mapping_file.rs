@@ -12,7 +12,7 @@ use super::mapping::{
 use super::unit::{Dimension, Unit};
 use crate::bag::BagError;
 use friction_stage_core::model::{JointType, nearest};
-use friction_stage_core::text_file;
+use friction_stage_core::{text_file, yaml};
 
 /// Name in mappings of a force that is a current.
 const CURRENT: &str = "current";
@@ -76,16 +76,8 @@ impl Mapping {
 
     /// Reads a mapping; `origin` names the text in errors.
     pub fn from_yaml(text: &str, origin: &str) -> Result<Self, SignalError> {
-        let file: MappingFile = serde_saphyr::from_str(text).map_err(|error| {
-            let hint = match error.without_snippet() {
-                serde_saphyr::Error::SerdeUnknownField { field, expected, .. } => {
-                    nearest(field, expected.iter().copied())
-                }
-                _ => String::new(),
-            };
-            let keys = Keys { origin, above: String::new() };
-            keys.wrong("the file", format!("{}{hint}", error.without_snippet()))
-        })?;
+        let file: MappingFile = yaml::read(text)
+            .map_err(|problem| Keys { origin, above: String::new() }.wrong("the file", problem))?;
         file.mapping(origin)
     }
 }

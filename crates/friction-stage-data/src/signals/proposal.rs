@@ -20,6 +20,9 @@ use super::unit::{Dimension, Unit};
 use crate::bag::{BagError, is_recording};
 use friction_stage_core::model::JointType;
 
+/// What to check where no column is a time.
+const NO_TIME_COLUMN: &str = "rows per second; no column is a time";
+
 /// Rows that are looked at.
 const LOOKED_AT: usize = 20_000;
 
@@ -92,6 +95,56 @@ pub struct Proposal {
 struct Samples {
     values: Vec<f64>,
     is_clock: bool,
+}
+
+impl Samples {
+    fn has_values(&self) -> bool {
+        self.values.iter().any(|value| value.is_finite())
+    }
+}
+
+/// The unit that a name ends with: `t_ms`, or `x/mm` (a quantity over its unit, as DIN 1313 has
+/// it); empty where it has none.
+fn unit_of_name(name: &str) -> &str {
+    // Without the index of a column of an array.
+    let name = name.split(['[', '(']).next().unwrap_or_default().trim();
+    let is_unit = |text: &str| Unit::named(text).is_some();
+    if is_unit(name) {
+        return "";
+    }
+    let over = name.split_once('/').map(|(quantity, unit)| (quantity.trim(), unit.trim()));
+    let quantity_over_unit = over.filter(|(quantity, unit)| {
+        !quantity.is_empty() && !quantity.contains(' ') && !is_unit(quantity) && is_unit(unit)
+    });
+    let behind = name.rsplit_once('_').filter(|(_, unit)| is_unit(unit));
+    quantity_over_unit.or(behind).map_or("", |(_, unit)| unit)
+}
+
+/// Of a table without names: where one column is left that moves, and no force was found, it is
+/// the force, for a person to check.
+fn the_only_column_left(
+    signals: &[ProposedSignal],
+    columns: &mut [TableColumn],
+) -> Option<ProposedSignal> {
+    let is_found = |signal: Signal| signals.iter().any(|found| found.signal == signal);
+    let has_names = columns.iter().any(|column| !column.name.is_empty());
+    if has_names || !is_found(Signal::Position) || is_found(Signal::Force) {
+        return None;
+    }
+    let mut left = columns
+        .iter_mut()
+        .filter(|column| column.signal.is_none() && column.smallest < column.largest);
+    let (column, None) = (left.next()?, left.next()) else { return None };
+    column.signal = Some(Signal::Force);
+    Some(ProposedSignal {
+        signal: Signal::Force,
+        column: column.number,
+        minus: None,
+        is_current: false,
+        unit: Some(Signal::Force.si_unit(joint_of(signals)).to_owned()),
+        scale: None,
+        check: Some("the only column that is left; is it the force, and its unit?".to_owned()),
+    })
 }
 
 impl Proposal {
@@ -183,15 +236,9 @@ impl Proposal {
         taken: &[Signal],
     ) -> Proposal {
         let rows = samples.first().map_or(0, |column| column.values.len());
-        // The file's unit, or one behind the name: `t_ms`.
-        let units = |column: usize| {
-            // Without the index of a column of an array.
-            let name = names[column].split(['[', '(']).next().unwrap_or_default();
-            let behind = name.rsplit_once('_').map_or("", |(_, unit)| unit);
-            match bare_unit(&units[column]) {
-                "" if Unit::named(behind).is_some() => behind,
-                written => written,
-            }
+        let units = |column: usize| match bare_unit(&units[column]) {
+            "" => unit_of_name(&names[column]),
+            written => written,
         };
         let mut columns: Vec<TableColumn> = names
             .iter()
@@ -210,6 +257,8 @@ impl Proposal {
             })
             .collect();
         let mut signals = Vec::new();
+        let has_values = |column: &TableColumn| samples[column.number - 1].has_values();
+        let first = columns.iter().find(|column| has_values(column)).map(|column| column.number);
         for signal in [
             Signal::Time,
             Signal::Position,
@@ -229,7 +278,9 @@ impl Proposal {
             let free = columns.iter().filter(|column| column.signal.is_none());
             let best = free
                 .map(|column| {
-                    let as_signal = |signal| likeness(signal, column, &samples[column.number - 1]);
+                    let is_first = Some(column.number) == first;
+                    let as_signal =
+                        |signal| likeness(signal, column, is_first, &samples[column.number - 1]);
                     let best = match signal {
                         // Where the command is known, another force is a measured one.
                         Signal::ForceCell if taken.contains(&Signal::Force) => {
@@ -249,12 +300,13 @@ impl Proposal {
             }
         }
         if taken.is_empty() {
+            signals.extend(the_only_column_left(&signals, &mut columns));
             signals.extend(from_following_error(&signals, &mut columns));
         }
         let time = signals.iter().find(|found| found.signal == Signal::Time);
         let rate_hz = time.and_then(|time| {
             let unit = time.unit.as_deref().and_then(Unit::named).map_or(1.0, |unit| unit.size);
-            let rate = 1.0 / (unit * usual_step(&samples[time.column - 1].values)?);
+            let rate = 1.0 / (unit * usual_step(&samples[time.column - 1].values)?.abs());
             rate.is_finite().then_some(rate)
         });
         Proposal {
@@ -276,6 +328,17 @@ impl Proposal {
     /// Whether it is of a file of arrays.
     pub fn is_of_arrays(&self) -> bool {
         self.format != "text"
+    }
+
+    /// What a person has to check, each with what it is about.
+    pub fn checks(&self) -> Vec<(&'static str, &str)> {
+        let has_time = self.signals.iter().any(|found| found.signal == Signal::Time);
+        let rate = (!has_time).then_some(("rate", NO_TIME_COLUMN));
+        let of_signals = self.signals.iter().filter_map(|found| {
+            let check = found.check.as_deref()?;
+            Some((found.signal.name(), check))
+        });
+        rate.into_iter().chain(of_signals).collect()
     }
 
     /// Whether there is a position or a velocity, without which a mapping is none.
@@ -371,7 +434,7 @@ impl Proposal {
 
     fn write_signals(&self, text: &mut String) {
         if !self.signals.iter().any(|found| found.signal == Signal::Time) {
-            *text += "rate: 1000   # CHECK: rows per second; no column is a time\n";
+            let _ = writeln!(text, "rate: 1000   # CHECK: {NO_TIME_COLUMN}");
         }
         *text += "signals:\n";
         for found in &self.signals {
@@ -538,10 +601,26 @@ const REFERENCE: &[&str] = &[
 const NO_SIGNAL: &[&str] =
     &["error", "err", "deviation", "lag", "following", "status", "temperature"];
 
+/// The words of a name that say which quantity it is: single letters do only where no longer word
+/// does, and of these the first one, as in `F_x`.
+fn quantity_of(words: &[String]) -> Vec<&str> {
+    let known = |word: &str| {
+        [TIME, POSITION, VELOCITY, CURRENT, FORCE, CELL].iter().any(|list| list.contains(&word))
+    };
+    let is_letter = |word: &&str| word.chars().count() == 1;
+    let all: Vec<&str> = words.iter().map(String::as_str).collect();
+    let by_word = all.iter().any(|word| !is_letter(word) && known(word));
+    let letter = all.iter().position(|word| is_letter(word) && known(word)).filter(|_| !by_word);
+    let says = |(at, word): (usize, &&str)| !is_letter(word) || Some(at) == letter;
+    all.iter().enumerate().filter(|place| says(*place)).map(|(_, word)| *word).collect()
+}
+
 /// How much a column looks like a signal; 0: not at all. By its unit, its name, how it moves.
-fn likeness(signal: Signal, column: &TableColumn, samples: &Samples) -> f64 {
+/// `is_first`: whether it is the first column with values.
+fn likeness(signal: Signal, column: &TableColumn, is_first: bool, samples: &Samples) -> f64 {
     let words = words(&column.name);
-    let has = |known: &[&str]| words.iter().any(|word| known.contains(&word.as_str()));
+    let quantity = quantity_of(&words);
+    let has = |known: &[&str]| quantity.iter().any(|word| known.contains(word));
     let unit = column.unit.as_str();
     let dimension = Unit::named(unit).map(|unit| unit.dimension);
     let has_unit = |of: Signal| dimension.is_some_and(|dimension| of.has_dimension(dimension));
@@ -550,11 +629,11 @@ fn likeness(signal: Signal, column: &TableColumn, samples: &Samples) -> f64 {
     let other = has(NO_SIGNAL);
     match signal {
         Signal::Time => {
-            let rises = increases(&samples.values);
+            let is_monotone = increases(&samples.values) || has(TIME) && falls(&samples.values);
             let score = 2.0 * is_named(samples.is_clock)
                 + is_named(has(TIME) || has_unit(Signal::Time))
                 + 0.5 * is_named(is_uniform(&samples.values));
-            if rises && (score >= 1.0 || column.number == 1) { score } else { 0.0 }
+            if is_monotone && (score >= 1.0 || is_first) { score } else { 0.0 }
         }
         Signal::Position if moves && !other && !has(REFERENCE) && !has(VELOCITY) && !has(FORCE) => {
             let score = 2.0 * is_named(has_unit(signal)) + 2.0 * is_named(has(POSITION));
@@ -621,7 +700,13 @@ fn proposed(
         Some(unit) if unit.dimension == signal.dimension(joint) => (written, None, None),
         _ if signal == Signal::Time => {
             let unit = unit_of_epoch(&samples.values);
-            (Some(unit), None, Some(format!("{unit} by the size of its numbers")))
+            let by_size = format!("{unit} by the size of its numbers");
+            let order = if falls(&samples.values) {
+                "; the newest row comes first: reverse the rows"
+            } else {
+                ""
+            };
+            (Some(unit), None, Some(by_size + order))
         }
         Some(_) if is_current => (written, None, Some(format!("give the `scale`, {si} per A"))),
         None if is_current => (Some("A"), None, Some(format!("A? And its `scale`, {si} per A"))),
@@ -649,7 +734,7 @@ fn proposed(
     ProposedSignal { signal, column: column.number, minus: None, is_current, unit, scale, check }
 }
 
-/// Unit of times, by how large they are: since 1970, days of a spreadsheet, else seconds.
+/// Unit of times, by how large they are: since 1970, days of a spreadsheet, else by their steps.
 fn unit_of_epoch(values: &[f64]) -> &'static str {
     let first = values.iter().copied().find(|value| value.is_finite()).unwrap_or(0.0);
     let is_of_days = usual_step(values).is_some_and(|step| step < 1e-3);
@@ -660,7 +745,14 @@ fn unit_of_epoch(values: &[f64]) -> &'static str {
         first if (1e12..1e13).contains(&first) => "ms",
         // From 1982 to 2119, counted from 1900.
         first if (30_000.0..80_000.0).contains(&first) && is_of_days => "d",
-        _ => "s",
+        // Assumed: a motion is sampled faster than once per second, so that steps of 1 and more
+        // are in a smaller unit.
+        _ => match usual_step(values).map_or(0.0, f64::abs) {
+            step if step < 1.0 => "s",
+            step if step < 1e3 => "ms",
+            step if step < 1e6 => "us",
+            _ => "ns",
+        },
     }
 }
 
@@ -679,6 +771,12 @@ fn usual_step(values: &[f64]) -> Option<f64> {
 fn increases(values: &[f64]) -> bool {
     let falling = steps(values).filter(|step| *step < 0.0).count();
     usual_step(values).is_some_and(|step| step > 0.0) && falling * 20 <= values.len()
+}
+
+/// Whether values hardly ever rise, and fall.
+fn falls(values: &[f64]) -> bool {
+    let rising = steps(values).filter(|step| *step > 0.0).count();
+    usual_step(values).is_some_and(|step| step < 0.0) && rising * 20 <= values.len()
 }
 
 fn is_uniform(values: &[f64]) -> bool {

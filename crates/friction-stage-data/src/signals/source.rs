@@ -78,7 +78,7 @@ impl Source<'_> {
         let reader = BagReader::open(path)?;
         let own = || Mapping {
             joint_type: joint_type(&reader),
-            ..Mapping::own_bag(reader.provenance().is_some())
+            ..Mapping::own_bag(reader.provenance().is_some(), reader.namespace())
         };
         let mapping = mapping.cloned().unwrap_or_else(own);
         Ok((Self::Bag(reader), mapping))
@@ -179,6 +179,21 @@ impl Stream {
             Side::Before | Side::After => {}
             Side::Beyond => self.is_done = true,
         }
+    }
+
+    /// Keeps the samples that have a value.
+    pub fn keep_values(&mut self) {
+        let mut kept = 0;
+        for row in 0..self.stamps.len() {
+            if self.values.iter().all(|column| column[row].is_nan()) {
+                continue;
+            }
+            self.stamps[kept] = self.stamps[row];
+            self.values.iter_mut().for_each(|column| column[kept] = column[row]);
+            kept += 1;
+        }
+        self.stamps.truncate(kept);
+        self.values.iter_mut().for_each(|column| column.truncate(kept));
     }
 
     /// Whether the recording has samples that are not in the span.

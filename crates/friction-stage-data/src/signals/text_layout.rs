@@ -154,11 +154,9 @@ impl Reading {
         let rows: Vec<Row> = lines
             .iter()
             .map(|line| {
-                let fields = match comment {
-                    Some(comment) if line.text.first() == Some(&comment) => Vec::new(),
-                    _ => fields(&mut splitter, &line.text),
-                };
-                Row::of(&fields, decimal)
+                let is_comment = comment.is_some_and(|mark| line.text.first() == Some(&mark));
+                splitter.split(if is_comment { b"" } else { &line.text });
+                Row::of(splitter.fields(), decimal)
             })
             .collect();
         // Rows follow each other, some of them may be broken; words end them.
@@ -187,7 +185,12 @@ impl Reading {
             delimiter,
             decimal,
             first,
-            columns: example.kinds.len(),
+            columns: rows
+                .iter()
+                .filter(|row| row.is_alike(example))
+                .map(Row::columns)
+                .max()
+                .unwrap_or(0),
             numbers,
             words: example.count(false),
             is_marked,
@@ -203,8 +206,8 @@ struct Row {
 }
 
 impl Row {
-    fn of(fields: &[&[u8]], decimal: Decimal) -> Row {
-        let values: Vec<Value> = fields.iter().map(|field| Value::of(field, decimal)).collect();
+    fn of<'a>(fields: impl Iterator<Item = &'a [u8]>, decimal: Decimal) -> Row {
+        let values: Vec<Value> = fields.map(|field| Value::of(field, decimal)).collect();
         let kind = |value: &Value| match value {
             Value::Missing => None,
             Value::Text => Some(false),
@@ -229,9 +232,20 @@ impl Row {
         self.count(true) > 0 && self.count(false) <= self.count(true)
     }
 
+    /// Fields without what an end of line that is a delimiter adds, or a last value that is
+    /// missing.
+    fn columns(&self) -> usize {
+        self.kinds.len() - usize::from(self.kinds.last() == Some(&None))
+    }
+
     /// Whether it has values and words in the same columns as another row.
     fn is_alike(&self, other: &Row) -> bool {
-        self.is_row() && self.kinds.len() == other.kinds.len() && self.agrees(other)
+        let (fewer, more) = match self.kinds.len() < other.kinds.len() {
+            true => (self, other),
+            false => (other, self),
+        };
+        let as_many = fewer.kinds.len() == more.kinds.len() || fewer.kinds.len() == more.columns();
+        self.is_row() && as_many && self.agrees(other)
     }
 
     fn agrees(&self, other: &Row) -> bool {
@@ -241,9 +255,8 @@ impl Row {
 
     /// Whether it is a row like another one with a fault: too short, or a word among its numbers.
     fn is_broken(&self, other: &Row) -> bool {
-        let is_short = self.kinds.len() < other.kinds.len() && self.agrees(other);
-        let has_word =
-            self.kinds.len() == other.kinds.len() && self.count(true) > self.count(false);
+        let is_short = self.columns() < other.columns() && self.agrees(other);
+        let has_word = self.columns() == other.columns() && self.count(true) > self.count(false);
         self.is_row() && (is_short || has_word)
     }
 }
@@ -271,16 +284,15 @@ impl TextLayout {
     /// The lines of the file at `path`, from the first row on.
     pub(super) fn rows(&self, path: &Path) -> io::Result<Lines<Box<dyn Read>>> {
         let mut lines = Lines::new(decoded(path)?);
-        for _ in 1..self.data_line {
-            lines.next()?;
-        }
+        lines.skip_before(self.data_line)?;
         Ok(lines)
     }
 
     /// The layout of a text that begins with these lines.
     fn of(mut lines: Vec<Line>, asked: &CsvLayout) -> TextLayout {
-        let skipped = asked.data_line.map_or(0, |line| line.saturating_sub(1) as usize);
-        let above: Vec<Line> = lines.drain(..skipped.min(lines.len())).collect();
+        let data_from = asked.data_line.unwrap_or(0);
+        let skipped = lines.iter().take_while(|line| line.number < data_from).count();
+        let above: Vec<Line> = lines.drain(..skipped).collect();
         let comment = asked.comment.or_else(|| {
             let begins = |mark: u8| lines.iter().any(|line| line.text.first() == Some(&mark));
             [b'#', b'%'].into_iter().find(|mark| begins(*mark))
@@ -314,7 +326,10 @@ impl TextLayout {
         let Reading { delimiter, decimal, first, columns, .. } = chosen;
         let has_names = asked.header != Some(false);
         // Without a row there are names at most.
-        let data_line = (above.len() + first) as u64 + 1;
+        let data_line = match lines.get(first) {
+            Some(line) => line.number,
+            None => lines.last().or(above.last()).map_or(0, |line| line.number) + 1,
+        };
         let before: Vec<&Line> = above.iter().chain(&lines[..first.min(lines.len())]).collect();
         let mut layout = TextLayout {
             delimiter,

@@ -109,7 +109,7 @@ impl Trace {
     /// `/stage/setpoint` of its stamp, else from the `/controller/state` of its stamp; the force
     /// from the `/stage/force` of its stamp, else from the last of `/stage/joint_commands` with its
     /// log time. Of several other messages with one stamp the first counts. A bag without encoder,
-    /// or with a damaged place, is an error.
+    /// or with a damaged place, is an error. A namespace of the nodes stands before all names.
     pub fn from_bag(path: impl AsRef<Path>) -> Result<Self, SignalError> {
         Self::from_reader(&BagReader::open(path)?)
     }
@@ -120,7 +120,7 @@ impl Trace {
         path: impl AsRef<Path>,
     ) -> Result<(Self, Option<StageModel>), SignalError> {
         let reader = BagReader::open(path)?;
-        if reader.topic(topics::FORCE_CELL).is_none_or(|topic| topic.messages == 0) {
+        if reader.own_topic(topics::FORCE_CELL).is_none_or(|topic| topic.messages == 0) {
             return Err(missing(
                 &reader,
                 "force cell",
@@ -140,9 +140,10 @@ impl Trace {
         let mut effort = HashMap::new();
         let mut setpoint = HashMap::new();
         let mut controller = HashMap::new();
+        let namespace = reader.namespace();
         for message in reader.messages() {
             let message = message?;
-            match message.topic.name.as_str() {
+            match message.topic.name.strip_prefix(namespace).unwrap_or_default() {
                 topics::ENCODER => {
                     let state: JointState = message.decode()?;
                     let joint = joint_index(&state.name).ok_or_else(|| {

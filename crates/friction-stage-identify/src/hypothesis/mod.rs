@@ -37,6 +37,10 @@ pub(crate) const NO_FRICTION: f64 = -0.99;
 /// beyond it is a lag of its own.
 const SHIFT_LIMIT: f64 = 0.05;
 
+/// Largest factor on stiffness and damping of bristles of which nothing is known, and on its
+/// inverse. Assumed: a guide that sticks over millimetres or over nanometres is within it.
+const ANY_BRISTLES: f64 = 1000.0;
+
 /// Declared parameters in which the guides may differ from each other with an effect on the
 /// friction of all. Viscous friction adds up to one number.
 pub(crate) const SPREAD: [NominalParameter; 4] = [
@@ -157,6 +161,9 @@ pub struct Hypothesis {
     guides_differ: bool,
     /// Whether a fit may move the heights of curves that the model does not declare.
     curves_bend: bool,
+    /// Whether stiffness and damping of the bristles are taken from the record, whatever their
+    /// tolerance.
+    any_bristles: bool,
     /// Effects of the model: those that it declares come first.
     pub effects: Vec<Part>,
 }
@@ -172,6 +179,13 @@ pub struct FreeParameter {
     pub scale: f64,
     /// Least and largest value.
     pub bounds: (f64, f64),
+}
+
+/// Logarithms of the least and largest factor on a declared value within a tolerance: a share of
+/// it, or at 1 and above a factor of 1 + this either way.
+fn factors(tolerance: f64) -> (f64, f64) {
+    let upper = (1.0 + tolerance).ln();
+    (if tolerance < 1.0 { (1.0 - tolerance).ln() } else { -upper }, upper)
 }
 
 /// Which number of a hypothesis.
@@ -246,6 +260,7 @@ impl Hypothesis {
             spread: [[0.0; MAX_GUIDES - 1]; SPREAD.len()],
             guides_differ: false,
             curves_bend: false,
+            any_bristles: false,
             effects,
         })
     }
@@ -327,6 +342,35 @@ impl Hypothesis {
         Hypothesis { curves_bend: !hold, ..self.clone() }
     }
 
+    /// The same with stiffness and damping of the bristles from the record, whatever their
+    /// tolerance.
+    pub(crate) fn with_any_bristles(&self) -> Hypothesis {
+        Hypothesis { any_bristles: true, ..self.clone() }
+    }
+
+    /// Parameters of the bristles that are beyond their tolerance, each as a factor on what is
+    /// declared.
+    pub(crate) fn bristles_beyond_tolerance(&self) -> Vec<(NominalParameter, f64)> {
+        let beyond = |one: &NominalParameter| {
+            let (lower, upper) = factors(self.tolerance_of(*one));
+            let moved = self.moved(*one);
+            (moved < lower || moved > upper).then(|| (*one, moved.exp()))
+        };
+        NominalParameter::BRISTLES.iter().filter_map(beyond).collect()
+    }
+
+    /// How far a declared parameter may be off, as a share of it; of the shift in samples.
+    pub(crate) fn tolerance_of(&self, declared: NominalParameter) -> f64 {
+        match declared {
+            NominalParameter::Mass => self.tolerances.mass,
+            NominalParameter::SensorShift => SHIFT_LIMIT,
+            NominalParameter::ViscousFriction | NominalParameter::CoulombForce => {
+                self.tolerances.guides
+            }
+            _ => self.tolerances.presliding,
+        }
+    }
+
     /// The guides as moved; static friction never below Coulomb friction.
     pub fn guides(&self) -> Vec<Guide> {
         let damping = self.moved(NominalParameter::BristleDamping).exp();
@@ -393,24 +437,14 @@ impl Hypothesis {
         let mut coordinates = Vec::new();
         if sides.carriage {
             for declared in NominalParameter::ALL {
-                let limit = match declared {
-                    NominalParameter::Mass => self.tolerances.mass,
-                    NominalParameter::SensorShift => SHIFT_LIMIT,
-                    NominalParameter::ViscousFriction | NominalParameter::CoulombForce => {
-                        self.tolerances.guides
-                    }
-                    _ => self.tolerances.presliding,
-                };
-                let lower = if limit < 1.0 { (1.0 - limit).ln() } else { -(1.0 + limit).ln() };
+                let any = self.any_bristles && NominalParameter::BRISTLES.contains(&declared);
+                let limit = if any { ANY_BRISTLES } else { self.tolerance_of(declared) };
+                let bounds = if declared.is_factor() { factors(limit) } else { (-limit, limit) };
                 coordinates.push(FreeParameter {
                     id: ParameterId::Nominal(declared),
                     value: self.moved(declared),
-                    scale: limit,
-                    bounds: if declared.is_factor() {
-                        (lower, (1.0 + limit).ln())
-                    } else {
-                        (-limit, limit)
-                    },
+                    scale: if limit < 1.0 { limit } else { bounds.1 },
+                    bounds,
                 });
             }
         }
@@ -424,7 +458,7 @@ impl Hypothesis {
                         id: ParameterId::Spread { parameter, contrast },
                         value: *value,
                         scale: limit,
-                        bounds: ((1.0 - limit).ln(), (1.0 + limit).ln()),
+                        bounds: factors(limit),
                     });
                 }
             }

@@ -34,6 +34,9 @@ impl NominalParameter {
         NominalParameter::StribeckVelocity,
         NominalParameter::SensorShift,
     ];
+    /// Those of the bristles: of a guide that sticks.
+    pub const BRISTLES: [NominalParameter; 2] =
+        [NominalParameter::Stiffness, NominalParameter::BristleDamping];
     /// Those of a guide that slides.
     pub const SLIDING: [NominalParameter; 4] = [
         NominalParameter::ViscousFriction,

@@ -294,6 +294,7 @@ mod tests {
             before,
             after,
             errors_before: Errors::default(),
+            errors_within_tolerance: None,
             errors_after: Errors::default(),
             evidence,
             coordinate: effects.iter().find_map(|part| part.curve().map(|curve| curve.coordinate)),

@@ -6,6 +6,9 @@ use std::f64::consts::{PI, TAU};
 /// corner frequency.
 const LOBES: f64 = 4.0;
 
+/// Sums that advance together.
+const AT_ONCE: usize = 8;
+
 /// Symmetric windowed-sinc filter (Blackman window; Oppenheim, Schafer, "Discrete-Time Signal
 /// Processing", ch. 7) that keeps every `factor`-th value. Gain 1 at zero frequency, no phase.
 #[derive(Clone, Debug)]
@@ -68,6 +71,47 @@ impl ZeroPhaseLowpass {
         sides + self.taps[half] * signal[index]
     }
 
+    /// The filtered signal at these indices, bit for bit as [`ZeroPhaseLowpass::at`] has it: where
+    /// they are as far apart as kept values are, several sums advance together.
+    pub fn at_all(&self, signal: &[f64], indices: &[usize]) -> Vec<f64> {
+        let mut filtered = Vec::with_capacity(indices.len());
+        for run in indices.chunk_by(|row, next| *next == row + self.factor) {
+            let whole = run.len() - run.len() % AT_ONCE;
+            if whole > 0 {
+                self.extend_with_run(&mut filtered, signal, run[0], whole);
+            }
+            filtered.extend(run[whole..].iter().map(|row| self.at(signal, *row)));
+        }
+        filtered
+    }
+
+    /// Adds the filtered signal at `count` kept values from the index `first` on.
+    fn extend_with_run(&self, filtered: &mut Vec<f64>, signal: &[f64], first: usize, count: usize) {
+        let half = self.half();
+        let used = &signal[first - half..=first + half + (count - 1) * self.factor];
+        // Neighbours in a phase are the same distance from neighbouring kept values.
+        let phases: Vec<Vec<f64>> = (0..self.factor)
+            .map(|phase| used.iter().skip(phase).step_by(self.factor).copied().collect())
+            .collect();
+        let from = |offset: usize, row: usize| -> &[f64] {
+            let start = offset / self.factor + row;
+            &phases[offset % self.factor][start..start + AT_ONCE]
+        };
+        for row in (0..count).step_by(AT_ONCE) {
+            // As an iterator begins a sum.
+            let mut sums = [-0.0; AT_ONCE];
+            for (offset, tap) in self.taps[..half].iter().enumerate() {
+                let (left, right) = (from(offset, row), from(2 * half - offset, row));
+                for ((sum, left), right) in sums.iter_mut().zip(left).zip(right) {
+                    *sum += (left + right) * tap;
+                }
+            }
+            let middle = from(half, row);
+            filtered
+                .extend(sums.iter().zip(middle).map(|(sum, value)| sum + self.taps[half] * value));
+        }
+    }
+
     /// The filter that gives, from the second differences of a signal, what this one takes out of
     /// the signal itself: the rest that lies above the corner, integrated twice without a drift.
     pub fn rest_of_second_differences(&self) -> ZeroPhaseLowpass {
@@ -121,6 +165,24 @@ mod tests {
                 )
             });
         product / square
+    }
+
+    #[test]
+    fn values_filtered_together_have_the_bits_of_each_alone() {
+        let signal: Vec<f64> = (0..2000).map(|k| (0.37 * f64::from(k * k)).sin()).collect();
+        for rate in [250.0, 1000.0, 2000.0, 3300.0] {
+            let lowpass = ZeroPhaseLowpass::new(f64::min(200.0, rate / 5.0), rate);
+            // Whole, with a hole, and too short to advance together.
+            let mut rows: Vec<usize> = lowpass.kept(signal.len(), 3).collect();
+            rows.drain(40..61);
+            rows.drain(45..46);
+            let alone: Vec<u64> =
+                rows.iter().map(|row| lowpass.at(&signal, *row).to_bits()).collect();
+            let together: Vec<u64> =
+                lowpass.at_all(&signal, &rows).into_iter().map(f64::to_bits).collect();
+            assert_eq!(together, alone, "{rate} Hz");
+        }
+        assert!(ZeroPhaseLowpass::new(200.0, 2000.0).at_all(&signal, &[]).is_empty());
     }
 
     #[test]

@@ -128,6 +128,9 @@ pub struct Measured {
     pub lowpass: ZeroPhaseLowpass,
     /// Nodes that are compared, after filtering and thinning out.
     pub rows: Vec<usize>,
+    /// Share of the samples at which the carriage rests within a count of the encoder while its
+    /// friction changes, and until the bristles have forgotten it: these are not compared.
+    pub hidden_rest_share: f64,
 }
 
 impl Measured {
@@ -188,14 +191,6 @@ impl Measured {
             valid[unknown].fill(false);
         }
         let lowpass = ZeroPhaseLowpass::new(FORCE_CORNER.min(rate / 5.0), rate);
-        let rows = rows_of(&valid, &lowpass);
-        if rows.len() * lowpass.factor() < MIN_SAMPLES / 2 {
-            return Err(IdentifyError::TooShort {
-                name: name.to_owned(),
-                samples: rows.len() * lowpass.factor(),
-                least: MIN_SAMPLES / 2,
-            });
-        }
         let mut measured = Measured {
             time: trace.time.iter().map(|time| time - trace.time[0]).collect(),
             position,
@@ -218,10 +213,55 @@ impl Measured {
             steps: Vec::new(),
             rate,
             lowpass,
-            rows,
+            rows: Vec::new(),
+            hidden_rest_share: 0.0,
         };
+        let hidden = measured.hidden_rests(&trace.position, model)?;
+        measured.hidden_rest_share =
+            hidden.iter().map(|rest| rest.len()).sum::<usize>() as f64 / count as f64;
+        hidden.into_iter().for_each(|rest| valid[rest].fill(false));
+        measured.rows = rows_of(&valid, &measured.lowpass);
+        let samples = measured.rows.len() * measured.lowpass.factor();
+        if samples < MIN_SAMPLES / 2 {
+            return Err(IdentifyError::TooShort {
+                name: name.to_owned(),
+                samples,
+                least: MIN_SAMPLES / 2,
+            });
+        }
         measured.work_out(model.mass);
         Ok(measured)
+    }
+
+    /// Samples from each rest in which friction changes by more than the noise floor while the
+    /// encoder repeats a count, until the bristles have forgotten it. At rest friction equals the
+    /// applied force, and the presliding displacement is less than a count: friction is not
+    /// determined by the measured position.
+    fn hidden_rests(
+        &self,
+        read: &[f64],
+        model: &StageModel,
+    ) -> Result<Vec<Range<usize>>, IdentifyError> {
+        let length = forgetting_length(&model.resolved_guides()?);
+        let force = self.raw_cell.as_ref().unwrap_or(&self.raw_command);
+        let (least, half) = (self.floor(model).carriage, self.lowpass.half());
+        let mut rests: Vec<Range<usize>> = Vec::new();
+        let mut from = 0;
+        for run in read.chunk_by(|a, b| a == b) {
+            let to = from + run.len();
+            let seen = from + half..to.saturating_sub(half);
+            let known = rests.last().is_none_or(|last| last.end < to);
+            if known && seen.len() > 1 {
+                let force: Vec<f64> = seen.map(|k| self.lowpass.at(force, k)).collect();
+                let (lowest, highest) = friction_stage_core::numerics::range(&force);
+                if highest - lowest > least {
+                    let from = from.max(rests.last().map_or(0, |last| last.end));
+                    rests.push(from..slid_from(read, to - 1, length).unwrap_or(read.len()));
+                }
+            }
+            from = to;
+        }
+        Ok(rests)
     }
 
     /// Everything that follows from position, command and cell as recorded, with a mass in kg.
@@ -399,7 +439,7 @@ impl Measured {
 
     /// A signal, filtered, at the rows.
     pub fn filtered(&self, signal: &[f64]) -> Vec<f64> {
-        self.rows.iter().map(|row| self.lowpass.at(signal, *row)).collect()
+        self.lowpass.at_all(signal, &self.rows)
     }
 
     /// Rms of the force on the carriage as measured (the command where there is no cell), filtered
@@ -492,6 +532,13 @@ pub(crate) fn forgetting_length(guides: &[Guide]) -> f64 {
     FORGETTING * guides.iter().map(|guide| guide.static_force / guide.stiffness).fold(0.0, f64::max)
 }
 
+/// First sample after `from` at which the carriage is further than a length, m, from where it was.
+fn slid_from(position: &[f64], from: usize, length: f64) -> Option<usize> {
+    let start = position[from];
+    let samples = position[from..].iter().position(|x| (x - start).abs() > length)?;
+    Some(from + samples)
+}
+
 /// Samples at which nobody knows what the bristles hold: at the start, and after a hole in which
 /// the stage moved and may have turned, until the guides have slid far enough to have forgotten it.
 /// A record that never slides so far is whole from its start.
@@ -501,24 +548,17 @@ fn unknown_bristles(
     model: &StageModel,
 ) -> Result<Vec<Range<usize>>, IdentifyError> {
     let length = forgetting_length(&model.resolved_guides()?);
-    let slid_from = |from: usize| {
-        let start = position[from];
-        position[from..]
-            .iter()
-            .position(|x| (x - start).abs() > length)
-            .map(|samples| from + samples)
-    };
     let mut ranges = Vec::new();
     let (mut from, mut hole) = (0, 0);
     for run in position.chunk_by(|a, b| a.is_finite() == b.is_finite()) {
         let finite = run[0].is_finite();
         if finite && ranges.is_empty() {
-            ranges.push(from..slid_from(from).unwrap_or(from));
+            ranges.push(from..slid_from(position, from, length).unwrap_or(from));
         } else if finite
             && hole as f64 > HOLE * rate
             && (position[from] - position[from - hole - 1]).abs() > STOOD * length
         {
-            ranges.push(from..slid_from(from).unwrap_or(position.len()));
+            ranges.push(from..slid_from(position, from, length).unwrap_or(position.len()));
         }
         hole = if finite { 0 } else { run.len() };
         from += run.len();
@@ -711,5 +751,33 @@ mod tests {
         assert!(rows.iter().any(|row| *row > 2200));
         let (_, rows) = kept(1900..2100);
         assert!(rows.iter().all(|row| *row < 1900));
+    }
+
+    /// A rest of half a second in counts of 1 µm, in which the force rises by 40 N or not at all.
+    #[test]
+    fn a_rest_within_a_count_is_compared_unless_its_friction_changes() {
+        let mut model = StageModel::default();
+        (model.encoder.noise, model.encoder.resolution) = (0.0, 1e-6);
+        let length = forgetting_length(&model.resolved_guides().unwrap());
+        let read = |rise: f64| {
+            let at = |k: usize| 0.01 * (1.0 - (TAU * k as f64 / 2000.0).cos());
+            let mut trace = trace(|_| 0.0);
+            for k in 0..4000 {
+                let moved = if k < 1000 { at(k) } else { at(k.max(2000) - 1000) };
+                trace.position[k] = 1e-6 * (moved / 1e-6).round();
+                trace.force[k] = rise * (k.clamp(1000, 2000) - 1000) as f64 / 1000.0;
+            }
+            let position = trace.position.clone();
+            (position, Measured::new(&trace, &model, "rest").unwrap())
+        };
+        let (_, steady) = read(0.0);
+        assert_eq!(steady.hidden_rest_share, 0.0);
+        assert!(steady.rows.iter().any(|row| (1200..1800).contains(row)));
+        let (position, changing) = read(40.0);
+        let slid = 1900 + position[1900..].iter().position(|x| (x - 0.02).abs() > length).unwrap();
+        let hidden = changing.hidden_rest_share * 4000.0;
+        assert!((hidden - (slid - 985) as f64).abs() < 30.0, "{hidden}, slid at {slid}");
+        assert!(changing.rows.iter().all(|row| !(1000..slid).contains(row)), "{slid}");
+        assert!(changing.rows.iter().any(|row| (slid..slid + 40).contains(row)), "{slid}");
     }
 }

@@ -19,20 +19,41 @@ const MOST_ROWS: usize = 6000;
 /// recording: Hann windows, half overlapping, over pieces without a gap.
 pub fn over_time(measured: &Measured, values: &[f64]) -> Vec<(f64, f64)> {
     let rate = measured.lowpass.kept_rate();
-    let factor = measured.lowpass.factor();
     let piece = PIECE.min(values.len());
-    if piece < 16 || values.len() != measured.rows.len() {
+    let pieces = periodograms(&measured.rows, measured.lowpass.factor(), rate, values, piece, true);
+    if pieces.is_empty() {
+        return Vec::new();
+    }
+    mean_of(&pieces)
+        .into_iter()
+        .enumerate()
+        .skip(1)
+        .map(|(bin, mean)| (bin as f64 * rate / piece as f64, mean.sqrt()))
+        .collect()
+}
+
+/// Power densities, N^2/Hz, at the frequencies k `rate` / `piece`, of pieces without a gap, with
+/// Hann windows, overlapping by half or not at all. `rows` are the samples, `factor` apart, of the
+/// values, `rate` is that of the values.
+pub(crate) fn periodograms(
+    rows: &[usize],
+    factor: usize,
+    rate: f64,
+    values: &[f64],
+    piece: usize,
+    overlapping: bool,
+) -> Vec<Vec<f64>> {
+    if piece < 16 || values.len() != rows.len() {
         return Vec::new();
     }
     let window: Vec<f64> =
         (0..piece).map(|k| 0.5 - 0.5 * (TAU * k as f64 / piece as f64).cos()).collect();
     let power: f64 = window.iter().map(|w| w * w).sum();
     let fft = FftPlanner::new().plan_fft_forward(piece);
-    let mut density = vec![0.0; piece / 2];
-    let mut pieces = 0;
+    let mut pieces = Vec::new();
     let mut start = 0;
     while start + piece <= values.len() {
-        let whole = measured.rows[start + piece - 1] - measured.rows[start] == factor * (piece - 1);
+        let whole = rows[start + piece - 1] - rows[start] == factor * (piece - 1);
         if whole {
             let mut buffer: Vec<Complex<f64>> = values[start..start + piece]
                 .iter()
@@ -40,22 +61,32 @@ pub fn over_time(measured: &Measured, values: &[f64]) -> Vec<(f64, f64)> {
                 .map(|(value, weight)| Complex::new(value * weight, 0.0))
                 .collect();
             fft.process(&mut buffer);
-            for (sum, bin) in density.iter_mut().zip(&buffer) {
-                *sum += 2.0 * bin.norm_sqr() / (rate * power);
-            }
-            pieces += 1;
+            buffer.truncate(piece / 2);
+            pieces.push(buffer.iter().map(|bin| 2.0 * bin.norm_sqr() / (rate * power)).collect());
         }
-        start += if whole { piece / 2 } else { 16 };
+        start += match (whole, overlapping) {
+            (true, true) => piece / 2,
+            (true, false) => piece,
+            (false, _) => 16,
+        };
     }
-    if pieces == 0 {
-        return Vec::new();
+    pieces
+}
+
+/// Mean of power densities, bin by bin.
+pub(crate) fn mean_of(pieces: &[Vec<f64>]) -> Vec<f64> {
+    let mut mean = vec![0.0; pieces.first().map_or(0, Vec::len)];
+    for piece in pieces {
+        mean.iter_mut().zip(piece).for_each(|(sum, bin)| *sum += bin);
     }
-    density
-        .iter()
-        .enumerate()
-        .skip(1)
-        .map(|(bin, sum)| (bin as f64 * rate / piece as f64, (sum / pieces as f64).sqrt()))
-        .collect()
+    mean.iter_mut().for_each(|sum| *sum /= pieces.len() as f64);
+    mean
+}
+
+/// Rows at which the carriage moves: at more than [`MOVING`] of its largest speed.
+pub(crate) fn moving(velocity: &[f64]) -> Vec<usize> {
+    let fastest = velocity.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+    (0..velocity.len()).filter(|row| velocity[*row].abs() > MOVING * fastest).collect()
 }
 
 /// Amplitude of the best sine over position, as (period in m, N), for periods from a fiftieth of a
@@ -67,9 +98,7 @@ pub fn over_position(
     kept_rate: f64,
     values: &[f64],
 ) -> Vec<(f64, f64)> {
-    let fastest = velocity.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-    let moving: Vec<usize> =
-        (0..values.len()).filter(|row| velocity[*row].abs() > MOVING * fastest).collect();
+    let moving = moving(velocity);
     if moving.len() < 64 {
         return Vec::new();
     }

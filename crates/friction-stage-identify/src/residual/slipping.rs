@@ -464,7 +464,8 @@ mod tests {
             let (turn, in_turn) = (k / 2200, f64::from(k % 2200));
             let way = if in_turn < 200.0 { 0.5 - 0.5 * (TAU * in_turn / 400.0).cos() } else { 1.0 };
             trace.time.push(5e-4 * f64::from(k));
-            trace.position.push(0.05 * if turn % 2 == 0 { way } else { 1.0 - way });
+            let read: f64 = StandardNormal.sample(&mut random);
+            trace.position.push(0.05 * if turn % 2 == 0 { way } else { 1.0 - way } + 1e-9 * read);
             trace.force.push(80.0 * (0.003 * f64::from(k)).sin());
             trace.force_cell.push(80.0 * (0.003 * f64::from(k)).sin());
             let step: f64 = StandardNormal.sample(&mut random);

@@ -360,6 +360,7 @@ impl<'a> Rows<'a> {
             // product with what is left.
             let (mut shared, mut own, mut taken) = (DVector::zeros(solution.len()), 0.0, 0.0);
             let (mut most, mut jump) = (0.0, None);
+            let mut solved = shared.clone();
             for row in (1..count).rev() {
                 let gain = self.gain[row];
                 let sensitivities = self.beside.sensitivities.column(row);
@@ -372,7 +373,9 @@ impl<'a> Rows<'a> {
                 }
                 own += gain * gain;
                 taken += gain * left;
-                let alone = own - shared.dot(&factors.solve(&shared));
+                solved.copy_from(&shared);
+                factors.solve_mut(&mut solved);
+                let alone = own - shared.dot(&solved);
                 if alone > OF_ITS_OWN * own && taken * taken > most * alone {
                     let at = 0.5 * (self.along[row - 1] + self.along[row]);
                     (most, jump) =

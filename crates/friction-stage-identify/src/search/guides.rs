@@ -8,6 +8,7 @@ use friction_stage_core::model::StageModel;
 
 use super::curves::UNEXPLAINED;
 use super::different_guides::with_different_guides;
+use super::gain::NOISE_LIKE;
 use super::state::{Search, errors};
 
 /// Tolerance of a guide of which nothing is known.
@@ -16,7 +17,38 @@ const ANY_GUIDE: f64 = 9.0;
 /// Assumed.
 const FAR: f64 = 3.0;
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    /// The search with stiffness and damping of the bristles as the record has them, where the
+    /// declared ones end on a bound and leave more than noise and these leave none: how a guide
+    /// sticks is what is known least of it, and is no effect that a model lacks. The search would
+    /// dress it up as bristles, or as a soft mass.
+    pub(super) fn with_bristles_of_the_record(self) -> Result<Search<'a>, IdentifyError> {
+        let of_bristles = |id: ParameterId| match id {
+            ParameterId::Nominal(one) => NominalParameter::BRISTLES.contains(&one),
+            _ => false,
+        };
+        if self.is_noise(&self.errors_before) || !self.ends_on_a_bound(of_bristles) {
+            return Ok(self);
+        }
+        let free = self.before.hypothesis.with_any_bristles();
+        let worth = NOISE_LIKE.powi(2) * self.noise_squares();
+        let fitted = fit(&free, self.train, Sides::BOTH, FitBudget::COMPARED.gain_below(worth))?;
+        if fitted.squares() > worth {
+            return Ok(self);
+        }
+        let mut free = Search::new(&fitted.hypothesis, self.train, self.holdout, self.watch)?;
+        free.errors_within_tolerance = Some(self.errors_before);
+        let is_answer = free.is_all_but_noise(&free.errors_before)
+            && !free.before.hypothesis.bristles_beyond_tolerance().is_empty();
+        Ok(if is_answer { free } else { self })
+    }
+
+    /// Whether the fit of the declared model ends on a bound of such a parameter.
+    fn ends_on_a_bound(&self, such: impl Fn(ParameterId) -> bool) -> bool {
+        let both = self.before.coordinates.iter().zip(&self.before.at_bound);
+        both.into_iter().any(|(one, bound)| *bound && such(one.id))
+    }
+
     /// Guides whose friction is beyond its tolerance are no effect that a model lacks. Where the
     /// declared ones leave more than noise and end on a bound, and others explain everything, these
     /// are the answer, and the search would dress them up as laws.
@@ -29,13 +61,7 @@ impl Search<'_> {
             ParameterId::Nominal(one) => NominalParameter::SLIDING.contains(&one),
             _ => false,
         };
-        let biased = self
-            .before
-            .coordinates
-            .iter()
-            .zip(&self.before.at_bound)
-            .any(|(one, bound)| *bound && of_friction(one.id));
-        if !biased || self.is_noise(&self.errors_before) {
+        if !self.ends_on_a_bound(of_friction) || self.is_noise(&self.errors_before) {
             return Ok(());
         }
         let wide = Tolerances { guides: ANY_GUIDE, presliding: ANY_GUIDE, ..tolerances };
@@ -84,5 +110,167 @@ impl Search<'_> {
             before,
             left,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use friction_stage_core::model::{Encoder, Guide, GuideSource, Motor};
+    use friction_stage_data::signals::Trace;
+
+    use super::super::{Silent, Verdict, search};
+    use super::*;
+    use crate::record::measured::Measured;
+
+    /// An axis under Coulomb and viscous friction without bristles, driven in open loop by steps of
+    /// half a second and read at 1 kHz in counts: the exact solution, with rest.
+    fn sliding_axis(
+        mass: f64,
+        coulomb: f64,
+        viscous: f64,
+        counts: f64,
+        steps: impl Iterator<Item = f64>,
+    ) -> Trace {
+        let (mut position, mut speed, mut trace) = (0.0f64, 0.0f64, Trace::default());
+        for (step, force) in steps.enumerate() {
+            for row in 0..500 {
+                trace.time.push(1e-3 * (500 * step + row) as f64);
+                trace.position.push(counts * (position / counts).round());
+                trace.force.push(force);
+                let mut left: f64 = 1e-3;
+                while left > 0.0 {
+                    if speed == 0.0 && force.abs() <= coulomb {
+                        break;
+                    }
+                    let way = if speed == 0.0 { force } else { speed }.signum();
+                    let (rate, end) = (viscous / mass, (force - way * coulomb) / viscous);
+                    // When the speed comes to nothing, from v(t) = end + (v - end) exp(-rate t).
+                    let stop = (1.0 - speed / end).ln() / rate;
+                    let time = if stop > 0.0 { left.min(stop) } else { left };
+                    let (fallen, whole) = ((-rate * time).exp(), time < left);
+                    position += end * time + (speed - end) * (1.0 - fallen) / rate;
+                    speed = if whole { 0.0 } else { end + (speed - end) * fallen };
+                    left -= time;
+                }
+            }
+        }
+        trace
+    }
+
+    fn axis(mass: f64, coulomb: f64, viscous: f64, stiffness: f64, counts: f64) -> StageModel {
+        StageModel {
+            mass,
+            guides: vec![GuideSource::Inline(Guide {
+                stiffness,
+                bristle_damping: 2.0 * (stiffness * mass).sqrt() / 10.0,
+                viscous_friction: viscous,
+                coulomb_force: coulomb,
+                static_force: 1.001 * coulomb,
+                stribeck_velocity: 1e-3,
+                damping_velocity: None,
+            })],
+            motor: Motor { force_limit: 20.0 * coulomb },
+            encoder: Encoder { resolution: counts, noise: 0.0 },
+            ..StageModel::default()
+        }
+    }
+
+    #[test]
+    fn guides_that_stick_harder_than_declared_are_no_effect() {
+        for (mass, coulomb, viscous, stiffness, counts) in [
+            (20.0, 15.0, 80.0, 1.5e7, 1e-7),
+            (3.0, 4.0, 30.0, 1e6, 2e-7),
+            (150.0, 60.0, 500.0, 3e7, 1e-7),
+        ] {
+            let model = axis(mass, coulomb, viscous, stiffness, counts);
+            let record = |shares: [f64; 8]| {
+                let steps = (0..6).flat_map(|_| shares).map(|share| share * coulomb);
+                let trace = sliding_axis(mass, coulomb, viscous, counts, steps);
+                Measured::new(&trace, &model, "the record").unwrap()
+            };
+            let (train, holdout) = (
+                record([2.0, -2.0, 1.7, -1.7, 2.0, -1.4, -2.0, 1.4]),
+                record([2.0, -1.7, -2.0, 1.7, 1.4, -2.0, 2.0, -1.4]),
+            );
+            let selection =
+                search(&model, Tolerances::default(), &train, &holdout, &Silent).unwrap();
+            assert_eq!(selection.verdict, Verdict::None, "{mass} kg");
+            let found = &selection.after.fitted.hypothesis;
+            let value = |one| found.declared_value(one, train.rate);
+            for (one, expected, error) in [
+                (NominalParameter::Mass, mass, 0.005),
+                (NominalParameter::CoulombForce, coulomb, 0.01),
+                (NominalParameter::ViscousFriction, viscous, 0.02),
+            ] {
+                let found = value(one);
+                assert!((found / expected - 1.0).abs() < error, "{}: {found}", one.name());
+            }
+            let beyond = found.bristles_beyond_tolerance();
+            assert!(
+                beyond
+                    .iter()
+                    .any(|(one, factor)| *one == NominalParameter::Stiffness && *factor > 2.0),
+                "{beyond:?}"
+            );
+            assert!(selection.errors_within_tolerance.is_some());
+        }
+    }
+
+    /// An axis that moves, rests while the force climbs to 0.95 of what it takes to break away, and
+    /// moves back, read at 1 kHz in counts as large as its bristles bend.
+    fn resting_axis(mass: f64, coulomb: f64, viscous: f64, counts: f64, first: f64) -> Trace {
+        let (mut at, mut trace) = (0.0f64, Trace::default());
+        let mut push = |position: f64, force: f64| {
+            trace.time.push(1e-3 * trace.time.len() as f64);
+            trace.position.push(counts * (position / counts).round());
+            trace.force.push(force);
+        };
+        for way in (0..24).map(|turn| if turn % 2 == 0 { 1.0 } else { -1.0 }) {
+            let share = (first + 0.37 * at.abs() / counts).fract();
+            let (distance, rows) = (way * (0.01 + 0.015 * share), 300 + (500.0 * share) as usize);
+            let duration = 1e-3 * rows as f64;
+            for row in 0..rows {
+                let s = row as f64 / rows as f64;
+                let path = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s);
+                let speed = 30.0 * s * s * (1.0 - s) * (1.0 - s);
+                let acceleration = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s);
+                let force = mass * acceleration * distance / duration.powi(2)
+                    + way * coulomb
+                    + viscous * speed * distance / duration;
+                push(at + distance * path, force);
+            }
+            at += distance;
+            let rest = 400 + (300.0 * share) as usize;
+            for row in 0..rest {
+                let climbed = 0.3 + 0.65 * row as f64 / rest as f64;
+                push(at, -way * coulomb * climbed);
+            }
+        }
+        trace
+    }
+
+    #[test]
+    fn rests_within_a_count_are_no_effect() {
+        for (mass, coulomb, viscous, stiffness, counts) in
+            [(20.0, 15.0, 80.0, 1.5e7, 1e-6), (60.0, 40.0, 150.0, 2e7, 2e-6)]
+        {
+            let model = axis(mass, coulomb, viscous, stiffness, counts);
+            let record = |first: f64| {
+                let trace = resting_axis(mass, coulomb, viscous, counts, first);
+                Measured::new(&trace, &model, "the record").unwrap()
+            };
+            let (train, holdout) = (record(0.1), record(0.6));
+            assert!(
+                (0.4..0.7).contains(&train.hidden_rest_share),
+                "{mass} kg: {}",
+                train.hidden_rest_share
+            );
+            let selection =
+                search(&model, Tolerances::default(), &train, &holdout, &Silent).unwrap();
+            assert_eq!(selection.verdict, Verdict::None, "{mass} kg");
+            let found = &selection.after.fitted.hypothesis;
+            let coulomb_found = found.declared_value(NominalParameter::CoulombForce, train.rate);
+            assert!((coulomb_found / coulomb - 1.0).abs() < 0.02, "{coulomb_found} N");
+        }
     }
 }

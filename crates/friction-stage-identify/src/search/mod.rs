@@ -12,7 +12,7 @@ mod errors;
 mod forms;
 mod gain;
 mod guides;
-mod nulls;
+pub(crate) mod nulls;
 pub(crate) mod phase;
 mod pruning;
 mod rounds;
@@ -63,6 +63,7 @@ pub fn search(
     }
     let mut search = Search::new(&start, train, holdout, watch)?;
     search.refuse_other_guides(declared, tolerances)?;
+    search = search.with_bristles_of_the_record()?;
     search.add_laws()?;
     if !search.stopped {
         search.choose_forms_again()?;
@@ -179,6 +180,7 @@ impl Search<'_> {
             before: self.before,
             after,
             errors_before: self.errors_before,
+            errors_within_tolerance: self.errors_within_tolerance,
             errors_after: self.best_errors,
             evidence: self.evidence,
             coordinate: self.coordinate,

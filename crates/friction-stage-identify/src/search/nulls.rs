@@ -76,7 +76,7 @@ impl NullRecords {
 }
 
 /// The controller of the train record, where both show that it is one.
-pub(super) fn known_controller(train: &Measured, holdout: &Measured) -> Option<LinearController> {
+pub(crate) fn known_controller(train: &Measured, holdout: &Measured) -> Option<LinearController> {
     let (train, holdout) = (train.controlled()?, holdout.controlled()?);
     controller_of(&train, &[&train, &holdout]).ok()
 }

@@ -115,6 +115,9 @@ pub struct Selection {
     pub after: Estimate,
     /// Of the declared model.
     pub errors_before: Errors,
+    /// Of the declared model within its tolerances, where stiffness and damping of the bristles are
+    /// from the record because they are beyond theirs; then `before` has them, too.
+    pub errors_within_tolerance: Option<Errors>,
     /// Of what was found.
     pub errors_after: Errors,
     /// Every candidate of every round.

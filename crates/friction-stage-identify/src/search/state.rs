@@ -37,6 +37,9 @@ pub(super) struct Search<'a> {
     pub(super) controller: Option<LinearController>,
     pub(super) before: Fitted,
     pub(super) errors_before: Errors,
+    /// Of the declared model within its tolerances, where stiffness and damping of the bristles are
+    /// from the record.
+    pub(super) errors_within_tolerance: Option<Errors>,
     pub(super) best: Fitted,
     pub(super) best_errors: Errors,
     /// Rounds in which candidates were tried.
@@ -76,6 +79,7 @@ impl<'a> Search<'a> {
             best_errors: errors_before,
             before,
             errors_before,
+            errors_within_tolerance: None,
             rounds: 0,
             evidence: Vec::new(),
             coordinate: None,

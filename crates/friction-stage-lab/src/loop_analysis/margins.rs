@@ -61,10 +61,13 @@ impl Margins {
 impl LoopResponse {
     /// The loop of a controller that samples at the rate of the stage.
     pub fn new(stage: &SampledStage, controller: &ControllerSettings) -> LoopResponse {
-        LoopResponse::of(stage, controller, |frequency| controller.transfer(frequency))
+        let response =
+            LoopResponse::of(stage, controller, |frequency| controller.transfer(frequency));
+        let observed = u32::from(controller.observer.is_some());
+        LoopResponse { integrators: response.integrators + observed, ..response }
     }
 
-    /// The same without the lowpass after the PID.
+    /// The same without the lowpass after the PID and without a disturbance observer.
     pub fn without_lowpass(stage: &SampledStage, controller: &ControllerSettings) -> LoopResponse {
         let rate = controller.rate;
         LoopResponse::of(stage, controller, |frequency| controller.gains.transfer(frequency, rate))

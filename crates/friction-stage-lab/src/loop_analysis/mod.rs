@@ -7,9 +7,13 @@
 //! force, the samples of the encoder, the controller as it is sampled.
 
 mod margins;
+mod measured_loop;
 mod measurement;
 mod stage;
 
 pub use margins::{LoopPoint, LoopResponse, Margins};
-pub use measurement::{MeasuredLoopPoint, measure_loop};
+pub use measured_loop::{
+    COHERENT, ComparedPoint, LoopComparison, MeasuredLoop, MeasuredLoopError, UNDISTORTED,
+};
+pub use measurement::{LoopProbe, LoopSine, MeasuredLoopPoint, measure_loop};
 pub use stage::{SampledStage, StageMotion, loop_frequencies};

@@ -1,19 +1,19 @@
-//! Why rows of a selection could not be read, written or merged.
+//! Why rows of a plan could not be read, written or merged.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::selection::Shard;
 
-/// Why rows of a selection could not be read, written or merged.
+/// Why rows of a plan could not be read, written or merged.
 #[derive(Debug, thiserror::Error)]
 pub enum RowsError {
     /// A directory without a plan.
     #[error(
-        "{} holds no selection: cannot read {}: {source}",
+        "{} holds no selection and no sweep: cannot read {}: {source}",
         directory.display(), path.display()
     )]
-    NoSelection {
+    NoPlan {
         /// The directory.
         directory: PathBuf,
         /// Where the plan would be.
@@ -32,26 +32,18 @@ pub enum RowsError {
     /// A plan that cannot be written.
     #[error("cannot write the plan: {0}")]
     PlanText(String),
-    /// A shard that cannot be.
-    #[error("{}: shard {shard} of {guides} guides cannot be", path.display())]
-    ImpossibleShard {
-        /// The plan.
-        path: PathBuf,
-        /// The shard.
-        shard: Shard,
-        /// Guides in the plan.
-        guides: usize,
-    },
-    /// A directory that holds a selection.
+    /// A directory that holds rows.
     #[error(
-        "{} holds a selection already: go on with it by --resume, or choose another --out",
+        "{} holds a {kind} already: go on with it by --resume, or choose another --out",
         directory.display()
     )]
     Exists {
+        /// What is to be begun.
+        kind: &'static str,
         /// The directory.
         directory: PathBuf,
     },
-    /// A selection that was begun with other arguments.
+    /// Rows that were begun with other arguments.
     #[error(
         "{} was begun with other arguments, `{before}` where it is now `{now}`: resume with the \
          same, or choose another --out",
@@ -78,7 +70,7 @@ pub enum RowsError {
     },
     /// A part with fewer rows than planned.
     #[error(
-        "shard {shard} in {} has {done} of its {wanted} variants: go on with it by --resume first",
+        "shard {shard} in {} has {done} of its {wanted} {rows}: go on with it by --resume first",
         directory.display()
     )]
     Incomplete {
@@ -90,6 +82,8 @@ pub enum RowsError {
         done: u64,
         /// Rows that are planned.
         wanted: u64,
+        /// What a row is called.
+        rows: &'static str,
     },
     /// A row that the plan does not have.
     #[error("{} line {line}: a row beyond the plan's", path.display())]
@@ -99,20 +93,39 @@ pub enum RowsError {
         /// Line, counted from 1.
         line: u64,
     },
-    /// A row of another variant than planned.
-    #[error(
-        "{} line {line}: is variant {} of {}, the plan has variant {} of {} there",
-        path.display(), found.1, found.0, planned.1, planned.0
-    )]
+    /// A row of another job than planned.
+    #[error("{} line {line}: is {found}, the plan has {planned} there", path.display())]
     OtherRow {
         /// The file.
         path: PathBuf,
         /// Line, counted from 1.
         line: u64,
-        /// Guide and variant of the row.
-        found: (String, u64),
-        /// Guide and variant of the plan.
-        planned: (String, u64),
+        /// What the row is of.
+        found: String,
+        /// What the plan has there.
+        planned: String,
+    },
+    /// A file whose columns are others than those of the plan.
+    #[error("{}: the columns are not those of the {kind}", path.display())]
+    Header {
+        /// The file.
+        path: PathBuf,
+        /// What the plan is for.
+        kind: &'static str,
+    },
+    /// A cell that is not what its column holds.
+    #[error("{} line {line}: {column} is `{text}`, must be {wanted}", path.display())]
+    Cell {
+        /// The file.
+        path: PathBuf,
+        /// Line, counted from 1.
+        line: u64,
+        /// Name of the column.
+        column: String,
+        /// What stands there.
+        text: String,
+        /// What would be right.
+        wanted: &'static str,
     },
     /// A file that cannot be created, read or written.
     #[error("cannot {action} {}: {source}", path.display())]
@@ -141,15 +154,21 @@ pub enum RowsError {
         /// What the library says.
         source: ::parquet::errors::ParquetError,
     },
+    /// A file whose name does not say what it is.
+    #[error("{}: must end in .csv or .parquet", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+    },
     /// No part was given.
     #[error("no shard was given")]
     NoParts,
-    /// Two parts of different selections.
+    /// Two parts of different plans.
     #[error(
-        "{} and {} are not of one selection: `{one}` and `{other}`",
+        "{} and {} are not of one plan: `{one}` and `{other}`",
         first.display(), second.display()
     )]
-    OtherSelection {
+    OtherPlan {
         /// One of them.
         first: PathBuf,
         /// The other.

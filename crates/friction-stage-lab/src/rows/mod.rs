@@ -1,14 +1,16 @@
-//! The rows of a selection on disk: one per variant, appended as they come, read back to go on, to
-//! merge and to rank.
+//! The rows of a numbered plan on disk, of a selection or of a sweep: one per job, appended as they
+//! come, read back to resume, to merge and to evaluate.
 //!
-//! A directory holds `plan.yaml` (everything that the rows follow from) and `variants.csv` (rows in
-//! the order of the jobs). A run that was cut off leaves whole rows and at most one torn one at the
-//! end.
+//! A directory holds `plan.yaml` (everything that the rows follow from) and the rows as CSV
+//! (`variants.csv`, `points.csv`) in the order of the jobs. A run that was cut off leaves whole
+//! rows and at most one torn one at the end.
 
 mod error;
 mod merge;
 #[cfg(feature = "parquet")]
 mod parquet;
+mod row;
+mod table;
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Read as _, Seek as _, SeekFrom, Write};
@@ -18,16 +20,22 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 pub use self::error::RowsError;
-pub use self::merge::merge_shards;
-use crate::selection::{GuideSelection, SelectionPlan, Shard, Tally};
-use crate::variant::{VariantResult, variant_seed};
-use friction_stage_core::model::Guide;
-use friction_stage_core::text_file;
+pub use self::merge::{kind_of, merge_shards};
+#[cfg(feature = "parquet")]
+pub use self::parquet::ParquetTable;
+pub use self::row::{Cell, Column, ColumnKind, NumberedPlan, OtherJob};
+pub use self::table::{TableFormat, write_table};
+use crate::selection::{SelectionPlan, Shard};
+use friction_stage_core::{text_file, yaml};
 
 /// What a directory of rows was computed from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Sheet {
+#[serde(bound = "P: NumberedPlan")]
+pub struct Sheet<P> {
+    /// What the plan is for; that of a file without it is a selection.
+    #[serde(default = "selection")]
+    pub kind: String,
     /// Version of the file.
     pub schema_version: u32,
     /// Version of this program: another one may compute other bits.
@@ -35,63 +43,57 @@ pub struct Sheet {
     /// Which part of the jobs the rows are.
     pub shard: Shard,
     /// What is computed.
-    pub plan: SelectionPlan,
-}
-
-/// One line of `variants.csv`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-struct Row {
-    guide: String,
-    variant: u64,
-    seed: u64,
-    peak_error_m: f64,
-    settling_time_s: Option<f64>,
-    saturated: bool,
-    stiffness: f64,
-    bristle_damping: f64,
-    viscous_friction: f64,
-    coulomb_force: f64,
-    static_force: f64,
-    stribeck_velocity: f64,
+    pub plan: P,
 }
 
 /// A directory of rows.
 #[derive(Debug)]
-pub struct VariantRows {
+pub struct Rows<P> {
     directory: PathBuf,
-    sheet: Sheet,
+    sheet: Sheet<P>,
 }
 
+/// The rows of a selection: one per variant.
+pub type VariantRows = Rows<SelectionPlan>;
+
 const PLAN: &str = "plan.yaml";
-const ROWS: &str = "variants.csv";
-impl Sheet {
+
+fn selection() -> String {
+    SelectionPlan::KIND.to_owned()
+}
+
+impl<P: NumberedPlan> Sheet<P> {
     /// The sheet of a part of a plan, computed by this version.
-    pub fn new(plan: SelectionPlan, shard: Shard) -> Sheet {
-        Sheet { schema_version: 1, version: env!("CARGO_PKG_VERSION").to_owned(), shard, plan }
+    pub fn new(plan: P, shard: Shard) -> Sheet<P> {
+        Sheet {
+            kind: P::KIND.to_owned(),
+            schema_version: 1,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            shard,
+            plan,
+        }
     }
 
     /// Jobs of this part.
     pub fn jobs(&self) -> Range<u64> {
-        self.shard.jobs(self.plan.variants)
+        self.shard.jobs(self.plan.count())
     }
 
     /// The sheet of a directory.
-    pub fn read(directory: &Path) -> Result<Sheet, RowsError> {
+    pub fn read(directory: &Path) -> Result<Sheet<P>, RowsError> {
         let path = directory.join(PLAN);
-        let text = text_file::read(&path).map_err(|source| RowsError::NoSelection {
-            directory: directory.to_owned(),
-            path: path.clone(),
-            source,
-        })?;
-        let sheet: Sheet = serde_saphyr::from_str(&text).map_err(|error| {
-            let reason = error.without_snippet().to_string();
-            RowsError::Plan { path: path.clone(), reason }
-        })?;
-        let guides = sheet.plan.candidates.len();
-        if !(1..=sheet.shard.count).contains(&sheet.shard.index) || guides == 0 {
-            return Err(RowsError::ImpossibleShard { path, shard: sheet.shard, guides });
-        }
-        Ok(sheet)
+        let text = plan_text(directory)?;
+        let sheet: Sheet<P> =
+            yaml::read(&text).map_err(|reason| RowsError::Plan { path: path.clone(), reason })?;
+        let reason = match sheet.plan.obstacle() {
+            Some(reason) => reason,
+            None if sheet.kind != P::KIND => format!("is of a {}", sheet.kind),
+            None if !(1..=sheet.shard.count).contains(&sheet.shard.index) => {
+                format!("shard {} cannot be", sheet.shard)
+            }
+            None => return Ok(sheet),
+        };
+        Err(RowsError::Plan { path, reason })
     }
 
     fn text(&self) -> Result<String, RowsError> {
@@ -99,7 +101,7 @@ impl Sheet {
     }
 
     /// The first line in which the two differ, if they do.
-    pub fn difference(&self, other: &Sheet) -> Result<Option<(String, String)>, RowsError> {
+    pub fn difference(&self, other: &Sheet<P>) -> Result<Option<(String, String)>, RowsError> {
         let (own, other) = (self.text()?, other.text()?);
         let (mut own, mut other) = (own.lines(), other.lines());
         loop {
@@ -115,20 +117,30 @@ impl Sheet {
     }
 }
 
-impl VariantRows {
+/// The text of the plan of a directory.
+fn plan_text(directory: &Path) -> Result<String, RowsError> {
+    let path = directory.join(PLAN);
+    text_file::read(&path).map_err(|source| RowsError::NoPlan {
+        directory: directory.to_owned(),
+        path: path.clone(),
+        source,
+    })
+}
+
+impl<P: NumberedPlan> Rows<P> {
     /// Starts rows in a directory; with `resume`, goes on with those that are there. Returns how
     /// many are.
     pub fn open(
         directory: &Path,
-        sheet: Sheet,
+        sheet: Sheet<P>,
         resume: bool,
-    ) -> Result<(VariantRows, u64), RowsError> {
+    ) -> Result<(Rows<P>, u64), RowsError> {
         let there = directory.join(PLAN).exists();
-        if !resume && (there || directory.join(ROWS).exists()) {
-            return Err(RowsError::Exists { directory: directory.to_owned() });
+        let rows = Rows { directory: directory.to_owned(), sheet };
+        if !resume && (there || rows.path().exists()) {
+            return Err(RowsError::Exists { kind: P::KIND, directory: directory.to_owned() });
         }
         std::fs::create_dir_all(directory).map_err(RowsError::io("create", directory))?;
-        let rows = VariantRows { directory: directory.to_owned(), sheet };
         if !there {
             let path = directory.join(PLAN);
             std::fs::write(&path, rows.sheet.text()?).map_err(RowsError::io("write", &path))?;
@@ -147,9 +159,24 @@ impl VariantRows {
         Ok((rows, done))
     }
 
+    /// Removes the rows and what was made of them, if a directory holds any.
+    pub fn discard(directory: &Path) -> Result<(), RowsError> {
+        let names = [format!("{}.csv", P::ROWS), format!("{}.parquet", P::ROWS)];
+        for name in [PLAN, "summary.json"].into_iter().chain(names.iter().map(String::as_str)) {
+            let path = directory.join(name);
+            match std::fs::remove_file(&path) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(RowsError::io("replace", &path)(error));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
     /// The rows of a directory, which must all be there.
-    pub fn whole(directory: &Path) -> Result<VariantRows, RowsError> {
-        let rows = VariantRows { directory: directory.to_owned(), sheet: Sheet::read(directory)? };
+    pub fn whole(directory: &Path) -> Result<Rows<P>, RowsError> {
+        let rows = Rows { directory: directory.to_owned(), sheet: Sheet::read(directory)? };
         let shard = rows.sheet.shard;
         if rows.has_torn_row()? {
             return Err(RowsError::Torn { shard, directory: directory.to_owned() });
@@ -163,19 +190,19 @@ impl VariantRows {
         let wanted = jobs.end - jobs.start;
         if done != wanted {
             let directory = directory.to_owned();
-            return Err(RowsError::Incomplete { shard, directory, done, wanted });
+            return Err(RowsError::Incomplete { shard, directory, done, wanted, rows: P::ROWS });
         }
         Ok(rows)
     }
 
     /// What the rows are computed from.
-    pub fn sheet(&self) -> &Sheet {
+    pub fn sheet(&self) -> &Sheet<P> {
         &self.sheet
     }
 
     /// The file with the rows.
     pub fn path(&self) -> PathBuf {
-        self.directory.join(ROWS)
+        self.directory.join(format!("{}.csv", P::ROWS))
     }
 
     /// Whether the last row was not written to its end.
@@ -216,44 +243,30 @@ impl VariantRows {
         file.set_len(whole).map_err(RowsError::io("mend", &path))
     }
 
-    /// Appends the results of jobs in their order. What was appended stays whatever comes after.
-    pub fn append(&self, first_job: u64, results: &[VariantResult]) -> Result<(), RowsError> {
+    /// Appends the outcomes of jobs in their order. What was appended is kept whatever comes after.
+    pub fn append(&self, first_job: u64, outcomes: &[P::Outcome]) -> Result<(), RowsError> {
         let path = self.path();
         let file = OpenOptions::new()
             .create(true)
             .append(true)
             .open(&path)
             .map_err(RowsError::io("write", &path))?;
-        let headers = file.metadata().map_err(RowsError::io("write", &path))?.len() == 0;
-        let mut writer = csv::WriterBuilder::new().has_headers(headers).from_writer(file);
+        let begins = file.metadata().map_err(RowsError::io("write", &path))?.len() == 0;
+        let mut writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
+        let failed = |source| RowsError::Csv { path: path.clone(), source };
         let plan = &self.sheet.plan;
-        for (job, result) in (first_job..).zip(results) {
-            let (index, variant) = plan.job(job);
-            let name = &plan.candidates[index].name;
-            let VariantResult { guide, .. } = result;
-            let row = Row {
-                guide: name.clone(),
-                variant,
-                seed: variant_seed(plan.seed, name, variant),
-                peak_error_m: result.peak_error,
-                settling_time_s: result.settling_time,
-                saturated: result.saturated,
-                stiffness: guide.stiffness,
-                bristle_damping: guide.bristle_damping,
-                viscous_friction: guide.viscous_friction,
-                coulomb_force: guide.coulomb_force,
-                static_force: guide.static_force,
-                stribeck_velocity: guide.stribeck_velocity,
-            };
-            writer
-                .serialize(row)
-                .map_err(|source| RowsError::Csv { path: path.clone(), source })?;
+        if begins {
+            let columns = plan.columns();
+            writer.write_record(columns.iter().map(|column| &column.name)).map_err(failed)?;
+        }
+        for (job, outcome) in (first_job..).zip(outcomes) {
+            writer.serialize(plan.row(job, outcome)).map_err(failed)?;
         }
         writer.flush().map_err(RowsError::io("write", &path))
     }
 
     /// Appends the rows of another directory as they are.
-    pub fn append_rows_of(&self, other: &VariantRows) -> Result<(), RowsError> {
+    pub fn append_rows_of(&self, other: &Rows<P>) -> Result<(), RowsError> {
         let (from, to) = (other.path(), self.path());
         let mut source = BufReader::new(File::open(&from).map_err(RowsError::io("read", &from))?);
         let mut target = OpenOptions::new()
@@ -270,64 +283,37 @@ impl VariantRows {
         Ok(())
     }
 
-    /// Reads the rows one after the other, with the index of their guide; rows that the plan does
+    /// Reads the rows one after the other, with the number of their job; rows that the plan does
     /// not have are an error.
     pub fn read(
         &self,
-        each: &mut dyn FnMut(usize, VariantResult) -> Result<(), RowsError>,
+        each: &mut dyn FnMut(u64, P::Outcome) -> Result<(), RowsError>,
     ) -> Result<(), RowsError> {
         let path = self.path();
         if !path.exists() {
             return Ok(());
         }
         let mut jobs = self.sheet.jobs();
+        let (plan, columns) = (&self.sheet.plan, self.sheet.plan.columns());
         let failed = |source| RowsError::Csv { path: path.clone(), source };
         let mut reader = csv::Reader::from_path(&path).map_err(failed)?;
-        for (line, row) in (2u64..).zip(reader.deserialize::<Row>()) {
-            let row = row.map_err(failed)?;
+        let header = reader.headers().map_err(failed)?;
+        if !header.iter().eq(columns.iter().map(|column| column.name.as_str())) {
+            return Err(RowsError::Header { path, kind: P::KIND });
+        }
+        for (line, record) in (2u64..).zip(reader.records()) {
+            let record = record.map_err(failed)?;
+            let row = row::cells(&columns, &record, || (path.clone(), line))?;
             let Some(job) = jobs.next() else {
                 return Err(RowsError::Beyond { path, line });
             };
-            let (index, variant) = self.sheet.plan.job(job);
-            let name = &self.sheet.plan.candidates[index].name;
-            if row.guide != *name || row.variant != variant {
-                return Err(RowsError::OtherRow {
-                    path,
-                    line,
-                    found: (row.guide, row.variant),
-                    planned: (name.clone(), variant),
-                });
+            match plan.outcome(job, &row) {
+                Ok(outcome) => each(job, outcome)?,
+                Err(OtherJob { found, planned }) => {
+                    return Err(RowsError::OtherRow { path, line, found, planned });
+                }
             }
-            let guide = Guide {
-                stiffness: row.stiffness,
-                bristle_damping: row.bristle_damping,
-                viscous_friction: row.viscous_friction,
-                coulomb_force: row.coulomb_force,
-                static_force: row.static_force,
-                stribeck_velocity: row.stribeck_velocity,
-                damping_velocity: None,
-            };
-            let result = VariantResult {
-                variant,
-                peak_error: row.peak_error_m,
-                settling_time: row.settling_time_s,
-                saturated: row.saturated,
-                guide,
-            };
-            each(index, result)?;
         }
         Ok(())
-    }
-
-    /// Per guide what its variants reach, and all guides ranked by that.
-    pub fn ranked(&self) -> Result<(Vec<Tally>, GuideSelection), RowsError> {
-        let plan = &self.sheet.plan;
-        let mut tallies = vec![Tally::default(); plan.candidates.len()];
-        self.read(&mut |index, result| {
-            tallies[index].add(&result, &plan.application);
-            Ok(())
-        })?;
-        let selection = plan.rank(&tallies);
-        Ok((tallies, selection))
     }
 }

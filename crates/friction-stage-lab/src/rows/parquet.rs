@@ -1,134 +1,133 @@
-//! The rows of a selection as Parquet, for whoever reads many of them.
+//! The rows of a plan as Parquet, for whoever reads many of them.
 
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
 use ::parquet::basic::Compression;
+use ::parquet::basic::{ConvertedType, LogicalType, Repetition, Type as PhysicalType};
 use ::parquet::data_type::{BoolType, ByteArray, ByteArrayType, DoubleType, Int64Type};
 use ::parquet::errors::ParquetError;
 use ::parquet::file::properties::WriterProperties;
 use ::parquet::file::writer::SerializedFileWriter;
-use ::parquet::schema::parser::parse_message_type;
+use ::parquet::schema::types::{Type, TypePtr};
 
-use super::{RowsError, VariantRows};
-use crate::variant::{VariantResult, variant_seed};
-use friction_stage_core::model::Guide;
+use super::{Cell, Column, ColumnKind, NumberedPlan, Rows, RowsError};
 
 /// Rows per group of the Parquet file: what is in memory at once.
 const GROUP: usize = 65_536;
-/// Columns of the Parquet file, as those of the CSV.
-const SCHEMA: &str = "message variants {
-    REQUIRED BYTE_ARRAY guide (UTF8);
-    REQUIRED INT64 variant (INTEGER(64,false));
-    REQUIRED INT64 seed (INTEGER(64,false));
-    REQUIRED DOUBLE peak_error_m;
-    OPTIONAL DOUBLE settling_time_s;
-    REQUIRED BOOLEAN saturated;
-    REQUIRED DOUBLE stiffness;
-    REQUIRED DOUBLE bristle_damping;
-    REQUIRED DOUBLE viscous_friction;
-    REQUIRED DOUBLE coulomb_force;
-    REQUIRED DOUBLE static_force;
-    REQUIRED DOUBLE stribeck_velocity;
-}";
 
-impl VariantRows {
-    /// Writes the rows once more as Parquet, in groups, uncompressed columns of plain types that
-    /// every reader takes.
-    pub fn write_parquet(&self, path: &Path) -> Result<(), RowsError> {
+/// Writes rows as Parquet, in groups, uncompressed columns of plain types that every reader takes.
+pub struct ParquetTable {
+    columns: Vec<Column>,
+    writer: SerializedFileWriter<File>,
+    group: Vec<Vec<Cell>>,
+}
+
+impl ParquetTable {
+    /// A file of these columns.
+    pub fn create(
+        path: &Path,
+        name: &str,
+        columns: Vec<Column>,
+    ) -> Result<ParquetTable, RowsError> {
         let failed = |source| RowsError::Parquet { path: path.to_owned(), source };
-        let schema = Arc::new(parse_message_type(SCHEMA).map_err(failed)?);
+        let fields = columns.iter().map(field).collect::<Result<_, _>>().map_err(failed)?;
+        let schema = Type::group_type_builder(name).with_fields(fields).build().map_err(failed)?;
         let properties = WriterProperties::builder()
             .set_compression(Compression::UNCOMPRESSED)
             .set_created_by(format!("friction-stage {}", env!("CARGO_PKG_VERSION")))
             .build();
         let file = File::create(path).map_err(RowsError::io("write", path))?;
-        let mut writer =
-            SerializedFileWriter::new(file, schema, Arc::new(properties)).map_err(failed)?;
-        let mut group: Vec<(usize, VariantResult)> = Vec::new();
-        self.read(&mut |index, result| {
-            group.push((index, result));
-            if group.len() == GROUP {
-                self.write_group(&mut writer, &group).map_err(failed)?;
-                group.clear();
-            }
-            Ok(())
-        })?;
-        if !group.is_empty() {
-            self.write_group(&mut writer, &group).map_err(failed)?;
+        let writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))
+            .map_err(failed)?;
+        Ok(ParquetTable { columns, writer, group: Vec::new() })
+    }
+
+    /// Adds a row.
+    pub fn push(&mut self, row: Vec<Cell>) -> Result<(), ParquetError> {
+        self.group.push(row);
+        if self.group.len() == GROUP { self.write_group() } else { Ok(()) }
+    }
+
+    /// Writes what is left and the end of the file.
+    pub fn finish(mut self) -> Result<(), ParquetError> {
+        if !self.group.is_empty() {
+            self.write_group()?;
         }
-        writer.close().map_err(failed)?;
+        self.writer.close()?;
         Ok(())
     }
 
-    fn write_group(
-        &self,
-        writer: &mut SerializedFileWriter<File>,
-        rows: &[(usize, VariantResult)],
-    ) -> Result<(), ParquetError> {
-        let plan = &self.sheet.plan;
-        let name = |index: usize| plan.candidates[index].name.as_str();
-        let numbers = |value: &dyn Fn(&VariantResult) -> f64| -> Vec<f64> {
-            rows.iter().map(|(_, result)| value(result)).collect()
-        };
-        let of_guide = |value: fn(&Guide) -> f64| numbers(&|result| value(&result.guide));
-        // Unsigned numbers keep their bits in the signed physical type, as the format has it.
-        let words = |value: &dyn Fn(usize, u64) -> u64| -> Vec<i64> {
-            rows.iter().map(|(index, result)| value(*index, result.variant) as i64).collect()
-        };
-        let mut group = writer.next_row_group()?;
-        let mut column = 0;
+    fn write_group(&mut self) -> Result<(), ParquetError> {
+        let rows = std::mem::take(&mut self.group);
+        let mut group = self.writer.next_row_group()?;
+        let mut index = 0;
         while let Some(mut target) = group.next_column()? {
-            match column {
-                0 => {
-                    let names: Vec<ByteArray> =
-                        rows.iter().map(|(index, _)| ByteArray::from(name(*index))).collect();
-                    target.typed::<ByteArrayType>().write_batch(&names, None, None)?;
+            let cells = || rows.iter().filter_map(|row| row.get(index));
+            match self.columns[index].kind {
+                ColumnKind::Text => {
+                    let texts: Vec<ByteArray> =
+                        cells().map(|cell| ByteArray::from(cell.text())).collect();
+                    target.typed::<ByteArrayType>().write_batch(&texts, None, None)?;
                 }
-                1 => {
-                    target.typed::<Int64Type>().write_batch(
-                        &words(&|_, variant| variant),
-                        None,
-                        None,
-                    )?;
+                ColumnKind::Count => {
+                    // Unsigned numbers keep their bits in the signed physical type, as the format
+                    // has it.
+                    let counts: Vec<i64> = cells().map(|cell| cell.count() as i64).collect();
+                    target.typed::<Int64Type>().write_batch(&counts, None, None)?;
                 }
-                2 => {
-                    let seeds =
-                        words(&|index, variant| variant_seed(plan.seed, name(index), variant));
-                    target.typed::<Int64Type>().write_batch(&seeds, None, None)?;
+                ColumnKind::Number => {
+                    let numbers: Vec<f64> =
+                        cells().map(|cell| cell.number().unwrap_or(f64::NAN)).collect();
+                    target.typed::<DoubleType>().write_batch(&numbers, None, None)?;
                 }
-                4 => {
-                    let settled: Vec<f64> =
-                        rows.iter().filter_map(|(_, result)| result.settling_time).collect();
-                    let defined: Vec<i16> = rows
-                        .iter()
-                        .map(|(_, result)| i16::from(result.settling_time.is_some()))
-                        .collect();
-                    target.typed::<DoubleType>().write_batch(&settled, Some(&defined), None)?;
+                ColumnKind::Optional => {
+                    let defined: Vec<i16> =
+                        cells().map(|cell| i16::from(cell.number().is_some())).collect();
+                    let numbers: Vec<f64> = cells().filter_map(Cell::number).collect();
+                    target.typed::<DoubleType>().write_batch(&numbers, Some(&defined), None)?;
                 }
-                5 => {
-                    let saturated: Vec<bool> =
-                        rows.iter().map(|(_, result)| result.saturated).collect();
-                    target.typed::<BoolType>().write_batch(&saturated, None, None)?;
-                }
-                _ => {
-                    let values = match column {
-                        3 => numbers(&|result| result.peak_error),
-                        6 => of_guide(|guide| guide.stiffness),
-                        7 => of_guide(|guide| guide.bristle_damping),
-                        8 => of_guide(|guide| guide.viscous_friction),
-                        9 => of_guide(|guide| guide.coulomb_force),
-                        10 => of_guide(|guide| guide.static_force),
-                        _ => of_guide(|guide| guide.stribeck_velocity),
-                    };
-                    target.typed::<DoubleType>().write_batch(&values, None, None)?;
+                ColumnKind::Flag => {
+                    let flags: Vec<bool> = cells().map(Cell::flag).collect();
+                    target.typed::<BoolType>().write_batch(&flags, None, None)?;
                 }
             }
             target.close()?;
-            column += 1;
+            index += 1;
         }
         group.close()?;
         Ok(())
+    }
+}
+
+/// The column in the schema of the file.
+fn field(column: &Column) -> Result<TypePtr, ParquetError> {
+    let (physical, logical) = match column.kind {
+        ColumnKind::Text => (PhysicalType::BYTE_ARRAY, Some(LogicalType::String)),
+        ColumnKind::Count => (PhysicalType::INT64, Some(LogicalType::integer(64, false))),
+        ColumnKind::Number | ColumnKind::Optional => (PhysicalType::DOUBLE, None),
+        ColumnKind::Flag => (PhysicalType::BOOLEAN, None),
+    };
+    let repetition = match column.kind {
+        ColumnKind::Optional => Repetition::OPTIONAL,
+        _ => Repetition::REQUIRED,
+    };
+    let field = Type::primitive_type_builder(&column.name, physical)
+        .with_repetition(repetition)
+        .with_converted_type(ConvertedType::NONE)
+        .with_logical_type(logical)
+        .build()?;
+    Ok(Arc::new(field))
+}
+
+impl<P: NumberedPlan> Rows<P> {
+    /// Writes the rows once more as Parquet.
+    pub fn write_parquet(&self, path: &Path) -> Result<(), RowsError> {
+        let failed = |source| RowsError::Parquet { path: path.to_owned(), source };
+        let plan = &self.sheet().plan;
+        let mut table = ParquetTable::create(path, P::ROWS, plan.columns())?;
+        self.read(&mut |job, outcome| table.push(plan.row(job, &outcome)).map_err(failed))?;
+        table.finish().map_err(failed)
     }
 }

@@ -10,6 +10,7 @@ from ._native import Controller, Model, Motion, Sample, Stage, __version__
 from ._recording import check, read_bag
 from ._selection import Selection, select
 from ._simulation import simulate
+from ._sweep import Sweep, sweep
 from ._trace import MoveResult, Trace
 from .errors import (
     ControllerError,
@@ -21,6 +22,7 @@ from .errors import (
     MotionError,
     RecordingError,
     SelectionError,
+    SweepError,
 )
 
 __all__ = [
@@ -45,6 +47,8 @@ __all__ = [
     "Selection",
     "SelectionError",
     "Stage",
+    "Sweep",
+    "SweepError",
     "Trace",
     "Verdict",
     "__version__",
@@ -55,4 +59,5 @@ __all__ = [
     "read_bag",
     "select",
     "simulate",
+    "sweep",
 ]

@@ -24,6 +24,7 @@ __all__ = [
     "identify",
     "read_bag",
     "simulate",
+    "sweep",
     "write_csv",
 ]
 __version__: str
@@ -320,6 +321,15 @@ class Ranking:
     ) -> None: ...
     def conclude(self) -> tuple[str, str]: ...
 
+def sweep(
+    model: Model,
+    axes: Sequence[tuple[str, str | Sequence[Any]]],
+    motion: Motion | str,
+    controller: Controller | None,
+    samples: int | None,
+    seed: int,
+    progress: _Progress | None,
+) -> tuple[dict[str, Any], str, str]: ...
 def simulate(
     model: Model,
     motion: Motion,

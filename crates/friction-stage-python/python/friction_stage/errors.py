@@ -41,6 +41,10 @@ class SelectionError(FrictionStageError, ValueError):
     """An application or a catalogue from which no guide can be chosen."""
 
 
+class SweepError(FrictionStageError, ValueError):
+    """Keys or values that cannot be swept."""
+
+
 class FleetError(FrictionStageError, ValueError):
     """A job that cannot be run as it is given, or results that are not of this job."""
 

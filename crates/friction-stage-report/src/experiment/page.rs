@@ -6,7 +6,7 @@ use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
 use crate::paper_motion::settling_bands;
 use crate::words::{guide_label, in_prefix};
-use friction_stage_lab::{SETTLING_BANDS, Specimen};
+use friction_stage_lab::{OwnMove, SETTLING_BANDS, Specimen};
 
 use Align::{Left, Right};
 
@@ -176,8 +176,12 @@ impl<'a> Report<'a> {
             ]);
         }
         self.page.table(&table);
-        let mut chart = Chart::new("Effective stiffness of guide 1", "amplitude, µm", "N/m")
-            .logarithmic(true, true);
+        let mut chart = Chart::new(
+            "Effective stiffness of guide 1",
+            "amplitude, µm",
+            "effective stiffness, N/m",
+        )
+        .logarithmic(true, true);
         let results = self.summary.results;
         for (colour, (name, label)) in
             [("guide 1", "lugre"), ("guide 1 distributed", "distributed")].into_iter().enumerate()
@@ -330,9 +334,10 @@ impl<'a> Report<'a> {
             )?;
         }
         let mut stiffness =
-            Chart::new("Effective stiffness", "amplitude, µm", "N/m").logarithmic(true, true);
-        let mut area =
-            Chart::new("Loop area", "amplitude, µm", "J per cycle").logarithmic(true, true);
+            Chart::new("Effective stiffness", "amplitude, µm", "effective stiffness, N/m")
+                .logarithmic(true, true);
+        let mut area = Chart::new("Loop area", "amplitude, µm", "loop area, J per cycle")
+            .logarithmic(true, true);
         let mut damping = Chart::new(
             "Dahl resonance of the stage, from the loops",
             "amplitude, µm",
@@ -452,7 +457,7 @@ impl<'a> Report<'a> {
             let mut chart = Chart::new(
                 format!("Compliance: {}", guide_label(&response.name)),
                 "frequency, Hz",
-                "|X/F|, m/N",
+                "compliance |X/F|, m/N",
             )
             .logarithmic(true, true);
             for (colour, level) in response.levels.iter().enumerate() {
@@ -490,9 +495,12 @@ impl<'a> Report<'a> {
                     guide_label(&response.name)
                 ),
             )?;
-            let mut phases =
-                Chart::new(format!("Phase: {}", response.name), "frequency, Hz", "X/F, degrees")
-                    .logarithmic(true, false);
+            let mut phases = Chart::new(
+                format!("Phase: {}", guide_label(&response.name)),
+                "frequency, Hz",
+                "phase of X/F, degrees",
+            )
+            .logarithmic(true, false);
             for (colour, level) in response.levels.iter().enumerate() {
                 let points = level.points.iter().map(|p| (p.frequency, p.phase));
                 phases.add(format!("{:.2} N", level.force), colour, Style::Both, points);
@@ -550,10 +558,17 @@ impl<'a> Report<'a> {
             return Ok(());
         }
         self.page.section("Fast move");
-        self.page.text(
-            "50 mm in 100 ms after a return move and a rest; 60 Hz PID with lowpass and \
-                   ideal mass feedforward.",
-        );
+        self.page.text(&match self.summary.own_move {
+            None => "50 mm in 100 ms after a return move and a rest; 60 Hz PID with lowpass and \
+                     ideal mass feedforward."
+                .to_owned(),
+            Some(OwnMove { distance, duration }) => format!(
+                "{} mm in {} ms after a return move and a rest; PID with lowpass and ideal mass \
+                 feedforward.",
+                distance * 1e3,
+                duration * 1e3
+            ),
+        });
         for (fed, name, title) in [
             (false, "fast_move", "Fast move: position error"),
             (
@@ -562,7 +577,8 @@ impl<'a> Report<'a> {
                 "Fast move with viscous feedforward: position error",
             ),
         ] {
-            let mut chart = Chart::new(title, "time after the start of the move, ms", "error, µm");
+            let mut chart =
+                Chart::new(title, "time after the start of the move, ms", "position error, µm");
             for (colour, found) in
                 all.iter().filter(|found| (found.viscous_feedforward > 0.0) == fed).enumerate()
             {
@@ -594,9 +610,9 @@ impl<'a> Report<'a> {
             ("peak, µm", Right),
             ("return, µm", Right),
             ("rms 25 to 150 ms, µm", Right),
-            ("10 µm, ms", Right),
-            ("1 µm, ms", Right),
-            ("0.1 µm, ms", Right),
+            ("settled to 10 µm, ms", Right),
+            ("settled to 1 µm, ms", Right),
+            ("settled to 0.1 µm, ms", Right),
         ]);
         for (index, found) in all.iter().enumerate() {
             if found.viscous_feedforward == 0.0 {
@@ -629,17 +645,26 @@ impl<'a> Report<'a> {
             return Ok(());
         }
         self.page.section("Fine step");
-        self.page.text(
-            "10 µm in 3 ms, five in a row, after a return move and a rest. The guides work \
-                   as springs here.",
-        );
+        self.page.text(&match self.summary.own_move {
+            None => {
+                "10 µm in 3 ms, five in a row, after a return move and a rest. The guides work \
+                     as springs here."
+                    .to_owned()
+            }
+            Some(OwnMove { distance, duration }) => format!(
+                "{} µm in {} ms, five in a row, after a return move and a rest.",
+                distance * 1e6,
+                duration * 1e3
+            ),
+        });
         for (fed, name) in [(false, "fine_step"), (true, "fine_step_with_viscous_feedforward")] {
             let title = if fed {
                 "First fine step with viscous feedforward"
             } else {
                 "First fine step: position error"
             };
-            let mut chart = Chart::new(title, "time after the start of the step, ms", "error, µm");
+            let mut chart =
+                Chart::new(title, "time after the start of the step, ms", "position error, µm");
             for (colour, found) in
                 all.iter().filter(|found| (found.viscous_feedforward > 0.0) == fed).enumerate()
             {
@@ -659,9 +684,9 @@ impl<'a> Report<'a> {
             ("viscous feedforward, N s/m", Right),
             ("step", Right),
             ("peak, µm", Right),
-            ("10 µm, ms", Right),
-            ("1 µm, ms", Right),
-            ("0.1 µm, ms", Right),
+            ("settled to 10 µm, ms", Right),
+            ("settled to 1 µm, ms", Right),
+            ("settled to 0.1 µm, ms", Right),
         ])
         .captioned(format!(
             "Time to settle into {} bands after the arrival of the reference",
@@ -695,8 +720,9 @@ impl<'a> Report<'a> {
         self.page.text(
             "The stage rests near its target where only the integrator can move it. At the paper's \
              60 Hz the guides' own stiffness keeps every stage at rest; with a softer controller \
-             and more integral action a stage on guides with a falling F(v) may stick and jump for \
-             ever. Integral gain x 1: its corner at a tenth of the bandwidth, as in the moves.",
+             and more integral action a stage on guides with a falling F(v) may stick and slip \
+             without end. Integral gain x 1: its corner at a tenth of the bandwidth, as in the \
+             moves.",
         );
         let mut table = Table::new(&[
             ("guide", Left),
@@ -729,7 +755,7 @@ impl<'a> Report<'a> {
                 all[0].results[softest].bandwidth, all[0].results[softest].integral
             ),
             "time, s",
-            "error, mm",
+            "position error, mm",
         );
         for (colour, hunting) in all.iter().enumerate() {
             let points = hunting.results[softest].points.iter().map(|(t, e)| (*t, 1e3 * e));
@@ -763,7 +789,7 @@ impl<'a> Report<'a> {
             };
             for row in &rig.biases {
                 table.row([
-                    Cell::text(row.property),
+                    Cell::text(row.property.as_ref()),
                     Cell::text(format!("{} {}", row.value, row.unit)),
                     percent(Some(row.stiffness_bias)),
                     Cell::text(format!("{:.2} %", 100.0 * row.stiffness_error)),

@@ -2,10 +2,10 @@
 
 use std::fmt::Write as _;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use friction_stage_lab::{
-    ExperimentFindings, ExperimentPlan, ExperimentResults, Statement, StiffnessFit, length,
+    ExperimentFindings, ExperimentPlan, ExperimentResults, OwnMove, Statement, StiffnessFit, length,
 };
 
 /// The whole file, `summary.json`.
@@ -21,6 +21,9 @@ pub struct ExperimentSummary<'a> {
     pub seed: u64,
     /// Names of the specimens.
     pub guides: Vec<&'a str>,
+    /// Way and time of the moves, where they are not the paper's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub own_move: Option<OwnMove>,
     /// Statements of the paper with what the stage shows.
     #[serde(skip_serializing_if = "<[Statement]>::is_empty")]
     pub statements: &'a [Statement],
@@ -28,9 +31,14 @@ pub struct ExperimentSummary<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stiffness_of_guide_1: Option<&'a StiffnessFit>,
     /// Everything measured.
+    #[serde(serialize_with = "without_points")]
     pub results: &'a ExperimentResults,
     /// What a user should know.
     pub warnings: &'a [String],
+}
+
+fn without_points<S: Serializer>(results: &ExperimentResults, to: S) -> Result<S::Ok, S::Error> {
+    results.without_points().serialize(to)
 }
 
 fn ms(time: Option<f64>) -> String {
@@ -46,6 +54,7 @@ impl<'a> ExperimentSummary<'a> {
             version: env!("CARGO_PKG_VERSION"),
             seed: plan.settings.seed,
             guides: plan.specimens.iter().map(|of| of.name.as_str()).collect(),
+            own_move: plan.own_move,
             statements: &found.statements,
             stiffness_of_guide_1: found.stiffness_of_guide_1.as_ref(),
             results: &found.results,

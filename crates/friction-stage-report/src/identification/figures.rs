@@ -36,8 +36,8 @@ pub enum FigureGroup {
     Spectrum,
 }
 
-/// Bins of a residual over a coordinate, equally wide.
-const BINS: usize = 80;
+/// Bins of a residual over a coordinate, were all of them as wide and as narrow as they may be.
+const BINS: [f64; 2] = [80.0, 2000.0];
 /// Rows that a bin needs to be shown.
 const LEAST_IN_BIN: usize = 6;
 /// Half width of the band of noise in its standard deviations: 95 % of the rows are within.
@@ -57,7 +57,8 @@ struct Residuals<'a> {
 /// What the models miss on one side.
 struct Side<'a> {
     name: &'static str,
-    colour: usize,
+    /// Colours before and after: warm and cold.
+    colours: [usize; 2],
     before: &'a [f64],
     after: &'a [f64],
     /// What the sensors' noise alone leaves, N rms.
@@ -98,14 +99,16 @@ impl Residuals<'_> {
 
     /// Both sides; the motor side only where a force cell divides it from the carriage.
     fn sides(&self) -> Vec<Side<'_>> {
-        let side = |name, colour, before, after, floor| Side { name, colour, before, after, floor };
+        let side =
+            |name, colours, before, after, floor| Side { name, colours, before, after, floor };
         let (before, after) = (&self.before, &self.after);
         let mut sides = Vec::new();
         if !before.motor.is_empty() {
-            sides.push(side("motor side", 0, &before.motor, &after.motor, self.floor.motor));
+            sides.push(side("motor side", [1, 0], &before.motor, &after.motor, self.floor.motor));
         }
+        let colours = if sides.is_empty() { [1, 0] } else { [5, 6] };
         let (left, right) = (before.carriage.as_slice(), after.carriage.as_slice());
-        sides.push(side("carriage side", 1, left, right, self.floor.carriage));
+        sides.push(side("carriage side", colours, left, right, self.floor.carriage));
         sides
     }
 
@@ -130,7 +133,7 @@ impl Residuals<'_> {
 /// The label of an axis, a quantity and its unit, with the units of a joint.
 fn axis(joint: JointType, label: &str) -> String {
     match label.split_once(", ") {
-        Some((quantity, unit)) => format!("{quantity}, {}", joint.unit(unit)),
+        Some((quantity, unit)) => format!("{}, {}", joint.quantity(quantity), joint.unit(unit)),
         None => label.to_owned(),
     }
 }
@@ -196,24 +199,20 @@ pub fn identification_figures(
             axis(joint, label),
             axis(joint, "missing force, N rms"),
         );
-        for Side { name: side, colour, before, after, .. } in holdout.sides() {
-            for (values, style, when) in
-                [(before, Style::Dashed, "before"), (after, Style::Line, "after")]
-            {
-                let bins = binned(&along, values);
-                chart.add(
-                    format!("{side}, {when}"),
-                    colour,
-                    style,
-                    bins.iter().map(|bin| (bin.0, bin.1)),
-                );
-                spread.add(
-                    format!("{side}, {when}"),
-                    colour,
-                    style,
-                    bins.iter().map(|bin| (bin.0, bin.2)),
-                );
-            }
+        for curve in before_then_after(&holdout.sides()) {
+            let bins = binned(&along, curve.values);
+            chart.add(
+                &curve.name,
+                curve.colour,
+                Style::Both,
+                bins.iter().map(|bin| (bin.0, bin.1)),
+            );
+            spread.add(
+                curve.name,
+                curve.colour,
+                Style::Both,
+                bins.iter().map(|bin| (bin.0, bin.2)),
+            );
         }
         let caption = format!(
             "What the declared (before) and the identified (after) model miss over {word}, \
@@ -411,6 +410,36 @@ fn over_time(
         .collect()
 }
 
+/// What a model misses on one side.
+struct MissingCurve<'a> {
+    name: String,
+    colour: usize,
+    values: &'a [f64],
+    side: &'static str,
+    is_before: bool,
+}
+
+/// What both models miss on all sides: that of the declared one first, so that what is left lies
+/// above it.
+fn before_then_after<'a>(sides: &[Side<'a>]) -> Vec<MissingCurve<'a>> {
+    let of = |is_before: bool| {
+        sides.iter().map(move |side| {
+            let (values, when) = match is_before {
+                true => (side.before, "before"),
+                false => (side.after, "after"),
+            };
+            MissingCurve {
+                name: format!("{}, {when}", side.name),
+                colour: side.colours[usize::from(!is_before)],
+                values,
+                side: side.name,
+                is_before,
+            }
+        })
+    };
+    of(true).chain(of(false)).collect()
+}
+
 /// Before and after in one chart; one line where both are the same.
 fn pair(chart: &mut Chart, time: &[f64], before: &[f64], after: &[f64]) {
     if before == after {
@@ -441,28 +470,23 @@ fn spectra(
     let sides = residuals.sides();
     // Peaks of the other side would lie on those of the one that matters.
     let labelled = residuals.worst().map(|side| side.name);
-    for Side { name: side, colour, before, after, .. } in sides {
-        for (values, style, when) in
-            [(before, Style::Dashed, "before"), (after, Style::Line, "after")]
-        {
-            let name = format!("{side}, {when}");
-            let density = spectrum::over_time(measured, values);
-            let over =
-                spectrum::over_position(&position, &velocity, measured.lowpass.kept_rate(), values);
-            let mut over: Vec<(f64, f64)> =
-                over.into_iter().map(|(period, amplitude)| (period * 1e3, amplitude)).collect();
-            over.sort_by(|a, b| a.0.total_cmp(&b.0));
-            if when == "before" && labelled == Some(side) {
-                for peak in peaks(&density) {
-                    time.label(peak, format!("{:.1} Hz", peak.0));
-                }
-                for peak in peaks(&over) {
-                    space.label(peak, in_prefix(1e-3 * peak.0, &residuals.joint.unit("m")));
-                }
+    for MissingCurve { name, colour, values, side, is_before } in before_then_after(&sides) {
+        let density = spectrum::over_time(measured, values);
+        let over =
+            spectrum::over_position(&position, &velocity, measured.lowpass.kept_rate(), values);
+        let mut over: Vec<(f64, f64)> =
+            over.into_iter().map(|(period, amplitude)| (period * 1e3, amplitude)).collect();
+        over.sort_by(|a, b| a.0.total_cmp(&b.0));
+        if is_before && labelled == Some(side) {
+            for peak in peaks(&density) {
+                time.label(peak, format!("{:.1} Hz", peak.0));
             }
-            time.add(name.clone(), colour, style, density);
-            space.add(name, colour, style, over);
+            for peak in peaks(&over) {
+                space.label(peak, in_prefix(1e-3 * peak.0, &residuals.joint.unit("m")));
+            }
         }
+        time.add(name.clone(), colour, Style::Line, density);
+        space.add(name, colour, Style::Line, over);
     }
     for effect in &model.effects {
         let value = |name: &str| effect.values.get(name).and_then(|value| value.number());
@@ -494,29 +518,43 @@ fn spectra(
     ])
 }
 
-/// (middle, mean, rms) of each bin that holds enough rows.
+/// (place, mean, rms) of the bins of a coordinate. A bin ends where it has its share of the rows,
+/// so that a few far rows do not leave one bin to all others, and at the latest where it is as wide
+/// as it may be. `NaN` for one that holds too few rows and for a gap, so that no line goes through
+/// what was not there.
 fn binned(along: &[f64], values: &[f64]) -> Vec<(f64, f64, f64)> {
-    let low = along.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = along.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if high.is_nan() || high <= low {
+    let mut rows: Vec<(f64, f64)> =
+        along.iter().copied().zip(values.iter().copied()).filter(|row| row.0.is_finite()).collect();
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (Some((low, _)), Some((high, _))) = (rows.first(), rows.last()) else { return Vec::new() };
+    if high <= low {
         return Vec::new();
     }
-    let width = (high - low) / BINS as f64;
-    let mut bins = vec![(0usize, 0.0, 0.0); BINS];
-    for (at, value) in along.iter().zip(values) {
-        let bin = &mut bins[(((at - low) / width) as usize).min(BINS - 1)];
-        bin.0 += 1;
-        bin.1 += value;
-        bin.2 += value * value;
+    let [widest, narrowest] = BINS.map(|count| (high - low) / count);
+    let share = (rows.len() / BINS[0] as usize).max(LEAST_IN_BIN);
+    let mut bins = Vec::new();
+    let mut rest = rows.as_slice();
+    while let Some((from, _)) = rest.first() {
+        let belongs = |(index, row): &(usize, &(f64, f64))| {
+            let width = row.0 - from;
+            width < narrowest || (*index < share && width < widest)
+        };
+        let (bin, after) =
+            rest.split_at(rest.iter().enumerate().take_while(belongs).count().max(1));
+        let n = bin.len() as f64;
+        let place = bin.iter().map(|row| row.0).sum::<f64>() / n;
+        let n = if bin.len() < LEAST_IN_BIN { f64::NAN } else { n };
+        let sum: f64 = bin.iter().map(|row| row.1).sum();
+        let squares: f64 = bin.iter().map(|row| row.1 * row.1).sum();
+        bins.push((place, sum / n, (squares / n).sqrt()));
+        if let (Some(last), Some(next)) = (bin.last(), after.first())
+            && next.0 - last.0 > widest
+        {
+            bins.push((0.5 * (last.0 + next.0), f64::NAN, f64::NAN));
+        }
+        rest = after;
     }
-    bins.iter()
-        .enumerate()
-        .filter(|(_, bin)| bin.0 >= LEAST_IN_BIN)
-        .map(|(index, (count, sum, squares))| {
-            let count = *count as f64;
-            (low + (index as f64 + 0.5) * width, sum / count, (squares / count).sqrt())
-        })
-        .collect()
+    bins
 }
 
 /// Slope of a signal at the rows over time, per second.
@@ -540,4 +578,26 @@ fn distance(measured: &Measured) -> Vec<f64> {
         along[step.node + 1] = total;
     }
     measured.at_rows(&along)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_far_rows_do_not_hide_the_curve_of_the_others() {
+        let near = (0..4000).map(|k| f64::from(k) * 1e-3 - 2.0);
+        let far = [-300.0, -250.0].into_iter().chain((0..8).map(|k| 290.0 + 0.1 * f64::from(k)));
+        let along: Vec<f64> = near.chain(far).collect();
+        let values: Vec<f64> = along.iter().map(|at| at.sin()).collect();
+        let bins = binned(&along, &values);
+        assert!(bins.is_sorted_by(|a, b| a.0 < b.0) && bins.len() < 200, "{}", bins.len());
+        let within: Vec<_> = bins.iter().filter(|bin| bin.0.abs() < 2.0).collect();
+        assert!(within.len() > 12 && within.iter().all(|bin| (bin.1 - bin.0.sin()).abs() < 0.05));
+        // Two rows at a place are no curve, eight are; nothing joins them.
+        let shown: Vec<bool> = bins.iter().map(|bin| bin.1.is_finite()).collect();
+        assert!(!shown[0] && shown[shown.len() - 1]);
+        assert!(shown.windows(2).filter(|two| two[0] != two[1]).count() >= 3);
+        assert!(binned(&[1.0; 50], &[2.0; 50]).is_empty() && binned(&[], &[]).is_empty());
+    }
 }

@@ -85,8 +85,8 @@ pub fn identification_text(summary: &Summary, page: &Path) -> String {
     {
         let _ = writeln!(out, "{}{line}", if index == 0 { "" } else { "  " });
     }
-    for warning in &summary.warnings {
-        let _ = writeln!(out, "warning: {warning}");
+    for finding in &summary.findings {
+        let _ = writeln!(out, "{}: {}", finding.severity, finding.text);
     }
     let _ = writeln!(out, "{}", page.display());
     out

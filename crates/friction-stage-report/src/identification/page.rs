@@ -4,7 +4,7 @@ use super::figures::{FigureGroup, IdentificationFigure};
 use super::travel;
 use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
-use crate::words::{effect_phrases, short, times_noise};
+use crate::words::{effect_phrases, four_digits, short, times_noise};
 use friction_stage_core::model::{CurveSide, JointType, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
@@ -219,10 +219,13 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             },
         ),
     ]);
-    if !summary.warnings.is_empty() {
-        page.subsection("Warnings");
-        for warning in &summary.warnings {
-            page.note(Mark::Warning, warning);
+    let (notes, warnings): (Vec<_>, Vec<_>) =
+        summary.findings.iter().partition(|finding| finding.is_note());
+    let parts = [("Warnings", warnings, Mark::Warning), ("Notes", notes, Mark::Neutral)];
+    for (title, findings, mark) in parts {
+        if !findings.is_empty() {
+            page.subsection(title);
+            findings.iter().for_each(|finding| page.note(mark, &finding.text));
         }
     }
 }
@@ -538,8 +541,8 @@ fn candidates(page: &mut Page, selection: &Selection, n: &str) {
                 Cell::text(one.free.to_string()),
                 Cell::number(one.errors.train().sqrt(), 4),
                 Cell::number(one.errors.holdout().sqrt(), 4),
-                Cell::text(format!("{:.3e}", one.train_gain)),
-                Cell::text(format!("{:.3e}", one.holdout_gain)),
+                Cell::text(four_digits(one.train_gain)),
+                Cell::text(four_digits(one.holdout_gain)),
                 Cell::badge(mark, word),
             ]);
         }

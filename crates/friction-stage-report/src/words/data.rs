@@ -8,8 +8,8 @@ use friction_stage_data::signals::{ClockKind, Signal, SignalNote};
 
 use friction_stage_core::model::JointType;
 
-use super::{Words, short};
-use friction_stage_identify::{in_digits, readable};
+use super::{Words, four_digits, short};
+use friction_stage_identify::in_digits;
 
 /// A noise above this many declared ones is high, one below its inverse low: as the finding has it.
 fn consequence_of_noise(present: f64, declared: f64) -> &'static str {
@@ -28,6 +28,10 @@ impl Words for DataFinding {
                 "the longest stretch without a gap has {rows} rows ({seconds:.3} s), {needed} are \
                  needed: record longer"
             ),
+            Self::TooBrief { seconds, needed } => format!(
+                "the longest stretch without a gap lasts {seconds:.3e} s, {needed} s are needed to \
+                 tell a speed: is the unit of the time right?"
+            ),
             Self::Holes { share, gaps, segments } => format!(
                 "{:.1} % of the rows lack the position or a force, in {gaps} gaps; what is left is \
                  used in {segments} pieces",
@@ -37,9 +41,10 @@ impl Words for DataFinding {
                               friction cannot be told from the motion alone: record \
                               /stage/force_cell or /stage/force, or name them in a mapping"
                 .to_owned(),
-            Self::NoMotion { range, noise } => format!(
-                "nothing moves: the position stays within {range:.3e} {m}, of which its noise of \
-                 {noise:.3e} {m} explains all: record a motion"
+            Self::NoMotion { range, noise, fastest, rest_speed } => format!(
+                "nothing moves: the position remains within {range:.3e} {m} at up to \
+                 {fastest:.3e} {speed}, and its noise of {noise:.3e} {m} alone shows up to \
+                 {rest_speed:.3e} {speed}: record a motion"
             ),
             Self::Constant { signal, value } => format!(
                 "{signal} is constant ({value}) although the position moves: it is not connected, \
@@ -119,7 +124,7 @@ impl Words for DataFinding {
                 "{signal} seems to be in {unit}: force over acceleration gives {} {kg} where {} \
                  {kg} is declared{}; give its unit in a mapping",
                 short(*mass),
-                readable(*declared),
+                four_digits(*declared),
                 if *friction_fits { ", and Coulomb friction is right" } else { "" }
             ),
             Self::Disagree { first, second, evidence } => {
@@ -139,13 +144,13 @@ impl Words for DataFinding {
             Self::OtherMachine { declared, measured, deviation } => format!(
                 "the model declares {} {kg}, force over acceleration shows {} {kg}: another \
                  machine, a payload, or a wrong unit (the model's mass is in {kg})",
-                readable(*declared),
+                four_digits(*declared),
                 with_deviation(*measured, *deviation)
             ),
             Self::OtherFriction { declared, measured, deviation } => format!(
                 "the model declares {} {n} of Coulomb friction, a rough fit shows {} {n}: another \
                  machine?",
-                readable(*declared),
+                four_digits(*declared),
                 with_deviation(*measured, *deviation)
             ),
             Self::OtherJoint { declared, recorded } => format!(
@@ -440,6 +445,7 @@ pub(crate) fn severity(severity: Severity) -> &'static str {
     match severity {
         Severity::Fatal => "fatal",
         Severity::Warning => "warning",
+        Severity::Note => "note",
     }
 }
 

@@ -1,13 +1,14 @@
 //! Words for what a user should know about records, fit and verdict.
 
 use friction_stage_core::model::{CurveSide, JointType};
+use friction_stage_core::numerics::rounded;
 use friction_stage_core::plant::EffectDescriptor;
 use friction_stage_identify::{
-    BoundSide, ComparisonNote, FigureOfMerit, IdentifyFinding, ModelComparison, RecordSide,
-    RecordsError, in_digits, readable,
+    BoundSide, ComparisonNote, FigureOfMerit, IdentifyFinding, ModelComparison, MostPower,
+    NominalParameter, PositiveDirection, RecordSide, RecordsError, ResidualLocation, in_digits,
 };
 
-use super::{Words, all_words};
+use super::{Words, all_words, four_digits, in_prefix};
 
 /// An instant of a record of this length, s, or outside it.
 fn instant(at: f64, length: f64) -> String {
@@ -22,7 +23,7 @@ fn instant(at: f64, length: f64) -> String {
 fn jump(at: f64, height: f64, before: f64, side: CurveSide, joint: JointType) -> String {
     let [n, kg] = ["N", "kg"].map(|unit| joint.unit(unit));
     let moves = if height > 0.0 { "rises" } else { "falls" };
-    let size = readable((1e3 * height.abs()).round() / 1e3);
+    let size = four_digits((1e3 * height.abs()).round() / 1e3);
     let part = 100.0 * height.abs() / (1.0 + before);
     let by = match side {
         CurveSide::Carriage => format!("the force on the carriage {moves} by {size} {n}"),
@@ -34,6 +35,11 @@ fn jump(at: f64, height: f64, before: f64, side: CurveSide, joint: JointType) ->
     format!("at {at:.3} s {by}")
 }
 
+/// A value with its unit on this joint; the unit "1" is none.
+fn with_unit(value: String, unit: &str, joint: JointType) -> String {
+    if unit == "1" { value } else { format!("{value} {}", joint.unit(unit)) }
+}
+
 /// What is left against the noise of the sensors.
 pub(crate) fn times_noise(left: f64, noise_floor: f64) -> String {
     if noise_floor > 0.0 {
@@ -41,6 +47,57 @@ pub(crate) fn times_noise(left: f64, noise_floor: f64) -> String {
     } else {
         "more than sensors without any noise leave".to_owned()
     }
+}
+
+/// The option that says how far a declared parameter may be from its declaration.
+fn tolerance_option(parameter: &str) -> &'static str {
+    let is = |one: NominalParameter| one.name() == parameter;
+    if is(NominalParameter::Mass) {
+        "--mass-tolerance"
+    } else if is(NominalParameter::CoulombForce) || is(NominalParameter::ViscousFriction) {
+        "--guide-tolerance"
+    } else {
+        "--presliding-tolerance"
+    }
+}
+
+/// Where a residual sits, as parts of a sentence.
+fn sits(location: &ResidualLocation, joint: JointType) -> String {
+    let percent = |share: f64| format!("{} %", four_digits(rounded(100.0 * share, 2)));
+    let m = joint.unit("m");
+    let mut parts = Vec::new();
+    if let Some(MostPower { from, to, .. }) = location.band {
+        let (from, to) = (four_digits(rounded(from, 3)), four_digits(rounded(to, 3)));
+        parts.push(format!("three quarters of its power is between {from} and {to} Hz"));
+    }
+    if let Some(MostPower { from, to, share }) = location.time {
+        let share = percent(share);
+        parts.push(format!(
+            "three quarters is between {from:.2} and {to:.2} s, {share} of the time"
+        ));
+    }
+    if let Some([from, to]) = location.event {
+        parts.push(format!("nearly all of it is a single event between {from:.2} and {to:.2} s"));
+    }
+    if let Some(MostPower { from, to, share }) = location.place {
+        let (from, to) = (in_prefix(from, &m), in_prefix(to, &m));
+        let share = percent(share);
+        parts.push(format!("three quarters is from {from} to {to}, {share} of the distance"));
+    }
+    if let Some(PositiveDirection { power, time }) = location.direction {
+        let (power, time) = (percent(power), percent(time));
+        parts.push(format!(
+            "{power} of its power in motion is in the positive direction, {time} of that time"
+        ));
+    }
+    let correlations = location.correlations.iter();
+    let correlations: Vec<String> = correlations
+        .map(|one| format!("{:+.2} with the {}", one.correlation, one.signal.name()))
+        .collect();
+    if !correlations.is_empty() {
+        parts.push(format!("its correlation is {}", correlations.join(", ")));
+    }
+    parts.join("; ")
 }
 
 fn telltale(name: &str) -> &'static str {
@@ -78,6 +135,14 @@ impl Words for IdentifyFinding {
                  not compared there",
                 recording.display(),
                 100.0 * share
+            ),
+            Self::HiddenRest { record: side, share, count } => format!(
+                "{:.1} % of the {} record: the carriage rests within one count of the encoder \
+                 ({}) while its friction changes, and nothing shows what the guides \
+                 hold until they have slid on: forces are not compared there",
+                100.0 * share,
+                record(*side),
+                in_prefix(*count, &m)
             ),
             Self::NotCommon { signal } => {
                 format!("not every recording has {signal}: it is left out of all of them")
@@ -141,67 +206,100 @@ impl Words for IdentifyFinding {
                  leave {} {n} of the hold-out, where the declared noise alone leaves {} {n}: \
                  everything is judged against the former, and an effect shows from about {} {n} \
                  rms on; finer counts or a higher rate show smaller ones",
-                readable(*found),
-                readable(*declared),
-                readable(*least)
+                four_digits(*found),
+                four_digits(*declared),
+                four_digits(*least)
+            ),
+            Self::OtherBristles {
+                parameter,
+                found,
+                declared,
+                unit,
+                tolerance,
+                left_within_tolerance,
+            } => format!(
+                "{parameter} is {} {unit}, declared {} {unit} with a tolerance of {:.0} %: within \
+                 it the model leaves {} {n} of the hold-out; the identified model has the former",
+                four_digits(*found),
+                four_digits(*declared),
+                100.0 * tolerance,
+                four_digits(*left_within_tolerance),
+                unit = joint.unit(unit),
             ),
             Self::Unexplained { left, noise_floor } => format!(
                 "what is left, {} {n}, is {}, and neither a law of the list nor a map takes \
                  it out of the hold-out: an effect whose phase or state differs between the \
                  records would look like this, or one over the force, as a dead zone or a curved \
                  characteristic of motor or cell",
-                readable(*left),
+                four_digits(*left),
                 times_noise(*left, *noise_floor)
             ),
             Self::WanderingZero { wander } => format!(
                 "the zero of the force cell wanders by {} {n} rms in the hold-out beyond \
                  the law that was found for it, and nothing else is left: the train record cannot \
                  tell how, take the zero before each record",
-                readable(*wander)
+                four_digits(*wander)
             ),
             Self::RoughLaws { left, noise_floor } => format!(
                 "what is left, {} {n}, is {}: the laws that were found hold roughly, and \
                  their values no better than they do",
-                readable(*left),
+                four_digits(*left),
                 times_noise(*left, *noise_floor)
+            ),
+            Self::ResidualLocation { record: of, side, left, noise_floor, location } => format!(
+                "residual of the laws on the {} record, {side} side: {} {n}, {}; {}",
+                record(*of),
+                four_digits(*left),
+                times_noise(*left, *noise_floor),
+                sits(location, joint)
             ),
             Self::MostLaws { laws } => format!(
                 "no more than {laws} laws are added: there may be further ones; declare those that \
                  are right in --model, and identify again"
             ),
-            Self::AtBound { parameter, bound, value, unit } => format!(
-                "{parameter} ended on its {} bound ({} {}): the truth may lie beyond, or \
-                 another effect hides in it",
+            Self::AtBound { parameter, bound, value, unit, tolerance } => format!(
+                "{parameter} ended on its {} bound ({}{}): the truth may lie beyond, or another \
+                 effect hides in it",
                 match bound {
                     BoundSide::Lower => "lower",
                     BoundSide::Upper => "upper",
                 },
-                readable(*value),
-                joint.unit(unit)
+                with_unit(four_digits(*value), unit, joint),
+                tolerance.map_or_else(String::new, |share| format!(
+                    ", where its tolerance of {} % ends, {}",
+                    four_digits(100.0 * share),
+                    tolerance_option(parameter)
+                ))
             ),
             Self::NotIdentifiable { parameter, value, unit } => format!(
-                "{parameter} is not identifiable from these data; {} {} is where the fit left \
-                 it",
-                readable(*value),
-                joint.unit(unit)
+                "{parameter} is not identifiable from these data; {} is where the fit left it",
+                with_unit(four_digits(*value), unit, joint)
             ),
             Self::HardlyIdentifiable { parameter, value, unit, half_width, tolerance } => format!(
-                "{parameter} is hardly identifiable from these data: {} {}, known to {:.1} % \
-                 at the best, its tolerance is {:.1} %",
-                in_digits(*value, Some([1.0, -1.0].map(|side| value * (1.0 - side * half_width)))),
-                joint.unit(unit),
+                "{parameter} is hardly identifiable from these data: {}, known to {:.1} % at the \
+                 best, its tolerance is {:.1} % ({})",
+                with_unit(
+                    in_digits(
+                        *value,
+                        Some([1.0, -1.0].map(|side| value * (1.0 - side * half_width)))
+                    ),
+                    unit,
+                    joint
+                ),
                 100.0 * half_width,
-                100.0 * tolerance
+                100.0 * tolerance,
+                tolerance_option(parameter)
             ),
             Self::Tied { parameter, other, correlation } => format!(
                 "{parameter} and {other} are correlated by {correlation:.3}: these data know the \
                  two together better than each of them"
             ),
             Self::MovedRipple { effects, period, phase_shift } => format!(
-                "{} with a period of {period:.4e} {m} is on both records, but shifted by \
+                "{} with a period of {} is on both records, but shifted by \
                  {phase_shift:.2} rad on the hold-out: with a fixed phase it would make the \
                  hold-out worse, so that it is left out",
-                effects.join(" or ")
+                effects.join(" or "),
+                in_prefix(*period, &m)
             ),
             Self::Worse { figure, record: side, before, after } => {
                 let (figure, unit) = match figure {
@@ -209,9 +307,11 @@ impl Words for IdentifyFinding {
                     FigureOfMerit::PositionError => ("closed-loop position error", m),
                 };
                 format!(
-                    "the {figure} on the {} record is worse with the identified model: {after:.4e} \
-                     {unit} against {before:.4e} {unit}",
-                    record(*side)
+                    "the {figure} on the {} record is worse with the identified model: {} \
+                     {unit} against {} {unit}",
+                    record(*side),
+                    four_digits(*after),
+                    four_digits(*before)
                 )
             }
             Self::NoSeparatingMotion { effect, rival } => format!(
@@ -272,6 +372,7 @@ pub fn records_error(error: &RecordsError, joint: JointType) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use friction_stage_identify::{MotionSignal, SignalCorrelation};
 
     #[test]
     fn a_jump_is_told_in_newtons_or_as_a_part_of_the_friction_before_it() {
@@ -286,5 +387,36 @@ mod tests {
         }
         let instants = [-5e-4, 7.25, 19.1].map(|at| instant(at, 19.0));
         assert_eq!(instants, ["before its start", "at 7.250 s", "after its end"]);
+    }
+
+    #[test]
+    fn a_residual_is_located_in_words() {
+        let location = ResidualLocation {
+            band: Some(MostPower { from: 35.6, to: 38.4, share: 0.01 }),
+            time: Some(MostPower { from: 7.3, to: 7.36, share: 0.003 }),
+            event: Some([7.3, 7.5]),
+            place: Some(MostPower { from: 0.027, to: 0.033, share: 0.12 }),
+            direction: Some(PositiveDirection { power: 0.12, time: 0.5 }),
+            correlations: vec![SignalCorrelation {
+                signal: MotionSignal::Jerk,
+                correlation: -0.894,
+            }],
+        };
+        let finding = IdentifyFinding::ResidualLocation {
+            record: RecordSide::Holdout,
+            side: "carriage",
+            left: 0.57,
+            noise_floor: 0.03,
+            location,
+        };
+        assert_eq!(
+            finding.words(JointType::Prismatic),
+            "residual of the laws on the hold-out record, carriage side: 0.57 N, 19.0 times what \
+             the noise of the sensors leaves; three quarters of its power is between 35.6 and 38.4 \
+             Hz; three quarters is between 7.30 and 7.36 s, 0.3 % of the time; nearly all of it is \
+             a single event between 7.30 and 7.50 s; three quarters is from 27.0 mm to 33.0 mm, \
+             12 % of the distance; 12 % of its power in motion is in the positive direction, \
+             50 % of that time; its correlation is -0.89 with the jerk"
+        );
     }
 }

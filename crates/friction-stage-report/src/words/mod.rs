@@ -7,6 +7,7 @@ use std::borrow::Cow;
 use std::error::Error;
 
 use friction_stage_core::model::JointType;
+use friction_stage_core::numerics::rounded;
 
 mod data;
 mod effects;
@@ -111,6 +112,27 @@ pub fn in_prefix(value: f64, unit: &str) -> String {
     format!("{} {prefix}{unit}", short(value / scale))
 }
 
+/// A number with so many digits behind the point; four digits and a power of ten from 10^9 on, as
+/// a loop that diverges makes them.
+pub(crate) fn fixed(value: f64, digits: usize) -> String {
+    match value.abs() {
+        size if size >= 1e9 => four_digits(value),
+        _ => format!("{value:.digits$}"),
+    }
+}
+
+/// A number to the four digits that a person needs of a measured one, without zeros at its end;
+/// with a power of ten where it is very large or very small.
+pub(crate) fn four_digits(value: f64) -> String {
+    let value = rounded(value, 4);
+    match value.abs() {
+        size if size == 0.0 || (1e-3..1e6).contains(&size) || !size.is_finite() => {
+            value.to_string()
+        }
+        _ => format!("{value:e}"),
+    }
+}
+
 /// A number to three digits.
 pub(crate) fn short(value: f64) -> String {
     if value == 0.0 {
@@ -126,6 +148,13 @@ pub(crate) fn short(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_have_the_digits_that_a_person_needs() {
+        let shown = [0.984665, 170_567.3, -2.0, 4.56789e-8, 1e300, f64::NAN].map(four_digits);
+        assert_eq!(shown, ["0.9847", "170600", "-2", "4.568e-8", "1e300", "NaN"]);
+        assert_eq!([12.3456, 1e300, 1e-9].map(|value| fixed(value, 2)), ["12.35", "1e300", "0.00"]);
+    }
 
     #[test]
     fn an_error_is_told_with_each_of_its_causes_once() {

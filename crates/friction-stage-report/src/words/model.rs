@@ -5,6 +5,8 @@ use friction_stage_core::plant::effects::{
     CommandStage, EffectDescriptor, Multiplicity, ParameterKind, Role,
 };
 
+use friction_stage_core::numerics::rounded;
+
 use super::{in_prefix, short};
 use crate::model::{ModelFacts, example_yaml};
 
@@ -253,9 +255,9 @@ fn effect_line(effect: &EffectDescriptor, values: &[f64], joint: JointType) -> S
 
 /// A number as a person would write it: to six digits, without zeros that say nothing.
 fn readable(value: f64) -> String {
-    let rounded: f64 = format!("{value:.5e}").parse().unwrap_or(value);
-    match rounded.abs() {
-        size if size == 0.0 || (1e-3..1e6).contains(&size) => rounded.to_string(),
-        _ => format!("{rounded:e}"),
+    let value = rounded(value, 6);
+    match value.abs() {
+        size if size == 0.0 || (1e-3..1e6).contains(&size) => value.to_string(),
+        _ => format!("{value:e}"),
     }
 }

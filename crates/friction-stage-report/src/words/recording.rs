@@ -327,10 +327,8 @@ pub fn proposal_text(proposal: &Proposal, file: &Path, written: Option<&Path>) -
     if !proposal.not_used.is_empty() {
         text += &format!("not used: {}\n", proposal.not_used.join(", "));
     }
-    for signal in &proposal.signals {
-        if let Some(check) = &signal.check {
-            text += &format!("check {}: {check}\n", signal.signal);
-        }
+    for (what, check) in proposal.checks() {
+        text += &format!("check {what}: {check}\n");
     }
     if let Some(path) = written {
         text += &format!(

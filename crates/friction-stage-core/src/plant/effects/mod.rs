@@ -30,15 +30,20 @@ mod ball_passage;
 mod cable_chain;
 mod cogging;
 mod constant_force;
+mod dead_zone;
 mod distributed_bristles;
+mod encoder_cyclic_error;
 mod encoder_scale;
 mod encoder_sde;
 mod external_vibration;
 mod force_cell_drift;
 mod force_cell_gain;
 mod force_ripple;
+mod hardening_spring;
 mod map;
+mod motor_droop;
 mod motor_gain;
+mod motor_saturation;
 mod payload;
 mod position_dependent_friction;
 mod quadratic_drag;
@@ -54,15 +59,20 @@ pub const ALL: &[&EffectDescriptor] = &[
     &cable_chain::DESCRIPTOR,
     &cogging::DESCRIPTOR,
     &constant_force::DESCRIPTOR,
+    &dead_zone::DESCRIPTOR,
     &distributed_bristles::DESCRIPTOR,
+    &encoder_cyclic_error::DESCRIPTOR,
     &encoder_scale::DESCRIPTOR,
     &encoder_sde::DESCRIPTOR,
     &external_vibration::DESCRIPTOR,
     &force_cell_drift::DESCRIPTOR,
     &force_cell_gain::DESCRIPTOR,
     &force_ripple::DESCRIPTOR,
+    &hardening_spring::DESCRIPTOR,
     &map::DESCRIPTOR,
+    &motor_droop::DESCRIPTOR,
     &motor_gain::DESCRIPTOR,
+    &motor_saturation::DESCRIPTOR,
     &payload::DESCRIPTOR,
     &position_dependent_friction::DESCRIPTOR,
     &quadratic_drag::DESCRIPTOR,

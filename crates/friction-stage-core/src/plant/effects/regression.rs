@@ -234,11 +234,11 @@ impl Wave {
 }
 
 /// Bins over the range of the coordinate.
-const BINS: usize = 4096;
+pub(super) const BINS: usize = 4096;
 /// Most cycles over the range: eight bins per cycle.
-const MOST_CYCLES: f64 = (BINS / 8) as f64;
+pub(super) const MOST_CYCLES: f64 = (BINS / 8) as f64;
 /// Steps of the search per cycle over the range; the peak of a full cycle is one cycle wide.
-const STEPS_PER_CYCLE: usize = 5;
+pub(super) const STEPS_PER_CYCLE: usize = 5;
 /// Steps of the golden section: 0.618^24 is 1e-5 of a step.
 const REFINEMENTS: usize = 24;
 

@@ -40,9 +40,13 @@ pub enum Side {
 pub enum CommandStage {
     /// The command arrives late.
     Lag,
+    /// Small commands make no force.
+    Threshold,
+    /// The force is a curve over the command.
+    Curve,
     /// More or less force per command, everywhere; the force is proportional to the command.
     Gain,
-    /// The same over the position.
+    /// The same over the position or the speed.
     Ripple,
 }
 

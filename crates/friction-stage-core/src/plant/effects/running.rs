@@ -257,8 +257,10 @@ impl Effects {
             let arriving = chain.arriving(*stage);
             let mut over = law.change_over(arriving.mean, motion, step);
             if *stage > CommandStage::Lag {
-                // Proportional to the force that arrives, and so is where in the step it acts.
-                over.moment += law.change(arriving.moment, motion, step);
+                // These laws have no state. Of a force that is early or late in the step they
+                // change that part by their slope.
+                let shifted = law.change(arriving.mean + arriving.moment, motion, step);
+                over.moment += shifted - over.mean;
             }
             chain.pass_on(over);
             sum.add(over);

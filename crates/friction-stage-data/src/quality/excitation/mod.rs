@@ -286,8 +286,15 @@ impl<'a> Examiner<'a> {
             let seconds = rows as f64 * self.step;
             self.findings.push(DataFinding::TooShort { rows, seconds, needed: LEAST_ROWS });
         }
-        if !moves && rows > 0 {
-            self.findings.push(DataFinding::NoMotion { range: stroke, noise });
+        if !moves && rows >= LEAST_ROWS {
+            self.findings.push(if moments.is_empty() {
+                let seconds = rows as f64 * self.step;
+                DataFinding::TooBrief { seconds, needed: 2.0 * HALF_BASE }
+            } else {
+                let [backward, forward] = velocity_range;
+                let fastest = backward.abs().max(forward.abs());
+                DataFinding::NoMotion { range: stroke, noise, fastest, rest_speed }
+            });
         }
         let mut usable = [(Signal::ForceCell, has_cell), (Signal::Force, has_command)];
         for (signal, usable) in &mut usable {

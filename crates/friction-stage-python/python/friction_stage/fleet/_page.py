@@ -31,8 +31,11 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 70rem; margin: 2rem auto
 table { border-collapse: collapse; display: block; overflow-x: auto; }
 th, td { padding: .25rem .75rem; text-align: right; border-bottom: 1px solid #8886; }
 th:first-child, td:first-child, td.words { text-align: left; }
-figure { margin: 1rem 0; background: #fff; border-radius: 4px; overflow-x: auto; }
-figure svg { max-width: 100%; height: auto; }
+figure { margin: 1rem 0; overflow-x: auto; }
+figure svg { min-width: 40rem; max-width: 100%; height: auto; }
+@media screen and (prefers-color-scheme: dark) {
+  figure svg { filter: invert(0.9) hue-rotate(180deg); }
+}
 li { overflow-wrap: anywhere; }
 """
 
@@ -79,7 +82,8 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 def _figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), layout="constrained")
+    # The ground is that of the page, light or dark.
+    return Figure(figsize=(width, height), layout="constrained", facecolor="none")
 
 
 def _svg(figure: Figure, says: str) -> str:
@@ -169,6 +173,7 @@ def _distributions(point: Point) -> Figure:
 
 
 def _plain(axes: Axes) -> None:
+    axes.set_facecolor("none")
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25)
 
@@ -253,6 +258,8 @@ def _fleet(trends: list[MachineTrend]) -> Figure:
 
 
 def _machine(trends: list[MachineTrend]) -> Figure:
+    from matplotlib.ticker import MaxNLocator
+
     names = _names(trends)
     by_name = {one.parameter: one for one in trends}
     figure, every = _grid(len(names))
@@ -288,7 +295,10 @@ def _machine(trends: list[MachineTrend]) -> Figure:
             axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
         else:
             axes.set_xlabel("recording")
-        axes.set_ylabel(f"{name}, {one.unit}" if one.unit else name, fontsize=8)
+            axes.set_xlim(one.times.min() - 0.5, one.times.max() + 0.5)
+            axes.xaxis.set_major_locator(MaxNLocator(5, integer=True, min_n_ticks=1))
+        # Beside the axes, a long name would lie on that of the row below.
+        axes.set_title(f"{name}, {one.unit}" if one.unit else name, fontsize=8)
         axes.ticklabel_format(axis="y", useOffset=False)
         _plain(axes)
     return figure

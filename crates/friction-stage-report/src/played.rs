@@ -1,0 +1,233 @@
+//! The report of a motion that was played: the table of its moves, and error and force over time.
+
+use std::fmt::Write as _;
+
+use serde::Serialize;
+
+use crate::chart::{Axis, Chart, Style};
+use crate::figure::{FigureError, svg};
+use crate::paper_motion::settling_bands;
+use crate::sweep::milliseconds;
+use crate::words::{fixed, in_prefix};
+use friction_stage_lab::{MotionQuality, Move};
+
+/// Moves that the table lists one by one.
+const LISTED: usize = 20;
+
+/// A sample of the run, SI units; times after its start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlayedSample {
+    /// ns
+    pub time: i64,
+    /// m
+    pub reference: f64,
+    /// As the encoder read it, m.
+    pub position: f64,
+    /// By difference of the positions, m/s.
+    pub velocity: f64,
+    /// Reference less position, m.
+    pub error: f64,
+    /// Command, N.
+    pub force: f64,
+    /// As the force cell read it, N.
+    pub force_cell: f64,
+    /// The force was at a limit.
+    pub saturated: bool,
+}
+
+/// A move, and how well it was followed.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct PlayedMove {
+    /// s
+    pub start: f64,
+    /// Arrival of the reference, s.
+    pub arrival: f64,
+    /// m
+    pub from: f64,
+    /// m
+    pub to: f64,
+    /// What became of it.
+    #[serde(flatten)]
+    pub quality: MotionQuality,
+}
+
+/// The moves of a motion that begins at 0, with their qualities.
+pub fn played_moves(moves: &[Move], qualities: &[Option<MotionQuality>]) -> Vec<PlayedMove> {
+    let mut from = 0.0;
+    moves
+        .iter()
+        .zip(qualities)
+        .filter_map(|(a_move, quality)| {
+            let seconds = |time: i64| time as f64 * 1e-9;
+            let played = PlayedMove {
+                start: seconds(a_move.start),
+                arrival: seconds(a_move.arrival),
+                from,
+                to: a_move.target,
+                quality: (*quality)?,
+            };
+            from = a_move.target;
+            Some(played)
+        })
+        .collect()
+}
+
+/// The table of the moves, and of all of them together.
+pub fn played_text(moves: &[PlayedMove], all: Option<&MotionQuality>) -> String {
+    let mut out = String::new();
+    // A string takes whatever is written.
+    let _ = write_table(&mut out, moves, all);
+    out
+}
+
+fn write_table(
+    out: &mut String,
+    moves: &[PlayedMove],
+    all: Option<&MotionQuality>,
+) -> std::fmt::Result {
+    let Some(all) = all else { return writeln!(out, "the motion has no move") };
+    writeln!(
+        out,
+        "                        peak error  rms error    time to settle within, ms    peak force"
+    )?;
+    writeln!(
+        out,
+        "move                            µm         µm     10 µm      1 µm    0.1 µm             N"
+    )?;
+    for (index, a_move) in moves.iter().take(LISTED).enumerate() {
+        let name = format!("{}: {}", index + 1, distance(a_move.to - a_move.from));
+        row(out, &name, &a_move.quality)?;
+    }
+    if moves.len() > LISTED {
+        writeln!(out, "... and {} more; --json lists all", moves.len() - LISTED)?;
+    }
+    if moves.len() > 1 {
+        row(out, "all moves", all)?;
+    }
+    match all.saturated {
+        0 => Ok(()),
+        count => writeln!(out, "the force was at its limit in {count} samples"),
+    }
+}
+
+fn row(out: &mut String, name: &str, quality: &MotionQuality) -> std::fmt::Result {
+    let MotionQuality { peak_error, rms_error, settling, peak_force, .. } = quality;
+    let [ten, one, tenth] = settling.map(milliseconds);
+    writeln!(
+        out,
+        "{name:22} {:>11} {:>10} {ten:>9} {one:>9} {tenth:>9} {:>13}",
+        fixed(peak_error * 1e6, 3),
+        fixed(rms_error * 1e6, 3),
+        fixed(*peak_force, 1)
+    )
+}
+
+/// A distance in the unit in which it is read.
+fn distance(metres: f64) -> String {
+    match metres.abs() {
+        size if size >= 1e-3 => format!("{:.4} mm", metres * 1e3),
+        size if size >= 1e-6 => format!("{:.3} µm", metres * 1e6),
+        _ => format!("{:.2} nm", metres * 1e9),
+    }
+}
+
+/// Position error, motion and force over time.
+pub fn played_figure(
+    title: &str,
+    samples: &[PlayedSample],
+    moves: &[Move],
+    force_limits: (f64, f64),
+) -> Result<String, FigureError> {
+    let seconds = |time: i64| time as f64 * 1e-9;
+    let over_time = |of: fn(&PlayedSample) -> f64| {
+        samples.iter().map(move |sample| (seconds(sample.time), of(sample)))
+    };
+    let label = "time, s";
+    let mut error = Chart::new("Position error", label, "position error, µm");
+    error.add("", 0, Style::Line, over_time(|sample| sample.error * 1e6));
+    settling_bands(&mut error);
+    let mut motion = Chart::new("Motion", label, "position, mm");
+    motion.add("position", 0, Style::Line, over_time(|sample| sample.position * 1e3));
+    motion.add("reference", 4, Style::Dashed, over_time(|sample| sample.reference * 1e3));
+    let mut force = Chart::new("Force", label, "force, N");
+    // The command lies on the cell where both agree: dashed, both are seen.
+    force.add("force cell", 0, Style::Line, over_time(|sample| sample.force_cell));
+    force.add("command", 1, Style::Dashed, over_time(|sample| sample.force));
+    if samples.iter().any(|sample| sample.saturated) {
+        force.line("limit", Axis::Y, force_limits.1);
+        force.line("", Axis::Y, force_limits.0);
+    }
+    let mut charts = vec![error, motion, force];
+    // Where there are few moves, each is seen on its way into the bands.
+    for a_move in moves.iter().take(2).filter(|a_move| a_move.end > a_move.arrival) {
+        let span = a_move.start..=a_move.end;
+        let mut chart = Chart::new(
+            format!("Settling of the move to {}", in_prefix(a_move.target, "m")),
+            "time after the arrival of the reference, ms",
+            "size of the error, µm",
+        )
+        .logarithmic(false, true);
+        let sizes = samples.iter().filter(|sample| span.contains(&sample.time)).map(|sample| {
+            let after = (sample.time - a_move.arrival) as f64 * 1e-6;
+            (after, (sample.error.abs() * 1e6).max(1e-4))
+        });
+        chart.add("", 0, Style::Line, sizes);
+        chart.line("arrival", Axis::X, 0.0);
+        for band in friction_stage_lab::SETTLING_BANDS {
+            chart.line(format!("{} µm", (band * 1e9).round() / 1e3), Axis::Y, band * 1e6);
+        }
+        charts.push(chart);
+    }
+    svg(title, &charts)
+}
+
+#[cfg(test)]
+mod tests {
+    use friction_stage_lab::{FollowedSample, PaperMotion, motion_quality};
+
+    use super::*;
+
+    #[test]
+    fn the_table_names_each_move_and_the_worst_of_all() {
+        let motion =
+            PaperMotion::of_moves(0.01, &[(1e-5, 0.01, 0.02), (-2e-3, 0.01, 0.02)]).unwrap();
+        let samples: Vec<FollowedSample> = (0..280)
+            .map(|k| FollowedSample {
+                time: k * 250_000,
+                error: 1e-9 * k as f64,
+                force: 3.0,
+                saturated: k == 100,
+            })
+            .collect();
+        let of = |moves: &[Move]| motion_quality(moves, &samples);
+        let each: Vec<_> = motion.moves.iter().map(|a| of(std::slice::from_ref(a))).collect();
+        let moves = played_moves(&motion.moves, &each);
+        let text = played_text(&moves, of(&motion.moves).as_ref());
+        for words in ["1: 10.000 µm", "2: -2.0000 mm", "all moves", "limit in 1 samples", "never"]
+        {
+            assert!(text.contains(words), "{words}: {text}");
+        }
+        assert!(played_text(&[], None).contains("no move"));
+    }
+
+    #[test]
+    fn the_figure_shows_error_force_and_settling() {
+        let motion = PaperMotion::of_moves(0.01, &[(1e-5, 0.01, 0.02)]).unwrap();
+        let samples: Vec<PlayedSample> = (0..200)
+            .map(|k| PlayedSample {
+                time: k * 250_000,
+                reference: 0.0,
+                position: 0.0,
+                velocity: 0.0,
+                error: 1e-6,
+                force: 1.0,
+                force_cell: 1.0,
+                saturated: true,
+            })
+            .collect();
+        let figure = played_figure("run", &samples, &motion.moves, (-9.0, 9.0)).unwrap();
+        for words in ["Position error", "force cell", "limit", "Settling of the move"] {
+            assert!(figure.contains(words), "{words}");
+        }
+    }
+}
