@@ -38,12 +38,13 @@ struct Peer {
     first_missing: Option<(u64, Instant)>,
 }
 
-/// Matched subscribers that have not acknowledged all.
+/// What matched subscribers have not acknowledged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Lag {
-    /// When one that has acknowledged something came closer, at last; `None`: none has, since it
-    /// is new or best effort.
-    pub progressed: Option<Instant>,
+    /// One of them misses something, or has acknowledged nothing yet: it is new or best effort.
+    pub any: bool,
+    /// Most samples that one misses which came closer within the time asked for.
+    pub healthy: u64,
 }
 
 /// What is known of one endpoint of ours.
@@ -154,22 +155,21 @@ impl GraphWatch {
         self.state.endpoints().get(&guid).map_or(0, |endpoint| endpoint.peers.len())
     }
 
-    /// What is known of the subscribers that have not acknowledged the first `written` samples of
-    /// the publisher `guid`; `None` when all have.
-    pub fn lag(&self, guid: GUID, written: u64) -> Option<Lag> {
+    /// What its subscribers have not acknowledged of the first `written` samples of the publisher
+    /// `guid`. Healthy is who came closer within `healthy_for`.
+    pub fn lag(&self, guid: GUID, written: u64, healthy_for: Duration) -> Lag {
         let endpoints = self.state.endpoints();
         let peers = endpoints.get(&guid).into_iter().flat_map(|endpoint| endpoint.peers.values());
-        let mut lag: Option<Lag> = None;
+        let mut lag = Lag::default();
         for peer in peers {
-            match peer.first_missing {
-                Some((first, _)) if first > written => {}
-                Some((_, at)) => {
-                    let lag = lag.get_or_insert_default();
-                    lag.progressed = lag.progressed.max(Some(at));
-                }
-                None => {
-                    lag.get_or_insert_default();
-                }
+            let Some((first_missing, at)) = peer.first_missing else {
+                lag.any = true;
+                continue;
+            };
+            let missing = (written + 1).saturating_sub(first_missing);
+            lag.any |= missing > 0;
+            if at.elapsed() < healthy_for {
+                lag.healthy = lag.healthy.max(missing);
             }
         }
         lag

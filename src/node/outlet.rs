@@ -36,6 +36,7 @@ use rustdds::no_key::DataWriterCdr;
 use rustdds::{GUID, RTPSEntity as _, Timestamp, Topic};
 
 use super::{
+    graph_watch::Lag,
     participant::{Participant, ParticipantError},
     qos::{Durability, Qos},
     qos_overrides::Role,
@@ -57,7 +58,10 @@ const MATCH_WITHIN: Duration = Duration::from_millis(200);
 const PATIENCE: Duration = Duration::from_millis(200);
 /// How long ago a subscriber that lags has acknowledged something, where it is healthy. Assumed: on
 /// a busy machine one may not run for this long.
-const HEALTHY: Duration = Duration::from_secs(1);
+const HEALTHY: Duration = Duration::from_secs(2);
+/// Samples that a healthy subscriber may miss when a planned successor takes over: what one
+/// acknowledgement can ask for (DDSI-RTPS 2.5, 9.4.2.6).
+const CLOSE: u64 = 256;
 /// Pause between two looks whether a successor can take over.
 const LOOKS_AGAIN: Duration = Duration::from_millis(1);
 /// Pause after a successor that could not be made.
@@ -111,10 +115,11 @@ pub struct Outlet<M: RosMessage> {
     patience: Option<Duration>,
     writer: Writer<M>,
     /// Samples that the writer has published, the time of the last, and after how many it is
-    /// replaced.
+    /// replaced: as soon as no healthy subscriber lags, and at last.
     written: u32,
     last_written: Instant,
     renewed_after: u32,
+    renewed_at_last: u32,
     waiting: VecDeque<M>,
     successor: Option<Successor<M>>,
     /// Old writers, and until when they are kept.
@@ -192,6 +197,11 @@ fn renewed_after(window: u32) -> u32 {
     (window / 2).clamp(1, RENEWED_AFTER)
 }
 
+/// Samples after which it is replaced although a healthy subscriber lags.
+fn renewed_at_last(window: u32) -> u32 {
+    (window - window / 8).max(1)
+}
+
 impl<M: RosMessage> Outlet<M> {
     /// A publisher on `name` (absolute, or relative to the node's namespace).
     ///
@@ -228,6 +238,7 @@ impl<M: RosMessage> Outlet<M> {
             written: 0,
             last_written: Instant::now(),
             renewed_after: renewed_after(qos.window),
+            renewed_at_last: renewed_at_last(qos.window),
             waiting: VecDeque::new(),
             successor: None,
             retired: VecDeque::new(),
@@ -397,12 +408,13 @@ impl<M: RosMessage> Outlet<M> {
     /// Whether healthy subscribers may get more from the old writer, while messages are held since
     /// `since`, for `longest` at most.
     fn is_awaited(&self, since: Instant, longest: Duration) -> bool {
-        let Some(lag) = self.participant.watch().lag(self.writer.guid(), self.written.into())
-        else {
-            return false;
-        };
-        let is_healthy = lag.progressed.is_some_and(|at| at.elapsed() < HEALTHY);
-        self.last_written.elapsed() < PATIENCE || (is_healthy && since.elapsed() < longest)
+        let lag = self.lag();
+        (lag.any && self.last_written.elapsed() < PATIENCE)
+            || (lag.healthy > 0 && since.elapsed() < longest)
+    }
+
+    fn lag(&self) -> Lag {
+        self.participant.watch().lag(self.writer.guid(), self.written.into(), HEALTHY)
     }
 
     /// Gives the message back when the window is full.
@@ -445,21 +457,24 @@ impl<M: RosMessage> Outlet<M> {
     }
 
     /// Has a successor made ahead, and lets it take over when subscribers have had the time to find
-    /// it.
+    /// it and the healthy ones have nearly all of the old writer.
     fn renew(&mut self) {
         if self.successor.is_none() && self.written >= self.renewed_after - self.renewed_after / 8 {
             self.make_successor();
         }
-        let Some(successor) = &mut self.successor else { return };
-        if successor.due.is_some() {
+        if self.successor.as_ref().is_none_or(|successor| successor.due.is_some()) {
             return;
         }
+        let is_time = self.written >= self.renewed_at_last || self.lag().healthy <= CLOSE;
+        let Some(successor) = &mut self.successor else { return };
         match successor.wait(Duration::ZERO) {
             Err(reason) => self.fail(reason),
             Ok(_) => {
                 let is_found = |(made, _): &(Instant, _)| made.elapsed() >= FOUND_WITHIN;
                 let is_over = self.written >= self.renewed_after;
-                if successor.made.as_ref().is_some_and(|made| is_over || is_found(made)) {
+                let is_ready =
+                    successor.made.as_ref().is_some_and(|made| is_over || is_found(made));
+                if is_ready && is_time {
                     successor.due = Some((Instant::now(), Reason::Enough));
                 }
             }

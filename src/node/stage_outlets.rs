@@ -13,7 +13,7 @@ use friction_stage_data::message::{
 };
 
 /// Longest time that a sample is held in lockstep for subscribers that lag.
-const LONGEST_PATIENCE: Duration = Duration::from_secs(5);
+const LONGEST_PATIENCE: Duration = Duration::from_secs(20);
 /// Longest wait in lockstep for them and for new writers.
 const SETTLE: Duration = LONGEST_PATIENCE.saturating_add(Duration::from_secs(1));
 

@@ -75,6 +75,7 @@ def test_a_paused_stage_stands_still_and_steps_are_samples(ros, stage):
     stage(mode="lockstep", control_rate=1000.0)
     simulator = Simulator(ros)
     encoder = ros.collect("/stage/encoder")
+    ros.until(lambda: encoder, "a sample")
     assert simulator.state() == PLAYING
     assert simulator.set(PAUSED) == OK and simulator.state() == PAUSED
     ros.spin(0.3)
@@ -200,8 +201,14 @@ def test_the_action_steps_with_feedback_and_can_be_stopped(ros, stage):
     assert result(send(10)) == (GoalStatus.STATUS_ABORTED, FAILED)
     assert simulator.set(PAUSED) == OK
     encoder = ros.collect("/stage/encoder")
+    # Time stands still: a sample that is heard shows that the stage has found the subscription.
+    while not encoder:
+        assert result(send(1)) == (GoalStatus.STATUS_SUCCEEDED, OK)
+    stood = nanoseconds(simulator.entity().state.header.stamp)
+    ros.until(lambda: stamps(encoder[-1:]) == [stood], "the sample of now")
+    heard = len(encoder)
     assert result(send(500)) == (GoalStatus.STATUS_SUCCEEDED, OK)
-    ros.until(lambda: len(stamps(encoder)) == 500, "the 500 samples")
+    ros.until(lambda: len(encoder) == heard + 500, "the 500 samples")
     endless = send(10**12)
     ros.until(lambda: feedback and feedback[-1].completed_steps > 500, "feedback")
     assert feedback[-1].completed_steps + feedback[-1].remaining_steps == 10**12
