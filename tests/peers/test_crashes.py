@@ -334,7 +334,8 @@ def subscriber(ros, processes, tmp_path):
             process.stop(signal.SIGKILL, expected=-signal.SIGKILL)
 
 
-# Once to the end of their leases, which takes 20 s.
+# Once to the end of their leases, which takes 20 s. A busy machine hears what was sampled in 5 s in minutes.
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize("mode, seconds", [("realtime", 25.0), ("lockstep", 5.0)])
 def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_healthy_one(
     ros, start, subscriber, mode, seconds
@@ -369,7 +370,7 @@ def test_a_frozen_and_a_killed_subscriber_neither_stall_the_stage_nor_starve_a_h
     assert number(status, "refused_by_dds") == 0
     # Whatever the machine can do, the healthy one hears all that the stage has sampled.
     newest = number(status, "stamp_ns")
-    ros.until(lambda: stamps(encoder[-1:])[0] >= newest, "the newest sample", timeout=90.0)
+    ros.until(lambda: stamps(encoder[-1:])[0] >= newest, "the newest sample", timeout=300.0)
     assert_no_holes(encoder, period)
 
 
