@@ -4,6 +4,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use friction_stage_core::model::StageModel;
 use serde_json::Value;
 
 fn friction_stage(directory: &Path, arguments: &str) -> Output {
@@ -61,4 +62,36 @@ fn the_lines_of_the_readme_find_what_is_hidden() {
         assert!(String::from_utf8_lossy(&again.stderr).contains("exists already"), "{again:?}");
     }
     assert_eq!(hidden.len(), 3, "{hidden:?}");
+}
+
+#[test]
+fn the_effects_of_a_model_of_ones_own_are_hidden() {
+    let place = tempfile::tempdir().expect("a directory");
+    let own = "mass: 12.0\nguides: [guide_2, guide_2]\nmotor: {force_limit: 900.0}\neffects:\n  - \
+               cable_chain: {center: 0.01, stiffness: 80.0}\n";
+    std::fs::write(place.path().join("own.yaml"), own).expect("own.yaml");
+    let made = friction_stage(place.path(), "demo recordings --hide own.yaml --seed 7 --out one");
+    assert!(made.status.success(), "{made:?}");
+    let read = |name: &str| {
+        let path = place.path().join(name);
+        StageModel::load(&path).unwrap_or_else(|error| panic!("{error}"))
+    };
+    let (own, declared) = (read("own.yaml"), read("one/declared.yaml"));
+    assert_eq!(declared, StageModel { effects: Vec::new(), ..own.clone() });
+    let answer = friction_stage(place.path(), "demo recordings --out one --reveal");
+    let answer = String::from_utf8(answer.stdout).expect("the answer");
+    let real = StageModel::from_yaml(&answer, "answer").expect("a model");
+    assert_eq!(real.effects, own.effects);
+    assert!(real.mass != own.mass && (real.mass / own.mass - 1.0).abs() <= 0.002, "{}", real.mass);
+    let checked = friction_stage(place.path(), "check one/train --json");
+    assert_eq!(checked.status.code(), Some(0), "{checked:?}");
+
+    std::fs::write(place.path().join("bare.yaml"), "guides: [guide_2]\n").expect("bare.yaml");
+    for (hide, says) in [("bare.yaml", "nothing to hide"), ("none.yaml", "none.yaml")] {
+        let run = friction_stage(place.path(), &format!("demo recordings --hide {hide} --out two"));
+        assert!(matches!(run.status.code(), Some(1 | 2)), "{run:?}");
+        let message = String::from_utf8_lossy(&run.stderr).into_owned();
+        assert!(message.contains(says), "{message}");
+        assert!(!place.path().join("two").exists(), "{hide}");
+    }
 }

@@ -1,7 +1,8 @@
 #!/bin/sh
 # From a recording to a better machine: a stage with a hidden effect is recorded, identified, tuned
 # and compensated.
-# usage: examples/compensate/run.sh [DIRECTORY FOR THE RESULTS] [SEED]
+# usage: examples/compensate/run.sh [DIRECTORY FOR THE RESULTS] [SEED] [MODEL OF THE STAGE]
+# A seed draws the effect, or a model has it: cogging.yaml, cable.yaml and bristles.yaml do.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 out=${1:-compensated}
@@ -10,7 +11,7 @@ fs=${FRICTION_STAGE:-friction-stage}
 warned() { "$@" || [ $? -eq 3 ]; }
 
 echo '== a stage with an effect that its declared model lacks, and two recordings of it'
-"$fs" demo recordings --out "$out" --seed "${2:-1}"
+"$fs" demo recordings --out "$out" --seed "${2:-1}" ${3:+--hide "$3"}
 echo '== what the recordings show'
 warned "$fs" identify --model "$out/declared.yaml" --train "$out/train" --holdout "$out/check" --out "$out/identified"
 echo '== gains for the identified stage'

@@ -1,6 +1,6 @@
 //! Recordings to try identification on: a stage that has an effect which its declared model lacks.
 //!
-//! In comes a seed, out come the declared model, the real one and two recordings of the real one in
+//! In comes a seed, and a model where it is not one of ours; out come the declared model, the real one and two recordings of the real one in
 //! closed loop: one to identify on and one to check.
 
 use std::sync::LazyLock;
@@ -74,24 +74,39 @@ pub struct HiddenEffect {
 impl HiddenEffect {
     /// The stage of a seed, which decides on the effect, its values and the noise of the sensors.
     pub fn new(seed: u64) -> Result<HiddenEffect, LabError> {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
         let declared =
             StageModel { name: "stage as declared".to_owned(), ..StageModel::on_guides("guide_1") };
-        let mut guide = declared.resolved_guides()?.swap_remove(0);
-        let mut about = |value: f64, tolerance: f64| {
-            value * random.random_range(1.0 - tolerance..1.0 + tolerance)
-        };
-        let mass = about(declared.mass, MASS_TOLERANCE);
-        guide.viscous_friction = about(guide.viscous_friction, GUIDE_TOLERANCE);
-        let friction = about(1.0, GUIDE_TOLERANCE);
-        guide.coulomb_force *= friction;
-        guide.static_force *= friction;
-        guide.stiffness = about(guide.stiffness, GUIDE_TOLERANCE);
+        HiddenEffect::made(declared, |random| vec![hidden(random)], seed)
+    }
+
+    /// The stage of `model`, which hides all its effects. The seed decides by how much mass and
+    /// guides differ from those of the model, and on the noise of the sensors.
+    pub fn of(model: &StageModel, seed: u64) -> Result<HiddenEffect, LabError> {
+        let declared = StageModel { effects: Vec::new(), ..model.clone() };
+        HiddenEffect::made(declared, |_| model.effects.clone(), seed)
+    }
+
+    fn made(
+        declared: StageModel,
+        effects: impl FnOnce(&mut ChaCha8Rng) -> Vec<EffectParameters>,
+        seed: u64,
+    ) -> Result<HiddenEffect, LabError> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut guides = declared.resolved_guides()?;
+        let mut about = |tolerance: f64| random.random_range(1.0 - tolerance..1.0 + tolerance);
+        let mass = declared.mass * about(MASS_TOLERANCE);
+        let [viscous, friction, stiffness] = [(); 3].map(|()| about(GUIDE_TOLERANCE));
+        for guide in &mut guides {
+            guide.viscous_friction *= viscous;
+            guide.coulomb_force *= friction;
+            guide.static_force *= friction;
+            guide.stiffness *= stiffness;
+        }
         let real = StageModel {
             name: "stage as it is".to_owned(),
             mass,
-            guides: vec![GuideSource::Inline(guide); declared.guides.len()],
-            effects: vec![hidden(&mut random)],
+            guides: guides.into_iter().map(GuideSource::Inline).collect(),
+            effects: effects(&mut random),
             ..declared.clone()
         };
         let train = record("train", &real, &TRAIN, seed.wrapping_mul(2))?;

@@ -27,17 +27,21 @@ const ANSWER: &str = "answer.sealed";
     after_help = "Examples:\n  friction-stage demo recordings\n  friction-stage identify --model \
                   recordings/declared.yaml --train recordings/train --holdout recordings/check \
                   --out result\n  friction-stage demo recordings --reveal\n  friction-stage demo \
-                  recordings --seed 2 --out another   # another stage"
+                  recordings --seed 2 --out another   # another stage\n  friction-stage demo recordings \
+                  --hide my_stage.yaml --out mine   # your own stage"
 )]
 pub(super) struct RecordingsArgs {
     /// Directory to make; it must not exist
     #[arg(long, value_name = "DIR", default_value = "recordings")]
     out: PathBuf,
-    /// Which stage: effect, values and noise
+    /// Which stage: effect, values and noise; with --hide mass, guides and noise
     #[arg(long, default_value_t = 1)]
     seed: u32,
+    /// Model file of a stage whose effects are hidden, in place of one that the seed draws
+    #[arg(long, value_name = "FILE")]
+    hide: Option<PathBuf>,
     /// Print what is hidden in the recordings of --out, and make none
-    #[arg(long, conflicts_with = "seed")]
+    #[arg(long, conflicts_with_all = ["seed", "hide"])]
     reveal: bool,
     /// Print JSON instead of text
     #[arg(long)]
@@ -62,7 +66,12 @@ pub(super) fn run(args: &RecordingsArgs, out: &mut dyn Write) -> anyhow::Result<
         .into());
     }
     interrupt::writes(&args.out);
-    let made = HiddenEffect::new(u64::from(args.seed))?;
+    let seed = u64::from(args.seed);
+    let made = match &args.hide {
+        None => HiddenEffect::new(seed)?,
+        Some(path) => HiddenEffect::of(&to_hide(path)?, seed)
+            .with_context(|| format!("the recordings of {}", path.display()))?,
+    };
     std::fs::create_dir_all(&args.out).with_context(|| format!("cannot create {place}"))?;
     let write = |name: &str, text: String| {
         let path = args.out.join(name);
@@ -89,6 +98,16 @@ pub(super) fn run(args: &RecordingsArgs, out: &mut dyn Write) -> anyhow::Result<
          recordings --out {place} --reveal"
     )?;
     Ok(Outcome::Done)
+}
+
+/// A model with something to hide.
+fn to_hide(path: &Path) -> anyhow::Result<StageModel> {
+    let model = StageModel::load(path)?;
+    if model.effects.is_empty() {
+        let why = "it has no `effects`, so there is nothing to hide";
+        return Err(WrongArguments(format!("{}: {why}", path.display())).into());
+    }
+    Ok(model)
 }
 
 /// A text in hexadecimal digits, 40 bytes a line.
