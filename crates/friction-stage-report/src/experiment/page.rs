@@ -299,15 +299,12 @@ impl<'a> Report<'a> {
             ("dahl_40um", 40e-6, 1e6, "µm"),
             ("dahl_1um", 1e-6, 1e6, "µm"),
         ] {
+            let amplitudes = match amplitude {
+                420e-6 => "40 and 420 µm".to_owned(),
+                one => in_prefix(one, "m"),
+            };
             let mut chart = Chart::new(
-                format!(
-                    "Loops of {}",
-                    if amplitude == 420e-6 {
-                        "40 and 420 µm".to_owned()
-                    } else {
-                        in_prefix(amplitude, "m")
-                    }
-                ),
+                format!("Loops of {amplitudes}"),
                 format!("position, {unit}"),
                 "force, N",
             );
@@ -327,10 +324,7 @@ impl<'a> Report<'a> {
             self.figure(
                 name,
                 &chart,
-                &format!(
-                    "Measured loops, amplitude {} (averaged over the cycles).",
-                    in_prefix(amplitude, "m")
-                ),
+                &format!("Measured loops of {amplitudes} (averaged over the cycles)."),
             )?;
         }
         let mut stiffness =
@@ -591,10 +585,13 @@ impl<'a> Report<'a> {
                 );
             }
             settling_bands(&mut chart);
-            let caption = if fed {
-                "With viscous feedforward the wave between 25 and 150 ms disappears."
-            } else {
-                "The paper's Figure 6."
+            let caption = match (fed, self.summary.own_move.is_some()) {
+                (true, false) => {
+                    "With viscous feedforward the wave between 25 and 150 ms disappears."
+                }
+                (true, true) => "With viscous feedforward.",
+                (false, true) => "Position error after the reference has started.",
+                (false, false) => "The paper's Figure 6.",
             };
             self.figure(name, &chart, caption)?;
         }
@@ -677,7 +674,12 @@ impl<'a> Report<'a> {
                 );
             }
             settling_bands(&mut chart);
-            self.figure(name, &chart, "The paper's Figure 7.")?;
+            let caption = match (fed, self.summary.own_move.is_some()) {
+                (true, _) => "With viscous feedforward.",
+                (false, true) => "Position error after the reference has started.",
+                (false, false) => "The paper's Figure 7.",
+            };
+            self.figure(name, &chart, caption)?;
         }
         let mut table = Table::new(&[
             ("guide", Left),

@@ -103,7 +103,7 @@ pub fn in_one_line(error: &(dyn Error + 'static)) -> String {
 /// A value in SI with its unit, in the prefix that reads well: 2.5e-5 m is 25.0 µm.
 pub fn in_prefix(value: f64, unit: &str) -> String {
     const PREFIXES: [(f64, &str); 4] = [(1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")];
-    let size = value.abs();
+    let size = to_three_digits(value).abs();
     if !size.is_finite() || size == 0.0 {
         return format!("{value} {unit}");
     }
@@ -135,19 +135,31 @@ pub(crate) fn four_digits(value: f64) -> String {
 
 /// A number to three digits.
 pub(crate) fn short(value: f64) -> String {
+    let size = to_three_digits(value).abs();
     if value == 0.0 {
         "0".to_owned()
-    } else if (1e-3..1e4).contains(&value.abs()) {
-        let decimals = (2 - value.abs().log10().floor() as i32).max(0) as usize;
+    } else if (1e-3..1e4).contains(&size) {
+        let decimals = (2 - size.log10().floor() as i32).max(0) as usize;
         format!("{value:.decimals$}")
     } else {
         format!("{value:.2e}")
     }
 }
 
+/// The digits of a number are counted after it is rounded: 9.999 has two before the point.
+fn to_three_digits(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_number_that_is_rounded_up_has_three_digits_as_well() {
+        let shown = [9.9996e-9, 9.99e-9, 0.9999e-3, 99.96e-6].map(|value| in_prefix(value, "m"));
+        assert_eq!(shown, ["10.0 nm", "9.99 nm", "1.00 mm", "100 µm"]);
+    }
 
     #[test]
     fn numbers_have_the_digits_that_a_person_needs() {
