@@ -64,7 +64,7 @@ pub fn view_page(runs: &[ViewedRun]) -> Result<String, ViewError> {
         ("duration, s", Align::Right),
         ("samples", Align::Right),
         ("rate, Hz", Align::Right),
-        ("samples that are missing", Align::Right),
+        ("rows that lack a signal", Align::Right),
     ]);
     for (name, run) in names.iter().zip(runs) {
         let (trace, quality) = (&run.recording.trace, &run.recording.quality);
