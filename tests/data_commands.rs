@@ -313,3 +313,54 @@ fn a_file_without_rows_a_standing_clock_and_one_column_for_two_signals_are_told(
     let told = stdout(&check());
     assert!(told.contains("takes position and force_cell from the same place"), "{told}");
 }
+
+#[test]
+fn a_table_is_replayed_from_where_it_starts() {
+    let home = TempDir::new().unwrap();
+    let place = |name: &str| home.path().join(name);
+    // What does not depend on the position: a small error is not led further.
+    let stage = "guides: [guide_1, guide_1]\neffects:\n  - constant_force: {amplitude: 5.0}\n";
+    std::fs::write(place("stage.yaml"), stage).unwrap();
+    let (stage, made) = (place("stage.yaml"), place("made"));
+    let hide = ["demo", "recordings", "--hide", text(&stage), "--out", text(&made)];
+    let made = friction_stage(&hide);
+    assert!(made.status.success(), "{}", stderr(&made));
+    let real = friction_stage(&["demo", "recordings", "--out", text(&place("made")), "--reveal"]);
+    std::fs::write(place("real.yaml"), stdout(&real)).unwrap();
+    // Its samples as the table of another logger, from the middle of the first move on.
+    let (bag, all) = (place("made").join("train"), place("all.csv"));
+    let model = place("real.yaml");
+    let whole = ["replay", text(&bag), "--model", text(&model), "--csv", text(&all)];
+    assert!(friction_stage(&whole).status.success());
+    let samples = std::fs::read_to_string(&all).unwrap();
+    let mut table = String::from("t,x,u\n");
+    let (mut lowest, mut highest) = (f64::INFINITY, f64::NEG_INFINITY);
+    for row in samples.lines().skip(1) {
+        let values: Vec<f64> = row.split(',').map(|value| value.parse().unwrap()).collect();
+        if values[0] >= 0.8 && values[1].is_finite() {
+            table += &format!("{},{},{}\n", values[0], 1e3 * values[2], values[1]);
+            (lowest, highest) = (lowest.min(values[2]), highest.max(values[2]));
+        }
+    }
+    std::fs::write(place("drive.csv"), &table).unwrap();
+    let mapping = "signals:\n  time: {column: t}\n  position: {column: x, unit: mm}\n";
+    std::fs::write(place("drive.yaml"), format!("{mapping}  force: {{column: u}}\n")).unwrap();
+    let replay = |mapping: &str, more: &[&str]| {
+        let (table, mapping) = (place("drive.csv"), place(mapping));
+        friction_stage(&[&["replay", text(&table), "--mapping", text(&mapping)], more].concat())
+    };
+    let run = replay("drive.yaml", &["--model", text(&model), "--json"]);
+    assert!(matches!(run.status.code(), Some(0 | 3)), "{}", stderr(&run));
+    let report: serde_json::Value = serde_json::from_slice(&run.stdout).unwrap();
+    let rms = report["position_rms_m"].as_f64().unwrap();
+    // Forces alone lead it along all of the way.
+    assert!(highest - lowest > 0.1 && rms < 1e-3, "{rms} m of {} m", highest - lowest);
+
+    let run = replay("drive.yaml", &[]);
+    assert_eq!(run.status.code(), Some(2), "{}", stderr(&run));
+    assert!(stderr(&run).contains("holds no model: give one with --model"), "{}", stderr(&run));
+    std::fs::write(place("positions.yaml"), mapping).unwrap();
+    let run = replay("positions.yaml", &["--model", text(&model)]);
+    assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
+    assert!(stderr(&run).contains("force"), "{}", stderr(&run));
+}

@@ -1,4 +1,4 @@
-//! `friction-stage replay`: the recorded forces on a stage in this process, beside what was
+//! `friction-stage replay`: the recorded forces on a stage in this process, compared with what was
 //! recorded.
 
 use std::io::Write;
@@ -8,22 +8,26 @@ use anyhow::Context as _;
 use clap::Args;
 use serde::Serialize;
 
-use super::Outcome;
 use super::progress::Progress;
+use super::{Outcome, WrongArguments};
 use crate::directory::may_replace;
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
 use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, Provenance};
 use friction_stage_data::quality::{FileFinding, contradictions};
-use friction_stage_data::signals::{Trace, load};
+use friction_stage_data::signals::{Mapping, Recording, SignalError, Trace, is_table, load};
 use friction_stage_identify::ModelComparison;
 use friction_stage_report::words::{all_words, comparison_notes, in_prefix};
 
-/// Play the recorded forces of a bag on a stage and compare its encoder with the recorded one.
+/// Play the recorded forces of a recording on a stage and compare its encoder with the recorded one.
 ///
 /// Without options the stage is the one that the bag was recorded from: model, seed and rates stand
 /// in the bag, and a lockstep recording is reproduced bit for bit. With --model another model gets
 /// the same forces.
+///
+/// A recording of another machine, a table for example, needs --model, and --mapping where the names
+/// of its signals are its own. The stage then starts with the recorded position and velocity, its
+/// bristles unloaded: the free simulation of the model under the recorded forces.
 ///
 /// Forces that were recorded with one stage leave another one somewhere else soon, however good its
 /// model. Two more figures say how good it is: the force that the model misses along the recorded
@@ -34,11 +38,15 @@ use friction_stage_report::words::{all_words, comparison_notes, in_prefix};
 /// say nothing of it, 1 failed, 2 wrong arguments.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:\n  friction-stage replay demo/guide_1\n  friction-stage replay \
-                  demo/guide_1 --model guide_2 --csv out.csv")]
+                  demo/guide_1 --model guide_2 --csv out.csv\n  friction-stage replay drive.csv \
+                  --mapping drive.yaml --model stage.yaml")]
 pub struct ReplayArgs {
-    /// rosbag2 directory or one of its files
-    #[arg(value_name = "BAG")]
+    /// rosbag2 directory or one of its files, or a table
+    #[arg(value_name = "RECORDING")]
     pub bag: PathBuf,
+    /// YAML file that says which topic and field, or column, is which signal
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
     /// Model file or catalogue guide in place of the bag's own model
     #[arg(long, value_name = "MODEL")]
     pub model: Option<String>,
@@ -82,49 +90,17 @@ struct ReplayReport {
 /// Runs the command; the report goes to `out`.
 pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     may_replace(args.csv.as_deref(), args.force, "--csv")?;
-    let reader = BagReader::open(&args.bag)?;
-    let provenance = reader.provenance().cloned();
-    let model = match &args.model {
-        Some(name) => StageModel::named(name)?,
-        None => reader.model()?.with_context(|| {
-            format!("{} holds no model: give one with --model", args.bag.display())
-        })?,
-    };
-    let seed = match (args.seed, &provenance) {
-        (Some(seed), _) => seed,
-        (None, Some(provenance)) => {
-            provenance.seed.parse().context("the seed in the bag is no number")?
-        }
-        (None, None) => 1,
-    };
+    let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
     let progress = Progress::endless("reading");
-    let trace = Trace::from_reader(&reader)?;
-    let recording = load(&args.bag, None);
-    let rates = match &provenance {
-        Some(provenance) => {
-            let rate = |key: &str| -> anyhow::Result<f64> {
-                let text = provenance
-                    .extra
-                    .get(key)
-                    .with_context(|| format!("the bag does not say its {key}"))?;
-                text.parse()
-                    .with_context(|| format!("{key} in the bag is `{text}`, must be a number"))
-            };
-            Rates::new(rate("control_rate")?, rate("physics_rate")?)?
-        }
-        None => {
-            let step =
-                trace.time.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
-            anyhow::ensure!(
-                step.is_finite() && step > 0.0,
-                "{} holds less than two samples",
-                args.bag.display()
-            );
-            let control = step.recip().round();
-            Rates::new(control, control * (Rates::DEFAULT.physics() / control).ceil())?
-        }
-    };
+    let Played { model, provenance, seed, rates, trace, recording, start, is_damaged } =
+        match &mapping {
+            None if !is_table(&args.bag, None) => Played::of_bag(args)?,
+            _ => Played::of_recording(args, mapping.as_ref())?,
+        };
     let mut stage = Stage::new(&model, rates, seed)?;
+    if let Some((position, velocity)) = start {
+        stage.set_state(position, velocity, &[]);
+    }
     let mut report = ReplayReport {
         samples: trace.len(),
         unforced: 0,
@@ -141,8 +117,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         },
     };
     // What does not hold the data that were written cannot be compared with anything.
-    let checksums = reader.verify_checksums()?;
-    if !checksums.is_empty() {
+    if is_damaged {
         report.warnings.extend(all_words(&[FileFinding::Damaged], model.joint));
     }
     let mut table = args
@@ -164,12 +139,17 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let columns = trace.position.iter().zip(&trace.force_cell).zip(&trace.force).zip(&trace.time);
     // Sum of squares, and readings of the cell.
     let mut cell = (0.0, 0usize);
+    let mut compared = 0usize;
     for (((position, force_cell), force), time) in columns {
         let sample = stage.sample();
         let difference = sample.position - position;
         report.identical += usize::from(sample.position.to_bits() == position.to_bits());
-        report.position_rms_m += difference * difference;
-        report.position_max_m = report.position_max_m.max(difference.abs());
+        // In a gap of a recording there is no position.
+        if position.is_finite() {
+            compared += 1;
+            report.position_rms_m += difference * difference;
+            report.position_max_m = report.position_max_m.max(difference.abs());
+        }
         if force_cell.is_finite() {
             cell = (cell.0 + (sample.force_cell - force_cell).powi(2), cell.1 + 1);
         }
@@ -184,8 +164,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if let Some((path, mut table)) = table {
         table.flush().with_context(|| cannot_write(path))?;
     }
-    let count = report.samples.max(1) as f64;
-    report.position_rms_m = (report.position_rms_m / count).sqrt();
+    report.position_rms_m = (report.position_rms_m / compared.max(1) as f64).sqrt();
     anyhow::ensure!(
         report.position_rms_m.is_finite(),
         "the replayed positions are not finite: model and recorded forces do not go together"
@@ -256,6 +235,119 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         }
     }
     Ok(Outcome::warned(!report.warnings.is_empty()))
+}
+
+/// What is replayed, and on what.
+struct Played {
+    model: StageModel,
+    provenance: Option<Provenance>,
+    seed: u64,
+    rates: Rates,
+    trace: Trace,
+    recording: Result<Recording, SignalError>,
+    /// Position (m) and velocity (m/s) that the stage starts with; none: those of a new stage.
+    start: Option<(f64, f64)>,
+    /// The data do not have the checksums that were written with them.
+    is_damaged: bool,
+}
+
+impl Played {
+    /// A bag of our own layout, which may say from which stage it is.
+    fn of_bag(args: &ReplayArgs) -> anyhow::Result<Played> {
+        let reader = BagReader::open(&args.bag)?;
+        let provenance = reader.provenance().cloned();
+        let model = match &args.model {
+            Some(name) => StageModel::named(name)?,
+            None => reader.model()?.with_context(|| {
+                format!("{} holds no model: give one with --model", args.bag.display())
+            })?,
+        };
+        let seed = match (args.seed, &provenance) {
+            (Some(seed), _) => seed,
+            (None, Some(provenance)) => {
+                provenance.seed.parse().context("the seed in the bag is no number")?
+            }
+            (None, None) => 1,
+        };
+        let trace = Trace::from_reader(&reader)?;
+        let rates = match &provenance {
+            Some(provenance) => {
+                let rate = |key: &str| -> anyhow::Result<f64> {
+                    let text = provenance
+                        .extra
+                        .get(key)
+                        .with_context(|| format!("the bag does not say its {key}"))?;
+                    text.parse()
+                        .with_context(|| format!("{key} in the bag is `{text}`, must be a number"))
+                };
+                Rates::new(rate("control_rate")?, rate("physics_rate")?)?
+            }
+            None => {
+                let steps = trace.time.windows(2).map(|pair| pair[1] - pair[0]);
+                let step = steps.fold(f64::INFINITY, f64::min);
+                anyhow::ensure!(
+                    step.is_finite() && step > 0.0,
+                    "{} holds less than two samples",
+                    args.bag.display()
+                );
+                Rates::of_control(step.recip().round())?
+            }
+        };
+        Ok(Played {
+            recording: load(&args.bag, None),
+            is_damaged: !reader.verify_checksums()?.is_empty(),
+            start: None,
+            model,
+            provenance,
+            seed,
+            rates,
+            trace,
+        })
+    }
+
+    /// A recording of any machine, on its uniform grid.
+    fn of_recording(args: &ReplayArgs, mapping: Option<&Mapping>) -> anyhow::Result<Played> {
+        let place = args.bag.display();
+        let name = args.model.as_deref().ok_or_else(|| {
+            WrongArguments(format!("{place} holds no model: give one with --model"))
+        })?;
+        let model = StageModel::named(name)?;
+        let recording = load(&args.bag, mapping)?;
+        let trace = recording.trace.clone();
+        anyhow::ensure!(
+            trace.force.iter().any(|force| force.is_finite()),
+            "{place} has no command or force of the motor to play"
+        );
+        let start = start(&trace)
+            .with_context(|| format!("{place} holds less than two samples of the position"))?;
+        Ok(Played {
+            model,
+            provenance: None,
+            seed: args.seed.unwrap_or(1),
+            rates: Rates::of_control(recording.rate)?,
+            trace,
+            recording: Ok(recording),
+            start: Some(start),
+            is_damaged: false,
+        })
+    }
+}
+
+/// Position (m) and velocity (m/s) at the first row: those of a line through the first rows.
+fn start(trace: &Trace) -> Option<(f64, f64)> {
+    /// Rows for the line. Assumed: the acceleration does not show within them.
+    const ROWS: usize = 5;
+    let rows = trace.time.iter().zip(&trace.position);
+    let rows: Vec<_> = rows.filter(|(_, position)| position.is_finite()).take(ROWS).collect();
+    let count = rows.len() as f64;
+    let mean = |part: fn(&(&f64, &f64)) -> f64| rows.iter().map(part).sum::<f64>() / count;
+    let (middle, height) = (mean(|row| *row.0), mean(|row| *row.1));
+    let moment = |of: fn(f64, f64) -> f64| {
+        rows.iter().map(|(time, position)| of(**time - middle, **position - height)).sum::<f64>()
+    };
+    let (spread, joint) = (moment(|time, _| time * time), moment(|time, position| time * position));
+    let velocity = (spread > 0.0).then(|| joint / spread)?;
+    Some((height + velocity * (trace.time.first()? - middle), velocity))
 }
 
 fn cannot_write(path: &Path) -> String {
