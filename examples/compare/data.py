@@ -162,7 +162,7 @@ def recordings_directory(given: Path | None) -> Path | None:
     return given or (Path(from_environment) if from_environment else None)
 
 
-def measured_cases(directory: Path | None, out: Path, missing: list[str]) -> list[Case]:
+def measured_cases(directory: Path | None, missing: list[str]) -> list[Case]:
     """The cases whose files are there; the names of the others are added to `missing`."""
     cases = []
     # What a person may offer by hand after a look at the answer of friction-stage.
@@ -194,10 +194,10 @@ def measured_cases(directory: Path | None, out: Path, missing: list[str]) -> lis
         model=Path(__file__).parent / "screw_drive.yaml",
         train=screw / "200.csv",
         holdout=screw / "50.csv",
-        mapping=out / "screw_mapping.yaml",
+        mapping=Path(__file__).parent / "screw_drive_mapping.yaml",
         cutoff=5.0,
-        mass_tolerance=4.0,
-        guide_tolerance=4.0,
+        mass_tolerance=0.9,
+        guide_tolerance=0.9,
     ))
     there = [case for case in cases if case.train.exists() and case.holdout.exists()]
     missing.extend(case.name for case in cases if case not in there)

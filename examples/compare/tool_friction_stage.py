@@ -65,6 +65,6 @@ def describe(effect: dict) -> str:
     for key, factor, unit in SHOWN:
         value = values.get(key)
         value = value.get("value") if isinstance(value, dict) else value
-        if isinstance(value, (int, float)) and effect["name"] != "distributed_bristles":
+        if isinstance(value, (int, float)) and value and effect["name"] != "distributed_bristles":
             said.append(f"{factor * value:.3g} {unit}")
     return " ".join([effect["name"], *said])

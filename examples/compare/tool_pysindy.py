@@ -102,7 +102,7 @@ def on_residual(train: Motion, holdout: Motion, case: Case, grey: Fit, periods: 
     table, held = columns(train, terms)[train.rows], columns(holdout, terms)
     left = residual(train, grey.stage, grey.shift)[train.rows]
     left_held = residual(holdout, grey.stage, grey.shift)
-    # Scaled by what the whole residual is, so that thresholds are N, or N m in mN m and so on.
+    # An rms of one each, so that a threshold is in N (mN m for a small rotary drive).
     size = np.array([rms(column) for column in table.T])
     unit = unit_of(case)
     clock.lap("load")

@@ -1,0 +1,2 @@
+"""The results of the comparison as tables."""
+def markdown(results): return ""
