@@ -76,7 +76,7 @@ def friction(motion: Motion, guides: list[dict], effects: list[dict] = ()) -> np
     """Force of the guides against the motion at the inner samples, N."""
     v, dt = motion.interval_velocity, motion.dt
     x = 0.5 * (motion.driven[1:] + motion.driven[:-1])
-    level, viscous, parts = np.ones_like(v), np.ones_like(v), [(1.0, 1.0)]
+    level, viscous, parts = np.ones_like(v), np.ones_like(v), [(1.0, 1.0, 1.0)]
     for effect in effects:
         (name, values), = effect.items()
         if name == "asymmetric_friction":
@@ -97,7 +97,7 @@ def friction(motion: Motion, guides: list[dict], effects: list[dict] = ()) -> np
             strong = [values.get(f"strength_share_{i}", float(i == 1)) for i in (1, 2, 3)]
             pairs = [*zip(stiff, strong), (1 - sum(stiff), 1 - sum(strong))]
             scale = values.get("stiffness", 1.0)
-            parts = [(scale * a, b) for a, b in pairs if a > 1e-9 and b > 1e-9]
+            parts = [(scale * a, a, b) for a, b in pairs if a > 1e-9 and b > 1e-9]
         elif name == "map" and values.get("side") in ("friction", "viscous"):
             curve = knots(values, x, v, dt * (np.arange(len(v)) + 0.5))
             if values["side"] == "friction":
@@ -107,9 +107,9 @@ def friction(motion: Motion, guides: list[dict], effects: list[dict] = ()) -> np
     total = np.zeros(len(v))
     for guide in unique(guides):
         count = sum(guide == other for other in guides)
-        for stiff, strong in parts:
+        for stiff, damped, strong in parts:
             part = {**guide, "stiffness": guide["stiffness"] * stiff,
-                    "bristle_damping": guide["bristle_damping"] * stiff}
+                    "bristle_damping": guide["bristle_damping"] * damped}
             total += count * bristle(v, dt, part, strong * level)
         total += count * guide["viscous_friction"] * viscous * v
     return interval_means(total)

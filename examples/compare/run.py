@@ -47,7 +47,8 @@ def attempt(work, *arguments) -> dict:
         return {"error": f"{type(error).__name__}: {error}"}
 
 
-def compare(program: Path, case: Case, out: Path) -> dict:
+def compare(program: Path, case: Case, out: Path, result: dict) -> dict:
+    """The result of a case; what it has already is kept."""
     declared = case.declared()
     stage = Stage.of(declared)
     clock = Clock()
@@ -57,7 +58,7 @@ def compare(program: Path, case: Case, out: Path) -> dict:
     grey = fit(train, stage, case)
     clock.lap("fit")
     encoder = declared.get("encoder", {})
-    result = {
+    result |= {
         "case": case.name,
         "band_hz": case.cutoff,
         "rows": {"train": len(train.position), "holdout": len(holdout.position)},
@@ -67,11 +68,17 @@ def compare(program: Path, case: Case, out: Path) -> dict:
         "grey_box": {"holdout": force_error(holdout, residual(holdout, grey.stage, grey.shift))
                      .as_dict(), "evaluations": grey.evaluations, "cpu": clock.parts},
     }
-    result["friction_stage"] = attempt(tool_friction_stage.identify, program, case, holdout, out)
-    result["pysindy"] = attempt(tool_pysindy.compare, train, holdout, case, grey, stage)
-    if not case.name.startswith("null"):
-        result["mujoco"] = attempt(tool_mujoco.compare, recordings["train"], train, holdout, case,
-                                   grey, stage)
+    tools = {
+        "friction_stage": (tool_friction_stage.identify, program, case, holdout, out),
+        "pysindy": (tool_pysindy.compare, train, holdout, case, grey, stage),
+        "mujoco": (tool_mujoco.compare, recordings["train"], train, holdout, case, grey, stage),
+    }
+    if case.name.startswith("null"):
+        # It has no way to say that something is missing.
+        del tools["mujoco"]
+    for tool, work in tools.items():
+        if tool not in result:
+            result[tool] = attempt(*work)
     if case.hidden is not None:
         hidden = hidden_effects(case, out)
         result["hidden"] = [name for name, _ in hidden]
@@ -88,6 +95,8 @@ def main() -> int:
     parser.add_argument("--recordings", type=Path, help="default: FRICTION_STAGE_RECORDINGS")
     parser.add_argument("--only", nargs="+", metavar="CASE",
                         help="a to f, emps, screw, blind_1 to blind_10, null_1 to null_3")
+    parser.add_argument("--again", choices=["friction_stage", "pysindy", "mujoco"],
+                        help="run this tool again on cases that are kept")
     given = parser.parse_args()
     kept = given.out / "cases"
     kept.mkdir(parents=True, exist_ok=True)
@@ -100,10 +109,14 @@ def main() -> int:
     cases += blind_cases(given.program, given.out, wanted)
     for case in cases:
         file = kept / f"{case.name}.json"
-        if file.exists():
+        result = json.loads(file.read_text()) if file.exists() else {}
+        if given.again:
+            result.pop(given.again, None)
+        elif result:
             continue
         print(f"{case.name} ...", flush=True)
-        file.write_text(json.dumps(compare(given.program, case, given.out), indent=1, default=float))
+        result = compare(given.program, case, given.out, result)
+        file.write_text(json.dumps(result, indent=1, default=float))
     results = [json.loads(file.read_text()) for file in sorted(kept.glob("*.json"))]
     text = markdown(results)
     (given.out / "compare.md").write_text(text)

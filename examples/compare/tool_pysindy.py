@@ -24,17 +24,26 @@ GRID = 1.37e-3 * 2 ** (np.arange(38) / 6)
 # Scale of the smooth sign of the velocity, m/s: about the declared Stribeck velocity.
 SIGN_SCALE = 5e-3
 # Terms have an rms of one, so that a threshold is in N of their contribution.
-THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
+THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 BLOCKS = 5
 
 # A term: its name and its values at the inner samples.
 Term = tuple[str, Callable[[Motion], np.ndarray]]
 
 
+def grid(stroke: float) -> np.ndarray:
+    """Periods of the grid that a stroke tells apart: half a wave more or less along it."""
+    periods: list[float] = []
+    for period in GRID[GRID < stroke]:
+        if not periods or stroke / periods[-1] - stroke / period >= 0.5:
+            periods.append(period)
+    return np.array(periods)
+
+
 def library(scale: float, speed: float, periods: np.ndarray) -> list[Term]:
     """Terms of position, velocity and acceleration, and a sine and cosine of each period.
 
-    `scale`: an amplitude of the position, m; `speed`: scale of the smooth sign, m/s.
+    `scale`: the stroke, m; `speed`: scale of the smooth sign, m/s.
     """
     def sign(m: Motion) -> np.ndarray:
         return np.tanh(m.velocity / speed)
@@ -55,7 +64,7 @@ def library(scale: float, speed: float, periods: np.ndarray) -> list[Term]:
         ("jerk", lambda m: np.gradient(m.acceleration, m.dt)),
     ]
     for period in periods:
-        if period < 4 * scale:
+        if period < scale:
             name = f"{1e3 * period:.3g} mm"
             wave = 2 * np.pi / period
             terms.append((f"sin {name}", lambda m, w=wave: np.sin(w * m.position)))
@@ -137,7 +146,7 @@ def sign_scale(motion: Motion) -> float:
 def on_states(train: Motion, holdout: Motion, case: Case) -> dict:
     """Raw states x and v with the force as the control input: dv/dt = library + b F."""
     clock = Clock()
-    terms = library(np.ptp(train.position), sign_scale(train), GRID)
+    terms = library(np.ptp(train.position), sign_scale(train), grid(np.ptp(train.position)))
     # The derivative of the state cannot be made of itself.
     terms = [term for term in terms if term[0] not in ("a", "jerk")]
     thin = max(1, int(1 / (2.5 * case.cutoff * train.dt)))
@@ -160,7 +169,7 @@ def on_states(train: Motion, holdout: Motion, case: Case) -> dict:
 
 def compare(train: Motion, holdout: Motion, case: Case, grey: Fit, stage: Stage) -> dict:
     answer = {"tool": f"PySINDy {ps.__version__}",
-              "found": on_residual(train, holdout, case, grey, GRID, stage)}
+              "found": on_residual(train, holdout, case, grey, grid(np.ptp(train.position)), stage)}
     if case.offered_periods:
         answer["offered"] = on_residual(train, holdout, case, grey,
                                         np.array(case.offered_periods), stage)
