@@ -37,6 +37,9 @@ from metric import force_error, noise_floor
 from table import markdown
 
 
+TOOLS = ["friction_stage", "pysindy", "mujoco"]
+
+
 def attempt(work, *arguments) -> dict:
     """What a tool returns, or the error it ended with."""
     try:
@@ -47,8 +50,8 @@ def attempt(work, *arguments) -> dict:
         return {"error": f"{type(error).__name__}: {error}"}
 
 
-def compare(program: Path, case: Case, out: Path, result: dict) -> dict:
-    """The result of a case; what it has already is kept."""
+def compare(program: Path, case: Case, out: Path, wanted: list[str], result: dict, save) -> dict:
+    """The result of a case; what it has already is kept, and each tool's answer is saved."""
     declared = case.declared()
     stage = Stage.of(declared)
     clock = Clock()
@@ -77,14 +80,17 @@ def compare(program: Path, case: Case, out: Path, result: dict) -> dict:
         # It has no way to say that something is missing.
         del tools["mujoco"]
     for tool, work in tools.items():
-        if tool not in result:
+        if tool in wanted and tool not in result:
             result[tool] = attempt(*work)
-    if case.hidden is not None:
+            save(result)
+    if case.hidden is not None and "friction_stage" in result and "pysindy" in result:
         hidden = hidden_effects(case, out)
         result["hidden"] = [name for name, _ in hidden]
         result["right"] = judge_verdict(result["friction_stage"], hidden)
         if "found" in result["pysindy"]:
             result["terms_judged"] = judge_terms(result["pysindy"]["found"]["terms"], hidden)
+    if all(tool in result for tool in tools):
+        result["complete"] = True
     return result
 
 
@@ -95,7 +101,9 @@ def main() -> int:
     parser.add_argument("--recordings", type=Path, help="default: FRICTION_STAGE_RECORDINGS")
     parser.add_argument("--only", nargs="+", metavar="CASE",
                         help="a to f, emps, screw, blind_1 to blind_10, null_1 to null_3")
-    parser.add_argument("--again", choices=["friction_stage", "pysindy", "mujoco"],
+    parser.add_argument("--tools", nargs="+", choices=TOOLS, default=TOOLS,
+                        help="run these only; a later run adds the others")
+    parser.add_argument("--again", choices=TOOLS,
                         help="run this tool again on cases that are kept")
     given = parser.parse_args()
     kept = given.out / "cases"
@@ -112,12 +120,17 @@ def main() -> int:
         result = json.loads(file.read_text()) if file.exists() else {}
         if given.again:
             result.pop(given.again, None)
-        elif result:
+            result.pop("complete", None)
+        elif "complete" in result:
             continue
         print(f"{case.name} ...", flush=True)
-        result = compare(given.program, case, given.out, result)
-        file.write_text(json.dumps(result, indent=1, default=float))
+
+        def save(result: dict, file: Path = file) -> None:
+            file.write_text(json.dumps(result, indent=1, default=float))
+
+        save(compare(given.program, case, given.out, given.tools, result, save))
     results = [json.loads(file.read_text()) for file in sorted(kept.glob("*.json"))]
+    results = [result for result in results if "friction_stage" in result and "pysindy" in result]
     text = markdown(results)
     (given.out / "compare.md").write_text(text)
     (given.out / "compare.json").write_text(json.dumps(

@@ -18,7 +18,9 @@ from metric import Motion, force_error, lowpass, rms
 
 # s; of a window that is simulated from a measured state.
 WINDOW = 0.05
-WINDOWS = 32
+# Windows for each s of a record, and how many there are at least.
+WINDOWS_PER_SECOND = 0.7
+FEWEST_WINDOWS = 8
 # Samples of a window where they are so far apart that a window of that length holds too few.
 FEWEST_SAMPLES = 12
 # Step of the simulation, s; half the step is checked afterwards.
@@ -123,11 +125,13 @@ def windows(recording: Recording, motion: Motion, stage: Stage, length: float) -
     """Samples at which windows start, evenly over the record, where the carriage slides."""
     samples = round(length / recording.dt)
     last = motion.rows.stop - samples - 2
-    starts = np.linspace(motion.rows.start, last, 8 * WINDOWS).astype(int)
+    duration = recording.dt * len(recording.position)
+    count = max(FEWEST_WINDOWS, round(WINDOWS_PER_SECOND * duration))
+    starts = np.linspace(motion.rows.start, last, 8 * count).astype(int)
     # The bristles' state is known where the carriage has slid for a while.
     before = round(0.02 / recording.dt) or 1
     moves = [s for s in starts if motion.moving[max(0, s - before):s + 1].all()] or list(starts)
-    return [moves[i] for i in np.linspace(0, len(moves) - 1, WINDOWS).astype(int)]
+    return [moves[i] for i in np.linspace(0, len(moves) - 1, count).astype(int)]
 
 
 def bristle_states(motion: Motion, stage: Stage) -> np.ndarray:
