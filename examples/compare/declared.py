@@ -11,6 +11,7 @@ evaluated with. Written for this comparison: it shares no code with friction-sta
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,6 +135,18 @@ def warmth(v: np.ndarray, dt: float, values: dict) -> np.ndarray:
     return np.minimum(1, share) if form == "proportion" else 1 - np.exp(-share)
 
 
+def hysteresis(x: np.ndarray, width: float, form: str) -> np.ndarray:
+    """Share of a hysteresis along a path: h = u sign(v), du/ds = (1 - u) / width (Dahl)."""
+    if form != "dahl":
+        raise NotEvaluated(f"cable_chain of the form {form}")
+    h, shares = 0.0, [0.0]
+    for step in np.diff(x).tolist():
+        side = math.copysign(1.0, step)
+        h = side + (h - side) * math.exp(-abs(step) / width)
+        shares.append(h)
+    return np.array(shares)
+
+
 def knots(values: dict, x: np.ndarray, v: np.ndarray, t: np.ndarray) -> np.ndarray:
     coordinate = {"position": x, "velocity": v, "time": t}[values["coordinate"]]
     if values.get("jump"):
@@ -157,9 +170,9 @@ def effect_force(motion: Motion, effects: list[dict], mass: float) -> np.ndarray
         elif name == "constant_force":
             total += p["amplitude"]
         elif name == "cable_chain":
-            if p.get("amplitude"):
-                raise NotEvaluated("cable_chain with hysteresis")
             total -= p["stiffness"] * (x - p.get("center", 0.0))
+            if p.get("amplitude"):
+                total -= p["amplitude"] * hysteresis(x, p["width"], p.get("form", "dahl"))
         elif name == "quadratic_drag":
             total -= p["coefficient"] * v * np.abs(v)
         elif name == "hardening_spring":

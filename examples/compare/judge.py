@@ -43,10 +43,13 @@ def judge_terms(terms: dict, hidden: list[tuple[str, dict]]) -> dict:
 
 
 def judge_verdict(answer: dict, hidden: list[tuple[str, dict]]) -> bool:
-    """A verdict is right where it has the names of all that is hidden, or says that there is none."""
+    """A verdict is right with the names of all that is hidden, or where it says that there is none.
+
+    A force that follows no law has to be `unknown`, with the names of what else is hidden.
+    """
     names = sorted(name for name, _ in hidden)
     if not names:
         return answer.get("verdict") == "none"
     if "map" in names:
-        return answer.get("verdict") == "unknown"
+        return answer.get("verdict") == "unknown" and sorted(answer["effects"]) == names
     return answer.get("verdict") == "found" and sorted(answer["effects"]) == names

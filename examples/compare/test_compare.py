@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from blind import TRAIN, draw, trajectory  # noqa: E402
 from data import Recording, read_scope, yaml_of  # noqa: E402
-from declared import Stage, friction, residual  # noqa: E402
+from declared import Stage, friction, hysteresis, residual  # noqa: E402
 from judge import judge_terms, judge_verdict  # noqa: E402
 from metric import Motion, force_error, noise_floor, rms  # noqa: E402
 
@@ -124,3 +124,14 @@ def test_a_verdict_is_right_with_all_names_only():
     assert not judge_verdict(answer, [("cogging", {}), ("quadratic_drag", {})])
     assert not judge_verdict(answer, [])
     assert judge_verdict({"verdict": "unknown", "effects": ["map"]}, [("map", {})])
+    assert not judge_verdict({"verdict": "unknown", "effects": ["map"]},
+                             [("map", {}), ("ball_passage", {})])
+
+
+def test_a_hysteresis_turns_over_its_width():
+    there = np.linspace(0.0, 1e-3, 1001)
+    path = np.concatenate([there, there[-2::-1]])
+    h = hysteresis(path, 1e-4, "dahl")
+    assert h[100] == pytest.approx(1 - np.exp(-1))
+    assert h[1000] == pytest.approx(1 - np.exp(-10))
+    assert h[1100] == pytest.approx(-1 + (1 + h[1000]) * np.exp(-1))
