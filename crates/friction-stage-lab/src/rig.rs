@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::dahl::{HysteresisLoop, LoopTiming, hysteresis_loop};
 use super::specimen::{LabError, LabRecording, SERVO_BANDWIDTH, Settings, Specimen};
 use super::stribeck::stribeck;
+use friction_stage_core::model::Guide;
 
 /// Coupling stiffness over the guide's Dahl stiffness; the paper: roughly two orders of magnitude
 /// (section 1.2).
@@ -35,7 +36,8 @@ pub struct RigBias {
     pub property: Cow<'static, str>,
     pub value: f64,
     pub unit: Cow<'static, str>,
-    /// Stiffness at 1 µm against Fs tanh(sigma0 A/Fs)/A, with the encoder at the guide.
+    /// Stiffness at 1 µm against Fs tanh(sigma0 A/Fs)/A, summed over the bristles, with the encoder
+    /// at the guide.
     pub stiffness_bias: f64,
     /// Its standard error, relative.
     pub stiffness_error: f64,
@@ -60,6 +62,11 @@ pub fn rig(
     tick: &dyn Fn(),
 ) -> Result<(Vec<RigBias>, LabRecording), LabError> {
     let guide = specimen.guide()?;
+    let bristles = specimen.bristles()?.ok_or_else(|| LabError::Signal {
+        experiment: "rig",
+        specimen: specimen.name.clone(),
+        what: "has more effects than LuGre bristles, so no closed form to compare with".to_owned(),
+    })?;
     let quick = LoopTiming { travel: 4.0, settle: 0.5, measure: 0.5, cycles: 2, conditioning: 40 };
     let mut biases = Vec::new();
     let mut kept = None;
@@ -77,7 +84,7 @@ pub fn rig(
                 friction_bias: friction
                     .map(|point| point.force.value / guide.steady_force(point.velocity) - 1.0),
                 ripple: friction.map(|point| point.ripple),
-                ..bias(property, value, unit, &found, &guide, coupling)
+                ..bias(property, value, unit, &found, &bristles, coupling)
             });
             kept.get_or_insert(recording);
             tick();
@@ -127,10 +134,12 @@ fn bias(
     value: f64,
     unit: &'static str,
     found: &HysteresisLoop,
-    guide: &friction_stage_core::model::Guide,
+    bristles: &[Guide],
     coupling: f64,
 ) -> RigBias {
-    let stiffness = guide.effective_stiffness(found.amplitude);
+    let stiffness: f64 =
+        bristles.iter().map(|bristle| bristle.effective_stiffness(found.amplitude)).sum();
+    let area: f64 = bristles.iter().map(|bristle| bristle.loop_area(found.amplitude)).sum();
     let at_motor = found.tip_force.value / (found.amplitude + found.tip_force.value / coupling);
     RigBias {
         property: property.into(),
@@ -139,7 +148,7 @@ fn bias(
         stiffness_bias: found.stiffness.value / stiffness - 1.0,
         stiffness_error: found.stiffness.standard_error / stiffness,
         stiffness_bias_at_motor: at_motor / stiffness - 1.0,
-        area_bias: found.area.value / guide.loop_area(found.amplitude) - 1.0,
+        area_bias: found.area.value / area - 1.0,
         friction_bias: None,
         ripple: None,
     }

@@ -30,6 +30,8 @@ pub struct Statement {
 /// Results on guides 1, 2, 3, in this order.
 #[derive(Clone, Copy, Debug)]
 pub struct PaperResults<'a> {
+    /// What the guides are: `lugre` or `lugre + distributed_bristles`.
+    pub model: &'static str,
     pub stribeck: [&'a StribeckCurve; 3],
     pub dahl: [&'a DahlCurves; 3],
     /// Guide 1 with distributed bristles.
@@ -225,7 +227,7 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
         add(
             "3",
             paper,
-            format!("lugre: {found:.3e} N/m, {error:+.1} %"),
+            format!("{}: {found:.3e} N/m, {error:+.1} %", of.model),
             error.abs() < 5.0,
             Some(SINGLE),
         );

@@ -49,7 +49,8 @@ pub struct CatalogueEntry {
     pub distributed_bristles: Option<DistributedBristles>,
 }
 
-/// What the effect `distributed_bristles` and its guide need in place of a single bristle.
+/// What the effect `distributed_bristles` and its guide need in place of a single bristle; what is
+/// not given of the friction is that of the entry.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DistributedBristles {
@@ -57,6 +58,15 @@ pub struct DistributedBristles {
     pub stiffness: Quantity,
     /// Bristle damping sigma1 of all elements together.
     pub bristle_damping: Quantity,
+    /// Viscous friction sigma2, N s/m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub viscous_friction: Option<Quantity>,
+    /// Coulomb friction Fc, N.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coulomb_force: Option<Quantity>,
+    /// Static friction Fs, N.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub static_force: Option<Quantity>,
     /// Part of the stiffness in element 1.
     pub stiffness_share_1: Quantity,
     /// Part of the friction level in element 1.
@@ -155,6 +165,9 @@ impl Catalogue {
                 }
             }
             entry.guide().check(&key)?;
+            if let Some(guide) = entry.distributed_guide() {
+                guide.check(&format!("{key}.distributed_bristles"))?;
+            }
         }
         Ok(catalogue)
     }
@@ -239,15 +252,19 @@ impl Catalogue {
 
 impl DistributedBristles {
     /// The quantities with their names and the units in which they must stand; `1` is a share.
-    fn quantities(&self) -> [(&Quantity, &'static str, &'static str); 6] {
-        [
-            (&self.stiffness, "distributed_bristles.stiffness", "N/m"),
-            (&self.bristle_damping, "distributed_bristles.bristle_damping", "N s/m"),
-            (&self.stiffness_share_1, "distributed_bristles.stiffness_share_1", "1"),
-            (&self.strength_share_1, "distributed_bristles.strength_share_1", "1"),
-            (&self.stiffness_share_2, "distributed_bristles.stiffness_share_2", "1"),
-            (&self.strength_share_2, "distributed_bristles.strength_share_2", "1"),
-        ]
+    fn quantities(&self) -> impl Iterator<Item = (&Quantity, &'static str, &'static str)> {
+        let given = [
+            (Some(&self.stiffness), "distributed_bristles.stiffness", "N/m"),
+            (Some(&self.bristle_damping), "distributed_bristles.bristle_damping", "N s/m"),
+            (self.viscous_friction.as_ref(), "distributed_bristles.viscous_friction", "N s/m"),
+            (self.coulomb_force.as_ref(), "distributed_bristles.coulomb_force", "N"),
+            (self.static_force.as_ref(), "distributed_bristles.static_force", "N"),
+            (Some(&self.stiffness_share_1), "distributed_bristles.stiffness_share_1", "1"),
+            (Some(&self.strength_share_1), "distributed_bristles.strength_share_1", "1"),
+            (Some(&self.stiffness_share_2), "distributed_bristles.stiffness_share_2", "1"),
+            (Some(&self.strength_share_2), "distributed_bristles.strength_share_2", "1"),
+        ];
+        given.into_iter().filter_map(|(quantity, name, unit)| Some((quantity?, name, unit)))
     }
 }
 
@@ -263,6 +280,23 @@ impl CatalogueEntry {
             stribeck_velocity: self.stribeck_velocity.value,
             damping_velocity: None,
         }
+    }
+
+    /// The LuGre parameters with which its parallel bristles belong; `None` where it has none.
+    pub fn distributed_guide(&self) -> Option<Guide> {
+        let of = self.distributed_bristles.as_ref()?;
+        let own = self.guide();
+        let given = |quantity: &Option<Quantity>, otherwise: f64| {
+            quantity.as_ref().map_or(otherwise, |quantity| quantity.value)
+        };
+        Some(Guide {
+            stiffness: of.stiffness.value,
+            bristle_damping: of.bristle_damping.value,
+            viscous_friction: given(&of.viscous_friction, own.viscous_friction),
+            coulomb_force: given(&of.coulomb_force, own.coulomb_force),
+            static_force: given(&of.static_force, own.static_force),
+            ..own
+        })
     }
 
     /// The quantities with their names and the units in which they must stand.

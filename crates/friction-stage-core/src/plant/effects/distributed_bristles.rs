@@ -115,12 +115,8 @@ impl Catalogue {
     /// A guide with its parallel bristles: its parameters and the effect that belongs to them.
     /// `None` where the catalogue has no such guide or none for it.
     pub fn distributed_bristles(&self, name: &str) -> Option<(Guide, EffectParameters)> {
-        let of = self.entry(name)?.distributed_bristles.as_ref()?;
-        let guide = Guide {
-            stiffness: of.stiffness.value,
-            bristle_damping: of.bristle_damping.value,
-            ..self.guide(name)?
-        };
+        let entry = self.entry(name)?;
+        let (of, guide) = (entry.distributed_bristles.as_ref()?, entry.distributed_guide()?);
         let values = [
             ("stiffness_share_1", &of.stiffness_share_1),
             ("strength_share_1", &of.strength_share_1),
