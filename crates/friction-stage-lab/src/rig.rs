@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::dahl::{HysteresisLoop, LoopTiming, hysteresis_loop};
 use super::specimen::{LabError, LabRecording, SERVO_BANDWIDTH, Settings, Specimen};
 use super::stribeck::stribeck;
+use friction_stage_core::control::Gains;
 use friction_stage_core::model::Guide;
 
 /// Coupling stiffness over the guide's Dahl stiffness; the paper: roughly two orders of magnitude
@@ -71,9 +72,9 @@ pub fn rig(
     let mut biases = Vec::new();
     let mut kept = None;
     let mut add =
-        |property, value, unit, of: &Specimen, timing: &LoopTiming, bandwidth, speeds: bool| {
+        |property, value, unit, of: &Specimen, timing: &LoopTiming, servo: Gains, speeds: bool| {
             let (found, recording) =
-                hysteresis_loop(of, settings, of.servo(bandwidth), AMPLITUDE, timing)?;
+                hysteresis_loop(of, settings, servo, AMPLITUDE, timing)?;
             let friction = match speeds {
                 true => Some(stribeck(of, settings, &SPEEDS, &|| ())?.0.points[3]),
                 false => None,
@@ -90,17 +91,21 @@ pub fn rig(
             tick();
             Ok::<(), LabError>(())
         };
+    // Coupling and force cell under the servo with which a loop of 1 µm is measured: the quick one
+    // shakes the carriage, and bristles that break away early let go.
+    let servo = specimen.servo(SERVO_BANDWIDTH);
+    let as_curves = super::dahl::quiet(servo);
     for ratio in COUPLINGS {
         let mut changed = specimen.clone();
         if let Some(coupling) = &mut changed.rig.coupling {
             coupling.stiffness = ratio * guide.stiffness;
         }
-        add("coupling", ratio, "times the guide", &changed, &quick, SERVO_BANDWIDTH, true)?;
+        add("coupling", ratio, "times the guide", &changed, &quick, as_curves, true)?;
     }
     for noise in NOISES {
         let mut changed = specimen.clone();
         changed.rig.force_cell.noise = noise;
-        add("noise", noise, "N", &changed, &quick, SERVO_BANDWIDTH, true)?;
+        add("noise", noise, "N", &changed, &quick, as_curves, true)?;
     }
     for travel in TRAVELS {
         add(
@@ -109,14 +114,14 @@ pub fn rig(
             "s",
             specimen,
             &LoopTiming { travel, ..quick },
-            SERVO_BANDWIDTH,
+            servo,
             false,
         )?;
     }
     for bandwidth in SERVOS {
         let slow =
             LoopTiming { travel: 20.0, settle: 0.5, measure: 0.5, cycles: 2, conditioning: 40 };
-        add("servo", bandwidth, "Hz", specimen, &slow, bandwidth, false)?;
+        add("servo", bandwidth, "Hz", specimen, &slow, specimen.servo(bandwidth), false)?;
     }
     let name = "rig".to_owned();
     let recording = kept.map(|recording| LabRecording { name, ..recording }).ok_or_else(|| {

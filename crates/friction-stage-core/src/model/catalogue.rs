@@ -75,6 +75,12 @@ pub struct DistributedBristles {
     pub stiffness_share_2: Quantity,
     /// Part of the friction level in element 2.
     pub strength_share_2: Quantity,
+    /// Part of the stiffness in element 3.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stiffness_share_3: Option<Quantity>,
+    /// Part of the friction level in element 3.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strength_share_3: Option<Quantity>,
 }
 
 /// A number with its unit and where it comes from.
@@ -263,6 +269,8 @@ impl DistributedBristles {
             (Some(&self.strength_share_1), "distributed_bristles.strength_share_1", "1"),
             (Some(&self.stiffness_share_2), "distributed_bristles.stiffness_share_2", "1"),
             (Some(&self.strength_share_2), "distributed_bristles.strength_share_2", "1"),
+            (self.stiffness_share_3.as_ref(), "distributed_bristles.stiffness_share_3", "1"),
+            (self.strength_share_3.as_ref(), "distributed_bristles.strength_share_3", "1"),
         ];
         given.into_iter().filter_map(|(quantity, name, unit)| Some((quantity?, name, unit)))
     }
