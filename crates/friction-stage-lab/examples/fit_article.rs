@@ -7,7 +7,10 @@ use friction_stage_lab::fit_article;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let fit = fit_article()?;
-    println!("{:13} {:9} {:>11} {:>11} {:>8}  what", "section", "kind", "found", "wanted", "residual");
+    println!(
+        "{:13} {:9} {:>11} {:>11} {:>8}  what",
+        "section", "kind", "found", "wanted", "residual"
+    );
     for datum in &fit.data {
         println!(
             "{:13} {:9} {:11.4e} {:11.4e} {:8.2}  {}",
@@ -24,7 +27,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (guide, effect) = of.parameters();
         println!("\nguide_{number}");
         for (stiffness, distance) in &of.elements {
-            println!("  {stiffness:.4e} N/m up to {:.4} µm: {:.4} N", 1e6 * distance, stiffness * distance);
+            println!(
+                "  {stiffness:.4e} N/m up to {:.4} µm: {:.4} N",
+                1e6 * distance,
+                stiffness * distance
+            );
         }
         println!("  {guide:?}");
         for (name, value) in &effect.values {

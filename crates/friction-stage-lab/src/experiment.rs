@@ -533,9 +533,8 @@ impl ExperimentPlan {
                 return Err(LabError::Signal {
                     experiment: "rig",
                     specimen: of.name.clone(),
-                    what:
-                        "has more effects than LuGre bristles, so no closed form to compare with"
-                            .to_owned(),
+                    what: "has more effects than LuGre bristles, so no closed form to compare with"
+                        .to_owned(),
                 }
                 .into());
             }

@@ -50,8 +50,8 @@ pub use application::{
     Requirement, Sealing,
 };
 pub use article_fit::{
-    ASSUMED_WIDTH, ArticleDatum, ArticleFit, ArticleFitError, DatumKind, ElementGuide, ORDER_MARGIN,
-    ORDER_WIDTH, STATED_WIDTH, fit_article,
+    ASSUMED_WIDTH, ArticleDatum, ArticleFit, ArticleFitError, DatumKind, ElementGuide, FREE_WIDTH,
+    ORDER_MARGIN, ORDER_WIDTH, STATED_WIDTH, fit_article,
 };
 pub use compensation_trial::{CompensationTrial, TrialError, TrialRun};
 pub use dahl::{

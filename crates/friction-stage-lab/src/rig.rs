@@ -73,8 +73,7 @@ pub fn rig(
     let mut kept = None;
     let mut add =
         |property, value, unit, of: &Specimen, timing: &LoopTiming, servo: Gains, speeds: bool| {
-            let (found, recording) =
-                hysteresis_loop(of, settings, servo, AMPLITUDE, timing)?;
+            let (found, recording) = hysteresis_loop(of, settings, servo, AMPLITUDE, timing)?;
             let friction = match speeds {
                 true => Some(stribeck(of, settings, &SPEEDS, &|| ())?.0.points[3]),
                 false => None,
@@ -108,15 +107,7 @@ pub fn rig(
         add("noise", noise, "N", &changed, &quick, as_curves, true)?;
     }
     for travel in TRAVELS {
-        add(
-            "travel",
-            travel,
-            "s",
-            specimen,
-            &LoopTiming { travel, ..quick },
-            servo,
-            false,
-        )?;
+        add("travel", travel, "s", specimen, &LoopTiming { travel, ..quick }, servo, false)?;
     }
     for bandwidth in SERVOS {
         let slow =
@@ -186,5 +177,17 @@ mod tests {
             biases.iter().filter(|row| row.property == "travel").map(|row| row.area_bias).collect();
         assert!(areas[4] > areas[3] && areas[3] > areas[2], "{areas:?}");
         assert_eq!(biases.len(), RIG_TICKS);
+    }
+    /// Of several bristles the closed forms add up.
+    #[test]
+    fn a_guide_with_parallel_bristles_is_read_as_their_sum() {
+        let specimen = Specimen::named("guide_1+distributed_bristles").unwrap();
+        let bristles = specimen.bristles().unwrap().unwrap();
+        assert_eq!(bristles.len(), 4);
+        let (biases, _) = rig(&specimen, &Settings::default(), &|| ()).unwrap();
+        let stiff = biases.iter().find(|row| row.property == "coupling" && row.value == 1000.0);
+        let stiff = stiff.unwrap();
+        assert!(stiff.stiffness_bias.abs() < 0.02, "{stiff:?}");
+        assert!(stiff.friction_bias.unwrap().abs() < 0.02, "{stiff:?}");
     }
 }

@@ -72,10 +72,7 @@ pub enum LabError {
         limit: f64,
         slowest: f64,
     },
-    #[error(
-        "{guide} has no distributed bristles in the catalogue: the paper gives several stiffnesses \
-         for guide_1 only"
-    )]
+    #[error("{guide} has no distributed bristles in the catalogue")]
     NoDistributedBristles { guide: String },
     #[error("{value} must be {limit}")]
     Limit { value: f64, limit: &'static str },

@@ -498,3 +498,30 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     );
     rows
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::specimen::MeasuredValue;
+    use super::*;
+
+    #[test]
+    fn stiffness_between_two_loops_lies_on_their_power_law() {
+        let exact = |value| MeasuredValue { value, standard_error: 0.0 };
+        let of = |amplitude: f64| HysteresisLoop {
+            amplitude,
+            stiffness: exact(3.0 * amplitude.powf(-0.5)),
+            area: exact(0.0),
+            area_is_resolved: true,
+            tip_force: exact(0.0),
+            points: Vec::new(),
+        };
+        let loops = [1e-8, 1e-7, 1e-6].map(of).to_vec();
+        let curves = DahlCurves { name: String::new(), loops, resonances: Vec::new() };
+        let power = |amplitude: f64| 3.0 * amplitude.powf(-0.5);
+        for (amplitude, at) in [(3e-8, 3e-8), (1e-7, 1e-7), (5e-7, 5e-7), (1e-9, 1e-8), (1.0, 1e-6)]
+        {
+            let found = stiffness_along(&curves, amplitude);
+            assert!((found / power(at) - 1.0).abs() < 1e-9, "{amplitude}: {found}");
+        }
+    }
+}

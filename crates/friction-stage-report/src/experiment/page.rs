@@ -6,6 +6,7 @@ use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
 use crate::paper_motion::settling_bands;
 use crate::words::{guide_label, in_prefix};
+use friction_stage_core::model::Guide;
 use friction_stage_lab::{OwnMove, SETTLING_BANDS, Specimen};
 
 use Align::{Left, Right};
@@ -287,7 +288,7 @@ impl<'a> Report<'a> {
         self.page.section("Dahl curves");
         self.page.text(
             "Slow loops of one guide on the rig. Stiffness: force difference over position \
-             difference between the dwells at the tips. Dashed: closed forms of a single bristle, \
+             difference between the dwells at the tips. Dashed: closed forms of the bristles, \
              k = Fs tanh(\u{3c3}0 A/Fs)/A and W = 4 A Fs \u{2212} 4 (Fs\u{b2}/\u{3c3}0) \
              tanh(\u{3c3}0 A/Fs).",
         );
