@@ -149,7 +149,7 @@ fn the_papers_statements_hold_but_for_the_four_that_the_readme_names() {
     // The table of docs/explanation/stiffness.md, in percent: catalogue, best single bristle,
     // distributed.
     let errors = summary["stiffness_of_guide_1"]["errors"].as_array().unwrap();
-    let table = [(-39.8, -43.6, -0.5), (-0.2, -6.0, -0.2), (44.0, 39.6, -0.4)];
+    let table = [(-39.8, -43.6, -1.4), (-0.2, -6.0, 0.3), (44.0, 39.6, -0.5)];
     for (row, (catalogue, best_single, distributed)) in errors.iter().zip(table) {
         for (key, expected) in
             [("catalogue", catalogue), ("best_single", best_single), ("distributed", distributed)]

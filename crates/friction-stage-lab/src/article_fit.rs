@@ -16,9 +16,9 @@
 //! - ln(found / assumed) over [`ASSUMED_WIDTH`] for each value without a number in the text, over
 //!   [`FREE_WIDTH`] for the break-away distances of elements 1 and 2.
 //!
-//! The moves of section 4 are simulated without sensor noise. Not fitted, since the text says
-//! nothing that depends on them: Stribeck velocity and bristle damping over bristle stiffness,
-//! which are those of the catalogue's guide 1.
+//! The moves of section 4 are simulated without sensor noise. Not fitted, since the text has nothing
+//! that determines them: Stribeck velocity and bristle damping over bristle stiffness, which are
+//! those of the catalogue's guide 1.
 
 use std::f64::consts::PI;
 
