@@ -4,11 +4,11 @@
 //! which it puts the guides, and the values that the catalogue assumes where the text is silent.
 //! Out come three guides and how each datum is met.
 //!
-//! The guides share their parts, as Table 1 shares them: guide 2 has three bristle elements (rolling
-//! elements and cage), guide 1 the same three and a fourth one in parallel (the seals), guide 3
-//! those of guide 1 with seals that hold more (its lubricant). Element i has the stiffness K_i and breaks
-//! away at d_i, so that a slow loop of amplitude A shows the sum of K_i d_i tanh(A/d_i)/A (see
-//! [`super::fit_distributed`]).
+//! The guides share their parts, as Table 1 shares them: guide 2 has three bristle elements
+//! (rolling elements and cage), guide 1 the same three and a fourth one in parallel (the seals),
+//! guide 3 those of guide 1 with seals that hold more (its lubricant). Element i has the stiffness
+//! K_i and breaks away at d_i, so that a slow loop of amplitude A shows the sum of K_i d_i
+//! tanh(A/d_i)/A (see [`super::fit_distributed`]).
 //!
 //! Objective: the sum of the squares of
 //! - ln(found / stated) over [`STATED_WIDTH`] for each number of the text;
@@ -16,9 +16,9 @@
 //! - ln(found / assumed) over [`ASSUMED_WIDTH`] for each value without a number in the text, over
 //!   [`FREE_WIDTH`] for the break-away distances of elements 1 and 2.
 //!
-//! The moves of section 4 are simulated without sensor noise. Not fitted, since the text has nothing
-//! that determines them: Stribeck velocity and bristle damping over bristle stiffness, which are
-//! those of the catalogue's guide 1.
+//! The moves of section 4 are simulated without sensor noise. Not fitted, since the text has
+//! nothing that determines them: Stribeck velocity and bristle damping over bristle stiffness,
+//! which are those of the catalogue's guide 1.
 
 use std::f64::consts::PI;
 

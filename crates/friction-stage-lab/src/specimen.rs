@@ -219,9 +219,9 @@ impl Specimen {
         Ok(single * if longest > 0.0 { longest } else { 1.0 })
     }
 
-    /// The rig's bristle elements as guides, for whose slow loops closed forms hold that add up: one
-    /// of a plain guide, several of one with bristles in parallel. `None` where there is more than
-    /// LuGre bristles.
+    /// The rig's bristle elements as guides, for whose slow loops closed forms hold that add up:
+    /// one of a plain guide, several of one with bristles in parallel. `None` where there is more
+    /// than LuGre bristles.
     pub fn bristles(&self) -> Result<Option<Vec<Guide>>, ModelError> {
         let guide = self.guide()?;
         if self.rig.effects.is_empty() {
