@@ -19,14 +19,14 @@ use friction_stage_data::signals::{Mapping, Recording, SignalError, Trace, is_ta
 use friction_stage_identify::ModelComparison;
 use friction_stage_report::words::{all_words, comparison_notes, in_prefix};
 
-/// Play the recorded forces of a recording on a stage and compare its encoder with the recorded one.
+/// Play recorded forces on a stage and compare its encoder with the recorded one.
 ///
 /// Without options the stage is the one that the bag was recorded from: model, seed and rates stand
 /// in the bag, and a lockstep recording is reproduced bit for bit. With --model another model gets
 /// the same forces.
 ///
-/// A recording of another machine, a table for example, needs --model, and --mapping where the names
-/// of its signals are its own. The stage then starts with the recorded position and velocity, its
+/// A recording of another machine, a table for example, needs --model, and --mapping where its
+/// signals have other names. The stage then starts with the recorded position and velocity, its
 /// bristles unloaded: the free simulation of the model under the recorded forces.
 ///
 /// Forces that were recorded with one stage leave another one somewhere else soon, however good its

@@ -27,7 +27,7 @@ const STIFFNESS_ERROR: f64 = 0.01;
 /// Up to this amplitude, m, the guide is a spring and the servo can be quiet; from `AREA_FROM` on
 /// the loop area counts.
 const QUIET_TO: f64 = 5e-6;
-const AREA_FROM: f64 = 200e-9;
+pub(super) const AREA_FROM: f64 = 200e-9;
 /// Parts of the proportional and integral gain of the 60 Hz servo in the quiet one, and its
 /// lowpass, Hz; no derivative.
 ///
@@ -161,9 +161,7 @@ pub fn dahl(
             break_away,
         );
         let servo = specimen.servo(SERVO_BANDWIDTH);
-        let (p, i, lowpass_frequency) = QUIET_SERVO;
-        let quiet = Gains { p: p * servo.p, i: i * servo.i, d: 0.0, lowpass_frequency, ..servo };
-        let servo = if amplitude < QUIET_TO { quiet } else { servo };
+        let servo = if amplitude < QUIET_TO { quiet(servo) } else { servo };
         let (mut found, recording) =
             hysteresis_loop(specimen, settings, servo, amplitude, &timing)?;
         found.area_is_resolved =
@@ -176,6 +174,12 @@ pub fn dahl(
         tick();
     }
     Ok((curves, recordings))
+}
+
+/// The servo of the smallest loops, from that of the larger ones.
+pub(super) fn quiet(servo: Gains) -> Gains {
+    let (p, i, lowpass_frequency) = QUIET_SERVO;
+    Gains { p: p * servo.p, i: i * servo.i, d: 0.0, lowpass_frequency, ..servo }
 }
 
 /// Equivalent spring and damper of a stage of `mass` kg on so many guides with this loop.

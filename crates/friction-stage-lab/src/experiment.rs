@@ -247,6 +247,9 @@ impl ExperimentResults {
     }
 }
 
+/// What after a specimen's name says that it is on bristles in parallel.
+const DISTRIBUTED: &str = " distributed";
+
 impl Specimen {
     /// The paper's three guides.
     pub const PAPER_GUIDES: [&'static str; 3] = ["guide_1", "guide_2", "guide_3"];
@@ -265,7 +268,7 @@ impl Specimen {
             .ok_or_else(|| LabError::NoDistributedBristles { guide: guide.to_owned() })?;
         let stage = StageModel { effects: vec![effect], ..StageModel::on_guides(guide) };
         let mut found = Specimen::of_model(&stage)?.with_guide(inline);
-        found.name = format!("{} distributed", guide.replace('_', " "));
+        found.name = guide.replace('_', " ") + DISTRIBUTED;
         Ok(found)
     }
 
@@ -452,7 +455,8 @@ impl ExperimentPlan {
                 Some(results) => found = statements(&results),
                 None => warnings.push(
                     "the paper's statements need guide_1, guide_2, guide_3 and \
-                     guide_1+distributed_bristles: no table"
+                     guide_1+distributed_bristles, or all three with +distributed_bristles: no \
+                     table"
                         .to_owned(),
                 ),
             }
@@ -519,19 +523,18 @@ impl ExperimentPlan {
                 keep(&recordings)?;
                 results.hunting.push(SpecimenHunting { name: of.name.clone(), results: found });
             }
-            Experiment::Rig if of.is_plain() => {
+            Experiment::Rig if of.bristles().map_err(LabError::from)?.is_some() => {
                 let (found, recording) = rig(of, settings, tick)?;
                 keep(&[recording])?;
                 results.rig.push(SpecimenRig { name: of.name.clone(), biases: found });
             }
-            // Biases are against closed forms, and those are of a single bristle.
+            // Biases are against closed forms, and those are of bristles that slip gradually.
             Experiment::Rig if self.experiment == Experiment::Rig => {
                 return Err(LabError::Signal {
                     experiment: "rig",
                     specimen: of.name.clone(),
-                    what:
-                        "has more effects than the LuGre guide, so no closed form to compare with"
-                            .to_owned(),
+                    what: "has more effects than LuGre bristles, so no closed form to compare with"
+                        .to_owned(),
                 }
                 .into());
             }
@@ -542,25 +545,45 @@ impl ExperimentPlan {
     }
 }
 
-/// What the table of statements needs, if it is there.
+/// What the table of statements needs, if it is there: of the guides with one bristle each, or of
+/// those with several in parallel.
 fn paper_results(results: &ExperimentResults) -> Option<PaperResults<'_>> {
-    fn three<'a, T>(all: impl Fn(&str) -> Option<&'a T>) -> Option<[&'a T; 3]> {
-        Some([all("guide 1")?, all("guide 2")?, all("guide 3")?])
+    let single = ["guide 1", "guide 2", "guide 3"].map(str::to_owned);
+    let parallel = single.clone().map(|name| name + DISTRIBUTED);
+    [single, parallel].iter().find_map(|names| paper_results_of(results, names))
+}
+
+fn paper_results_of<'a>(
+    results: &'a ExperimentResults,
+    names: &[String; 3],
+) -> Option<PaperResults<'a>> {
+    fn three<'a, T>(
+        names: &[String; 3],
+        find: impl Fn(&str) -> Option<&'a T>,
+    ) -> Option<[&'a T; 3]> {
+        let [one, two, three] = names;
+        Some([find(one)?, find(two)?, find(three)?])
     }
     let fast = |fed: bool| {
-        three(move |name| results.fast_move.iter().filter(|f| f.name == name).nth(usize::from(fed)))
+        three(names, move |name| {
+            results.fast_move.iter().filter(|f| f.name == name).nth(usize::from(fed))
+        })
     };
+    let distributed = format!("guide 1{DISTRIBUTED}");
     Some(PaperResults {
-        stribeck: three(|name| results.stribeck.iter().find(|found| found.name == name))?,
-        dahl: three(|name| results.dahl.iter().find(|found| found.name == name))?,
-        distributed: results.dahl.iter().find(|found| found.name == "guide 1 distributed")?,
-        response: three(|name| results.frequency_response.iter().find(|found| found.name == name))?,
+        model: if names[0] == distributed { "lugre + distributed_bristles" } else { "lugre" },
+        stribeck: three(names, |name| results.stribeck.iter().find(|found| found.name == name))?,
+        dahl: three(names, |name| results.dahl.iter().find(|found| found.name == name))?,
+        distributed: results.dahl.iter().find(|found| found.name == distributed)?,
+        response: three(names, |name| {
+            results.frequency_response.iter().find(|found| found.name == name)
+        })?,
         fast: fast(false)?,
         fast_fed: fast(true)?,
-        fine: three(|name| results.fine_step.iter().find(|found| found.name == name))?,
-        hunting: three(|name| results.hunting.iter().find(|found| found.name == name))?
+        fine: three(names, |name| results.fine_step.iter().find(|found| found.name == name))?,
+        hunting: three(names, |name| results.hunting.iter().find(|found| found.name == name))?
             .map(|found| found.results.as_slice()),
-        rig: &results.rig.iter().find(|found| found.name == "guide 1")?.biases,
+        rig: &results.rig.iter().find(|found| found.name == names[0])?.biases,
     })
 }
 

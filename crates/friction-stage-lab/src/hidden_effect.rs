@@ -1,7 +1,7 @@
 //! Recordings to try identification on: a stage that has an effect which its declared model lacks.
 //!
-//! In comes a seed, and a model where it is not one of ours; out come the declared model, the real one and two recordings of the real one in
-//! closed loop: one to identify on and one to check.
+//! In comes a seed, and a model where it is not one of ours; out come the declared model, the real
+//! one and two recordings of the real one in closed loop: one to identify on and one to check.
 
 use std::sync::LazyLock;
 

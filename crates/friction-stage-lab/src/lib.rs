@@ -17,6 +17,7 @@
 //! ```
 
 mod application;
+mod article_fit;
 mod compensation_trial;
 mod dahl;
 mod distributed_fit;
@@ -47,6 +48,10 @@ mod variant;
 pub use application::{
     Application, ApplicationError, ApplicationMotion, Constraints, GuideTolerances, Loop,
     Requirement, Sealing,
+};
+pub use article_fit::{
+    ASSUMED_WIDTH, ArticleDatum, ArticleFit, ArticleFitError, DatumKind, ElementGuide, FREE_WIDTH,
+    ORDER_MARGIN, ORDER_WIDTH, STATED_WIDTH, fit_article,
 };
 pub use compensation_trial::{CompensationTrial, TrialError, TrialRun};
 pub use dahl::{

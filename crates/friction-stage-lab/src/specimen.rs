@@ -8,7 +8,7 @@ use friction_stage_core::control::{
 };
 use friction_stage_core::model::{Guide, GuideSource, MAX_GUIDES, ModelError, StageModel};
 use friction_stage_core::plant::effects::{EffectDescriptor, Effects, Role};
-use friction_stage_core::plant::{Rates, Sample, Stage};
+use friction_stage_core::plant::{BristleShare, Rates, Sample, Slip, Stage};
 
 use super::distributed_fit::NoDistributedFit;
 use friction_stage_core::ClosedLoop;
@@ -72,10 +72,7 @@ pub enum LabError {
         limit: f64,
         slowest: f64,
     },
-    #[error(
-        "{guide} has no distributed bristles in the catalogue: the paper gives several stiffnesses \
-         for guide_1 only"
-    )]
+    #[error("{guide} has no distributed bristles in the catalogue")]
     NoDistributedBristles { guide: String },
     #[error("{value} must be {limit}")]
     Limit { value: f64, limit: &'static str },
@@ -222,9 +219,29 @@ impl Specimen {
         Ok(single * if longest > 0.0 { longest } else { 1.0 })
     }
 
-    /// Whether the rig's guide is a single LuGre bristle, for which closed forms hold.
-    pub fn is_plain(&self) -> bool {
-        self.rig.effects.is_empty()
+    /// The rig's bristle elements as guides, for whose slow loops closed forms hold that add up:
+    /// one of a plain guide, several of one with bristles in parallel. `None` where there is more
+    /// than LuGre bristles.
+    pub fn bristles(&self) -> Result<Option<Vec<Guide>>, ModelError> {
+        let guide = self.guide()?;
+        if self.rig.effects.is_empty() {
+            return Ok(Some(vec![guide]));
+        }
+        let only = self.rig.effects.iter().all(|effect| effect.name == "distributed_bristles");
+        let elements = Effects::new(&self.rig.effects)?.bristle_elements();
+        let Some(elements) = elements.filter(|of| only && of.slip == Slip::Gradual) else {
+            return Ok(None);
+        };
+        let carrying =
+            elements.shares.iter().filter(|share| share.stiffness > 0.0 && share.strength > 0.0);
+        let element = |share: &BristleShare| Guide {
+            stiffness: share.stiffness * guide.stiffness,
+            bristle_damping: share.damping * guide.bristle_damping,
+            coulomb_force: share.strength * guide.coulomb_force,
+            static_force: share.strength * guide.static_force,
+            ..guide.clone()
+        };
+        Ok(Some(carrying.map(element).collect()))
     }
 
     /// The same with other parameters of the guide.

@@ -27,8 +27,8 @@ const ANSWER: &str = "answer.sealed";
     after_help = "Examples:\n  friction-stage demo recordings\n  friction-stage identify --model \
                   recordings/declared.yaml --train recordings/train --holdout recordings/check \
                   --out result\n  friction-stage demo recordings --reveal\n  friction-stage demo \
-                  recordings --seed 2 --out another   # another stage\n  friction-stage demo recordings \
-                  --hide my_stage.yaml --out mine   # your own stage"
+                  recordings --seed 2 --out another   # another stage\n  friction-stage \
+                  demo recordings --hide my_stage.yaml --out mine   # your own stage"
 )]
 pub(super) struct RecordingsArgs {
     /// Directory to make; it must not exist

@@ -49,7 +49,8 @@ pub struct CatalogueEntry {
     pub distributed_bristles: Option<DistributedBristles>,
 }
 
-/// What the effect `distributed_bristles` and its guide need in place of a single bristle.
+/// What the effect `distributed_bristles` and its guide need in place of a single bristle; what is
+/// not given of the friction is that of the entry.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DistributedBristles {
@@ -57,6 +58,15 @@ pub struct DistributedBristles {
     pub stiffness: Quantity,
     /// Bristle damping sigma1 of all elements together.
     pub bristle_damping: Quantity,
+    /// Viscous friction sigma2, N s/m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub viscous_friction: Option<Quantity>,
+    /// Coulomb friction Fc, N.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coulomb_force: Option<Quantity>,
+    /// Static friction Fs, N.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub static_force: Option<Quantity>,
     /// Part of the stiffness in element 1.
     pub stiffness_share_1: Quantity,
     /// Part of the friction level in element 1.
@@ -65,6 +75,12 @@ pub struct DistributedBristles {
     pub stiffness_share_2: Quantity,
     /// Part of the friction level in element 2.
     pub strength_share_2: Quantity,
+    /// Part of the stiffness in element 3.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stiffness_share_3: Option<Quantity>,
+    /// Part of the friction level in element 3.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strength_share_3: Option<Quantity>,
 }
 
 /// A number with its unit and where it comes from.
@@ -155,6 +171,9 @@ impl Catalogue {
                 }
             }
             entry.guide().check(&key)?;
+            if let Some(guide) = entry.distributed_guide() {
+                guide.check(&format!("{key}.distributed_bristles"))?;
+            }
         }
         Ok(catalogue)
     }
@@ -239,15 +258,21 @@ impl Catalogue {
 
 impl DistributedBristles {
     /// The quantities with their names and the units in which they must stand; `1` is a share.
-    fn quantities(&self) -> [(&Quantity, &'static str, &'static str); 6] {
-        [
-            (&self.stiffness, "distributed_bristles.stiffness", "N/m"),
-            (&self.bristle_damping, "distributed_bristles.bristle_damping", "N s/m"),
-            (&self.stiffness_share_1, "distributed_bristles.stiffness_share_1", "1"),
-            (&self.strength_share_1, "distributed_bristles.strength_share_1", "1"),
-            (&self.stiffness_share_2, "distributed_bristles.stiffness_share_2", "1"),
-            (&self.strength_share_2, "distributed_bristles.strength_share_2", "1"),
-        ]
+    fn quantities(&self) -> impl Iterator<Item = (&Quantity, &'static str, &'static str)> {
+        let given = [
+            (Some(&self.stiffness), "distributed_bristles.stiffness", "N/m"),
+            (Some(&self.bristle_damping), "distributed_bristles.bristle_damping", "N s/m"),
+            (self.viscous_friction.as_ref(), "distributed_bristles.viscous_friction", "N s/m"),
+            (self.coulomb_force.as_ref(), "distributed_bristles.coulomb_force", "N"),
+            (self.static_force.as_ref(), "distributed_bristles.static_force", "N"),
+            (Some(&self.stiffness_share_1), "distributed_bristles.stiffness_share_1", "1"),
+            (Some(&self.strength_share_1), "distributed_bristles.strength_share_1", "1"),
+            (Some(&self.stiffness_share_2), "distributed_bristles.stiffness_share_2", "1"),
+            (Some(&self.strength_share_2), "distributed_bristles.strength_share_2", "1"),
+            (self.stiffness_share_3.as_ref(), "distributed_bristles.stiffness_share_3", "1"),
+            (self.strength_share_3.as_ref(), "distributed_bristles.strength_share_3", "1"),
+        ];
+        given.into_iter().filter_map(|(quantity, name, unit)| Some((quantity?, name, unit)))
     }
 }
 
@@ -263,6 +288,23 @@ impl CatalogueEntry {
             stribeck_velocity: self.stribeck_velocity.value,
             damping_velocity: None,
         }
+    }
+
+    /// The LuGre parameters with which its parallel bristles belong; `None` where it has none.
+    pub fn distributed_guide(&self) -> Option<Guide> {
+        let of = self.distributed_bristles.as_ref()?;
+        let own = self.guide();
+        let given = |quantity: &Option<Quantity>, otherwise: f64| {
+            quantity.as_ref().map_or(otherwise, |quantity| quantity.value)
+        };
+        Some(Guide {
+            stiffness: of.stiffness.value,
+            bristle_damping: of.bristle_damping.value,
+            viscous_friction: given(&of.viscous_friction, own.viscous_friction),
+            coulomb_force: given(&of.coulomb_force, own.coulomb_force),
+            static_force: given(&of.static_force, own.static_force),
+            ..own
+        })
     }
 
     /// The quantities with their names and the units in which they must stand.
@@ -291,29 +333,65 @@ mod tests {
         }
     }
 
-    /// Sum of b Fs tanh(a sigma0 A / (b Fs)) / A over the three elements: the closed form of the
-    /// effect's slow loop.
+    /// Stiffness of a slow loop of a guide on its parallel bristles, N/m: the sum of b Fs tanh(a
+    /// sigma0 A / (b Fs)) / A over the elements.
+    fn stiffness_on_bristles(name: &str, amplitude: f64) -> f64 {
+        let (guide, effect) = Catalogue::builtin().distributed_bristles(name).unwrap();
+        let shares = |kind: &str| -> [f64; 4] {
+            let given = [1, 2, 3]
+                .map(|element| effect.values[&format!("{kind}_share_{element}")].number().unwrap());
+            let [one, two, three] = given;
+            [one, two, three, 1.0 - given.iter().sum::<f64>()]
+        };
+        let carrying = shares("stiffness").into_iter().zip(shares("strength"));
+        let force = |(a, b): (f64, f64)| {
+            let strength = b * guide.static_force;
+            strength * (a * guide.stiffness * amplitude / strength).tanh()
+        };
+        carrying.filter(|(_, b)| *b > 1e-9).map(force).sum::<f64>() / amplitude
+    }
+
     #[test]
-    fn distributed_bristles_of_guide_1_meet_its_three_stiffnesses() {
+    fn distributed_bristles_meet_every_stiffness_that_the_paper_states() {
         let catalogue = Catalogue::builtin();
-        let (guide, effect) = catalogue.distributed_bristles("guide_1").unwrap();
-        let [a1, b1, a2, b2] =
-            ["stiffness_share_1", "strength_share_1", "stiffness_share_2", "strength_share_2"]
-                .map(|key| effect.values[key].number().unwrap());
-        let elements = [(a1, b1), (a2, b2), (1.0 - a1 - a2, 1.0 - b1 - b2)];
-        let stated = &catalogue.entry("guide_1").unwrap().effective_stiffness;
-        assert_eq!(stated.len(), 3);
-        for of in stated {
-            let force: f64 = elements
-                .iter()
-                .map(|(a, b)| {
-                    let strength = b * guide.static_force;
-                    strength * (a * guide.stiffness * of.amplitude / strength).tanh()
-                })
-                .sum();
-            assert!((force / of.amplitude / of.stiffness - 1.0).abs() < 2e-3, "{of:?}: {force}");
+        let mut checked = 0;
+        for (name, entry) in catalogue.entries() {
+            for of in &entry.effective_stiffness {
+                let found = stiffness_on_bristles(name, of.amplitude);
+                assert!((found / of.stiffness - 1.0).abs() < 0.011, "{name}: {of:?}: {found}");
+                checked += 1;
+            }
         }
-        assert!(catalogue.distributed_bristles("guide_2").is_none());
+        assert_eq!(checked, 4);
+        let [one, three] = ["guide_1", "guide_3"].map(|name| stiffness_on_bristles(name, 1e-6));
+        assert!((three / one - 1.0).abs() < 0.01, "the lubricant: {three} and {one}");
+    }
+
+    /// Table 1: guide 2 is guide 1 without seals, so what the guides share are the same elements,
+    /// and the seals hold 12 N (section 3).
+    #[test]
+    fn guide_2_on_its_bristles_is_guide_1_without_the_seals() {
+        let catalogue = Catalogue::builtin();
+        let of = |name: &str| catalogue.distributed_bristles(name).unwrap();
+        let ((one, with), (two, without), (three, low)) =
+            (of("guide_1"), of("guide_2"), of("guide_3"));
+        assert!((one.static_force - two.static_force - 12.0).abs() < 0.01);
+        for element in 1..=3 {
+            let size = |guide: &Guide, effect: &super::super::EffectParameters| {
+                let of = |kind: &str| {
+                    effect.values[&format!("{kind}_share_{element}")].number().unwrap()
+                };
+                (of("stiffness") * guide.stiffness, of("strength") * guide.static_force)
+            };
+            let sealed = size(&one, &with);
+            for (k, strength) in [size(&two, &without), size(&three, &low)] {
+                assert!((k / sealed.0 - 1.0).abs() < 1e-3, "element {element}: {k} {sealed:?}");
+                assert!((strength / sealed.1 - 1.0).abs() < 1e-3, "{element}: {strength}");
+            }
+        }
+        for name in catalogue.names() {
+            of(name).0.check(name).unwrap();
+        }
     }
 
     /// The statements of the paper's sections 2 and 3 that a single bristle can meet.
@@ -381,11 +459,19 @@ mod tests {
         );
         let builtin = include_str!("catalogue.yaml");
         let message = bad(&builtin.replace(
-            "stiffness: {value: 7.511e5, unit: N/m",
-            "stiffness: {value: 0.7511, unit: N/um",
+            "stiffness: {value: 7.5462e5, unit: N/m",
+            "stiffness: {value: 0.75462, unit: N/um",
         ));
         assert!(
             message.contains("guide_1.distributed_bristles.stiffness") && message.contains("N/um"),
+            "{message}"
+        );
+        let message = bad(&builtin.replace(
+            "coulomb_force: {value: 11.337, unit: N",
+            "coulomb_force: {value: 21.337, unit: N",
+        ));
+        assert!(
+            message.contains("guide_1.distributed_bristles") && message.contains("14.44"),
             "{message}"
         );
         let message = bad(&OWN.replace("static_force: {value: ", "static_force: {value: -"));

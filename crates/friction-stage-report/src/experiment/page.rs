@@ -6,6 +6,7 @@ use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
 use crate::paper_motion::settling_bands;
 use crate::words::{guide_label, in_prefix};
+use friction_stage_core::model::Guide;
 use friction_stage_lab::{OwnMove, SETTLING_BANDS, Specimen};
 
 use Align::{Left, Right};
@@ -93,34 +94,31 @@ impl<'a> Report<'a> {
         }
         let holding = statements.iter().filter(|statement| statement.holds).count();
         let mark = if holding == statements.len() { Mark::Good } else { Mark::Warning };
-        let fit = self.summary.stiffness_of_guide_1;
-        let worst = |of: fn(&friction_stage_lab::StiffnessError) -> f64| {
-            fit.map_or(f64::NAN, |fit| {
-                fit.errors.iter().map(|row| of(row).abs()).fold(0.0, f64::max)
-            })
-        };
-        let best = fit.map_or(f64::NAN, |_| 100.0 * worst(|row| row.best_single));
-        let after = 100.0 * worst(|row| row.distributed);
-        self.page.tiles(&[
-            Tile {
-                name: "statements that hold".into(),
-                value: format!("{holding} of {}", statements.len()),
-                detail: "each with what the stage shows".into(),
-                mark,
-            },
-            Tile {
+        let mut tiles = vec![Tile {
+            name: "statements that hold".into(),
+            value: format!("{holding} of {}", statements.len()),
+            detail: "each with what the stage shows".into(),
+            mark,
+        }];
+        if let Some(fit) = self.summary.stiffness_of_guide_1 {
+            let worst = |of: fn(&friction_stage_lab::StiffnessError) -> f64| {
+                100.0 * fit.errors.iter().map(|row| of(row).abs()).fold(0.0, f64::max)
+            };
+            let (best, after) = (worst(|row| row.best_single), worst(|row| row.distributed));
+            tiles.push(Tile {
                 name: "guide 1's stiffness, one bristle".into(),
                 value: format!("{best:.0} % off"),
                 detail: "largest error, best fit to three amplitudes".into(),
                 mark: Mark::Bad,
-            },
-            Tile {
+            });
+            tiles.push(Tile {
                 name: "with distributed bristles".into(),
                 value: format!("{after:.1} % off"),
                 detail: "largest error, measured on the rig".into(),
                 mark: if after < 2.0 { Mark::Good } else { Mark::Bad },
-            },
-        ]);
+            });
+        }
+        self.page.tiles(&tiles);
         self.page.section("Statements");
         let mut table = Table::new(&[
             ("section", Left),
@@ -290,7 +288,7 @@ impl<'a> Report<'a> {
         self.page.section("Dahl curves");
         self.page.text(
             "Slow loops of one guide on the rig. Stiffness: force difference over position \
-             difference between the dwells at the tips. Dashed: closed forms of a single bristle, \
+             difference between the dwells at the tips. Dashed: closed forms of the bristles, \
              k = Fs tanh(\u{3c3}0 A/Fs)/A and W = 4 A Fs \u{2212} 4 (Fs\u{b2}/\u{3c3}0) \
              tanh(\u{3c3}0 A/Fs).",
         );
@@ -365,19 +363,21 @@ impl<'a> Report<'a> {
                 Style::Both,
                 resolved().map(|(found, r)| (1e6 * found.amplitude, r.damping.value)),
             );
-            if let Some(of) = specimens.iter().find(|of| of.name == curves.name && of.is_plain()) {
-                let guide = of.guide()?;
+            let specimen = specimens.iter().find(|of| of.name == curves.name);
+            if let Some(bristles) = specimen.map(Specimen::bristles).transpose()?.flatten() {
                 let amplitudes: Vec<f64> =
                     (0..100).map(|k| 1e-8 * 10f64.powf(5.0 * f64::from(k) / 99.0)).collect();
                 let curve = |law: &dyn Fn(f64) -> f64| -> Vec<(f64, f64)> {
                     amplitudes.iter().map(|a| (1e6 * a, law(*a))).collect()
                 };
-                stiffness.add("", colour, Style::Dashed, curve(&|a| guide.effective_stiffness(a)));
+                let sum = |law: &dyn Fn(&Guide) -> f64| bristles.iter().map(law).sum::<f64>();
+                let of_loops = curve(&|a| sum(&|bristle| bristle.effective_stiffness(a)));
+                stiffness.add("", colour, Style::Dashed, of_loops);
                 area.add(
                     "",
                     colour,
                     Style::Dashed,
-                    curve(&|a| guide.loop_area(a)).into_iter().skip(30),
+                    curve(&|a| sum(&|bristle| bristle.loop_area(a))).into_iter().skip(30),
                 );
             }
         }

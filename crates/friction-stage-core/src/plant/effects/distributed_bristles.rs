@@ -115,19 +115,17 @@ impl Catalogue {
     /// A guide with its parallel bristles: its parameters and the effect that belongs to them.
     /// `None` where the catalogue has no such guide or none for it.
     pub fn distributed_bristles(&self, name: &str) -> Option<(Guide, EffectParameters)> {
-        let of = self.entry(name)?.distributed_bristles.as_ref()?;
-        let guide = Guide {
-            stiffness: of.stiffness.value,
-            bristle_damping: of.bristle_damping.value,
-            ..self.guide(name)?
-        };
-        let values = [
-            ("stiffness_share_1", &of.stiffness_share_1),
-            ("strength_share_1", &of.strength_share_1),
-            ("stiffness_share_2", &of.stiffness_share_2),
-            ("strength_share_2", &of.strength_share_2),
+        let entry = self.entry(name)?;
+        let (of, guide) = (entry.distributed_bristles.as_ref()?, entry.distributed_guide()?);
+        let shares = [
+            ("stiffness_share_1", Some(&of.stiffness_share_1)),
+            ("strength_share_1", Some(&of.strength_share_1)),
+            ("stiffness_share_2", Some(&of.stiffness_share_2)),
+            ("strength_share_2", Some(&of.strength_share_2)),
+            ("stiffness_share_3", of.stiffness_share_3.as_ref()),
+            ("strength_share_3", of.strength_share_3.as_ref()),
         ];
-        let values = values.map(|(key, quantity)| (key, quantity.value));
+        let values = shares.into_iter().filter_map(|(key, quantity)| Some((key, quantity?.value)));
         let effect = EffectParameters::new(DESCRIPTOR.name, values);
         Some((guide, effect))
     }
