@@ -458,9 +458,11 @@ pub fn statements(of: &PaperResults) -> Vec<Statement> {
     let guides = of.dahl.map(|curves| 4.0 * stiffness(curves, 10e-9));
     add(
         "4, fine step",
-        "the bearing stiffness exceeds the proportional gain of the controller (four guides, \
-         lugre)",
-        format!("{:.2e}, {:.2e}, {:.2e} against {gain:.2e} N/m", guides[0], guides[1], guides[2]),
+        "the bearing stiffness exceeds the proportional gain of the controller (four guides)",
+        format!(
+            "{}: {:.2e}, {:.2e}, {:.2e} against {gain:.2e} N/m",
+            of.model, guides[0], guides[1], guides[2]
+        ),
         guides.iter().all(|stiffness| *stiffness > gain),
         Some(
             "the catalogue meets the stiffness at 1 µm; one bristle cannot have the higher one at \
