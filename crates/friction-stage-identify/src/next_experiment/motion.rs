@@ -77,7 +77,7 @@ impl Segment {
                 format!("from {} to {} and back at {speed:.4} m/s, {count} times", mm(from), mm(to))
             }
             Segment::Oscillation { amplitude, frequency, count } => {
-                format!("sinusoid of {} at {frequency:.2} Hz, {count} periods", mm(amplitude))
+                format!("{} at {frequency:.2} Hz, {count} periods", mm(amplitude))
             }
             Segment::RestAndBreakAway { rest, distance, speed } => {
                 format!(

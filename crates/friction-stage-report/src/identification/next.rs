@@ -31,8 +31,8 @@ pub fn next_experiment_lines(next: &NextExperiment, joint: JointType) -> Vec<Str
     }
     lines.extend(next.rivals.iter().map(|rival| {
         format!(
-            "{} {} from {}: what one of them cannot imitate of the other is {:.2} floors of the \
-             sensors' noise in the present record, {:.2} in this motion ({:.2} are needed)",
+            "{} {} from {}: what one of them cannot imitate of the other is {:.2} times the \
+             noise floor in the present record, {:.2} times in this motion ({:.2} are needed)",
             if rival.separates { "separates" } else { "does not separate" },
             rival.effect,
             rival.rival,
@@ -68,8 +68,8 @@ pub fn next_experiment_lines(next: &NextExperiment, joint: JointType) -> Vec<Str
     }));
     lines.extend(next.untested.iter().map(|shown| {
         format!(
-            "shows {}: at a usual size it leaves {:.2} floors of the sensors' noise in the present \
-             record, {:.2} in this motion",
+            "shows {}: at a usual size it leaves {:.2} times the noise floor in the present \
+             record, {:.2} times in this motion",
             shown.effect, shown.before, shown.after
         )
     }));

@@ -149,13 +149,7 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
                 ),
             },
         ),
-        Verdict::NotSeparable => (
-            Mark::Warning,
-            format!(
-                "Several laws explain the data equally; in the model now: \
-                                     {names}."
-            ),
-        ),
+        Verdict::NotSeparable => (Mark::Warning, not_separable(selection, &names)),
     };
     if selection.stopped {
         page.note(
@@ -294,8 +288,8 @@ fn next_experiment(page: &mut Page, next: &NextExperiment, joint: JointType) {
             ]);
         }
         page.table(&table.captioned(
-            "Rms of the force that one of the two has and the other, refitted, cannot imitate, in \
-             floors of the sensors\u{2019} noise.",
+            "Rms of the force that one of the two has and the other, refitted, cannot imitate, \
+             over the noise floor of the sensors.",
         ));
     }
     if !next.parameters.is_empty() {
@@ -389,12 +383,25 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         page.note(
             Mark::Warning,
             &format!(
-                "{effect} and {rival} explain these data equally, what \
-            they take out is correlated by {correlation:.4}: all values, the mass among them, hold \
-            if it is {effect}."
+                "{effect} and {rival} explain these data equally, their forces are correlated \
+                 by {correlation:.4}: all values, the mass among them, hold if it is {effect}."
             ),
         );
     }
+}
+
+/// Which laws explain the data equally, and which of them the model has.
+fn not_separable(selection: &Selection, names: &str) -> String {
+    let pairs = selection.inseparable.iter();
+    let pairs: Vec<_> = pairs.map(|pair| format!("{} and {}", pair.effect, pair.rival)).collect();
+    let which = match pairs.is_empty() {
+        true => "Several laws explain the data equally.".to_owned(),
+        false => format!(
+            "These explain the data equally: {}. The model has the first of them.",
+            pairs.join("; ").replace('_', " ")
+        ),
+    };
+    format!("{which} In the model now: {names}.")
 }
 
 fn errors(page: &mut Page, summary: &Summary) {

@@ -177,8 +177,8 @@ impl Words for IdentifyFinding {
                               tried, and the verdict is that of what was tried"
                 .to_owned(),
             Self::Inseparable { effect, rival, correlation } => format!(
-                "{effect} and {rival} explain these data equally, what they take out is correlated \
-                 by {correlation:.4}: all values, the mass among them, hold if it is {effect}; \
+                "{effect} and {rival} explain these data equally, their forces are correlated by \
+                 {correlation:.4}: all values, the mass among them, hold if it is {effect}; \
                  --next-experiment writes a motion that would separate them where there is one. \
                  What gives {effect} away: {}; {rival}: {}",
                 telltale(effect),
