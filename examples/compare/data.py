@@ -108,7 +108,7 @@ class Case:
 
 
 def on_grid(time: np.ndarray, *columns: np.ndarray) -> tuple[float, list[np.ndarray]]:
-    """Sampling interval and the columns at uniform instants; a logger's jitter of us is ignored."""
+    """Sampling interval and the columns at uniform instants; instants up to 20 ms off the grid are taken as on it."""
     dt = float(np.median(np.diff(time)))
     off = np.abs(time - time[0] - dt * np.arange(len(time))).max()
     if off > 0.02:

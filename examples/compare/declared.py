@@ -64,7 +64,7 @@ def bristle(velocity: np.ndarray, dt: float, guide: dict, level: np.ndarray) -> 
     g = level * (coulomb + (static - coulomb) * np.exp(-((velocity / guide["stribeck_velocity"]) ** 2)))
     end = np.sign(velocity) * g / stiffness
     kept = np.exp(-np.abs(velocity) * dt * stiffness / g)
-    added = end * (1 - kept) + velocity * dt * (velocity == 0)
+    added = end * (1 - kept)
     z, states = 0.0, [0.0]
     for share, gain in zip(kept.tolist(), added.tolist()):
         z = share * z + gain

@@ -149,9 +149,9 @@ def cost(results: list[dict]) -> str:
         grey = result["grey_box"]["cpu"]
         line = [label(result), f"{grey['load']:.1f} / {grey['fit']:.1f}",
                 f"{sum(result['friction_stage'].get('cpu', {}).values()):.1f}"]
-        for found in (peer.get("found"), peer.get("raw_states")):
-            line.append(f"{seconds(found, 'load'):.1f} / {seconds(found, 'select'):.1f}"
-                        f" / {seconds(found, 'fit'):.1f}" if found else "-")
+        for name, parts in (("found", ("load", "select", "fit")), ("raw_states", ("load", "select"))):
+            found = peer.get(name)
+            line.append(" / ".join(f"{seconds(found, part):.1f}" for part in parts) if found else "-")
         fitted = simulator.get("declared")
         line.append(f"{seconds(fitted, 'load'):.1f} / {seconds(fitted, 'fit'):.1f}"
                     if fitted else "-")

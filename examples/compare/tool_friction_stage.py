@@ -28,6 +28,7 @@ def identify(program: Path, case: Case, holdout: Motion, out: Path) -> dict:
     try:
         summary = run(program, "identify", *arguments)
     except ProgramFailed as error:
+        clock.lap("load, fit and select")
         return {"tool": "friction-stage", "says": "refused", "error": str(error),
                 "cpu": clock.parts}
     clock.lap("load, fit and select")

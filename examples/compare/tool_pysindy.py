@@ -87,7 +87,7 @@ def sparse(features: np.ndarray, target: np.ndarray, dt: float, threshold: float
     return np.asarray(model.coefficients())[0]
 
 
-def select(features: np.ndarray, target: np.ndarray, dt: float, always: slice | None = None) -> tuple[np.ndarray, float]:
+def select(features: np.ndarray, target: np.ndarray, dt: float) -> tuple[np.ndarray, float]:
     """Coefficients at the threshold with the least error in blocks that the fit did not see."""
     blocks = np.array_split(np.arange(len(target)), BLOCKS)
     errors = []
@@ -155,7 +155,7 @@ def on_states(train: Motion, holdout: Motion, case: Case) -> dict:
     size = np.array([rms(column) for column in table.T])
     target = train.acceleration_in_band[train.rows]
     clock.lap("load")
-    # Thresholds in N over the declared mass, for a control input that is always kept.
+    # Thresholds in N over the declared mass; the control input is subject to them, too.
     mass = Stage.of(case.declared()).mass / unit_of(case)
     found, threshold = select((table / size)[::thin], mass * target[::thin], thin * train.dt)
     clock.lap("select")

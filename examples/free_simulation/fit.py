@@ -20,14 +20,36 @@ from scipy.optimize import least_squares
 EVERY = 20
 
 
-def parameters(model: dict) -> list[float]:
-    """Coulomb friction, viscous friction, constant force."""
-    guide = model["guides"][0]
-    return [guide["coulomb_force"], guide["viscous_friction"], constant(model)["amplitude"]]
+def read(path: str) -> dict:
+    """A model file; YAML 1.2 has numbers such as 4.5e5, which PyYAML leaves as text."""
+
+    def numbers(value: object) -> object:
+        if isinstance(value, dict):
+            return {key: numbers(inner) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [numbers(inner) for inner in value]
+        try:
+            return float(value) if isinstance(value, str) else value
+        except ValueError:
+            return value
+
+    return numbers(yaml.safe_load(Path(path).read_text()))
+
+
+def parameters(model: dict) -> np.ndarray:
+    """Coulomb friction, viscous friction, constant force; refuses a model without them."""
+    guides = model.get("guides") or []
+    needed = ("coulomb_force", "static_force", "viscous_friction")
+    if not guides or not all(isinstance(guide, dict) and guide.keys() >= set(needed) for guide in guides):
+        raise SystemExit(f"each guide of the model must be given by its parameters, {', '.join(needed)} among them")
+    values = [guides[0]["coulomb_force"], guides[0]["viscous_friction"], constant(model)["amplitude"]]
+    if 0.0 in values:
+        raise SystemExit("what is fitted starts at the value of the model, which must not be 0")
+    return np.array(values)
 
 
 def constant(model: dict) -> dict:
-    for effect in model.get("effects", []):
+    for effect in model.get("effects") or []:
         if "constant_force" in effect:
             return effect["constant_force"]
     raise SystemExit("the model has no constant_force to fit: give it one of 0.1 N, for example")
@@ -70,8 +92,8 @@ def main() -> None:
     parser.add_argument("--check", help="a recording that the fit does not see")
     parser.add_argument("--program", default="friction-stage")
     arguments = parser.parse_args()
-    declared = yaml.safe_load(Path(arguments.model).read_text())
-    start = np.array(parameters(declared))
+    declared = read(arguments.model)
+    start = parameters(declared)
 
     def errors(recording: str, values: np.ndarray) -> np.ndarray:
         model = with_parameters(declared, values)
@@ -81,6 +103,8 @@ def main() -> None:
     fit = least_squares(
         lambda shares: 1e3 * errors(arguments.recording, shares * start)[::EVERY],
         np.ones_like(start),
+        # Friction keeps its sign, the force may turn round.
+        bounds=([0.01, 0.01, -np.inf], np.inf),
         diff_step=1e-3,
         x_scale=0.1,
         xtol=1e-5,

@@ -164,7 +164,9 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if let Some((path, mut table)) = table {
         table.flush().with_context(|| cannot_write(path))?;
     }
-    report.position_rms_m = (report.position_rms_m / compared.max(1) as f64).sqrt();
+    let place = args.bag.display();
+    anyhow::ensure!(compared > 0, "{place} has no position to compare with");
+    report.position_rms_m = (report.position_rms_m / compared as f64).sqrt();
     anyhow::ensure!(
         report.position_rms_m.is_finite(),
         "the replayed positions are not finite: model and recorded forces do not go together"
@@ -296,7 +298,8 @@ impl Played {
         Ok(Played {
             recording: load(&args.bag, None),
             is_damaged: !reader.verify_checksums()?.is_empty(),
-            start: None,
+            // Of a stage of ours it is that of a new one.
+            start: provenance.is_none().then(|| start(&trace)).flatten(),
             model,
             provenance,
             seed,
@@ -309,7 +312,10 @@ impl Played {
     fn of_recording(args: &ReplayArgs, mapping: Option<&Mapping>) -> anyhow::Result<Played> {
         let place = args.bag.display();
         let name = args.model.as_deref().ok_or_else(|| {
-            WrongArguments(format!("{place} holds no model: give one with --model"))
+            WrongArguments(match mapping {
+                Some(_) => format!("{place} is read with --mapping: give a model with --model"),
+                None => format!("{place} holds no model: give one with --model"),
+            })
         })?;
         let model = StageModel::named(name)?;
         let recording = load(&args.bag, mapping)?;
@@ -319,7 +325,7 @@ impl Played {
             "{place} has no command or force of the motor to play"
         );
         let start = start(&trace)
-            .with_context(|| format!("{place} holds less than two samples of the position"))?;
+            .with_context(|| format!("{place} has no two positions in its first {START} s"))?;
         Ok(Played {
             model,
             provenance: None,
@@ -333,12 +339,21 @@ impl Played {
     }
 }
 
+/// Time at the beginning of a recording in which its velocity is looked at, s. Assumed: the
+/// acceleration does not show within it.
+const START: f64 = 0.01;
+/// Rows that are looked at however long they take.
+const START_ROWS: usize = 5;
+
 /// Position (m) and velocity (m/s) at the first row: those of a line through the first rows.
 fn start(trace: &Trace) -> Option<(f64, f64)> {
-    /// Rows for the line. Assumed: the acceleration does not show within them.
-    const ROWS: usize = 5;
-    let rows = trace.time.iter().zip(&trace.position);
-    let rows: Vec<_> = rows.filter(|(_, position)| position.is_finite()).take(ROWS).collect();
+    let first = *trace.time.first()?;
+    let rows = trace.time.iter().zip(&trace.position).enumerate();
+    let rows: Vec<_> = rows
+        .take_while(|(row, (time, _))| *row < START_ROWS || *time - first <= START)
+        .map(|(_, row)| row)
+        .filter(|(_, position)| position.is_finite())
+        .collect();
     let count = rows.len() as f64;
     let mean = |part: fn(&(&f64, &f64)) -> f64| rows.iter().map(part).sum::<f64>() / count;
     let (middle, height) = (mean(|row| *row.0), mean(|row| *row.1));
@@ -347,7 +362,7 @@ fn start(trace: &Trace) -> Option<(f64, f64)> {
     };
     let (spread, joint) = (moment(|time, _| time * time), moment(|time, position| time * position));
     let velocity = (spread > 0.0).then(|| joint / spread)?;
-    Some((height + velocity * (trace.time.first()? - middle), velocity))
+    Some((height + velocity * (first - middle), velocity))
 }
 
 fn cannot_write(path: &Path) -> String {

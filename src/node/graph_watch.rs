@@ -160,19 +160,7 @@ impl GraphWatch {
     pub fn lag(&self, guid: GUID, written: u64, healthy_for: Duration) -> Lag {
         let endpoints = self.state.endpoints();
         let peers = endpoints.get(&guid).into_iter().flat_map(|endpoint| endpoint.peers.values());
-        let mut lag = Lag::default();
-        for peer in peers {
-            let Some((first_missing, at)) = peer.first_missing else {
-                lag.any = true;
-                continue;
-            };
-            let missing = (written + 1).saturating_sub(first_missing);
-            lag.any |= missing > 0;
-            if at.elapsed() < healthy_for {
-                lag.healthy = lag.healthy.max(missing);
-            }
-        }
-        lag
+        lag(peers, written, healthy_for)
     }
 
     /// How often an endpoint appeared whose quality of service does not fit ours: it is not
@@ -273,6 +261,22 @@ impl Drop for GraphWatch {
     }
 }
 
+fn lag<'a>(peers: impl Iterator<Item = &'a Peer>, written: u64, healthy_for: Duration) -> Lag {
+    let mut lag = Lag::default();
+    for peer in peers {
+        let Some((first_missing, at)) = peer.first_missing else {
+            lag.any = true;
+            continue;
+        };
+        let missing = (written + 1).saturating_sub(first_missing);
+        lag.any |= missing > 0;
+        if at.elapsed() < healthy_for {
+            lag.healthy = lag.healthy.max(missing);
+        }
+    }
+    lag
+}
+
 fn follow(participant: &DomainParticipant, state: &State, waiter: &Waiter) {
     let listener = participant.status_listener();
     let mut events = pin!(listener.as_async_status_stream());
@@ -366,4 +370,23 @@ fn note(state: &State, event: Event) {
     }
     state.changed.notify_all();
     state.changed_async.notify_waiters();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_subscriber_that_came_closer_lately_is_healthy() {
+        let ago = |seconds| Instant::now().checked_sub(Duration::from_secs(seconds)).unwrap();
+        let peer = |first, seconds| Peer { first_missing: Some((first, ago(seconds))) };
+        let of = |peers: &[Peer]| lag(peers.iter(), 1000, Duration::from_secs(2));
+        assert_eq!(of(&[]), Lag { any: false, healthy: 0 });
+        // All of it, a moment and an hour ago.
+        assert_eq!(of(&[peer(1001, 0), peer(1001, 3600)]), Lag { any: false, healthy: 0 });
+        assert_eq!(of(&[peer(1001, 0), peer(700, 1)]), Lag { any: true, healthy: 301 });
+        // One that is stopped, and one that is new.
+        assert_eq!(of(&[peer(700, 3)]), Lag { any: true, healthy: 0 });
+        assert_eq!(of(&[Peer::default()]), Lag { any: true, healthy: 0 });
+    }
 }

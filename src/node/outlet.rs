@@ -67,7 +67,7 @@ const LOOKS_AGAIN: Duration = Duration::from_millis(1);
 /// Pause after a successor that could not be made.
 const RETRY_AFTER: Duration = Duration::from_millis(100);
 /// Samples after which a writer is replaced although all subscribers acknowledge: the list of
-/// them takes rustdds 3 ms.
+/// them takes rustdds 3 ms. Where a healthy subscriber lags: 7/8 of the window.
 const RENEWED_AFTER: u32 = 1 << 16;
 /// How long a writer that is made ahead waits for subscribers that are slow to find it, at most.
 const FOUND_WITHIN: Duration = Duration::from_secs(1);

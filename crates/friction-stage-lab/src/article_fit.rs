@@ -84,7 +84,8 @@ impl ArticleDatum {
         let ratio = (self.found / self.wanted).ln();
         match self.kind {
             DatumKind::Stated => ratio / STATED_WIDTH,
-            DatumKind::Order => (ORDER_MARGIN - ratio).max(0.0) / ORDER_WIDTH,
+            DatumKind::Order if ratio > ORDER_MARGIN => 0.0,
+            DatumKind::Order => (ORDER_MARGIN - ratio) / ORDER_WIDTH,
             DatumKind::Assumed => ratio / ASSUMED_WIDTH,
             DatumKind::Free => ratio / FREE_WIDTH,
         }
@@ -187,7 +188,7 @@ pub enum ArticleFitError {
     Search(#[from] FitError),
 }
 
-/// Fits the three guides; seconds of computing time.
+/// Fits the three guides; minutes of computing time.
 pub fn fit_article() -> Result<ArticleFit, ArticleFitError> {
     let assumed = Assumed::of_catalogue()?;
     let start = assumed.start();
@@ -550,6 +551,7 @@ mod tests {
         assert_eq!(of(DatumKind::Order, 1.06, 1.0).residual(), 0.0);
         assert!((of(DatumKind::Order, 1.0, 1.0).residual() - 10.0).abs() < 0.01);
         assert!(of(DatumKind::Order, 0.9, 1.0).residual() > 30.0);
+        assert!(of(DatumKind::Order, f64::NAN, 1.0).residual().is_nan(), "it was not found");
     }
 
     #[test]

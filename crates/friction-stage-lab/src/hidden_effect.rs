@@ -15,6 +15,8 @@ use friction_stage_core::plant::Rates;
 
 use super::specimen::{LabError, LabRecording, Row, Settings, closed_loop};
 
+/// As errors name it.
+const NAME: &str = "recordings";
 /// Samples per second, Hz.
 const RATE: f64 = 2000.0;
 /// Largest relative difference of mass and guides between the declared stage and the real one.
@@ -144,6 +146,7 @@ fn record(
     seed: u64,
 ) -> Result<LabRecording, LabError> {
     let settings = Settings { seed, rates: rates()? };
+    within_stroke(model, moves)?;
     let mut time = 0.0;
     let mut points = vec![at_rest(0.5, 0.0)];
     time += 0.5;
@@ -156,13 +159,39 @@ fn record(
     let paper = ControllerSettings::paper(model.mass, RATE, model.motor.force_limit);
     let mut run = closed_loop(model, &settings, paper, points)?;
     let samples = (time * RATE).ceil() as usize;
-    let rows = (0..samples).map(|_| Ok(Row::of(&run.cycle()?))).collect::<Result<_, LabError>>()?;
-    Ok(LabRecording { name: name.to_owned(), model: model.clone(), settings, rows })
+    let rows = (0..samples).map(|_| Ok(Row::of(&run.cycle()?)));
+    let rows = rows.collect::<Result<Vec<_>, LabError>>()?;
+    // A motor at its limit would hide more than the effect.
+    let limit = model.motor.force_limit;
+    match rows.iter().filter(|row| row.force.abs() >= limit).count() as u64 {
+        0 => Ok(LabRecording { name: name.to_owned(), model: model.clone(), settings, rows }),
+        samples => {
+            let (experiment, specimen) = (NAME, "stage".to_owned());
+            Err(LabError::MotorLimit { experiment, specimen, limit, samples })
+        }
+    }
+}
+
+/// Refuses a stage that cannot go as far as the moves.
+fn within_stroke(model: &StageModel, moves: &[(f64, f64, f64)]) -> Result<(), LabError> {
+    let Some(stroke) = &model.stroke else { return Ok(()) };
+    let beyond = moves.iter().map(|(target, ..)| 1e-3 * target);
+    match beyond.into_iter().find(|target| !(stroke.low..=stroke.high).contains(target)) {
+        None => Ok(()),
+        Some(target) => Err(LabError::Signal {
+            experiment: NAME,
+            specimen: "stage".to_owned(),
+            what: format!(
+                "the moves go to {target} m, the stroke of the model is {} to {} m",
+                stroke.low, stroke.high
+            ),
+        }),
+    }
 }
 
 fn rates() -> Result<Rates, LabError> {
     Rates::of_control(RATE).map_err(|error| LabError::Signal {
-        experiment: "recordings",
+        experiment: NAME,
         specimen: "stage".to_owned(),
         what: error.to_string(),
     })
@@ -182,6 +211,18 @@ mod tests {
         assert_eq!(HiddenEffect::new(1).unwrap(), one);
         assert_ne!(HiddenEffect::new(2).unwrap().real, one.real);
         assert!(one.declared.effects.is_empty());
-        assert!(one.train.rows.iter().all(|row| row.force.abs() < one.real.motor.force_limit));
+    }
+
+    #[test]
+    fn a_stage_that_cannot_make_the_moves_is_refused() {
+        let of = |yaml: &str| {
+            let effects = "effects:\n  - constant_force: {amplitude: 5.0}\n";
+            let model = StageModel::from_yaml(&format!("{yaml}\n{effects}"), "a test").unwrap();
+            HiddenEffect::of(&model, 1).unwrap_err().to_string()
+        };
+        let weak = of("motor: {force_limit: 351.5}");
+        assert!(weak.contains("more force than the motor has (351.5 N)"), "{weak}");
+        let short = of("stroke: {low: -0.04, high: 0.2}");
+        assert!(short.contains("to -0.05 m") && short.contains("-0.04 to 0.2 m"), "{short}");
     }
 }

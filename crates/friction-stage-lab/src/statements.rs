@@ -46,14 +46,14 @@ pub struct PaperResults<'a> {
     pub rig: &'a [RigBias],
 }
 
-/// Why one bristle misses stiffnesses that three meet.
+/// Why one bristle misses stiffnesses that several meet.
 const SINGLE: &str = "one bristle has k = Fs tanh(sigma0 A/Fs)/A: two stiffnesses fix the third; \
                       see distributed bristles";
 
 /// Effective stiffnesses of guide 1 that the paper states: amplitude (m) and stiffness (N/m).
 pub const STATED_STIFFNESS: [(f64, f64); 3] = [(10e-9, 7.5e5), (1e-6, 4.5e5), (40e-6, 2.3e5)];
 
-/// A stated stiffness beside one bristle and three: relative errors.
+/// A stated stiffness compared with one bristle and several: relative errors.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StiffnessError {
     /// m
@@ -126,8 +126,10 @@ pub fn fit_stated(static_force: f64) -> Result<DistributedFit, super::NoDistribu
 /// Every statement, in the order of the paper.
 pub fn statements(of: &PaperResults) -> Vec<Statement> {
     let mut rows = Vec::new();
+    // The reasons are about one bristle per guide.
     let mut add = |section, paper, stage: String, holds: bool, reason: Option<&'static str>| {
-        rows.push(Statement { section, paper, stage, holds, reason: reason.filter(|_| !holds) });
+        let why = |_: &&str| !holds && of.model == "lugre";
+        rows.push(Statement { section, paper, stage, holds, reason: reason.filter(why) });
     };
     let [one, two, three] = of.stribeck;
     let stiffness = |curves: &DahlCurves, amplitude| {

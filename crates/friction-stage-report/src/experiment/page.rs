@@ -153,8 +153,8 @@ impl<'a> Report<'a> {
         self.page.section("Three stiffnesses and one bristle");
         self.page.text(
             "The paper states three effective stiffnesses of guide 1. A single LuGre bristle has k \
-             = Fs tanh(\u{3c3}0 A/Fs)/A, so two of them fix the third. Three bristles in parallel \
-             that slip one after another meet all three.",
+             = Fs tanh(\u{3c3}0 A/Fs)/A, so two of them fix the third. Bristles in parallel that \
+             slip one after another meet all three: four in the catalogue.",
         );
         let mut table = Table::new(&[
             ("amplitude", Left),
@@ -199,7 +199,7 @@ impl<'a> Report<'a> {
         self.figure(
             "stiffness_of_guide_1",
             &chart,
-            "The paper's own numbers beside one bristle and three.",
+            "The paper's own numbers, one bristle, and bristles in parallel.",
         )
     }
 

@@ -27,7 +27,7 @@ pub struct ExperimentSummary<'a> {
     /// Statements of the paper with what the stage shows.
     #[serde(skip_serializing_if = "<[Statement]>::is_empty")]
     pub statements: &'a [Statement],
-    /// The stated stiffnesses of guide 1, with one bristle and with three.
+    /// The stated stiffnesses of guide 1, with one bristle and with several.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stiffness_of_guide_1: Option<&'a StiffnessFit>,
     /// Everything measured.
