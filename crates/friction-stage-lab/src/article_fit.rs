@@ -139,18 +139,7 @@ impl ElementGuide {
             let (part, distance) = self.elements.get(index).copied().unwrap_or((0.0, 0.0));
             (part / stiffness, part * distance / static_force)
         };
-        let [(a1, b1), (a2, b2), (a3, b3)] = [0, 1, 2].map(share);
-        let effect = EffectParameters::new(
-            "distributed_bristles",
-            [
-                ("stiffness_share_1", a1),
-                ("strength_share_1", b1),
-                ("stiffness_share_2", a2),
-                ("strength_share_2", b2),
-                ("stiffness_share_3", a3),
-                ("strength_share_3", b3),
-            ],
-        );
+        let effect = EffectParameters::parallel_bristles([0, 1, 2].map(share));
         let guide = Guide {
             stiffness,
             bristle_damping: self.damping_time * stiffness,

@@ -227,7 +227,11 @@ impl Specimen {
         if self.rig.effects.is_empty() {
             return Ok(Some(vec![guide]));
         }
-        let only = self.rig.effects.iter().all(|effect| effect.name == "distributed_bristles");
+        let mut only = true;
+        for effect in &self.rig.effects {
+            let (descriptor, values) = EffectDescriptor::read(effect)?;
+            only &= matches!(descriptor.role_of(&values), Role::Bristles);
+        }
         let elements = Effects::new(&self.rig.effects)?.bristle_elements();
         let Some(elements) = elements.filter(|of| only && of.slip == Slip::Gradual) else {
             return Ok(None);

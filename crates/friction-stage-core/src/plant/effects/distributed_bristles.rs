@@ -111,6 +111,23 @@ pub(super) const DESCRIPTOR: EffectDescriptor = EffectDescriptor {
     curve: None,
 };
 
+impl EffectParameters {
+    /// Bristles in parallel, by the parts of stiffness and strength in elements 1 to 3; what they
+    /// leave is element 4.
+    pub fn parallel_bristles(shares: [(f64, f64); 3]) -> EffectParameters {
+        let [(a1, b1), (a2, b2), (a3, b3)] = shares;
+        let values = [
+            ("stiffness_share_1", a1),
+            ("strength_share_1", b1),
+            ("stiffness_share_2", a2),
+            ("strength_share_2", b2),
+            ("stiffness_share_3", a3),
+            ("strength_share_3", b3),
+        ];
+        EffectParameters::new(DESCRIPTOR.name, values)
+    }
+}
+
 impl Catalogue {
     /// A guide with its parallel bristles: its parameters and the effect that belongs to them.
     /// `None` where the catalogue has no such guide or none for it.
