@@ -358,7 +358,7 @@ fn a_table_is_replayed_from_where_it_starts() {
 
     let run = replay("drive.yaml", &[]);
     assert_eq!(run.status.code(), Some(2), "{}", stderr(&run));
-    assert!(stderr(&run).contains("holds no model: give one with --model"), "{}", stderr(&run));
+    assert!(stderr(&run).contains("is read with --mapping: give a model"), "{}", stderr(&run));
     std::fs::write(place("positions.yaml"), mapping).unwrap();
     let run = replay("positions.yaml", &["--model", text(&model)]);
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
