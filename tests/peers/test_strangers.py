@@ -135,7 +135,7 @@ def into_a_network() -> list[str]:
 @pytest.mark.skipif(
     not into_a_network(),
     reason="needs a second machine: the test makes one with a network namespace, which needs the package iproute2, and root or "
-    "a kernel that lets users make namespaces; sudo tests/run peers test_strangers.py runs it",
+    "a kernel that lets users make namespaces (README, second command)",
 )
 def test_another_machine_does_not_reach_a_stage_of_this_machine(tmp_path):
     command = [*into_a_network(), sys.executable, str(HERE / "other_machine.py"), str(BINARIES / "stage_node"), str(tmp_path)]
