@@ -12,7 +12,7 @@ use friction_stage_data::bag::{
 };
 use friction_stage_data::message::{
     Clock, ControllerState, Definition, Float64MultiArray, Header, JointState, JointTrajectory,
-    JointTrajectoryPoint, RosMessage, WrenchStamped, to_cdr,
+    JointTrajectoryPoint, RosMessage, Time, WrenchStamped, from_cdr, to_cdr,
 };
 use friction_stage_data::quality::check;
 use friction_stage_data::signals::{Trace, load};
@@ -595,17 +595,47 @@ fn a_full_disk_is_an_error_and_what_was_written_recovers() {
     assert!(BagReader::open(report.output.unwrap()).unwrap().is_complete());
 }
 
-/// A controller's state as recordings of version 0.2 and before call it.
-#[derive(Clone, Serialize, Deserialize)]
-#[serde(transparent)]
-struct FormerState(ControllerState);
+/// A controller's state as recordings of version 0.2 and before have it: another package, and without
+/// the terms of a compensation.
+#[derive(Clone, Default, Serialize, Deserialize)]
+struct FormerState {
+    header: Header,
+    sample: u64,
+    /// Reference, its velocity and acceleration, position, error, terms of the PID, feedforward,
+    /// effort and output.
+    numbers: [f64; 13],
+    saturated: bool,
+    enabled: bool,
+    holding: bool,
+    setpoint_stamp: Time,
+}
 
 impl RosMessage for FormerState {
     const PACKAGE: &'static str = "friction_stage";
     const NAME: &'static str = ControllerState::NAME;
     const TYPE_HASH: &'static str =
         "RIHS01_acc9f7b22c1a2d9c0fe8d2f91d772a8380b1d7381db6078f9a4600b1e8fda677";
-    const TEXT: &'static str = ControllerState::TEXT;
+    const TEXT: &'static str = "\
+std_msgs/Header header
+uint64 sample
+float64 reference_position
+float64 reference_velocity
+float64 reference_acceleration
+float64 position
+float64 error
+float64 proportional
+float64 integral
+float64 derivative
+float64 feedback
+float64 mass_feedforward
+float64 viscous_feedforward
+float64 effort
+float64 output
+bool saturated
+bool enabled
+bool holding
+builtin_interfaces/Time setpoint_stamp
+";
     const DEPENDENCIES: &'static [Definition] = ControllerState::DEPENDENCIES;
 }
 
@@ -642,12 +672,11 @@ fn messages_by_the_name_that_their_package_had_are_read_and_recovered() {
     for k in 0..100i64 {
         let (stamp, position) = (k * MILLISECOND, k as f64 * 1e-6);
         bag.write(encoder_id, stamp as u64, &encoder(stamp, position)).unwrap();
-        let state = ControllerState {
-            header: Header::new(stamp, "stage"),
-            reference_position: position + 1e-3,
-            ..ControllerState::default()
-        };
-        bag.write(state_id, stamp as u64, &FormerState(state)).unwrap();
+        let header = Header::new(stamp, "stage");
+        let mut state = FormerState { header, ..FormerState::default() };
+        state.numbers[0] = position + 1e-3;
+        state.setpoint_stamp = Time { sec: 7, nanosec: 8 };
+        bag.write(state_id, stamp as u64, &state).unwrap();
     }
     bag.finish().unwrap();
     let recovered = home.path().join("recovered");
@@ -655,6 +684,17 @@ fn messages_by_the_name_that_their_package_had_are_read_and_recovered() {
     for directory in [directory, recovered] {
         let topic = BagReader::open(&directory).unwrap().topic("/controller/state").cloned();
         assert_eq!(topic.unwrap().type_name, "friction_stage/msg/ControllerState");
+        let reader = BagReader::open(&directory).unwrap();
+        for message in reader.messages().map(Result::unwrap) {
+            if message.topic.name != "/controller/state" {
+                continue;
+            }
+            let state: ControllerState = message.decode().unwrap();
+            assert_eq!(state.setpoint_stamp, Time { sec: 7, nanosec: 8 });
+            assert_eq!((state.bristles_feedforward, state.disturbance), (0.0, 0.0));
+            // One that was cut is none of before.
+            assert!(from_cdr::<ControllerState>(&message[..message.len() - 12]).is_err());
+        }
         let report = check(&directory).unwrap();
         let state = report.topics.iter().find(|topic| topic.name == "/controller/state").unwrap();
         assert!(state.decoded && state.by_stamp && state.decode_failures == 0, "{state:?}");

@@ -332,6 +332,52 @@ fn a_patient_outlet_keeps_the_order_for_one_that_lags() {
 }
 
 #[test]
+fn a_planned_change_waits_for_a_healthy_subscriber_that_lags() {
+    const WINDOW: u32 = 4096;
+
+    let domain = 1 + u16::try_from((std::process::id() + 60) % 100).expect("below 100");
+    let subscriber = Subscriber::start(domain, "lagging");
+    let participant =
+        Participant::join(network(domain), "/", "publisher", NodeOptions::new()).unwrap();
+    let qos = Qos::reliable(10).window(WINDOW);
+    let mut outlet =
+        Outlet::<Float64MultiArray>::new(&participant, TOPIC, &qos).unwrap().patient(PATIENCE);
+    let limit = Duration::from_secs(30);
+    assert_eq!(outlet.wait_for_subscribers(1, limit), 1, "the subscriber was not found");
+    let mut numbers = 0_u64..;
+    let mut publish_until = |outlet: &mut Outlet<Float64MultiArray>, sent: u64, pause: Duration| {
+        while outlet.counts().sent < sent {
+            let number = number(numbers.next().expect("endless") as f64);
+            assert_ne!(outlet.publish(number), Published::Refused);
+            thread::sleep(pause);
+        }
+    };
+    // Slowly, so that it acknowledges, up to half of what a planned change comes after.
+    publish_until(&mut outlet, u64::from(WINDOW / 4), Duration::from_micros(200));
+    subscriber.signal(libc::SIGSTOP);
+    let frozen = Instant::now();
+    publish_until(&mut outlet, u64::from(3 * WINDOW / 4), Duration::ZERO);
+    let (renewed, within) = (outlet.counts().renewed, frozen.elapsed());
+    subscriber.signal(libc::SIGCONT);
+    // Later it would count as stopped, and be waited for no longer.
+    assert!(within < Duration::from_secs(2), "too slow for this test: {within:?}");
+    assert_eq!(renewed, 0);
+
+    let deadline = Instant::now() + limit;
+    while outlet.counts().renewed == 0 {
+        assert!(Instant::now() < deadline, "{:?}", outlet.counts());
+        let enough = outlet.counts().sent + 1;
+        publish_until(&mut outlet, enough, Duration::from_millis(1));
+    }
+    assert!(outlet.settle(limit), "messages still held");
+    let sent = outlet.counts().sent;
+    assert_eq!(
+        last_report(&subscriber, &mut outlet),
+        format!("END received {sent} next {sent} out_of_order 0")
+    );
+}
+
+#[test]
 fn what_a_patient_outlet_holds_is_sent_without_a_further_message() {
     let domain = 1 + u16::try_from((std::process::id() + 75) % 100).expect("below 100");
     let subscriber = Subscriber::start(domain, "subscriber");

@@ -37,7 +37,7 @@ use super::runtime::{Background, Control, End, Startup, lock};
 use super::signals::Signals;
 use super::source_watch::SourceWatch;
 use super::stage_status::{SECOND_SOURCE, gid_text};
-use super::wire::{Setpoint, SetpointError, compensation_message, controller_state, setpoint};
+use super::wire::{Setpoint, SetpointError, controller_state, setpoint};
 use super::words::{Recent, quoted};
 use crate::outcome::Outcome;
 use friction_stage_core::control::{
@@ -266,10 +266,6 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         joint_state_interval: intervals[1],
         joint_state_due: i64::MIN,
         period: (1e9 / controller.settings().rate).round() as i64,
-        compensation_terms: (compensation.is_some() || controller.settings().observer.is_some())
-            .then(|| Outlet::new(&participant, &startup.topic("~/compensation"), &SAMPLES))
-            .transpose()?
-            .map(|outlet| outlet.patient(STATES_PATIENCE)),
         compensation,
         controller,
         follower: Follower::new(jump_limit).within(stroke.0, stroke.1),
@@ -465,8 +461,6 @@ struct ControllerLoop {
     joint_state_due: i64,
     controller: Controller,
     compensation: Option<Compensation>,
-    /// Its terms and that of a disturbance observer, by name; only where there is one at the start.
-    compensation_terms: Option<Outlet<JointState>>,
     follower: Follower,
     joint: String,
     enabled: bool,
@@ -846,10 +840,6 @@ impl ControllerLoop {
         let state =
             controller_state(header, answered, &self.held, self.enabled, self.setpoint_stamp);
         self.states.push(state);
-        if let Some(outlet) = &mut self.compensation_terms {
-            let header = Header::new(stamp, self.frame.as_str());
-            let _ = outlet.publish(compensation_message(header, &self.held));
-        }
         if self.states.len() >= BURST {
             self.publish_states();
         }
@@ -863,9 +853,9 @@ impl ControllerLoop {
 
     /// When something that an outlet holds can be sent, at the earliest.
     fn held_until(&self) -> Option<Instant> {
-        let terms = self.compensation_terms.as_ref().and_then(Outlet::held_until);
-        let others = [self.force.held_until(), self.state.held_until(), terms];
-        others.into_iter().chain([self.joint_state.held_until()]).flatten().min()
+        let outlets =
+            [self.force.held_until(), self.state.held_until(), self.joint_state.held_until()];
+        outlets.into_iter().flatten().min()
     }
 
     /// Sends what outlets hold, as far as its time has come. A stage in lockstep may wait for it,
@@ -874,9 +864,6 @@ impl ControllerLoop {
         self.force.settle(Duration::ZERO);
         self.state.settle(Duration::ZERO);
         self.joint_state.settle(Duration::ZERO);
-        if let Some(terms) = &mut self.compensation_terms {
-            terms.settle(Duration::ZERO);
-        }
     }
 
     fn follow(&mut self, message: JointTrajectory) {

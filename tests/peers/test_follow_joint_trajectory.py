@@ -55,6 +55,10 @@ class Goals:
 
 SUCCESS = (GoalStatus.STATUS_SUCCEEDED, Result.SUCCESSFUL, "Goal successfully reached!")
 
+# Time runs as fast as the machine allows: a goal that is to be under way when the next call arrives
+# outlasts the way of the call.
+LONG = rest(100.0, 0.2)
+
 
 def goal(points, start=0, path=None, end=None, time=0.0, name="stage"):
     """A goal with tolerances of position (m) and time (s)."""
@@ -139,8 +143,8 @@ def test_a_cancel_holds_within_one_sample(ros, pair):
     pair()
     states = ros.collect("/controller/state")
     goals = Goals(ros)
-    handle = goals.send(goal([rest(1.0, 0.1)]))
-    ros.until(lambda: states and states[-1].reference_velocity > 0.1, "motion")
+    handle = goals.send(goal([LONG]))
+    ros.until(lambda: states and states[-1].reference_velocity > 1e-3, "motion")
     answer = goals.cancel(handle)
     assert answer.return_code == CancelGoal.Response.ERROR_NONE
     assert [info.goal_id for info in answer.goals_canceling] == [handle.goal_id]
@@ -148,7 +152,7 @@ def test_a_cancel_holds_within_one_sample(ros, pair):
     ros.until(lambda: states[-1].reference_velocity == 0.0, "the hold")
     at = max(k for k, state in enumerate(states) if state.reference_velocity != 0.0)
     ros.until(lambda: len(states) > at + 500, "half a second")
-    assert states[at].reference_position < 0.099
+    assert states[at].reference_position < 0.199
     assert states[at + 1].reference_position == states[at].position
     assert {state.reference_position for state in states[at + 1 :]} == {states[at].position}
     assert abs(states[-1].error) < 1e-4
@@ -160,7 +164,7 @@ def test_a_cancel_holds_within_one_sample(ros, pair):
 def test_all_goals_are_cancelled_at_once_and_unknown_ones_are_told(ros, pair):
     pair()
     goals = Goals(ros)
-    handle = goals.send(goal([rest(5.0, 0.1)]))
+    handle = goals.send(goal([LONG]))
     assert handle.accepted
     everything = CancelGoal.Request()
     response = ros.call(
@@ -179,7 +183,7 @@ def test_a_new_goal_takes_the_place_of_the_old_one(ros, pair):
     pair()
     # Two clients: of two programs, as far as the controller knows.
     one, other = Goals(ros), Goals(ros)
-    first = one.send(goal([rest(5.0, 0.1)]))
+    first = one.send(goal([LONG]))
     second = other.send(goal([rest(0.5, 0.01)], end=1e-5, time=2.0))
     assert first.accepted and second.accepted
     status, code, text = one.result(first)
@@ -191,7 +195,7 @@ def test_a_new_goal_takes_the_place_of_the_old_one(ros, pair):
 def test_a_setpoint_takes_the_place_of_a_goal(ros, pair):
     pair()
     goals = Goals(ros)
-    handle = goals.send(goal([rest(5.0, 0.1)]))
+    handle = goals.send(goal([LONG]))
     ros.publisher("/stage/setpoint", readers=2).publish(trajectory([rest(0.5, 0.01)]))
     status, code, text = goals.result(handle)
     assert (status, code) == (GoalStatus.STATUS_ABORTED, Result.INVALID_GOAL)
@@ -316,7 +320,7 @@ def test_tolerances_without_meaning_leave_the_defaults(ros, pair):
 def test_a_disabled_controller_takes_no_goals_and_gives_up_the_one_it_follows(ros, pair):
     pair()
     goals = Goals(ros)
-    handle = goals.send(goal([rest(5.0, 0.1)]))
+    handle = goals.send(goal([LONG]))
     assert ros.call(SetBool, "/controller/enable", data=False).success
     status, code, text = goals.result(handle)
     assert (status, code) == (GoalStatus.STATUS_ABORTED, Result.INVALID_GOAL)
@@ -332,8 +336,7 @@ def test_a_reset_of_the_stage_ends_a_goal(ros, pair):
     pair()
     states = ros.collect("/controller/state", depth=10)
     goals = Goals(ros)
-    # Time runs as fast as the machine allows: the goal must outlast the way of the call.
-    handle = goals.send(goal([rest(100.0, 0.2)]))
+    handle = goals.send(goal([LONG]))
     ros.until(lambda: states and states[-1].position > 0.002, "motion")
     assert ros.call(Trigger, "/stage/reset").success
     assert goals.result(handle)[:2] == (GoalStatus.STATUS_ABORTED, Result.INVALID_GOAL)
@@ -422,7 +425,7 @@ def test_a_thousand_goals_leave_nothing_behind(ros, pair):
         for k in range(500):
             kind = k % 5
             if kind == 0:
-                handle = goals.send(goal([rest(10.0, 0.1)]))
+                handle = goals.send(goal([LONG]))
                 goals.cancel(handle)
                 assert goals.result(handle)[0] == GoalStatus.STATUS_CANCELED, k
             elif kind == 1:

@@ -40,7 +40,10 @@ def test_rclpy_reads_the_state_of_the_controller(ros, running):
     for state in states:
         assert all(map(math.isfinite, numbers(state)))
         assert state.error == pytest.approx(state.reference_position - state.position, abs=1e-12)
-        total = state.feedback + state.mass_feedforward + state.viscous_feedforward + state.effort
+        terms = [name for name in dir(state) if name.endswith("_feedforward")]
+        assert len(terms) == 5
+        feedforward = sum(getattr(state, name) for name in terms)
+        total = state.feedback + feedforward + state.disturbance + state.effort
         if not state.saturated and state.enabled:
             assert state.output == pytest.approx(total, abs=1e-9)
     samples = [state.sample for state in states]

@@ -96,35 +96,16 @@ pub fn controller_state(
         feedback: terms.feedback,
         mass_feedforward: terms.mass_feedforward,
         viscous_feedforward: terms.viscous_feedforward,
-        effort: terms.reference.effort
-            + terms.compensation.bristles
-            + terms.compensation.forces
-            + terms.compensation.motor
-            + terms.disturbance,
+        effort: terms.reference.effort,
         output: terms.output,
         saturated: terms.saturated,
         enabled,
         holding: terms.holding,
         setpoint_stamp: Time::from_nanos(setpoint),
-    }
-}
-
-/// The terms of compensation and disturbance observer by name, N: a `JointState` whose efforts they
-/// are.
-pub fn compensation_message(header: Header, terms: &Terms) -> JointState {
-    let named = [
-        ("mass", terms.mass_feedforward),
-        ("viscous", terms.viscous_feedforward),
-        ("bristles", terms.compensation.bristles),
-        ("forces", terms.compensation.forces),
-        ("motor", terms.compensation.motor),
-        ("disturbance", terms.disturbance),
-    ];
-    JointState {
-        header,
-        name: named.map(|(name, _)| name.to_owned()).to_vec(),
-        effort: named.map(|(_, force)| force).to_vec(),
-        ..JointState::default()
+        bristles_feedforward: terms.compensation.bristles,
+        forces_feedforward: terms.compensation.forces,
+        motor_feedforward: terms.compensation.motor,
+        disturbance: terms.disturbance,
     }
 }
 

@@ -472,6 +472,7 @@ fn data(guides: &[ElementGuide; 3], assumed: &Assumed) -> Result<Vec<ArticleDatu
 mod tests {
     use super::*;
     use friction_stage_core::model::Catalogue;
+    use rayon::prelude::*;
 
     /// The guides of the catalogue as logarithms of the fit's parameters.
     fn of_catalogue() -> Vec<f64> {
@@ -520,14 +521,13 @@ mod tests {
         let least = objective(&found);
         // The digits of the catalogue move the objective by less than this.
         let rounding = 0.02;
-        for index in 0..parameters.len() {
-            for shift in [-0.02, 0.02] {
-                let mut beside = parameters.clone();
-                beside[index] += shift;
-                let there = objective(&at(&beside));
-                assert!(there > least - rounding, "parameter {index}: {there} below {least}");
-            }
-        }
+        (0..2 * parameters.len()).into_par_iter().for_each(|step| {
+            let (index, shift) = (step / 2, if step % 2 == 0 { -0.02 } else { 0.02 });
+            let mut beside = parameters.clone();
+            beside[index] += shift;
+            let there = objective(&at(&beside));
+            assert!(there > least - rounding, "parameter {index}: {there} below {least}");
+        });
     }
 
     #[test]

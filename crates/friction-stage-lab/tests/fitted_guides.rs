@@ -5,6 +5,7 @@ use friction_stage_lab::{
     GuideFit, QUICK_LOOPS, RigRecord, SPEEDS, Settings, Specimen, fit_guide, quick_loops, stribeck,
 };
 use rand::{RngExt, SeedableRng};
+use rayon::prelude::*;
 
 /// What `experiment stribeck` and `experiment dahl` record.
 fn record(guide: &Guide, seed: u64) -> (RigRecord, RigRecord) {
@@ -57,12 +58,14 @@ fn compare(guide: &Guide, fit: &GuideFit) -> (f64, Vec<bool>) {
 }
 
 fn recover(seeds: std::ops::Range<u64>) -> (f64, [usize; 6]) {
-    let (mut worst, mut held) = (0.0f64, [0; 6]);
-    for seed in seeds {
+    let compared = seeds.into_par_iter().map(|seed| {
         let guide = random_guide(seed);
         let (stribeck, dahl) = record(&guide, seed);
         let fit = fit_guide(&stribeck, &dahl, 1.0).unwrap();
-        let (error, inside) = compare(&guide, &fit);
+        compare(&guide, &fit)
+    });
+    let (mut worst, mut held) = (0.0f64, [0; 6]);
+    for (error, inside) in compared.collect::<Vec<_>>() {
         worst = worst.max(error);
         for (count, inside) in held.iter_mut().zip(inside) {
             *count += usize::from(inside);

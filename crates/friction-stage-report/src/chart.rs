@@ -94,10 +94,12 @@ pub struct Chart {
 
 /// Size of a figure, px.
 pub(crate) const SIZE: (u32, u32) = (900, 420);
-/// Width of the legend at its right, px: line and margins, what a character takes, and its limits.
-const LEGEND: (u32, u32, std::ops::RangeInclusive<u32>) = (58, 7, 120..=320);
-/// The margin at the right where there is nothing to name, px: half a number of the abscissa.
-const NO_LEGEND: u32 = 24;
+/// One px in the units of a drawing: its points are whole units, and a curve needs finer ones.
+pub(crate) const PX: u32 = 10;
+/// Width of the legend at its right: line and margins, what a character takes, and its limits.
+const LEGEND: (u32, u32, std::ops::RangeInclusive<u32>) = (58 * PX, 7 * PX, 120 * PX..=320 * PX);
+/// The margin at the right where there is nothing to name: half a number of the abscissa.
+const NO_LEGEND: u32 = 24 * PX;
 /// Colours that stay apart for colour-blind readers (Okabe, Ito 2008).
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
@@ -118,8 +120,8 @@ const DECADES: i32 = 12;
 /// Part of a band's colour.
 const BAND_OPACITY: f64 = 0.16;
 
-type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
-type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
+pub(crate) type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
+pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 
 /// Takes the part of a point that is along an axis.
 type PartOfPoint = fn(&(f64, f64)) -> f64;
@@ -210,20 +212,7 @@ impl Chart {
     /// The figure as an SVG document. Points that are not finite, or not positive on a logarithmic
     /// axis, are left out.
     pub fn svg(&self) -> Result<String, FigureError> {
-        let failed = |error: DrawingAreaErrorKind<std::io::Error>| FigureError {
-            title: self.title.clone(),
-            reason: error.to_string(),
-        };
-        let mut text = String::new();
-        {
-            let root = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
-            root.fill(&WHITE).map_err(failed)?;
-            self.draw_on(&root).map_err(failed)?;
-            root.present().map_err(failed)?;
-        }
-        // What no document may hold, from a name that a user gave.
-        let forbidden = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
-        Ok(text.replace(forbidden, "\u{fffd}"))
+        document(&self.title, SIZE, |root| self.draw_on(root))
     }
 
     /// Draws it on an area of its own.
@@ -301,11 +290,11 @@ impl Chart {
         };
         let (x_range, y_range) = (self.range(Axis::X), self.range(Axis::Y));
         let mut chart = ChartBuilder::on(area)
-            .caption(&self.title, ("sans-serif", 18))
-            .margin(12)
+            .caption(&self.title, font(18))
+            .margin(12 * PX)
             .margin_right(legend)
-            .x_label_area_size(44)
-            .y_label_area_size(72)
+            .x_label_area_size(44 * PX)
+            .y_label_area_size(72 * PX)
             .build_cartesian_2d(x, y)?;
         chart
             .configure_mesh()
@@ -319,11 +308,13 @@ impl Chart {
             })
             .y_label_formatter(&|value| tick(*value, &y_range, self.y_log))
             .light_line_style(TRANSPARENT)
-            .bold_line_style(BLACK.mix(0.12))
-            .label_style(("sans-serif", 13))
-            .axis_desc_style(("sans-serif", 14))
+            .bold_line_style(BLACK.mix(0.12).stroke_width(PX))
+            .axis_style(BLACK.stroke_width(PX))
+            .set_all_tick_mark_size(5 * PX)
+            .label_style(font(13))
+            .axis_desc_style(font(14))
             .draw()?;
-        let word = ("sans-serif", 13).into_text_style(area);
+        let word = font(13).into_text_style(area);
         for (index, band) in self.bands.iter().enumerate() {
             let range = if band.axis == Axis::X { &x_range } else { &y_range };
             let (low, high) =
@@ -334,14 +325,14 @@ impl Chart {
             };
             let colour = if band.is_level() { LEVEL } else { band_colour(index) };
             if band.low == band.high {
-                chart.draw_series(DashedLineSeries::new(corners, 8, 4, colour.stroke_width(1)))?;
+                chart.draw_series(DashedLineSeries::new(corners, 8 * PX, 4 * PX, colour.stroke_width(PX)))?;
                 if band.is_level() {
                     // Where there is no room above it, below.
                     let under = area_part(&y_range, low, self.y_log) > 0.94;
-                    let (at, off) = if under { (VPos::Top, 4) } else { (VPos::Bottom, -3) };
+                    let (at, off) = if under { (VPos::Top, px(4)) } else { (VPos::Bottom, px(-3)) };
                     let style = word.pos(Pos::new(HPos::Right, at)).color(&colour);
                     chart.draw_series([EmptyElement::at((x_range.end, low))
-                        + Text::new(band.name.clone(), (-4, off), style)])?;
+                        + Text::new(band.name.clone(), (px(-4), off), style)])?;
                 }
             } else {
                 chart.draw_series([Rectangle::new(corners, colour.mix(BAND_OPACITY).filled())])?;
@@ -349,7 +340,7 @@ impl Chart {
         }
         for series in &self.series {
             let colour = COLOURS[series.colour % COLOURS.len()];
-            let width = if series.style == Style::Dashed { 1 } else { 2 };
+            let width = if series.style == Style::Dashed { PX } else { 2 * PX };
             // What is not there is a gap and no line.
             for piece in series.points.split(|point| !self.shown(point)) {
                 let points = decimated(piece, COLUMNS);
@@ -362,12 +353,12 @@ impl Chart {
                     Style::Dashed => {
                         let points = points.iter().copied();
                         let stroke = colour.stroke_width(width);
-                        chart.draw_series(DashedLineSeries::new(points, 5, 4, stroke))?;
+                        chart.draw_series(DashedLineSeries::new(points, 5 * PX, 4 * PX, stroke))?;
                     }
                     Style::Marks => {}
                 }
                 if matches!(series.style, Style::Marks | Style::Both) {
-                    let marks = points.into_iter().map(|at| Circle::new(at, 3, colour.filled()));
+                    let marks = points.into_iter().map(|at| Circle::new(at, px(3), colour.filled()));
                     chart.draw_series(marks)?;
                 }
             }
@@ -375,51 +366,86 @@ impl Chart {
         for label in self.labels.iter().filter(|label| self.shown(&label.at)) {
             let style = word.pos(Pos::new(HPos::Center, VPos::Bottom));
             chart.draw_series([EmptyElement::at(label.at)
-                + Circle::new((0, 0), 3, BLACK.stroke_width(1))
-                + Text::new(label.text.clone(), (0, -6), style)])?;
+                + Circle::new((0, 0), px(3), BLACK.stroke_width(PX))
+                + Text::new(label.text.clone(), (0, px(-6)), style)])?;
         }
         let style = word.pos(Pos::new(HPos::Left, VPos::Center));
-        let left = (area.dim_in_pixel().0 - legend) as i32 + 12;
-        let mut y = 56;
+        let left = (area.dim_in_pixel().0 - legend) as i32 + px(12);
+        let mut y = px(56);
         for series in self.series.iter().filter(|series| !series.name.is_empty()) {
             let colour = COLOURS[series.colour % COLOURS.len()];
-            let line =
-                |width| PathElement::new([(left, y), (left + 22, y)], colour.stroke_width(width));
+            let line = PathElement::new([(left, y), (left + px(22), y)], colour.stroke_width(2 * PX));
             match series.style {
-                Style::Line => area.draw(&line(2))?,
+                Style::Line => area.draw(&line)?,
                 Style::Dashed => {
-                    for dash in [0, 9, 18] {
+                    for dash in [0, px(9), px(18)] {
                         let x = left + dash;
-                        area.draw(&PathElement::new([(x, y), (x + 5, y)], colour.stroke_width(1)))?;
+                        let stroke = colour.stroke_width(PX);
+                        area.draw(&PathElement::new([(x, y), (x + px(5), y)], stroke))?;
                     }
                 }
-                Style::Marks => area.draw(&Circle::new((left + 11, y), 3, colour.filled()))?,
+                Style::Marks => area.draw(&Circle::new((left + px(11), y), px(3), colour.filled()))?,
                 Style::Both => {
-                    area.draw(&line(2))?;
-                    area.draw(&Circle::new((left + 11, y), 3, colour.filled()))?;
+                    area.draw(&line)?;
+                    area.draw(&Circle::new((left + px(11), y), px(3), colour.filled()))?;
                 }
             }
-            area.draw(&Text::new(series.name.clone(), (left + 28, y), style.clone()))?;
-            y += 20;
+            area.draw(&Text::new(series.name.clone(), (left + px(28), y), style.clone()))?;
+            y += px(20);
         }
         let in_legend = |band: &Band| !band.name.is_empty() && !band.is_level();
         for (index, band) in self.bands.iter().enumerate().filter(|(_, band)| in_legend(band)) {
             let colour = band_colour(index);
             if band.low == band.high {
-                area.draw(&PathElement::new([(left, y), (left + 9, y)], colour.stroke_width(1)))?;
-                area.draw(&PathElement::new(
-                    [(left + 13, y), (left + 22, y)],
-                    colour.stroke_width(1),
-                ))?;
+                let stroke = colour.stroke_width(PX);
+                for (from, to) in [(0, px(9)), (px(13), px(22))] {
+                    area.draw(&PathElement::new([(left + from, y), (left + to, y)], stroke))?;
+                }
             } else {
-                let box_ = [(left, y - 6), (left + 22, y + 6)];
+                let box_ = [(left, y - px(6)), (left + px(22), y + px(6))];
                 area.draw(&Rectangle::new(box_, colour.mix(2.0 * BAND_OPACITY).filled()))?;
             }
-            area.draw(&Text::new(band.name.clone(), (left + 28, y), style.clone()))?;
-            y += 20;
+            area.draw(&Text::new(band.name.clone(), (left + px(28), y), style.clone()))?;
+            y += px(20);
         }
         Ok(())
     }
+}
+
+/// A length in px as that of a drawing.
+fn px(length: i32) -> i32 {
+    length * PX as i32
+}
+
+/// The font of a figure, by its size in px.
+pub(crate) fn font(size: u32) -> (&'static str, u32) {
+    ("sans-serif", size * PX)
+}
+
+/// A document of a size in px, with what is drawn on it.
+pub(crate) fn document(
+    title: &str,
+    size: (u32, u32),
+    draw: impl FnOnce(&Area) -> Drawn,
+) -> Result<String, FigureError> {
+    let failed = |error: DrawingAreaErrorKind<std::io::Error>| FigureError {
+        title: title.to_owned(),
+        reason: error.to_string(),
+    };
+    let (width, height) = (size.0 * PX, size.1 * PX);
+    let mut text = String::new();
+    {
+        let root = SVGBackend::with_string(&mut text, (width, height)).into_drawing_area();
+        root.fill(&WHITE).map_err(failed)?;
+        draw(&root).map_err(failed)?;
+        root.present().map_err(failed)?;
+    }
+    // Shown in px; what is drawn keeps its units by the `viewBox`.
+    let drawn = format!("width=\"{width}\" height=\"{height}\"");
+    let text = text.replacen(&drawn, &format!("width=\"{}\" height=\"{}\"", size.0, size.1), 1);
+    // What no document may hold, from a name that a user gave.
+    let forbidden = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
+    Ok(text.replace(forbidden, "\u{fffd}"))
 }
 
 /// How far up a range a value is, as a part of it.

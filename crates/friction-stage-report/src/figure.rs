@@ -1,8 +1,6 @@
 //! Several charts below each other as one SVG document.
 
-use plotters::prelude::*;
-
-use crate::chart::{Chart, SIZE};
+use crate::chart::{Chart, SIZE, document, font};
 
 /// A figure that could not be drawn.
 #[derive(Debug, thiserror::Error)]
@@ -19,20 +17,14 @@ const TITLE: u32 = 40;
 
 /// The charts below each other, as one SVG document.
 pub fn svg(title: &str, charts: &[Chart]) -> Result<String, FigureError> {
-    let failed = |reason: String| FigureError { title: title.to_owned(), reason };
     let height = SIZE.1 * charts.len() as u32 + TITLE;
-    let mut text = String::new();
-    {
-        let root = SVGBackend::with_string(&mut text, (SIZE.0, height)).into_drawing_area();
-        root.fill(&WHITE).map_err(|error| failed(error.to_string()))?;
-        let root =
-            root.titled(title, ("sans-serif", 20)).map_err(|error| failed(error.to_string()))?;
+    document(title, (SIZE.0, height), |root| {
+        let root = root.titled(title, font(20))?;
         for (chart, area) in charts.iter().zip(root.split_evenly((charts.len().max(1), 1))) {
-            chart.draw_on(&area).map_err(|error| failed(error.to_string()))?;
+            chart.draw_on(&area)?;
         }
-        root.present().map_err(|error| failed(error.to_string()))?;
-    }
-    Ok(text)
+        Ok(())
+    })
 }
 
 #[cfg(test)]

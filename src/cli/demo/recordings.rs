@@ -69,8 +69,9 @@ pub(super) fn run(args: &RecordingsArgs, out: &mut dyn Write) -> anyhow::Result<
     let seed = u64::from(args.seed);
     let made = match &args.hide {
         None => HiddenEffect::new(seed)?,
-        Some(path) => HiddenEffect::of(&to_hide(path)?, seed)
-            .with_context(|| format!("the recordings of {}", path.display()))?,
+        Some(path) => {
+            HiddenEffect::of(&to_hide(path)?, seed).with_context(|| path.display().to_string())?
+        }
     };
     std::fs::create_dir_all(&args.out).with_context(|| format!("cannot create {place}"))?;
     let write = |name: &str, text: String| {

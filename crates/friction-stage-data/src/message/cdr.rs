@@ -98,17 +98,31 @@ pub fn from_cdr<M: RosMessage>(bytes: &[u8]) -> Result<M, CdrError> {
     };
     let plain: Cow<'_, [u8]> = plain
         .map_err(|reason| CdrError::Representation { kind: std::any::type_name::<M>(), reason })?;
-    let body = &plain[4..];
-    let decoded = match plain[1] {
+    let decode = |body: &[u8]| match plain[1] {
         0 => cdr_encoding::from_bytes::<M, BigEndian>(body),
         _ => cdr_encoding::from_bytes::<M, LittleEndian>(body),
     };
+    let body = &plain[4..];
+    let decoded = decode(body).or_else(|error| match with_added_numbers::<M>(body) {
+        // All of it: a message that was cut elsewhere is none of before.
+        Some(whole) => decode(&whole).ok().filter(|(_, read)| *read == whole.len()).ok_or(error),
+        None => Err(error),
+    });
     match decoded {
         Ok((message, _)) => Ok(message),
         Err(source) => {
             Err(CdrError::Content { length: bytes.len(), kind: std::any::type_name::<M>(), source })
         }
     }
+}
+
+/// A message of before, and the numbers that were added to its type since, as 0.
+fn with_added_numbers<M: RosMessage>(body: &[u8]) -> Option<Vec<u8>> {
+    (M::ADDED_NUMBERS > 0).then(|| {
+        let mut whole = body.to_vec();
+        whole.resize(body.len().next_multiple_of(8) + 8 * M::ADDED_NUMBERS, 0);
+        whole
+    })
 }
 
 /// The layout of `M`, which is worked out once for each thread.

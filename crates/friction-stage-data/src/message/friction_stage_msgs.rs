@@ -14,7 +14,7 @@ const PACKAGE: &str = "friction_stage_msgs";
 const FORMER_PACKAGE: &str = "friction_stage";
 
 /// The name that a type has today, e.g. `friction_stage_msgs/msg/StageState` for what a recording
-/// calls `friction_stage/msg/StageState`. Its fields are the same.
+/// calls `friction_stage/msg/StageState`.
 pub fn current_type_name(recorded: &str) -> Cow<'_, str> {
     match recorded.strip_prefix(FORMER_PACKAGE) {
         Some(rest) if rest.starts_with('/') => Cow::Owned(format!("{PACKAGE}{rest}")),
@@ -87,8 +87,7 @@ pub struct ControllerState {
     pub mass_feedforward: f64,
     /// N.
     pub viscous_feedforward: f64,
-    /// N, added by the setpoint itself, by a compensation in addition to mass and viscous friction,
-    /// and by a disturbance observer.
+    /// N, added by the setpoint itself.
     pub effort: f64,
     /// N, sum after saturation.
     pub output: f64,
@@ -100,14 +99,23 @@ pub struct ControllerState {
     pub holding: bool,
     /// Start of the setpoint or trajectory accepted last, 0 before the first.
     pub setpoint_stamp: Time,
+    /// N, of a compensation: bristles of the guides.
+    pub bristles_feedforward: f64,
+    /// N, of a compensation: against effects that are a force.
+    pub forces_feedforward: f64,
+    /// N, of a compensation: by which the command differs from the wanted force.
+    pub motor_feedforward: f64,
+    /// N, added by a disturbance observer.
+    pub disturbance: f64,
 }
 
 impl RosMessage for ControllerState {
     const PACKAGE: &'static str = PACKAGE;
     const NAME: &'static str = "ControllerState";
     const TYPE_HASH: &'static str =
-        "RIHS01_abe421a41337bd5617c699bdd4765a56370f140c9dbad0db462db7526edd04d9";
+        "RIHS01_331766e95481c567e5db960692867e7950801cf04352573373be978b1cf207ad";
     const TEXT: &'static str = include_str!("../../msg/ControllerState.msg");
+    const ADDED_NUMBERS: usize = 4;
     const DEPENDENCIES: &'static [Definition] =
         &[Definition::of::<Header>(), Definition::of::<Time>()];
 }

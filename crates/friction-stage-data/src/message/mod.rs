@@ -62,6 +62,9 @@ pub trait RosMessage: Serialize + DeserializeOwned + Clone + Send + 'static {
     const TEXT: &'static str;
     /// Every message type contained in this one, directly or not, each once.
     const DEPENDENCIES: &'static [Definition];
+    /// How many of the fields at its end, each a `float64`, a recording of before may lack: they
+    /// are 0 then.
+    const ADDED_NUMBERS: usize = 0;
 
     /// Full name as bags and `ros2 topic` show it, e.g. `sensor_msgs/msg/JointState`.
     fn type_name() -> String {

@@ -293,6 +293,10 @@ fn facts(message: &BagMessage, joints: &mut BTreeSet<String>) -> Option<Result<F
                 m.viscous_feedforward,
                 m.effort,
                 m.output,
+                m.bristles_feedforward,
+                m.forces_feedforward,
+                m.motor_feedforward,
+                m.disturbance,
             ])
         }),
         _ => None,

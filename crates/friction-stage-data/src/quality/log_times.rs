@@ -54,6 +54,11 @@ pub(super) struct Misfit {
     pub seconds: f64,
 }
 
+/// The middle of a step, ns.
+fn middle(step: i64) -> i64 {
+    step.saturating_mul(WIDTH).saturating_add(WIDTH / 2)
+}
+
 impl LogTimes {
     pub fn take(&mut self, topic: usize, log_time: i64, stamp: i64) {
         let logged = Logged { topic, log_time, stamp };
@@ -75,14 +80,14 @@ impl LogTimes {
         let mut seen = 0;
         let median = self.differences.iter().find_map(|(step, count)| {
             seen += count;
-            (2 * seen >= self.messages).then_some(step * WIDTH + WIDTH / 2)
+            (2 * seen >= self.messages).then_some(middle(*step))
         });
         let Some(median) = median else { return Vec::new() };
         let is_near = |difference: i64| seconds(difference, median) <= LATE;
         let near: u64 = self
             .differences
             .iter()
-            .filter(|(step, _)| is_near(*step * WIDTH + WIDTH / 2))
+            .filter(|(step, _)| is_near(middle(**step)))
             .map(|(_, count)| count)
             .sum();
         if (near as f64) < ALIKE * self.messages as f64 {
