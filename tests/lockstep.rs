@@ -7,7 +7,8 @@ use friction_stage::node::LOCKSTEP_EPOCH;
 use friction_stage::node::driver::{Driver, LockstepRun};
 use friction_stage::node::participant::{Network, Reach};
 use friction_stage_core::control::{
-    Compensation, CompensationTermsOn, Controller, ControllerSettings, ObserverSettings, Trajectory,
+    Compensation, CompensationTerms, CompensationTermsOn, Controller, ControllerSettings,
+    ObserverSettings, Trajectory,
 };
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::{Rates, Stage};
@@ -212,12 +213,27 @@ fn compensation_is_that_in_one_process(domain: u16, observer: Option<ObserverSet
             }
             topics::CONTROLLER_STATE => {
                 let found: ControllerState = message.decode().unwrap();
-                // All that is added is in the state.
+                // All that is added is in the state, each term in its field.
                 let sum = found.feedback
                     + found.mass_feedforward
                     + found.viscous_feedforward
+                    + found.bristles_feedforward
+                    + found.forces_feedforward
+                    + found.motor_feedforward
+                    + found.disturbance
                     + found.effort;
                 assert!((sum - found.output).abs() < 1e-9 || found.saturated, "{found:?}");
+                let stamp = found.header.stamp.to_nanos();
+                if let Some(Cycle { terms, .. }) = at(stamp).filter(|_| stamp > LOCKSTEP_EPOCH) {
+                    assert_eq!(found.mass_feedforward.to_bits(), terms.mass_feedforward.to_bits());
+                    let of_compensation = CompensationTerms {
+                        bristles: found.bristles_feedforward,
+                        forces: found.forces_feedforward,
+                        motor: found.motor_feedforward,
+                    };
+                    assert_eq!(of_compensation, terms.compensation);
+                    assert_eq!(found.disturbance.to_bits(), terms.disturbance.to_bits());
+                }
                 states += 1;
             }
             _ => {}

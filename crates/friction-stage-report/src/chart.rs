@@ -325,7 +325,12 @@ impl Chart {
             };
             let colour = if band.is_level() { LEVEL } else { band_colour(index) };
             if band.low == band.high {
-                chart.draw_series(DashedLineSeries::new(corners, 8 * PX, 4 * PX, colour.stroke_width(PX)))?;
+                chart.draw_series(DashedLineSeries::new(
+                    corners,
+                    8 * PX,
+                    4 * PX,
+                    colour.stroke_width(PX),
+                ))?;
                 if band.is_level() {
                     // Where there is no room above it, below.
                     let under = area_part(&y_range, low, self.y_log) > 0.94;
@@ -358,7 +363,8 @@ impl Chart {
                     Style::Marks => {}
                 }
                 if matches!(series.style, Style::Marks | Style::Both) {
-                    let marks = points.into_iter().map(|at| Circle::new(at, px(3), colour.filled()));
+                    let marks =
+                        points.into_iter().map(|at| Circle::new(at, px(3), colour.filled()));
                     chart.draw_series(marks)?;
                 }
             }
@@ -374,7 +380,8 @@ impl Chart {
         let mut y = px(56);
         for series in self.series.iter().filter(|series| !series.name.is_empty()) {
             let colour = COLOURS[series.colour % COLOURS.len()];
-            let line = PathElement::new([(left, y), (left + px(22), y)], colour.stroke_width(2 * PX));
+            let line =
+                PathElement::new([(left, y), (left + px(22), y)], colour.stroke_width(2 * PX));
             match series.style {
                 Style::Line => area.draw(&line)?,
                 Style::Dashed => {
@@ -384,7 +391,9 @@ impl Chart {
                         area.draw(&PathElement::new([(x, y), (x + px(5), y)], stroke))?;
                     }
                 }
-                Style::Marks => area.draw(&Circle::new((left + px(11), y), px(3), colour.filled()))?,
+                Style::Marks => {
+                    area.draw(&Circle::new((left + px(11), y), px(3), colour.filled()))?
+                }
                 Style::Both => {
                     area.draw(&line)?;
                     area.draw(&Circle::new((left + px(11), y), px(3), colour.filled()))?;
