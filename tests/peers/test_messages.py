@@ -40,7 +40,8 @@ def test_rclpy_reads_the_state_of_the_controller(ros, running):
     for state in states:
         assert all(map(math.isfinite, numbers(state)))
         assert state.error == pytest.approx(state.reference_position - state.position, abs=1e-12)
-        terms = [name for name in dir(state) if name.endswith("_feedforward")]
+        fields = state.get_fields_and_field_types()
+        terms = [name for name in fields if name.endswith("_feedforward")]
         assert len(terms) == 5
         feedforward = sum(getattr(state, name) for name in terms)
         total = state.feedback + feedforward + state.disturbance + state.effort
