@@ -595,8 +595,8 @@ fn a_full_disk_is_an_error_and_what_was_written_recovers() {
     assert!(BagReader::open(report.output.unwrap()).unwrap().is_complete());
 }
 
-/// A controller's state as recordings of version 0.2 and before have it: another package, and without
-/// the terms of a compensation.
+/// A controller's state as recordings of version 0.2 and before have it: of another package, and
+/// without the terms of a compensation.
 #[derive(Clone, Default, Serialize, Deserialize)]
 struct FormerState {
     header: Header,
