@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 fn friction_stage(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_friction-stage"))
@@ -211,12 +211,15 @@ fn a_model_is_shown_with_its_units_and_what_follows_from_it() {
     let path = path.display().to_string();
     let output = friction_stage(&["model", &path]);
     let shown = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(output.status.code(), Some(3), "{shown}");
-    assert!(shown.contains("kg m²") && shown.contains("assumed"), "{shown}");
+    // What is assumed is no warning.
+    assert_eq!(output.status.code(), Some(0), "{shown}");
+    assert!(shown.contains("kg m²") && shown.contains("note: guides[0]"), "{shown}");
+    assert!(shown.contains("assumed"), "{shown}");
     assert!(!shown.contains("50 mm"), "{shown}");
     let output = friction_stage(&["model", &path, "--json"]);
     let value: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(value["derived"]["break_away_force"], 0.1);
+    assert_eq!((&value["warnings"], value["assumptions"][0].is_string()), (&json!([]), true));
     assert_eq!(value["derived"]["fast_move_force"], Value::Null);
 
     std::fs::write(&path, "effects: [{cogging: {amplitude: -5, period: 0.02}}]\n").expect("a file");

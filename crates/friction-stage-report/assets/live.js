@@ -22,7 +22,7 @@
         axes: [{ ...axis, label: index === 2 ? "time, s" : "", size: 30, labelSize: 20 },
           { ...axis, label, size: 64 }],
         series: [{}, { stroke: dark.matches ? "#4aa8e0" : "#0072b2", width: 1.5,
-          points: { show: false } }],
+          pxAlign: 0, points: { show: false } }],
       }, [data.t, data[name]], parent);
     });
   };

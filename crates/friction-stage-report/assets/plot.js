@@ -275,7 +275,8 @@
         ],
         series: [{}, ...this.curves.map((curve) => ({
           label: curve.name, show: curve.on, stroke: colour(curve.colour), spanGaps: false,
-          width: curve.dashed ? 1 : 1.6, dash: curve.dashed ? [6, 4] : undefined,
+          // Points are not moved to whole pixels, as those of the axes are.
+          pxAlign: 0, width: curve.dashed ? 1 : 1.6, dash: curve.dashed ? [6, 4] : undefined,
           paths: curve.line ? undefined : () => null,
           points: { show: curve.marks, size: 6, fill: colour(curve.colour) },
         }))],

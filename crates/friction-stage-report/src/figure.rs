@@ -1,6 +1,9 @@
 //! Several charts below each other as one SVG document.
 
-use crate::chart::{Chart, SIZE, document, font};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use crate::chart::{Chart, PX, SIZE, document, font};
 
 /// A figure that could not be drawn.
 #[derive(Debug, thiserror::Error)]
@@ -19,8 +22,12 @@ const TITLE: u32 = 40;
 pub fn svg(title: &str, charts: &[Chart]) -> Result<String, FigureError> {
     let height = SIZE.1 * charts.len() as u32 + TITLE;
     document(title, (SIZE.0, height), |root| {
-        let root = root.titled(title, font(20))?;
-        for (chart, area) in charts.iter().zip(root.split_evenly((charts.len().max(1), 1))) {
+        let (head, rest) = root.split_vertically(TITLE * PX);
+        let (width, height) = head.dim_in_pixel();
+        let middle = Pos::new(HPos::Center, VPos::Center);
+        let style = font(20).into_text_style(&head).pos(middle);
+        head.draw(&Text::new(title.to_owned(), ((width / 2) as i32, (height / 2) as i32), style))?;
+        for (chart, area) in charts.iter().zip(rest.split_evenly((charts.len().max(1), 1))) {
             chart.draw_on(&area)?;
         }
         Ok(())

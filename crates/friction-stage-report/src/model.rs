@@ -23,7 +23,9 @@ pub struct ModelFacts {
     pub model: StageModel,
     /// The guides' parameters.
     pub guides: Vec<Guide>,
-    /// What is assumed, and what deserves a word.
+    /// What the file does not say of its guides and is assumed.
+    pub assumptions: Vec<String>,
+    /// What deserves a look: guides that are not passive.
     pub warnings: Vec<String>,
     /// What follows.
     pub derived: Derived,
@@ -60,8 +62,9 @@ impl ModelFacts {
         Effects::new(&model.effects)?;
         let guides = model.resolved_guides()?;
         let derived = Derived::new(model, &guides)?;
-        let warnings = model.warnings()?;
-        Ok(ModelFacts { model: model.clone(), guides, warnings, derived })
+        let assumptions = model.assumptions();
+        let warnings = model.passivity_warnings()?;
+        Ok(ModelFacts { model: model.clone(), guides, assumptions, warnings, derived })
     }
 }
 

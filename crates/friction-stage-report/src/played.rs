@@ -149,15 +149,19 @@ pub fn played_figure(
     let mut motion = Chart::new("Motion", label, "position, mm");
     motion.add("position", 0, Style::Line, over_time(|sample| sample.position * 1e3));
     motion.add("reference", 4, Style::Dashed, over_time(|sample| sample.reference * 1e3));
-    let mut force = Chart::new("Force", label, "force, N");
-    // The command lies on the cell where both agree: dashed, both are seen.
-    force.add("force cell", 0, Style::Line, over_time(|sample| sample.force_cell));
-    force.add("command", 1, Style::Dashed, over_time(|sample| sample.force));
+    let mut force = Chart::new("Force command", label, "force, N");
+    force.add("", 0, Style::Line, over_time(|sample| sample.force));
+    // Next to hundreds of newtons both would be one line.
+    let mut cell = Chart::new("Force cell less command", label, "difference, N");
+    cell.add("", 0, Style::Line, over_time(|sample| sample.force_cell - sample.force));
     if samples.iter().any(|sample| sample.saturated) {
         force.line("limit", Axis::Y, force_limits.1);
         force.line("", Axis::Y, force_limits.0);
     }
     let mut charts = vec![error, motion, force];
+    if samples.iter().any(|sample| sample.force_cell.is_finite()) {
+        charts.push(cell);
+    }
     // Where there are few moves, each is seen on its way into the bands.
     for a_move in moves.iter().take(2).filter(|a_move| a_move.end > a_move.arrival) {
         let span = a_move.start..=a_move.end;
@@ -226,7 +230,7 @@ mod tests {
             })
             .collect();
         let figure = played_figure("run", &samples, &motion.moves, (-9.0, 9.0)).unwrap();
-        for words in ["Position error", "force cell", "limit", "Settling of the move"] {
+        for words in ["Position error", "Force cell less command", "limit", "Settling of the move"] {
             assert!(figure.contains(words), "{words}");
         }
     }

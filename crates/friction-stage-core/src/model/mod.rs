@@ -325,15 +325,20 @@ impl StageModel {
     /// What is allowed but deserves a word: what is assumed, and guides that are not passive, each
     /// kind once.
     pub fn warnings(&self) -> Result<Vec<String>, ModelError> {
+        Ok(self.assumptions().into_iter().chain(self.passivity_warnings()?).collect())
+    }
+
+    /// Guides that are not passive, each kind once.
+    pub fn passivity_warnings(&self) -> Result<Vec<String>, ModelError> {
         let guides = self.resolved_guides()?;
         let first_of_its_kind =
             |(index, guide): &(usize, &Guide)| !guides[..*index].contains(guide);
-        let passivity = guides
+        Ok(guides
             .iter()
             .enumerate()
             .filter(first_of_its_kind)
-            .filter_map(|(index, guide)| guide.passivity_warning(&format!("guides[{index}]")));
-        Ok(self.assumptions().into_iter().chain(passivity).collect())
+            .filter_map(|(index, guide)| guide.passivity_warning(&format!("guides[{index}]")))
+            .collect())
     }
 
     /// What the file does not say of its guides and is assumed, each kind once.
