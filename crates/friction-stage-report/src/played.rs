@@ -230,7 +230,8 @@ mod tests {
             })
             .collect();
         let figure = played_figure("run", &samples, &motion.moves, (-9.0, 9.0)).unwrap();
-        for words in ["Position error", "Force cell less command", "limit", "Settling of the move"] {
+        for words in ["Position error", "Force cell less command", "limit", "Settling of the move"]
+        {
             assert!(figure.contains(words), "{words}");
         }
     }
