@@ -113,6 +113,15 @@ impl Drop for Subscriber {
     }
 }
 
+/// An outlet that waits for subscribers that lag, and its participant, which lives as long.
+fn patient_outlet(domain: u16, window: u32) -> (Participant, Outlet<Float64MultiArray>) {
+    let participant =
+        Participant::join(network(domain), "/", "publisher", NodeOptions::new()).unwrap();
+    let qos = Qos::reliable(10).window(window);
+    let outlet = Outlet::new(&participant, TOPIC, &qos).unwrap().patient(PATIENCE);
+    (participant, outlet)
+}
+
 fn number(value: f64) -> Float64MultiArray {
     Float64MultiArray { data: vec![value; 10], ..Float64MultiArray::default() }
 }
@@ -273,11 +282,7 @@ fn a_patient_outlet_keeps_the_order_for_one_that_lags() {
 
     let domain = 1 + u16::try_from((std::process::id() + 25) % 100).expect("below 100");
     let (slow, healthy) = (Subscriber::start(domain, "slow"), Subscriber::start(domain, "healthy"));
-    let participant =
-        Participant::join(network(domain), "/", "publisher", NodeOptions::new()).unwrap();
-    let qos = Qos::reliable(10).window(WINDOW);
-    let mut outlet =
-        Outlet::<Float64MultiArray>::new(&participant, TOPIC, &qos).unwrap().patient(PATIENCE);
+    let (_participant, mut outlet) = patient_outlet(domain, WINDOW);
     let limit = Duration::from_secs(30);
     assert_eq!(outlet.wait_for_subscribers(2, limit), 2, "subscribers were not found");
     assert_eq!(outlet.publish(number(0.0)), Published::Sent);
@@ -337,11 +342,7 @@ fn a_planned_change_waits_for_a_healthy_subscriber_that_lags() {
 
     let domain = 1 + u16::try_from((std::process::id() + 60) % 100).expect("below 100");
     let subscriber = Subscriber::start(domain, "lagging");
-    let participant =
-        Participant::join(network(domain), "/", "publisher", NodeOptions::new()).unwrap();
-    let qos = Qos::reliable(10).window(WINDOW);
-    let mut outlet =
-        Outlet::<Float64MultiArray>::new(&participant, TOPIC, &qos).unwrap().patient(PATIENCE);
+    let (_participant, mut outlet) = patient_outlet(domain, WINDOW);
     let limit = Duration::from_secs(30);
     assert_eq!(outlet.wait_for_subscribers(1, limit), 1, "the subscriber was not found");
     let mut next = 0_u64;
@@ -390,11 +391,7 @@ fn a_planned_change_waits_for_a_healthy_subscriber_that_lags() {
 fn what_a_patient_outlet_holds_is_sent_without_a_further_message() {
     let domain = 1 + u16::try_from((std::process::id() + 75) % 100).expect("below 100");
     let subscriber = Subscriber::start(domain, "subscriber");
-    let participant =
-        Participant::join(network(domain), "/", "patient", NodeOptions::new()).unwrap();
-    let qos = Qos::reliable(10).window(64);
-    let mut outlet =
-        Outlet::<Float64MultiArray>::new(&participant, TOPIC, &qos).unwrap().patient(PATIENCE);
+    let (_participant, mut outlet) = patient_outlet(domain, 64);
     let limit = Duration::from_secs(30);
     assert_eq!(outlet.wait_for_subscribers(1, limit), 1, "the subscriber was not found");
     let deadline = Instant::now() + limit;
