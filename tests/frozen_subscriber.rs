@@ -15,7 +15,7 @@ use std::{
 use friction_stage::node::{
     outlet::{Outlet, Published},
     participant::{Network, Participant, Reach},
-    qos::Qos,
+    qos::{Qos, SAMPLES},
 };
 use friction_stage_data::message::Float64MultiArray;
 use futures::{StreamExt, executor::block_on};
@@ -384,6 +384,49 @@ fn a_planned_change_waits_for_a_healthy_subscriber_that_lags() {
     assert_eq!(
         last_report(&subscriber, &mut outlet),
         format!("END received {sent} next {sent} out_of_order 0")
+    );
+}
+
+#[test]
+fn a_publisher_that_keeps_the_pace_leaves_no_subscriber_far_behind() {
+    const MESSAGES: u64 = 20_000;
+    const FAR: u64 = 128;
+
+    let domain = 1 + u16::try_from((std::process::id() + 37) % 100).expect("below 100");
+    let subscriber = Subscriber::start(domain, "busy");
+    let (participant, mut outlet) = patient_outlet(domain, SAMPLES.window);
+    let limit = Duration::from_secs(30);
+    assert_eq!(outlet.wait_for_subscribers(1, limit), 1, "the subscriber was not found");
+    let writer = rustdds::GUID::from_bytes(outlet.writer());
+    let mut stopped_since = None;
+    let mut far = 0;
+    for k in 0..MESSAGES {
+        // Like a program on a busy machine: it does not run for 0.2 s, again and again.
+        let pause = Duration::from_millis(200);
+        match stopped_since {
+            None if k % (MESSAGES / 10) == MESSAGES / 20 => {
+                subscriber.signal(libc::SIGSTOP);
+                stopped_since = Some(Instant::now());
+            }
+            Some(since) if since.elapsed() >= pause => {
+                subscriber.signal(libc::SIGCONT);
+                stopped_since = None;
+            }
+            _ => {}
+        }
+        assert_eq!(outlet.publish(number(k as f64)), Published::Sent, "message {k}");
+        let wait = stopped_since.map_or(limit, |since| pause.saturating_sub(since.elapsed()));
+        outlet.keep_pace(wait);
+        let lag = participant.watch().lag(writer, outlet.counts().sent, limit);
+        far += u64::from(lag.healthy > FAR + 1);
+    }
+    subscriber.signal(libc::SIGCONT);
+    assert_eq!(outlet.counts().renewed, 0);
+    // A few where the machine stops it for longer than a subscriber is waited for.
+    assert!(far < MESSAGES / 10, "{far} of {MESSAGES} messages found it far behind");
+    assert_eq!(
+        last_report(&subscriber, &mut outlet),
+        format!("END received {MESSAGES} next {MESSAGES} out_of_order 0")
     );
 }
 

@@ -19,7 +19,7 @@ use tokio::sync::oneshot;
 use super::action::{self, GoalEnd, GoalId, News, Wish};
 use super::clock;
 use super::controller_settings as settings;
-use super::delay::Delay;
+use super::delay::{self, Delay};
 use super::follow_joint_trajectory::{
     self as follow, ActiveGoal, Constraints, FollowGoal, FollowJointTrajectory, FollowResult,
     Progress, Sampled,
@@ -66,6 +66,9 @@ const SETTLE: Duration = Duration::from_secs(1);
 /// Longest time that states are held for subscribers that lag: shorter than a stage waits for them
 /// when it records.
 const STATES_PATIENCE: Duration = Duration::from_millis(1500);
+
+/// Longest wait after states of simulated time for subscribers that catch up.
+const PACE_WITHIN: Duration = Duration::from_millis(200);
 
 /// Why a goal is refused, in the words of joint_trajectory_controller where it has any.
 const NOT_RUNNING: &str = "Can't accept new action goals. Controller is not running.";
@@ -846,8 +849,15 @@ impl ControllerLoop {
     }
 
     fn publish_states(&mut self) {
+        let Some(stamp) = self.states.last().map(|state| state.header.stamp.to_nanos()) else {
+            return;
+        };
         for state in self.states.drain(..) {
             let _ = self.state.publish(state);
+        }
+        // The stage waits for the next answer, and so for these subscribers.
+        if delay::is_simulated(stamp, clock::system()) {
+            self.state.keep_pace(PACE_WITHIN);
         }
     }
 

@@ -16,6 +16,9 @@
 //! A subscriber that was silent for longer than its lease and goes on is found again, but matched
 //! with new writers only: then, too, a successor is made.
 //!
+//! Where time can wait, a publisher [keeps the pace](Outlet::keep_pace) of its subscribers: one that
+//! falls behind on a busy machine would not catch up while samples come as fast as they can.
+//!
 //! A writer counts its samples, and a subscriber that comes late costs by that number: until its
 //! first answer everything since number 1 counts as unacknowledged, and rustdds lists every number
 //! that it does not send it, 50 ns each, and sends no sample meanwhile. So a writer is replaced
@@ -62,6 +65,15 @@ const HEALTHY: Duration = Duration::from_secs(2);
 /// Samples that a healthy subscriber may miss when a planned successor takes over: what one
 /// acknowledgement can ask for (DDSI-RTPS 2.5, 9.4.2.6).
 const CLOSE: u64 = 256;
+/// Samples that a subscriber may miss where the publisher waits for it. Linux holds some 280 small
+/// datagrams for a socket (`net.core.rmem_default`, 212,992 bytes), of all topics together; what
+/// does not fit is lost, and rustdds repeats it more slowly than a quick lockstep adds to it.
+const PACE: u64 = 128;
+/// How long ago a subscriber that is waited for has come closer. Assumed: longer than a busy
+/// machine keeps it from running. One that is stopped holds the publisher up for this long, once.
+const PACED: Duration = Duration::from_millis(500);
+/// Pause between two looks whether subscribers have caught up.
+const PACE_LOOKS_AGAIN: Duration = Duration::from_micros(100);
 /// Pause between two looks whether a successor can take over.
 const LOOKS_AGAIN: Duration = Duration::from_millis(1);
 /// Pause after a successor that could not be made.
@@ -293,6 +305,21 @@ impl<M: RosMessage> Outlet<M> {
                 thread::sleep(RETRY_AFTER.min(left));
             }
         }
+    }
+
+    /// Waits up to `limit` until no subscriber that comes closer misses more than 128 samples; true
+    /// when so. For a publisher whose time can wait, after each message.
+    pub fn keep_pace(&self, limit: Duration) -> bool {
+        let watch = self.participant.watch();
+        let is_far = || watch.lag(self.writer.guid(), self.written.into(), PACED).healthy > PACE;
+        let began = Instant::now();
+        while is_far() {
+            if began.elapsed() >= limit {
+                return false;
+            }
+            thread::sleep(PACE_LOOKS_AGAIN);
+        }
+        true
     }
 
     /// When messages that are held may be sent, at the earliest; `None` when there are none. Who

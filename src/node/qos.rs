@@ -59,16 +59,23 @@ impl Qos {
         Self { durability: Durability::TransientLocal, ..Self::reliable(depth) }
     }
 
+    /// # Panics
+    /// The window is larger than [`LARGEST_WINDOW`]: a constant of the program is wrong.
     #[must_use]
     pub const fn window(self, window: u32) -> Self {
+        assert!(window <= LARGEST_WINDOW, "peers do not hear a publisher with a larger window");
         Self { window, ..self }
     }
 }
 
+/// Most samples that a publisher may hold. One that holds more is not
+/// [heard](super::socket_filter).
+pub const LARGEST_WINDOW: u32 = 1 << 18;
+
 /// Unacknowledged samples that outlast a dead or frozen subscriber, whose lease ends after 20 s
 /// (rclpy) or 50 s (rustdds): 26 s in lockstep at 10,000 cycles per second, 65 s at 4 kHz. What
 /// they take, about 110 MB when full, is given back at its end.
-const OUTLASTS_A_LEASE: u32 = 1 << 18;
+const OUTLASTS_A_LEASE: u32 = LARGEST_WINDOW;
 
 /// Samples of the stage and of the controller: every one arrives, in order also for those that hear
 /// them beside a dead subscriber. A window that filled sooner would be answered with a new writer,

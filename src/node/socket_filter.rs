@@ -31,11 +31,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use rustdds::GUID;
 
 use super::participant::Reach;
+use super::qos::LARGEST_WINDOW;
 
 /// Samples of this serialised size, in bytes, are not heard in fragments.
 pub const LARGEST_SAMPLE: usize = 1 << 20;
-/// Samples that a HEARTBEAT or GAP may span.
-pub const LARGEST_WINDOW: u64 = 1 << 16;
 /// Sequence numbers that a peer may reach.
 const LARGEST_NUMBER: u64 = 1 << 40;
 /// Number of a fragment that a request may begin with: a sample has fewer.
@@ -294,7 +293,7 @@ impl<'a> Submessage<'a> {
                 self.is_number(8)?
                     && self.is_number(16)?
                     // A last one before the first is an empty range.
-                    && (may_be_long || last.abs_diff(first) <= LARGEST_WINDOW)
+                    && (may_be_long || last.abs_diff(first) <= u64::from(LARGEST_WINDOW))
             }
             ACKNACK => self.is_number(8)?,
             NACK_FRAG => self.is_number(8)? && (1..LARGEST_FRAGMENT).contains(&self.word(16)?),
@@ -327,6 +326,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    const WINDOW: u64 = LARGEST_WINDOW as u64;
 
     /// Two sockets on loopback. What is sent over loopback is there, or dropped, when the call
     /// returns.
@@ -505,11 +506,11 @@ mod tests {
             fragment(1 << 40, 1000),
             range(HEARTBEAT, 1, 1 << 40),
             range(HEARTBEAT, 1, 1 << 31),
-            range(HEARTBEAT, 1, LARGEST_WINDOW + 2),
+            range(HEARTBEAT, 1, WINDOW + 2),
             range(HEARTBEAT, 1 << 40, 1 << 40),
             range(HEARTBEAT, negative, 5),
             range(GAP, 100, 1 << 40),
-            range(GAP, 100, LARGEST_WINDOW + 2 + 100),
+            range(GAP, 100, WINDOW + 2 + 100),
             range(GAP, 2, 1 << 33),
             range(GAP, 1, 1 << 40),
             range(GAP, (1 << 32) | 1, (2 << 32) | 1),
@@ -532,7 +533,7 @@ mod tests {
     fn every_window_up_to_the_largest_passes_wherever_it_lies() {
         let link = Link::new(0);
         for first in [1, 65_535, 65_537, (1 << 24) - 3, (1 << 32) + 65_000, (1 << 39) + 1] {
-            for width in [0, 1, 255, 65_535, LARGEST_WINDOW] {
+            for width in [0, 1, 255, 65_535, WINDOW] {
                 for kind in [HEARTBEAT, GAP] {
                     assert!(
                         link.passes(&message(&[range(kind, first, first + width)])),

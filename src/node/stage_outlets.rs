@@ -16,6 +16,9 @@ use friction_stage_data::message::{
 const LONGEST_PATIENCE: Duration = Duration::from_secs(20);
 /// Longest wait in lockstep for them and for new writers.
 const SETTLE: Duration = LONGEST_PATIENCE.saturating_add(Duration::from_secs(1));
+/// Longest wait after a sample in lockstep for subscribers that catch up. The stage looks for orders
+/// once per sample.
+const PACE_WITHIN: Duration = Duration::from_millis(200);
 
 /// The publishers of the stage's samples.
 pub struct StageOutlets {
@@ -62,8 +65,8 @@ impl StageOutlets {
         }
     }
 
-    /// Publishes a sample in lockstep: nothing is left waiting in an outlet, and the clock may come
-    /// a pause later.
+    /// Publishes a sample in lockstep: nothing is left waiting in an outlet, no subscriber falls far
+    /// behind, and the clock may come a pause later.
     pub fn publish_and_settle(&mut self, tick: &Tick) {
         let (names, deadline) = (&self.names, Instant::now() + SETTLE);
         settled(&mut self.encoder, tick.encoder(names), deadline);
@@ -74,7 +77,11 @@ impl StageOutlets {
         }
         if let Some(clock) = &mut self.clock {
             settled(clock, tick.clock(), deadline);
+            clock.keep_pace(PACE_WITHIN);
         }
+        self.encoder.keep_pace(PACE_WITHIN);
+        self.force_cell.keep_pace(PACE_WITHIN);
+        self.state.keep_pace(PACE_WITHIN);
     }
 
     /// Messages lost and writers replaced, for `/diagnostics`.
