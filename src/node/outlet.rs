@@ -16,8 +16,8 @@
 //! A subscriber that was silent for longer than its lease and goes on is found again, but matched
 //! with new writers only: then, too, a successor is made.
 //!
-//! Where time can wait, a publisher [keeps the pace](Outlet::keep_pace) of its subscribers: one that
-//! falls behind on a busy machine would not catch up while samples come as fast as they can.
+//! Where time can wait, a publisher [keeps the pace](Outlet::keep_pace) of its subscribers: one
+//! that falls behind on a busy machine would not catch up while samples come as fast as they can.
 //!
 //! A writer counts its samples, and a subscriber that comes late costs by that number: until its
 //! first answer everything since number 1 counts as unacknowledged, and rustdds lists every number

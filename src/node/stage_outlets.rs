@@ -16,8 +16,8 @@ use friction_stage_data::message::{
 const LONGEST_PATIENCE: Duration = Duration::from_secs(20);
 /// Longest wait in lockstep for them and for new writers.
 const SETTLE: Duration = LONGEST_PATIENCE.saturating_add(Duration::from_secs(1));
-/// Longest wait after a sample in lockstep for subscribers that catch up. The stage looks for orders
-/// once per sample.
+/// Longest wait after a sample in lockstep for subscribers that catch up. The stage looks for
+/// orders once per sample.
 const PACE_WITHIN: Duration = Duration::from_millis(200);
 
 /// The publishers of the stage's samples.
@@ -65,8 +65,8 @@ impl StageOutlets {
         }
     }
 
-    /// Publishes a sample in lockstep: nothing is left waiting in an outlet, no subscriber falls far
-    /// behind, and the clock may come a pause later.
+    /// Publishes a sample in lockstep: nothing is left waiting in an outlet, no subscriber falls
+    /// far behind, and the clock may come a pause later.
     pub fn publish_and_settle(&mut self, tick: &Tick) {
         let (names, deadline) = (&self.names, Instant::now() + SETTLE);
         settled(&mut self.encoder, tick.encoder(names), deadline);
