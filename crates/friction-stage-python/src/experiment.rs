@@ -57,7 +57,7 @@ pub(crate) fn experiment<'py>(
         (plan, found, kept.into_inner().unwrap_or_default())
     })?;
     let found = found.or_raise()?;
-    let summary = ExperimentSummary::new(&plan, &found);
+    let summary = ExperimentSummary::new(&plan, &found, false);
     let failed =
         |error: &(dyn std::error::Error + 'static)| raised::ExperimentError::new_err(words(error));
     let (page, figures) =

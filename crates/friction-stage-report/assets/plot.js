@@ -143,12 +143,19 @@
       this.curves = chart.series.map((s) => ({ ...s, x: column(s.x), y: column(s.y), on: true }));
       const xlog = chart.x.log;
       let low = Infinity, high = -Infinity;
-      for (const { x } of this.curves) {
-        const start = xlog ? x.findIndex((value) => value > 0) : 0;
-        if (x.length === 0 || start < 0) continue;
-        low = Math.min(low, x[start]);
-        high = Math.max(high, x[x.length - 1]);
+      // From the first point to the last that are seen: what has no value takes no room.
+      const seen = ({ x, y }, k) => Number.isFinite(y[k]) && (!chart.y.log || y[k] > 0)
+        && (!xlog || x[k] > 0);
+      for (const curve of this.curves) {
+        let first = 0, last = curve.x.length - 1;
+        while (first <= last && !seen(curve, first)) first++;
+        while (last >= first && !seen(curve, last)) last--;
+        if (first > last) continue;
+        low = Math.min(low, curve.x[first]);
+        high = Math.max(high, curve.x[last]);
       }
+      // Nothing is at zero on a logarithmic axis.
+      chart.bands = chart.bands.filter((band) => !(chart[band.axis].log && band.high <= 0));
       for (const band of chart.bands) {
         if (band.axis === "x" && band.low === band.high) {
           low = Math.min(low, band.low);
@@ -190,7 +197,6 @@
     }
 
     legend(parent) {
-      this.at = element(parent, "span", { className: "plot-at", textContent: "" });
       const named = new Map();
       this.curves.forEach((curve, index) => {
         // A curve without a name is toggled with the one of its colour.
@@ -222,6 +228,8 @@
         band.index = index;
         element(key, "span", { textContent: band.name });
       });
+      // At the end: it comes and goes with the cursor, and moves nothing.
+      this.at = element(parent, "span", { className: "plot-at", textContent: "" });
     }
 
     buttons(parent) {
@@ -254,7 +262,19 @@
         },
       });
       const room = (u, name) => (name === "x" ? u.width / 60 : u.height / 30);
-      const numbers = { values: (u, splits) => splits.map((v) => (v == null ? "" : axisNumber(v))) };
+      // One notation on an axis.
+      const numbers = {
+        values: (u, splits) => {
+          const texts = splits.map((v) => (v == null ? "" : axisNumber(v)));
+          const largest = texts[splits.reduce((a, v, k) => (Math.abs(v) > Math.abs(splits[a]) ? k : a), 0)];
+          if (!/e/.test(texts.join(""))) return texts;
+          return splits.map((v, k) => (v == null || v === 0 ? texts[k]
+            : /e/.test(largest) ? Number(v.toPrecision(6)).toExponential().replace("e+", "e")
+              : String(+v.toFixed(12))));
+        },
+      };
+      // Room for the longest number and the title next to it.
+      const width = (u, values) => 22 + 7 * Math.max(4, ...(values || []).map((v) => String(v).length));
       const names = chart.x.names;
       const named = {
         splits: () => names.map((name, k) => k + 1),
@@ -271,7 +291,7 @@
         axes: [
           { ...axis, label: chart.x.label, ...marks("x", chart.x), space: 60,
             size: 34, labelSize: 22 },
-          { ...axis, label: chart.y.label, ...marks("y", chart.y), size: 64 },
+          { ...axis, label: chart.y.label, ...marks("y", chart.y), size: width },
         ],
         series: [{}, ...this.curves.map((curve) => ({
           label: curve.name, show: curve.on, stroke: colour(curve.colour), spanGaps: false,
@@ -376,16 +396,25 @@
       context.font = `${12 * size}px system-ui, sans-serif`;
       context.fillStyle = context.strokeStyle = ink("--ink");
       context.textBaseline = "bottom";
+      context.textAlign = "center";
+      // Of two that would overlap, the first.
+      const taken = [];
       for (const label of this.chart.labels) {
         if (label.x < this.shown[0] || label.x > this.shown[1]) continue;
         const x = u.valToPos(label.x, "x", true), y = u.valToPos(label.y, "y", true);
         if (y < top || y > top + height) continue;
+        const half = context.measureText(label.text).width / 2 + 2 * size;
+        const middle = Math.max(Math.min(x, left + width - half), left + half);
+        const base = y - 22 * size < top ? y + 20 * size : y - 6 * size;
+        const box = [middle - half, middle + half, base - 14 * size, base];
+        if (taken.some((o) => box[0] < o[1] && o[0] < box[1] && box[2] < o[3] && o[2] < box[3])) {
+          continue;
+        }
+        taken.push(box);
         context.beginPath();
         context.arc(x, y, 4 * size, 0, 2 * Math.PI);
         context.stroke();
-        const half = context.measureText(label.text).width / 2;
-        context.textAlign = x + half > left + width ? "right" : x - half < left ? "left" : "center";
-        context.fillText(label.text, x, y - 6 * size);
+        context.fillText(label.text, middle, base);
       }
       context.restore();
     }

@@ -1,6 +1,7 @@
 //! One pair of axes with lines, marks, bands and labels, linear or logarithmic: as SVG for print,
 //! and as data for the plots of a page that zoom ([`super::interactive`]).
 
+use plotters::coord::combinators::BindKeyPoints;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -84,7 +85,7 @@ pub struct Chart {
     pub series: Vec<Series>,
     /// Drawn below the series.
     pub bands: Vec<Band>,
-    /// Drawn above the series.
+    /// Drawn above the series; of two that would overlap, the first.
     pub labels: Vec<PointLabel>,
     /// Charts of one page with the same word here zoom together.
     pub zooms_with: Option<String>,
@@ -218,17 +219,26 @@ impl Chart {
     /// Draws it on an area of its own.
     pub(crate) fn draw_on(&self, area: &Area) -> Drawn {
         let (x, y) = (self.range(Axis::X), self.range(Axis::Y));
+        let (x_marks, y_marks) = (log_marks(&x, 9.0), log_marks(&y, 8.0));
+        let x_log = || x.clone().log_scale().with_key_points(x_marks.clone());
+        let y_log = || y.clone().log_scale().with_key_points(y_marks.clone());
         match (self.x_log, self.y_log) {
             (false, false) => self.draw(area, x, y),
-            (true, false) => self.draw(area, x.log_scale(), y),
-            (false, true) => self.draw(area, x, y.log_scale()),
-            (true, true) => self.draw(area, x.log_scale(), y.log_scale()),
+            (true, false) => self.draw(area, x_log(), y),
+            (false, true) => self.draw(area, x, y_log()),
+            (true, true) => self.draw(area, x_log(), y_log()),
         }
     }
 
     fn shown(&self, point: &(f64, f64)) -> bool {
         let fine = |value: f64, log: bool| value.is_finite() && (!log || value > 0.0);
         fine(point.0, self.x_log) && fine(point.1, self.y_log)
+    }
+
+    /// Whether a band has a place on its axis: a logarithmic one has none at zero.
+    fn has(&self, band: &Band) -> bool {
+        let log = if band.axis == Axis::X { self.x_log } else { self.y_log };
+        !log || band.high > 0.0
     }
 
     /// What an axis shows: all points, and lines, but no more of a band than there is of them.
@@ -240,7 +250,7 @@ impl Chart {
         let lines = self
             .bands
             .iter()
-            .filter(|band| band.axis == axis && band.low == band.high && (!log || band.low > 0.0))
+            .filter(|band| band.axis == axis && band.low == band.high && self.has(band))
             .map(|band| band.low);
         let points = self
             .series
@@ -315,7 +325,7 @@ impl Chart {
             .axis_desc_style(font(14))
             .draw()?;
         let word = font(13).into_text_style(area);
-        for (index, band) in self.bands.iter().enumerate() {
+        for (index, band) in self.bands.iter().enumerate().filter(|(_, band)| self.has(band)) {
             let range = if band.axis == Axis::X { &x_range } else { &y_range };
             let (low, high) =
                 (band.low.clamp(range.start, range.end), band.high.clamp(range.start, range.end));
@@ -369,11 +379,29 @@ impl Chart {
                 }
             }
         }
+        let ((left, right), (top, _)) = {
+            let (x, y) = chart.plotting_area().get_pixel_range();
+            ((x.start, x.end), (y.start, y.end))
+        };
+        let mut taken: Vec<[i32; 4]> = Vec::new();
         for label in self.labels.iter().filter(|label| self.shown(&label.at)) {
-            let style = word.pos(Pos::new(HPos::Center, VPos::Bottom));
+            let (x, y) = chart.backend_coord(&label.at);
+            // Above its point, or below it where there is no room, and within the frame.
+            let half = px(4) * label.text.chars().count() as i32;
+            let middle = x.clamp(left + half, (right - half).max(left + half));
+            let below = y - px(22) < top;
+            let from = if below { y + px(6) } else { y - px(20) };
+            let box_ = [middle - half, middle + half, from, from + px(14)];
+            let overlaps =
+                |o: &[i32; 4]| box_[0] < o[1] && o[0] < box_[1] && box_[2] < o[3] && o[2] < box_[3];
+            if taken.iter().any(overlaps) {
+                continue;
+            }
+            taken.push(box_);
+            let style = word.pos(Pos::new(HPos::Center, VPos::Top));
             chart.draw_series([EmptyElement::at(label.at)
                 + Circle::new((0, 0), px(3), BLACK.stroke_width(PX))
-                + Text::new(label.text.clone(), (0, px(-6)), style)])?;
+                + Text::new(label.text.clone(), (middle - x, from - y), style)])?;
         }
         let style = word.pos(Pos::new(HPos::Left, VPos::Center));
         let left = (area.dim_in_pixel().0 - legend) as i32 + px(12);
@@ -402,7 +430,7 @@ impl Chart {
             area.draw(&Text::new(series.name.clone(), (left + px(28), y), style.clone()))?;
             y += px(20);
         }
-        let in_legend = |band: &Band| !band.name.is_empty() && !band.is_level();
+        let in_legend = |band: &Band| !band.name.is_empty() && !band.is_level() && self.has(band);
         for (index, band) in self.bands.iter().enumerate().filter(|(_, band)| in_legend(band)) {
             let colour = band_colour(index);
             if band.low == band.high {
@@ -494,9 +522,10 @@ pub fn decimated(points: &[(f64, f64)], columns: usize) -> Vec<(f64, f64)> {
     kept
 }
 
-/// The peaks of a curve over a logarithmic abscissa, highest first, between its points by the
+/// The peaks of a spectrum over a logarithmic abscissa, highest first, between its points by the
 /// parabola through three of them: those that stand `STANDS_OUT` times above the lowest point
-/// between them and anything higher, and are no less than `SEEN` of the highest.
+/// between them and anything higher, are no less than `SEEN` of the highest, and rise above what
+/// noise makes of the octaves at their sides.
 pub fn peaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let highest = points.iter().map(|point| point.1).fold(0.0, f64::max);
     let mut found: Vec<(f64, f64)> = (1..points.len().saturating_sub(1))
@@ -513,6 +542,13 @@ pub fn peaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
             let left = valley(&mut points[..at].iter().rev());
             let right = valley(&mut points[at + 1..].iter());
             STANDS_OUT * left.max(right) <= height
+        })
+        .filter(|&at| {
+            let place = points[at].0;
+            let near = points.iter().filter(|p| (0.5 * place..=2.0 * place).contains(&p.0));
+            let mut heights: Vec<f64> = near.map(|point| point.1).collect();
+            let middle = heights.len() / 2;
+            points[at].1 >= ABOVE_NOISE * *heights.select_nth_unstable_by(middle, f64::total_cmp).1
         })
         .map(|at| vertex(&points[at - 1..=at + 1]))
         .collect();
@@ -542,14 +578,44 @@ fn vertex(three: &[(f64, f64)]) -> (f64, f64) {
 /// How far a peak stands above the valleys at its sides to get a label. Assumed: a peak that a
 /// reader would point at.
 const STANDS_OUT: f64 = 2.0;
+/// How far a peak rises above the median of the octaves at its sides. Amplitudes of noise have a
+/// Rayleigh distribution, of which 1 in 65,000 is 4 times its median: `2^-(4^2)`.
+const ABOVE_NOISE: f64 = 4.0;
 /// Least height of a peak with a label, as part of the highest: above the side lobes of a sine
 /// that is cut off, 0.22 (Harris, Proc. IEEE 66 (1978) 51, table 1, rectangle: -13 dB).
 const SEEN: f64 = 0.25;
-/// Most labels of a curve: more would lie on each other.
+/// Most labels of a curve: more are no points of interest.
 const MOST_PEAKS: usize = 4;
 
+/// Marks of a logarithmic axis with room for so many: whole powers; on few decades 1, 2 and 5 of
+/// each; on less than a decade even steps.
+fn log_marks(range: &std::ops::Range<f64>, room: f64) -> Vec<f64> {
+    let decades = (range.end / range.start).log10();
+    if !(decades > 0.0 && decades.is_finite()) {
+        return Vec::new();
+    }
+    let (first, last) = (range.start.log10().floor() as i32, range.end.log10().floor() as i32);
+    let within = |mark: &f64| (range.start..=range.end).contains(mark);
+    if decades < 0.9 {
+        let rough = (range.end - range.start) / (0.7 * room);
+        let power = 10f64.powf(rough.log10().floor());
+        let factor = [1.0, 2.0, 5.0].into_iter().find(|one| one * power >= rough).unwrap_or(10.0);
+        let step = factor * power;
+        let count = (range.end / step) as i64;
+        let marks = ((range.start / step) as i64..=count).map(|k| rounded(k as f64 * step, 12));
+        return marks.filter(within).collect();
+    }
+    let factors: &[f64] = if 3.0 * decades < room { &[1.0, 2.0, 5.0] } else { &[1.0] };
+    let every = ((decades / room).ceil() as i32).max(1);
+    let powers = (first..=last).filter(|power| power % every == 0);
+    powers
+        .flat_map(|power| factors.iter().map(move |one| one * 10f64.powi(power)))
+        .filter(within)
+        .collect()
+}
+
 /// A number as an axis with this range shows it: with the digits that tell it from its neighbours,
-/// and as a power where it is very large or very small.
+/// and as a power where the axis has very large numbers or only very small ones.
 fn tick(value: f64, range: &std::ops::Range<f64>, log: bool) -> String {
     let (size, span) = (value.abs(), if log { value } else { range.end - range.start });
     if size < 1e-9 * span || size == 0.0 {
@@ -558,7 +624,8 @@ fn tick(value: f64, range: &std::ops::Range<f64>, log: bool) -> String {
     // A step is no less than a hundredth of the range.
     let digits = (size / span).log10().floor().clamp(0.0, 12.0) as usize + 3;
     let short = rounded(value, digits);
-    if (1e-3..1e5).contains(&size) { short.to_string() } else { format!("{short:e}") }
+    let largest = if log { size } else { range.start.abs().max(range.end.abs()) };
+    if (1e-3..1e5).contains(&largest) { short.to_string() } else { format!("{short:e}") }
 }
 
 #[cfg(test)]
@@ -620,6 +687,44 @@ mod tests {
     }
 
     #[test]
+    fn noise_has_no_peak_and_labels_do_not_overlap() {
+        // Amplitudes of noise, by the inverse of their distribution.
+        let mut state = 1_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            ((state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+        };
+        let mut noise: Vec<(f64, f64)> =
+            (0..2000).map(|k| (1.005f64.powi(k), (-2.0 * random().ln()).sqrt())).collect();
+        assert_eq!(peaks(&noise), []);
+        noise[700].1 = 20.0;
+        assert_eq!(peaks(&noise).len(), 1);
+
+        let mut chart = Chart::new("t", "x", "y").logarithmic(true, false);
+        chart.add("", 0, Style::Line, [(1.0, 0.0), (30.0, 1.0), (1000.0, 0.0)]);
+        for (at, text) in [(30.0, "first"), (31.0, "second"), (500.0, "third")] {
+            chart.label((at, 0.9), text);
+        }
+        let text = chart.svg().unwrap();
+        assert!(text.contains("first") && text.contains("third") && !text.contains("second"));
+    }
+
+    #[test]
+    fn a_logarithmic_axis_has_several_marks_whatever_it_spans() {
+        for (low, high) in [(6e4, 2.1e5), (0.9, 1.1), (1.0, 9.0), (3.0, 80.0), (1e-9, 1e3)] {
+            let marks = log_marks(&(low..high), 8.0);
+            assert!((3..=16).contains(&marks.len()), "{low} to {high}: {marks:?}");
+            assert!(marks.iter().all(|mark| (low..=high).contains(mark)), "{marks:?}");
+        }
+        assert!(log_marks(&(1.0..1.0), 8.0).is_empty());
+        // Nothing is at zero there, and nothing is drawn for it.
+        let mut chart = Chart::new("t", "x", "y").logarithmic(true, false);
+        chart.add("s", 0, Style::Line, [(1.0, 1.0), (2.0, 2.0)]);
+        chart.line("nowhere", Axis::X, 0.0);
+        assert!(!chart.svg().unwrap().contains("nowhere"));
+    }
+
+    #[test]
     fn bands_and_lines_are_named_and_only_lines_widen_an_axis() {
         let mut chart = Chart::new("t", "x", "y");
         chart.add("s", 0, Style::Line, [(0.0, 1.0), (1.0, 2.0)]);
@@ -639,6 +744,8 @@ mod tests {
         assert_eq!(on(0.0..3e-14, [0.0, 1e-14, 2.5e-14]), ["0", "1e-14", "2.5e-14"]);
         assert_eq!(on(0.0..1e300, [5e299, 1e300, 0.0]), ["5e299", "1e300", "0"]);
         assert_eq!(on(7.0..7.0001, [7.00002, 7.00004, 7.0]), ["7.00002", "7.00004", "7"]);
+        assert_eq!(on(0.0..1.2e5, [5e4, 1e5, 0.0]), ["5e4", "1e5", "0"]);
+        assert_eq!(on(0.0..5.0, [5e-4, 1.0, 0.0]), ["0.0005", "1", "0"]);
         let powers = [1e-8, 1000.0, 2.5e5].map(|value| tick(value, &(1e-9..1e6), true));
         assert_eq!(powers, ["1e-8", "1000", "2.5e5"]);
     }

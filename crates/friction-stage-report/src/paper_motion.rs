@@ -27,9 +27,10 @@ pub fn position_error_charts(
         let ms = |time: i64| (time - the_move.start) as f64 * 1e-6;
         let label = "time after the start of the move, ms";
         let mut error = Chart::new(title, label, "position error, µm");
-        let mut size = Chart::new(format!("{title}: settling"), label, "size of the error, µm")
-            .logarithmic(false, true);
-        let mut largest = 0.0f64;
+        let mut size =
+            Chart::new(format!("{title}: settling"), label, "largest error still to come, µm")
+                .logarithmic(false, true);
+        let (mut largest, mut settled, mut to_come) = (0.0f64, 0.0f64, Vec::new());
         for (colour, (name, errors)) in runs.iter().enumerate() {
             let within = || {
                 let shown = errors.iter().filter(|(time, _)| span.contains(time));
@@ -37,8 +38,16 @@ pub fn position_error_charts(
             };
             largest = within().map(|point| point.1).fold(largest, f64::max);
             error.add(name, colour, Style::Line, within());
-            let moving = within().filter(|point| point.0 >= 0.0);
-            size.add(name, colour, Style::Line, envelope(moving.collect()));
+            let whole = the_move.start..=the_move.end.max(*span.end());
+            let moving = errors.iter().filter(|(time, _)| whole.contains(time));
+            let sizes = envelope(moving.map(|(time, e)| (ms(*time), e.abs() * 1e6)).collect());
+            settled = settled.max(settled_at(&sizes));
+            to_come.push((colour, name, sizes));
+        }
+        // Until all have settled.
+        let until = (1.1 * settled).max(ms(*span.end()));
+        for (colour, name, sizes) in to_come {
+            size.add(name, colour, Style::Line, sizes.into_iter().filter(|p| p.0 <= until));
         }
         let duration = (the_move.arrival - the_move.start) as f64;
         let reference = span.step_by(100_000).map(|time| {
@@ -76,13 +85,33 @@ fn micrometres(length: f64) -> String {
 }
 
 /// The largest error that is still to come: it falls to a band where the run has settled to it.
-fn envelope(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+pub(crate) fn envelope(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     let mut largest = 0.0f64;
     for point in points.iter_mut().rev() {
         largest = largest.max(point.1.abs());
         point.1 = largest;
     }
     points
+}
+
+/// Where an envelope falls into the narrowest band; at its start where it never leaves it.
+pub(crate) fn settled_at(envelope: &[(f64, f64)]) -> f64 {
+    let narrowest = 1e6 * SETTLING_BANDS.iter().copied().fold(f64::INFINITY, f64::min);
+    envelope.iter().rev().find(|point| point.1 > narrowest).map_or(0.0, |point| point.0)
+}
+
+/// What a chart of the position error shows.
+pub(crate) fn caption(chart: &Chart) -> &'static str {
+    match chart.y_log {
+        false => {
+            "Position error of the moves with the noise of the sensors, with the reference scaled \
+             to it (the paper's Figures 6 and 7)."
+        }
+        true => {
+            "The largest error that is still to come: where it falls to a line, the stage has \
+             settled to it."
+        }
+    }
 }
 
 /// Guide, move, peak error in µm, and times to settle into the bands in ms.
@@ -122,20 +151,10 @@ pub fn demo_page(
         let cells = [Cell::text(guide), Cell::text(*what), Cell::number(*peak, 2), ten, one, tenth];
         table.row(cells);
     }
-    page.table(&table);
+    page.table(&table.captioned("Time to settle: after the arrival of the reference."));
     page.section("Position error");
     for chart in charts {
-        let caption = match chart.y_log {
-            false => {
-                "Position error of the moves, with the reference scaled to it (the paper's \
-                      Figures 6 and 7)."
-            }
-            true => {
-                "The largest error that is still to come: where it falls to a line, the stage \
-                     has settled to it."
-            }
-        };
-        page.figure(chart, caption)?;
+        page.figure(chart, caption(chart))?;
     }
     page.section("Recordings");
     page.text("Each bag holds its model, seed and rates; friction-stage replay BAG repeats it.");

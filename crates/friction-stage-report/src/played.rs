@@ -6,10 +6,10 @@ use serde::Serialize;
 
 use crate::chart::{Axis, Chart, Style};
 use crate::figure::{FigureError, svg};
-use crate::paper_motion::settling_bands;
+use crate::paper_motion::{envelope, settled_at, settling_bands};
 use crate::sweep::milliseconds;
 use crate::words::{fixed, in_prefix};
-use friction_stage_lab::{MotionQuality, Move};
+use friction_stage_lab::{MotionQuality, Move, SETTLING_BANDS};
 
 /// Moves that the table lists one by one.
 const LISTED: usize = 20;
@@ -162,22 +162,42 @@ pub fn played_figure(
     if samples.iter().any(|sample| sample.force_cell.is_finite()) {
         charts.push(cell);
     }
-    // Where there are few moves, each is seen on its way into the bands.
-    for a_move in moves.iter().take(2).filter(|a_move| a_move.end > a_move.arrival) {
+    // Those that settle last are seen on their way into the bands.
+    let settling = |a_move: &Move| {
         let span = a_move.start..=a_move.end;
+        let sizes: Vec<_> = samples
+            .iter()
+            .filter(|sample| span.contains(&sample.time))
+            .map(|sample| {
+                let after = (sample.time - a_move.arrival) as f64 * 1e-6;
+                (after, sample.error.abs() * 1e6)
+            })
+            .collect();
+        let sizes = envelope(sizes);
+        (settled_at(&sizes), sizes)
+    };
+    let mut settlings: Vec<_> = moves
+        .iter()
+        .filter(|a_move| a_move.end > a_move.arrival)
+        .map(|a_move| (a_move, settling(a_move)))
+        .collect();
+    settlings.sort_by(|(_, (a, _)), (_, (b, _))| b.total_cmp(a));
+    settlings.truncate(2);
+    settlings.sort_by_key(|(a_move, _)| a_move.start);
+    for (a_move, (last, sizes)) in settlings {
         let mut chart = Chart::new(
             format!("Settling of the move to {}", in_prefix(a_move.target, "m")),
             "time after the arrival of the reference, ms",
-            "size of the error, µm",
+            "largest error still to come, µm",
         )
         .logarithmic(false, true);
-        let sizes = samples.iter().filter(|sample| span.contains(&sample.time)).map(|sample| {
-            let after = (sample.time - a_move.arrival) as f64 * 1e-6;
-            (after, (sample.error.abs() * 1e6).max(1e-4))
-        });
-        chart.add("", 0, Style::Line, sizes);
+        // Some of the way before the arrival, and what comes after it until it has settled.
+        let shown = last.max(5.0);
+        let shown =
+            sizes.into_iter().filter(|point| (-0.5 * shown..=1.5 * shown).contains(&point.0));
+        chart.add("", 0, Style::Line, shown);
         chart.line("arrival", Axis::X, 0.0);
-        for band in friction_stage_lab::SETTLING_BANDS {
+        for band in SETTLING_BANDS {
             chart.line(format!("{} µm", (band * 1e9).round() / 1e3), Axis::Y, band * 1e6);
         }
         charts.push(chart);

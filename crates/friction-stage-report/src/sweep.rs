@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use crate::chart::{Chart, Style};
 use crate::figure::{FigureError, svg};
-use crate::words::{fixed, in_line};
+use crate::words::{fixed, guide_label, in_line};
 use friction_stage_lab::{
     MotionQuality, NumberedPlan as _, PointSummary, SETTLING_BANDS, SweepPlan, SweepQuantiles,
     SweepSummary, SweepValue, sweep_unit,
@@ -190,6 +190,10 @@ pub fn sweep_figure<E: From<FigureError>>(
     let mut charts = Vec::new();
     for (index, axis) in plan.axes.iter().enumerate() {
         let names = names_of(&points, index);
+        let labels: Vec<String> = match axis.is_numeric() {
+            true => Vec::new(),
+            false => names.iter().map(|name| label_of(&axis.key, name)).collect(),
+        };
         let place = |value: &SweepValue| match value.number().filter(|_| axis.is_numeric()) {
             Some(number) => number,
             None => {
@@ -218,7 +222,7 @@ pub fn sweep_figure<E: From<FigureError>>(
             let ordinate = format!("{name}, {}", plan.model.joint.unit(of_quantity));
             let mut chart = Chart::new(upper(&title), &label, ordinate)
                 .logarithmic(logarithmic, false)
-                .named(if axis.is_numeric() { Vec::new() } else { names.clone() });
+                .named(labels.clone());
             // Between names there is nothing.
             let single_curve = plan.samples == 1 && plan.axes.len() <= 2 && axis.is_numeric();
             let style = if single_curve { Style::Both } else { Style::Marks };
@@ -242,7 +246,7 @@ pub fn sweep_figure<E: From<FigureError>>(
                         let key = other.key.rsplit('.').next().unwrap_or_default();
                         match (unit(&other.key), value.number()) {
                             // A name says what it is.
-                            (_, None) => shown(value),
+                            (_, None) => label_of(&other.key, &shown(value)),
                             (Some(unit), _) => format!("{key} {} {unit}", shown(value)),
                             (None, _) => format!("{key} {}", shown(value)),
                         }
@@ -258,7 +262,20 @@ pub fn sweep_figure<E: From<FigureError>>(
             }
         }
     }
-    Ok(svg(&format!("{}: {} points", plan.model.name, plan.count()), &charts)?)
+    // The model's name says its guides, which a sweep over them changes.
+    let name = match plan.axes.iter().any(|axis| axis.key == GUIDES) {
+        true => "stage",
+        false => &plan.model.name,
+    };
+    Ok(svg(&format!("{name}: {} points", plan.count()), &charts)?)
+}
+
+/// The key that names guides.
+const GUIDES: &str = "model.guides";
+
+/// A value that is a name, for people.
+fn label_of(key: &str, name: &str) -> String {
+    if key == GUIDES { guide_label(name) } else { name.to_owned() }
 }
 
 /// A title begins with a capital.

@@ -8,16 +8,16 @@ use friction_stage_core::control::ControllerSettings;
 use friction_stage_core::model::StageModel;
 use friction_stage_core::plant::Rates;
 use friction_stage_lab::{
-    Conditioning, LoopResponse, Margins, MeasuredLoopPoint, MoveKind, PaperMotion, SampledStage,
-    Settings, StageMotion, Tuned, Tuning, break_away, errors_along, loop_frequencies, measure_loop,
-    settling, step_response,
+    Conditioning, LoopPoint, LoopResponse, Margins, MeasuredLoopPoint, MoveKind, PaperMotion,
+    SampledStage, Settings, StageMotion, Tuned, Tuning, break_away, errors_along, loop_frequencies,
+    measure_loop, settling, step_response,
 };
 
 use crate::chart::{Axis, Chart, Style};
 use crate::figure::svg;
 use crate::measured_loop::MeasuredReport;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
-use crate::paper_motion::position_error_charts;
+use crate::paper_motion::{caption, position_error_charts};
 
 /// Why a page could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -329,12 +329,7 @@ pub fn tuning_page(
         let line: Vec<(f64, f64)> =
             points.iter().map(|p| p.frequency).zip(unwrapped(angles)).collect();
         phase.add(&name, colour, Style::Line, line.iter().copied());
-        sensitivity.add(
-            &name,
-            colour,
-            Style::Line,
-            points.iter().map(|p| (p.frequency, 20.0 * p.sensitivity.norm().log10())),
-        );
+        sensitivity.add(&name, colour, Style::Line, in_decibels(points));
         process.add(
             &name,
             colour,
@@ -365,13 +360,20 @@ pub fn tuning_page(
             );
         }
         if motion == StageMotion::PlainMass {
-            let rule = LoopResponse::new(&stage, &tuning.tunings[0].settings);
-            sensitivity.add(
-                "free mass, rule",
-                4,
-                Style::Dashed,
-                rule.points.iter().map(|p| (p.frequency, 20.0 * p.sensitivity.norm().log10())),
-            );
+            let others = tuning.tunings.iter().enumerate().filter(|(index, _)| *index != 1);
+            for (colour, (_, one)) in others.enumerate() {
+                let name = format!("free mass, {}", one.name);
+                let response = LoopResponse::new(&stage, &one.settings);
+                let along = |of: fn(&LoopPoint) -> f64| {
+                    response.points.iter().map(move |p| (p.frequency, of(p)))
+                };
+                let dashed = |chart: &mut Chart, points: Vec<(f64, f64)>| {
+                    chart.add(&name, 4 + colour, Style::Dashed, points);
+                };
+                dashed(&mut gain, along(|p| p.open_loop.norm()).collect());
+                dashed(&mut sensitivity, in_decibels(&response.points).collect());
+                dashed(&mut process, along(|p| p.process.norm()).collect());
+            }
         }
     }
     sensitivity.line("6 dB", Axis::Y, 6.0);
@@ -383,13 +385,25 @@ pub fn tuning_page(
             phase,
             "Its distance from -180° where the gain is 1 is the phase margin.",
         ),
-        ("sensitivity", sensitivity, "Below the dashed line the modulus margin is kept."),
-        ("process_sensitivity", process, "Position over a force: small is stiff."),
+        (
+            "sensitivity",
+            sensitivity,
+            "Below 6 dB the modulus margin is kept; dashed: the other controllers. What is below \
+             -40 dB is left out.",
+        ),
+        (
+            "process_sensitivity",
+            process,
+            "Position over a force: small is stiff. Dashed: the other controllers.",
+        ),
     ] {
         page.figure(&chart, caption)?;
         figures.push((name.to_owned(), chart.svg()?));
     }
     page.table(&by_amplitude(found));
+    for compared in &tuning.tunings[2..] {
+        page.table(&by_amplitude(compared));
+    }
     if let Some(measured) = measured {
         measured.section(&mut page, &mut figures)?;
     }
@@ -436,7 +450,8 @@ fn moves(
         ("peak error, µm", Align::Right),
         ("settled to 1 µm, ms", Align::Right),
         ("to 0.1 µm, ms", Align::Right),
-    ]);
+    ])
+    .captioned("Time to settle: after the arrival of the reference.");
     for one in &tuning.tunings {
         let errors = errors_along(model, &one.settings, motion.points.clone(), seed)?;
         for (kind, words) in
@@ -459,7 +474,7 @@ fn moves(
     }
     let charts = position_error_charts(&motion, &runs);
     for chart in &charts {
-        page.figure(chart, "The nominal stage with the noise of its sensors.")?;
+        page.figure(chart, caption(chart))?;
     }
     figures.push(("moves".to_owned(), svg("Position error", &charts)?));
     page.table(&table);
@@ -524,6 +539,15 @@ fn table(tuning: &Tuning) -> Table {
     table
 }
 
+/// Sensitivity over frequency in dB; nothing where it is so small that it would hide its peak.
+fn in_decibels(points: &[LoopPoint]) -> impl Iterator<Item = (f64, f64)> {
+    const LEAST: f64 = -40.0;
+    points.iter().map(|point| {
+        let size = 20.0 * point.sensitivity.norm().log10();
+        (point.frequency, if size < LEAST { f64::NAN } else { size })
+    })
+}
+
 fn by_amplitude(found: &Tuned) -> Table {
     let mut table = Table::new(&[
         ("amplitude, µm", Align::Right),
@@ -534,7 +558,7 @@ fn by_amplitude(found: &Tuned) -> Table {
         ("largest |S|, dB", Align::Right),
         ("at, Hz", Align::Right),
     ])
-    .captioned("Tuned loop on the nominal stage.");
+    .captioned(format!("{} on the nominal stage.", found.name));
     let db = |factor: Option<f64>| Cell::maybe(factor.map(|factor| 20.0 * factor.log10()), 1);
     for one in &found.nominal {
         let margins = &one.margins;

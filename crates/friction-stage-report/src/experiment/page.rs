@@ -69,8 +69,14 @@ impl<'a> Report<'a> {
             ("seed of the sensor noise", self.summary.seed.to_string()),
             (
                 "bags",
-                "bags/: each holds its model, seed and rates; friction-stage replay BAG repeats it"
-                    .to_owned(),
+                match self.summary.has_bags {
+                    true => {
+                        "bags/: each holds its model, seed and rates; friction-stage replay BAG \
+                             repeats it"
+                    }
+                    false => "none were written",
+                }
+                .to_owned(),
             ),
             ("numbers", "summary.json".to_owned()),
         ]);
@@ -331,7 +337,7 @@ impl<'a> Report<'a> {
         let mut area = Chart::new("Loop area", "amplitude, µm", "loop area, J per cycle")
             .logarithmic(true, true);
         let mut damping = Chart::new(
-            "Dahl resonance of the stage, from the loops",
+            "Damping ratio of the stage's Dahl resonance, from the loops",
             "amplitude, µm",
             "damping ratio",
         )
@@ -462,24 +468,29 @@ impl<'a> Report<'a> {
                 chart.add(format!("{:.2} N", level.force), colour, Style::Both, points);
             }
             for level in &response.levels {
-                if let Some(found) = level.resonance {
-                    let height = level.points.iter().min_by(|a, b| {
-                        let off = |f: f64| (f / found.frequency).ln().abs();
-                        off(a.frequency).total_cmp(&off(b.frequency))
-                    });
-                    let at = height.map(|p| p.stiffness.0.hypot(p.stiffness.1).recip());
-                    let word = format!("{:.1} Hz", found.frequency);
-                    // The largest amplitude and the smallest: those between would lie on them.
-                    let ends = [response.levels.first(), response.levels.last()];
-                    if let (Some(at), true) = (at, ends.contains(&Some(level))) {
-                        chart.label((found.frequency, at), word);
+                // The largest amplitude and the smallest: those between would lie on them.
+                let ends = [response.levels.first(), response.levels.last()];
+                if let (Some(found), true) = (level.resonance, ends.contains(&Some(level))) {
+                    let curve: Vec<_> = level
+                        .points
+                        .iter()
+                        .map(|p| (p.frequency, p.stiffness.0.hypot(p.stiffness.1).recip()))
+                        .collect();
+                    if let Some(height) = between(&curve, found.frequency) {
+                        let word = format!("{:.1} Hz at {:.2} N", found.frequency, level.force);
+                        chart.label((found.frequency, height), word);
                     }
                 }
             }
             let line = response.levels[0].points.iter();
             let mass =
                 line.map(|p| (p.frequency, 1.0 / (response.mass * (pi2 * p.frequency).powi(2))));
-            chart.add(format!("{:.2} kg", response.mass), 4, Style::Dashed, mass.skip(8));
+            chart.add(
+                format!("free mass, {:.2} kg", response.mass),
+                4,
+                Style::Dashed,
+                mass.skip(8),
+            );
             let name = format!("frequency_response_{}", index + 1);
             self.figure(
                 &name,
@@ -739,7 +750,7 @@ impl<'a> Report<'a> {
                 table.row([
                     Cell::text(guide_label(&hunting.name)),
                     Cell::number(result.bandwidth, 0),
-                    Cell::text(format!("x {}", result.integral)),
+                    Cell::text(format!("\u{d7} {}", result.integral)),
                     match result.cycle {
                         Some(_) => Cell::badge(Mark::Warning, "hunts"),
                         None => Cell::badge(Mark::Good, "comes to rest"),
@@ -753,7 +764,7 @@ impl<'a> Report<'a> {
         let softest = all[0].results.len() - 1;
         let mut chart = Chart::new(
             format!(
-                "Error at rest, {} Hz, integral gain x {}",
+                "Error at rest, {} Hz, integral gain \u{d7} {}",
                 all[0].results[softest].bandwidth, all[0].results[softest].integral
             ),
             "time, s",
@@ -767,13 +778,15 @@ impl<'a> Report<'a> {
     }
 
     fn rig(&mut self) -> Result<(), ReportError> {
+        let Some(first) = self.summary.results.rig.first() else { return Ok(()) };
+        self.page.section("The rig's own bias");
+        self.page.text(
+            "Each row changes one property of the rig and measures what is known in closed form: \
+             stiffness and area of a 1 µm loop, friction at 3 mm/s. The paper's rig has a \
+             coupling 100 times as stiff as the guide and 0.05 N of noise.",
+        );
         for rig in &self.summary.results.rig {
-            self.page.section(&format!("The rig's own bias: {}", guide_label(&rig.name)));
-            self.page.text(
-                "Each row changes one property of the rig and measures what is known in closed \
-                 form: stiffness and area of a 1 µm loop, friction at 3 mm/s. The paper's rig has \
-                 a coupling 100 times as stiff as the guide and 0.05 N of noise.",
-            );
+            self.page.subsection(&guide_label(&rig.name));
             let mut table = Table::new(&[
                 ("changed", Left),
                 ("to", Right),
@@ -803,7 +816,7 @@ impl<'a> Report<'a> {
             }
             self.page.table(&table);
         }
-        let Some(first) = self.summary.results.rig.first() else { return Ok(()) };
+        self.page.subsection("Encoder and coupling");
         let mut chart = Chart::new(
             format!("Stiffness at 1 µm: {}", guide_label(&first.name)),
             "coupling over guide stiffness",
@@ -842,4 +855,12 @@ impl<'a> Report<'a> {
         );
         Ok(())
     }
+}
+
+/// Height of a curve at a place, by a straight line between its points on logarithmic axes.
+fn between(curve: &[(f64, f64)], place: f64) -> Option<f64> {
+    let around = curve.windows(2).find(|two| (two[0].0..=two[1].0).contains(&place))?;
+    let (before, after) = (around[0], around[1]);
+    let part = (place / before.0).ln() / (after.0 / before.0).ln();
+    Some(before.1 * (after.1 / before.1).powf(part))
 }

@@ -35,6 +35,9 @@ pub struct ExperimentSummary<'a> {
     pub results: &'a ExperimentResults,
     /// What a user should know.
     pub warnings: &'a [String],
+    /// Whether recordings are in `bags/`.
+    #[serde(skip)]
+    pub has_bags: bool,
 }
 
 fn without_points<S: Serializer>(results: &ExperimentResults, to: S) -> Result<S::Ok, S::Error> {
@@ -46,8 +49,12 @@ fn ms(time: Option<f64>) -> String {
 }
 
 impl<'a> ExperimentSummary<'a> {
-    /// What a plan found.
-    pub fn new(plan: &'a ExperimentPlan, found: &'a ExperimentFindings) -> ExperimentSummary<'a> {
+    /// What a plan found, and whether it has left bags.
+    pub fn new(
+        plan: &'a ExperimentPlan,
+        found: &'a ExperimentFindings,
+        has_bags: bool,
+    ) -> ExperimentSummary<'a> {
         ExperimentSummary {
             schema_version: 1,
             experiment: plan.experiment.name(),
@@ -59,6 +66,7 @@ impl<'a> ExperimentSummary<'a> {
             stiffness_of_guide_1: found.stiffness_of_guide_1.as_ref(),
             results: &found.results,
             warnings: &found.warnings,
+            has_bags,
         }
     }
 }

@@ -5,6 +5,7 @@ use crate::chart::{Axis, Chart, Style, peaks};
 use crate::error::ReportError;
 use crate::words::{Words, in_prefix};
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, JointType, StageModel};
+use friction_stage_core::numerics::rounded;
 use friction_stage_core::plant::effects::CURVE;
 use friction_stage_identify::{
     Floor, Identification, IdentifyFinding, LoopError, Measured, Missing, Record, Records, Sides,
@@ -284,19 +285,11 @@ fn before_and_after(
     let measured = residuals.measured;
     let time = measured.at_rows(&measured.time);
     let window = ((CLOSE_UP * measured.lowpass.kept_rate()) as usize).clamp(2, time.len().max(2));
-    let squares: Vec<f64> = side.before.iter().map(|value| value * value).collect();
-    let mut sum: f64 = squares.iter().take(window).sum();
-    let (mut most, mut start) = (sum, 0);
-    for end in window..squares.len() {
-        sum += squares[end] - squares[end - window];
-        if sum > most {
-            (most, start) = (sum, end + 1 - window);
-        }
-    }
+    let start = liveliest(side.before, window);
     let part = start..(start + window).min(time.len());
     let seconds = part.len() as f64 / measured.lowpass.kept_rate();
     let title =
-        format!("Missing force on the {}, the {seconds:.1} s where most is missing", side.name);
+        format!("Missing force on the {}, the {seconds:.1} s where it varies most", side.name);
     let mut close = residuals.chart(title, "close-up", side.floor);
     pair(&mut close, &time[part.clone()], &side.before[part.clone()], &side.after[part]);
     let title = format!("What the identified model leaves on the {}", side.name);
@@ -310,7 +303,7 @@ fn before_and_after(
             close,
             format!(
                 "What the declared (before) and the identified (after) model miss, {record} \
-                 record, where the declared one misses most."
+                 record, where that of the declared one varies most."
             ),
         )?,
         IdentificationFigure::new(
@@ -323,6 +316,26 @@ fn before_and_after(
             ),
         )?,
     ])
+}
+
+/// First row of the window in which values vary most. At rest much may be missing, and nothing of
+/// its cause is seen.
+fn liveliest(values: &[f64], window: usize) -> usize {
+    let n = window as f64;
+    let variation = |sum: f64, squares: f64| squares - sum * sum / n;
+    let first = values.iter().take(window);
+    let (mut sum, mut squares) = (first.clone().sum(), first.map(|value| value * value).sum());
+    let (mut most, mut start) = (variation(sum, squares), 0);
+    for end in window..values.len() {
+        let (new, old) = (values[end], values[end - window]);
+        sum += new - old;
+        squares += new * new - old * old;
+        let now = variation(sum, squares);
+        if now > most {
+            (most, start) = (now, end + 1 - window);
+        }
+    }
+    start
 }
 
 /// The measured force, for what the residual compares with.
@@ -420,21 +433,26 @@ struct MissingCurve<'a> {
 }
 
 /// What both models miss on all sides: that of the declared one first, so that what is left lies
-/// above it.
+/// above it. One curve where both are the same.
 fn before_then_after<'a>(sides: &[Side<'a>]) -> Vec<MissingCurve<'a>> {
     let of = |is_before: bool| {
-        sides.iter().map(move |side| {
+        sides.iter().filter_map(move |side| {
+            let is_same = side.before == side.after;
+            if is_same && !is_before {
+                return None;
+            }
             let (values, when) = match is_before {
+                true if is_same => (side.before, "before and after"),
                 true => (side.before, "before"),
                 false => (side.after, "after"),
             };
-            MissingCurve {
+            Some(MissingCurve {
                 name: format!("{}, {when}", side.name),
-                colour: side.colours[usize::from(!is_before)],
+                colour: side.colours[usize::from(is_same || !is_before)],
                 values,
                 side: side.name,
                 is_before,
-            }
+            })
         })
     };
     of(true).chain(of(false)).collect()
@@ -482,7 +500,8 @@ fn spectra(
                 time.label(peak, format!("{:.1} Hz", peak.0));
             }
             for peak in peaks(&over) {
-                space.label(peak, in_prefix(1e-3 * peak.0, &residuals.joint.unit("m")));
+                let unit = residuals.joint.unit("mm");
+                space.label(peak, format!("{} {unit}", rounded(peak.0, 3)));
             }
         }
         time.add(name.clone(), colour, Style::Line, density);
@@ -491,11 +510,12 @@ fn spectra(
     for effect in &model.effects {
         let value = |name: &str| effect.values.get(name).and_then(|value| value.number());
         let name = effect.name.replace('_', " ");
-        if let Some(period) = value("period") {
+        // One that is 0 is that of no ripple.
+        if let Some(period) = value("period").filter(|period| *period > 0.0) {
             let length = in_prefix(period, &residuals.joint.unit("m"));
             space.line(format!("{name}, {length}"), Axis::X, 1e3 * period);
         }
-        if let Some(frequency) = value("frequency") {
+        if let Some(frequency) = value("frequency").filter(|frequency| *frequency > 0.0) {
             time.line(format!("{name}, {frequency:.1} Hz"), Axis::X, frequency);
         }
     }
@@ -583,6 +603,18 @@ fn distance(measured: &Measured) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_close_up_shows_where_something_moves() {
+        // A large constant, then a small sine, then the constant again.
+        let value = |k: usize| if (400..500).contains(&k) { (k as f64).sin() } else { 50.0 };
+        let values: Vec<f64> = (0..1000).map(value).collect();
+        let inner: Vec<f64> =
+            values[..480].iter().map(|v| if *v == 50.0 { 5.0 } else { *v }).collect();
+        assert!((300..=500).contains(&liveliest(&values, 100)));
+        assert!((300..=400).contains(&liveliest(&inner, 60)));
+        assert_eq!(liveliest(&[1.0; 50], 10), 0);
+    }
 
     #[test]
     fn few_far_rows_do_not_hide_the_curve_of_the_others() {

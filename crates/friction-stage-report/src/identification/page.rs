@@ -199,7 +199,7 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
         tile(
             "explained share",
             if summary.effects.is_empty() {
-                "-".to_owned()
+                "\u{2013}".to_owned()
             } else {
                 format!("{:.1} %", 100.0 * summary.explained_share)
             },
@@ -505,12 +505,20 @@ fn parameters(
     Ok(())
 }
 
+/// The square of a unit; a product in brackets.
+fn squared(unit: &str) -> String {
+    match unit.contains(' ') {
+        true => format!("({unit})\u{b2}"),
+        false => format!("{unit}\u{b2}"),
+    }
+}
+
 fn candidates(page: &mut Page, selection: &Selection, n: &str) {
     let labels = [
         format!("train, {n} rms"),
         format!("hold-out, {n} rms"),
-        format!("gain on train, ({n})\u{b2}"),
-        format!("gain on hold-out, ({n})\u{b2}"),
+        format!("gain on train, {}", squared(n)),
+        format!("gain on hold-out, {}", squared(n)),
     ];
     if selection.evidence.is_empty() {
         page.text(
