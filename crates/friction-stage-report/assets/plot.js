@@ -342,13 +342,15 @@
           }
         }
       }
+      // Words at peaks have room above them.
+      const above = this.chart.labels.length > 0 ? 2.5 : 1;
       if (log) {
         low = Math.max(low, high * LEAST);
         const pad = Math.max(Math.pow(high / low, 0.05), 1.1);
-        return [low / pad, high * pad];
+        return [low / pad, high * Math.pow(pad, above)];
       }
       const pad = high > low ? 0.06 * (high - low) : 1;
-      return [low - pad, high + pad];
+      return [low - pad, high + above * pad];
     }
 
     drawBands(u) {
@@ -405,11 +407,12 @@
         if (y < top || y > top + height) continue;
         const half = context.measureText(label.text).width / 2 + 2 * size;
         const middle = Math.max(Math.min(x, left + width - half), left + half);
-        const base = y - 22 * size < top ? y + 20 * size : y - 6 * size;
+        // Above its point, or below it where there is no room.
+        const free = (base) => base - 14 * size >= top && !taken.some((o) => middle - half < o[1]
+          && o[0] < middle + half && base - 14 * size < o[3] && o[2] < base);
+        const base = [y - 6 * size, y + 20 * size].find(free);
+        if (base === undefined) continue;
         const box = [middle - half, middle + half, base - 14 * size, base];
-        if (taken.some((o) => box[0] < o[1] && o[0] < box[1] && box[2] < o[3] && o[2] < box[3])) {
-          continue;
-        }
         taken.push(box);
         context.beginPath();
         context.arc(x, y, 4 * size, 0, 2 * Math.PI);

@@ -266,12 +266,16 @@ impl Chart {
             return 0.5..self.x_names.len() as f64 + 0.5;
         }
         let low = if log && axis == Axis::Y { low.max(high * 10f64.powi(-DECADES)) } else { low };
+        // Words at peaks have room above them.
+        let above = if axis == Axis::Y && !self.labels.is_empty() { 0.12 } else { 0.05 };
         match low.partial_cmp(&high) {
             Some(std::cmp::Ordering::Less) if log => {
-                let margin = (high / low).powf(0.04);
-                low / margin..high * margin
+                let span = high / low;
+                low / span.powf(0.04)..high * span.powf(above)
             }
-            Some(std::cmp::Ordering::Less) => low - 0.05 * (high - low)..high + 0.05 * (high - low),
+            Some(std::cmp::Ordering::Less) => {
+                low - 0.05 * (high - low)..high + above * (high - low)
+            }
             Some(std::cmp::Ordering::Equal) if log => 0.5 * low..2.0 * low,
             Some(std::cmp::Ordering::Equal) => low - 1.0..high + 1.0,
             _ => 1.0..10.0,
@@ -389,14 +393,17 @@ impl Chart {
             // Above its point, or below it where there is no room, and within the frame.
             let half = px(4) * label.text.chars().count() as i32;
             let middle = x.clamp(left + half, (right - half).max(left + half));
-            let below = y - px(22) < top;
-            let from = if below { y + px(6) } else { y - px(20) };
+            let is_free = |from: &i32| {
+                let overlaps = |o: &[i32; 4]| {
+                    middle - half < o[1]
+                        && o[0] < middle + half
+                        && *from < o[3]
+                        && o[2] < *from + px(14)
+                };
+                *from >= top && !taken.iter().any(overlaps)
+            };
+            let Some(from) = [y - px(20), y + px(6)].into_iter().find(is_free) else { continue };
             let box_ = [middle - half, middle + half, from, from + px(14)];
-            let overlaps =
-                |o: &[i32; 4]| box_[0] < o[1] && o[0] < box_[1] && box_[2] < o[3] && o[2] < box_[3];
-            if taken.iter().any(overlaps) {
-                continue;
-            }
             taken.push(box_);
             let style = word.pos(Pos::new(HPos::Center, VPos::Top));
             chart.draw_series([EmptyElement::at(label.at)
@@ -525,7 +532,7 @@ pub fn decimated(points: &[(f64, f64)], columns: usize) -> Vec<(f64, f64)> {
 /// The peaks of a spectrum over a logarithmic abscissa, highest first, between its points by the
 /// parabola through three of them: those that stand `STANDS_OUT` times above the lowest point
 /// between them and anything higher, are no less than `SEEN` of the highest, and rise above what
-/// noise makes of the octaves at their sides.
+/// noise makes of the decades at their sides.
 pub fn peaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let highest = points.iter().map(|point| point.1).fold(0.0, f64::max);
     let mut found: Vec<(f64, f64)> = (1..points.len().saturating_sub(1))
@@ -545,7 +552,7 @@ pub fn peaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
         })
         .filter(|&at| {
             let place = points[at].0;
-            let near = points.iter().filter(|p| (0.5 * place..=2.0 * place).contains(&p.0));
+            let near = points.iter().filter(|p| (0.1 * place..=10.0 * place).contains(&p.0));
             let mut heights: Vec<f64> = near.map(|point| point.1).collect();
             let middle = heights.len() / 2;
             points[at].1 >= ABOVE_NOISE * *heights.select_nth_unstable_by(middle, f64::total_cmp).1
@@ -578,8 +585,9 @@ fn vertex(three: &[(f64, f64)]) -> (f64, f64) {
 /// How far a peak stands above the valleys at its sides to get a label. Assumed: a peak that a
 /// reader would point at.
 const STANDS_OUT: f64 = 2.0;
-/// How far a peak rises above the median of the octaves at its sides. Amplitudes of noise have a
-/// Rayleigh distribution, of which 1 in 65,000 is 4 times its median: `2^-(4^2)`.
+/// How far a peak rises above the median of the decades at its sides, which are wider than a line
+/// of a short record. Amplitudes of noise have a Rayleigh distribution, of which 1 in 65,000 is 4
+/// times its median: `2^-(4^2)`.
 const ABOVE_NOISE: f64 = 4.0;
 /// Least height of a peak with a label, as part of the highest: above the side lobes of a sine
 /// that is cut off, 0.22 (Harris, Proc. IEEE 66 (1978) 51, table 1, rectangle: -13 dB).
@@ -702,11 +710,13 @@ mod tests {
 
         let mut chart = Chart::new("t", "x", "y").logarithmic(true, false);
         chart.add("", 0, Style::Line, [(1.0, 0.0), (30.0, 1.0), (1000.0, 0.0)]);
-        for (at, text) in [(30.0, "first"), (31.0, "second"), (500.0, "third")] {
-            chart.label((at, 0.9), text);
+        let labels = [(30.0, "above"), (31.0, "below"), (32.0, "nowhere"), (500.0, "elsewhere")];
+        for (at, text) in labels {
+            chart.label((at, 0.5), text);
         }
         let text = chart.svg().unwrap();
-        assert!(text.contains("first") && text.contains("third") && !text.contains("second"));
+        let shown = labels.map(|(_, word)| text.contains(word));
+        assert_eq!(shown, [true, true, false, true]);
     }
 
     #[test]

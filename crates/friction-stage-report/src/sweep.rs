@@ -355,7 +355,13 @@ mod tests {
             Ok(())
         })
         .unwrap();
-        for words in ["over model.mass", "model.mass, kg", "guide_1\n", "mass 20 kg"] {
+        for words in [
+            "over model.mass",
+            "model.mass, kg",
+            "guide 1 (sealed)\n",
+            "mass 20 kg",
+            "stage: 4 points",
+        ] {
             assert!(figure.contains(words), "{words}");
         }
     }
