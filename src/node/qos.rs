@@ -69,7 +69,7 @@ impl Qos {
 }
 
 /// Most samples that a publisher may hold. One that holds more is not
-/// [heard](super::socket_filter).
+/// heard (`node::socket_filter`).
 pub const LARGEST_WINDOW: u32 = 1 << 18;
 
 /// Unacknowledged samples that outlast a dead or frozen subscriber, whose lease ends after 20 s
