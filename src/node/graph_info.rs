@@ -9,7 +9,7 @@
 //!
 //! A reader keeps the last list that it received from a participant. ros2-client sends its own when
 //! an endpoint is made, and a new reader gets the last list of both writers in any order. So a
-//! thread checks every second for new readers and endpoints, and sends the list again.
+//! thread checks every second for new readers and endpoints, and sends the list again, a few times.
 
 use std::collections::BTreeSet;
 use std::sync::mpsc::{RecvTimeoutError, SyncSender, sync_channel};
@@ -26,6 +26,10 @@ use serde_json::Value;
 
 /// Time between two looks for new readers and endpoints.
 const LOOKS_AGAIN: Duration = Duration::from_secs(1);
+
+/// The look after a change with which the list is sent for the last time. Assumed: by then a reader
+/// has what was sent before.
+const LAST_LOOK: u32 = 64;
 
 /// Publishers to add to the list of ros2-client, and to remove from it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -63,17 +67,17 @@ impl GraphInfo {
         };
         let run = move || {
             let mut said = None;
-            let mut is_new = false;
+            let mut looks = 0_u32;
             loop {
                 match woken.recv_timeout(LOOKS_AGAIN) {
                     Ok(()) | Err(RecvTimeoutError::Timeout) => {}
                     Err(RecvTimeoutError::Disconnected) => return,
                 }
                 let now = sender.look();
-                let was_new = is_new;
-                is_new = said.as_ref() != Some(&now);
-                // Once more the next time: the sample of ros2-client may have been on its way.
-                if is_new || was_new {
+                looks = if said.as_ref() == Some(&now) { looks + 1 } else { 1 };
+                // And again, ever more seldom: the sample of ros2-client may have been on its way,
+                // on a busy machine for long.
+                if looks.is_power_of_two() && looks <= LAST_LOOK {
                     sender.send(&now);
                 }
                 said = Some(now);
