@@ -187,7 +187,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     };
     let found = plan.run_on(keep, Some(&kept), &|| progress.step())?;
     drop(progress);
-    let summary = ExperimentSummary::new(&plan, &found, !args.no_bags);
+    let summary = ExperimentSummary::new(&plan, &found, results.path().join("bags").is_dir());
     let (page, figures) = experiment_page(&summary, &plan.specimens)?;
     for figure in &figures {
         results.write(&format!("{}.svg", figure.name), &figure.svg)?;

@@ -19,7 +19,7 @@ use tokio::sync::oneshot;
 use super::action::{self, GoalEnd, GoalId, News, Wish};
 use super::clock;
 use super::controller_settings as settings;
-use super::delay::{self, Delay};
+use super::delay::Delay;
 use super::follow_joint_trajectory::{
     self as follow, ActiveGoal, Constraints, FollowGoal, FollowJointTrajectory, FollowResult,
     Progress, Sampled,
@@ -67,8 +67,11 @@ const SETTLE: Duration = Duration::from_secs(1);
 /// when it records.
 const STATES_PATIENCE: Duration = Duration::from_millis(1500);
 
-/// Longest wait after states of simulated time for subscribers that catch up.
-const PACE_WITHIN: Duration = Duration::from_millis(200);
+/// Longest wait after a burst of states in lockstep for subscribers that catch up: less than the
+/// stage waits for an answer, whatever it is set to.
+const PACE_WITHIN: Duration = Duration::from_millis(5);
+/// Stamps below this, 10^9 s after the epoch, are of lockstep, which begins at 1 s; ns.
+const LOCKSTEP_BELOW: i64 = 1_000_000_000_000_000_000;
 
 /// Why a goal is refused, in the words of joint_trajectory_controller where it has any.
 const NOT_RUNNING: &str = "Can't accept new action goals. Controller is not running.";
@@ -855,9 +858,13 @@ impl ControllerLoop {
         for state in self.states.drain(..) {
             let _ = self.state.publish(state);
         }
-        // The stage waits for the next answer, and so for these subscribers.
-        if delay::is_simulated(stamp, clock::system()) {
-            self.state.keep_pace(PACE_WITHIN);
+        // There the stage waits for the next answer, and so for these subscribers.
+        if stamp < LOCKSTEP_BELOW {
+            let until = Instant::now() + PACE_WITHIN;
+            let left = || until.saturating_duration_since(Instant::now());
+            self.force.keep_pace(left());
+            self.state.keep_pace(left());
+            self.joint_state.keep_pace(left());
         }
     }
 

@@ -11,11 +11,6 @@ const DRIFT: f64 = 1e-4;
 /// A peak falls to a third of itself within this time, s.
 const FADES: f64 = 0.5;
 
-/// Whether a stamp is of simulated time, where it is the system time `now`, both ns.
-pub fn is_simulated(stamp: i64, now: i64) -> bool {
-    now.saturating_sub(stamp).saturating_abs() > SIMULATED
-}
-
 /// The delay of a stream of samples.
 #[derive(Clone, Debug, Default)]
 pub struct Delay {
@@ -35,11 +30,12 @@ struct Last {
 impl Delay {
     /// Takes a sample with `stamp` that is answered at `now`, both ns; the peak of the delay, s.
     pub fn observe(&mut self, stamp: i64, now: i64) -> f64 {
-        if is_simulated(stamp, now) {
+        let age = now.saturating_sub(stamp);
+        if age.saturating_abs() > SIMULATED {
             *self = Delay::default();
             return 0.0;
         }
-        let age = now.saturating_sub(stamp) as f64;
+        let age = age as f64;
         let (least, passed) = match self.last {
             Some(last) => {
                 let passed = (now - last.now).max(0) as f64;

@@ -24,12 +24,14 @@ use rustdds::no_key::DataWriterCdr;
 use rustdds::{DomainParticipant, GUID, Publisher, TopicKind};
 use serde_json::Value;
 
-/// Time between two looks for new readers and endpoints.
-const LOOKS_AGAIN: Duration = Duration::from_secs(1);
+/// Time between two checks for new readers and endpoints.
+const CHECKS_AGAIN: Duration = Duration::from_secs(1);
 
-/// The look after a change with which the list is sent for the last time. Assumed: by then a reader
-/// has what was sent before.
-const LAST_LOOK: u32 = 64;
+/// Checks after a change with which the list is sent, ever more seldom: the sample of ros2-client
+/// may have been on its way, on a busy machine for long. Assumed: not for more than a minute.
+fn is_sent_with(check: u32) -> bool {
+    check.is_power_of_two() && check <= 64
+}
 
 /// Publishers to add to the list of ros2-client, and to remove from it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -67,17 +69,15 @@ impl GraphInfo {
         };
         let run = move || {
             let mut said = None;
-            let mut looks = 0_u32;
+            let mut checks = 0_u32;
             loop {
-                match woken.recv_timeout(LOOKS_AGAIN) {
+                match woken.recv_timeout(CHECKS_AGAIN) {
                     Ok(()) | Err(RecvTimeoutError::Timeout) => {}
                     Err(RecvTimeoutError::Disconnected) => return,
                 }
-                let now = sender.look();
-                looks = if said.as_ref() == Some(&now) { looks + 1 } else { 1 };
-                // And again, ever more seldom: the sample of ros2-client may have been on its way,
-                // on a busy machine for long.
-                if looks.is_power_of_two() && looks <= LAST_LOOK {
+                let now = sender.check();
+                checks = if said.as_ref() == Some(&now) { checks.saturating_add(1) } else { 1 };
+                if is_sent_with(checks) {
                     sender.send(&now);
                 }
                 said = Some(now);
@@ -144,7 +144,7 @@ struct Seen {
 }
 
 impl Sender {
-    fn look(&self) -> Seen {
+    fn check(&self) -> Seen {
         let info = self.context.participant_entities_info();
         let readers = self.participant.discovered_readers();
         let readers = readers
@@ -181,4 +181,15 @@ fn with(changes: &Changes, mut info: Value) -> Value {
         writers.extend(gids(&changes.come));
     }
     info
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_is_sent_at_once_and_for_a_minute_ever_more_seldom() {
+        let sent: Vec<u32> = (1..10_000).filter(|check| is_sent_with(*check)).collect();
+        assert_eq!(sent, [1, 2, 4, 8, 16, 32, 64]);
+    }
 }

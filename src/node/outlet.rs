@@ -70,10 +70,13 @@ const CLOSE: u64 = 256;
 /// does not fit is lost, and rustdds repeats it more slowly than a quick lockstep adds to it.
 const PACE: u64 = 128;
 /// How long ago a subscriber that is waited for has come closer. Assumed: longer than a busy
-/// machine keeps it from running. One that is stopped holds the publisher up for this long, once.
+/// machine keeps it from running. One that is stopped holds the publisher up for this long.
 const PACED: Duration = Duration::from_millis(500);
-/// Pause between two looks whether subscribers have caught up.
-const PACE_LOOKS_AGAIN: Duration = Duration::from_micros(100);
+/// How long a publisher keeps the pace of subscribers that do not catch up, such as one that was
+/// stopped for long.
+const PACED_AT_MOST: Duration = Duration::from_secs(10);
+/// Pause between two checks whether subscribers have caught up.
+const PACE_CHECKS_AGAIN: Duration = Duration::from_micros(100);
 /// Pause between two looks whether a successor can take over.
 const LOOKS_AGAIN: Duration = Duration::from_millis(1);
 /// Pause after a successor that could not be made.
@@ -141,6 +144,8 @@ pub struct Outlet<M: RosMessage> {
     counts: Counts,
     /// Returns of lost participants that were looked at.
     returns: u64,
+    /// Since when some subscriber has been far behind.
+    far_since: Option<Instant>,
 }
 
 /// A writer of the topic.
@@ -258,6 +263,7 @@ impl<M: RosMessage> Outlet<M> {
             fault: None,
             counts: Counts::default(),
             returns: participant.watch().returns(),
+            far_since: None,
         })
     }
 
@@ -308,17 +314,20 @@ impl<M: RosMessage> Outlet<M> {
     }
 
     /// Waits up to `limit` until no subscriber that comes closer misses more than 128 samples; true
-    /// when so. For a publisher whose time can wait, after each message.
-    pub fn keep_pace(&self, limit: Duration) -> bool {
+    /// when so. For a publisher whose time can wait, after each message. After 10 s in which some
+    /// were far behind all the time, it waits no more until they are not.
+    pub fn keep_pace(&mut self, limit: Duration) -> bool {
         let watch = self.participant.watch();
-        let is_far = || watch.lag(self.writer.guid(), self.written.into(), PACED).healthy > PACE;
+        let (writer, written) = (self.writer.guid(), self.written.into());
         let began = Instant::now();
-        while is_far() {
-            if began.elapsed() >= limit {
+        while watch.lag(writer, written, PACED).healthy > PACE {
+            let since = *self.far_since.get_or_insert(began);
+            if began.elapsed() >= limit || since.elapsed() >= PACED_AT_MOST {
                 return false;
             }
-            thread::sleep(PACE_LOOKS_AGAIN);
+            thread::sleep(PACE_CHECKS_AGAIN);
         }
+        self.far_since = None;
         true
     }
 

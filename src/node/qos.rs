@@ -63,13 +63,16 @@ impl Qos {
     /// The window is larger than [`LARGEST_WINDOW`]: a constant of the program is wrong.
     #[must_use]
     pub const fn window(self, window: u32) -> Self {
-        assert!(window <= LARGEST_WINDOW, "peers do not hear a publisher with a larger window");
+        assert!(
+            window <= LARGEST_WINDOW,
+            "peers receive nothing from a publisher with a larger window"
+        );
         Self { window, ..self }
     }
 }
 
-/// Most samples that a publisher may hold. One that holds more is not
-/// heard (`node::socket_filter`).
+/// Most samples that a publisher may hold. Nothing is received from one that holds more
+/// (`node::socket_filter`).
 pub const LARGEST_WINDOW: u32 = 1 << 18;
 
 /// Unacknowledged samples that outlast a dead or frozen subscriber, whose lease ends after 20 s

@@ -16,9 +16,9 @@ use friction_stage_data::message::{
 const LONGEST_PATIENCE: Duration = Duration::from_secs(20);
 /// Longest wait in lockstep for them and for new writers.
 const SETTLE: Duration = LONGEST_PATIENCE.saturating_add(Duration::from_secs(1));
-/// Longest wait after a sample in lockstep for subscribers that catch up. The stage looks for
-/// orders once per sample.
-const PACE_WITHIN: Duration = Duration::from_millis(200);
+/// Longest wait after a sample in lockstep for subscribers that catch up: between two samples the
+/// stage follows orders.
+const PACE_WITHIN: Duration = Duration::from_millis(50);
 
 /// The publishers of the stage's samples.
 pub struct StageOutlets {
@@ -77,11 +77,15 @@ impl StageOutlets {
         }
         if let Some(clock) = &mut self.clock {
             settled(clock, tick.clock(), deadline);
-            clock.keep_pace(PACE_WITHIN);
         }
-        self.encoder.keep_pace(PACE_WITHIN);
-        self.force_cell.keep_pace(PACE_WITHIN);
-        self.state.keep_pace(PACE_WITHIN);
+        let until = Instant::now() + PACE_WITHIN;
+        let left = || until.saturating_duration_since(Instant::now());
+        self.encoder.keep_pace(left());
+        self.force_cell.keep_pace(left());
+        self.state.keep_pace(left());
+        if let Some(clock) = &mut self.clock {
+            clock.keep_pace(left());
+        }
     }
 
     /// Messages lost and writers replaced, for `/diagnostics`.

@@ -266,7 +266,8 @@
       const numbers = {
         values: (u, splits) => {
           const texts = splits.map((v) => (v == null ? "" : axisNumber(v)));
-          const largest = texts[splits.reduce((a, v, k) => (Math.abs(v) > Math.abs(splits[a]) ? k : a), 0)];
+          const larger = (a, v, k) => (Math.abs(v) > Math.abs(splits[a]) ? k : a);
+          const largest = texts[splits.reduce(larger, 0)];
           if (!/e/.test(texts.join(""))) return texts;
           return splits.map((v, k) => (v == null || v === 0 ? texts[k]
             : /e/.test(largest) ? Number(v.toPrecision(6)).toExponential().replace("e+", "e")
@@ -274,7 +275,8 @@
         },
       };
       // Room for the longest number and the title next to it.
-      const width = (u, values) => 22 + 7 * Math.max(4, ...(values || []).map((v) => String(v).length));
+      const longest = (values) => Math.max(4, ...(values || []).map((v) => String(v).length));
+      const width = (u, values) => 22 + 7 * longest(values);
       const names = chart.x.names;
       const named = {
         splits: () => names.map((name, k) => k + 1),

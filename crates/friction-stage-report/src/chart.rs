@@ -213,20 +213,38 @@ impl Chart {
     /// The figure as an SVG document. Points that are not finite, or not positive on a logarithmic
     /// axis, are left out.
     pub fn svg(&self) -> Result<String, FigureError> {
-        document(&self.title, SIZE, |root| self.draw_on(root))
+        document(&self.title, SIZE, |root| self.draw_on(root, self.legend_width()))
     }
 
-    /// Draws it on an area of its own.
-    pub(crate) fn draw_on(&self, area: &Area) -> Drawn {
+    /// Room that its legend needs at the right.
+    pub(crate) fn legend_width(&self) -> u32 {
+        let (frame, per_character, widths) = LEGEND;
+        let longest = self
+            .series
+            .iter()
+            .map(|series| &series.name)
+            .chain(self.bands.iter().filter(|band| !band.is_level()).map(|band| &band.name))
+            .map(|name| name.chars().count())
+            .max()
+            .unwrap_or(0);
+        match longest {
+            0 => NO_LEGEND,
+            _ => (frame + per_character * longest as u32).clamp(*widths.start(), *widths.end()),
+        }
+    }
+
+    /// Draws it on an area of its own, with so much room for the legend: charts below each other
+    /// have the same.
+    pub(crate) fn draw_on(&self, area: &Area, legend: u32) -> Drawn {
         let (x, y) = (self.range(Axis::X), self.range(Axis::Y));
         let (x_marks, y_marks) = (log_marks(&x, 9.0), log_marks(&y, 8.0));
         let x_log = || x.clone().log_scale().with_key_points(x_marks.clone());
         let y_log = || y.clone().log_scale().with_key_points(y_marks.clone());
         match (self.x_log, self.y_log) {
-            (false, false) => self.draw(area, x, y),
-            (true, false) => self.draw(area, x_log(), y),
-            (false, true) => self.draw(area, x, y_log()),
-            (true, true) => self.draw(area, x_log(), y_log()),
+            (false, false) => self.draw(area, legend, x, y),
+            (true, false) => self.draw(area, legend, x_log(), y),
+            (false, true) => self.draw(area, legend, x, y_log()),
+            (true, true) => self.draw(area, legend, x_log(), y_log()),
         }
     }
 
@@ -282,26 +300,13 @@ impl Chart {
         }
     }
 
-    fn draw<X, Y>(&self, area: &Area, x: X, y: Y) -> Drawn
+    fn draw<X, Y>(&self, area: &Area, legend: u32, x: X, y: Y) -> Drawn
     where
         X: AsRangedCoord<Value = f64>,
         Y: AsRangedCoord<Value = f64>,
         X::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
         Y::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
     {
-        let (frame, per_character, widths) = LEGEND;
-        let longest = self
-            .series
-            .iter()
-            .map(|series| &series.name)
-            .chain(self.bands.iter().filter(|band| !band.is_level()).map(|band| &band.name))
-            .map(|name| name.chars().count())
-            .max()
-            .unwrap_or(0);
-        let legend = match longest {
-            0 => NO_LEGEND,
-            _ => (frame + per_character * longest as u32).clamp(*widths.start(), *widths.end()),
-        };
         let (x_range, y_range) = (self.range(Axis::X), self.range(Axis::Y));
         let mut chart = ChartBuilder::on(area)
             .caption(&self.title, font(18))
@@ -550,18 +555,30 @@ pub fn peaks(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
             let right = valley(&mut points[at + 1..].iter());
             STANDS_OUT * left.max(right) <= height
         })
-        .filter(|&at| {
-            let place = points[at].0;
-            let near = points.iter().filter(|p| (0.1 * place..=10.0 * place).contains(&p.0));
-            let mut heights: Vec<f64> = near.map(|point| point.1).collect();
-            let middle = heights.len() / 2;
-            points[at].1 >= ABOVE_NOISE * *heights.select_nth_unstable_by(middle, f64::total_cmp).1
-        })
+        .filter(|&at| points[at].1 >= ABOVE_NOISE * around(points, points[at].0))
         .map(|at| vertex(&points[at - 1..=at + 1]))
         .collect();
     found.sort_by(|a, b| b.1.total_cmp(&a.1));
     found.truncate(MOST_PEAKS);
     found
+}
+
+/// Median of a curve over the decades at the sides of a place, along the logarithm of the abscissa
+/// whatever the spacing of its points; 0 where there is none.
+fn around(points: &[(f64, f64)], place: f64) -> f64 {
+    let mut near: Vec<(f64, f64)> = points
+        .windows(3)
+        .filter(|three| three[0].0 > 0.0 && (0.1 * place..=10.0 * place).contains(&three[1].0))
+        .map(|three| (three[1].1, (three[2].0 / three[0].0).ln()))
+        .collect();
+    near.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * near.iter().map(|point| point.1).sum::<f64>();
+    let mut below = 0.0;
+    let median = near.iter().find(|point| {
+        below += point.1;
+        below >= half
+    });
+    median.map_or(0.0, |point| point.0)
 }
 
 /// Top of the parabola through three points over the logarithm of the abscissa; the middle one
@@ -605,21 +622,30 @@ fn log_marks(range: &std::ops::Range<f64>, room: f64) -> Vec<f64> {
     let (first, last) = (range.start.log10().floor() as i32, range.end.log10().floor() as i32);
     let within = |mark: &f64| (range.start..=range.end).contains(mark);
     if decades < 0.9 {
-        let rough = (range.end - range.start) / (0.7 * room);
-        let power = 10f64.powf(rough.log10().floor());
-        let factor = [1.0, 2.0, 5.0].into_iter().find(|one| one * power >= rough).unwrap_or(10.0);
-        let step = factor * power;
-        let count = (range.end / step) as i64;
-        let marks = ((range.start / step) as i64..=count).map(|k| rounded(k as f64 * step, 12));
-        return marks.filter(within).collect();
+        // The widest that are several.
+        let largest = (range.end - range.start).log10().ceil() as i32;
+        let steps = (largest - 2..=largest).rev();
+        let steps = steps.flat_map(|power| [5.0, 2.0, 1.0].map(|one| one * 10f64.powi(power)));
+        let along = |step: f64| -> Vec<f64> {
+            let (low, high) = ((range.start / step).floor(), (range.end / step).floor());
+            let marks = (low as i64..=high as i64).map(|k| rounded(k as f64 * step, 12));
+            marks.filter(within).collect()
+        };
+        return steps.map(along).find(|marks| marks.len() >= 4).unwrap_or_default();
     }
-    let factors: &[f64] = if 3.0 * decades < room { &[1.0, 2.0, 5.0] } else { &[1.0] };
     let every = ((decades / room).ceil() as i32).max(1);
-    let powers = (first..=last).filter(|power| power % every == 0);
-    powers
-        .flat_map(|power| factors.iter().map(move |one| one * 10f64.powi(power)))
-        .filter(within)
-        .collect()
+    let marks = |factors: &[f64]| -> Vec<f64> {
+        let powers = (first..=last).filter(|power| power % every == 0);
+        powers
+            .flat_map(|power| factors.iter().map(move |one| one * 10f64.powi(power)))
+            .filter(within)
+            .collect()
+    };
+    // The fewest that still are several.
+    let whole: &[&[f64]] = if 3.0 * decades < room { &[] } else { &[&[1.0]] };
+    let finer: [&[f64]; 2] = [&[1.0, 2.0, 5.0], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]];
+    let mut sets = whole.iter().copied().chain(finer).map(marks);
+    sets.find(|marks| marks.len() >= 3).unwrap_or_else(|| marks(finer[1]))
 }
 
 /// A number as an axis with this range shows it: with the digits that tell it from its neighbours,
@@ -702,11 +728,20 @@ mod tests {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
             ((state >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
         };
-        let mut noise: Vec<(f64, f64)> =
-            (0..2000).map(|k| (1.005f64.powi(k), (-2.0 * random().ln()).sqrt())).collect();
-        assert_eq!(peaks(&noise), []);
-        noise[700].1 = 20.0;
-        assert_eq!(peaks(&noise).len(), 1);
+        let mut noise = |place: fn(i32) -> f64, level: fn(f64) -> f64| -> Vec<(f64, f64)> {
+            let mut size = |x: f64| level(x) * (-2.0 * random().ln()).sqrt();
+            (1..2000).map(|k| (place(k), size(place(k)))).collect()
+        };
+        let flat = noise(|k| 1.005f64.powi(k), |_| 1.0);
+        // That of friction falls with the frequency; Welch's lines are evenly spaced.
+        let falling = noise(f64::from, |x| 10.0 / x);
+        assert_eq!((peaks(&flat), peaks(&falling)), (vec![], vec![]));
+        for (mut curve, at) in [(flat, 700), (falling, 20)] {
+            curve[at].1 = 60.0;
+            let found = peaks(&curve);
+            assert!(found.len() == 1 && (found[0].0 / curve[at].0 - 1.0).abs() < 0.1, "{found:?}");
+        }
+        assert_eq!(peaks(&[(-3.0, 0.0), (-2.0, 1.0), (-1.0, 0.0)]).len(), 1);
 
         let mut chart = Chart::new("t", "x", "y").logarithmic(true, false);
         chart.add("", 0, Style::Line, [(1.0, 0.0), (30.0, 1.0), (1000.0, 0.0)]);
@@ -721,10 +756,14 @@ mod tests {
 
     #[test]
     fn a_logarithmic_axis_has_several_marks_whatever_it_spans() {
-        for (low, high) in [(6e4, 2.1e5), (0.9, 1.1), (1.0, 9.0), (3.0, 80.0), (1e-9, 1e3)] {
-            let marks = log_marks(&(low..high), 8.0);
-            assert!((3..=16).contains(&marks.len()), "{low} to {high}: {marks:?}");
-            assert!(marks.iter().all(|mark| (low..=high).contains(mark)), "{marks:?}");
+        for k in 0..40 {
+            let low = 10f64.powf(0.13 * f64::from(k) - 2.0);
+            for n in 1..120 {
+                let high = low * 10f64.powf(0.1 * f64::from(n));
+                let marks = log_marks(&(low..high), 8.0);
+                assert!((3..=20).contains(&marks.len()), "{low} to {high}: {marks:?}");
+                assert!(marks.iter().all(|mark| (low..=high).contains(mark)), "{marks:?}");
+            }
         }
         assert!(log_marks(&(1.0..1.0), 8.0).is_empty());
         // Nothing is at zero there, and nothing is drawn for it.

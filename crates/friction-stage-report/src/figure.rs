@@ -27,8 +27,10 @@ pub fn svg(title: &str, charts: &[Chart]) -> Result<String, FigureError> {
         let middle = Pos::new(HPos::Center, VPos::Center);
         let style = font(20).into_text_style(&head).pos(middle);
         head.draw(&Text::new(title.to_owned(), ((width / 2) as i32, (height / 2) as i32), style))?;
+        // The same instant is above itself.
+        let legend = charts.iter().map(Chart::legend_width).max().unwrap_or(0);
         for (chart, area) in charts.iter().zip(rest.split_evenly((charts.len().max(1), 1))) {
-            chart.draw_on(&area)?;
+            chart.draw_on(&area, legend)?;
         }
         Ok(())
     })

@@ -41,7 +41,7 @@ pub fn position_error_charts(
             let whole = the_move.start..=the_move.end.max(*span.end());
             let moving = errors.iter().filter(|(time, _)| whole.contains(time));
             let sizes = envelope(moving.map(|(time, e)| (ms(*time), e.abs() * 1e6)).collect());
-            settled = settled.max(settled_at(&sizes));
+            settled = settled.max(settled_at(&sizes).unwrap_or(0.0));
             to_come.push((colour, name, sizes));
         }
         // Until all have settled.
@@ -94,10 +94,10 @@ pub(crate) fn envelope(mut points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     points
 }
 
-/// Where an envelope falls into the narrowest band; at its start where it never leaves it.
-pub(crate) fn settled_at(envelope: &[(f64, f64)]) -> f64 {
+/// Where an envelope falls into the narrowest band for good; `None` where it does not.
+pub(crate) fn settled_at(envelope: &[(f64, f64)]) -> Option<f64> {
     let narrowest = 1e6 * SETTLING_BANDS.iter().copied().fold(f64::INFINITY, f64::min);
-    envelope.iter().rev().find(|point| point.1 > narrowest).map_or(0.0, |point| point.0)
+    envelope.iter().find(|point| point.1 <= narrowest).map(|point| point.0)
 }
 
 /// What a chart of the position error shows.
@@ -171,7 +171,7 @@ mod tests {
         let motion = PaperMotion::new(1.0, 1);
         let start =
             motion.moves.iter().find(|one| one.kind == MoveKind::FastForward).unwrap().start;
-        let run: PositionErrorSeries = (-100..3000)
+        let run: PositionErrorSeries = (-100..9000)
             .map(|k| (start + k * 100_000, 30e-6 * (-0.001 * k as f64).exp()))
             .collect();
         let charts = position_error_charts(&motion, &[("guide 1".to_owned(), run)]);
@@ -181,5 +181,12 @@ mod tests {
         assert!(size.windows(2).all(|two| two[1].1 <= two[0].1));
         let settled = size.iter().find(|point| point.1 <= 10.0).unwrap().0;
         assert!((settled - 109.9).abs() < 0.2, "{settled}");
+        // To the narrowest band it takes longer than the chart of the error is.
+        let last = size.last().unwrap();
+        assert!(last.1 < 0.1 && last.0 > 570.0, "{last:?}");
+        assert!(charts[0].series[0].points.last().unwrap().0 <= 300.0);
+        let settled = settled_at(size).unwrap();
+        assert!((settled - 570.4).abs() < 0.2, "{settled}");
+        assert_eq!(settled_at(&[(0.0, 3.0), (1.0, 2.0)]), None);
     }
 }

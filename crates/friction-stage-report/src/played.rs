@@ -162,29 +162,8 @@ pub fn played_figure(
     if samples.iter().any(|sample| sample.force_cell.is_finite()) {
         charts.push(cell);
     }
-    // Those that settle last are seen on their way into the bands.
-    let settling = |a_move: &Move| {
-        let span = a_move.start..=a_move.end;
-        let sizes: Vec<_> = samples
-            .iter()
-            .filter(|sample| span.contains(&sample.time))
-            .map(|sample| {
-                let after = (sample.time - a_move.arrival) as f64 * 1e-6;
-                (after, sample.error.abs() * 1e6)
-            })
-            .collect();
-        let sizes = envelope(sizes);
-        (settled_at(&sizes), sizes)
-    };
-    let mut settlings: Vec<_> = moves
-        .iter()
-        .filter(|a_move| a_move.end > a_move.arrival)
-        .map(|a_move| (a_move, settling(a_move)))
-        .collect();
-    settlings.sort_by(|(_, (a, _)), (_, (b, _))| b.total_cmp(a));
-    settlings.truncate(2);
-    settlings.sort_by_key(|(a_move, _)| a_move.start);
-    for (a_move, (last, sizes)) in settlings {
+    for (a_move, sizes) in slowest(moves, samples) {
+        let last = settled_at(&sizes).or(sizes.last().map(|point| point.0)).unwrap_or(0.0);
         let mut chart = Chart::new(
             format!("Settling of the move to {}", in_prefix(a_move.target, "m")),
             "time after the arrival of the reference, ms",
@@ -203,6 +182,33 @@ pub fn played_figure(
         charts.push(chart);
     }
     svg(title, &charts)
+}
+
+/// A curve over the time after the arrival of a move's reference, ms.
+type Curve = Vec<(f64, f64)>;
+
+/// The two moves that settle last, those that never do before all others, in their order, and the
+/// largest error that is still to come on each.
+fn slowest<'a>(moves: &'a [Move], samples: &[PlayedSample]) -> Vec<(&'a Move, Curve)> {
+    let sizes = |a_move: &Move| {
+        let from = samples.partition_point(|sample| sample.time < a_move.start);
+        // With its end the next one begins.
+        let to = samples.partition_point(|sample| sample.time < a_move.end);
+        let after = |time: i64| (time - a_move.arrival) as f64 * 1e-6;
+        envelope(samples[from..to].iter().map(|s| (after(s.time), s.error.abs() * 1e6)).collect())
+    };
+    let mut all: Vec<_> = moves
+        .iter()
+        .filter(|a_move| a_move.end > a_move.arrival)
+        .map(|a_move| {
+            let sizes = sizes(a_move);
+            (settled_at(&sizes).unwrap_or(f64::INFINITY), a_move, sizes)
+        })
+        .collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    all.truncate(2);
+    all.sort_by_key(|(_, a_move, _)| a_move.start);
+    all.into_iter().map(|(_, a_move, sizes)| (a_move, sizes)).collect()
 }
 
 #[cfg(test)]
@@ -254,5 +260,39 @@ mod tests {
         {
             assert!(figure.contains(words), "{words}");
         }
+    }
+
+    #[test]
+    fn the_moves_that_settle_last_are_shown() {
+        // Four moves; the second settles after 40 ms, the fourth never.
+        let rests = [(1e-5, 0.01, 0.1); 4];
+        let motion = PaperMotion::of_moves(0.01, &rests).unwrap();
+        let error = |time: i64| {
+            let number = motion.moves.iter().position(|m| (m.start..m.end).contains(&time));
+            let after = number.map_or(0, |n| time - motion.moves[n].arrival);
+            match number {
+                Some(1) if after < 40_000_000 => 5e-6,
+                Some(0 | 2) if after < 10_000_000 => 5e-6,
+                Some(3) => 2e-6,
+                _ => 0.0,
+            }
+        };
+        let end = motion.moves.last().unwrap().end;
+        let samples: Vec<PlayedSample> = (0..end / 250_000)
+            .map(|k| PlayedSample {
+                time: k * 250_000,
+                reference: 0.0,
+                position: 0.0,
+                velocity: 0.0,
+                error: error(k * 250_000),
+                force: 0.0,
+                force_cell: f64::NAN,
+                saturated: false,
+            })
+            .collect();
+        let shown = slowest(&motion.moves, &samples);
+        let starts: Vec<i64> = shown.iter().map(|(a_move, _)| a_move.start).collect();
+        assert_eq!(starts, [motion.moves[1].start, motion.moves[3].start]);
+        assert_eq!(settled_at(&shown[1].1), None);
     }
 }

@@ -379,7 +379,11 @@ pub fn tuning_page(
     sensitivity.line("6 dB", Axis::Y, 6.0);
     phase.line("-180°", Axis::Y, -180.0);
     for (name, chart, caption) in [
-        ("open_loop_gain", gain, "Guides hold the stage below their resonance."),
+        (
+            "open_loop_gain",
+            gain,
+            "Guides hold the stage below their resonance. Dashed: the other controllers.",
+        ),
         (
             "open_loop_phase",
             phase,
@@ -558,7 +562,10 @@ fn by_amplitude(found: &Tuned) -> Table {
         ("largest |S|, dB", Align::Right),
         ("at, Hz", Align::Right),
     ])
-    .captioned(format!("{} on the nominal stage.", found.name));
+    .captioned(format!(
+        "Loop of the controller \u{201c}{}\u{201d} on the nominal stage.",
+        found.name
+    ));
     let db = |factor: Option<f64>| Cell::maybe(factor.map(|factor| 20.0 * factor.log10()), 1);
     for one in &found.nominal {
         let margins = &one.margins;

@@ -80,7 +80,14 @@ pub fn view_page(runs: &[ViewedRun]) -> Result<String, ViewError> {
     let mut missing = Vec::new();
     for signal in &SIGNALS {
         match chart(signal, runs, &names, joint) {
-            Some(chart) => page.figure(&chart, signal.caption)?,
+            Some(chart) => {
+                page.figure(&chart, signal.caption)?;
+                if let Some(difference) = difference(&chart) {
+                    let caption =
+                        format!("What is left of it where that of {} is taken away.", names[0]);
+                    page.figure(&difference, &caption)?;
+                }
+            }
             None => missing.push(signal.name),
         }
     }
@@ -159,6 +166,31 @@ fn chart(signal: &Viewed, runs: &[ViewedRun], names: &[String], joint: JointType
     Some(chart)
 }
 
+/// The curves of a chart less the first one, at their places where it has neighbours: curves that
+/// are nearly the same hide each other.
+fn difference(chart: &Chart) -> Option<Chart> {
+    let (first, others) = chart.series.split_first().filter(|(_, others)| !others.is_empty())?;
+    let mut difference = Chart {
+        title: format!("{} less that of {}", chart.title, first.name),
+        series: Vec::new(),
+        ..chart.clone()
+    };
+    for other in others {
+        let mut place = 0;
+        let points = other.points.iter().filter_map(|(x, y)| {
+            while first.points.get(place + 1).is_some_and(|next| next.0 < *x) {
+                place += 1;
+            }
+            let [before, after] = [first.points.get(place)?, first.points.get(place + 1)?];
+            let part = (x - before.0) / (after.0 - before.0);
+            let there = before.1 + part * (after.1 - before.1);
+            (0.0..=1.0).contains(&part).then_some((*x, y - there))
+        });
+        difference.add(&other.name, other.colour, other.style, points);
+    }
+    Some(difference)
+}
+
 /// The joint of all runs; those that say nothing are of the kind of the others.
 fn joint(runs: &[ViewedRun]) -> Result<JointType, Box<DifferentJoints>> {
     let mut stated = runs.iter().filter_map(|run| Some((run, run.recording.joint?)));
@@ -214,7 +246,23 @@ mod tests {
             assert!(page.contains(words), "no {words}");
         }
         assert!(page.contains("In no recording: force command, force cell."));
-        assert_eq!(page.matches("<figure").count(), 2);
+        // Each with the difference of the two.
+        assert_eq!(page.matches("<figure").count(), 4);
+    }
+
+    #[test]
+    fn a_difference_is_that_at_the_same_time_whatever_the_grids() {
+        let mut chart = Chart::new("Position", "time, s", "position, mm");
+        chart.add("first", 0, Style::Line, (0..11).map(|k| (f64::from(k), 2.0 * f64::from(k))));
+        assert_eq!(difference(&chart), None);
+        let other = (-4..40).map(|k| 0.25 * f64::from(k) + 0.1).map(|x| (x, 2.0 * x + 0.5));
+        chart.add("other", 1, Style::Line, other);
+        let difference = difference(&chart).unwrap();
+        assert_eq!(difference.title, "Position less that of first");
+        let [curve] = difference.series.as_slice() else { panic!("{:?}", difference.series) };
+        // From 0.1 to 9.85: where the first one is.
+        assert_eq!(curve.points.len(), 40);
+        assert!(curve.points.iter().all(|point| (point.1 - 0.5).abs() < 1e-12));
     }
 
     #[test]

@@ -7,6 +7,7 @@ use crate::page::{Align, Cell, Mark, Page, Table, Tile};
 use crate::words::{effect_phrases, four_digits, short, times_noise};
 use friction_stage_core::model::{CurveSide, JointType, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
+use friction_stage_core::plant::effects::ParameterKind;
 use friction_stage_identify::{
     Evidence, Hypothesis, Identification, Inseparable, LEFT_AT_MOST, NextExperiment,
     NominalParameter, Outcome, Record, Records, Selection, Summary, Tolerances, Verdict, in_digits,
@@ -349,7 +350,8 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
             _ => format!("{} side", effect.side),
         };
         page.subsection(&format!("{}{over}, {place}", effect.name.replace('_', " ")));
-        if let Ok(descriptor) = EffectDescriptor::find(&effect.name) {
+        let descriptor = EffectDescriptor::find(&effect.name).ok();
+        if let Some(descriptor) = descriptor {
             page.facts([
                 ("law", descriptor.law),
                 ("source", descriptor.source),
@@ -364,10 +366,23 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         ]);
         for name in taking_part(effect) {
             let Some(parameter) = effect.parameters.get(name) else { continue };
+            // A choice is a word and no number.
+            let kind = descriptor.and_then(|descriptor| {
+                descriptor
+                    .parameters
+                    .iter()
+                    .find(|known| known.name == name)
+                    .map(|known| known.kind)
+            });
+            let chosen = match kind {
+                Some(ParameterKind::Choice(names)) => names.get(parameter.value as usize),
+                _ => None,
+            };
+            let value = in_digits(parameter.value, parameter.ci95);
             table.row([
                 Cell::code(name),
-                Cell::text(in_digits(parameter.value, parameter.ci95)),
-                Cell::text(&parameter.unit),
+                Cell::text(chosen.map_or(value, |word| (*word).to_owned())),
+                Cell::text(if chosen.is_some() { "" } else { &parameter.unit }),
                 Cell::text(interval(parameter.ci95)),
             ]);
         }

@@ -34,7 +34,10 @@ pub fn effect_phrases(effects: &[FoundEffect], joint: JointType) -> Vec<String> 
                 format!("{name}, {}", in_prefix_of_four(value, &joint.unit("m")))
             }
             (None, Some(coordinate)) => format!("{name} over {coordinate}"),
-            (None, None) => name,
+            (None, None) => match effect.parameters.get("frequency") {
+                Some(found) => format!("{name}, {}", in_prefix_of_four(found.value, "Hz")),
+                None => name,
+            },
         };
         let mut orders: Vec<u32> = Vec::new();
         for (at, other) in effects.iter().enumerate() {
@@ -118,6 +121,17 @@ mod tests {
             runner_up: None,
             rivals: Vec::new(),
         }
+    }
+
+    #[test]
+    fn what_has_a_frequency_is_named_with_it() {
+        let frequency = FoundParameter { value: 120.003, unit: "Hz".into(), ci95: None };
+        let mode = FoundEffect {
+            name: "structural_mode".into(),
+            parameters: BTreeMap::from([("frequency".to_owned(), frequency)]),
+            ..cogging(0.0, None)
+        };
+        assert_eq!(effect_phrases(&[mode], JointType::Prismatic), ["structural mode, 120.0 Hz"]);
     }
 
     #[test]
