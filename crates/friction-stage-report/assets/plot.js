@@ -419,6 +419,12 @@
         context.beginPath();
         context.arc(x, y, 4 * size, 0, 2 * Math.PI);
         context.stroke();
+        // On curves it stays legible by a rim of the ground.
+        context.save();
+        context.strokeStyle = ink("--paper");
+        context.lineWidth = 4 * size;
+        context.strokeText(label.text, middle, base);
+        context.restore();
         context.fillText(label.text, middle, base);
       }
       context.restore();

@@ -5,7 +5,6 @@ use crate::chart::{Axis, Chart, Style, peaks};
 use crate::error::ReportError;
 use crate::words::{Words, in_prefix};
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, JointType, StageModel};
-use friction_stage_core::numerics::rounded;
 use friction_stage_core::plant::effects::CURVE;
 use friction_stage_identify::{
     Floor, Identification, IdentifyFinding, LoopError, Measured, Missing, Record, Records, Sides,
@@ -501,7 +500,8 @@ fn spectra(
             }
             for peak in peaks(&over) {
                 let unit = residuals.joint.unit("mm");
-                space.label(peak, format!("{} {unit}", rounded(peak.0, 3)));
+                let decimals = (2 - peak.0.log10().floor() as i32).clamp(0, 9) as usize;
+                space.label(peak, format!("{:.decimals$} {unit}", peak.0));
             }
         }
         time.add(name.clone(), colour, Style::Line, density);
