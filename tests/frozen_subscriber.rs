@@ -416,7 +416,7 @@ fn a_publisher_that_keeps_the_pace_leaves_no_subscriber_far_behind() {
         }
         assert_eq!(outlet.publish(number(k as f64)), Published::Sent, "message {k}");
         let wait = stopped_since.map_or(limit, |since| pause.saturating_sub(since.elapsed()));
-        outlet.keep_pace(wait);
+        outlet.keep_pace(Instant::now() + wait);
         let lag = participant.watch().lag(writer, outlet.counts().sent, limit);
         far += u64::from(lag.healthy > FAR + 1);
     }

@@ -70,7 +70,8 @@ const STATES_PATIENCE: Duration = Duration::from_millis(1500);
 /// Longest wait after a burst of states in lockstep for subscribers that catch up: less than the
 /// stage waits for an answer, whatever it is set to.
 const PACE_WITHIN: Duration = Duration::from_millis(5);
-/// Stamps below this, 10^9 s after the epoch, are of lockstep, which begins at 1 s; ns.
+/// Stamps below this, 10^9 s after the epoch, are of lockstep, which begins at 1 s; ns. The clock
+/// of this machine is not asked: where it is wrong, a loop in real time would wait.
 const LOCKSTEP_BELOW: i64 = 1_000_000_000_000_000_000;
 
 /// Why a goal is refused, in the words of joint_trajectory_controller where it has any.
@@ -861,10 +862,9 @@ impl ControllerLoop {
         // There the stage waits for the next answer, and so for these subscribers.
         if stamp < LOCKSTEP_BELOW {
             let until = Instant::now() + PACE_WITHIN;
-            let left = || until.saturating_duration_since(Instant::now());
-            self.force.keep_pace(left());
-            self.state.keep_pace(left());
-            self.joint_state.keep_pace(left());
+            self.force.keep_pace(until);
+            self.state.keep_pace(until);
+            self.joint_state.keep_pace(until);
         }
     }
 

@@ -313,16 +313,16 @@ impl<M: RosMessage> Outlet<M> {
         }
     }
 
-    /// Waits up to `limit` until no subscriber that comes closer misses more than 128 samples; true
-    /// when so. For a publisher whose time can wait, after each message. After 10 s in which some
-    /// were far behind all the time, it waits no more until they are not.
-    pub fn keep_pace(&mut self, limit: Duration) -> bool {
+    /// Waits until no subscriber that comes closer misses more than 128 samples, at most till
+    /// `until`; true when so. For a publisher whose time can wait, after each message. After 10 s
+    /// in which some were far behind all the time, it waits no more until they are not.
+    pub fn keep_pace(&mut self, until: Instant) -> bool {
         let watch = self.participant.watch();
         let (writer, written) = (self.writer.guid(), self.written.into());
-        let began = Instant::now();
         while watch.lag(writer, written, PACED).healthy > PACE {
-            let since = *self.far_since.get_or_insert(began);
-            if began.elapsed() >= limit || since.elapsed() >= PACED_AT_MOST {
+            let now = Instant::now();
+            let since = *self.far_since.get_or_insert(now);
+            if now >= until || now.duration_since(since) >= PACED_AT_MOST {
                 return false;
             }
             thread::sleep(PACE_CHECKS_AGAIN);

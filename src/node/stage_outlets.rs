@@ -79,12 +79,11 @@ impl StageOutlets {
             settled(clock, tick.clock(), deadline);
         }
         let until = Instant::now() + PACE_WITHIN;
-        let left = || until.saturating_duration_since(Instant::now());
-        self.encoder.keep_pace(left());
-        self.force_cell.keep_pace(left());
-        self.state.keep_pace(left());
+        self.encoder.keep_pace(until);
+        self.force_cell.keep_pace(until);
+        self.state.keep_pace(until);
         if let Some(clock) = &mut self.clock {
-            clock.keep_pace(left());
+            clock.keep_pace(until);
         }
     }
 

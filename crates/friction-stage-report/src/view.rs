@@ -83,9 +83,7 @@ pub fn view_page(runs: &[ViewedRun]) -> Result<String, ViewError> {
             Some(chart) => {
                 page.figure(&chart, signal.caption)?;
                 if let Some(difference) = difference(&chart) {
-                    let caption =
-                        format!("What is left of it where that of {} is taken away.", names[0]);
-                    page.figure(&difference, &caption)?;
+                    page.figure(&difference, "What is left where the first run is taken away.")?;
                 }
             }
             None => missing.push(signal.name),
