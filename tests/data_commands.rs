@@ -364,3 +364,31 @@ fn a_table_is_replayed_from_where_it_starts() {
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
     assert!(stderr(&run).contains("force"), "{}", stderr(&run));
 }
+
+/// Below 1 mm/s the servo takes long to reach the speed, and the bristles longer to reach their
+/// force: what is averaged has to begin after that.
+#[test]
+fn the_friction_curve_of_a_guide_on_the_rig_is_that_of_the_catalogue() {
+    let home = TempDir::new().unwrap();
+    let runs = home.path().join("runs");
+    let arguments = ["experiment", "stribeck", "--guides", "guide_1", "--out", text(&runs)];
+    assert!(friction_stage(&arguments).status.success());
+    let bag = runs.join("bags/guide_1_stribeck");
+    let output = friction_stage(&["friction-curve", text(&bag), "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let found: serde_json::Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let curve = &found["curve"];
+    // What the catalogue declares of it.
+    for (fitted, expected) in [
+        (&curve["coulomb_force"], 13.5),
+        (&curve["viscous_friction"], 18.0),
+        (&curve["stribeck"]["static_force"], 16.8),
+        (&curve["stribeck"]["velocity"], 5e-3),
+    ] {
+        let value = fitted["value"].as_f64().unwrap();
+        assert!((value / expected - 1.0).abs() < 0.03, "{value}, {expected}");
+    }
+    assert!(found["drifting_stretches"].as_u64().unwrap() > 0);
+    let output = stdout(&friction_stage(&["friction-curve", text(&bag)]));
+    assert!(output.contains("left out: the force drifts up to the end"), "{output}");
+}

@@ -20,7 +20,8 @@ use friction_stage_report::friction_curve::{
 /// Fit a friction curve to runs at constant velocity.
 ///
 /// Every stretch of a recording at a held speed becomes a point: mean velocity, and mean force of
-/// the cell, or of the command where there is no cell. Through the points goes Coulomb and viscous
+/// the cell, or of the command where there is no cell. The transient at its start is left out, and
+/// so is a stretch whose force drifts up to its end. Through the points goes Coulomb and viscous
 /// friction, with a Stribeck curve where friction falls with velocity by more than chance, and a
 /// force that does not turn round with the motion. Intervals are of 95 % and hold what the runs
 /// scatter among each other. Takes rosbag2 directories and their files and tables, as `check` does.
@@ -61,14 +62,16 @@ pub fn run(args: &FrictionCurveArgs, out: &mut dyn Write) -> anyhow::Result<Outc
     let window = args.part.window()?;
     let progress = Progress::of(args.recordings.len() as u64, "reading");
     let (mut runs, mut left_out, mut joints) = (Vec::new(), Vec::new(), Vec::new());
+    let mut drifting = 0;
     for path in &args.recordings {
         let recording = signals::load_part(path, mapping.as_ref(), window)?;
         joints.extend(recording.joint.map(|joint| (path.clone(), joint)));
         let held = held_speeds(&recording);
-        if held.is_empty() {
+        if held.steady.is_empty() {
             left_out.push(path.clone());
         }
-        runs.extend(held.into_iter().map(|held| {
+        drifting += held.drifting;
+        runs.extend(held.steady.into_iter().map(|held| {
             let force = match args.magnitude {
                 true => held.force.abs() * held.velocity.signum(),
                 false => held.force,
@@ -83,13 +86,13 @@ pub fn run(args: &FrictionCurveArgs, out: &mut dyn Write) -> anyhow::Result<Outc
     let points: Vec<CurvePoint> = runs.iter().map(|run| run.point).collect();
     let curve = friction_curve(&points).with_context(|| {
         format!(
-            "{} runs at held speeds in {} recordings ({} without any)",
+            "{} runs at held speeds with a steady force in {} recordings ({} without any)",
             runs.len(),
             args.recordings.len(),
             left_out.len()
         )
     })?;
-    let found = CurveOfRuns { joint, runs, left_out, curve };
+    let found = CurveOfRuns { joint, runs, left_out, drifting, curve };
     if let Some(path) = &args.figure {
         std::fs::write(path, curve_figure(&found)?)
             .with_context(|| format!("cannot write {}", path.display()))?;
@@ -101,6 +104,7 @@ pub fn run(args: &FrictionCurveArgs, out: &mut dyn Write) -> anyhow::Result<Outc
             "curve": found.curve,
             "runs": found.runs,
             "without_held_speed": found.left_out,
+            "drifting_stretches": found.drifting,
         });
         writeln!(out, "{}", serde_json::to_string_pretty(&json)?)?;
     } else {

@@ -208,7 +208,7 @@
         const button = element(parent, "button", { type: "button", className: "plot-curve" });
         button.setAttribute("aria-pressed", "true");
         curve.swatch = element(button, "i", {});
-        if (curve.dashed) curve.swatch.className = "dashed";
+        if (curve.dash) curve.swatch.className = "dashed";
         if (!curve.line) curve.swatch.className = "mark";
         element(button, "span", { textContent: curve.name });
         curve.out = element(button, "output", { className: "plot-value" });
@@ -298,7 +298,7 @@
         series: [{}, ...this.curves.map((curve) => ({
           label: curve.name, show: curve.on, stroke: colour(curve.colour), spanGaps: false,
           // Points are not moved to whole pixels, as those of the axes are.
-          pxAlign: 0, width: curve.dashed ? 1 : 1.6, dash: curve.dashed ? [6, 4] : undefined,
+          pxAlign: 0, width: curve.thin ? 1 : 1.6, dash: curve.dash ?? undefined,
           paths: curve.line ? undefined : () => null,
           points: { show: curve.marks, size: 6, fill: colour(curve.colour) },
         }))],

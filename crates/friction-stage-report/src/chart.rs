@@ -118,6 +118,14 @@ const LEVEL: RGBColor = RGBColor(90, 90, 90);
 /// Decades below its highest point that a logarithmic ordinate shows: 240 dB, more than anything
 /// measures. What is 0 but for rounding lies below.
 const DECADES: i32 = 12;
+/// Dash and gap of a thin line, px.
+const DASH: [u32; 2] = [5, 4];
+/// Length of a dash with its gap where a line lies on others, px.
+const LONG_DASH: u32 = 18;
+/// A line lies on another where most of these points of it are no farther from it than this part of
+/// the height: two widths of a line.
+const COMPARED: usize = 200;
+const NEAR: f64 = 0.012;
 /// Part of a band's colour.
 const BAND_OPACITY: f64 = 0.16;
 
@@ -208,6 +216,58 @@ impl Chart {
     /// Whether every series goes from left to right: only then its value at an abscissa is one.
     pub fn goes_right(&self) -> bool {
         self.series.iter().all(|series| series.points.is_sorted_by(|a, b| a.0 < b.0))
+    }
+
+    /// Dash and gap of each line, px; none for a solid one. One that lies on earlier lines has gaps
+    /// in which they are seen, the longer the more there are.
+    pub(crate) fn dashes(&self) -> Vec<Option<[u32; 2]>> {
+        let height = self.range(Axis::Y);
+        let solid = |series: &Series| matches!(series.style, Style::Line | Style::Both);
+        self.series
+            .iter()
+            .enumerate()
+            .map(|(index, line)| match line.style {
+                Style::Dashed => Some(DASH),
+                Style::Marks => None,
+                Style::Line | Style::Both => {
+                    let earlier = self.series[..index].iter().filter(|earlier| {
+                        solid(earlier)
+                            && earlier.colour != line.colour
+                            && self.lies_on(line, earlier, &height)
+                    });
+                    let below = earlier.count() as u32;
+                    let dash = LONG_DASH / (below + 1);
+                    (below > 0).then_some([dash.max(2), LONG_DASH - dash])
+                }
+            })
+            .collect()
+    }
+
+    /// Whether most of a line is where another one is.
+    fn lies_on(&self, line: &Series, other: &Series, height: &std::ops::Range<f64>) -> bool {
+        let rises = |series: &Series| series.points.is_sorted_by(|a, b| a.0 < b.0);
+        let (Some(first), Some(last)) = (other.points.first(), other.points.last()) else {
+            return false;
+        };
+        if !rises(line) || !rises(other) {
+            return false;
+        }
+        let step = line.points.len().div_ceil(COMPARED).max(1);
+        let compared = line.points.iter().step_by(step).filter(|point| self.shown(point));
+        let (mut near, mut count) = (0, 0);
+        for (x, y) in compared {
+            count += 1;
+            if *x < first.0 || *x > last.0 {
+                continue;
+            }
+            let after = other.points.partition_point(|point| point.0 < *x);
+            let (right, left) = (other.points[after], other.points[after.saturating_sub(1)]);
+            let part = if right.0 > left.0 { (x - left.0) / (right.0 - left.0) } else { 0.0 };
+            let there = left.1 + part * (right.1 - left.1);
+            let at = |value: f64| area_part(height, value, self.y_log);
+            near += usize::from((at(*y) - at(there)).abs() <= NEAR);
+        }
+        count > 1 && 5 * near >= 4 * count
     }
 
     /// The figure as an SVG document. Points that are not finite, or not positive on a logarithmic
@@ -362,24 +422,24 @@ impl Chart {
                 chart.draw_series([Rectangle::new(corners, colour.mix(BAND_OPACITY).filled())])?;
             }
         }
-        for series in &self.series {
+        let dashes = self.dashes();
+        for (series, dash) in self.series.iter().zip(&dashes) {
             let colour = COLOURS[series.colour % COLOURS.len()];
             let width = if series.style == Style::Dashed { PX } else { 2 * PX };
             // What is not there is a gap and no line.
             for piece in series.points.split(|point| !self.shown(point)) {
                 let points = decimated(piece, COLUMNS);
-                match series.style {
-                    Style::Line | Style::Both => {
-                        let line =
-                            LineSeries::new(points.iter().copied(), colour.stroke_width(width));
-                        chart.draw_series(line)?;
+                let line = points.iter().copied();
+                match dash {
+                    _ if series.style == Style::Marks => {}
+                    None => {
+                        chart.draw_series(LineSeries::new(line, colour.stroke_width(width)))?;
                     }
-                    Style::Dashed => {
-                        let points = points.iter().copied();
+                    Some([dash, gap]) => {
                         let stroke = colour.stroke_width(width);
-                        chart.draw_series(DashedLineSeries::new(points, 5 * PX, 4 * PX, stroke))?;
+                        let (dash, gap) = (dash * PX, gap * PX);
+                        chart.draw_series(DashedLineSeries::new(line, dash, gap, stroke))?;
                     }
-                    Style::Marks => {}
                 }
                 if matches!(series.style, Style::Marks | Style::Both) {
                     let marks =
@@ -418,26 +478,21 @@ impl Chart {
         let style = word.pos(Pos::new(HPos::Left, VPos::Center));
         let left = (area.dim_in_pixel().0 - legend) as i32 + px(12);
         let mut y = px(56);
-        for series in self.series.iter().filter(|series| !series.name.is_empty()) {
+        let named = self.series.iter().zip(&dashes).filter(|(series, _)| !series.name.is_empty());
+        for (series, dash) in named {
             let colour = COLOURS[series.colour % COLOURS.len()];
-            let line =
-                PathElement::new([(left, y), (left + px(22), y)], colour.stroke_width(2 * PX));
-            match series.style {
-                Style::Line => area.draw(&line)?,
-                Style::Dashed => {
-                    for dash in [0, px(9), px(18)] {
-                        let x = left + dash;
-                        let stroke = colour.stroke_width(PX);
-                        area.draw(&PathElement::new([(x, y), (x + px(5), y)], stroke))?;
-                    }
+            if series.style != Style::Marks {
+                let width = if series.style == Style::Dashed { PX } else { 2 * PX };
+                let end = left + px(22);
+                let [dash, gap] = dash.map_or([px(22), px(1)], |dash| dash.map(|d| px(d as i32)));
+                for x in (left..end).step_by((dash + gap) as usize) {
+                    let to = (x + dash).min(end);
+                    let stroke = colour.stroke_width(width);
+                    area.draw(&PathElement::new([(x, y), (to, y)], stroke))?;
                 }
-                Style::Marks => {
-                    area.draw(&Circle::new((left + px(11), y), px(3), colour.filled()))?
-                }
-                Style::Both => {
-                    area.draw(&line)?;
-                    area.draw(&Circle::new((left + px(11), y), px(3), colour.filled()))?;
-                }
+            }
+            if matches!(series.style, Style::Marks | Style::Both) {
+                area.draw(&Circle::new((left + px(11), y), px(3), colour.filled()))?;
             }
             area.draw(&Text::new(series.name.clone(), (left + px(28), y), style.clone()))?;
             y += px(20);
@@ -688,6 +743,20 @@ mod tests {
             assert!(!text.contains("NaN") && text.len() < 1_500_000, "{} bytes", text.len());
         }
         assert!(Chart::new("empty", "", "").logarithmic(true, true).svg().is_ok());
+    }
+
+    #[test]
+    fn a_line_that_lies_on_others_leaves_them_visible() {
+        let wave = |shift: f64| (0..500).map(move |k| (f64::from(k), (k as f64 / 50.0).sin() + shift));
+        let mut chart = Chart::new("lines", "time, s", "error, µm");
+        chart.add("first", 0, Style::Line, wave(0.0));
+        chart.add("apart", 1, Style::Line, wave(0.2));
+        // On other abscissas.
+        chart.add("second", 2, Style::Line, wave(1e-3).step_by(3));
+        chart.add("third", 3, Style::Line, wave(-1e-3));
+        chart.add("marks", 4, Style::Marks, wave(0.0));
+        assert_eq!(chart.dashes(), [None, None, Some([9, 9]), Some([6, 12]), None]);
+        assert!(chart.svg().is_ok());
     }
 
     #[test]

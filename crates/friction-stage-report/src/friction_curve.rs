@@ -31,6 +31,8 @@ pub struct CurveOfRuns {
     pub runs: Vec<Run>,
     /// Recordings in which no speed is held.
     pub left_out: Vec<PathBuf>,
+    /// Stretches at held speeds that make no run: their force drifts up to the end.
+    pub drifting: usize,
     /// The curve.
     pub curve: FrictionCurve,
 }
@@ -112,38 +114,59 @@ pub fn curve_text(found: &CurveOfRuns) -> String {
             run.recording.display()
         );
     }
+    if found.drifting > 0 {
+        let stretches = if found.drifting == 1 { "stretch" } else { "stretches" };
+        text +=
+            &format!("{} {stretches} left out: the force drifts up to the end\n", found.drifting);
+    }
     for path in &found.left_out {
         text += &format!("warning: {} holds no speed: left out\n", path.display());
     }
     text
 }
 
-/// Points and curve as an SVG document.
+/// The least ratio of fastest to slowest speed that is drawn on a logarithmic axis.
+const WIDE: f64 = 10.0;
+
+/// Points and curve of each direction, along the motion, as an SVG document.
 ///
 /// # Errors
 /// It cannot be drawn.
 pub fn curve_figure(found: &CurveOfRuns) -> Result<String, FigureError> {
     let [n, speed] = ["N", "m/s"].map(|unit| found.joint.unit(unit));
     let force = found.joint.quantity("force");
-    let mut chart =
-        Chart::new("Friction over velocity", format!("velocity, {speed}"), format!("{force}, {n}"));
-    let point = |run: &Run| (run.point.velocity, run.point.force);
-    chart.add("runs", 0, Style::Marks, found.runs.iter().map(point));
-    for direction in [-1.0, 1.0] {
-        let speeds = found.runs.iter().map(|run| direction * run.point.velocity);
-        let (slowest, fastest) = speeds
-            .filter(|speed| *speed > 0.0)
-            .fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), v| (low.min(v), high.max(v)));
+    let (slowest, fastest) = speeds_of(found.runs.iter());
+    let mut chart = Chart::new(
+        "Friction over speed",
+        format!("speed, {speed}"),
+        format!("{force} along the motion, {n}"),
+    )
+    .logarithmic(fastest > WIDE * slowest, false);
+    let directions = [("forward", 1.0), ("return", -1.0)];
+    let drawn = directions.into_iter().enumerate().filter_map(|(colour, (name, direction))| {
+        let runs: Vec<&Run> =
+            found.runs.iter().filter(|run| direction * run.point.velocity > 0.0).collect();
+        (!runs.is_empty()).then_some((colour, name, direction, runs))
+    });
+    for (colour, name, direction, runs) in drawn {
+        let points = runs.iter().map(|run| (run.point.velocity, run.point.force));
+        let along = points.map(|(velocity, force)| (direction * velocity, direction * force));
+        chart.add(name, colour, Style::Marks, along);
+        let (slowest, fastest) = speeds_of(runs.iter().copied());
         if fastest > slowest {
             let at = |k: u32| slowest * (fastest / slowest).powf(f64::from(k) / f64::from(DRAWN));
-            let mut speeds: Vec<f64> = (0..=DRAWN).map(|k| direction * at(k)).collect();
-            speeds.sort_by(f64::total_cmp);
-            let name = if direction > 0.0 { "fitted curve" } else { "" };
-            let drawn = speeds.into_iter().map(|v| (v, found.curve.force(v)));
-            chart.add(name, 1, Style::Line, drawn);
+            let curve =
+                (0..=DRAWN).map(at).map(|v| (v, direction * found.curve.force(direction * v)));
+            chart.add(format!("{name}, fitted"), colour, Style::Line, curve);
         }
     }
     chart.svg()
+}
+
+/// Slowest and fastest speed of some runs, m/s.
+fn speeds_of<'a>(runs: impl Iterator<Item = &'a Run>) -> (f64, f64) {
+    runs.map(|run| run.point.velocity.abs())
+        .fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), v| (low.min(v), high.max(v)))
 }
 
 impl CurveOfRuns {

@@ -102,7 +102,9 @@ struct Curve<'a> {
     name: &'a str,
     colour: usize,
     line: bool,
-    dashed: bool,
+    thin: bool,
+    /// Dash and gap, px.
+    dash: Option<[u32; 2]>,
     marks: bool,
     /// Places of its columns.
     x: usize,
@@ -140,7 +142,7 @@ impl Columns {
             return None;
         }
         let mut series = Vec::with_capacity(chart.series.len());
-        for one in &chart.series {
+        for (one, dash) in chart.series.iter().zip(chart.dashes()) {
             let fewer;
             let points = if one.points.len() > MOST {
                 fewer = decimated(&one.points, MOST / 4);
@@ -153,7 +155,8 @@ impl Columns {
                 name: &one.name,
                 colour: one.colour,
                 line: one.style != Style::Marks,
-                dashed: one.style == Style::Dashed,
+                thin: one.style == Style::Dashed,
+                dash,
                 marks: matches!(one.style, Style::Marks | Style::Both),
                 x: self.add(&part(|point| point.0)),
                 y: self.add(&part(|point| point.1)),

@@ -5,6 +5,7 @@ pub mod least_squares;
 pub mod linear;
 pub mod noise;
 pub mod sinusoid;
+pub mod steady_state;
 
 /// Half of a two-sided 95 % interval in standard deviations: 97.5 % quantile of the normal
 /// distribution.

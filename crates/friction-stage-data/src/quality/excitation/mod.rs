@@ -22,6 +22,7 @@ use super::finding::{DataFinding, Severity};
 use crate::signals::{Recording, Signal};
 use friction_stage_core::model::{JointType, StageModel};
 use friction_stage_core::numerics::correlation::correlation_length;
+use friction_stage_core::numerics::steady_state::steady_from;
 
 pub use judgement::{Judgement, JudgementBasis, Obstacle, Subject};
 
@@ -164,20 +165,30 @@ pub struct HeldSpeed {
     pub force: f64,
     /// Standard deviation of this mean, N, from the scatter within the stretch.
     pub deviation: f64,
-    /// Length of the stretch, s.
+    /// Length of the stretch without the transient, s.
     pub duration_s: f64,
 }
 
-/// The stretches of a recording at held speeds, in the order of time; none where no force is
-/// recorded. The force of the acceleration, which is near 0 there, is part of the mean.
-pub fn held_speeds(recording: &Recording) -> Vec<HeldSpeed> {
+/// The stretches of a recording at held speeds.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct HeldSpeeds {
+    /// With a force that is steady after a transient, which is left out; in the order of time.
+    pub steady: Vec<HeldSpeed>,
+    /// How many others there are: their force drifts up to the end, as in presliding.
+    pub drifting: usize,
+}
+
+/// The stretches of a recording at held speeds; none where no force is recorded. The force of the
+/// acceleration, which is near 0 there, is part of the mean.
+pub fn held_speeds(recording: &Recording) -> HeldSpeeds {
     let examiner = Examiner::new(recording, None);
     let signal = match recording.has(Signal::ForceCell) {
         true => Signal::ForceCell,
         false => Signal::Force,
     };
+    let mut found = HeldSpeeds::default();
     if !recording.has(signal) {
-        return Vec::new();
+        return found;
     }
     let noise = examiner.encoder_noise().map_or(0.0, |n| n.present);
     let turn = smallest_turn(noise);
@@ -185,23 +196,30 @@ pub fn held_speeds(recording: &Recording) -> Vec<HeldSpeed> {
     let examiner = Examiner { half: examiner.half_base(noise, reversals), ..examiner };
     let held = examiner.held(&examiner.moments(turn), examiner.rest_speed(noise));
     let force = examiner.column(signal);
-    held.iter()
-        .filter_map(|stretch| {
-            let values: Vec<f64> =
-                force[stretch.rows.clone()].iter().copied().filter(|f| f.is_finite()).collect();
-            let count = values.len() as f64;
-            let mean = values.iter().sum::<f64>() / count;
-            let beside: Vec<f64> = values.iter().map(|f| f - mean).collect();
-            let squares: f64 = beside.iter().map(|f| f * f).sum();
-            let variance = squares / (count - 1.0) * correlation_length(&beside) / count;
-            (values.len() > 1).then(|| HeldSpeed {
-                velocity: stretch.velocity,
-                force: mean,
-                deviation: variance.sqrt(),
-                duration_s: stretch.time,
-            })
-        })
-        .collect()
+    for stretch in &held {
+        let values: Vec<f64> =
+            force[stretch.rows.clone()].iter().copied().filter(|f| f.is_finite()).collect();
+        if values.len() < 2 {
+            continue;
+        }
+        let Some(from) = steady_from(&values) else {
+            found.drifting += 1;
+            continue;
+        };
+        let steady = &values[from..];
+        let count = steady.len() as f64;
+        let mean = steady.iter().sum::<f64>() / count;
+        let beside: Vec<f64> = steady.iter().map(|f| f - mean).collect();
+        let squares: f64 = beside.iter().map(|f| f * f).sum();
+        let variance = squares / (count - 1.0) * correlation_length(&beside) / count;
+        found.steady.push(HeldSpeed {
+            velocity: stretch.velocity,
+            force: mean,
+            deviation: variance.sqrt(),
+            duration_s: stretch.time * count / values.len() as f64,
+        });
+    }
+    found
 }
 
 /// A turn round by less than this, m, is noise of this standard deviation, m.
