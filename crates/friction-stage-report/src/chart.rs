@@ -91,6 +91,8 @@ pub struct Chart {
     pub zooms_with: Option<String>,
     /// Names in the place of the numbers 1, 2, ... of the abscissa; empty for numbers.
     pub x_names: Vec<String>,
+    /// What the abscissa of a drawing shows at least, points or not.
+    pub x_least: Option<(f64, f64)>,
 }
 
 /// Size of a figure, px.
@@ -160,6 +162,7 @@ impl Chart {
             labels: Vec::new(),
             zooms_with: None,
             x_names: Vec::new(),
+            x_least: None,
         }
     }
 
@@ -336,8 +339,12 @@ impl Chart {
             .flat_map(|series| &series.points)
             .filter(|point| self.shown(point))
             .map(part);
-        let (low, high) =
-            points.chain(lines).fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
+        let ends = self.x_least.filter(|_| axis == Axis::X).map(|(low, high)| [low, high]);
+        let ends = ends.into_iter().flatten().filter(|end| end.is_finite() && (!log || *end > 0.0));
+        let (low, high) = points
+            .chain(lines)
+            .chain(ends)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {
                 (low.min(value), high.max(value))
             });
         if axis == Axis::X && !self.x_names.is_empty() {
@@ -747,7 +754,8 @@ mod tests {
 
     #[test]
     fn a_line_that_lies_on_others_leaves_them_visible() {
-        let wave = |shift: f64| (0..500).map(move |k| (f64::from(k), (k as f64 / 50.0).sin() + shift));
+        let wave =
+            |shift: f64| (0..500).map(move |k| (f64::from(k), (k as f64 / 50.0).sin() + shift));
         let mut chart = Chart::new("lines", "time, s", "error, µm");
         chart.add("first", 0, Style::Line, wave(0.0));
         chart.add("apart", 1, Style::Line, wave(0.2));

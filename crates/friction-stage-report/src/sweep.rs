@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use crate::chart::{Chart, Style};
 use crate::figure::{FigureError, svg};
 use crate::words::{fixed, guide_label, in_line};
+use friction_stage_core::numerics::range;
 use friction_stage_lab::{
     MotionQuality, NumberedPlan as _, PointSummary, SETTLING_BANDS, SweepPlan, SweepQuantiles,
     SweepSummary, SweepValue, sweep_unit,
@@ -212,6 +213,13 @@ pub fn sweep_figure<E: From<FigureError>>(
         });
         let values: Vec<&SweepValue> = points.iter().map(|(values, _)| &values[index]).collect();
         let logarithmic = axis.is_numeric() && spans_decades(&values);
+        // Points that never settle have their place, too.
+        let ends = values
+            .iter()
+            .map(|value| place(value))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high): (f64, f64), at| {
+                (low.min(at), high.max(at))
+            });
         for Quantity { name, unit: of_quantity, of } in QUANTITIES {
             let never = points.iter().filter(|(_, quality)| of(quality).is_none()).count();
             let title = format!("{name} over {}", axis.key);
@@ -220,9 +228,12 @@ pub fn sweep_figure<E: From<FigureError>>(
                 _ => format!("{title} ({never} of {} points never do)", points.len()),
             };
             let ordinate = format!("{name}, {}", plan.model.joint.unit(of_quantity));
+            let numbers: Vec<f64> = points.iter().filter_map(|(_, quality)| of(quality)).collect();
             let mut chart = Chart::new(upper(&title), &label, ordinate)
-                .logarithmic(logarithmic, false)
+                .logarithmic(logarithmic, spans_decades(&numbers))
                 .named(labels.clone());
+            // Points that never settle have their place, too.
+            chart.x_least = Some(range(&places));
             // Between names there is nothing.
             let single_curve = plan.samples == 1 && plan.axes.len() <= 2 && axis.is_numeric();
             let style = if single_curve { Style::Both } else { Style::Marks };
@@ -297,10 +308,8 @@ fn names_of(points: &[(Vec<SweepValue>, MotionQuality)], index: usize) -> Vec<St
 }
 
 /// Whether numbers are better seen over a logarithmic axis.
-fn spans_decades(values: &[&SweepValue]) -> bool {
-    let numbers = || values.iter().filter_map(|value| value.number());
-    let least = numbers().fold(f64::INFINITY, f64::min);
-    let most = numbers().fold(0.0, f64::max);
+fn spans_decades(numbers: &[f64]) -> bool {
+    let (least, most) = range(numbers);
     least > 0.0 && most / least > 30.0
 }
 

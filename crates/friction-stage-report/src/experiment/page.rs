@@ -444,15 +444,18 @@ impl<'a> Report<'a> {
              With the amplitude the resonance falls and its damping grows.",
         );
         let pi2 = 2.0 * std::f64::consts::PI;
-        let mut prediction = Table::new(&[
+        let mut columns = vec![
             ("guide", Left),
             ("force, N", Right),
             ("amplitude, µm", Right),
             ("resonance, Hz", Right),
-            ("from the loops, Hz", Right),
             ("damping ratio", Right),
-            ("hysteresis, from the loops", Right),
-        ]);
+        ];
+        let has_loops = !self.summary.results.dahl.is_empty();
+        if has_loops {
+            columns.extend([("from the loops, Hz", Right), ("hysteresis, from the loops", Right)]);
+        }
+        let mut measured = Table::new(&columns);
         for (index, response) in all.iter().enumerate() {
             let mut chart = Chart::new(
                 format!("Compliance: {}", guide_label(&response.name)),
@@ -537,23 +540,26 @@ impl<'a> Report<'a> {
                         between(pair[0].damping.value, pair[1].damping.value),
                     ))
                 });
-                prediction.row([
+                // A row takes as many cells as the table has columns.
+                measured.row([
                     Cell::text(guide_label(&response.name)),
                     Cell::number(level.force, 2),
                     Cell::maybe(level.resonance.map(|r| 1e6 * r.amplitude), 2),
                     Cell::maybe(level.resonance.map(|r| r.frequency), 2),
-                    Cell::maybe(predicted.map(|p| p.0), 2),
                     Cell::maybe(level.resonance.map(|r| r.damping), 3),
+                    Cell::maybe(predicted.map(|p| p.0), 2),
                     Cell::maybe(predicted.map(|p| p.1), 3),
                 ]);
             }
         }
-        self.page.table(&prediction);
-        self.page.text(
+        self.page.table(&measured);
+        self.page.text(if has_loops {
             "The slow loops show hysteresis only. At the resonance the bristle damping \u{3c3}1 \
              adds to it, which is the larger part at small amplitudes. A dash: the stage has \
-             broken away and has no spring left, or no loops were measured.",
-        );
+             broken away and has no spring left, or no loops of its guide were measured."
+        } else {
+            "A dash: the stage has broken away and has no spring left."
+        });
         Ok(())
     }
 
@@ -767,14 +773,21 @@ impl<'a> Report<'a> {
                 "Error at rest, {} Hz, integral gain \u{d7} {}",
                 all[0].results[softest].bandwidth, all[0].results[softest].integral
             ),
-            "time, s",
+            "time after the step, s",
             "position error, mm",
         );
         for (colour, hunting) in all.iter().enumerate() {
-            let points = hunting.results[softest].points.iter().map(|(t, e)| (*t, 1e3 * e));
-            chart.add(guide_label(&hunting.name), colour, Style::Line, points);
+            let points = &hunting.results[softest].points;
+            // What is judged; the way to the target before would hide a cycle.
+            let judged = points[points.len() / 2..].iter().map(|(t, e)| (*t, 1e3 * e));
+            chart.add(guide_label(&hunting.name), colour, Style::Line, judged);
         }
-        self.figure("hunting", &chart, "Position error with the softest controller.")
+        self.figure(
+            "hunting",
+            &chart,
+            "Position error with the softest controller, in the last half of the rest, by which it \
+             is judged.",
+        )
     }
 
     fn rig(&mut self) -> Result<(), ReportError> {
