@@ -211,15 +211,8 @@ pub fn sweep_figure<E: From<FigureError>>(
         let other = plan.axes.iter().enumerate().find(|(at, other)| {
             *at != index && !other.is_drawn() && (2..=COLOURS).contains(&other.count())
         });
-        let values: Vec<&SweepValue> = points.iter().map(|(values, _)| &values[index]).collect();
-        let logarithmic = axis.is_numeric() && spans_decades(&values);
-        // Points that never settle have their place, too.
-        let ends = values
-            .iter()
-            .map(|value| place(value))
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high): (f64, f64), at| {
-                (low.min(at), high.max(at))
-            });
+        let places: Vec<f64> = points.iter().map(|(values, _)| place(&values[index])).collect();
+        let logarithmic = axis.is_numeric() && spans_decades(&places);
         for Quantity { name, unit: of_quantity, of } in QUANTITIES {
             let never = points.iter().filter(|(_, quality)| of(quality).is_none()).count();
             let title = format!("{name} over {}", axis.key);
