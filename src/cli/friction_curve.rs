@@ -26,7 +26,8 @@ use friction_stage_report::friction_curve::{
 /// force that does not turn round with the motion. Intervals are of 95 % and hold what the runs
 /// scatter among each other. Takes rosbag2 directories and their files and tables, as `check` does.
 ///
-/// Exit code: 0 done; 3 recordings without a held speed were left out; 1 failed.
+/// Exit code: 0 done; 3 recordings without a held speed were left out, or the curve drives the motion
+/// instead of resisting it; 1 failed.
 #[derive(Debug, Clone, Args)]
 #[command(
     after_help = "Examples:\n  friction-stage friction-curve speeds/*.csv --mapping drive.yaml\n  \
@@ -44,7 +45,7 @@ pub struct FrictionCurveArgs {
     pub magnitude: bool,
     #[command(flatten)]
     pub part: PartArgs,
-    /// Draw the points and the curve into this SVG file; one that exists is replaced
+    /// Draw the points and the curve into this SVG file
     #[arg(long, value_name = "FILE")]
     pub figure: Option<PathBuf>,
     /// Replace the file of --figure
@@ -113,5 +114,5 @@ pub fn run(args: &FrictionCurveArgs, out: &mut dyn Write) -> anyhow::Result<Outc
             writeln!(out, "figure: {}", path.display())?;
         }
     }
-    Ok(Outcome::warned(!found.left_out.is_empty()))
+    Ok(Outcome::warned(!found.left_out.is_empty() || !found.curve.resists()))
 }

@@ -462,6 +462,12 @@ fn what_the_file_does_not_say_is_to_be_checked() {
     let recording = load(&file.path, Some(&Mapping::from_yaml(&yaml, "proposed").unwrap()));
     assert!(yaml.contains("current: {"), "{yaml}");
     assert_eq!(recording.unwrap().quality.notes, [SignalNote::NoForceConstant]);
+    // A bag of forces is not made of it.
+    let mapping = Mapping::from_yaml(&yaml, "proposed").unwrap();
+    let out = file.path.with_file_name("bag");
+    let error = import(&file.path, &mapping, &yaml, &out, &mut |_| ()).unwrap_err().to_string();
+    assert!(error.contains("signals.current") && error.contains("per A"), "{error}");
+    assert!(!out.exists());
     // Without names the one that moves like a position is.
     let (proposal, _) = proposed("t.csv", &rows);
     let found = proposal.signals.iter().find(|found| found.signal == Signal::Position);

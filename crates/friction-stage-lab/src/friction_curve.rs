@@ -148,9 +148,9 @@ fn best_fall(points: &[CurvePoint], shape: Shape, scatter: f64) -> Option<(Shape
         let velocity = slowest * (fastest / slowest).powf(k as f64 / count as f64);
         let shape = Shape { stribeck_velocity: Some(velocity), ..shape };
         let fit = solve(points, shape, scatter)?;
-        // A friction that rises there is no Stribeck curve.
+        // A friction that rises there is no Stribeck curve, and one that drives is none at all.
         let falls = fit.values.as_slice().last().is_some_and(|excess| *excess > 0.0);
-        falls.then_some((shape, fit))
+        (falls && fit.values[0] > 0.0).then_some((shape, fit))
     });
     tried.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
 }
@@ -263,6 +263,13 @@ fn conclude(
 }
 
 impl FrictionCurve {
+    /// Whether it resists the motion: Coulomb friction and, within its interval, viscous friction
+    /// are not negative.
+    pub fn resists(&self) -> bool {
+        self.coulomb_force.value > 0.0
+            && self.viscous_friction.is_none_or(|viscous| viscous.ci95[1] >= 0.0)
+    }
+
     /// Force at a velocity, N.
     pub fn force(&self, velocity: f64) -> f64 {
         let direction = velocity.signum();

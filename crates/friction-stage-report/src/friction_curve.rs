@@ -119,6 +119,10 @@ pub fn curve_text(found: &CurveOfRuns) -> String {
         text +=
             &format!("{} {stretches} left out: the force drifts up to the end\n", found.drifting);
     }
+    if !curve.resists() {
+        text += "warning: this friction drives the motion instead of resisting it: check signs and \
+                 units of the mapping, and whether the speeds are held long enough\n";
+    }
     for path in &found.left_out {
         text += &format!("warning: {} holds no speed: left out\n", path.display());
     }

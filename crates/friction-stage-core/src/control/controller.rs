@@ -287,7 +287,7 @@ impl Controller {
         }
     }
 
-    /// New settings while running; the rate stays. Memory of integrator and lowpass is kept.
+    /// New settings while running; the rate stays. What integrator and lowpass hold is kept.
     pub fn retune(&mut self, settings: ControllerSettings) -> Result<(), ControllerError> {
         settings.check()?;
         if settings.rate != self.settings.rate {

@@ -10,8 +10,11 @@ use nalgebra::Complex;
 pub struct Lowpass {
     input_gain: f64,
     feedback: [f64; 2],
-    /// Transposed direct form II memory.
+    /// Transposed direct form II memory. It depends on the coefficients.
     memory: [f64; 2],
+    /// The last two inputs and outputs, newest first. They do not.
+    inputs: [f64; 2],
+    outputs: [f64; 2],
 }
 
 impl Lowpass {
@@ -23,6 +26,8 @@ impl Lowpass {
             input_gain: k * k * norm,
             feedback: [2.0 * (k * k - 1.0) * norm, (1.0 - 2.0 * damping * k + k * k) * norm],
             memory: [0.0; 2],
+            inputs: [0.0; 2],
+            outputs: [0.0; 2],
         }
     }
 
@@ -33,17 +38,27 @@ impl Lowpass {
         let output = scaled + self.memory[0];
         self.memory[0] = 2.0 * scaled - self.feedback[0] * output + self.memory[1];
         self.memory[1] = scaled - self.feedback[1] * output;
+        self.inputs = [input, self.inputs[0]];
+        self.outputs = [output, self.outputs[0]];
         output
     }
 
-    /// Keeps the memory, changes the coefficients to those of `other`.
+    /// Changes the coefficients to those of `other`, whose memory does not count. What was filtered
+    /// so far keeps its place: a constant stays one, however often this is done.
     pub fn retune(&mut self, other: &Lowpass) {
         (self.input_gain, self.feedback) = (other.input_gain, other.feedback);
+        let ([input, before], [output, output_before]) = (self.inputs, self.outputs);
+        let [first, second] = self.feedback;
+        // What the memory would be with these inputs and outputs (direct form I).
+        self.memory = [
+            self.input_gain * (2.0 * input + before) - first * output - second * output_before,
+            self.input_gain * input - second * output,
+        ];
     }
 
     /// Forgets all inputs.
     pub fn reset(&mut self) {
-        self.memory = [0.0; 2];
+        (self.memory, self.inputs, self.outputs) = ([0.0; 2], [0.0; 2], [0.0; 2]);
     }
 
     /// Transfer function as sampled, at `z` = exp(j w T).
@@ -93,6 +108,29 @@ mod tests {
         // At its own frequency the prewarped filter is the continuous one: -j / (2 zeta).
         let found = Lowpass::new(360.0, 0.6, 4000.0).transfer(at(360.0));
         assert!((found - Complex::new(0.0, -1.0 / 1.2)).norm() < 1e-12, "{found}");
+    }
+
+    #[test]
+    fn new_coefficients_leave_a_constant_and_the_own_ones_all_as_it_is() {
+        let new = |frequency: f64| Lowpass::new(frequency, std::f64::consts::FRAC_1_SQRT_2, 4000.0);
+        let mut lowpass = new(360.0);
+        let settled = (0..4000).map(|_| lowpass.filter(-6.0)).last().unwrap();
+        assert!((settled + 6.0).abs() < 1e-9, "{settled}");
+        for k in 0..400 {
+            lowpass.retune(&new([180.0, 90.0, 360.0, 500.0][k % 4]));
+            for _ in 0..k % 5 {
+                let output = lowpass.filter(-6.0);
+                assert!((output + 6.0).abs() < 1e-9, "{output} after {k} changes");
+            }
+        }
+        // The same coefficients change nothing, whatever goes through.
+        let (mut kept, mut retuned) = (new(360.0), new(360.0));
+        for k in 0..1000 {
+            let input = (0.3 * f64::from(k)).sin() + f64::from(k % 7);
+            retuned.retune(&new(360.0));
+            let (expected, found) = (kept.filter(input), retuned.filter(input));
+            assert!((found - expected).abs() < 1e-9, "{found}, {expected}");
+        }
     }
 
     #[test]

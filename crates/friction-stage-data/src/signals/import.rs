@@ -187,6 +187,16 @@ impl<'a> Import<'a> {
         mapping: &Mapping,
         mapping_text: &'a str,
     ) -> Result<Import<'a>, SignalError> {
+        // Forces in a bag are in N, and nobody asks again.
+        if mapping.without_force_constant {
+            return Err(SignalError::Mapping {
+                origin: path.display().to_string(),
+                key: "signals.current".into(),
+                reason: "a bag holds forces: give the `scale`, N (or N m) per A; 1 if amperes are \
+                         to count as the force"
+                    .into(),
+            });
+        }
         let joined = mapping
             .join
             .iter()

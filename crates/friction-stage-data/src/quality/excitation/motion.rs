@@ -7,6 +7,9 @@ use crate::signals::Signal;
 
 /// Shortest stretch of one speed, and of rest, s. Assumed.
 const SHORTEST_STRETCH: f64 = 0.05;
+/// Travel after a turn, m or rad, in which bristles are loaded and no speed counts as held. Assumed:
+/// more than twice the break-away distance of the article's guides, 40 µm.
+const LOADING: f64 = 1e-4;
 /// Moments, at least, for which a speed is held: a few are alike in any slow motion. Assumed.
 const HELD_MOMENTS: usize = 10;
 /// Speeds within this ratio are the same. Assumed.
@@ -157,7 +160,7 @@ impl Examiner<'_> {
         while from < moments.len() {
             let start = &moments[from];
             // A rest is none, and a long one not to be walked again from each of its moments.
-            if start.velocity.abs() <= 3.0 * rest_speed {
+            if start.velocity.abs() <= 3.0 * rest_speed || start.since_turn < LOADING {
                 from += 1;
                 continue;
             }
