@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Plays a trajectory file to a running stage, with nothing but rclpy: play_trajectory.py next_experiment.yaml [TOPIC]
 
-The same as: ros2 topic pub --once /stage/setpoint trajectory_msgs/msg/JointTrajectory "$(cat next_experiment.yaml)"
+The same as: ros2 topic pub --once -w 2 /stage/setpoint trajectory_msgs/msg/JointTrajectory "$(cat next_experiment.yaml)"
 """
 
 import sys
