@@ -9,6 +9,8 @@ use std::path::Path;
 
 use crate::words::{Words, effect_phrases, in_prefix, short};
 use friction_stage_core::model::JointType;
+use friction_stage_core::plant::EffectDescriptor;
+use friction_stage_core::plant::effects::ParameterKind;
 use friction_stage_identify::{Change, Identification, Records, Summary, in_digits, taking_part};
 
 pub use figures::{FigureGroup, IdentificationFigure, identification_figures};
@@ -31,6 +33,16 @@ fn travel(value: Option<f64>, joint: JointType) -> String {
     value.map_or_else(|| "-".to_owned(), |value| in_prefix(value, &joint.unit("m")))
 }
 
+/// The word for the value of an effect's parameter, where it is a choice and no number.
+fn chosen(effect: &str, parameter: &str, value: f64) -> Option<&'static str> {
+    let known = EffectDescriptor::find(effect).ok()?;
+    let known = known.parameters.iter().find(|known| known.name == parameter)?;
+    match known.kind {
+        ParameterKind::Choice(names) => names.get(value as usize).copied(),
+        _ => None,
+    }
+}
+
 /// The verdict with its numbers, as text for a person; ends with the path of the page.
 pub fn identification_text(summary: &Summary, page: &Path) -> String {
     let joint = summary.joint;
@@ -45,6 +57,10 @@ pub fn identification_text(summary: &Summary, page: &Path) -> String {
         let _ = writeln!(out, "  {} ({} side)", effect.name, effect.side);
         for name in taking_part(effect) {
             let Some(parameter) = effect.parameters.get(name) else { continue };
+            if let Some(word) = chosen(&effect.name, name, parameter.value) {
+                let _ = writeln!(out, "    {name:18} {word}");
+                continue;
+            }
             let digits = |value: f64| in_digits(value, parameter.ci95);
             let interval = parameter.ci95.map_or_else(String::new, |[low, high]| {
                 format!("  95 %: {} to {}", digits(low), digits(high))

@@ -1,13 +1,12 @@
 //! The report of an identification as one page.
 
 use super::figures::{FigureGroup, IdentificationFigure};
-use super::travel;
+use super::{chosen, travel};
 use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
 use crate::words::{effect_phrases, four_digits, short, times_noise};
 use friction_stage_core::model::{CurveSide, JointType, StageModel};
 use friction_stage_core::plant::EffectDescriptor;
-use friction_stage_core::plant::effects::ParameterKind;
 use friction_stage_identify::{
     Evidence, Hypothesis, Identification, Inseparable, LEFT_AT_MOST, NextExperiment,
     NominalParameter, Outcome, Record, Records, Selection, Summary, Tolerances, Verdict, in_digits,
@@ -366,22 +365,11 @@ fn effects(page: &mut Page, selection: &Selection, summary: &Summary) {
         ]);
         for name in taking_part(effect) {
             let Some(parameter) = effect.parameters.get(name) else { continue };
-            // A choice is a word and no number.
-            let kind = descriptor.and_then(|descriptor| {
-                descriptor
-                    .parameters
-                    .iter()
-                    .find(|known| known.name == name)
-                    .map(|known| known.kind)
-            });
-            let chosen = match kind {
-                Some(ParameterKind::Choice(names)) => names.get(parameter.value as usize),
-                _ => None,
-            };
+            let chosen = chosen(&effect.name, name, parameter.value);
             let value = in_digits(parameter.value, parameter.ci95);
             table.row([
                 Cell::code(name),
-                Cell::text(chosen.map_or(value, |word| (*word).to_owned())),
+                Cell::text(chosen.map_or(value, str::to_owned)),
                 Cell::text(if chosen.is_some() { "" } else { &parameter.unit }),
                 Cell::text(interval(parameter.ci95)),
             ]);
