@@ -271,7 +271,15 @@ impl Played {
             }
             (None, None) => 1,
         };
-        let trace = Trace::from_reader(&reader)?;
+        let mut trace = Trace::from_reader(&reader)?;
+        let recording = load(&args.bag, None);
+        // Forces as they acted: where time did not wait for them, some came late.
+        if provenance.as_ref().is_some_and(Provenance::is_of_forces_in_real_time)
+            && let Ok(recording) = &recording
+            && recording.trace.force.len() == trace.force.len()
+        {
+            trace.force.clone_from(&recording.trace.force);
+        }
         let rates = match &provenance {
             Some(provenance) => {
                 let rate = |key: &str| -> anyhow::Result<f64> {
@@ -296,7 +304,7 @@ impl Played {
             }
         };
         Ok(Played {
-            recording: load(&args.bag, None),
+            recording,
             is_damaged: !reader.verify_checksums()?.is_empty(),
             // Of a stage of ours it is that of a new one.
             start: provenance.is_none().then(|| start(&trace)).flatten(),

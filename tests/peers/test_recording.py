@@ -11,6 +11,7 @@ from rclpy.node import Node
 from ros import Ros, nanoseconds, rest
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
+from test_crashes import friction_stage
 
 RATE = 1000.0
 # With noise and quantisation, from a seed; time stands still until the first command, so that every sample is answered.
@@ -146,6 +147,41 @@ def test_time_does_not_wait_for_states_that_no_longer_come(ros, start, tmp_path)
     ros.until(lambda: answered[-1] > told[-1] + silence, "samples without states")
     process.stop(expected=(0, 3))
     assert "time no longer waits for it" in process.log()
+
+
+def test_forces_that_come_late_in_real_time_are_replayed_as_they_acted(ros, stage, tmp_path):
+    bag, period = tmp_path / "bag", 2_000_000
+    process = stage(mode="realtime", control_rate=1e9 / period, seed=7, record=bag)
+    force = ros.publisher("/stage/force")
+    waiting: list[JointState] = []
+    answered = 0
+
+    def answer(sample: JointState) -> None:
+        nonlocal answered
+        waiting.append(sample)
+        # By turns at once and 10 samples late.
+        late = 10 if (answered // 50) % 2 else 0
+        while len(waiting) > late:
+            message = WrenchStamped(header=waiting.pop(0).header)
+            time = answered * period * 1e-9
+            message.wrench.force.x = 100.0 * math.sin(2.0 * math.pi * 2.0 * time)
+            force.publish(message)
+            answered += 1
+
+    ros.node.create_subscription(JointState, "/stage/encoder", answer, 100)
+    ros.until(lambda: answered > 1000, "1000 answers", timeout=60.0)
+    process.stop()
+
+    recorded = bags.with_rosbags(bag)
+    forces = {t: m.wrench.force.x for t, m in bags.by_stamp(recorded["/stage/force"]).items()}
+    # What acted in the interval that ends at a sample.
+    acted = {t: m.motor_force for t, m in bags.by_stamp(recorded["/stage/state"]).items()}
+    late = sum(acted.get(t + period) != value for t, value in forces.items())
+    assert late > 300, f"{late} of {len(forces)} forces were late"
+    report = friction_stage("replay", bag, code=0)
+    assert report["identical"] == report["samples"], report
+    # By the stamps it would be several N.
+    assert report["missing_force_rms_n"] < 0.5, report
 
 
 def test_the_record_service_starts_and_ends_a_bag(ros, stage, tmp_path):

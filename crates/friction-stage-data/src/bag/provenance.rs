@@ -32,8 +32,19 @@ impl Provenance {
     /// Whether it is a run in lockstep of a stage that forces drive: they lead to the same samples
     /// again.
     pub fn is_of_lockstep(&self) -> bool {
+        self.is_of("lockstep")
+    }
+
+    /// Whether it is a run in real time of a stage that forces drive: one that comes late acts
+    /// later than its stamp says.
+    pub fn is_of_forces_in_real_time(&self) -> bool {
+        self.is_of("realtime")
+    }
+
+    /// Whether it is a run in this mode of a stage that forces drive.
+    fn is_of(&self, mode: &str) -> bool {
         let is = |key: &str, value: &str| self.extra.get(key).is_some_and(|found| found == value);
-        is("mode", "lockstep") && is("drive", "force")
+        is("mode", mode) && is("drive", "force")
     }
 
     pub(crate) fn to_map(&self) -> BTreeMap<String, String> {

@@ -12,6 +12,8 @@ pub const FORCE: &str = "/stage/force";
 pub const JOINT_COMMANDS: &str = "/stage/joint_commands";
 /// Setpoint, `trajectory_msgs/JointTrajectory`.
 pub const SETPOINT: &str = "/stage/setpoint";
+/// State of the stage with the force that acted, `friction_stage_msgs/StageState`.
+pub const STATE: &str = "/stage/state";
 /// What the controller adds up, `friction_stage_msgs/ControllerState`.
 pub const CONTROLLER_STATE: &str = "/controller/state";
 /// Name of the joint in every message.

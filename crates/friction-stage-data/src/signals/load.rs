@@ -419,7 +419,12 @@ impl Loading {
         trace: &mut Trace,
         quality: &mut Vec<SignalQuality>,
     ) -> Result<(), SignalError> {
-        let Ordered { stamps, mut values, quality: found } = order(stream)?;
+        let ends_interval = stream.ends_interval;
+        let Ordered { mut stamps, mut values, quality: found } = order(stream)?;
+        if ends_interval {
+            let step = grid.step_ns.round() as i64;
+            stamps.iter_mut().for_each(|stamp| *stamp = stamp.saturating_sub(step));
+        }
         for (index, mut found) in found.into_iter().enumerate() {
             let raw = std::mem::take(&mut values[index]);
             let Placed { column, filled, apart } =

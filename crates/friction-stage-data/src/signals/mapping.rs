@@ -46,7 +46,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::bag::topics;
+use crate::bag::{Provenance, topics};
 use friction_stage_core::model::JointType;
 
 /// A signal of the stage; SI units, positive along +x. Units are those of a prismatic joint, see
@@ -107,6 +107,8 @@ impl fmt::Display for Signal {
 pub enum Stamp {
     /// That of the header, if the messages have one and it is filled; else that of the recorder.
     Auto,
+    /// The same, of a value that acted over the time of a row before it.
+    IntervalEnd,
     /// When it was recorded.
     LogTime,
     /// When it was sent.
@@ -288,15 +290,20 @@ impl Mapping {
     /// The topics of our own bags. The command is looked for where any of our inputs takes it; the
     /// reference of a row is the setpoint, or what the controller says it made of one.
     ///
-    /// `by_stage`: the stage itself recorded it, so that the log time of a joint command is that of
-    /// the sample which it answered. `namespace`: that of the nodes, empty without one.
-    pub fn own_bag(by_stage: bool, namespace: &str) -> Self {
+    /// `recorder`: what the stage that recorded it says of the run, if it did. Then the log time of
+    /// a joint command is that of the sample which it answered; and where time did not wait for the
+    /// answer, the force of a row is the one that acted, which comes with the state of the stage.
+    /// `namespace`: that of the nodes, empty without one.
+    pub fn own_bag(recorder: Option<&Provenance>, namespace: &str) -> Self {
         let at = |topic: &str, field: &str, stamp: Stamp| {
             let topic = format!("{namespace}{topic}");
             SignalSource::plain(Place::Topic { topic, field: field.into(), stamp })
         };
         let from = |topic: &str, field: &str| at(topic, field, Stamp::Auto);
-        let taken = if by_stage { Stamp::LogTime } else { Stamp::Auto };
+        let taken = if recorder.is_some() { Stamp::LogTime } else { Stamp::Auto };
+        let acted = recorder
+            .is_some_and(Provenance::is_of_forces_in_real_time)
+            .then(|| at(topics::STATE, "motor_force", Stamp::IntervalEnd));
         let reference = |point: &str, state: &str| {
             vec![
                 from(topics::SETPOINT, &format!("points[only].{point}[joint]")),
@@ -314,12 +321,15 @@ impl Mapping {
             ),
             (
                 Signal::Force,
-                vec![
-                    from(topics::FORCE, "wrench.force.x"),
-                    at(topics::JOINT_COMMANDS, "effort[joint]", taken),
-                    from("/stage/commands", "data[0]"),
-                    from(topics::CONTROLLER_STATE, "output"),
-                ],
+                acted
+                    .into_iter()
+                    .chain([
+                        from(topics::FORCE, "wrench.force.x"),
+                        at(topics::JOINT_COMMANDS, "effort[joint]", taken),
+                        from("/stage/commands", "data[0]"),
+                        from(topics::CONTROLLER_STATE, "output"),
+                    ])
+                    .collect(),
             ),
             (Signal::ReferencePosition, reference("positions", "reference_position")),
             (Signal::ReferenceVelocity, reference("velocities", "reference_velocity")),

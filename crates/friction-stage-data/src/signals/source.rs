@@ -12,7 +12,7 @@ use super::csv_table::CsvFile;
 use super::data_quality::SignalNote;
 use super::error::SignalError;
 use super::import::joint_type;
-use super::mapping::{Mapping, Place, Signal, SignalSource};
+use super::mapping::{Mapping, Place, Signal, SignalSource, Stamp};
 use super::topic_source::read_bag;
 use super::window::{Side, Span};
 use crate::bag::BagReader;
@@ -34,6 +34,8 @@ pub(crate) struct Stream {
     pub stamps: Vec<i64>,
     /// Values of each signal, SI; NaN where a message has none.
     pub values: Vec<Vec<f64>>,
+    /// Whether the values acted over the time of a row before their stamps.
+    pub ends_interval: bool,
     /// What a user should know about how they were read.
     pub notes: Vec<SignalNote>,
     /// Which samples are wanted.
@@ -78,7 +80,7 @@ impl Source<'_> {
         let reader = BagReader::open(path)?;
         let own = || Mapping {
             joint_type: joint_type(&reader),
-            ..Mapping::own_bag(reader.provenance().is_some(), reader.namespace())
+            ..Mapping::own_bag(reader.provenance(), reader.namespace())
         };
         let mapping = mapping.cloned().unwrap_or_else(own);
         Ok((Self::Bag(reader), mapping))
@@ -149,6 +151,9 @@ impl Stream {
             places: request.signals.iter().map(|(_, source)| source.place.to_string()).collect(),
             stamps: Vec::with_capacity(expected),
             values: request.signals.iter().map(|_| Vec::with_capacity(expected)).collect(),
+            ends_interval: request.signals.iter().any(|(_, source)| {
+                matches!(&source.place, Place::Topic { stamp: Stamp::IntervalEnd, .. })
+            }),
             notes: Vec::new(),
             held: span.is_of_others(),
             span,

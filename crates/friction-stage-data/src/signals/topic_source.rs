@@ -99,7 +99,7 @@ impl Extraction {
                 let layout =
                     layout(topic, &fields).map_err(|reason| unknown(Some(topic), reason))?;
                 let (path, publish_time, automatic) = match stamp {
-                    Stamp::Auto => match layout.path("header.stamp") {
+                    Stamp::Auto | Stamp::IntervalEnd => match layout.path("header.stamp") {
                         Ok(path) => (Some(path), false, true),
                         Err(_) => (None, false, false),
                     },
