@@ -125,6 +125,16 @@ fn a_measured_loop_is_shown_next_to_that_of_the_model() {
     let text = String::from_utf8(run.stdout).unwrap();
     assert!(text.contains("tuned controller on the measured stage"), "{text}");
 
+    assert!(!text.contains("is not the measured stage"), "{text}");
+    let heavier = StageModel { mass: 2.5 * model.mass, ..model };
+    let other = directory.path().join("heavier.yaml");
+    std::fs::write(&other, heavier.to_yaml().unwrap()).unwrap();
+    let arguments = [other.to_str().unwrap(), "--variants", "1", "--measured", path];
+    let run = tune(&arguments, &directory.path().join("of_another"));
+    assert_eq!(run.status.code(), Some(3), "{run:?}");
+    let text = String::from_utf8(run.stdout).unwrap() + &String::from_utf8(run.stderr).unwrap();
+    assert!(text.contains("the model is not the measured stage"), "{text}");
+
     let bad = directory.path().join("bad.json");
     let text = measured.to_json().unwrap().replace("\"rate\": 4000.0", "\"rate\": 8000.0");
     for (text, told) in [

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::finding::{BoundSide, FigureOfMerit, IdentifyFinding, RecordSide};
 use crate::fit::Estimate;
 use crate::hypothesis::nominal_parameter::NominalParameter;
-use crate::hypothesis::{FreeParameter, ParameterId, Part};
+use crate::hypothesis::{FreeParameter, ParameterId};
 use crate::next_experiment::NextExperiment;
 use crate::record::measured::Measured;
 use crate::search::{Selection, Verdict};
@@ -240,15 +240,8 @@ impl Summary {
             .into_iter()
             .map(|one| (one.name().to_owned(), declared(estimate, one, train.rate)))
             .collect();
-        for (index, part) in
-            estimate.fitted.hypothesis.effects.iter().enumerate().take(declared_effects)
-        {
-            let alike = |other: &&Part| other.descriptor.name == part.descriptor.name;
-            let label =
-                match estimate.fitted.hypothesis.effects[..index].iter().filter(alike).count() {
-                    0 => part.descriptor.name.to_owned(),
-                    before => format!("{}_{}", part.descriptor.name, before + 1),
-                };
+        for index in 0..declared_effects {
+            let label = estimate.fitted.hypothesis.label(index);
             for (name, parameter) in parameters(estimate, index) {
                 declared_parameters.insert(format!("{label}.{name}"), parameter);
             }

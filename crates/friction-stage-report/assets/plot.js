@@ -87,14 +87,19 @@
     return [px, py];
   };
 
-  const short = (value) => {
+  // Digits with which values of this size are told apart at steps of that size: six, or more.
+  const digitsFor = (size, step) => (size > 0 && step > 0
+    ? Math.min(15, Math.max(6, Math.ceil(Math.log10(size / step)) + 1)) : 6);
+  // A value as the cursor reads it, of an axis that shows this much.
+  const short = (value, shown) => {
     if (value === 0) return "0";
     const size = Math.abs(value);
-    if (size >= 1e-3 && size < 1e6) return String(Number(value.toPrecision(6)));
+    const digits = digitsFor(size, 1e-3 * shown);
+    if (size >= 1e-3 && size < 1e6) return String(Number(value.toPrecision(digits)));
     return value.toExponential(4);
   };
-  const axisNumber = (value) => {
-    const text = String(+value.toPrecision(6));
+  const axisNumber = (value, digits = 6) => {
+    const text = String(+value.toPrecision(digits));
     return /^-?\d{6,}$/.test(text) || /^-?0\.0{3,}/.test(text) || /e/.test(text)
       ? Number(text).toExponential().replace("e+", "e") : text;
   };
@@ -265,7 +270,10 @@
       // One notation on an axis.
       const numbers = {
         values: (u, splits) => {
-          const texts = splits.map((v) => (v == null ? "" : axisNumber(v)));
+          const known = splits.filter((v) => v != null);
+          const size = Math.max(0, ...known.map(Math.abs));
+          const digits = digitsFor(size, known.length > 1 ? Math.abs(known[1] - known[0]) : 0);
+          const texts = splits.map((v) => (v == null ? "" : axisNumber(v, digits)));
           const larger = (a, v, k) => (Math.abs(v) > Math.abs(splits[a]) ? k : a);
           const largest = texts[splits.reduce(larger, 0)];
           if (!/e/.test(texts.join(""))) return texts;
@@ -433,7 +441,10 @@
     // Values of all curves at x, from all points and not only from those that are drawn.
     tell(x) {
       this.cursor = x;
-      this.at.textContent = x == null ? "" : `${short(x)} ${this.unit}`.trim();
+      const span = (name) => (this.chart[name].log || !this.u ? 0
+        : this.u.scales[name].max - this.u.scales[name].min);
+      const across = span("x"), high = span("y");
+      this.at.textContent = x == null ? "" : `${short(x, across)} ${this.unit}`.trim();
       const words = [];
       for (const curve of this.curves) {
         if (!curve.out) continue;
@@ -441,7 +452,7 @@
         if (x != null && curve.x.length > 0) {
           const value = curve.y[nearest(curve.x, x)];
           const inside = x >= curve.x[0] && x <= curve.x[curve.x.length - 1];
-          if (inside && Number.isFinite(value)) text = short(value);
+          if (inside && Number.isFinite(value)) text = short(value, high);
         }
         curve.out.textContent = text;
         if (curve.on && text !== "") words.push(`${curve.name} ${text}`);

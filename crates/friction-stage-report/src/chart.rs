@@ -124,15 +124,18 @@ const DECADES: i32 = 12;
 const DASH: [u32; 2] = [5, 4];
 /// Length of a dash with its gap where a line lies on others, px.
 const LONG_DASH: u32 = 18;
-/// A line lies on another where most of these points of it are no farther from it than this part of
-/// the height: two widths of a line.
-const COMPARED: usize = 200;
+/// A line lies on another where most of its length, seen at so many columns, is no farther from it
+/// than this part of the height: two widths of a line.
+const COMPARED: usize = 100;
 const NEAR: f64 = 0.012;
 /// Part of a band's colour.
 const BAND_OPACITY: f64 = 0.16;
 
 pub(crate) type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
+
+/// What an axis shows.
+type Span = std::ops::Range<f64>;
 
 /// Takes the part of a point that is along an axis.
 type PartOfPoint = fn(&(f64, f64)) -> f64;
@@ -224,7 +227,7 @@ impl Chart {
     /// Dash and gap of each line, px; none for a solid one. One that lies on earlier lines has gaps
     /// in which they are seen, the longer the more there are.
     pub(crate) fn dashes(&self) -> Vec<Option<[u32; 2]>> {
-        let height = self.range(Axis::Y);
+        let axes = (self.range(Axis::X), self.range(Axis::Y));
         let solid = |series: &Series| matches!(series.style, Style::Line | Style::Both);
         self.series
             .iter()
@@ -236,7 +239,7 @@ impl Chart {
                     let earlier = self.series[..index].iter().filter(|earlier| {
                         solid(earlier)
                             && earlier.colour != line.colour
-                            && self.lies_on(line, earlier, &height)
+                            && self.lies_on(line, earlier, &axes)
                     });
                     let below = earlier.count() as u32;
                     let dash = LONG_DASH / (below + 1);
@@ -246,8 +249,8 @@ impl Chart {
             .collect()
     }
 
-    /// Whether most of a line is where another one is.
-    fn lies_on(&self, line: &Series, other: &Series, height: &std::ops::Range<f64>) -> bool {
+    /// Whether most of the length of a line is where another one is.
+    fn lies_on(&self, line: &Series, other: &Series, (x_axis, y_axis): &(Span, Span)) -> bool {
         let rises = |series: &Series| series.points.is_sorted_by(|a, b| a.0 < b.0);
         let (Some(first), Some(last)) = (other.points.first(), other.points.last()) else {
             return false;
@@ -255,22 +258,31 @@ impl Chart {
         if !rises(line) || !rises(other) {
             return false;
         }
-        let step = line.points.len().div_ceil(COMPARED).max(1);
-        let compared = line.points.iter().step_by(step).filter(|point| self.shown(point));
-        let (mut near, mut count) = (0, 0);
-        for (x, y) in compared {
-            count += 1;
-            if *x < first.0 || *x > last.0 {
-                continue;
+        let at = |point: &(f64, f64)| {
+            (area_part(x_axis, point.0, self.x_log), area_part(y_axis, point.1, self.y_log))
+        };
+        let is_near = |point: &(f64, f64)| {
+            if point.0 < first.0 || point.0 > last.0 {
+                return false;
             }
-            let after = other.points.partition_point(|point| point.0 < *x);
+            let after = other.points.partition_point(|there| there.0 < point.0);
             let (right, left) = (other.points[after], other.points[after.saturating_sub(1)]);
-            let part = if right.0 > left.0 { (x - left.0) / (right.0 - left.0) } else { 0.0 };
-            let there = left.1 + part * (right.1 - left.1);
-            let at = |value: f64| area_part(height, value, self.y_log);
-            near += usize::from((at(*y) - at(there)).abs() <= NEAR);
+            let part = if right.0 > left.0 { (point.0 - left.0) / (right.0 - left.0) } else { 0.0 };
+            let there = (point.0, left.1 + part * (right.1 - left.1));
+            (at(point).1 - at(&there).1).abs() <= NEAR
+        };
+        let seen: Vec<(f64, f64)> = decimated(&line.points, COMPARED)
+            .into_iter()
+            .filter(|point| self.shown(point))
+            .collect();
+        let (mut near, mut length) = (0.0, 0.0);
+        for pair in seen.windows(2) {
+            let (from, to) = (at(&pair[0]), at(&pair[1]));
+            let piece = (to.0 - from.0).hypot(to.1 - from.1);
+            length += piece;
+            near += if is_near(&pair[0]) && is_near(&pair[1]) { piece } else { 0.0 };
         }
-        count > 1 && 5 * near >= 4 * count
+        near > 0.8 * length
     }
 
     /// The figure as an SVG document. Points that are not finite, or not positive on a logarithmic

@@ -103,6 +103,13 @@ impl MeasuredReport {
                 tuned.peak_sensitivity_db()
             ));
         }
+        if let Some((frequency, apart)) = self.apart() {
+            warnings.push(format!(
+                "at {frequency:.1} Hz measured and computed loop are {apart:.1} times as far apart as \
+                 the computed one is from -1: the model is not the measured stage, and its margins \
+                 are not those of that stage"
+            ));
+        }
         if self.comparison.measured.is_none() {
             warnings.push(format!(
                 "{}: fewer than three frequencies have a coherence above {COHERENT}: measure with \
@@ -111,6 +118,20 @@ impl MeasuredReport {
             ));
         }
         warnings
+    }
+
+    /// Where measured and computed loop differ most, Hz, and their difference over the distance of
+    /// the computed one from -1, if it is more than half: from one on the stability of one says
+    /// nothing of the other (Doyle, Stein, IEEE TAC 26, 1981).
+    fn apart(&self) -> Option<(f64, f64)> {
+        let compared = self.comparison.points.iter().filter(|point| point.counts());
+        compared
+            .map(|point| {
+                let apart = (point.measured.open_loop - point.model).norm();
+                (point.measured.frequency, apart / (point.model + 1.0).norm())
+            })
+            .filter(|(_, apart)| *apart > 0.5)
+            .max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// For a person.
@@ -210,7 +231,7 @@ impl MeasuredReport {
         phase.add("measured", 1, Style::Marks, of_stage);
         phase.line("-180°", Axis::Y, -180.0);
         for (name, chart) in [("measured_gain", gain), ("measured_phase", phase)] {
-            page.figure(&chart, "Marks on the line: the model is this stage.")?;
+            page.figure(&chart, "Where the marks lie on the line, the model is this stage.")?;
             figures.push((name.to_owned(), chart.svg()?));
         }
         let mut table = Table::new(&[

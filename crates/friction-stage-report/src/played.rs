@@ -151,9 +151,12 @@ pub fn played_figure(
     motion.add("reference", 4, Style::Dashed, over_time(|sample| sample.reference * 1e3));
     let mut force = Chart::new("Force command", label, "force, N");
     force.add("", 0, Style::Line, over_time(|sample| sample.force));
-    // Next to hundreds of newtons both would be one line.
-    let mut cell = Chart::new("Force cell less command", label, "difference, N");
-    cell.add("", 0, Style::Line, over_time(|sample| sample.force_cell - sample.force));
+    // Next to hundreds of newtons both would be one line. A sample's cell reads the force of the
+    // interval that ends there, which the sample before it commanded.
+    let mut cell = Chart::new("Force cell less the command that acted", label, "difference, N");
+    let acted =
+        samples.windows(2).map(|pair| (seconds(pair[1].time), pair[1].force_cell - pair[0].force));
+    cell.add("", 0, Style::Line, acted);
     if samples.iter().any(|sample| sample.saturated) {
         force.line("limit", Axis::Y, force_limits.1);
         force.line("", Axis::Y, force_limits.0);
@@ -162,10 +165,13 @@ pub fn played_figure(
     if samples.iter().any(|sample| sample.force_cell.is_finite()) {
         charts.push(cell);
     }
-    for (a_move, sizes) in slowest(moves, samples) {
+    for (number, a_move, sizes) in slowest(moves, samples) {
         let last = settled_at(&sizes).or(sizes.last().map(|point| point.0)).unwrap_or(0.0);
         let mut chart = Chart::new(
-            format!("Settling of the move to {}", in_prefix(a_move.target, "m")),
+            format!(
+                "Settling of move {number} to {}, one of the two slowest",
+                in_prefix(a_move.target, "m")
+            ),
             "time after the arrival of the reference, ms",
             "largest error still to come, µm",
         )
@@ -187,9 +193,9 @@ pub fn played_figure(
 /// A curve over the time after the arrival of a move's reference, ms.
 type Curve = Vec<(f64, f64)>;
 
-/// The two moves that settle last, those that never do before all others, in their order, and the
-/// largest error that is still to come on each.
-fn slowest<'a>(moves: &'a [Move], samples: &[PlayedSample]) -> Vec<(&'a Move, Curve)> {
+/// The two moves that settle last, those that never do before all others, in their order, each with
+/// its number from 1 on and the largest error that is still to come on it.
+fn slowest<'a>(moves: &'a [Move], samples: &[PlayedSample]) -> Vec<(usize, &'a Move, Curve)> {
     let sizes = |a_move: &Move| {
         let from = samples.partition_point(|sample| sample.time < a_move.start);
         // With its end the next one begins.
@@ -199,16 +205,17 @@ fn slowest<'a>(moves: &'a [Move], samples: &[PlayedSample]) -> Vec<(&'a Move, Cu
     };
     let mut all: Vec<_> = moves
         .iter()
-        .filter(|a_move| a_move.end > a_move.arrival)
-        .map(|a_move| {
+        .enumerate()
+        .filter(|(_, a_move)| a_move.end > a_move.arrival)
+        .map(|(index, a_move)| {
             let sizes = sizes(a_move);
-            (settled_at(&sizes).unwrap_or(f64::INFINITY), a_move, sizes)
+            (settled_at(&sizes).unwrap_or(f64::INFINITY), (index + 1, a_move, sizes))
         })
         .collect();
     all.sort_by(|a, b| b.0.total_cmp(&a.0));
     all.truncate(2);
-    all.sort_by_key(|(_, a_move, _)| a_move.start);
-    all.into_iter().map(|(_, a_move, sizes)| (a_move, sizes)).collect()
+    all.sort_by_key(|(_, (number, ..))| *number);
+    all.into_iter().map(|(_, found)| found).collect()
 }
 
 #[cfg(test)]
@@ -256,7 +263,7 @@ mod tests {
             })
             .collect();
         let figure = played_figure("run", &samples, &motion.moves, (-9.0, 9.0)).unwrap();
-        for words in ["Position error", "Force cell less command", "limit", "Settling of the move"]
+        for words in ["Position error", "Force cell less the command", "limit", "Settling of move"]
         {
             assert!(figure.contains(words), "{words}");
         }
@@ -291,8 +298,8 @@ mod tests {
             })
             .collect();
         let shown = slowest(&motion.moves, &samples);
-        let starts: Vec<i64> = shown.iter().map(|(a_move, _)| a_move.start).collect();
+        let starts: Vec<i64> = shown.iter().map(|(_, a_move, _)| a_move.start).collect();
         assert_eq!(starts, [motion.moves[1].start, motion.moves[3].start]);
-        assert_eq!(settled_at(&shown[1].1), None);
+        assert_eq!(settled_at(&shown[1].2), None);
     }
 }

@@ -228,7 +228,8 @@ pub fn sweep_figure<E: From<FigureError>>(
             // Points that never settle have their place, too.
             chart.x_least = Some(range(&places));
             // Between names there is nothing.
-            let single_curve = plan.samples == 1 && plan.axes.len() <= 2 && axis.is_numeric();
+            let apart = plan.axes.len() == 1 || plan.axes.len() == 2 && other.is_some();
+            let single_curve = plan.samples == 1 && apart && axis.is_numeric();
             let style = if single_curve { Style::Both } else { Style::Marks };
             let series: Vec<Option<SweepValue>> = match other {
                 None => vec![None],

@@ -382,7 +382,7 @@ pub fn tuning_page(
         (
             "open_loop_gain",
             gain,
-            "Guides hold the stage below their resonance. Dashed: the other controllers.",
+            "Guides hold the stage below their resonance. Thin and dashed: the other controllers.",
         ),
         (
             "open_loop_phase",
@@ -392,13 +392,13 @@ pub fn tuning_page(
         (
             "sensitivity",
             sensitivity,
-            "Below 6 dB the modulus margin is kept; dashed: the other controllers. What is below \
+            "Below 6 dB the modulus margin is kept; thin and dashed: the other controllers. What is below \
              -40 dB is left out.",
         ),
         (
             "process_sensitivity",
             process,
-            "Position over a force: small is stiff. Dashed: the other controllers.",
+            "Position over a force: small is stiff. Thin and dashed: the other controllers.",
         ),
     ] {
         page.figure(&chart, caption)?;

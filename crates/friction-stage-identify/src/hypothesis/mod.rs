@@ -295,6 +295,27 @@ impl Hypothesis {
         measured.declared_floor(&self.declared)
     }
 
+    /// Name of an effect of it; of several of one kind the second has `_2`, and so on.
+    ///
+    /// # Panics
+    /// There is no such effect.
+    pub fn label(&self, index: usize) -> String {
+        let name = self.effects[index].descriptor.name;
+        match self.effects[..index].iter().filter(|part| part.descriptor.name == name).count() {
+            0 => name.to_owned(),
+            before => format!("{name}_{}", before + 1),
+        }
+    }
+
+    /// Value of a parameter of an effect, as `cogging.amplitude` by its [label](Self::label).
+    pub fn effect_value(&self, key: &str) -> Option<f64> {
+        let (label, name) = key.split_once('.')?;
+        let index = (0..self.effects.len()).find(|index| self.label(*index) == label)?;
+        let part = &self.effects[index];
+        let place = part.descriptor.parameters.iter().position(|one| one.name == name)?;
+        part.values.get(place).copied()
+    }
+
     /// Shift between the instants of encoder and force readings, in samples.
     pub(crate) fn sensor_shift(&self) -> f64 {
         self.moved(NominalParameter::SensorShift)

@@ -472,7 +472,7 @@ fn parameters(
     let mut table = Table::new(&[
         ("parameter", Align::Left),
         ("declared", Align::Right),
-        ("refitted without effects", Align::Right),
+        ("refitted without the effects found", Align::Right),
         ("identified", Align::Right),
         ("unit", Align::Left),
         ("95 % interval", Align::Right),
@@ -494,8 +494,14 @@ fn parameters(
     {
         table.row([
             Cell::code(name),
-            Cell::text(""),
-            Cell::text(""),
+            Cell::text(stated.effect_value(name).map_or_else(String::new, readable)),
+            Cell::text(
+                selection
+                    .before
+                    .hypothesis
+                    .effect_value(name)
+                    .map_or_else(String::new, |value| in_digits(value, parameter.ci95)),
+            ),
             Cell::text(in_digits(parameter.value, parameter.ci95)),
             Cell::text(&parameter.unit),
             Cell::text(interval(parameter.ci95)),
