@@ -26,8 +26,8 @@ use friction_stage_report::friction_curve::{
 /// force that does not turn round with the motion. Intervals are of 95 % and hold what the runs
 /// scatter among each other. Takes rosbag2 directories and their files and tables, as `check` does.
 ///
-/// Exit code: 0 done; 3 recordings without a held speed were left out, or the curve drives the motion
-/// instead of resisting it; 1 failed.
+/// Exit code: 0 done; 3 recordings without a held speed were left out, or the curve drives the
+/// motion instead of resisting it; 1 failed.
 #[derive(Debug, Clone, Args)]
 #[command(
     after_help = "Examples:\n  friction-stage friction-curve speeds/*.csv --mapping drive.yaml\n  \

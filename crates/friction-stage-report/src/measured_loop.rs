@@ -105,9 +105,9 @@ impl MeasuredReport {
         }
         if let Some((frequency, apart)) = self.apart() {
             warnings.push(format!(
-                "at {frequency:.1} Hz measured and computed loop are {apart:.1} times as far apart as \
-                 the computed one is from -1: the model is not the measured stage, and its margins \
-                 are not those of that stage"
+                "at {frequency:.1} Hz measured and computed loop are {apart:.1} times as far apart \
+                 as the computed one is from -1: the model is not the measured stage, and its \
+                 margins are not those of that stage"
             ));
         }
         if self.comparison.measured.is_none() {

@@ -392,8 +392,8 @@ pub fn tuning_page(
         (
             "sensitivity",
             sensitivity,
-            "Below 6 dB the modulus margin is kept; thin and dashed: the other controllers. What is below \
-             -40 dB is left out.",
+            "Below 6 dB the modulus margin is kept; thin and dashed: the other controllers. What \
+             is below -40 dB is left out.",
         ),
         (
             "process_sensitivity",

@@ -217,8 +217,8 @@ impl<'a> Report<'a> {
         self.page.section("Stribeck curve");
         self.page.text(
             "One guide on the rig at constant velocity, after the bristles have become steady. \
-             Marks are means of the force cell in both directions; thin dashed lines are the closed \
-             form F(v) = g(v) sign(v) + \u{3c3}2 v of the model.",
+             Marks are means of the force cell in both directions; thin dashed lines are the \
+             closed form F(v) = g(v) sign(v) + \u{3c3}2 v of the model.",
         );
         let mut whole = Chart::new("Friction over velocity", "velocity, m/s", "friction, N");
         let mut slow = Chart::new(
@@ -294,7 +294,8 @@ impl<'a> Report<'a> {
         self.page.section("Dahl curves");
         self.page.text(
             "Slow loops of one guide on the rig. Stiffness: force difference over position \
-             difference between the dwells at the tips. Thin and dashed: closed forms of the bristles, \
+             difference between the dwells at the tips. Thin and dashed: closed forms of the \
+             bristles, \
              k = Fs tanh(\u{3c3}0 A/Fs)/A and W = 4 A Fs \u{2212} 4 (Fs\u{b2}/\u{3c3}0) \
              tanh(\u{3c3}0 A/Fs).",
         );

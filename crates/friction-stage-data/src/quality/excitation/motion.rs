@@ -7,8 +7,8 @@ use crate::signals::Signal;
 
 /// Shortest stretch of one speed, and of rest, s. Assumed.
 const SHORTEST_STRETCH: f64 = 0.05;
-/// Travel after a turn, m or rad, in which bristles are loaded and no speed counts as held. Assumed:
-/// more than twice the break-away distance of the article's guides, 40 µm.
+/// Travel after a turn, m or rad, in which bristles are loaded and no speed counts as held.
+/// Assumed: more than twice the break-away distance of the article's guides, 40 µm.
 const LOADING: f64 = 1e-4;
 /// Moments, at least, for which a speed is held: a few are alike in any slow motion. Assumed.
 const HELD_MOMENTS: usize = 10;
