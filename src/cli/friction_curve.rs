@@ -68,7 +68,7 @@ pub fn run(args: &FrictionCurveArgs, out: &mut dyn Write) -> anyhow::Result<Outc
         let recording = signals::load_part(path, mapping.as_ref(), window)?;
         joints.extend(recording.joint.map(|joint| (path.clone(), joint)));
         let held = held_speeds(&recording);
-        if held.steady.is_empty() {
+        if held.steady.is_empty() && held.drifting == 0 {
             left_out.push(path.clone());
         }
         drifting += held.drifting;
@@ -87,7 +87,8 @@ pub fn run(args: &FrictionCurveArgs, out: &mut dyn Write) -> anyhow::Result<Outc
     let points: Vec<CurvePoint> = runs.iter().map(|run| run.point).collect();
     let curve = friction_curve(&points).with_context(|| {
         format!(
-            "{} runs at held speeds with a steady force in {} recordings ({} without any)",
+            "{} runs at held speeds with a steady force in {} recordings ({} hold no speed; in \
+             {drifting} stretches the force drifts up to the end)",
             runs.len(),
             args.recordings.len(),
             left_out.len()

@@ -276,9 +276,15 @@ impl Played {
         // Forces as they acted: where time did not wait for them, some came late.
         if provenance.as_ref().is_some_and(Provenance::is_of_forces_in_real_time)
             && let Ok(recording) = &recording
-            && recording.trace.force.len() == trace.force.len()
         {
-            trace.force.clone_from(&recording.trace.force);
+            let acted = &recording.trace;
+            let offset = (trace.origin_ns - acted.origin_ns) as f64 * 1e-9;
+            for (force, time) in trace.force.iter_mut().zip(&trace.time) {
+                // Before the first row, and in a hole, there is none.
+                let row = ((time + offset) * recording.rate).round();
+                let there = (row >= 0.0).then(|| acted.force.get(row as usize)).flatten();
+                *force = there.copied().unwrap_or(f64::NAN);
+            }
         }
         let rates = match &provenance {
             Some(provenance) => {

@@ -148,9 +148,11 @@ fn best_fall(points: &[CurvePoint], shape: Shape, scatter: f64) -> Option<(Shape
         let velocity = slowest * (fastest / slowest).powf(k as f64 / count as f64);
         let shape = Shape { stribeck_velocity: Some(velocity), ..shape };
         let fit = solve(points, shape, scatter)?;
-        // A friction that rises there is no Stribeck curve, and one that drives is none at all.
+        // A friction that rises there is no Stribeck curve, and one that drives is none at all; a
+        // constant force, which is part of it with one direction only, may drive.
         let falls = fit.values.as_slice().last().is_some_and(|excess| *excess > 0.0);
-        (falls && fit.values[0] > 0.0).then_some((shape, fit))
+        let resists = !shape.offset || fit.values[0] > 0.0;
+        (falls && resists).then_some((shape, fit))
     });
     tried.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
 }
@@ -263,11 +265,12 @@ fn conclude(
 }
 
 impl FrictionCurve {
-    /// Whether it resists the motion: Coulomb friction and, within its interval, viscous friction
-    /// are not negative.
+    /// Whether it resists the motion: within their intervals neither Coulomb nor viscous friction
+    /// is negative. With runs in one direction a constant force may drive it.
     pub fn resists(&self) -> bool {
-        self.coulomb_force.value > 0.0
-            && self.viscous_friction.is_none_or(|viscous| viscous.ci95[1] >= 0.0)
+        let may_resist = |fitted: Fitted| fitted.ci95[1] >= 0.0;
+        self.viscous_friction.is_none_or(may_resist)
+            && (self.offset.is_none() || may_resist(self.coulomb_force))
     }
 
     /// Force at a velocity, N.

@@ -96,7 +96,7 @@
     const size = Math.abs(value);
     const digits = digitsFor(size, 1e-3 * shown);
     if (size >= 1e-3 && size < 1e6) return String(Number(value.toPrecision(digits)));
-    return value.toExponential(4);
+    return value.toExponential(Math.max(4, digits - 2));
   };
   const axisNumber = (value, digits = 6) => {
     const text = String(+value.toPrecision(digits));
@@ -278,7 +278,7 @@
           const largest = texts[splits.reduce(larger, 0)];
           if (!/e/.test(texts.join(""))) return texts;
           return splits.map((v, k) => (v == null || v === 0 ? texts[k]
-            : /e/.test(largest) ? Number(v.toPrecision(6)).toExponential().replace("e+", "e")
+            : /e/.test(largest) ? Number(v.toPrecision(digits)).toExponential().replace("e+", "e")
               : String(+v.toFixed(12))));
         },
       };

@@ -103,11 +103,11 @@ impl MeasuredReport {
                 tuned.peak_sensitivity_db()
             ));
         }
-        if let Some((frequency, apart)) = self.apart() {
+        if let Some((frequency, difference)) = self.largest_relative_difference() {
             warnings.push(format!(
-                "at {frequency:.1} Hz measured and computed loop are {apart:.1} times as far apart \
-                 as the computed one is from -1: the model is not the measured stage, and its \
-                 margins are not those of that stage"
+                "the computed loop does not describe the measured one (mass, delay, amplitude?): \
+                 at {frequency:.1} Hz they are {difference:.1} times as far from each other as \
+                 the computed one is from -1"
             ));
         }
         if self.comparison.measured.is_none() {
@@ -121,16 +121,16 @@ impl MeasuredReport {
     }
 
     /// Where measured and computed loop differ most, Hz, and their difference over the distance of
-    /// the computed one from -1, if it is more than half: from one on the stability of one says
-    /// nothing of the other (Doyle, Stein, IEEE TAC 26, 1981).
-    fn apart(&self) -> Option<(f64, f64)> {
+    /// the computed one from -1, if it is more than half. From one on the stability of one says
+    /// nothing of the other (Doyle, Stein, IEEE TAC 26, 1981); half of it is assumed.
+    fn largest_relative_difference(&self) -> Option<(f64, f64)> {
         let compared = self.comparison.points.iter().filter(|point| point.counts());
         compared
             .map(|point| {
-                let apart = (point.measured.open_loop - point.model).norm();
-                (point.measured.frequency, apart / (point.model + 1.0).norm())
+                let difference = (point.measured.open_loop - point.model).norm();
+                (point.measured.frequency, difference / (point.model + 1.0).norm())
             })
-            .filter(|(_, apart)| *apart > 0.5)
+            .filter(|(_, difference)| *difference > 0.5)
             .max_by(|a, b| a.1.total_cmp(&b.1))
     }
 

@@ -169,8 +169,9 @@ pub fn played_figure(
         let last = settled_at(&sizes).or(sizes.last().map(|point| point.0)).unwrap_or(0.0);
         let mut chart = Chart::new(
             format!(
-                "Settling of move {number} to {}, one of the two slowest",
-                in_prefix(a_move.target, "m")
+                "Settling of move {number} to {}{}",
+                in_prefix(a_move.target, "m"),
+                if moves.len() > 2 { ", one of the two slowest" } else { "" }
             ),
             "time after the arrival of the reference, ms",
             "largest error still to come, µm",

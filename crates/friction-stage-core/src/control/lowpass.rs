@@ -43,8 +43,8 @@ impl Lowpass {
         output
     }
 
-    /// Changes the coefficients to those of `other`, whose memory does not count. What was filtered
-    /// so far keeps its place: a constant stays one, however often this is done.
+    /// Takes over the coefficients of `other`, not its memory. The last inputs and outputs keep
+    /// their effect: a constant stays constant, however often this is done.
     pub fn retune(&mut self, other: &Lowpass) {
         (self.input_gain, self.feedback) = (other.input_gain, other.feedback);
         let ([input, before], [output, output_before]) = (self.inputs, self.outputs);

@@ -35,7 +35,7 @@ impl Provenance {
         self.is_of("lockstep")
     }
 
-    /// Whether it is a run in real time of a stage that forces drive: one that comes late acts
+    /// Whether it is a run in real time of a stage that forces drive: a force that comes late acts
     /// later than its stamp says.
     pub fn is_of_forces_in_real_time(&self) -> bool {
         self.is_of("realtime")

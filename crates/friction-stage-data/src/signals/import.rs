@@ -187,7 +187,7 @@ impl<'a> Import<'a> {
         mapping: &Mapping,
         mapping_text: &'a str,
     ) -> Result<Import<'a>, SignalError> {
-        // Forces in a bag are in N, and nobody asks again.
+        // Forces in a bag are in N.
         if mapping.without_force_constant {
             return Err(SignalError::Mapping {
                 origin: path.display().to_string(),

@@ -295,9 +295,8 @@ impl<'a> Report<'a> {
         self.page.text(
             "Slow loops of one guide on the rig. Stiffness: force difference over position \
              difference between the dwells at the tips. Thin and dashed: closed forms of the \
-             bristles, \
-             k = Fs tanh(\u{3c3}0 A/Fs)/A and W = 4 A Fs \u{2212} 4 (Fs\u{b2}/\u{3c3}0) \
-             tanh(\u{3c3}0 A/Fs).",
+             bristles, k = Fs tanh(\u{3c3}0 A/Fs)/A and W = 4 A Fs \u{2212} 4 \
+             (Fs\u{b2}/\u{3c3}0) tanh(\u{3c3}0 A/Fs).",
         );
         for (name, amplitude, scale, unit) in [
             ("dahl_40um_420um", 420e-6, 1e6, "µm"),

@@ -492,17 +492,22 @@ fn parameters(
     for (name, parameter) in
         summary.declared_parameters.iter().filter(|(name, _)| name.contains('.'))
     {
+        let in_words = |value: f64, number: String| {
+            // The second effect of a kind has `_2` after its name.
+            let (label, parameter) = name.split_once('.').unwrap_or((name, ""));
+            let kind = label.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('_');
+            let word = chosen(label, parameter, value).or_else(|| chosen(kind, parameter, value));
+            word.map_or(number, str::to_owned)
+        };
+        let of = |hypothesis: &Hypothesis| {
+            let value = hypothesis.effect_value(name)?;
+            Some(in_words(value, in_digits(value, parameter.ci95)))
+        };
         table.row([
             Cell::code(name),
-            Cell::text(stated.effect_value(name).map_or_else(String::new, readable)),
-            Cell::text(
-                selection
-                    .before
-                    .hypothesis
-                    .effect_value(name)
-                    .map_or_else(String::new, |value| in_digits(value, parameter.ci95)),
-            ),
-            Cell::text(in_digits(parameter.value, parameter.ci95)),
+            Cell::text(of(&stated).unwrap_or_default()),
+            Cell::text(of(&selection.before.hypothesis).unwrap_or_default()),
+            Cell::text(in_words(parameter.value, in_digits(parameter.value, parameter.ci95))),
             Cell::text(&parameter.unit),
             Cell::text(interval(parameter.ci95)),
         ]);

@@ -202,16 +202,19 @@ pub fn held_speeds(recording: &Recording) -> HeldSpeeds {
         if values.len() < 2 {
             continue;
         }
-        let Some(from) = steady_from(&values) else {
+        // A force that changes along the way is none of the transient.
+        let rows = motion::STEADY / (stretch.velocity.abs() * examiner.step);
+        let most = if examiner.loading() > 0.0 { rows.ceil() as usize } else { 0 };
+        let Some(from) = steady_from(&values, most) else {
             found.drifting += 1;
             continue;
         };
         let steady = &values[from..];
         let count = steady.len() as f64;
         let mean = steady.iter().sum::<f64>() / count;
-        let beside: Vec<f64> = steady.iter().map(|f| f - mean).collect();
-        let squares: f64 = beside.iter().map(|f| f * f).sum();
-        let variance = squares / (count - 1.0) * correlation_length(&beside) / count;
+        let from_mean: Vec<f64> = steady.iter().map(|f| f - mean).collect();
+        let squares: f64 = from_mean.iter().map(|f| f * f).sum();
+        let variance = squares / (count - 1.0) * correlation_length(&from_mean) / count;
         found.steady.push(HeldSpeed {
             velocity: stretch.velocity,
             force: mean,
@@ -349,7 +352,11 @@ impl<'a> Examiner<'a> {
             if velocity_range[0] > -rest_speed || velocity_range[1] < rest_speed {
                 self.findings.push(DataFinding::OneDirection);
             }
-            let share = held.iter().map(|h| h.time).sum::<f64>() / (moving as f64 * moment_s);
+            let loaded = |m: &&motion::Moment| {
+                m.velocity.abs() > rest_speed && m.since_turn >= self.loading()
+            };
+            let loaded = moments.iter().filter(loaded).count().max(1);
+            let share = held.iter().map(|h| h.time).sum::<f64>() / (loaded as f64 * moment_s);
             if let [speed] = speeds[..]
                 && share > 0.6
             {

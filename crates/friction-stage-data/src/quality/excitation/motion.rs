@@ -4,12 +4,17 @@ use std::ops::Range;
 
 use super::{Examiner, LONGEST_BASE, NOISE_IN_ACCELERATION, rms_of_acceleration_noise};
 use crate::signals::Signal;
+use friction_stage_core::model::JointType;
 
 /// Shortest stretch of one speed, and of rest, s. Assumed.
 const SHORTEST_STRETCH: f64 = 0.05;
-/// Travel after a turn, m or rad, in which bristles are loaded and no speed counts as held.
-/// Assumed: more than twice the break-away distance of the article's guides, 40 µm.
+/// Travel after a turn, m, in which the bristles of guides are loaded and no speed counts as held.
+/// Assumed: more than twice the break-away distance of the article's guides, 40 µm. It depends on
+/// the radius for a turning joint, of which nothing is assumed.
 const LOADING: f64 = 1e-4;
+/// Travel, m, from the start of a held speed on within which its force becomes steady. Assumed:
+/// eight break-away distances, after which a bristle is within e^-8 of its deflection.
+pub(super) const STEADY: f64 = 3.0 * LOADING;
 /// Moments, at least, for which a speed is held: a few are alike in any slow motion. Assumed.
 const HELD_MOMENTS: usize = 10;
 /// Speeds within this ratio are the same. Assumed.
@@ -154,13 +159,14 @@ impl Examiner<'_> {
 
     /// Stretches at a speed that is held, in the order of time.
     pub(super) fn held(&self, moments: &[Moment], rest_speed: f64) -> Vec<Held> {
+        let loading = self.loading();
         let moment_s = self.half as f64 * self.step;
         let mut stretches: Vec<Held> = Vec::new();
         let mut from = 0;
         while from < moments.len() {
             let start = &moments[from];
             // A rest is none, and a long one not to be walked again from each of its moments.
-            if start.velocity.abs() <= 3.0 * rest_speed || start.since_turn < LOADING {
+            if start.velocity.abs() <= 3.0 * rest_speed || start.since_turn < loading {
                 from += 1;
                 continue;
             }
@@ -187,6 +193,14 @@ impl Examiner<'_> {
             }
         }
         stretches
+    }
+
+    /// Travel after a turn in which no speed counts as held.
+    pub(super) fn loading(&self) -> f64 {
+        match self.recording.joint {
+            Some(JointType::Revolute) => 0.0,
+            _ => LOADING,
+        }
     }
 
     pub(super) fn rests(&self, moments: &[Moment], rest_speed: f64) -> Vec<f64> {
