@@ -174,6 +174,7 @@ def beside(ros: Ros, motion: JointTrajectory, stages: list[str]) -> None:
         ros.until(
             lambda publisher=publisher: publisher.get_subscription_count() >= 2,
             "the stages and their controllers",
+            90.0,
         )
     for publisher in publishers:
         publisher.publish(motion)
