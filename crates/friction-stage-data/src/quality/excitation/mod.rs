@@ -259,6 +259,11 @@ impl<'a> Examiner<'a> {
         REST_SPEED.max(5.0 * noise * 0.5f64.sqrt() / (self.half as f64 * self.step))
     }
 
+    /// The joint type: the model's, else that of the recording's units.
+    fn joint(&self) -> JointType {
+        self.model.map(|model| model.joint).or(self.recording.joint).unwrap_or_default()
+    }
+
     fn column(&self, signal: Signal) -> &'a [f64] {
         self.recording.trace.columns()[signal as usize]
     }
@@ -297,7 +302,7 @@ impl<'a> Examiner<'a> {
         let moment_s = self.half as f64 * self.step;
 
         let recorded_joint = self.recording.joint;
-        let joint = self.model.map(|model| model.joint).or(recorded_joint).unwrap_or_default();
+        let joint = self.joint();
         if let Some(recorded) = recorded_joint.filter(|recorded| *recorded != joint) {
             self.findings.push(DataFinding::OtherJoint { declared: joint, recorded });
         }

@@ -197,9 +197,9 @@ impl Examiner<'_> {
 
     /// Travel after a turn in which no speed counts as held.
     pub(super) fn loading(&self) -> f64 {
-        match self.recording.joint {
-            Some(JointType::Revolute) => 0.0,
-            _ => LOADING,
+        match self.joint() {
+            JointType::Revolute => 0.0,
+            JointType::Prismatic => LOADING,
         }
     }
 
