@@ -85,6 +85,7 @@ fn bad_input_is_refused_with_what_is_wrong() {
         let run = tune(arguments, &out);
         let told = String::from_utf8(run.stderr).unwrap();
         assert!(matches!(run.status.code(), Some(1 | 2)), "{arguments:?}: {told}");
+        assert!(!told.contains(" { "), "{arguments:?} shows a structure: {told}");
         for words in expected {
             assert!(told.contains(words), "{arguments:?} gave {told:?} without {words:?}");
         }

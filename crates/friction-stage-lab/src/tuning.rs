@@ -95,7 +95,11 @@ pub enum TuningError {
          {possible:.1} Hz of bandwidth"
     )]
     Rate { rate: f64, bandwidth: f64, lowpass: f64, needed: f64, possible: f64 },
-    #[error("the gains of {name} are beyond the limit of stability: {margins:?}")]
+    #[error(
+        "the gains of {name} are beyond the limit of stability{}: lower them, or begin with those \
+         that are proposed without them",
+        margins.crossover.map_or_else(String::new, |at| format!(", with a crossover of {at:.0} Hz"))
+    )]
     Unstable { name: String, margins: Margins },
     #[error(
         "the application's move of {distance} m needs {needed:.0} N for the {mass} kg of the \
