@@ -1,11 +1,20 @@
 """The node of a test, as users have it (testing/), with our own messages."""
 
+import math
 import sys
+import time
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray
 from friction_stage_msgs.msg import ControllerState, StageState
 from rosgraph_msgs.msg import Clock
+from simulation_interfaces.msg import Result, SimulationState, SimulatorFeatures
+from simulation_interfaces.srv import (
+    GetEntityState,
+    GetSimulatorFeatures,
+    SetSimulationState,
+    StepSimulation,
+)
 from std_msgs.msg import Float64MultiArray
 
 # Programs of the tests import this, too.
@@ -28,27 +37,40 @@ TOPICS = {
 class Ros(testing.Ros):
     topics = TOPICS
 
-    def follow(self, points: list[dict], lead: float = 2.0) -> int:
-        """Has the controller follow a trajectory `lead` s of the stage's time from now. Returns its start, ns.
+    def follow(self, points: list[dict], lead: float = 5.0) -> int:
+        """Has the controller follow a trajectory that starts `lead` s of the stage's time from now. Returns its start, ns.
 
-        In lockstep time runs several times as fast as the wall clock, and the first message to a new subscriber may take
-        3 s: a trajectory that came too late is sent again with a later start, each time further ahead.
+        The first message to a new subscriber may take 3 s, in which lockstep may be a minute on. There time stands still
+        meanwhile: it goes on sample by sample until the controller says that it has the trajectory.
         """
         states = self.collect("/controller/state", depth=10)
         # The stage hears setpoints too, for its recording.
         setpoint = self.publisher("/stage/setpoint", readers=2)
         self.until(lambda: states, "the state of the controller")
-        for _ in range(10):
-            start = nanoseconds(states[-1].header.stamp) + round(lead * 1e9)
-            setpoint.publish(trajectory(points, start))
-            self.until(
-                lambda: (
-                    nanoseconds(states[-1].setpoint_stamp) == start
-                    or nanoseconds(states[-1].header.stamp) > start
-                ),
-                "acceptance of the trajectory",
-            )
-            if nanoseconds(states[-1].setpoint_stamp) == start:
-                return start
-            lead *= 1.5
-        raise AssertionError("the trajectory came too late 10 times")
+        features = self.call(GetSimulatorFeatures, "/stage/get_simulator_features").features.features
+        lockstep = SimulatorFeatures.STEP_SIMULATION_SINGLE in features
+        if lockstep:
+            self.set_simulation_state(SimulationState.STATE_PAUSED)
+        entity = self.call(GetEntityState, "/stage/get_entity_state", entity="stage")
+        start = nanoseconds(entity.state.header.stamp) + round(lead * 1e9)
+
+        deadline, sent = time.monotonic() + testing.PATIENCE, -math.inf
+        while nanoseconds(states[-1].setpoint_stamp) != start:
+            now = time.monotonic()
+            late = nanoseconds(states[-1].header.stamp) > start
+            assert now < deadline and not late, f"the trajectory of {start} ns was not accepted in time"
+            if now - sent > 1.0:
+                setpoint.publish(trajectory(points, start))
+                sent = now
+            if lockstep:
+                step = self.call(StepSimulation, "/stage/step_simulation", steps=1).result
+                assert step.result == Result.RESULT_OK, step.error_message
+            self.executor.spin_once(timeout_sec=0.01)
+        if lockstep:
+            self.set_simulation_state(SimulationState.STATE_PLAYING)
+        return start
+
+    def set_simulation_state(self, state: int) -> None:
+        wanted = SimulationState(state=state)
+        answer = self.call(SetSimulationState, "/stage/set_simulation_state", state=wanted).result
+        assert answer.result == Result.RESULT_OK, answer.error_message
