@@ -113,7 +113,7 @@ fn a_csv_file_is_imported_checked_and_told_in_sentences_and_json() {
     );
     let again =
         friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
-    assert_eq!(again.status.code(), Some(1));
+    assert_eq!(again.status.code(), Some(2));
     assert!(stderr(&again).contains("never overwrites"));
     // without a question about identification a sound bag is a sound bag
     let plain = friction_stage(&["check", text(&bag)]);

@@ -81,9 +81,9 @@ fn shards_in_any_order_and_a_resumed_run_are_one_run_bit_for_bit() {
     let text = std::fs::read_to_string(&rows).unwrap();
     std::fs::write(&rows, &text[..text.len() / 2]).unwrap();
     let (code, _, stderr) = of("cut", &[]);
-    assert!(code == 1 && stderr.contains("holds a sweep already"), "{stderr}");
+    assert!(code == 2 && stderr.contains("holds a sweep already"), "{stderr}");
     let (code, _, stderr) = of("cut", &["--resume", "--seed", "9"]);
-    assert!(code == 1 && stderr.contains("seed: 1") && stderr.contains("seed: 9"), "{stderr}");
+    assert!(code == 2 && stderr.contains("seed: 1") && stderr.contains("seed: 9"), "{stderr}");
     assert_eq!(of("cut", &["--resume"]).0, 0);
     assert_eq!(bytes(&at("cut")), bytes(&at("whole")));
     let (code, _, stderr) = of("cut", &["--force", "--seed", "9"]);

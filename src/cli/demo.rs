@@ -9,8 +9,8 @@ use anyhow::Context as _;
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
-use super::Outcome;
 use super::progress::Progress;
+use super::{Outcome, WrongArguments};
 use crate::cpu;
 use crate::directory;
 use crate::interrupt;
@@ -130,11 +130,13 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     }
     let directory = args.out.clone().unwrap_or_else(|| directory::dated(Path::new(""), "demo"));
     for bag in args.guides.iter().map(|guide| directory.join(guide)).filter(|bag| bag.exists()) {
-        anyhow::ensure!(
-            args.force,
-            "{} holds a demo already: choose another --out, or replace it with --force",
-            directory.display()
-        );
+        if !args.force {
+            return Err(WrongArguments(format!(
+                "{} holds a demo already: choose another --out, or replace it with --force",
+                directory.display()
+            ))
+            .into());
+        }
         std::fs::remove_dir_all(&bag)
             .with_context(|| format!("cannot replace {}", bag.display()))?;
     }

@@ -27,8 +27,10 @@ use std::io::Write;
 
 use clap::{Args, Parser, Subcommand};
 use friction_stage_core::model::StageModel;
-use friction_stage_data::signals::Window;
-use friction_stage_report::words::printable;
+use friction_stage_data::bag::BagError;
+use friction_stage_data::signals::{SignalError, Window};
+use friction_stage_lab::RowsError;
+use friction_stage_report::words::{in_one_line, printable};
 
 use crate::interrupt;
 pub use crate::outcome::{Interrupted, Outcome, WrongArguments, exit_code};
@@ -114,11 +116,27 @@ impl Arguments {
             Command::Effects(arguments) => effects::run(&arguments, out),
             Command::Guides(arguments) => guides::run(&arguments, out),
             Command::Model(arguments) => model::run(&arguments, out),
-            Command::StageNode(node) => crate::node::stage::run(node.arguments),
-            Command::ControllerNode(node) => crate::node::controller::run(node.arguments),
+            Command::StageNode(node) => return crate::node::stage::run(node.arguments),
+            Command::ControllerNode(node) => return crate::node::controller::run(node.arguments),
         };
-        result.map_err(interrupt::ended)
+        result.map_err(interrupt::ended).map_err(|error| match names_taken_place(&error) {
+            true => WrongArguments(in_one_line(error.as_ref())).into(),
+            false => error,
+        })
     }
+}
+
+/// Whether the arguments name a place for the results that holds others already.
+fn names_taken_place(error: &anyhow::Error) -> bool {
+    let is_bag = |error: &BagError| matches!(error, BagError::Exists { .. });
+    error.chain().any(|cause| {
+        cause.downcast_ref().is_some_and(is_bag)
+            || matches!(cause.downcast_ref(), Some(SignalError::Bag(error)) if is_bag(error))
+            || matches!(
+                cause.downcast_ref(),
+                Some(RowsError::Exists { .. } | RowsError::OtherArguments { .. })
+            )
+    })
 }
 
 /// What a command prints, in characters that do nothing to a terminal, until whoever reads it goes

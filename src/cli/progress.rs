@@ -1,5 +1,5 @@
-//! How far a command is: a bar of at most 60 columns on a terminal, else a line every few seconds
-//! and at the beginning of each step.
+//! How far a command is: a bar of at most 60 columns on a terminal, else a line after two seconds,
+//! every few seconds from then on, and at the beginning of each step.
 
 use std::collections::BTreeSet;
 use std::io::Write as _;
@@ -10,7 +10,9 @@ use std::time::Duration;
 use friction_stage_report::words::{in_line, printable};
 use indicatif::{ProgressBar, ProgressStyle};
 
-/// Between two lines where stderr is no terminal.
+/// Before the first line where stderr is no terminal: a command that is over by then needs none.
+const FIRST_LINE: Duration = Duration::from_secs(2);
+/// Between two lines.
 const BETWEEN_LINES: Duration = Duration::from_secs(5);
 
 /// Shows on stderr how far a command is. Any thread may report.
@@ -48,7 +50,7 @@ impl Progress {
         }
         bar.set_message(shown(message));
         bar.enable_steady_tick(Duration::from_millis(200));
-        let told = Told { due: BETWEEN_LINES, steps: BTreeSet::new() };
+        let told = Told { due: FIRST_LINE, steps: BTreeSet::new() };
         let told = Arc::new(Mutex::new(told));
         let lines = bar.is_hidden().then(|| lines(bar.clone(), Arc::clone(&told)));
         Progress { bar, told, _lines: lines }
@@ -98,8 +100,10 @@ impl Progress {
 fn lines(bar: ProgressBar, told: Arc<Mutex<Told>>) -> Sender<()> {
     let (sender, receiver) = channel();
     std::thread::spawn(move || {
-        while receiver.recv_timeout(BETWEEN_LINES) == Err(RecvTimeoutError::Timeout) {
+        let mut wait = FIRST_LINE;
+        while receiver.recv_timeout(wait) == Err(RecvTimeoutError::Timeout) {
             tell(&bar, &told);
+            wait = BETWEEN_LINES;
         }
     });
     sender

@@ -27,6 +27,8 @@ use friction_stage_data::message::{DiagnosticArray, DiagnosticStatus, JointTraje
 /// take the next sample, or to end. A process that ended by itself is seen at once; this is for a
 /// machine that is very busy.
 const PATIENCE: Duration = Duration::from_secs(120);
+/// What a run goes on for after its motion, so that the recording shows how the stage settles.
+const SETTLING: Duration = Duration::from_millis(500);
 /// Exit code of a node that did its work and lacks something, as the log says.
 const WARNED: i32 = 3;
 
@@ -46,7 +48,7 @@ pub struct LockstepRun {
 /// How a run went.
 #[derive(Clone, Copy, Debug)]
 pub struct RunResult {
-    /// Samples of the stage from the first to the last report.
+    /// Samples of the stage.
     pub cycles: u64,
     /// Cycles per second of wall time.
     pub rate: f64,
@@ -231,7 +233,7 @@ impl Driver {
         found.context("the stage published no diagnostics")
     }
 
-    /// Runs the motion to its end. `progress` hears the simulated time since the first sample, s.
+    /// Runs the motion, and what follows until it has settled, to its end. `progress` hears the simulated time since the first sample, s.
     pub fn run(
         self,
         run: &LockstepRun,
@@ -247,7 +249,8 @@ impl Driver {
              {LARGEST_SAMPLE}: leave points out, they are interpolated",
             run.points.len()
         );
-        let end = start + run.points.last().map_or(0, |point| point.time);
+        let motion_end = run.points.last().map_or(0, |point| point.time);
+        let end = start + motion_end + SETTLING.as_nanos() as i64;
         let waiter = Waiter::new();
         let mut setpoint =
             Outlet::<JointTrajectory>::new(&self.participant, "/stage/setpoint", &COMMANDS)?;
@@ -258,7 +261,9 @@ impl Driver {
                 added.iter().flat_map(|parameter| ["-p".to_owned(), (*parameter).to_owned()]);
             given.iter().cloned().chain(added).collect()
         };
-        let arguments = with(&run.stage_arguments, &["mode:=lockstep", "wait_for_command:=true"]);
+        let pause = format!("pause_at:={:?}", (end - start) as f64 * 1e-9);
+        let added = ["mode:=lockstep", "wait_for_command:=true", pause.as_str()];
+        let arguments = with(&run.stage_arguments, &added);
         let mut stage = Process::start(&self, "stage", &arguments, &run.log_stem)?;
         let arguments =
             with(&run.controller_arguments, &["wait_for_setpoint:=true", "priority:=0"]);
@@ -301,8 +306,11 @@ impl Driver {
             );
         }
         let _ = setpoint.publish(motion);
-        let mut deadline = Instant::now() + PATIENCE;
+        let published = Instant::now();
+        let mut deadline = published + PATIENCE;
+        // Of the reports while time runs: sample, and when, ns.
         let (mut first, mut last) = (None, None);
+        let mut cycles = 0;
         loop {
             let look_again = Instant::now() + Duration::from_millis(100);
             let message = waiter.wait(Some(look_again), |context| diagnostics.poll_take(context));
@@ -318,14 +326,17 @@ impl Driver {
                 && let Some((sample, stamp)) = stage_report(&message)
             {
                 progress((stamp - start).max(0) as f64 * 1e-9);
-                let at = message.header.stamp.to_nanos();
-                if last.is_none_or(|(previous, _)| sample > previous) && stamp > start {
+                if sample > cycles {
                     deadline = Instant::now() + PATIENCE;
+                    cycles = sample;
+                }
+                if stage_value::<bool>(&message, "paused") == Some(true) {
+                    break;
+                }
+                if stamp > start {
+                    let at = message.header.stamp.to_nanos();
                     first.get_or_insert((sample, at));
                     last = Some((sample, at));
-                }
-                if stamp >= end {
-                    break;
                 }
             }
             anyhow::ensure!(
@@ -334,15 +345,19 @@ impl Driver {
                 stage.log.display()
             );
         }
+        let taken = published.elapsed();
         // The stage first: without it the controller has nothing to answer, without the controller
         // the stage complains.
         let incomplete = stage.stop()?;
         controller.stop()?;
-        let ((from, began), (to, over)) =
-            first.zip(last).context("the run was over before it was seen")?;
-        let seconds = (over - began) as f64 * 1e-9;
-        let rate = (to - from) as f64 / seconds.max(1e-9);
-        Ok(RunResult { cycles: to, rate, incomplete })
+        let rate = match first.zip(last) {
+            Some(((from, began), (to, over))) if over > began => {
+                (to - from) as f64 / ((over - began) as f64 * 1e-9)
+            }
+            // Over before it was seen twice.
+            _ => cycles as f64 / taken.as_secs_f64(),
+        };
+        Ok(RunResult { cycles, rate, incomplete })
     }
 }
 

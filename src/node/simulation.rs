@@ -202,6 +202,14 @@ struct Simulation {
 }
 
 impl Simulation {
+    /// As it was asked for last, or paused because its parameter says so.
+    fn state(&self) -> u8 {
+        match *lock(&self.state) {
+            PLAYING if self.status.paused.load(Ordering::Relaxed) => PAUSED,
+            asked => asked,
+        }
+    }
+
     fn features(&self) -> FeaturesResponse {
         let mut features = ALWAYS.to_vec();
         if self.lockstep {
@@ -217,7 +225,7 @@ impl Simulation {
         if !self.lockstep {
             return Outcome::new(UNSUPPORTED, "the stage runs in real time, not in lockstep");
         }
-        let now = *lock(&self.state);
+        let now = self.state();
         match (now, wanted) {
             _ if now == wanted => {
                 return Outcome::new(ALREADY, "the simulation is in this state already");
@@ -277,7 +285,7 @@ impl Simulation {
             let text = "the stage runs in real time, not in lockstep";
             return Err(Outcome::new(UNSUPPORTED, text));
         }
-        if *lock(&self.state) != PAUSED {
+        if self.state() != PAUSED {
             return Err(Outcome::new(FAILED, "the simulation is not paused: SetSimulationState 2"));
         }
         if count == 0 {
@@ -355,9 +363,7 @@ pub fn serve(
         Box::pin(service::serve::<GetSimulationState, _, _>(
             participant,
             &resolve("~/get_simulation_state"),
-            move |_: Empty| {
-                ready(StateResponse { state: *lock(&current.state), result: Outcome::ok() })
-            },
+            move |_: Empty| ready(StateResponse { state: current.state(), result: Outcome::ok() }),
         )?),
         Box::pin(service::serve::<GetEntityState, _, _>(
             participant,

@@ -116,8 +116,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
         .with_context(|| format!("parameter model is {}", parameters.string("model")))?;
     // Whoever takes a stage as it is delivered can do nothing about its guides.
     if parameters.string("model").ends_with(".yaml") {
-        for warning in settings.model.warnings()? {
-            tracing::warn!("{warning}");
+        for note in settings.model.notes()? {
+            tracing::info!("{note}");
         }
     }
     let cpu = parameters.integer("cpu");

@@ -197,7 +197,17 @@ impl StageLoop {
             self.stage.advance(if run.enabled && ahead.is_none() { held } else { 0.0 });
             self.status.clamped.store(self.stage.clamped(), Ordering::Relaxed);
             run.step_done();
+            if self.settings.pause_at.is_some_and(|time| tick.sample.time >= time) {
+                self.settings.pause_at = None;
+                self.pause(&mut run, true);
+            }
         }
+    }
+
+    fn pause(&self, run: &mut Run, paused: bool) {
+        run.resumed |= run.paused && !paused;
+        run.paused = paused;
+        self.status.paused.store(paused, Ordering::Relaxed);
     }
 
     /// Stands still between two samples while time is paused and no step is asked for; `true` for
@@ -437,8 +447,7 @@ impl StageLoop {
             }
             Event::Control(Control::Pause(paused, reply)) => {
                 run.end_steps(StepsEnd::Stopped);
-                run.resumed |= run.paused && !paused;
-                run.paused = paused;
+                self.pause(run, paused);
                 let _ = reply.send(());
             }
             Event::Control(Control::Step(asked)) => {

@@ -42,6 +42,8 @@ pub struct StageSettings {
     pub clock_pause: Duration,
     pub answer_timeout: Duration,
     pub wait_for_command: bool,
+    /// In lockstep, time of the sample after which time is paused, ns since the first one.
+    pub pause_at: Option<i64>,
     pub publish_clock: bool,
     pub record: Option<PathBuf>,
     pub record_into: PathBuf,
@@ -169,6 +171,15 @@ pub fn specs() -> Vec<ParameterSpec> {
             "in lockstep, time stands still from the start until the first command",
         )
         .read_only(),
+        ParameterSpec::double(
+            "pause_at",
+            0.0,
+            "in lockstep, simulated time at which time is paused: the sample there is answered, and \
+             no other goes out before ~/set_simulation_state or ~/step_simulation; 0: never",
+        )
+        .unit("s")
+        .range(0.0, 1e9)
+        .read_only(),
         ParameterSpec::boolean(
             "publish_clock",
             false,
@@ -256,6 +267,9 @@ impl StageSettings {
             clock_pause: seconds("clock_pause"),
             answer_timeout: seconds("answer_timeout"),
             wait_for_command: values.boolean("wait_for_command"),
+            pause_at: Some(values.double("pause_at"))
+                .filter(|seconds| *seconds > 0.0)
+                .map(|seconds| (seconds * 1e9).round() as i64),
             publish_clock: values.boolean("publish_clock") || values.string("mode") == "lockstep",
             record: Some(values.string("record"))
                 .filter(|path| !path.is_empty())

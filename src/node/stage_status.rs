@@ -46,6 +46,8 @@ pub struct StageStatus {
     /// A source commands the stage.
     pub commanded: AtomicBool,
     pub disabled: AtomicBool,
+    /// Lockstep: time is paused.
+    pub paused: AtomicBool,
     /// Real time: how late the ticks were.
     pub ticks: LatenessHistogram,
     /// Samples that were not published because the publishing thread could not follow.
@@ -156,10 +158,15 @@ impl StageStatus {
         if let Some(words) = self.last_unpublished.get() {
             note(true, DiagnosticStatus::WARN, words);
         }
-        let idle = if is(&self.commanded) { "running" } else { "waiting for the first command" };
+        let idle = match (is(&self.paused), is(&self.commanded)) {
+            (true, _) => "paused",
+            (false, true) => "running",
+            (false, false) => "waiting for the first command",
+        };
         let message = if words.is_empty() { idle.to_owned() } else { words.join("; ") };
         let mut values = vec![
             KeyValue::new("sample", get(&self.sample)),
+            KeyValue::new("paused", is(&self.paused)),
             KeyValue::new("refused_commands", get(&self.refused)),
             KeyValue::new("clamped_samples", get(&self.clamped)),
             KeyValue::new("stale_commands", get(&self.stale)),

@@ -161,7 +161,10 @@ pub struct ExperimentFindings {
     pub statements: Vec<Statement>,
     /// Where guide 1 was measured with one bristle and with three.
     pub stiffness_of_guide_1: Option<StiffnessFit>,
+    /// What a script must notice: effects left out, statements that need other guides.
     pub warnings: Vec<String>,
+    /// What deserves a look: values that are assumed, guides that are not passive.
+    pub notes: Vec<String>,
 }
 
 /// Everything measured, by experiment; SI units.
@@ -444,10 +447,9 @@ impl ExperimentPlan {
     fn conclude(&self, results: ExperimentResults) -> Result<ExperimentFindings, LabError> {
         let mut warnings: Vec<String> =
             self.specimens.iter().flat_map(|of| of.warnings.clone()).collect();
+        let mut notes = Vec::new();
         for of in &self.specimens {
-            warnings.extend(
-                of.stage.warnings()?.into_iter().map(|warning| format!("{}: {warning}", of.name)),
-            );
+            notes.extend(of.stage.notes()?.into_iter().map(|note| format!("{}: {note}", of.name)));
         }
         let mut found = Vec::new();
         if self.experiment == Experiment::Paper {
@@ -462,7 +464,7 @@ impl ExperimentPlan {
             }
         }
         let stiffness_of_guide_1 = paper_fit(&results, &self.specimens)?;
-        Ok(ExperimentFindings { results, statements: found, stiffness_of_guide_1, warnings })
+        Ok(ExperimentFindings { results, statements: found, stiffness_of_guide_1, warnings, notes })
     }
 
     fn measure<E: From<LabError>>(

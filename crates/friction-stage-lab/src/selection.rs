@@ -118,7 +118,10 @@ pub struct GuideSelection {
     /// The guide to take, if one meets the requirement in some variant.
     pub choice: Option<String>,
     pub ranking: Vec<Ranked>,
+    /// What a script must notice: the choice is not a safe one.
     pub warnings: Vec<String>,
+    /// Advice.
+    pub notes: Vec<String>,
 }
 
 /// Relative resolution of the quantiles: significant decimal digits of the histograms.
@@ -248,9 +251,10 @@ impl SelectionPlan {
                 percent(best_tally.chance())
             ));
         }
-        for (candidate, tally) in &order[1..] {
-            warnings.extend(low_friction_trap(candidate, tally, best, best_tally));
-        }
+        let notes = order[1..]
+            .iter()
+            .filter_map(|(candidate, tally)| low_friction_trap(candidate, tally, best, best_tally))
+            .collect();
         let ranking = order
             .iter()
             .enumerate()
@@ -280,6 +284,7 @@ impl SelectionPlan {
             choice,
             ranking,
             warnings,
+            notes,
         }
     }
 
@@ -616,12 +621,12 @@ mod tests {
             "{unsealed:?}"
         );
         for selection in [clean, sealed] {
-            let warned = selection.warnings.iter().any(|warning| {
-                warning.starts_with("guide_3")
-                    && warning.contains("static friction")
-                    && warning.contains("18.5")
+            let told = selection.notes.iter().any(|note| {
+                note.starts_with("guide_3")
+                    && note.contains("static friction")
+                    && note.contains("18.5")
             });
-            assert!(warned, "{:?}", selection.warnings);
+            assert!(told && selection.warnings.is_empty(), "{selection:?}");
         }
     }
 

@@ -91,8 +91,8 @@ impl Model {
     }
 
     #[getter]
-    fn warnings(&self) -> PyResult<Vec<String>> {
-        self.0.warnings().or_raise()
+    fn notes(&self) -> PyResult<Vec<String>> {
+        self.0.notes().or_raise()
     }
 
     #[getter]

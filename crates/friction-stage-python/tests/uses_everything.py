@@ -17,7 +17,7 @@ def models() -> fs.Model:
     model: fs.Model = fs.Model.from_yaml("mass: 12.0")
     assert fs.Model.from_dict(model.to_dict()) == model
     rig: fs.Model = fs.Model.rig(fs.Model.guides()[0])
-    names: list[str] = [rig.name, *rig.effects, *rig.warnings]
+    names: list[str] = [rig.name, *rig.effects, *rig.notes]
     assert names
     return fs.Model.guide("guide_2").without_noise()
 
@@ -73,7 +73,7 @@ def laboratory(application: Path, directory: Path) -> fs.GuideFit:
     assert len(swept) == 2 and len(swept["peak_error_m"]) == len(swept.to_pandas()) and str(swept)
     selection: fs.Selection = fs.select(application, guides=["guide_1"], variants=10, seed=2)
     choice: str | None = selection.choice
-    assert choice or selection.ranking or selection.warnings or len(selection.to_pandas())
+    assert choice or selection.ranking or selection.warnings or selection.notes or len(selection.to_pandas())
     runs: fs.ExperimentResult = fs.experiment("stribeck", guides=["guide_1"], recordings=True)
     loops = fs.experiment("dahl", models=[fs.Model.rig("guide_1")], amplitudes=[1e-4])
     first: fs.Trace = next(iter(runs.recordings.values()))

@@ -26,7 +26,7 @@ pub struct ModelFacts {
     /// What the file does not say of its guides and is assumed.
     pub assumptions: Vec<String>,
     /// What deserves a look: guides that are not passive.
-    pub warnings: Vec<String>,
+    pub notes: Vec<String>,
     /// What follows.
     pub derived: Derived,
 }
@@ -63,8 +63,8 @@ impl ModelFacts {
         let guides = model.resolved_guides()?;
         let derived = Derived::new(model, &guides)?;
         let assumptions = model.assumptions();
-        let warnings = model.passivity_warnings()?;
-        Ok(ModelFacts { model: model.clone(), guides, assumptions, warnings, derived })
+        let notes = model.passivity_notes()?;
+        Ok(ModelFacts { model: model.clone(), guides, assumptions, notes, derived })
     }
 }
 

@@ -55,6 +55,9 @@ fn write_ranking(
     for warning in &selection.warnings {
         writeln!(out, "warning: {warning}")?;
     }
+    for note in &selection.notes {
+        writeln!(out, "note: {note}")?;
+    }
     Ok(())
 }
 

@@ -123,7 +123,7 @@ impl PartialGuide {
     }
 
     /// What is assumed of the guide, with its values; `key` says where it stands in the model.
-    pub(super) fn warning(&self, key: &str, joint: JointType) -> String {
+    pub(super) fn assumption(&self, key: &str, joint: JointType) -> String {
         let guide = self.complete(joint);
         let values = [
             ("viscous_friction", self.viscous_friction, guide.viscous_friction, "N s/m"),
@@ -191,12 +191,12 @@ impl Guide {
         }
     }
 
-    /// A warning if this guide can give out energy.
+    /// A note if this guide can give out energy.
     ///
     /// With constant sigma1 the map from velocity to force is passive only if sigma2 > sigma1 (Fs -
     /// Fc) / Fc (Barabanov, Ortega, IEEE TAC 45(4), 2000). A `damping_velocity` removes the
     /// condition's cause.
-    pub fn passivity_warning(&self, key: &str) -> Option<String> {
+    pub fn passivity_note(&self, key: &str) -> Option<String> {
         let needed =
             self.bristle_damping * (self.static_force - self.coulomb_force) / self.coulomb_force;
         let passive = self.damping_velocity.is_some() || self.viscous_friction > needed;

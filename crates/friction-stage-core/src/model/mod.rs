@@ -324,12 +324,12 @@ impl StageModel {
 
     /// What is allowed but deserves a word: what is assumed, and guides that are not passive, each
     /// kind once.
-    pub fn warnings(&self) -> Result<Vec<String>, ModelError> {
-        Ok(self.assumptions().into_iter().chain(self.passivity_warnings()?).collect())
+    pub fn notes(&self) -> Result<Vec<String>, ModelError> {
+        Ok(self.assumptions().into_iter().chain(self.passivity_notes()?).collect())
     }
 
     /// Guides that are not passive, each kind once.
-    pub fn passivity_warnings(&self) -> Result<Vec<String>, ModelError> {
+    pub fn passivity_notes(&self) -> Result<Vec<String>, ModelError> {
         let guides = self.resolved_guides()?;
         let first_of_its_kind =
             |(index, guide): &(usize, &Guide)| !guides[..*index].contains(guide);
@@ -337,7 +337,7 @@ impl StageModel {
             .iter()
             .enumerate()
             .filter(first_of_its_kind)
-            .filter_map(|(index, guide)| guide.passivity_warning(&format!("guides[{index}]")))
+            .filter_map(|(index, guide)| guide.passivity_note(&format!("guides[{index}]")))
             .collect())
     }
 
@@ -348,7 +348,7 @@ impl StageModel {
             .filter(|(index, source)| !self.guides[..*index].contains(source))
             .filter_map(|(index, source)| match source {
                 GuideSource::Partial(guide) => {
-                    Some(guide.warning(&format!("guides[{index}]"), self.joint))
+                    Some(guide.assumption(&format!("guides[{index}]"), self.joint))
                 }
                 _ => None,
             })
@@ -376,10 +376,10 @@ mod tests {
         let guide = &model.resolved_guides().unwrap()[0];
         assert_eq!((guide.coulomb_force, guide.static_force), (0.02, 0.02));
         assert!((guide.static_force / guide.stiffness - 1e-3).abs() < 1e-12);
-        let warnings = model.warnings().unwrap();
-        assert_eq!(warnings.len(), 1, "{warnings:?}");
+        let notes = model.notes().unwrap();
+        assert_eq!(notes.len(), 1, "{notes:?}");
         for words in ["guides[0]", "assumed", "stiffness 2.000e1 N m/rad", "static_force"] {
-            assert!(warnings[0].contains(words), "{warnings:?}");
+            assert!(notes[0].contains(words), "{notes:?}");
         }
         // What a user did not say is not written as if it had been.
         let written = model.to_yaml().unwrap();

@@ -87,7 +87,7 @@ class Model:
         """Names of the effects beyond the guides."""
 
     @property
-    def warnings(self) -> list[str]:
+    def notes(self) -> list[str]:
         """What is allowed but deserves a word."""
 
     def __eq__(self, value: object, /) -> bool: ...

@@ -43,8 +43,13 @@ class Selection:
 
     @property
     def warnings(self) -> list[str]:
-        """What a user should know."""
+        """What a user must notice."""
         return list(self.summary["warnings"])
+
+    @property
+    def notes(self) -> list[str]:
+        """What deserves a look."""
+        return list(self.summary["notes"])
 
     def to_pandas(self) -> pd.DataFrame:
         """The variants as a pandas data frame."""

@@ -83,6 +83,9 @@ impl<'a> Report<'a> {
         for warning in self.summary.warnings {
             self.page.note(Mark::Warning, warning);
         }
+        for note in self.summary.notes {
+            self.page.note(Mark::Neutral, note);
+        }
         Ok((self.page.finish(), self.figures))
     }
 

@@ -35,6 +35,8 @@ pub struct ExperimentSummary<'a> {
     pub results: &'a ExperimentResults,
     /// What a user should know.
     pub warnings: &'a [String],
+    /// What deserves a look, and that nobody must act on.
+    pub notes: &'a [String],
     /// Whether recordings are in `bags/`.
     #[serde(skip)]
     pub has_bags: bool,
@@ -66,6 +68,7 @@ impl<'a> ExperimentSummary<'a> {
             stiffness_of_guide_1: found.stiffness_of_guide_1.as_ref(),
             results: &found.results,
             warnings: &found.warnings,
+            notes: &found.notes,
             has_bags,
         }
     }
@@ -83,6 +86,9 @@ impl ExperimentSummary<'_> {
     fn write(&self, out: &mut String) -> std::fmt::Result {
         for warning in self.warnings {
             writeln!(out, "warning: {warning}")?;
+        }
+        for note in self.notes {
+            writeln!(out, "note: {note}")?;
         }
         if !self.statements.is_empty() {
             return self.print_statements(out);

@@ -109,8 +109,8 @@ pub fn identification_page(
          simplest is taken.",
     ));
     page.subsection("Identified model");
-    for warning in identified.warnings()? {
-        page.note(Mark::Neutral, &warning);
+    for note in identified.notes()? {
+        page.note(Mark::Neutral, &note);
     }
     page.code(&identified.to_yaml()?);
     Ok(page.finish())

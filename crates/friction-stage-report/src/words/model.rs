@@ -141,7 +141,7 @@ pub fn guide_text(name: &str, entry: &CatalogueEntry) -> String {
 
 /// A model with its units, what is assumed of it, and what follows from it.
 pub fn model_text(facts: &ModelFacts) -> String {
-    let ModelFacts { model, guides, assumptions, warnings, derived } = facts;
+    let ModelFacts { model, guides, assumptions, notes, derived } = facts;
     let of = |value: f64, unit: &str| format!("{} {}", readable(value), model.joint.unit(unit));
     let mut text = format!(
         "{}\n  joint             {}\n  mass              {}\n",
@@ -220,11 +220,8 @@ pub fn model_text(facts: &ModelFacts) -> String {
         let verdict = if possible { "the motor has it" } else { "more than the motor has" };
         text += &format!("  {:26} {} ({verdict})\n", "force for 50 mm in 100 ms", of(force, "N"));
     }
-    for assumption in assumptions {
-        text += &format!("note: {assumption}\n");
-    }
-    for warning in warnings {
-        text += &format!("warning: {warning}\n");
+    for note in assumptions.iter().chain(notes) {
+        text += &format!("note: {note}\n");
     }
     text
 }
