@@ -233,7 +233,8 @@ impl Driver {
         found.context("the stage published no diagnostics")
     }
 
-    /// Runs the motion, and what follows until it has settled, to its end. `progress` hears the simulated time since the first sample, s.
+    /// Runs the motion, and what follows until it has settled, to its end. `progress` hears the
+    /// simulated time since the first sample, s.
     pub fn run(
         self,
         run: &LockstepRun,

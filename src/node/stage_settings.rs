@@ -174,8 +174,9 @@ pub fn specs() -> Vec<ParameterSpec> {
         ParameterSpec::double(
             "pause_at",
             0.0,
-            "in lockstep, simulated time at which time is paused: the sample there is answered, and \
-             no other goes out before ~/set_simulation_state or ~/step_simulation; 0: never",
+            "in lockstep, simulated time at which time is paused once: the sample there is \
+             answered, and no other goes out before ~/set_simulation_state or ~/step_simulation; \
+             0: never",
         )
         .unit("s")
         .range(0.0, 1e9)

@@ -95,8 +95,8 @@ pub(super) fn run(args: &RecordingsArgs, out: &mut dyn Write) -> anyhow::Result<
         out,
         "{place}: declared.yaml, train, check and the sealed answer\n\nWhat does the stage have \
          that its model lacks?\n  friction-stage identify --model {place}/declared.yaml --train \
-         {place}/train --holdout {place}/check --out {place}/result\n\nThe answer:\n  friction-stage demo \
-         recordings --out {place} --reveal"
+         {place}/train --holdout {place}/check --out {place}/result\n\nThe answer:\n  \
+         friction-stage demo recordings --out {place} --reveal"
     )?;
     Ok(Outcome::Done)
 }
