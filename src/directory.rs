@@ -7,6 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 
 use crate::interrupt;
+use crate::made_by;
 use crate::outcome::WrongArguments;
 
 /// A directory that is named after what it holds and when: `<name>_<date>` in `parent`, UTC.
@@ -86,9 +87,11 @@ impl Results {
         Ok(())
     }
 
-    /// Writes a file of it.
+    /// Writes a file of it, with who made it where it has a place for that.
     pub fn write(&self, name: &str, text: &str) -> anyhow::Result<()> {
         let path = self.directory.join(name);
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+        std::fs::write(&path, made_by::signed(name, text))
+            .with_context(|| format!("cannot write {}", path.display()))?;
+        if name == SUMMARY { made_by::write(&self.directory) } else { Ok(()) }
     }
 }

@@ -4,5 +4,6 @@ pub mod cli;
 pub mod cpu;
 pub mod directory;
 pub mod interrupt;
+pub mod made_by;
 pub mod node;
 pub mod outcome;

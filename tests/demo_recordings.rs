@@ -56,12 +56,35 @@ fn the_lines_of_the_readme_find_what_is_hidden() {
         assert!(answer.contains(&format!("{name}:")), "seed {seed}: {name} is not in {answer}");
 
         hidden.insert(name.to_owned());
+        assert_model_file(place.path(), identify, &summary);
 
         let again = friction_stage(place.path(), make);
         assert_eq!(again.status.code(), Some(2), "{again:?}");
         assert!(String::from_utf8_lossy(&again.stderr).contains("exists already"), "{again:?}");
     }
     assert_eq!(hidden.len(), 3, "{hidden:?}");
+}
+
+/// The identified model says who made it and its intervals, in digits that these deserve.
+fn assert_model_file(place: &Path, line: &str, summary: &Value) {
+    let command = line.split_whitespace().collect::<Vec<_>>().join(" ");
+    let path = place.join("result/identified.yaml");
+    let text = std::fs::read_to_string(&path).expect("the identified model");
+    let lines: Vec<&str> = text.lines().collect();
+    let version = format!("# friction-stage {}, 20", env!("CARGO_PKG_VERSION"));
+    assert!(lines[0].starts_with(&version), "{text}");
+    assert!(lines[1].starts_with(&format!("# friction-stage {command}")), "{text}");
+    let model = StageModel::load(&path).expect("the model loads");
+    let mass = &summary["declared_parameters"]["mass"];
+    let number = |value: &Value| value.as_f64().expect("a number");
+    let half = 0.5 * (number(&mass["ci95"][1]) - number(&mass["ci95"][0]));
+    assert!((model.mass - number(&mass["value"])).abs() <= 0.01 * half, "{text}");
+    assert!(format!("{:?}", model.mass).len() < 12, "{text}");
+    assert!(text.contains("#   mass ") && text.contains(" kg ") && text.contains(" to "), "{text}");
+    let made_by = std::fs::read_to_string(place.join("result/made_by.json")).expect("who made it");
+    let made_by: Value = serde_json::from_str(&made_by).expect("JSON");
+    let told = made_by["command"].as_str().expect("a command");
+    assert!(told.starts_with(&format!("friction-stage {command}")), "{told}");
 }
 
 #[test]

@@ -224,7 +224,7 @@ fn wrong_arguments_end_with_2_and_missing_files_with_1() {
     std::fs::create_dir(&out).unwrap();
     std::fs::write(out.join("summary.json"), "{\"statements\": []}").unwrap();
     let foreign = identify(&nothing, &other, &out, &[]).output().unwrap();
-    assert_eq!(foreign.status.code(), Some(1));
+    assert_eq!(foreign.status.code(), Some(2));
     assert!(stderr(&foreign).contains("another command"), "{}", stderr(&foreign));
     std::fs::write(out.join("summary.json"), "{\"verdict\": \"none\"}").unwrap();
     let earlier = identify(&nothing, &other, &out, &[]).output().unwrap();
@@ -240,7 +240,7 @@ fn wrong_arguments_end_with_2_and_missing_files_with_1() {
         std::fs::create_dir(&taken).unwrap();
         std::fs::write(taken.join(file), "").unwrap();
         let refused = identify(&nothing, &other, &taken, &[]).output().unwrap();
-        assert_eq!(refused.status.code(), Some(1));
+        assert_eq!(refused.status.code(), Some(2));
         assert!(stderr(&refused).contains(words), "{}", stderr(&refused));
     }
 }

@@ -131,7 +131,14 @@ fn an_experiment_keeps_what_it_has_measured_and_goes_on_to_the_same_summary() {
     assert_eq!(ended(paper("whole", &[])).0, Some(3));
     let read = |name: &str| std::fs::read_to_string(home.path().join(name)).unwrap();
     assert_eq!(read("cut/summary.json"), read("whole/summary.json"));
-    assert_eq!(read("cut/report.html"), read("whole/report.html"));
+    let page = |name: &str| {
+        let page = read(name);
+        // What follows says when and by which command it was made.
+        let (body, made_by) = page.split_once("<footer>").expect("who made it");
+        assert!(made_by.contains("friction-stage experiment paper"), "{made_by}");
+        body.to_owned()
+    };
+    assert_eq!(page("cut/report.html"), page("whole/report.html"));
     assert!(!home.path().join("cut/parts").exists());
 }
 

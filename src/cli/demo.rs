@@ -14,6 +14,7 @@ use super::{Outcome, WrongArguments};
 use crate::cpu;
 use crate::directory;
 use crate::interrupt;
+use crate::made_by;
 use crate::node::driver::{Driver, LockstepRun};
 use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, topics};
 use friction_stage_data::message::ControllerState;
@@ -208,7 +209,9 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         .collect();
     let bags: Vec<String> = results.iter().map(|result| result.bag.display().to_string()).collect();
     let html = demo_page(&position_error_charts(&motion, &errors), &rows, &bags)?;
-    std::fs::write(&page, html).with_context(|| format!("cannot write {}", page.display()))?;
+    made_by::write(&directory)?;
+    std::fs::write(&page, made_by::signed("report.html", &html))
+        .with_context(|| format!("cannot write {}", page.display()))?;
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&results)?)?;
     } else {

@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::Outcome;
 use super::progress::Progress;
 use crate::directory::may_replace;
+use crate::made_by;
 use friction_stage_data::signals::Trace;
 use friction_stage_lab::{Fitted, GuideConstruction, GuideFit, RigRecord, fit_guide};
 
@@ -132,7 +133,7 @@ pub fn run(args: &FitGuideArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
             ),
         )?
         .to_yaml()?;
-    std::fs::write(&args.out, &catalogue)
+    std::fs::write(&args.out, made_by::signed("catalogue.yaml", &catalogue))
         .with_context(|| format!("cannot write {}", args.out.display()))?;
     let report = Report {
         schema_version: 1,

@@ -13,6 +13,7 @@ use indicatif::ProgressBar;
 use super::progress::Progress;
 use super::{Interrupted, Outcome, PartArgs, WrongArguments};
 use crate::interrupt::{self, Patience};
+use crate::made_by;
 use friction_stage_core::model::{JointType, StageModel};
 use friction_stage_core::text_file;
 use friction_stage_data::bag::topics;
@@ -22,7 +23,7 @@ use friction_stage_identify::{
 };
 use friction_stage_report::identification::{
     identification_figures, identification_page, identification_summary, identification_text,
-    next_experiment_lines,
+    identified_model_file, next_experiment_lines,
 };
 use friction_stage_report::words::records_error;
 
@@ -195,18 +196,21 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
         // That of an earlier identification is not this one's.
         let _ = std::fs::remove_file(args.out.join(next::FILE));
     }
-    write(&args.out.join(MODEL_FILE), &found.model.to_yaml()?)?;
+    let model = identified_model_file(&found.model, &summary)?;
+    write(&args.out.join(MODEL_FILE), &made_by::signed(MODEL_FILE, &model))?;
     for figure in &figures {
         write(&args.out.join("figures").join(format!("{}.svg", figure.name)), &figure.svg)?;
     }
     let page = args.out.join("report.html");
-    write(&page, &html)?;
+    write(&page, &made_by::signed("report.html", &html))?;
     if let (Some(file), Some(plan)) = (&motion_file, &found.next) {
         let comments = next_experiment_lines(&plan.next, declared.joint);
-        write(file, &next_experiment::trajectory_yaml(&plan.points, topics::JOINT, &comments))?;
+        let text = next_experiment::trajectory_yaml(&plan.points, topics::JOINT, &comments);
+        write(file, &made_by::signed("motion.yaml", &text))?;
     }
     let json = serde_json::to_string_pretty(&summary)? + "\n";
     write(&args.out.join("summary.json"), &json)?;
+    made_by::write(&args.out)?;
     drop(watch);
 
     if args.json {
@@ -255,38 +259,35 @@ fn tell_of_stop(bar: ProgressBar) {
 /// Refuses a directory that is a recording or holds the results of another command; those of an
 /// earlier identification are replaced with `force` alone.
 fn may_write(directory: &Path, force: bool) -> anyhow::Result<()> {
-    anyhow::ensure!(
-        !directory.join("metadata.yaml").exists(),
-        "{} is a recording: choose another --out",
-        directory.display()
-    );
+    let refused = |what: &str| {
+        let place = directory.display();
+        Err(WrongArguments(format!("{place} {what}: choose another --out")).into())
+    };
+    if directory.join("metadata.yaml").exists() {
+        return refused("is a recording");
+    }
     let Ok(text) = text_file::read(&directory.join("summary.json")) else {
         let foreign = ["report.html", "identified.yaml"]
             .into_iter()
             .find(|name| directory.join(name).exists());
-        anyhow::ensure!(
-            foreign.is_none(),
-            "{} holds a {} and no summary.json of an identification: choose another --out",
-            directory.display(),
-            foreign.unwrap_or_default()
-        );
-        return Ok(());
+        return match foreign {
+            Some(found) => {
+                refused(&format!("holds a {found} and no summary.json of an identification"))
+            }
+            None => Ok(()),
+        };
     };
     let own = serde_json::from_str::<serde_json::Value>(&text)
         .is_ok_and(|value| value.get("verdict").is_some());
-    anyhow::ensure!(
-        own,
-        "{} holds results of another command: choose another --out",
-        directory.display()
-    );
-    if !force {
-        return Err(WrongArguments(format!(
+    match (own, force) {
+        (false, _) => refused("holds results of another command"),
+        (true, false) => Err(WrongArguments(format!(
             "{} holds an identification already: choose another --out, or replace it with --force",
             directory.display()
         ))
-        .into());
+        .into()),
+        (true, true) => Ok(()),
     }
-    Ok(())
 }
 
 fn write(path: &Path, text: &str) -> anyhow::Result<()> {

@@ -9,10 +9,11 @@ use clap::Args;
 use super::progress::Progress;
 use super::{Outcome, selection_output, sweep};
 use crate::interrupt;
+use crate::made_by;
 use friction_stage_lab::{NumberedPlan, Rows, SelectionPlan, SweepPlan, kind_of, merge_shards};
 
-/// Put the shards of a selection or a sweep together: the same files, bit for bit, as one run
-/// without --shard.
+/// Put the shards of a selection or a sweep together: the same rows and results, bit for
+/// bit, as one run without --shard.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Example:\n  friction-stage merge part_* --out whole")]
 pub struct MergeArgs {
@@ -56,5 +57,6 @@ fn merged<P: NumberedPlan>(args: &MergeArgs) -> anyhow::Result<Rows<P>> {
     let progress = Progress::endless("merging");
     let rows = merge_shards(&args.shards, &args.out)?;
     drop(progress);
+    made_by::write(&args.out)?;
     Ok(rows)
 }

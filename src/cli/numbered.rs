@@ -10,6 +10,7 @@ use clap::Args;
 use super::Interrupted;
 use super::progress::Progress;
 use crate::interrupt::{self, Patience};
+use crate::made_by;
 use friction_stage_lab::{NumberedPlan, Rows, Shard, Sheet};
 
 /// Where the rows are and which part of them is computed.
@@ -72,6 +73,7 @@ impl RowsArgs {
                 size = (2 * size).min(CHUNK);
             }
         }
+        made_by::write(&self.out)?;
         Ok(rows)
     }
 

@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::Outcome;
 use crate::directory::may_replace;
+use crate::made_by;
 use friction_stage_data::signals::{self, Mapping};
 use friction_stage_report::view::{ViewedRun, view_page};
 
@@ -57,7 +58,7 @@ pub fn run(args: &ViewArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         })
         .collect::<anyhow::Result<_>>()?;
     let page = view_page(&runs)?;
-    std::fs::write(&args.out, page)
+    std::fs::write(&args.out, made_by::signed("view.html", &page))
         .with_context(|| format!("cannot write {}", args.out.display()))?;
     if args.json {
         writeln!(out, "{}", json!({"page": args.out}))?;

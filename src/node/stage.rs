@@ -25,6 +25,7 @@ use super::stage_outlets::StageOutlets;
 use super::stage_settings::{self, Drive, Mode, StageSettings};
 use super::stage_status::StageStatus;
 use super::wire::StageNames;
+use crate::made_by;
 use crate::outcome::Outcome;
 use friction_stage_core::plant::Stage;
 use friction_stage_data::bag::{BagOptions, Provenance};
@@ -282,6 +283,7 @@ fn provenance(startup: &Startup, settings: &StageSettings) -> anyhow::Result<Pro
         ("mode", format!("{:?}", settings.mode).to_lowercase()),
         ("drive", format!("{:?}", settings.drive).to_lowercase()),
         ("node", startup.full_name()),
+        ("date", made_by::now()),
     ];
     Ok(Provenance {
         model_yaml: settings.model.to_yaml()?,

@@ -11,6 +11,7 @@ use friction_stage_identify::{
 };
 use friction_stage_report::identification::{
     identification_figures, identification_page, identification_summary, identification_text,
+    identified_model_file,
 };
 use friction_stage_report::words::records_error;
 use pyo3::prelude::*;
@@ -118,6 +119,12 @@ impl Identified {
         let summary = identification_summary(&self.found, &self.records, MODEL_FILE);
         let text = serde_json::to_string_pretty(&summary).map_err(|e| Identified::failed(&e))?;
         Ok(text + "\n")
+    }
+
+    /// The text of `identified.yaml`.
+    fn model_file(&self) -> PyResult<String> {
+        let summary = identification_summary(&self.found, &self.records, MODEL_FILE);
+        identified_model_file(&self.found.model, &summary).map_err(|e| Identified::failed(&e))
     }
 
     #[getter]

@@ -343,6 +343,15 @@ impl Page {
     }
 }
 
+/// A finished page with lines at its end, such as who made it.
+pub fn with_footer(page: &str, lines: &str) -> String {
+    let lines = escaped(lines).replace('\n', "<br>");
+    match page.rsplit_once("</main>") {
+        Some((before, after)) => format!("{before}<footer>{lines}</footer>\n</main>{after}"),
+        None => page.to_owned(),
+    }
+}
+
 /// Text as HTML shows it: no character of it is markup.
 pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use crate::made_by;
 use friction_stage_data::bag::{BagOptions, BagWriter, OfferedQos, Provenance, topics};
 use friction_stage_data::message::{ControllerState, Header, JointState, WrenchStamped};
 use friction_stage_data::wire::controller_state;
@@ -22,9 +23,13 @@ pub(super) fn write_bag(
         seed: recording.settings.seed.to_string(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         arguments: format!("experiment {experiment}"),
-        extra: [("control_rate", rates.control()), ("physics_rate", rates.physics())]
-            .map(|(key, value)| (key.to_owned(), value.to_string()))
-            .into(),
+        extra: [
+            ("control_rate", rates.control().to_string()),
+            ("physics_rate", rates.physics().to_string()),
+            ("date", made_by::now()),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .into(),
     };
     write_topics(directory, recording, Some(provenance))
 }

@@ -129,7 +129,8 @@ class Verdict:
         out = FilePath(directory)
         page, figures = self._identified.report()
         (out / "figures").mkdir(parents=True, exist_ok=True)
-        (out / "identified.yaml").write_text(self.model.to_yaml(), encoding="utf-8")
+        model = self._identified.model_file()
+        (out / "identified.yaml").write_text(model, encoding="utf-8")
         (out / "summary.json").write_text(self._summary_json, encoding="utf-8")
         (out / "report.html").write_text(page, encoding="utf-8")
         for name, svg in figures:

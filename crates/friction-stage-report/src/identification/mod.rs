@@ -1,6 +1,7 @@
 //! The report of an identification: its summary, its page and its figures.
 
 mod figures;
+mod model_file;
 mod next;
 mod page;
 
@@ -14,6 +15,7 @@ use friction_stage_core::plant::effects::ParameterKind;
 use friction_stage_identify::{Change, Identification, Records, Summary, in_digits, taking_part};
 
 pub use figures::{FigureGroup, IdentificationFigure, identification_figures};
+pub use model_file::identified_model_file;
 pub use next::next_experiment_lines;
 pub use page::identification_page;
 

@@ -1,6 +1,7 @@
 //! The report of an identification as one page.
 
 use super::figures::{FigureGroup, IdentificationFigure};
+use super::model_file::{GUIDES_TOGETHER, identified_model_file};
 use super::{chosen, travel};
 use crate::error::ReportError;
 use crate::page::{Align, Cell, Mark, Page, Table, Tile};
@@ -112,7 +113,10 @@ pub fn identification_page(
     for note in identified.notes()? {
         page.note(Mark::Neutral, &note);
     }
-    page.code(&identified.to_yaml()?);
+    if identified.guides.len() > 1 {
+        page.text(GUIDES_TOGETHER);
+    }
+    page.code(&identified_model_file(identified, summary)?);
     Ok(page.finish())
 }
 
