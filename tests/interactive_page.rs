@@ -268,7 +268,8 @@ fn view_shows_runs_over_each_other() {
         "[...document.querySelector('figure').querySelectorAll('.plot-curve \
          span')].map((e) => e.textContent)",
     );
-    assert_eq!(names, serde_json::json!(["train", "check", "run.csv"]));
+    let curves = ["train", "check", "run.csv", "setpoint of train", "setpoint of check"];
+    assert_eq!(names, serde_json::json!(curves));
     let (x, values) = open.values(0, 0.3);
     assert!(x > 1.0 && values[0] != 0.0 && values[1] != 0.0, "{x}: {values:?}");
     open.assert_quiet();

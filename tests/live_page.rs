@@ -119,6 +119,13 @@ fn a_running_stage_is_watched_moved_and_recorded_from_the_page() {
     }
     browser.wait_until(&format!("{} === 'bandwidth 57 Hz'", text("said")));
     assert_eq!(browser.text(&text("bandwidth-value")), "57 Hz");
+    // What is refused does not stay on the slider: 60 samples per second would not do for it.
+    browser.evaluate(
+        "const slider = document.getElementById('bandwidth'); slider.max = 900; slider.value = \
+         900; slider.dispatchEvent(new Event('change'))",
+    );
+    browser.wait_until(&format!("{} === '57 Hz'", text("bandwidth-value")));
+    assert!(browser.text(&text("said")).contains("must be"), "{}", browser.text(&text("said")));
     // It holds its position with the new gains.
     browser.click("document.getElementById('forth')");
     browser.wait_until(&format!("Math.abs({position} - {before} - 0.01) < 0.0015"));
@@ -159,6 +166,7 @@ fn a_running_stage_is_watched_moved_and_recorded_from_the_page() {
     assert_eq!(unsafe { libc::kill(stage.process.id() as i32, libc::SIGINT) }, 0);
     assert!(stage.process.wait().expect("it ends").success());
     browser.wait_until(&format!("{} === 'the stage has ended'", text("state")));
+    assert_eq!(browser.evaluate("document.getElementById('forth').disabled"), true);
     let own = |url: &String| url.contains(&format!("127.0.0.1:{}/", stage.port));
     assert!(
         browser.requests.iter().all(|url| own(url) || url.starts_with("\"data:")),
@@ -178,6 +186,9 @@ fn a_stage_that_another_node_controls_is_watched_only() {
         assert_eq!(disabled, true, "{id}");
     }
     assert!(browser.text("document.querySelector('.note').textContent").contains("drive:=servo"));
+    // It has no error of its own to show.
+    assert_eq!(browser.evaluate("document.getElementById('error') === null"), true);
+    assert_eq!(browser.evaluate("document.querySelectorAll('.uplot').length"), 2);
 }
 
 #[test]

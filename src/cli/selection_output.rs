@@ -25,7 +25,7 @@ pub fn finish(
     };
     let summary = serde_json::to_string_pretty(&selection)?;
     write("summary.json", format!("{summary}\n"))?;
-    write("trade_off.svg", trade_off_figure(plan, &tallies)?)?;
+    write("trade_off.svg", trade_off_figure(plan, &tallies, &selection)?)?;
     #[cfg(feature = "parquet")]
     rows.write_parquet(&directory.join("variants.parquet"))?;
     if json {

@@ -122,10 +122,15 @@ enum Told {
     },
     Done {
         said: String,
+        /// After a wish for another one, which may be refused: the one in use, Hz.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        bandwidth: Option<f64>,
     },
 }
 
 struct Served {
+    /// Of the stage's own loop, Hz.
+    bandwidth: Mutex<Option<f64>>,
     page: String,
     /// Names under which a browser on this machine knows the server.
     hosts: [String; 2],
@@ -169,6 +174,7 @@ async fn serve(
     let (frames, _) = broadcast::channel(BEHIND);
     let port = setup.port;
     let served = Arc::new(Served {
+        bandwidth: Mutex::new(setup.bandwidth),
         page: live_page(&LiveStage { name: &setup.name, bandwidth: setup.bandwidth }),
         hosts: [format!("127.0.0.1:{port}"), format!("localhost:{port}")],
         frames: frames.clone(),
@@ -243,9 +249,15 @@ impl Served {
     async fn answer(&self, text: &str) -> Told {
         let wish = match serde_json::from_str(text) {
             Ok(wish) => wish,
-            Err(error) => return Told::Done { said: format!("not understood: {error}") },
+            Err(error) => {
+                return Told::Done { said: format!("not understood: {error}"), bandwidth: None };
+            }
         };
         let (reply, answer) = oneshot::channel();
+        let wanted = match wish {
+            Wish::Bandwidth(bandwidth) => Some(bandwidth),
+            _ => None,
+        };
         let control = match wish {
             Wish::Bandwidth(bandwidth) => Control::Bandwidth(bandwidth, reply),
             Wish::Step(distance) => Control::Move(distance, reply),
@@ -256,7 +268,7 @@ impl Served {
                     Ok(Ok(said) | Err(said)) => said,
                     Err(error) => error.to_string(),
                 };
-                return Told::Done { said };
+                return Told::Done { said, bandwidth: None };
             }
         };
         let gone = || Err("the stage is shutting down".to_owned());
@@ -264,7 +276,14 @@ impl Served {
             Ok(()) => answer.await.unwrap_or_else(|_| gone()),
             Err(_) => gone(),
         };
-        Told::Done { said: done.unwrap_or_else(|reason| reason) }
+        let bandwidth = wanted.and_then(|wanted| {
+            let mut in_use = lock(&self.bandwidth);
+            if done.is_ok() {
+                *in_use = Some(wanted);
+            }
+            *in_use
+        });
+        Told::Done { said: done.unwrap_or_else(|reason| reason), bandwidth }
     }
 }
 

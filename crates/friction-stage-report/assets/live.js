@@ -5,7 +5,9 @@
   const get = (id) => document.getElementById(id);
   const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const dark = matchMedia("(prefers-color-scheme: dark)");
-  const signals = [["position", "position, mm"], ["error", "error, µm"], ["force", "force, N"]];
+  const all = [["position", "position, mm"], ["error", "error, µm"], ["force", "force, N"]];
+  // Without a loop of its own the stage has no error.
+  const signals = all.filter(([name]) => get(name));
   const data = { t: [], position: [], error: [], force: [] };
   let plots = [];
 
@@ -19,7 +21,7 @@
         width: parent.clientWidth, height: 190, legend: { show: false }, padding: [8, 14, 0, 0],
         cursor: { show: false },
         scales: { x: { time: false } },
-        axes: [{ ...axis, label: index === 2 ? "time, s" : "", size: 30, labelSize: 20 },
+        axes: [{ ...axis, label: index === signals.length - 1 ? "time, s" : "", size: 30, labelSize: 20 },
           { ...axis, label, size: 64 }],
         series: [{}, { stroke: dark.matches ? "#4aa8e0" : "#0072b2", width: 1.5,
           pxAlign: 0, points: { show: false } }],
@@ -39,8 +41,14 @@
     : `${(metres * 1e6).toPrecision(3)} µm`);
   const socket = new WebSocket(`ws://${location.host}/data`);
   socket.onopen = () => { get("state").textContent = "running"; };
-  socket.onclose = () => { get("state").textContent = "the stage has ended"; };
+  socket.onclose = () => {
+    get("state").textContent = "the stage has ended";
+    document.querySelector("main").classList.add("ended");
+    document.querySelectorAll(".controls input, .controls button")
+      .forEach((control) => { control.disabled = true; });
+  };
   let waiting = false;
+  let asked = 0;
   const draw = () => {
     waiting = false;
     signals.forEach(([name], index) => {
@@ -51,6 +59,11 @@
   socket.onmessage = (event) => {
     const told = JSON.parse(event.data);
     if (told.said !== undefined) get("said").textContent = told.said;
+    // A bandwidth may be refused; what comes after it in the meantime is not to be undone.
+    if (told.bandwidth !== undefined && --asked === 0) {
+      get("bandwidth").value = told.bandwidth;
+      shown();
+    }
     if (told.recording !== undefined) {
       get("record").setAttribute("aria-pressed", String(told.recording));
       get("record").textContent = told.recording ? "stop recording" : "record";
@@ -76,8 +89,10 @@
   shown();
   get("bandwidth").addEventListener("input", shown);
   get("size").addEventListener("input", shown);
-  get("bandwidth").addEventListener("change",
-    () => send({ bandwidth: Number(get("bandwidth").value) }));
+  get("bandwidth").addEventListener("change", () => {
+    asked += 1;
+    send({ bandwidth: Number(get("bandwidth").value) });
+  });
   get("forth").addEventListener("click", () => send({ step: size() }));
   get("back").addEventListener("click", () => send({ step: -size() }));
   get("record").addEventListener("click",

@@ -29,6 +29,15 @@ pub fn live_page(stage: &LiveStage) -> String {
         ),
     };
     let bandwidth = stage.bandwidth.unwrap_or(60.0);
+    let most = (2.0 * bandwidth).max(150.0);
+    // Only a stage that drives itself knows what it is to follow.
+    let error = match stage.bandwidth {
+        Some(_) => {
+            "<div class=\"tile neutral\"><span>error, µm</span><output class=\"value\" \
+             id=\"error\">\u{2013}</output></div>\n"
+        }
+        None => "",
+    };
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta \
          name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta \
@@ -37,12 +46,10 @@ pub fn live_page(stage: &LiveStage) -> String {
          </head>\n<body>\n<main>\n<header>\n<h1>{name}</h1>\n<p><span id=\"state\" \
          role=\"status\">connecting</span></p>\n</header>\n{note}<div class=\"tiles\">\n<div \
          class=\"tile neutral\"><span>position, mm</span><output class=\"value\" \
-         id=\"position\">\u{2013}</output></div>\n<div class=\"tile \
-         neutral\"><span>error, µm</span><output class=\"value\" \
-         id=\"error\">\u{2013}</output></div>\n<div class=\"tile neutral\"><span>force, \
+         id=\"position\">\u{2013}</output></div>\n{error}<div class=\"tile neutral\"><span>force, \
          N</span><output class=\"value\" id=\"force\">\u{2013}</output></div>\n</div>\n<div \
          class=\"controls\">\n<label>bandwidth <input type=\"range\" id=\"bandwidth\" min=\"1\" \
-         max=\"150\" step=\"1\" value=\"{bandwidth}\"{disabled}> <output \
+         max=\"{most}\" step=\"1\" value=\"{bandwidth}\"{disabled}> <output \
          id=\"bandwidth-value\"></output></label>\n<label>step <input type=\"range\" id=\"size\" \
          min=\"-7\" max=\"-2\" step=\"0.1\" value=\"-5\"{disabled}> <output \
          id=\"size-value\"></output></label>\n<button type=\"button\" id=\"back\"{disabled}>step \

@@ -63,12 +63,20 @@ fn write_ranking(
 
 /// Peak error against settling time: of each guide a cross from the 5 % to the 95 % quantiles
 /// through the medians, the requirement as the corner that it must stay in; then the distributions
-/// of both.
-pub fn trade_off_figure(plan: &SelectionPlan, tallies: &[Tally]) -> Result<String, FigureError> {
-    svg(&plan.application.name, &trade_off_charts(plan, tallies))
+/// of both. The chosen guide is named, and guides that the application excludes are dashed.
+pub fn trade_off_figure(
+    plan: &SelectionPlan,
+    tallies: &[Tally],
+    selection: &GuideSelection,
+) -> Result<String, FigureError> {
+    svg(&plan.application.name, &trade_off_charts(plan, tallies, selection))
 }
 
-fn trade_off_charts(plan: &SelectionPlan, tallies: &[Tally]) -> [Chart; 3] {
+fn trade_off_charts(
+    plan: &SelectionPlan,
+    tallies: &[Tally],
+    selection: &GuideSelection,
+) -> [Chart; 3] {
     let application = &plan.application;
     let requirement = &application.requirement;
     // What never settles is drawn at the end of what was watched.
@@ -86,19 +94,27 @@ fn trade_off_charts(plan: &SelectionPlan, tallies: &[Tally]) -> [Chart; 3] {
     let mut peaks = Chart::new("Peak error", "peak error below, µm", share);
     let mut times = Chart::new("Settling time", &settled, share);
     for (colour, tally) in tallies.iter().enumerate() {
-        let name = guide_label(&plan.candidates[colour].name);
+        let candidate = &plan.candidates[colour];
+        let label = guide_label(&candidate.name);
+        let (name, style) = match &candidate.obstacle {
+            Some(_) => (format!("{label}: excluded"), Style::Dashed),
+            None if selection.choice.as_ref() == Some(&candidate.name) => {
+                (format!("{label}: chosen"), Style::Line)
+            }
+            None => (label, Style::Line),
+        };
         let (peak, settling) = (tally.peak_error(), tally.settling_time());
         let ([x0, x1, x2], [y0, y1, y2]) = (
             [peak.q05, peak.q50, peak.q95].map(um),
             [settling.q05, settling.q50, settling.q95].map(ms),
         );
-        trade_off.add(&name, colour, Style::Line, [(x0, y1), (x2, y1)]);
-        trade_off.add("", colour, Style::Line, [(x1, y0), (x1, y2)]);
+        trade_off.add(&name, colour, style, [(x0, y1), (x2, y1)]);
+        trade_off.add("", colour, style, [(x1, y0), (x1, y2)]);
         let steps = || (1..=200).map(|k| (f64::from(k) / 200.0, f64::from(k) / 2.0));
         let peak = steps().map(|(part, percent)| (um(tally.peak_error_at(part)), percent));
-        peaks.add(&name, colour, Style::Line, peak);
+        peaks.add(&name, colour, style, peak);
         let time = steps().map(|(part, percent)| (ms(tally.settling_time_at(part)), percent));
-        times.add(&name, colour, Style::Line, time);
+        times.add(&name, colour, style, time);
     }
     trade_off.line("largest peak allowed", Axis::X, x);
     trade_off.line("latest settling allowed", Axis::Y, y);

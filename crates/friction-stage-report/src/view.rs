@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use crate::chart::{Chart, Style};
+use crate::chart::{Chart, Series, Style};
 use crate::figure::FigureError;
 use crate::page::{Align, Cell, Page, Table};
 use friction_stage_core::model::JointType;
@@ -79,14 +79,23 @@ pub fn view_page(runs: &[ViewedRun]) -> Result<String, ViewError> {
     page.table(&table);
     let mut missing = Vec::new();
     for signal in &SIGNALS {
-        match chart(signal, runs, &names, joint) {
-            Some(chart) => {
-                page.figure(&chart, signal.caption)?;
-                if let Some(difference) = difference(&chart) {
-                    page.figure(&difference, "What is left where the first run is taken away.")?;
-                }
-            }
+        let curves = curves(signal.value, runs, &names);
+        let name = joint.quantity(signal.name);
+        let mut title = name.clone().into_owned();
+        title[..1].make_ascii_uppercase();
+        let apart = difference(&curves);
+        let difference_title =
+            curves.first().map(|first| format!("{title} less that of {}", first.name));
+        let setpoints = signal.setpoint.map(|value| setpoints(value, runs, &names));
+        let all = curves.into_iter().chain(setpoints.into_iter().flatten()).collect();
+        match chart(title, &name, signal.unit, joint, all) {
+            Some(chart) => page.figure(&chart, signal.caption)?,
             None => missing.push(signal.name),
+        }
+        let apart = difference_title
+            .and_then(|title| chart(title, &format!("{name} apart"), signal.unit, joint, apart));
+        if let Some(chart) = apart {
+            page.figure(&chart, "What is left where the first run is taken away.")?;
         }
     }
     if !missing.is_empty() {
@@ -101,79 +110,112 @@ struct Viewed {
     /// Unit of a linear stage.
     unit: &'static str,
     caption: &'static str,
-    value: fn(&Recording, usize) -> f64,
+    value: Value,
+    /// What it was to be.
+    setpoint: Option<Value>,
 }
+
+/// The value of a signal in a row, SI units.
+type Value = fn(&Recording, usize) -> f64;
 
 const SIGNALS: [Viewed; 4] = [
     Viewed {
         name: "position",
         unit: "m",
-        caption: "What the encoder shows.",
+        caption: "What the encoder shows; dashed: the setpoint.",
         value: |run, row| run.trace.position[row],
+        setpoint: Some(|run, row| run.trace.reference_position[row]),
     },
     Viewed {
         name: "position error",
         unit: "m",
         caption: "Setpoint less encoder.",
         value: |run, row| run.trace.reference_position[row] - run.trace.position[row],
+        setpoint: None,
     },
     Viewed {
         name: "force command",
         unit: "N",
         caption: "What the controller asks of the motor.",
         value: |run, row| run.trace.force[row],
+        setpoint: None,
     },
     Viewed {
         name: "force cell",
         unit: "N",
         caption: "What the motor side makes, as the force cell shows it.",
         value: |run, row| run.trace.force_cell[row],
+        setpoint: None,
     },
 ];
 
-/// The signal of all runs that have it, in the prefix of its unit that reads well.
-fn chart(signal: &Viewed, runs: &[ViewedRun], names: &[String], joint: JointType) -> Option<Chart> {
-    let values: Vec<Vec<f64>> = runs
-        .iter()
-        .map(|ViewedRun { recording, .. }| {
-            (0..recording.trace.len()).map(|row| (signal.value)(recording, row)).collect()
+/// A signal of all runs that have it, SI units.
+fn curves(value: Value, runs: &[ViewedRun], names: &[String]) -> Vec<Series> {
+    let named = runs.iter().zip(names).enumerate();
+    named
+        .map(|(colour, (ViewedRun { recording, .. }, name))| {
+            let time = recording.trace.time.iter().copied();
+            let points =
+                time.enumerate().map(|(row, time)| (time, value(recording, row))).collect();
+            Series { name: name.clone(), points, style: Style::Line, colour }
         })
-        .collect();
-    let finite = values.iter().flatten().filter(|value| value.is_finite());
-    let largest = finite.map(|value| value.abs()).reduce(f64::max)?;
-    let (scale, prefix) = match (signal.unit, largest) {
+        .filter(|curve| curve.points.iter().any(|point| point.1.is_finite()))
+        .collect()
+}
+
+/// The setpoint of all runs that have one; once, where it is the same.
+fn setpoints(value: Value, runs: &[ViewedRun], names: &[String]) -> Vec<Series> {
+    let mut curves = curves(value, runs, names);
+    let is_one = curves.windows(2).all(|pair| pair[0].points == pair[1].points);
+    if is_one {
+        curves.truncate(1);
+    }
+    let dashed = |curve: Series| Series {
+        name: match is_one {
+            true => "setpoint".to_owned(),
+            false => format!("setpoint of {}", curve.name),
+        },
+        style: Style::Dashed,
+        ..curve
+    };
+    curves.into_iter().map(dashed).collect()
+}
+
+/// Curves in SI units as a chart, in the prefix of the unit that reads well.
+fn chart(
+    title: String,
+    name: &str,
+    unit: &str,
+    joint: JointType,
+    curves: Vec<Series>,
+) -> Option<Chart> {
+    let values = curves.iter().flat_map(|curve| &curve.points).map(|point| point.1.abs());
+    let largest = values.filter(|value| value.is_finite()).reduce(f64::max)?;
+    let (scale, prefix) = match (unit, largest) {
         ("m", size) if size < 1e-6 && size > 0.0 => (1e9, "n"),
         ("m", size) if size < 1e-3 => (1e6, "µ"),
         ("m", size) if size < 1.0 => (1e3, "m"),
         _ => (1.0, ""),
     };
-    let name = joint.quantity(signal.name);
-    let mut title = name.clone().into_owned();
-    title[..1].make_ascii_uppercase();
-    let unit = format!("{prefix}{}", signal.unit);
-    let unit = joint.unit(&unit);
-    let mut chart = Chart::new(title, "time, s", format!("{name}, {unit}"));
+    let unit = format!("{prefix}{unit}");
+    let mut chart = Chart::new(title, "time, s", format!("{name}, {}", joint.unit(&unit)));
     chart.zooms_with = Some("time".to_owned());
-    for (colour, (run, values)) in runs.iter().zip(values).enumerate() {
-        if values.iter().any(|value| value.is_finite()) {
-            let time = run.recording.trace.time.iter().copied();
-            let points = time.zip(values.into_iter().map(|value| scale * value));
-            chart.add(&names[colour], colour, Style::Line, points);
-        }
+    for Series { name, points, style, colour } in curves {
+        chart.add(
+            name,
+            colour,
+            style,
+            points.into_iter().map(|(time, value)| (time, scale * value)),
+        );
     }
     Some(chart)
 }
 
-/// The curves of a chart less the first one, at their places where it has neighbours: curves that
-/// are nearly the same hide each other.
-fn difference(chart: &Chart) -> Option<Chart> {
-    let (first, others) = chart.series.split_first().filter(|(_, others)| !others.is_empty())?;
-    let mut difference = Chart {
-        title: format!("{} less that of {}", chart.title, first.name),
-        series: Vec::new(),
-        ..chart.clone()
-    };
-    for other in others {
+/// The curves less the first one, at their places where it has neighbours: curves that are nearly
+/// the same hide each other.
+fn difference(curves: &[Series]) -> Vec<Series> {
+    let Some((first, others)) = curves.split_first() else { return Vec::new() };
+    let less_first = |other: &Series| {
         let mut place = 0;
         let points = other.points.iter().filter_map(|(x, y)| {
             while first.points.get(place + 1).is_some_and(|next| next.0 < *x) {
@@ -184,9 +226,9 @@ fn difference(chart: &Chart) -> Option<Chart> {
             let there = before.1 + part * (after.1 - before.1);
             (0.0..=1.0).contains(&part).then_some((*x, y - there))
         });
-        difference.add(&other.name, other.colour, other.style, points);
-    }
-    Some(difference)
+        Series { points: points.collect(), ..other.clone() }
+    };
+    others.iter().map(less_first).collect()
 }
 
 /// The joint of all runs; those that say nothing are of the kind of the others.
@@ -240,7 +282,13 @@ mod tests {
     #[test]
     fn what_the_runs_have_is_shown_in_units_that_read_well() {
         let page = view_page(&[run("day/one", None), run("night/one", None)]).unwrap();
-        for words in ["position, mm", "position error, µm", "day/one", "night/one"] {
+        for words in [
+            "position, mm",
+            "position error, µm",
+            "day/one",
+            "\"setpoint\"",
+            "Position less that of day/one",
+        ] {
             assert!(page.contains(words), "no {words}");
         }
         assert!(page.contains("In no recording: force command, force cell."));
@@ -250,14 +298,17 @@ mod tests {
 
     #[test]
     fn a_difference_is_that_at_the_same_time_whatever_the_grids() {
-        let mut chart = Chart::new("Position", "time, s", "position, mm");
-        chart.add("first", 0, Style::Line, (0..11).map(|k| (f64::from(k), 2.0 * f64::from(k))));
-        assert_eq!(difference(&chart), None);
+        let curve = |name: &str, points: Vec<(f64, f64)>| Series {
+            name: name.to_owned(),
+            points,
+            style: Style::Line,
+            colour: 0,
+        };
+        let first = curve("first", (0..11).map(|k| (f64::from(k), 2.0 * f64::from(k))).collect());
+        assert_eq!(difference(std::slice::from_ref(&first)), []);
         let other = (-4..40).map(|k| 0.25 * f64::from(k) + 0.1).map(|x| (x, 2.0 * x + 0.5));
-        chart.add("other", 1, Style::Line, other);
-        let difference = difference(&chart).unwrap();
-        assert_eq!(difference.title, "Position less that of first");
-        let [curve] = difference.series.as_slice() else { panic!("{:?}", difference.series) };
+        let apart = difference(&[first, curve("other", other.collect())]);
+        let [curve] = apart.as_slice() else { panic!("{apart:?}") };
         // From 0.1 to 9.85: where the first one is.
         assert_eq!(curve.points.len(), 40);
         assert!(curve.points.iter().all(|point| (point.1 - 0.5).abs() < 1e-12));
