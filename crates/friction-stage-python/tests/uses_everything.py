@@ -73,7 +73,8 @@ def laboratory(application: Path, directory: Path) -> fs.GuideFit:
     assert len(swept) == 2 and len(swept["peak_error_m"]) == len(swept.to_pandas()) and str(swept)
     selection: fs.Selection = fs.select(application, guides=["guide_1"], variants=10, seed=2)
     choice: str | None = selection.choice
-    assert choice or selection.ranking or selection.warnings or selection.notes or len(selection.to_pandas())
+    told: list[str] = [*selection.warnings, *selection.notes]
+    assert choice or selection.ranking or told or len(selection.to_pandas())
     runs: fs.ExperimentResult = fs.experiment("stribeck", guides=["guide_1"], recordings=True)
     loops = fs.experiment("dahl", models=[fs.Model.rig("guide_1")], amplitudes=[1e-4])
     first: fs.Trace = next(iter(runs.recordings.values()))

@@ -164,6 +164,8 @@ pub struct Hypothesis {
     /// Whether stiffness and damping of the bristles are taken from the record, whatever their
     /// tolerance.
     any_bristles: bool,
+    /// Whether the shift of the sensors stays as declared: none.
+    holds_shift: bool,
     /// Effects of the model: those that it declares come first.
     pub effects: Vec<Part>,
 }
@@ -261,6 +263,7 @@ impl Hypothesis {
             guides_differ: false,
             curves_bend: false,
             any_bristles: false,
+            holds_shift: false,
             effects,
         })
     }
@@ -369,6 +372,13 @@ impl Hypothesis {
         Hypothesis { any_bristles: true, ..self.clone() }
     }
 
+    /// The same with encoder and force cell read at the same instants, whatever the record says.
+    pub(crate) fn holding_shift(&self) -> Hypothesis {
+        let mut held = Hypothesis { holds_shift: true, ..self.clone() };
+        held.set(ParameterId::Nominal(NominalParameter::SensorShift), 0.0);
+        held
+    }
+
     /// Parameters of the bristles that are beyond their tolerance, each as a factor on what is
     /// declared.
     pub(crate) fn bristles_beyond_tolerance(&self) -> Vec<(NominalParameter, f64)> {
@@ -458,6 +468,9 @@ impl Hypothesis {
         let mut coordinates = Vec::new();
         if sides.carriage {
             for declared in NominalParameter::ALL {
+                if self.holds_shift && declared == NominalParameter::SensorShift {
+                    continue;
+                }
                 let any = self.any_bristles && NominalParameter::BRISTLES.contains(&declared);
                 let limit = if any { ANY_BRISTLES } else { self.tolerance_of(declared) };
                 let bounds = if declared.is_factor() { factors(limit) } else { (-limit, limit) };

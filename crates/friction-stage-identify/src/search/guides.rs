@@ -43,6 +43,24 @@ impl<'a> Search<'a> {
         Ok(if is_answer { free } else { self })
     }
 
+    /// The search with encoder and force cell read at the same instants, where a shift between them
+    /// that is taken from the train record leaves more than noise on the hold-out and none leaves no
+    /// more: the noise of the encoder, which comes back in the force by way of the controller, looks
+    /// like a shift where the train record has little else that tells one.
+    pub(super) fn with_sensors_as_declared(self) -> Result<Search<'a>, IdentifyError> {
+        if self.is_noise(&self.errors_before) {
+            return Ok(self);
+        }
+        let held = self.before.hypothesis.holding_shift();
+        let worth = NOISE_LIKE.powi(2) * self.noise_squares();
+        let fitted = fit(&held, self.train, Sides::BOTH, FitBudget::COMPARED.gain_below(worth))?;
+        if fitted.squares() > worth {
+            return Ok(self);
+        }
+        let held = Search::new(&fitted.hypothesis, self.train, self.holdout, self.watch)?;
+        Ok(if held.is_noise(&held.errors_before) { held } else { self })
+    }
+
     /// Whether the fit of the declared model ends on a bound of such a parameter.
     fn ends_on_a_bound(&self, such: impl Fn(ParameterId) -> bool) -> bool {
         let both = self.before.coordinates.iter().zip(&self.before.at_bound);

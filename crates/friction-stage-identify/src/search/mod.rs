@@ -63,7 +63,7 @@ pub fn search(
     }
     let mut search = Search::new(&start, train, holdout, watch)?;
     search.refuse_other_guides(declared, tolerances)?;
-    search = search.with_bristles_of_the_record()?;
+    search = search.with_sensors_as_declared()?.with_bristles_of_the_record()?;
     search.add_laws()?;
     if !search.stopped {
         search.choose_forms_again()?;
