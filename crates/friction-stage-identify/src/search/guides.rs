@@ -44,9 +44,9 @@ impl<'a> Search<'a> {
     }
 
     /// The search with encoder and force cell read at the same instants, where a shift between them
-    /// that is taken from the train record leaves more than noise on the hold-out and none leaves no
-    /// more: the noise of the encoder, which comes back in the force by way of the controller, looks
-    /// like a shift where the train record has little else that tells one.
+    /// that is taken from the train record leaves more than noise on the hold-out and none leaves
+    /// no more: the noise of the encoder, which comes back in the force by way of the controller,
+    /// looks like a shift where the train record has little else that tells one.
     pub(super) fn with_sensors_as_declared(self) -> Result<Search<'a>, IdentifyError> {
         if self.is_noise(&self.errors_before) {
             return Ok(self);

@@ -60,7 +60,8 @@ fn parameters(summary: &Summary) -> impl Iterator<Item = (String, &FoundParamete
     declared.chain(added)
 }
 
-/// Significant digits in which no value moves by more than a hundredth of its interval's half width.
+/// Significant digits in which no value moves by more than a hundredth of its interval's half
+/// width.
 fn digits(summary: &Summary) -> usize {
     let needed = |found: &FoundParameter| {
         let [low, high] = found.ci95?;
