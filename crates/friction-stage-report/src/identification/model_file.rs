@@ -46,7 +46,9 @@ pub fn identified_model_file(model: &StageModel, summary: &Summary) -> Result<St
     if model.guides.len() > 1 {
         let _ = writeln!(text, "# {GUIDES_TOGETHER}");
     }
-    text += &in_few_digits(model, digits(summary))?.to_yaml()?;
+    // Values that are possible only as they are stay so.
+    let few = in_few_digits(model, digits(summary));
+    text += &few.as_ref().unwrap_or(model).to_yaml()?;
     Ok(text)
 }
 
