@@ -163,7 +163,7 @@ pub struct ExperimentFindings {
     pub stiffness_of_guide_1: Option<StiffnessFit>,
     /// What a script must notice: effects left out, statements that need other guides.
     pub warnings: Vec<String>,
-    /// What deserves a look: values that are assumed, guides that are not passive.
+    /// Values that are assumed, guides that are not passive.
     pub notes: Vec<String>,
 }
 

@@ -25,7 +25,7 @@ pub struct ModelFacts {
     pub guides: Vec<Guide>,
     /// What the file does not say of its guides and is assumed.
     pub assumptions: Vec<String>,
-    /// What deserves a look: guides that are not passive.
+    /// Guides that are not passive.
     pub notes: Vec<String>,
     /// What follows.
     pub derived: Derived,

@@ -48,7 +48,7 @@ class ExperimentResult:
 
     @property
     def notes(self) -> list[str]:
-        """What deserves a look."""
+        """Explanations that ask for no action."""
         return list(self.summary["notes"])
 
     def __str__(self) -> str:

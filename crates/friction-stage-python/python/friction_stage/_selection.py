@@ -48,7 +48,7 @@ class Selection:
 
     @property
     def notes(self) -> list[str]:
-        """What deserves a look."""
+        """Explanations that ask for no action."""
         return list(self.summary["notes"])
 
     def to_pandas(self) -> pd.DataFrame:

@@ -35,7 +35,7 @@ pub struct ExperimentSummary<'a> {
     pub results: &'a ExperimentResults,
     /// What a user should know.
     pub warnings: &'a [String],
-    /// What deserves a look, and that nobody must act on.
+    /// What explains the results and asks for no action.
     pub notes: &'a [String],
     /// Whether recordings are in `bags/`.
     #[serde(skip)]
