@@ -31,12 +31,7 @@ impl<'a> Search<'a> {
             return Ok(self);
         }
         let free = self.before.hypothesis.with_any_bristles();
-        let worth = NOISE_LIKE.powi(2) * self.noise_squares();
-        let fitted = fit(&free, self.train, Sides::BOTH, FitBudget::COMPARED.gain_below(worth))?;
-        if fitted.squares() > worth {
-            return Ok(self);
-        }
-        let mut free = Search::new(&fitted.hypothesis, self.train, self.holdout, self.watch)?;
+        let Some(mut free) = self.begun_with(&free)? else { return Ok(self) };
         free.errors_within_tolerance = Some(self.errors_before);
         let is_answer = free.is_all_but_noise(&free.errors_before)
             && !free.before.hypothesis.bristles_beyond_tolerance().is_empty();
@@ -52,13 +47,19 @@ impl<'a> Search<'a> {
             return Ok(self);
         }
         let held = self.before.hypothesis.holding_shift();
+        let held = self.begun_with(&held)?.filter(|held| held.is_noise(&held.errors_before));
+        Ok(held.unwrap_or(self))
+    }
+
+    /// A search that begins with another hypothesis, where that leaves no more than noise on the
+    /// train record.
+    fn begun_with(&self, other: &Hypothesis) -> Result<Option<Search<'a>>, IdentifyError> {
         let worth = NOISE_LIKE.powi(2) * self.noise_squares();
-        let fitted = fit(&held, self.train, Sides::BOTH, FitBudget::COMPARED.gain_below(worth))?;
+        let fitted = fit(other, self.train, Sides::BOTH, FitBudget::COMPARED.gain_below(worth))?;
         if fitted.squares() > worth {
-            return Ok(self);
+            return Ok(None);
         }
-        let held = Search::new(&fitted.hypothesis, self.train, self.holdout, self.watch)?;
-        Ok(if held.is_noise(&held.errors_before) { held } else { self })
+        Search::new(&fitted.hypothesis, self.train, self.holdout, self.watch).map(Some)
     }
 
     /// Whether the fit of the declared model ends on a bound of such a parameter.
