@@ -1,11 +1,12 @@
 //! Who made a result: program, version, date and command, as the results say it themselves.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::LazyLock;
 use std::time::SystemTime;
 
 use anyhow::Context as _;
-use friction_stage_report::page::with_footer;
+use friction_stage_report::page::{with_footer, with_metadata};
 use friction_stage_report::words::printable;
 use serde::Serialize;
 
@@ -58,7 +59,7 @@ fn command() -> String {
 }
 
 /// A text for a file of the name, with a line on who made it where the kind of file has a place for
-/// one: a page at its end, a YAML file as comments at its beginning.
+/// one: a page at its end, a YAML file as comments at its beginning, a figure as its metadata.
 pub fn signed(name: &str, text: &str) -> String {
     let MadeBy { program, version, date, command } = &*THIS_RUN;
     match name.rsplit_once('.').map(|(_, ending)| ending) {
@@ -67,8 +68,17 @@ pub fn signed(name: &str, text: &str) -> String {
             let command = command.replace('\n', " ");
             format!("# {program} {version}, {date}\n# {command}\n{text}")
         }
+        Some("svg") => with_metadata(text, &format!("{program} {version}, {date}: {command}")),
         _ => text.to_owned(),
     }
+}
+
+/// Who makes a result, for files that keep names with values.
+pub fn record() -> BTreeMap<String, String> {
+    let MadeBy { program, version, date, command } = &*THIS_RUN;
+    [("program", *program), ("version", *version), ("date", date), ("command", command)]
+        .map(|(name, value)| (name.to_owned(), value.to_owned()))
+        .into()
 }
 
 /// Writes who makes the results in a directory.

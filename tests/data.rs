@@ -306,7 +306,9 @@ fn a_mapping_brings_columns_of_any_name_and_unit_to_si() {
     assert!(!recording.has(Signal::ForceCell) && recording.has(Signal::Force));
     // and as a bag of our own
     let out = home.path().join("drive");
-    let report = signals::import(&csv, &mapping, yaml, &out, &mut |_| {}).unwrap();
+    let report =
+        signals::import(&csv, &mapping, &std::collections::BTreeMap::new(), &out, &mut |_| {})
+            .unwrap();
     assert_eq!((report.rows, report.without_time), (3000, 0));
     let imported = signals::load(&out, None).unwrap();
     assert_eq!(imported.trace.position, recording.trace.position);

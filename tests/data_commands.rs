@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use friction_stage_data::bag::BagReader;
 use tempfile::TempDir;
 
 fn friction_stage(arguments: &[&str]) -> Output {
@@ -189,9 +190,16 @@ fn a_mapping_is_proposed_and_then_imported() {
         friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
     assert_eq!(imported.status.code(), Some(0), "{}", stderr(&imported));
     assert!(stdout(&imported).contains("8000 on /stage/encoder"), "{}", stdout(&imported));
+    let reader = BagReader::open(&bag).unwrap();
+    let (_, about) = reader.metadata().find(|(name, _)| name == "friction_stage_import").unwrap();
+    assert!(
+        about["command"].starts_with("friction-stage import ")
+            && about["mapping"].contains("signals:")
+    );
+    assert!(std::fs::read_to_string(&mapping).unwrap().contains("# friction-stage import "));
     // Nothing is overwritten.
     let again = propose();
-    assert_eq!(again.status.code(), Some(1));
+    assert_eq!(again.status.code(), Some(2));
     assert!(stderr(&again).contains("--write"), "{}", stderr(&again));
     std::fs::write(&csv, "words\nwithout numbers\n").unwrap();
     let nothing = friction_stage(&["import", text(&csv)]);

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use friction_stage_lab::PaperMotion;
+use parquet::file::reader::{FileReader, SerializedFileReader};
 use serde_json::Value;
 
 /// Exit code, stdout and stderr.
@@ -37,6 +38,11 @@ fn the_controller_follows_the_model_and_the_moves_are_judged() {
     }
     let figure = std::fs::read_to_string(home.path().join("run.svg")).unwrap();
     assert!(figure.contains("Position error"));
+    let (_, said) = figure.split_once("<metadata>").expect("who made it");
+    assert!(
+        said.contains("friction-stage play motion.yaml --model light.yaml --record run"),
+        "{said}"
+    );
     let mut table = csv::Reader::from_path(home.path().join("run.csv")).unwrap();
     let header: Vec<String> = table.headers().unwrap().iter().map(str::to_owned).collect();
     assert_eq!(header[..3], ["time_s", "reference_m", "position_m"]);
@@ -67,7 +73,11 @@ fn the_controller_follows_the_model_and_the_moves_are_judged() {
     assert_eq!(own["controller"]["p"], 8e5);
     let peak = |of: &Value| of["all_moves"]["peak_error"].as_f64().unwrap();
     assert!(peak(&own) < peak(&slow), "{own} {slow}");
-    assert!(home.path().join("tuned.parquet").exists());
+    let file = std::fs::File::open(home.path().join("tuned.parquet")).unwrap();
+    let table = SerializedFileReader::new(file).unwrap();
+    let about = table.metadata().file_metadata().key_value_metadata().unwrap();
+    let command = about.iter().find(|entry| entry.key == "command").unwrap();
+    assert!(command.value.as_ref().unwrap().contains("--gains 8e5,1.6e7,6e3"), "{command:?}");
 }
 
 #[test]

@@ -276,7 +276,8 @@ fn write_figure(
     runs: &[(String, PositionErrorSeries)],
 ) -> anyhow::Result<()> {
     let text = svg(title, &position_error_charts(motion, runs))?;
-    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+    std::fs::write(path, made_by::signed("errors.svg", &text))
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn print(out: &mut dyn Write, results: &[GuideResult], overview: &Path) -> std::io::Result<()> {

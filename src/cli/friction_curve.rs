@@ -10,6 +10,7 @@ use serde_json::json;
 use super::progress::Progress;
 use super::{Outcome, PartArgs};
 use crate::directory::may_replace;
+use crate::made_by;
 use friction_stage_data::quality::held_speeds;
 use friction_stage_data::signals::{self, Mapping};
 use friction_stage_lab::{CurvePoint, friction_curve};
@@ -96,7 +97,7 @@ pub fn run(args: &FrictionCurveArgs, out: &mut dyn Write) -> anyhow::Result<Outc
     })?;
     let found = CurveOfRuns { joint, runs, left_out, drifting, curve };
     if let Some(path) = &args.figure {
-        std::fs::write(path, curve_figure(&found)?)
+        std::fs::write(path, made_by::signed("curve.svg", &curve_figure(&found)?))
             .with_context(|| format!("cannot write {}", path.display()))?;
     }
     if args.json {

@@ -199,7 +199,8 @@ pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> 
     let model = identified_model_file(&found.model, &summary)?;
     write(&args.out.join(MODEL_FILE), &made_by::signed(MODEL_FILE, &model))?;
     for figure in &figures {
-        write(&args.out.join("figures").join(format!("{}.svg", figure.name)), &figure.svg)?;
+        let name = format!("{}.svg", figure.name);
+        write(&args.out.join("figures").join(&name), &made_by::signed(&name, &figure.svg))?;
     }
     let page = args.out.join("report.html");
     write(&page, &made_by::signed("report.html", &html))?;

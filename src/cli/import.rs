@@ -9,6 +9,7 @@ use clap::Args;
 use super::Outcome;
 use super::progress::Progress;
 use crate::interrupt;
+use crate::made_by;
 use friction_stage_core::text_file;
 use friction_stage_data::signals::{self, Mapping, Proposal};
 use friction_stage_report::words::{import_text, proposal_text};
@@ -77,13 +78,15 @@ fn import(
     let text =
         text_file::read(mapping).with_context(|| format!("cannot read {}", mapping.display()))?;
     let mapping = Mapping::from_yaml(&text, &mapping.display().to_string())?;
+    let mut about = made_by::record();
+    about.insert("mapping".to_owned(), text);
     interrupt::writes(bag);
     let progress = Progress::endless("reading");
     let mut told = |rows: u64| progress.say(format!("{:.1} million rows", rows as f64 * 1e-6));
     let reports = if args.split {
-        signals::import_captures(&args.csv, &mapping, &text, bag, &mut told)?
+        signals::import_captures(&args.csv, &mapping, &about, bag, &mut told)?
     } else {
-        vec![signals::import(&args.csv, &mapping, &text, bag, &mut told)?]
+        vec![signals::import(&args.csv, &mapping, &about, bag, &mut told)?]
     };
     drop(progress);
     anyhow::ensure!(
@@ -135,6 +138,7 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let has_motion = proposal.has_motion();
     if has_motion {
         let text = proposal.to_yaml(&args.csv.display().to_string(), &joined);
+        let text = made_by::signed("mapping.yaml", &text);
         std::fs::File::create_new(&path)
             .and_then(|mut file| file.write_all(text.as_bytes()))
             .with_context(|| {

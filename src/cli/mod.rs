@@ -129,8 +129,10 @@ impl Arguments {
 /// Whether the arguments name a place for the results that holds others already.
 fn names_taken_place(error: &anyhow::Error) -> bool {
     let is_bag = |error: &BagError| matches!(error, BagError::Exists { .. });
+    let is_file = |error: &std::io::Error| error.kind() == std::io::ErrorKind::AlreadyExists;
     error.chain().any(|cause| {
         cause.downcast_ref().is_some_and(is_bag)
+            || cause.downcast_ref().is_some_and(is_file)
             || matches!(cause.downcast_ref(), Some(SignalError::Bag(error)) if is_bag(error))
             || matches!(
                 cause.downcast_ref(),

@@ -11,6 +11,7 @@ use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::cpu;
 use crate::interrupt;
+use crate::made_by;
 use crate::node::controller_settings;
 use crate::node::driver::{Driver, LockstepRun};
 use friction_stage_core::control::{ControllerSettings, Follower, Gains, Point, Trajectory};
@@ -339,9 +340,10 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         .collect();
     let title = format!("{} on {}", args.motion.display(), model.name);
     let drawing = played_figure(&title, &samples, &moves, settings.limits)?;
-    std::fs::write(&figure, drawing)
+    std::fs::write(&figure, made_by::signed("played.svg", &drawing))
         .with_context(|| format!("cannot write {}", figure.display()))?;
-    write_table(&samples_file, sample_columns(), samples.iter().map(sample_row))?;
+    let rows = samples.iter().map(sample_row);
+    write_table(&samples_file, &made_by::record(), sample_columns(), rows)?;
     drop(progress);
     let report = PlayReport {
         bag: args.record.clone(),
@@ -363,7 +365,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         cycles: done.cycles,
         cycles_per_second: done.rate,
         complete: !done.incomplete,
-        moves: played_moves(&moves, &each),
+        moves: played_moves(&moves, &each, &samples),
         all_moves: motion_quality(&moves, &followed),
     };
     if args.json {

@@ -2,6 +2,7 @@
 //!
 //! The files in `fixtures` were written by SciPy, h5py and NumPy (`make_arrays.py`).
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -154,7 +155,7 @@ fn a_mapping_is_proposed_and_the_rest_is_named() {
         let mapping = Mapping::from_yaml(&yaml, "m.yaml").unwrap();
         is_the_run(&load(fixture(name), Some(&mapping)).unwrap(), error);
         let bag = home.path().join(name);
-        let report = import(&fixture(name), &mapping, &yaml, &bag, &mut |_| {}).unwrap();
+        let report = import(&fixture(name), &mapping, &BTreeMap::new(), &bag, &mut |_| {}).unwrap();
         assert_eq!(report.rows, 200);
         is_the_run(&load(&bag, None).unwrap(), error);
         assert_eq!(BagReader::open(&bag).unwrap().message_count(), 400);

@@ -1,5 +1,6 @@
 //! Signals of one motion that stand in two files with clocks of their own.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use friction_stage_data::signals::{
@@ -94,7 +95,7 @@ fn a_bag_of_both_files_holds_the_same() {
     let text = mapping(-LEAD);
     let mapping = Mapping::from_yaml(&text, "m.yaml").unwrap();
     let bag = directory.path().join("bag");
-    let report = import(&path, &mapping, &text, &bag, &mut |_| {}).unwrap();
+    let report = import(&path, &mapping, &BTreeMap::new(), &bag, &mut |_| {}).unwrap();
     assert_eq!(report.rows as usize, ROWS + (5.0 * CELL_RATE) as usize);
     assert_eq!((report.not_later, report.without_time), (0, 0));
     // The cell began half a second earlier, and the times of a bag are not negative.

@@ -1,6 +1,7 @@
 //! Text tables as loggers, drives and spreadsheets write them: the same numbers come out whatever
 //! the dialect.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use friction_stage_core::model::JointType;
@@ -299,8 +300,14 @@ fn a_velocity_is_integrated_where_there_is_no_position() {
         assert!((x - wanted).abs() < 1e-7, "{time} s: {x}, not {wanted}");
     }
     let bag = file.path.with_extension("bag");
-    import(&file.path, &Mapping::from_yaml(&said, "said").unwrap(), &said, &bag, &mut |_| {})
-        .unwrap();
+    import(
+        &file.path,
+        &Mapping::from_yaml(&said, "said").unwrap(),
+        &BTreeMap::new(),
+        &bag,
+        &mut |_| {},
+    )
+    .unwrap();
     let imported = load(&bag, None).unwrap();
     for (one, two) in imported.trace.position.iter().zip(&recording.trace.position) {
         assert!((one - two).abs() < 1e-12);
@@ -465,7 +472,8 @@ fn what_the_file_does_not_say_is_to_be_checked() {
     // A bag of forces is not made of it.
     let mapping = Mapping::from_yaml(&yaml, "proposed").unwrap();
     let out = file.path.with_file_name("bag");
-    let error = import(&file.path, &mapping, &yaml, &out, &mut |_| ()).unwrap_err().to_string();
+    let error =
+        import(&file.path, &mapping, &BTreeMap::new(), &out, &mut |_| ()).unwrap_err().to_string();
     assert!(error.contains("signals.current") && error.contains("per A"), "{error}");
     assert!(!out.exists());
     // Without names the one that moves like a position is.
@@ -647,7 +655,7 @@ fn captures(name: &str, text: &str) -> Result<Vec<(u64, f64)>, SignalError> {
     let mapping = Mapping::from_yaml(MAPPING, "mapping.yaml").unwrap();
     let home = tempfile::tempdir().unwrap();
     let out = home.path().join("out");
-    let reports = import_captures(&file.path, &mapping, MAPPING, &out, &mut |_| {})?;
+    let reports = import_captures(&file.path, &mapping, &BTreeMap::new(), &out, &mut |_| {})?;
     let first = |bag: &std::path::Path| load(bag, None).unwrap().trace.position[0];
     for (index, report) in reports.iter().enumerate() {
         assert_eq!(report.bag, out.join(format!("capture_{}", index + 1)));
@@ -719,7 +727,7 @@ fn a_part_of_a_recording_is_the_rows_of_the_whole() {
     let file = file("long.csv", format!("t,x,u,r\n{text}"));
     let mapping = Mapping::from_yaml(mapping, "mapping.yaml").unwrap();
     let bag = file.path.with_file_name("bag");
-    import(&file.path, &mapping, "", &bag, &mut |_| {}).unwrap();
+    import(&file.path, &mapping, &BTreeMap::new(), &bag, &mut |_| {}).unwrap();
     for (source, mapping) in [(&file.path, Some(&mapping)), (&bag, None)] {
         let whole = load(source, mapping).unwrap();
         for (from, to, most, rows) in [

@@ -214,7 +214,7 @@
         button.setAttribute("aria-pressed", "true");
         curve.swatch = element(button, "i", {});
         if (curve.dash) curve.swatch.className = "dashed";
-        if (!curve.line) curve.swatch.className = "mark";
+        if (!curve.line) curve.swatch.className = curve.open ? "ring" : "mark";
         element(button, "span", { textContent: curve.name });
         curve.out = element(button, "output", { className: "plot-value" });
         button.addEventListener("click", () => {
@@ -308,7 +308,8 @@
           // Points are not moved to whole pixels, as those of the axes are.
           pxAlign: 0, width: curve.thin ? 1 : 1.6, dash: curve.dash ?? undefined,
           paths: curve.line ? undefined : () => null,
-          points: { show: curve.marks, size: 6, fill: colour(curve.colour) },
+          points: { show: curve.marks > 0, size: curve.marks, width: curve.open ? 2 : 1,
+            fill: curve.open ? "transparent" : colour(curve.colour) },
         }))],
         cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false },
           bind: { dblclick: () => () => { this.show(...this.whole, true); } } },

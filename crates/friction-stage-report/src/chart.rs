@@ -20,6 +20,24 @@ pub enum Style {
     Marks,
     /// A line with marks at its points.
     Both,
+    /// Open marks around its points: stated values, with the measured ones inside where they agree.
+    Rings,
+}
+
+impl Style {
+    /// Whether its points are joined.
+    pub(crate) fn has_line(self) -> bool {
+        !matches!(self, Style::Marks | Style::Rings)
+    }
+
+    /// Radius of its marks, px, and whether they are open.
+    pub(crate) fn marks(self) -> Option<(i32, bool)> {
+        match self {
+            Style::Line | Style::Dashed => None,
+            Style::Marks | Style::Both => Some((3, false)),
+            Style::Rings => Some((6, true)),
+        }
+    }
 }
 
 /// A named series of (x, y) points.
@@ -234,7 +252,7 @@ impl Chart {
             .enumerate()
             .map(|(index, line)| match line.style {
                 Style::Dashed => Some(DASH),
-                Style::Marks => None,
+                Style::Marks | Style::Rings => None,
                 Style::Line | Style::Both => {
                     let earlier = self.series[..index].iter().filter(|earlier| {
                         solid(earlier)
@@ -450,7 +468,7 @@ impl Chart {
                 let points = decimated(piece, COLUMNS);
                 let line = points.iter().copied();
                 match dash {
-                    _ if series.style == Style::Marks => {}
+                    _ if !series.style.has_line() => {}
                     None => {
                         chart.draw_series(LineSeries::new(line, colour.stroke_width(width)))?;
                     }
@@ -460,9 +478,8 @@ impl Chart {
                         chart.draw_series(DashedLineSeries::new(line, dash, gap, stroke))?;
                     }
                 }
-                if matches!(series.style, Style::Marks | Style::Both) {
-                    let marks =
-                        points.into_iter().map(|at| Circle::new(at, px(3), colour.filled()));
+                if let Some((radius, style)) = mark(series) {
+                    let marks = points.into_iter().map(|at| Circle::new(at, radius, style));
                     chart.draw_series(marks)?;
                 }
             }
@@ -490,7 +507,10 @@ impl Chart {
             let box_ = [middle - half, middle + half, from, from + px(14)];
             taken.push(box_);
             let style = word.pos(Pos::new(HPos::Center, VPos::Top));
+            // On curves it stays legible by a ground of its own.
+            let ground = [(middle - half - x, from - y), (middle + half - x, from - y + px(14))];
             chart.draw_series([EmptyElement::at(label.at)
+                + Rectangle::new(ground, WHITE.mix(0.75).filled())
                 + Circle::new((0, 0), px(3), BLACK.stroke_width(PX))
                 + Text::new(label.text.clone(), (middle - x, from - y), style)])?;
         }
@@ -500,7 +520,7 @@ impl Chart {
         let named = self.series.iter().zip(&dashes).filter(|(series, _)| !series.name.is_empty());
         for (series, dash) in named {
             let colour = COLOURS[series.colour % COLOURS.len()];
-            if series.style != Style::Marks {
+            if series.style.has_line() {
                 let width = if series.style == Style::Dashed { PX } else { 2 * PX };
                 let end = left + px(22);
                 let [dash, gap] = dash.map_or([px(22), px(1)], |dash| dash.map(|d| px(d as i32)));
@@ -510,8 +530,8 @@ impl Chart {
                     area.draw(&PathElement::new([(x, y), (to, y)], stroke))?;
                 }
             }
-            if matches!(series.style, Style::Marks | Style::Both) {
-                area.draw(&Circle::new((left + px(11), y), px(3), colour.filled()))?;
+            if let Some((radius, style)) = mark(series) {
+                area.draw(&Circle::new((left + px(11), y), radius, style))?;
             }
             area.draw(&Text::new(series.name.clone(), (left + px(28), y), style.clone()))?;
             y += px(20);
@@ -736,6 +756,13 @@ fn tick(value: f64, range: &std::ops::Range<f64>, log: bool) -> String {
     if (1e-3..1e5).contains(&largest) { short.to_string() } else { format!("{short:e}") }
 }
 
+/// How a mark of a series is drawn: its radius, and its style.
+fn mark(series: &Series) -> Option<(i32, ShapeStyle)> {
+    let colour = COLOURS[series.colour % COLOURS.len()];
+    let (radius, is_open) = series.style.marks()?;
+    Some((px(radius), if is_open { colour.stroke_width(2 * PX) } else { colour.filled() }))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -745,7 +772,9 @@ mod tests {
         for (x, y) in [(false, false), (true, false), (false, true), (true, true)] {
             let mut chart = Chart::new("stiffness <1>", "amplitude, µm", "N/m").logarithmic(x, y);
             for (colour, style) in
-                [Style::Line, Style::Dashed, Style::Marks, Style::Both].into_iter().enumerate()
+                [Style::Line, Style::Dashed, Style::Marks, Style::Both, Style::Rings]
+                    .into_iter()
+                    .enumerate()
             {
                 let curve = (0..5000).map(|k| (k as f64 * 0.01 - 1.0, (k as f64 * 0.01).powi(2)));
                 chart.add(

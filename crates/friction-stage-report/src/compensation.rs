@@ -37,20 +37,24 @@ fn rows(runs: &TrialRuns) -> [(&'static str, f64, f64); 5] {
     ]
 }
 
+/// A value of a row as it is shown: times to the sample, errors in digits of their own size.
+fn in_digits(name: &str, value: f64) -> String {
+    if name.ends_with("ms") { fixed(value, 2) } else { four_digits(value) }
+}
+
 /// The table as text for a person.
 pub fn compensation_text(runs: &TrialRuns) -> String {
     let mut out = String::new();
     // A string takes whatever is written.
     let _ = writeln!(out, "{:24} {:>12} {:>12} {:>8}", "", "without", "with", "ratio");
     for (name, plain, with) in rows(runs) {
-        let shown = |value: f64, digits: usize| match value.is_finite() {
-            true => fixed(value, digits),
+        let shown = |value: f64| match value.is_finite() {
+            true => in_digits(name, value),
             false => "never".to_owned(),
         };
         let ratio = if plain > 0.0 { with / plain } else { f64::NAN };
         let ratio = if ratio.is_finite() { format!("{ratio:.3}") } else { "-".to_owned() };
-        let _ =
-            writeln!(out, "{name:24} {:>12} {:>12} {ratio:>8}", shown(plain, 3), shown(with, 3));
+        let _ = writeln!(out, "{name:24} {:>12} {:>12} {ratio:>8}", shown(plain), shown(with));
     }
     for warning in compensation_warnings(runs) {
         let _ = writeln!(out, "warning: {warning}");
@@ -123,7 +127,11 @@ pub fn compensation_page(name: &str, runs: &TrialRuns) -> Result<(String, String
                 "Settling: the longest of all moves that end in a rest; a dash: some never do.",
             );
     for (name, plain, with) in rows(runs) {
-        table.row([Cell::text(name), Cell::number(plain, 3), Cell::number(with, 3)]);
+        let shown = |value: f64| match value.is_finite() {
+            true => Cell::text(in_digits(name, value)),
+            false => Cell::text("\u{2013}"),
+        };
+        table.row([Cell::text(name), shown(plain), shown(with)]);
     }
     page.table(&table);
     Ok((page.finish(), svg))

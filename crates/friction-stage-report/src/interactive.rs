@@ -105,7 +105,10 @@ struct Curve<'a> {
     thin: bool,
     /// Dash and gap, px.
     dash: Option<[u32; 2]>,
-    marks: bool,
+    /// Diameter of its marks, px; 0 for none.
+    marks: i32,
+    /// Whether they are rings.
+    open: bool,
     /// Places of its columns.
     x: usize,
     y: usize,
@@ -154,10 +157,11 @@ impl Columns {
             series.push(Curve {
                 name: &one.name,
                 colour: one.colour,
-                line: one.style != Style::Marks,
+                line: one.style.has_line(),
                 thin: one.style == Style::Dashed,
                 dash,
-                marks: matches!(one.style, Style::Marks | Style::Both),
+                marks: one.style.marks().map_or(0, |(radius, _)| 2 * radius),
+                open: one.style.marks().is_some_and(|(_, is_open)| is_open),
                 x: self.add(&part(|point| point.0)),
                 y: self.add(&part(|point| point.1)),
             });

@@ -352,6 +352,16 @@ pub fn with_footer(page: &str, lines: &str) -> String {
     }
 }
 
+/// A finished SVG figure with a line that is not drawn, such as who made it.
+pub fn with_metadata(figure: &str, line: &str) -> String {
+    match figure.rsplit_once("</svg>") {
+        Some((before, after)) => {
+            format!("{before}<metadata>{}</metadata>\n</svg>{after}", escaped(line))
+        }
+        None => figure.to_owned(),
+    }
+}
+
 /// Text as HTML shows it: no character of it is markup.
 pub fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());

@@ -46,24 +46,38 @@ pub struct PlayedMove {
     pub from: f64,
     /// m
     pub to: f64,
+    /// Where the reference is farthest from where the move begins, m.
+    pub farthest: f64,
     /// What became of it.
     #[serde(flatten)]
     pub quality: MotionQuality,
 }
 
-/// The moves of a motion that begins at 0, with their qualities.
-pub fn played_moves(moves: &[Move], qualities: &[Option<MotionQuality>]) -> Vec<PlayedMove> {
+/// The moves of a motion that begins at 0, with their qualities; samples of ascending time.
+pub fn played_moves(
+    moves: &[Move],
+    qualities: &[Option<MotionQuality>],
+    samples: &[PlayedSample],
+) -> Vec<PlayedMove> {
     let mut from = 0.0;
     moves
         .iter()
         .zip(qualities)
         .filter_map(|(a_move, quality)| {
             let seconds = |time: i64| time as f64 * 1e-9;
+            let first = samples.partition_point(|sample| sample.time < a_move.start);
+            let after = samples.partition_point(|sample| sample.time <= a_move.arrival);
+            let farthest = samples[first..after.max(first)]
+                .iter()
+                .map(|sample| sample.reference)
+                .chain([a_move.target])
+                .max_by(|a, b| (a - from).abs().total_cmp(&(b - from).abs()));
             let played = PlayedMove {
                 start: seconds(a_move.start),
                 arrival: seconds(a_move.arrival),
                 from,
                 to: a_move.target,
+                farthest: farthest.unwrap_or(a_move.target),
                 quality: (*quality)?,
             };
             from = a_move.target;
@@ -95,7 +109,7 @@ fn write_table(
         "move                            µm         µm     10 µm      1 µm    0.1 µm             N"
     )?;
     for (index, a_move) in moves.iter().take(LISTED).enumerate() {
-        let name = format!("{}: {}", index + 1, distance(a_move.to - a_move.from));
+        let name = format!("{}: {}", index + 1, way(a_move));
         row(out, &name, &a_move.quality)?;
     }
     if moves.len() > LISTED {
@@ -120,6 +134,16 @@ fn row(out: &mut String, name: &str, quality: &MotionQuality) -> std::fmt::Resul
         fixed(rms_error * 1e6, 3),
         fixed(*peak_force, 1)
     )
+}
+
+/// What a move is: how far it goes, or how far away it takes the stage before it comes back.
+fn way(of: &PlayedMove) -> String {
+    let [whole, away] = [of.to, of.farthest].map(|position| position - of.from);
+    if away.abs() > 2.0 * whole.abs() {
+        format!("up to {}", distance(away))
+    } else {
+        distance(whole)
+    }
 }
 
 /// A distance in the unit in which it is read.
@@ -239,14 +263,33 @@ mod tests {
             .collect();
         let of = |moves: &[Move]| motion_quality(moves, &samples);
         let each: Vec<_> = motion.moves.iter().map(|a| of(std::slice::from_ref(a))).collect();
-        let moves = played_moves(&motion.moves, &each);
+        let moves = played_moves(&motion.moves, &each, &[]);
         let text = played_text(&moves, of(&motion.moves).as_ref());
         for words in ["1: 10.000 µm", "2: -2.0000 mm", "all moves", "limit in 1 samples", "never"]
         {
             assert!(text.contains(words), "{words}: {text}");
         }
         assert!(played_text(&[], None).contains("no move"));
+        // One that comes back is named by how far it went.
+        let away = |time, reference| PlayedSample { time, reference, ..ZERO };
+        let there_and_back = Move { target: 0.0, ..motion.moves[0] };
+        let half = (there_and_back.start + there_and_back.arrival) / 2;
+        let samples = [away(there_and_back.start, 0.0), away(half, -5e-3)];
+        let moves = played_moves(&[there_and_back], &each[..1], &samples);
+        let text = played_text(&moves, of(&motion.moves).as_ref());
+        assert!(text.contains("1: up to -5.0000 mm"), "{text}");
     }
+
+    const ZERO: PlayedSample = PlayedSample {
+        time: 0,
+        reference: 0.0,
+        position: 0.0,
+        velocity: 0.0,
+        error: 0.0,
+        force: 0.0,
+        force_cell: 0.0,
+        saturated: false,
+    };
 
     #[test]
     fn the_figure_shows_error_force_and_settling() {
@@ -254,13 +297,11 @@ mod tests {
         let samples: Vec<PlayedSample> = (0..200)
             .map(|k| PlayedSample {
                 time: k * 250_000,
-                reference: 0.0,
-                position: 0.0,
-                velocity: 0.0,
                 error: 1e-6,
                 force: 1.0,
                 force_cell: 1.0,
                 saturated: true,
+                ..ZERO
             })
             .collect();
         let figure = played_figure("run", &samples, &motion.moves, (-9.0, 9.0)).unwrap();

@@ -454,8 +454,8 @@ impl BagReader {
             .unwrap_or(0)
     }
 
-    /// MCAP metadata records, for copying.
-    pub(crate) fn metadata(&self) -> impl Iterator<Item = &(String, BTreeMap<String, String>)> {
+    /// MCAP metadata records: name and entries.
+    pub fn metadata(&self) -> impl Iterator<Item = &(String, BTreeMap<String, String>)> {
         self.files.iter().filter_map(OpenFile::layout).flat_map(|layout| &layout.metadata)
     }
 

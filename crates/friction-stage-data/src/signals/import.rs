@@ -58,11 +58,11 @@ pub struct ImportReport {
 pub fn import(
     csv: &Path,
     mapping: &Mapping,
-    mapping_text: &str,
+    about: &BTreeMap<String, String>,
     out: &Path,
     progress: &mut dyn FnMut(u64),
 ) -> Result<ImportReport, SignalError> {
-    let import = Import::open(csv, mapping, mapping_text)?;
+    let import = Import::open(csv, mapping, about)?;
     let mut tables = import.tables.iter().map(TableRows::open).collect::<Result<Vec<_>, _>>()?;
     let mut bag = import.bag(out.to_owned())?;
     let mut count = 0;
@@ -86,11 +86,11 @@ pub fn import(
 pub fn import_captures(
     csv: &Path,
     mapping: &Mapping,
-    mapping_text: &str,
+    about: &BTreeMap<String, String>,
     out: &Path,
     progress: &mut dyn FnMut(u64),
 ) -> Result<Vec<ImportReport>, SignalError> {
-    let import = Import::open(csv, mapping, mapping_text)?;
+    let import = Import::open(csv, mapping, about)?;
     let [table] = import.tables.as_slice() else {
         let reason = "captures of several files cannot be told to be the same: import each file \
                       with --split and a mapping of its own";
@@ -176,7 +176,7 @@ impl<'a> TableRows<'a> {
 /// The tables that become a bag: the recording, and what is joined with it.
 struct Import<'a> {
     path: &'a Path,
-    mapping_text: &'a str,
+    about: &'a BTreeMap<String, String>,
     tables: Vec<Table>,
     joint_type: Option<JointType>,
 }
@@ -185,7 +185,7 @@ impl<'a> Import<'a> {
     fn open(
         path: &'a Path,
         mapping: &Mapping,
-        mapping_text: &'a str,
+        about: &'a BTreeMap<String, String>,
     ) -> Result<Import<'a>, SignalError> {
         // Forces in a bag are in N.
         if mapping.without_force_constant {
@@ -204,7 +204,7 @@ impl<'a> Import<'a> {
         let tables = std::iter::once(Table::open(path, mapping, 0))
             .chain(joined)
             .collect::<Result<_, _>>()?;
-        Ok(Import { path, mapping_text, tables, joint_type: mapping.joint_type })
+        Ok(Import { path, about, tables, joint_type: mapping.joint_type })
     }
 
     fn has(&self, signal: Signal) -> bool {
@@ -214,12 +214,8 @@ impl<'a> Import<'a> {
     /// A bag for the rows.
     fn bag(&self, out: PathBuf) -> Result<ImportedBag, SignalError> {
         let mut bag = BagWriter::create(&out, &BagOptions::default())?;
-        let mut about: BTreeMap<String, String> = [
-            ("source".to_owned(), self.path.display().to_string()),
-            ("mapping".to_owned(), self.mapping_text.to_owned()),
-            ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
-        ]
-        .into();
+        let mut about = self.about.clone();
+        about.insert("source".to_owned(), self.path.display().to_string());
         about.extend(self.joint_type.map(|joint| (JOINT_TYPE.to_owned(), joint.name().to_owned())));
         bag.write_metadata(METADATA_NAME, about)?;
         let qos = OfferedQos::reliable(100);

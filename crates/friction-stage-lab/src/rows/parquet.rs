@@ -1,5 +1,6 @@
 //! The rows of a plan as Parquet, for whoever reads many of them.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
@@ -8,6 +9,7 @@ use ::parquet::basic::Compression;
 use ::parquet::basic::{ConvertedType, LogicalType, Repetition, Type as PhysicalType};
 use ::parquet::data_type::{BoolType, ByteArray, ByteArrayType, DoubleType, Int64Type};
 use ::parquet::errors::ParquetError;
+use ::parquet::file::metadata::KeyValue;
 use ::parquet::file::properties::WriterProperties;
 use ::parquet::file::writer::SerializedFileWriter;
 use ::parquet::schema::types::{Type, TypePtr};
@@ -25,10 +27,11 @@ pub struct ParquetTable {
 }
 
 impl ParquetTable {
-    /// A file of these columns.
+    /// A file of these columns; its metadata hold what is said about it.
     pub fn create(
         path: &Path,
         name: &str,
+        about: &BTreeMap<String, String>,
         columns: Vec<Column>,
     ) -> Result<ParquetTable, RowsError> {
         let failed = |source| RowsError::Parquet { path: path.to_owned(), source };
@@ -37,6 +40,9 @@ impl ParquetTable {
         let properties = WriterProperties::builder()
             .set_compression(Compression::UNCOMPRESSED)
             .set_created_by(format!("friction-stage {}", env!("CARGO_PKG_VERSION")))
+            .set_key_value_metadata((!about.is_empty()).then(|| {
+                about.iter().map(|(key, value)| KeyValue::new(key.clone(), value.clone())).collect()
+            }))
             .build();
         let file = File::create(path).map_err(RowsError::io("write", path))?;
         let writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))
@@ -126,7 +132,7 @@ impl<P: NumberedPlan> Rows<P> {
     pub fn write_parquet(&self, path: &Path) -> Result<(), RowsError> {
         let failed = |source| RowsError::Parquet { path: path.to_owned(), source };
         let plan = &self.sheet().plan;
-        let mut table = ParquetTable::create(path, P::ROWS, plan.columns())?;
+        let mut table = ParquetTable::create(path, P::ROWS, &BTreeMap::new(), plan.columns())?;
         self.read(&mut |job, outcome| table.push(plan.row(job, &outcome)).map_err(failed))?;
         table.finish().map_err(failed)
     }

@@ -1,5 +1,6 @@
 //! Any table as a file, CSV or Parquet by its name.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::{Cell, Column, RowsError};
@@ -25,9 +26,10 @@ impl TableFormat {
     }
 }
 
-/// Writes a table in the format of its file's name.
+/// Writes a table in the format of its file's name. A Parquet file keeps what is said about it.
 pub fn write_table(
     path: &Path,
+    about: &BTreeMap<String, String>,
     columns: Vec<Column>,
     rows: impl Iterator<Item = Vec<Cell>>,
 ) -> Result<(), RowsError> {
@@ -45,7 +47,7 @@ pub fn write_table(
         #[cfg(feature = "parquet")]
         TableFormat::Parquet => {
             let failed = |source| RowsError::Parquet { path: path.to_owned(), source };
-            let mut table = super::ParquetTable::create(path, "samples", columns)?;
+            let mut table = super::ParquetTable::create(path, "samples", about, columns)?;
             for row in rows {
                 table.push(row).map_err(failed)?;
             }

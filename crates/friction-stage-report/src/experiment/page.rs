@@ -191,7 +191,9 @@ impl<'a> Report<'a> {
         .logarithmic(true, true);
         let results = self.summary.results;
         for (colour, (name, label)) in
-            [("guide 1", "lugre"), ("guide 1 distributed", "distributed")].into_iter().enumerate()
+            [("guide 1", "one bristle"), ("guide 1 distributed", "in parallel")]
+                .into_iter()
+                .enumerate()
         {
             if let Some(curves) = results.dahl.iter().find(|curves| curves.name == name) {
                 let points =
@@ -201,14 +203,14 @@ impl<'a> Report<'a> {
         }
         chart.add(
             "the paper",
-            3,
-            Style::Marks,
+            4,
+            Style::Rings,
             fit.errors.iter().map(|row| (1e6 * row.amplitude, row.stated)),
         );
         self.figure(
             "stiffness_of_guide_1",
             &chart,
-            "The paper's own numbers, one bristle, and bristles in parallel.",
+            "What the paper states (rings), one bristle, and bristles in parallel.",
         )
     }
 
@@ -390,11 +392,15 @@ impl<'a> Report<'a> {
                 );
             }
         }
-        self.figure("dahl_stiffness", &stiffness, "Effective stiffness over amplitude.")?;
+        self.figure(
+            "dahl_stiffness",
+            &stiffness,
+            "Effective stiffness over amplitude; dashed: the law.",
+        )?;
         self.figure(
             "dahl_area",
             &area,
-            "Loop area over amplitude, where it stands out of the noise.",
+            "Loop area over amplitude, where it stands out of the noise; dashed: the law.",
         )?;
         self.figure(
             "dahl_damping",
@@ -812,7 +818,8 @@ impl<'a> Report<'a> {
                 ("loop area", Right),
                 ("friction at 3 mm/s", Right),
                 ("ripple, N", Right),
-            ]);
+            ])
+            .captioned("Percentages: measured less true, of the true value.");
             let percent = |value: Option<f64>| {
                 Cell::text(
                     value.map_or("\u{2013}".to_owned(), |value| format!("{:+.2} %", 100.0 * value)),

@@ -402,13 +402,10 @@ fn not_separable(selection: &Selection, names: &str) -> String {
     let pairs = selection.inseparable.iter();
     let pairs: Vec<_> = pairs.map(|pair| format!("{} and {}", pair.effect, pair.rival)).collect();
     let which = match pairs.is_empty() {
-        true => "Several laws explain the data equally.".to_owned(),
-        false => format!(
-            "These explain the data equally: {}. The model has the first of them.",
-            pairs.join("; ").replace('_', " ")
-        ),
+        true => "Several laws explain the data equally".to_owned(),
+        false => format!("Equally likely: {}", pairs.join("; ").replace('_', " ")),
     };
-    format!("{which} In the model now: {names}.")
+    format!("{which}. The identified model has {names}.")
 }
 
 fn errors(page: &mut Page, summary: &Summary) {
