@@ -291,7 +291,8 @@ fn a_velocity_is_integrated_where_there_is_no_position() {
     assert_eq!(motor.joint, Some(JointType::Revolute));
     let said = yaml
         .replace("\"rpm\"}", &format!("\"rpm\", scale: {}}}", lead / std::f64::consts::TAU))
-        .replace("\"%\", scale: 1}", "\"%\", scale: 200}");
+        .replace("\"%\", scale: 1}", "\"%\", scale: 200}")
+        .replace("# CHECK", "# was to check");
     let recording = load(&file.path, Some(&Mapping::from_yaml(&said, "said").unwrap())).unwrap();
     assert_eq!(recording.quality.notes, [SignalNote::Integrated]);
     for (time, x) in recording.trace.time.iter().zip(&recording.trace.position) {
@@ -468,7 +469,11 @@ fn what_the_file_does_not_say_is_to_be_checked() {
     let yaml = proposal.to_yaml("t.csv", &[]);
     let recording = load(&file.path, Some(&Mapping::from_yaml(&yaml, "proposed").unwrap()));
     assert!(yaml.contains("current: {"), "{yaml}");
-    assert_eq!(recording.unwrap().quality.notes, [SignalNote::NoForceConstant]);
+    let notes = recording.unwrap().quality.notes;
+    let [SignalNote::Unconfirmed { marks }, SignalNote::NoForceConstant] = notes.as_slice() else {
+        panic!("{notes:?}");
+    };
+    assert!(marks.len() == 3 && marks[2].contains("N per A"), "{marks:?}");
     // A bag of forces is not made of it.
     let mapping = Mapping::from_yaml(&yaml, "proposed").unwrap();
     let out = file.path.with_file_name("bag");
@@ -784,4 +789,170 @@ fn two_columns_with_decimal_commas_are_two_columns() {
         assert_eq!(recording.trace.len(), ROWS);
         assert!((0..ROWS).all(|k| (recording.trace.position[k] - values(k).0).abs() < 1e-12));
     }
+}
+
+/// The proposal for a table with these names and columns of `ROWS` values.
+fn proposal_of(names: &str, columns: &[&dyn Fn(usize) -> f64]) -> Proposal {
+    let row = |k: usize| {
+        let fields: Vec<String> = columns.iter().map(|of| format!("{:.9}", of(k))).collect();
+        fields.join(";") + "\n"
+    };
+    let rows: String = (0..ROWS).map(row).collect();
+    Proposal::of(&file("t.csv", format!("{names}\n{rows}")).path).unwrap()
+}
+
+fn column_of(proposal: &Proposal, signal: Signal) -> Option<usize> {
+    proposal.signals.iter().find(|found| found.signal == signal).map(|found| found.column)
+}
+
+fn check_of(proposal: &Proposal, what: &str) -> String {
+    let of = proposal.checks().into_iter().filter(|(of, _)| *of == what);
+    of.map(|(_, check)| check).collect::<Vec<_>>().join("; ")
+}
+
+#[test]
+fn of_two_columns_of_a_quantity_the_measured_one_is_taken_and_a_doubt_is_said() {
+    let (t, x, u) =
+        (&|k: usize| k as f64 / RATE, &|k: usize| 1e3 * values(k).0, &|k: usize| values(k).1);
+    let asked = &|k: usize| 1e3 * values(k).0 + 0.01;
+    // What is asked for stands first.
+    for (names, doubt) in [
+        ("t [s];PositionSollwert [mm];PositionIstwert [mm];Kraft [N]", false),
+        ("t [s];Lagesollwert [mm];Lageistwert [mm];Kraft [N]", false),
+        ("t [s];Consigne [mm];Position mesur\u{e9}e [mm];Force [N]", false),
+        ("t [s];PCMD [mm];PFBK [mm];Force [N]", false),
+        ("t [s];Profile position [mm];Motor (Actual) Position [mm];Force [N]", false),
+        ("t [s];Target [mm];CurrentPosition [mm];Force [N]", false),
+        ("t [s];Position 1 [mm];Position 2 actual [mm];Force [N]", true),
+    ] {
+        let proposal = proposal_of(names, &[t, asked, x, u]);
+        assert_eq!(column_of(&proposal, Signal::Position), Some(3), "{names}: {proposal:#?}");
+        assert_eq!(column_of(&proposal, Signal::Force), Some(4), "{names}: {proposal:#?}");
+        let check = check_of(&proposal, "position");
+        assert_eq!(check.contains("or is it"), doubt, "{names}: {check}");
+    }
+    for names in ["t [s];encoder a [mm];encoder b [mm];F [N]", "t [s];x [mm];x [mm];F [N]"] {
+        let proposal = proposal_of(names, &[t, x, x, u]);
+        assert!(check_of(&proposal, "position").contains("or is it"), "{names}");
+    }
+}
+
+#[test]
+fn what_is_of_another_axis_is_to_be_checked() {
+    let (t, x, u) = (&|k: usize| k as f64 / RATE, &|k: usize| values(k).0, &|k: usize| values(k).1);
+    for names in [
+        "time [s];Ax2 position [m];Ax1 force [N]",
+        "time [s];/joint_states/x/position [m];/joint_states/y/effort [N]",
+        "time [s];Drive3.ActPos [m];Drive4.Torque force [N]",
+    ] {
+        let check = check_of(&proposal_of(names, &[t, x, u]), "force");
+        assert!(check.contains("another axis"), "{names}: {check}");
+    }
+    // That of the same axis comes first.
+    let names = "time [s];Axis 1 force [N];Axis 2 force [N];Axis 2 position [m]";
+    let proposal = proposal_of(names, &[t, u, u, x]);
+    assert_eq!(column_of(&proposal, Signal::Force), Some(3), "{proposal:#?}");
+}
+
+/// A following error counts where it has the unit of its reference.
+#[test]
+fn an_error_is_no_position() {
+    let (t, x, e, u) = (
+        &|k: usize| k as f64 / RATE,
+        &|k: usize| 1e3 * values(k).0,
+        &|k: usize| (k as f64).sin(),
+        &|k: usize| values(k).1,
+    );
+    let proposal = proposal_of("t [s];Soll [mm];Schleppfehler [mm];F [N]", &[t, x, e, u]);
+    let position = proposal.signals.iter().find(|found| found.signal == Signal::Position).unwrap();
+    assert_eq!((position.column, position.minus), (2, Some(3)), "{position:?}");
+    for names in [
+        "t [s];Position Command [mm];Following Error [um];F [N]",
+        "t [s];x_soll [mm];Schleppabstand [\u{b5}m];F [N]",
+    ] {
+        let proposal = proposal_of(names, &[t, x, e, u]);
+        assert_eq!(column_of(&proposal, Signal::Position), None, "{names}: {proposal:#?}");
+    }
+}
+
+#[test]
+fn columns_with_a_clock_of_their_own_are_joined() {
+    let slow = 4.0;
+    // The force four times as fast as the position; where a column ends, its fields are empty.
+    let row = |k: usize, at: [usize; 4]| {
+        let force = values(k).1;
+        let time = k as f64 / RATE;
+        let mut fields = [const { String::new() }; 4];
+        if k < ROWS / 4 {
+            fields[at[0]] = format!("{:.6}", time * slow);
+            fields[at[1]] = format!("{:.9}", 1e3 * values(4 * k).0);
+        }
+        fields[at[2]] = format!("{time:.6}");
+        fields[at[3]] = format!("{force:.9}");
+        fields.join(",") + "\n"
+    };
+    for (names, at) in [
+        ("Time_1 [s],Position [mm],Time_2 [s],Force [N]", [0, 1, 2, 3]),
+        ("t [s],F [N],t [s],x [mm]", [2, 3, 0, 1]),
+        ("pos.t,pos.x_mm,force.t,force.F_N", [0, 1, 2, 3]),
+    ] {
+        let rows: String = (0..ROWS).map(|k| row(k, at)).collect();
+        let file = file("t.csv", format!("{names}\n{rows}"));
+        let proposal = Proposal::of(&file.path).unwrap();
+        let yaml = proposal.to_yaml(&file.path.display().to_string(), &[]);
+        let mapping =
+            Mapping::from_yaml(&yaml, "proposed").unwrap_or_else(|e| panic!("{e}: {yaml}"));
+        let recording = load(&file.path, Some(&mapping)).unwrap_or_else(|e| panic!("{e}: {yaml}"));
+        assert!((recording.rate - RATE / slow).abs() < 1e-6, "{names}: {}", recording.rate);
+        for k in 1..ROWS / 4 - 1 {
+            let (x, u) = values(4 * k);
+            assert!((recording.trace.position[k] - x).abs() < 1e-8, "{names}: {k}");
+            // Of a faster signal the mean over a row.
+            assert!((recording.trace.force[k] - u).abs() < 1.0, "{names}: {k}");
+        }
+    }
+    // Two times of the same rows are one clock.
+    let names = "time [s];stamp [s];x [m];F [N]";
+    let t = &|k: usize| k as f64 / RATE;
+    let later = &|k: usize| k as f64 / RATE + 3.0;
+    let proposal = proposal_of(names, &[t, later, &|k| values(k).0, &|k| values(k).1]);
+    assert!(proposal.own_clocks.is_empty(), "{proposal:#?}");
+}
+
+#[test]
+fn a_rate_that_the_file_says_counts_where_no_column_is_a_time() {
+    for (line, rate) in [
+        ("Sampling frequency [Hz];2000", 2000.0),
+        ("Abtastrate: 4 kHz", 4000.0),
+        ("Increment;5e-4", 2000.0),
+        ("Sample interval = 250 us", 4000.0),
+    ] {
+        let rows: String =
+            (0..ROWS).map(|k| format!("{:.9};{:.9}\n", values(k).0, values(k).1)).collect();
+        let file = file("t.csv", format!("{line}\nposition [m];force [N]\n{rows}"));
+        let proposal = Proposal::of(&file.path).unwrap();
+        let stated = proposal.stated_rate.as_ref().map(|(rate, _)| *rate);
+        assert_eq!(stated, Some(rate), "{line}: {proposal:#?}");
+        assert!(check_of(&proposal, "rate").contains("line 1"), "{line}");
+    }
+    // The number of a row is no time.
+    let counter = &|k: usize| k as f64;
+    let names = "Sample;position [m];force [N]";
+    let proposal = proposal_of(names, &[counter, &|k| values(k).0, &|k| values(k).1]);
+    assert!(check_of(&proposal, "rate").contains("`Sample` counts the rows"), "{proposal:#?}");
+}
+
+#[test]
+fn a_column_of_captures_and_a_time_that_goes_back_are_to_be_checked() {
+    let (x, u) = (&|k: usize| values(k).0, &|k: usize| values(k).1);
+    let of_run = |k: usize| (k / (ROWS / 2)) as f64;
+    let names = "time [s];Run;position [m];force [N]";
+    let proposal = proposal_of(names, &[&|k| k as f64 / RATE, &of_run, x, u]);
+    assert!(check_of(&proposal, "table").contains("`Run` has 2 values"), "{proposal:#?}");
+    // Rows of two axes in turn.
+    let names = "time [s];Achse;position [m];force [N]";
+    let in_turn = |k: usize| (k / 2) as f64 / RATE;
+    let proposal = proposal_of(names, &[&in_turn, &|k| (k % 2) as f64, x, u]);
+    assert!(check_of(&proposal, "time").contains("several axes"), "{proposal:#?}");
+    assert!(check_of(&proposal, "table").contains("`Achse`"), "{proposal:#?}");
 }

@@ -105,6 +105,11 @@ pub enum SignalNote {
         /// Line of the first, from 1.
         first_line: u64,
     },
+    /// A proposed mapping has marks that nobody has taken away.
+    Unconfirmed {
+        /// What each is about, with what there is to check.
+        marks: Vec<String>,
+    },
     /// Only a part of the recording was read.
     OnlyPart {
         /// Samples of the position in it.
@@ -115,6 +120,11 @@ pub enum SignalNote {
 }
 
 impl SignalNote {
+    /// Of the marks that a mapping still has, if any.
+    pub(super) fn unconfirmed(marks: &[String]) -> Option<Self> {
+        (!marks.is_empty()).then(|| Self::Unconfirmed { marks: marks.to_vec() })
+    }
+
     /// Stable name of the kind, for other programs.
     pub fn code(&self) -> &'static str {
         match self {
@@ -124,6 +134,7 @@ impl SignalNote {
             Self::NoForceConstant => "no_force_constant",
             Self::UnitOfFile { .. } => "unit_of_file",
             Self::RowsLeftOut { .. } => "rows_left_out",
+            Self::Unconfirmed { .. } => "unconfirmed",
             Self::OnlyPart { .. } => "only_part",
         }
     }

@@ -63,6 +63,14 @@ pub fn import(
     progress: &mut dyn FnMut(u64),
 ) -> Result<ImportReport, SignalError> {
     let import = Import::open(csv, mapping, about)?;
+    whole_or_none(out, || write_bag(&import, out, progress))
+}
+
+fn write_bag(
+    import: &Import,
+    out: &Path,
+    progress: &mut dyn FnMut(u64),
+) -> Result<ImportReport, SignalError> {
     let mut tables = import.tables.iter().map(TableRows::open).collect::<Result<Vec<_>, _>>()?;
     let mut bag = import.bag(out.to_owned())?;
     let mut count = 0;
@@ -77,7 +85,22 @@ pub fn import(
             progress(count);
         }
     }
-    bag.finish(tables.iter().flat_map(|table| table.rows.notes()).collect())
+    import.refuse_other_times(&bag)?;
+    bag.finish(tables.iter().flat_map(|table| table.rows.notes()).chain(import.marks()).collect())
+}
+
+/// What `write` writes at `out` if that is refused on the way is no recording: it is removed.
+fn whole_or_none<T>(
+    out: &Path,
+    write: impl FnOnce() -> Result<T, SignalError>,
+) -> Result<T, SignalError> {
+    let was_there = out.exists();
+    let written = write();
+    if written.is_err() && !was_there {
+        // What cannot be removed is what the error that is on its way is about.
+        let _ = std::fs::remove_dir_all(out);
+    }
+    written
 }
 
 /// Writes a bag for each capture of a table that has several, one after the other: `capture_1`,
@@ -100,10 +123,19 @@ pub fn import_captures(
             reason: reason.into(),
         });
     };
-    let mut rows = table.file.rows(&table.columns, Captures::Several)?;
     if out.exists() {
         return Err(BagError::Exists { path: out.to_owned() }.into());
     }
+    whole_or_none(out, || write_bags(&import, table, out, progress))
+}
+
+fn write_bags(
+    import: &Import,
+    table: &Table,
+    out: &Path,
+    progress: &mut dyn FnMut(u64),
+) -> Result<Vec<ImportReport>, SignalError> {
+    let mut rows = table.file.rows(&table.columns, Captures::Several)?;
     let path = |capture: u64| out.join(format!("capture_{}", capture + 1));
     let mut bag = import.bag(path(0))?;
     let (mut reports, mut capture, mut count) = (Vec::new(), 0, 0);
@@ -119,7 +151,7 @@ pub fn import_captures(
             progress(count);
         }
     }
-    reports.push(bag.finish(rows.notes())?);
+    reports.push(bag.finish(rows.notes().into_iter().chain(import.marks()).collect())?);
     Ok(reports)
 }
 
@@ -179,6 +211,7 @@ struct Import<'a> {
     about: &'a BTreeMap<String, String>,
     tables: Vec<Table>,
     joint_type: Option<JointType>,
+    unconfirmed: Vec<String>,
 }
 
 impl<'a> Import<'a> {
@@ -204,7 +237,34 @@ impl<'a> Import<'a> {
         let tables = std::iter::once(Table::open(path, mapping, 0))
             .chain(joined)
             .collect::<Result<_, _>>()?;
-        Ok(Import { path, about, tables, joint_type: mapping.joint_type })
+        Ok(Import {
+            path,
+            about,
+            tables,
+            joint_type: mapping.joint_type,
+            unconfirmed: mapping.unconfirmed.clone(),
+        })
+    }
+
+    /// What the mapping still marks for a person to check.
+    fn marks(&self) -> Option<SignalNote> {
+        SignalNote::unconfirmed(&self.unconfirmed)
+    }
+
+    /// Tables that were not recorded at the same time are none of one motion.
+    fn refuse_other_times(&self, bag: &ImportedBag) -> Result<(), SignalError> {
+        let seconds = |stamp: i64| (stamp - bag.moved.unwrap_or(0)) as f64 * 1e-9;
+        let mut spans = self.tables.iter().zip(&bag.tables).filter_map(|(table, rows)| {
+            Some((&table.file, seconds(rows.first?), seconds(rows.last?)))
+        });
+        let Some((_, from_s, to_s)) = spans.next() else { return Ok(()) };
+        match spans.find(|(_, begins_s, ends_s)| *begins_s > to_s || *ends_s < from_s) {
+            Some((file, begins_s, _)) => {
+                let joined = file.path.clone();
+                Err(SignalError::NoTimeInCommon { joined, begins_s, from_s, to_s })
+            }
+            None => Ok(()),
+        }
     }
 
     fn has(&self, signal: Signal) -> bool {
@@ -240,6 +300,7 @@ impl<'a> Import<'a> {
                 .iter()
                 .map(|table| WrittenRows {
                     signals: table.columns.iter().map(|(signal, _)| *signal).collect(),
+                    first: None,
                     last: None,
                 })
                 .collect(),
@@ -280,6 +341,8 @@ struct ImportedBag {
 /// What the rows of a table hold, and how far they are written.
 struct WrittenRows {
     signals: Vec<Signal>,
+    /// Time of the first row, ns.
+    first: Option<i64>,
     /// Time of the row before, ns.
     last: Option<i64>,
 }
@@ -302,6 +365,7 @@ impl ImportedBag {
         };
         let table = &mut self.tables[table];
         self.report.not_later += u64::from(table.last.is_some_and(|last| stamp <= last));
+        table.first.get_or_insert(stamp);
         table.last = Some(stamp);
         let mut values = [f64::NAN; 8];
         for (signal, value) in table.signals.iter().zip(row) {

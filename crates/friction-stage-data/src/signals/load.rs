@@ -210,6 +210,7 @@ fn on_grid(
     quality[0].noise = noise_of_samples(&grid, &stamps, &values[0], &column);
     trace.position = column;
     drop((stamps, values));
+    loading.notes.extend(SignalNote::unconfirmed(&mapping.unconfirmed));
     if mapping.without_force_constant {
         loading.notes.push(SignalNote::NoForceConstant);
     }

@@ -233,6 +233,8 @@ pub struct Mapping {
     pub rate: Option<f64>,
     /// Joint type, where the mapping says it or its units do.
     pub joint_type: Option<JointType>,
+    /// What a proposed mapping marks for a person to check, while the marks stand in it.
+    pub unconfirmed: Vec<String>,
     /// Whether the force is a current of which nobody said how much force it makes.
     pub without_force_constant: bool,
     /// How a CSV file is written.
@@ -274,6 +276,7 @@ impl Mapping {
             joint: None,
             rate: None,
             joint_type: None,
+            unconfirmed: Vec::new(),
             without_force_constant: false,
             csv: CsvLayout::default(),
             signals: BTreeMap::new(),

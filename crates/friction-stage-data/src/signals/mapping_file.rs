@@ -78,8 +78,19 @@ impl Mapping {
     pub fn from_yaml(text: &str, origin: &str) -> Result<Self, SignalError> {
         let file: MappingFile = yaml::read(text)
             .map_err(|problem| Keys { origin, above: String::new() }.wrong("the file", problem))?;
-        file.mapping(origin)
+        let mapping = file.mapping(origin)?;
+        Ok(Mapping { unconfirmed: marks(text), ..mapping })
     }
+}
+
+/// What the comments of a proposed mapping mark for a person to check, each with its key.
+fn marks(text: &str) -> Vec<String> {
+    let mark = |line: &str| {
+        let (before, check) = line.split_once("# CHECK: ")?;
+        let key = before.split(':').next().unwrap_or_default().trim();
+        Some(if key.is_empty() { check.to_owned() } else { format!("{key}: {check}") })
+    };
+    text.lines().filter_map(mark).collect()
 }
 
 /// Where in the file a key stands, for errors.

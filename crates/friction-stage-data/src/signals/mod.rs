@@ -6,6 +6,7 @@
 
 mod array_table;
 mod arrays;
+mod column_name;
 mod columns;
 mod csv_table;
 mod data_quality;

@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use super::array_table::{self, is_array_file};
 use super::arrays::ArrayFile;
+use super::column_name::{ColumnName, Quantity, Role, unit_of_name, unit_of_suffix};
 use super::error::SignalError;
 use super::mapping::{CsvLayout, Signal};
 use super::text_layout::{TextLayout, bare_unit};
@@ -20,8 +21,8 @@ use super::unit::{Dimension, Unit};
 use crate::bag::{BagError, is_recording};
 use friction_stage_core::model::JointType;
 
-/// What to check where no column is a time.
-const NO_TIME_COLUMN: &str = "rows per second; no column is a time";
+/// Rows per second that are proposed where nothing says them.
+const RATE: f64 = 1000.0;
 
 /// Rows that are looked at.
 const LOOKED_AT: usize = 20_000;
@@ -41,6 +42,9 @@ pub struct TableColumn {
     pub largest: Option<f64>,
     /// Which signal it is likely, if any.
     pub signal: Option<Signal>,
+    /// Whether no other column of the table has its name.
+    #[serde(skip)]
+    pub is_alone: bool,
 }
 
 /// A signal that is proposed.
@@ -89,6 +93,13 @@ pub struct Proposal {
     pub columns: Vec<TableColumn>,
     /// The signals.
     pub signals: Vec<ProposedSignal>,
+    /// Rows per second for the mapping where no column is a time, and what to check of them.
+    pub stated_rate: Option<(f64, String)>,
+    /// What a person has to check of the table as a whole.
+    pub table_checks: Vec<String>,
+    /// Columns of the same file with times of their own.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub own_clocks: Vec<Proposal>,
 }
 
 /// The values of a column, and whether some are dates or times of day.
@@ -103,21 +114,105 @@ impl Samples {
     }
 }
 
-/// The unit that a name ends with: `t_ms`, or `x/mm` (a quantity over its unit, as DIN 1313 has
-/// it); empty where it has none.
-fn unit_of_name(name: &str) -> &str {
-    // Without the index of a column of an array.
-    let name = name.split(['[', '(']).next().unwrap_or_default().trim();
-    let is_unit = |text: &str| Unit::named(text).is_some();
-    if is_unit(name) {
-        return "";
+/// What to check where numbers can be read with a decimal point and with a decimal comma.
+const EITHER_DECIMAL: &str = "the numbers that were looked at can be read either way";
+/// How likely a column must be as a signal for a person to choose, as part of the likeliest.
+/// Assumed: half.
+const RIVAL: f64 = 0.5;
+/// What the axis of the motion adds to the likeness of another signal: it decides between two that
+/// are alike otherwise.
+const SAME_AXIS: f64 = 0.25;
+/// Most captures that a column counts.
+const MOST_CAPTURES: usize = 1000;
+
+/// A column for a person: its name, or its number.
+fn shown(column: &TableColumn) -> String {
+    match column.name.as_str() {
+        "" => format!("column {}", column.number),
+        name => format!("`{name}`"),
     }
-    let over = name.split_once('/').map(|(quantity, unit)| (quantity.trim(), unit.trim()));
-    let quantity_over_unit = over.filter(|(quantity, unit)| {
-        !quantity.is_empty() && !quantity.contains(' ') && !is_unit(quantity) && is_unit(unit)
-    });
-    let behind = name.rsplit_once('_').filter(|(_, unit)| is_unit(unit));
-    quantity_over_unit.or(behind).map_or("", |(_, unit)| unit)
+}
+
+/// Names, units as the file writes them, and values of all columns.
+struct Table<'a> {
+    names: &'a [String],
+    units: &'a [String],
+    samples: &'a [Samples],
+}
+
+impl Table<'_> {
+    /// The column at an index.
+    fn column(&self, at: usize) -> TableColumn {
+        let samples = &self.samples[at];
+        let finite = || samples.values.iter().copied().filter(|v| v.is_finite());
+        let has_values = samples.has_values() && !samples.is_clock;
+        let unit = match bare_unit(&self.units[at]) {
+            "" => {
+                let written = unit_of_name(&self.names[at]);
+                unit_of_suffix(written).unwrap_or(written)
+            }
+            written => written,
+        };
+        TableColumn {
+            number: at + 1,
+            name: self.names[at].clone(),
+            unit: unit.to_owned(),
+            smallest: has_values.then(|| finite().fold(f64::INFINITY, f64::min)),
+            largest: has_values.then(|| finite().fold(f64::NEG_INFINITY, f64::max)),
+            signal: None,
+            is_alone: self.names.iter().filter(|name| **name == self.names[at]).count() == 1,
+        }
+    }
+
+    /// The columns of each time where several times stand between the columns, each before those
+    /// that it is of, or under the same path; none where there is one clock. Times next to each
+    /// other are of the same rows.
+    fn blocks(&self) -> Vec<Vec<usize>> {
+        let is_time = |at: &usize| {
+            let column = self.column(*at);
+            let said = ColumnName::of(&column.name).quantity == Some(Quantity::Time)
+                || Unit::named(&column.unit).is_some_and(|u| u.dimension == Dimension::Time);
+            said && increases(&self.samples[*at].values)
+        };
+        let times: Vec<usize> = (0..self.names.len()).filter(is_time).collect();
+        let parent = |at: usize| self.names[at].rsplit_once(['.', '/']).map(|(parent, _)| parent);
+        let is_last = |at: usize| at + 1 == self.names.len();
+        let stand_apart = times.windows(2).all(|pair| pair[1] > pair[0] + 1);
+        let have_parents = times.iter().all(|at| parent(*at).is_some());
+        let is_same = |one: usize, two: usize| {
+            let pairs = self.samples[one].values.iter().zip(&self.samples[two].values);
+            pairs.into_iter().all(|(a, b)| a == b || a.is_nan() || b.is_nan())
+        };
+        let is_one_clock = times.iter().skip(1).all(|at| is_same(times[0], *at));
+        if times.len() < 2 || is_one_clock {
+            return Vec::new();
+        }
+        if !have_parents && (!stand_apart || times.last().is_some_and(|at| is_last(*at))) {
+            return Vec::new();
+        }
+        let clock_of = |at: usize| {
+            let under_path = times
+                .iter()
+                .copied()
+                .find(|time| parent(at).is_some() && parent(*time) == parent(at));
+            let before = times.iter().copied().rfind(|time| *time <= at);
+            under_path.or(before).unwrap_or(times[0])
+        };
+        let of_time = |time: &usize| {
+            (0..self.names.len()).filter(|at| clock_of(*at) == *time).collect::<Vec<_>>()
+        };
+        times.iter().map(of_time).collect()
+    }
+}
+
+impl ProposedSignal {
+    /// Adds something that a person has to check.
+    fn add_check(&mut self, check: &str) {
+        self.check = Some(match &self.check {
+            Some(before) => format!("{before}; {check}"),
+            None => check.to_owned(),
+        });
+    }
 }
 
 /// Of a table without names: where one column is left that moves, and no force was found, it is
@@ -192,14 +287,15 @@ impl Proposal {
             names_line: layout.names_line,
             units_line: layout.units_line,
             data_line: layout.data_line,
-            ..Self::of_columns(&names, &units, &samples, taken)
-        })
+            ..Self::of_table(&names, &units, &samples, taken)
+        }
+        .with_stated_rate(&layout.lines_above(path).map_err(reading)?))
     }
 
     /// Of a file of arrays, those of the length that a time has, or that most of them have.
     fn of_arrays(path: &Path, taken: &[Signal]) -> Result<Proposal, SignalError> {
         let file = ArrayFile::open(path)?;
-        let is_time = |name: &str| words(name).iter().any(|word| TIME.contains(&word.as_str()));
+        let is_time = |name: &str| ColumnName::of(name).quantity == Some(Quantity::Time);
         let times = |length: u64| {
             file.columns.iter().filter(|c| c.length == length && is_time(&c.name)).count()
         };
@@ -224,41 +320,49 @@ impl Proposal {
         Ok(Proposal {
             format: file.format.name(),
             not_used: file.others(longest),
-            ..Self::of_columns(&names, &vec![String::new(); names.len()], &samples, taken)
+            ..Self::of_table(&names, &vec![String::new(); names.len()], &samples, taken)
         })
     }
 
-    /// Which of these columns are which signals; says nothing of the file.
-    fn of_columns(
+    /// Which of these columns are which signals; says nothing of the file. Columns with times of
+    /// their own are proposals of their own.
+    fn of_table(
         names: &[String],
         units: &[String],
         samples: &[Samples],
         taken: &[Signal],
     ) -> Proposal {
-        let rows = samples.first().map_or(0, |column| column.values.len());
-        let units = |column: usize| match bare_unit(&units[column]) {
-            "" => unit_of_name(&names[column]),
-            written => written,
+        let table = Table { names, units, samples };
+        let all: Vec<usize> = (0..names.len()).collect();
+        let whole = Self::of_columns(&table, &all, taken);
+        let blocks = table.blocks();
+        let is_motion =
+            |found: &&ProposedSignal| [Signal::Position, Signal::Velocity].contains(&found.signal);
+        let motion = whole.signals.iter().find(is_motion).map(|found| found.column - 1);
+        let Some(first) =
+            blocks.iter().position(|block| motion.is_none_or(|at| block.contains(&at)))
+        else {
+            return whole;
         };
-        let mut columns: Vec<TableColumn> = names
-            .iter()
-            .enumerate()
-            .map(|(index, name)| {
-                let finite = || samples[index].values.iter().copied().filter(|v| v.is_finite());
-                let has_values = finite().next().is_some() && !samples[index].is_clock;
-                TableColumn {
-                    number: index + 1,
-                    name: name.clone(),
-                    unit: units(index).to_owned(),
-                    smallest: has_values.then(|| finite().fold(f64::INFINITY, f64::min)),
-                    largest: has_values.then(|| finite().fold(f64::NEG_INFINITY, f64::max)),
-                    signal: None,
-                }
-            })
-            .collect();
-        let mut signals = Vec::new();
+        let mut proposal = Self::of_columns(&table, &blocks[first], taken);
+        for (_, block) in blocks.iter().enumerate().filter(|(index, _)| *index != first) {
+            let taken: Vec<Signal> = taken.iter().copied().chain(proposal.recorded()).collect();
+            let other = Self::of_columns(&table, block, &taken);
+            proposal.own_clocks.push(other);
+        }
+        proposal
+    }
+
+    /// Which of the columns `own` of a table are which signals.
+    fn of_columns(table: &Table, own: &[usize], taken: &[Signal]) -> Proposal {
+        let samples = table.samples;
+        let rows = samples.first().map_or(0, |column| column.values.len());
+        let mut columns: Vec<TableColumn> = own.iter().map(|at| table.column(*at)).collect();
+        let mut signals: Vec<ProposedSignal> = Vec::new();
         let has_values = |column: &TableColumn| samples[column.number - 1].has_values();
         let first = columns.iter().find(|column| has_values(column)).map(|column| column.number);
+        // The name of the motion, of whose axis the forces are to be.
+        let mut motion: Option<ColumnName> = None;
         for signal in [
             Signal::Time,
             Signal::Position,
@@ -276,40 +380,58 @@ impl Proposal {
                 continue;
             }
             let free = columns.iter().filter(|column| column.signal.is_none());
-            let best = free
+            let mut candidates: Vec<(f64, usize)> = free
                 .map(|column| {
                     let is_first = Some(column.number) == first;
                     let as_signal =
                         |signal| likeness(signal, column, is_first, &samples[column.number - 1]);
-                    let best = match signal {
+                    let likeness = match signal {
                         // Where the command is known, another force is a measured one.
                         Signal::ForceCell if taken.contains(&Signal::Force) => {
                             as_signal(Signal::ForceCell).max(as_signal(Signal::Force))
                         }
                         signal => as_signal(signal),
                     };
-                    (best, column.number)
+                    let of_axis = motion
+                        .as_ref()
+                        .is_some_and(|motion| ColumnName::of(&column.name).is_of_same_axis(motion));
+                    (
+                        likeness + if likeness > 0.0 && of_axis { SAME_AXIS } else { 0.0 },
+                        column.number,
+                    )
                 })
                 .filter(|(likeness, _)| *likeness > 0.0)
-                .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-            if let Some((_, number)) = best {
-                let column = &mut columns[number - 1];
-                column.signal = Some(signal);
-                let joint = joint_of(&signals);
-                signals.push(proposed(signal, column, &samples[number - 1], joint));
+                .collect();
+            candidates.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            let Some(&(best, number)) = candidates.first() else { continue };
+            let rivals: Vec<String> = candidates[1..]
+                .iter()
+                .filter(|(likeness, _)| signal != Signal::Time && *likeness >= RIVAL * best)
+                .map(|(_, number)| shown(&table.column(number - 1)))
+                .collect();
+            let joint = joint_of(&signals);
+            let Some(column) = columns.iter_mut().find(|column| column.number == number) else {
+                continue;
+            };
+            column.signal = Some(signal);
+            let mut found = proposed(signal, column, &samples[number - 1], joint);
+            let name = ColumnName::of(&column.name);
+            if motion.as_ref().is_some_and(|motion| name.is_of_other_axis(motion)) {
+                found.add_check("by its name it is of another axis than the motion");
             }
+            if let [_, ..] = rivals.as_slice() {
+                found.add_check(&format!("or is it {}?", rivals.join(", or ")));
+            }
+            if [Signal::Position, Signal::Velocity].contains(&signal) {
+                motion = Some(name);
+            }
+            signals.push(found);
         }
         if taken.is_empty() {
             signals.extend(the_only_column_left(&signals, &mut columns));
             signals.extend(from_following_error(&signals, &mut columns));
         }
-        let time = signals.iter().find(|found| found.signal == Signal::Time);
-        let rate_hz = time.and_then(|time| {
-            let unit = time.unit.as_deref().and_then(Unit::named).map_or(1.0, |unit| unit.size);
-            let rate = 1.0 / (unit * usual_step(&samples[time.column - 1].values)?.abs());
-            rate.is_finite().then_some(rate)
-        });
-        Proposal {
+        let mut proposal = Proposal {
             format: "",
             not_used: Vec::new(),
             delimiter: String::new(),
@@ -319,10 +441,97 @@ impl Proposal {
             units_line: None,
             data_line: 0,
             rows,
-            rate_hz,
+            rate_hz: None,
             columns,
             signals,
+            stated_rate: None,
+            table_checks: Vec::new(),
+            own_clocks: Vec::new(),
+        };
+        proposal.take_a_time_that_does_not_rise(samples);
+        proposal.find_captures(samples);
+        let time = proposal.signals.iter().find(|found| found.signal == Signal::Time);
+        proposal.rate_hz = time.and_then(|time| {
+            let unit = time.unit.as_deref().and_then(Unit::named).map_or(1.0, |unit| unit.size);
+            let unit = unit * time.scale.unwrap_or(1.0);
+            let rate = 1.0 / (unit * usual_step(&samples[time.column - 1].values)?.abs());
+            rate.is_finite().then_some(rate)
+        });
+        if time.is_none() {
+            let counter =
+                proposal.columns.iter().find(|c| counts_rows(&samples[c.number - 1].values));
+            let of_counter = counter
+                .map_or(String::new(), |column| format!("; {} counts the rows", shown(column)));
+            let check = format!("rows per second; no column is a time{of_counter}");
+            proposal.stated_rate = Some((RATE, check));
         }
+        proposal
+    }
+
+    /// A column that is called a time and does not rise from row to row is one all the same: what
+    /// is wrong with it is for a person to see.
+    fn take_a_time_that_does_not_rise(&mut self, samples: &[Samples]) {
+        if self.signals.iter().any(|found| found.signal == Signal::Time) {
+            return;
+        }
+        let is_time = |column: &&mut TableColumn| {
+            column.signal.is_none()
+                && samples[column.number - 1].has_values()
+                && ColumnName::of(&column.name).quantity == Some(Quantity::Time)
+        };
+        let Some(column) = self.columns.iter_mut().find(is_time) else { return };
+        column.signal = Some(Signal::Time);
+        let values = &samples[column.number - 1].values;
+        let mut found = proposed(Signal::Time, column, &samples[column.number - 1], joint_of(&[]));
+        let falling = steps(values).filter(|step| *step < 0.0).count();
+        let same = steps(values).filter(|step| *step == 0.0).count();
+        found.add_check(&match falling {
+            0 => format!(
+                "{same} of {} rows have the time of the row before: too coarse (leave it out and \
+                 give the `rate`), or rows of several axes",
+                values.len()
+            ),
+            _ => format!("it goes back {falling} times: several captures in one file?"),
+        });
+        self.signals.insert(0, found);
+    }
+
+    /// Says which column counts captures or axes that stand in one file.
+    fn find_captures(&mut self, samples: &[Samples]) {
+        for column in self.columns.iter().filter(|column| column.signal.is_none()) {
+            let values = &samples[column.number - 1].values;
+            let mut seen: Vec<i64> = Vec::new();
+            for value in values.iter().filter(|value| value.is_finite()) {
+                let whole = *value as i64;
+                if whole as f64 != *value || seen.len() > MOST_CAPTURES {
+                    seen.clear();
+                    break;
+                }
+                if !seen.contains(&whole) {
+                    seen.push(whole);
+                }
+            }
+            if seen.len() > 1 && counts_captures(&column.name) {
+                self.table_checks.push(format!(
+                    "{} has {} values: rows of several captures or axes, which must be files of \
+                     their own",
+                    shown(column),
+                    seen.len()
+                ));
+            }
+        }
+    }
+
+    /// The same with the rate that a line above the table says, where no column is a time.
+    fn with_stated_rate(mut self, above: &[(u64, String)]) -> Proposal {
+        if let Some((rate, check)) = &mut self.stated_rate
+            && let Some((line, said)) =
+                above.iter().find_map(|(line, text)| Some((*line, rate_in(text)?)))
+        {
+            *rate = said;
+            *check = format!("rows per second, as line {line} says; no column is a time");
+        }
+        self
     }
 
     /// Whether it is of a file of arrays.
@@ -332,13 +541,15 @@ impl Proposal {
 
     /// What a person has to check, each with what it is about.
     pub fn checks(&self) -> Vec<(&'static str, &str)> {
-        let has_time = self.signals.iter().any(|found| found.signal == Signal::Time);
-        let rate = (!has_time).then_some(("rate", NO_TIME_COLUMN));
+        let decimal = self.either_decimal.then_some(("decimal_comma", EITHER_DECIMAL));
+        let rate = self.stated_rate.as_ref().map(|(_, check)| ("rate", check.as_str()));
+        let of_table = self.table_checks.iter().map(|check| ("table", check.as_str()));
         let of_signals = self.signals.iter().filter_map(|found| {
             let check = found.check.as_deref()?;
             Some((found.signal.name(), check))
         });
-        rate.into_iter().chain(of_signals).collect()
+        let of_others = self.own_clocks.iter().flat_map(Proposal::checks);
+        decimal.into_iter().chain(rate).chain(of_table).chain(of_signals).chain(of_others).collect()
     }
 
     /// Whether there is a position or a velocity, without which a mapping is none.
@@ -349,20 +560,24 @@ impl Proposal {
 
     /// A column as a mapping names it: by its name where no other has it, else by its number.
     fn place(&self, number: usize) -> String {
-        let name = &self.columns[number - 1].name;
-        let again = self.columns.iter().filter(|other| other.name == *name).count() > 1;
-        let is_named = self.is_of_arrays() || self.names_line.is_some() && !again;
-        if name.is_empty() || !is_named {
-            number.to_string()
-        } else {
-            // A string of JSON is one of YAML.
-            serde_json::Value::from(name.as_str()).to_string()
+        // A string of JSON is one of YAML.
+        match self.column(number) {
+            Some(column) if column.is_alone && !column.name.is_empty() => {
+                serde_json::Value::from(column.name.as_str()).to_string()
+            }
+            _ => number.to_string(),
         }
     }
 
     /// The signals but for the time.
     pub fn recorded(&self) -> impl Iterator<Item = Signal> {
-        self.signals.iter().map(|found| found.signal).filter(|signal| *signal != Signal::Time)
+        let others = self.own_clocks.iter().flat_map(|other| &other.signals);
+        let all = self.signals.iter().chain(others).map(|found| found.signal);
+        all.filter(|signal| *signal != Signal::Time)
+    }
+
+    fn column(&self, number: usize) -> Option<&TableColumn> {
+        self.columns.iter().find(|column| column.number == number)
     }
 
     /// The mapping file, with what to check in comments. `joined` are other recordings of the same
@@ -373,15 +588,26 @@ impl Proposal {
              # Positive is along +x; `scale: -1` turns a signal round.\n{}",
             self.table_yaml()
         );
-        if !joined.is_empty() {
+        let own = Path::new(file).file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let with_signals = |others: &'_ [Proposal]| {
+            others.iter().filter(|other| other.recorded().next().is_some()).cloned().collect()
+        };
+        let own_clocks: Vec<Proposal> = with_signals(&self.own_clocks);
+        let mut all: Vec<(&str, &Proposal, bool)> =
+            own_clocks.iter().map(|other| (own.as_str(), other, true)).collect();
+        for (path, other) in joined {
+            all.push((path, other, self.has_dates() && other.has_dates()));
+            all.extend(other.own_clocks.iter().map(|block| (path.as_str(), block, false)));
+        }
+        if !all.is_empty() {
             text += "join:\n";
         }
-        for (path, other) in joined {
-            let check = match self.has_dates() && other.has_dates() {
+        for (path, other, is_one_clock) in all {
+            let check = match is_one_clock {
                 true => "s, added to its times",
                 false => "CHECK: s, added to its times; 0 takes both clocks as one",
             };
-            let path = serde_json::Value::from(path.as_str());
+            let path = serde_json::Value::from(path);
             let _ = writeln!(text, "  - file: {path}\n    clock_offset: 0   # {check}");
             for line in other.table_yaml().lines() {
                 let _ = writeln!(text, "    {line}");
@@ -393,7 +619,8 @@ impl Proposal {
     /// Whether its times are dates or times of day, which are of the same clock in every file.
     pub fn has_dates(&self) -> bool {
         let time = self.signals.iter().find(|found| found.signal == Signal::Time);
-        time.is_some_and(|time| self.columns[time.column - 1].smallest.is_none())
+        let column = time.and_then(|time| self.column(time.column));
+        column.is_some_and(|column| column.smallest.is_none())
     }
 
     /// The part of a mapping that is of this table.
@@ -426,15 +653,18 @@ impl Proposal {
         if self.either_decimal {
             let _ = writeln!(
                 text,
-                "csv: {{decimal_comma: {}}}   # CHECK: or true?",
+                "csv: {{decimal_comma: {}}}   # CHECK: {EITHER_DECIMAL}",
                 self.decimal_comma
             );
         }
     }
 
     fn write_signals(&self, text: &mut String) {
-        if !self.signals.iter().any(|found| found.signal == Signal::Time) {
-            let _ = writeln!(text, "rate: 1000   # CHECK: {NO_TIME_COLUMN}");
+        for check in &self.table_checks {
+            let _ = writeln!(text, "# CHECK: {check}");
+        }
+        if let Some((rate, check)) = &self.stated_rate {
+            let _ = writeln!(text, "rate: {rate}   # CHECK: {check}");
         }
         *text += "signals:\n";
         for found in &self.signals {
@@ -471,16 +701,20 @@ fn from_following_error(
     signals: &[ProposedSignal],
     columns: &mut [TableColumn],
 ) -> Option<ProposedSignal> {
-    const ERROR: &[&str] = &["error", "err", "deviation", "lag", "following"];
     let found = |signal: Signal| signals.iter().find(|found| found.signal == signal);
     if found(Signal::Position).or(found(Signal::Velocity)).is_some() {
         return None;
     }
     let reference = found(Signal::ReferencePosition)?;
+    // A mapping gives both the same unit.
+    let unit = columns[reference.column - 1].unit.clone();
     let is_error = |column: &&mut TableColumn| {
+        let name = ColumnName::of(&column.name);
         column.signal.is_none()
             && column.smallest < column.largest
-            && words(&column.name).iter().any(|word| ERROR.contains(&word.as_str()))
+            && name.role == Role::Other
+            && matches!(name.quantity, None | Some(Quantity::Position))
+            && Unit::named(&column.unit) == Unit::named(&unit)
     };
     let error = columns.iter_mut().find(is_error)?;
     error.signal = Some(Signal::Position);
@@ -524,136 +758,61 @@ fn samples(path: &Path, layout: &TextLayout) -> std::io::Result<Vec<Samples>> {
     Ok(columns)
 }
 
-/// Words of a name, in small letters: `posActual_mm` has pos, actual, mm.
-fn words(name: &str) -> Vec<String> {
-    let mut words = vec![String::new()];
-    let mut before = ' ';
-    for c in name.chars() {
-        let begins = c.is_uppercase() && before.is_lowercase();
-        if !c.is_alphabetic() || begins {
-            words.push(String::new());
-        }
-        if c.is_alphabetic() {
-            words.last_mut().into_iter().for_each(|word| word.extend(c.to_lowercase()));
-        }
-        before = c;
-    }
-    words.retain(|word| !word.is_empty());
-    words
-}
-
-const TIME: &[&str] = &["t", "time", "timestamp", "stamp", "zeit", "temps", "clock", "secs"];
-const POSITION: &[&str] = &[
-    "x",
-    "q",
-    "qm",
-    "pos",
-    "position",
-    "encoder",
-    "enc",
-    "displacement",
-    "travel",
-    "lage",
-    "weg",
-    "istposition",
-    "posn",
-];
-const VELOCITY: &[&str] = &["v", "vel", "velocity", "speed", "geschwindigkeit", "drehzahl"];
-const CURRENT: &[&str] =
-    &["current", "curr", "iq", "strom", "courant", "amp", "amps", "ampere", "amperes"];
-const FORCE: &[&str] = &[
-    "f",
-    "u",
-    "force",
-    "torque",
-    "effort",
-    "current",
-    "curr",
-    "iq",
-    "kraft",
-    "moment",
-    "strom",
-    "drehmoment",
-    "thrust",
-    "trq",
-    "i",
-    "motor",
-];
-const CELL: &[&str] = &["cell", "loadcell", "kraftsensor", "dynamometer", "fx"];
-const REFERENCE: &[&str] = &[
-    "set",
-    "setpoint",
-    "sp",
-    "ref",
-    "reference",
-    "cmd",
-    "command",
-    "commanded",
-    "demand",
-    "demanded",
-    "desired",
-    "target",
-    "soll",
-    "sollposition",
-    "nominal",
-    "qg",
-];
-const NO_SIGNAL: &[&str] =
-    &["error", "err", "deviation", "lag", "following", "status", "temperature"];
-
-/// The words of a name that say which quantity it is: single letters do only where no longer word
-/// does, and of these the first one, as in `F_x`.
-fn quantity_of(words: &[String]) -> Vec<&str> {
-    let known = |word: &str| {
-        [TIME, POSITION, VELOCITY, CURRENT, FORCE, CELL].iter().any(|list| list.contains(&word))
-    };
-    let is_letter = |word: &&str| word.chars().count() == 1;
-    let all: Vec<&str> = words.iter().map(String::as_str).collect();
-    let by_word = all.iter().any(|word| !is_letter(word) && known(word));
-    let letter = all.iter().position(|word| is_letter(word) && known(word)).filter(|_| !by_word);
-    let says = |(at, word): (usize, &&str)| !is_letter(word) || Some(at) == letter;
-    all.iter().enumerate().filter(|place| says(*place)).map(|(_, word)| *word).collect()
-}
-
 /// How much a column looks like a signal; 0: not at all. By its unit, its name, how it moves.
 /// `is_first`: whether it is the first column with values.
 fn likeness(signal: Signal, column: &TableColumn, is_first: bool, samples: &Samples) -> f64 {
-    let words = words(&column.name);
-    let quantity = quantity_of(&words);
-    let has = |known: &[&str]| quantity.iter().any(|word| known.contains(word));
-    let unit = column.unit.as_str();
-    let dimension = Unit::named(unit).map(|unit| unit.dimension);
+    use Quantity::{Acceleration, Current, Force, ForceCell, Position, Time, Velocity};
+    let name = ColumnName::of(&column.name);
+    let unit = Unit::named(&column.unit);
+    let dimension = unit.map(|unit| unit.dimension);
     let has_unit = |of: Signal| dimension.is_some_and(|dimension| of.has_dimension(dimension));
-    let is_named = |named: bool| f64::from(u8::from(named));
+    // A motor may turn where the stage moves along: other units need a scale, not another signal.
+    let is_none_of_motion = dimension.is_some_and(|dimension| {
+        [Signal::Time, Signal::Velocity, Signal::Force].iter().any(|of| of.has_dimension(dimension))
+            || dimension == Dimension::Current
+    });
+    let is = |named: bool| f64::from(u8::from(named));
+    let is_named = |quantity: Quantity| is(name.quantity == Some(quantity));
+    if signal == Signal::Time {
+        let is_time = name.quantity == Some(Time);
+        let is_monotone = increases(&samples.values) || is_time && falls(&samples.values);
+        let score = 2.0 * is(samples.is_clock)
+            + is(is_time || has_unit(Signal::Time))
+            + 0.5 * is(is_uniform(&samples.values));
+        // What counts the rows says no time, unless it has no other name.
+        let may_be_first = is_first && !(name.has_words && counts_rows(&samples.values));
+        return if is_monotone && (score >= 1.0 || may_be_first) { score } else { 0.0 };
+    }
     let moves = column.smallest < column.largest;
-    let other = has(NO_SIGNAL);
-    match signal {
-        Signal::Time => {
-            let is_monotone = increases(&samples.values) || has(TIME) && falls(&samples.values);
-            let score = 2.0 * is_named(samples.is_clock)
-                + is_named(has(TIME) || has_unit(Signal::Time))
-                + 0.5 * is_named(is_uniform(&samples.values));
-            if is_monotone && (score >= 1.0 || is_first) { score } else { 0.0 }
-        }
-        Signal::Position if moves && !other && !has(REFERENCE) && !has(VELOCITY) && !has(FORCE) => {
-            let score = 2.0 * is_named(has_unit(signal)) + 2.0 * is_named(has(POSITION));
-            let counts = is_named(Unit::named(unit).is_some_and(|unit| unit.name == "count"));
+    if !moves || name.role == Role::Other || matches!(name.quantity, Some(Time | Acceleration)) {
+        return 0.0;
+    }
+    let is_asked = name.role == Role::Asked;
+    // Of two the one that is said to be measured.
+    let measured = 0.5 * is(name.role == Role::Measured);
+    match (signal, name.quantity) {
+        (Signal::Position, None | Some(Position)) if !is_asked && !is_none_of_motion => {
+            let counts = is(unit.is_some_and(|unit| unit.name == "count"));
             let smooth =
-                is_named(unit.is_empty() && words.is_empty() && is_smooth(&samples.values));
-            score + counts + 0.5 * smooth
+                is(column.unit.is_empty() && !name.has_words && is_smooth(&samples.values));
+            let said = 2.0 * is(has_unit(signal)) + 2.0 * is_named(Position) + counts;
+            said + 0.5 * smooth + if said > 0.0 { measured } else { 0.0 }
         }
-        Signal::Velocity if moves && !other && !has(REFERENCE) => {
-            2.0 * is_named(has_unit(signal)) + 1.5 * is_named(has(VELOCITY))
+        (Signal::Velocity, None | Some(Velocity)) if !is_asked => {
+            let said = 2.0 * is(has_unit(signal)) + 1.5 * is_named(Velocity);
+            said + if said > 0.0 { measured } else { 0.0 }
         }
-        Signal::ReferencePosition if moves && !other && has(REFERENCE) && !has(VELOCITY) => {
-            2.0 * is_named(has_unit(signal)) + is_named(has(POSITION)) + 0.5 * is_named(!has(FORCE))
+        (Signal::ReferencePosition, None | Some(Position)) if is_asked && !is_none_of_motion => {
+            2.0 * is(has_unit(signal)) + is_named(Position) + 0.5
         }
-        Signal::ReferenceVelocity if moves && !other && has(REFERENCE) && has(VELOCITY) => 1.0,
-        Signal::ForceCell if moves && !other && has(CELL) => 1.0 + is_named(has_unit(signal)),
-        Signal::Force if moves && !other && !has(VELOCITY) && !has(POSITION) => {
+        (Signal::ReferenceVelocity, None | Some(Velocity)) if is_asked => {
+            is(has_unit(signal)) + is_named(Velocity)
+        }
+        (Signal::ForceCell, Some(ForceCell)) => 1.0 + is(has_unit(signal)),
+        (Signal::Force, None | Some(Force | ForceCell | Current)) => {
             let of_drive = [Dimension::Current, Dimension::Voltage, Dimension::Number];
             let drive = dimension.is_some_and(|dimension| of_drive.contains(&dimension));
-            2.0 * is_named(has_unit(signal)) + 1.5 * is_named(has(FORCE)) + is_named(drive)
+            2.0 * is(has_unit(signal)) + 1.5 * is(name.quantity.is_some()) + is(drive)
         }
         _ => 0.0,
     }
@@ -686,7 +845,7 @@ fn proposed(
 ) -> ProposedSignal {
     let written = Some(column.unit.as_str()).filter(|unit| !unit.is_empty());
     let known = written.and_then(Unit::named);
-    let names_current = || words(&column.name).iter().any(|word| CURRENT.contains(&word.as_str()));
+    let names_current = || ColumnName::of(&column.name).quantity == Some(Quantity::Current);
     let is_current = signal == Signal::Force
         && known.map_or(written.is_none() && names_current(), |unit| {
             unit.dimension == Dimension::Current
@@ -698,6 +857,10 @@ fn proposed(
     let (unit, scale, check) = match known {
         None if signal == Signal::Time && samples.is_clock => (None, None, None),
         Some(unit) if unit.dimension == signal.dimension(joint) => (written, None, None),
+        None if signal == Signal::Time && written.is_some() => {
+            let unit = written.unwrap_or_default();
+            (None, Some(1.0), Some(format!("it is in {unit}: its `scale`, s per {unit}")))
+        }
         _ if signal == Signal::Time => {
             let unit = unit_of_epoch(&samples.values);
             let by_size = format!("{unit} by the size of its numbers");
@@ -734,26 +897,95 @@ fn proposed(
     ProposedSignal { signal, column: column.number, minus: None, is_current, unit, scale, check }
 }
 
-/// Unit of times, by how large they are: since 1970, days of a spreadsheet, else by their steps.
+/// Unit of times, by how large they are: since 1970, days of a spreadsheet or of MATLAB, else by
+/// their steps.
 fn unit_of_epoch(values: &[f64]) -> &'static str {
+    // Assumed: a motion is sampled with 20 Hz to 1 MHz.
+    const SLOWEST: f64 = 0.05;
+    const FASTEST: f64 = 1e-6;
     let first = values.iter().copied().find(|value| value.is_finite()).unwrap_or(0.0);
-    let is_of_days = usual_step(values).is_some_and(|step| step < 1e-3);
+    let step = usual_step(values).map_or(0.0, f64::abs);
     match first {
         // From 2001 to 2286 in each unit.
         first if (1e18..1e19).contains(&first) => "ns",
         first if (1e15..1e16).contains(&first) => "us",
         first if (1e12..1e13).contains(&first) => "ms",
-        // From 1982 to 2119, counted from 1900.
-        first if (30_000.0..80_000.0).contains(&first) && is_of_days => "d",
-        // Assumed: a motion is sampled faster than once per second, so that steps of 1 and more
-        // are in a smaller unit.
-        _ => match usual_step(values).map_or(0.0, f64::abs) {
-            step if step < 1.0 => "s",
-            step if step < 1e3 => "ms",
-            step if step < 1e6 => "us",
-            _ => "ns",
-        },
+        first if (1e9..1e10).contains(&first) => "s",
+        // From 1982 to 2119, counted from 1900, or from 1943 to 2107, counted from the year 0.
+        first if (30_000.0..80_000.0).contains(&first) && step < 1e-3 => "d",
+        first if (710_000.0..770_000.0).contains(&first) && step < 1e-3 => "d",
+        // A part of a day.
+        _ if step > 0.0 && step < FASTEST => "d",
+        _ if step <= SLOWEST => "s",
+        _ if step * 1e-3 <= SLOWEST => "ms",
+        _ if step * 1e-6 <= SLOWEST => "us",
+        _ => "ns",
     }
+}
+
+/// Whether values count rows: each is one more than that before it.
+fn counts_rows(values: &[f64]) -> bool {
+    values.len() > 1 && steps(values).all(|step| step == 1.0)
+}
+
+/// Whether a column is called as what counts captures or axes.
+fn counts_captures(name: &str) -> bool {
+    const CAPTURE: &[&str] = &[
+        "capture", "run", "shot", "cycle", "test", "segment", "block", "record", "trial",
+        "episode", "axis", "axe", "achse", "joint", "versuch", "messung", "zyklus", "essai",
+    ];
+    let name = name.to_lowercase();
+    name.split(|c: char| !c.is_alphabetic()).any(|word| CAPTURE.contains(&word))
+}
+
+/// Rows per second that a line of settings says: one number beside a word for a rate or for the
+/// time between rows.
+fn rate_in(line: &str) -> Option<f64> {
+    const RATE: &[&str] = &[
+        "rate",
+        "samplerate",
+        "frequency",
+        "frequenz",
+        "abtastrate",
+        "fs",
+        "abtastfrequenz",
+        "frequence",
+        "frecuencia",
+    ];
+    const INTERVAL: &[&str] = &[
+        "interval",
+        "increment",
+        "period",
+        "intervall",
+        "periode",
+        "abtastzeit",
+        "dt",
+        "schrittweite",
+        "zykluszeit",
+        "cycletime",
+    ];
+    let line = line.to_lowercase();
+    let fields: Vec<&str> =
+        line.split(|c: char| ",;\t:= []()\"|#%".contains(c)).filter(|f| !f.is_empty()).collect();
+    let says = |known: &[&str]| fields.iter().any(|field| known.contains(field));
+    let is_interval = says(INTERVAL);
+    if !is_interval && !says(RATE) {
+        return None;
+    }
+    let numbers: Vec<f64> = fields.iter().filter_map(|field| field.parse().ok()).collect();
+    let [number] = numbers.as_slice() else { return None };
+    let unit = fields.iter().find_map(|field| {
+        Some(match *field {
+            "hz" | "sa/s" | "s/s" | "1/s" => 1.0,
+            "khz" | "ks/s" | "ksa/s" => 1e3,
+            "mhz" | "ms/s" => 1e6,
+            other => Unit::named(other).filter(|unit| unit.dimension == Dimension::Time)?.size,
+        })
+    });
+    let size = unit.unwrap_or(1.0) * number;
+    let rate = if is_interval { 1.0 / size } else { size };
+    // Assumed: no motion is recorded outside of these.
+    (1.0..1e7).contains(&rate).then_some(rate)
 }
 
 fn steps(values: &[f64]) -> impl Iterator<Item = f64> + '_ {

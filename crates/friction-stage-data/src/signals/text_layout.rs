@@ -24,6 +24,9 @@ use friction_stage_core::text_file;
 /// So much of a file is looked at, bytes.
 const LOOKED_AT: usize = 64 * 1024;
 
+/// So many lines above a table are read for what they say of it.
+const SETTINGS: usize = 1000;
+
 /// How a text table is written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TextLayout {
@@ -286,6 +289,19 @@ impl TextLayout {
         let mut lines = Lines::new(decoded(path)?);
         lines.skip_before(self.data_line)?;
         Ok(lines)
+    }
+
+    /// The lines above the first row, with their numbers.
+    pub(super) fn lines_above(&self, path: &Path) -> io::Result<Vec<(u64, String)>> {
+        let mut lines = Lines::new(decoded(path)?);
+        let mut above = Vec::new();
+        while let Some((number, text)) = lines.next()? {
+            if number >= self.data_line || above.len() >= SETTINGS {
+                break;
+            }
+            above.push((number, name(text)));
+        }
+        Ok(above)
     }
 
     /// The layout of a text that begins with these lines.

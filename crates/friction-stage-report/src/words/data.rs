@@ -259,6 +259,11 @@ impl Words for SignalNote {
                 "the file gives {signal} in {unit}, the mapping neither unit nor scale, so its \
                  numbers are taken in {taken}: say `unit` or `scale`"
             ),
+            Self::Unconfirmed { marks } => format!(
+                "the mapping is as it was proposed, with something to check; take the mark away \
+                 once it is right: {}",
+                marks.join("; ")
+            ),
             Self::RowsLeftOut { rows, first_line } => format!(
                 "{rows} rows are left out, the first is line {first_line}: cut off, or words at \
                  the end of the table"
