@@ -20,9 +20,16 @@ pub fn dated(parent: &Path, name: &str) -> PathBuf {
 
 /// Refuses a file that exists already, unless it is to be replaced; `option` names it. It is
 /// announced, so that an interrupted command can say what is kept. A device or a pipe holds nothing
-/// that could be lost.
+/// that could be lost. A file whose directory is not there is refused before anything is computed.
 pub fn may_replace(path: Option<&Path>, force: bool, option: &str) -> Result<(), WrongArguments> {
     let Some(path) = path else { return Ok(()) };
+    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
+    if let Some(parent) = parent.filter(|parent| !parent.is_dir()) {
+        return Err(WrongArguments(format!(
+            "there is no directory {} for {option}: make it first",
+            parent.display()
+        )));
+    }
     let holds = path.metadata().is_ok_and(|found| found.is_file() || found.is_dir());
     if holds && !force {
         return Err(WrongArguments(format!(
@@ -32,6 +39,33 @@ pub fn may_replace(path: Option<&Path>, force: bool, option: &str) -> Result<(),
     }
     interrupt::writes(path);
     Ok(())
+}
+
+/// Refuses a place that holds a file or a recording already, or with `force` removes what is there;
+/// `option` names the place.
+pub fn make_room(path: &Path, force: bool, option: &str) -> anyhow::Result<()> {
+    if !path.exists() {
+        return Ok(());
+    }
+    let refused =
+        |why: &str| WrongArguments(format!("{} {why}: choose another {option}", path.display()));
+    let is_recording = || {
+        let captures = || path.join("capture_1").join("metadata.yaml").exists();
+        path.join("metadata.yaml").exists() || captures()
+    };
+    if !force {
+        return Err(WrongArguments(format!(
+            "{} exists already: choose another {option}, or replace it with --force",
+            path.display()
+        ))
+        .into());
+    }
+    let removed = match path.is_dir() {
+        false => std::fs::remove_file(path),
+        true if is_recording() => std::fs::remove_dir_all(path),
+        true => return Err(refused("is a directory and no recording").into()),
+    };
+    removed.with_context(|| format!("cannot replace {}", path.display()))
 }
 
 /// The arguments that name the directory.
@@ -58,6 +92,12 @@ impl ResultsArgs {
     /// The directory, which is not made yet. One that holds results is refused without `--force`.
     pub fn directory(&self, command: &str) -> Result<Results, WrongArguments> {
         let directory = self.out.clone().unwrap_or_else(|| dated(Path::new(""), command));
+        if directory.is_file() {
+            return Err(WrongArguments(format!(
+                "{} is a file, the results are a directory: choose another --out",
+                directory.display()
+            )));
+        }
         if !self.force && directory.join(SUMMARY).exists() {
             return Err(WrongArguments(format!(
                 "{} holds results already: choose another --out, or replace them with --force",

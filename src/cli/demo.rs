@@ -141,6 +141,13 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         std::fs::remove_dir_all(&bag)
             .with_context(|| format!("cannot replace {}", bag.display()))?;
     }
+    if directory.join(made_by::FILE).exists() && !args.force {
+        return Err(WrongArguments(format!(
+            "{} holds results already: choose another --out, or replace them with --force",
+            directory.display()
+        ))
+        .into());
+    }
     interrupt::writes(&directory);
     std::fs::create_dir_all(&directory)
         .with_context(|| format!("cannot create {}", directory.display()))?;
@@ -176,7 +183,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
              ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST ros2 topic echo /controller/state"
         ));
         let done = driver.run(&run, &mut |time| {
-            progress.say(format!("{guide}: {time:.1}/{seconds:.1} s"));
+            progress.say(format!("{guide}: {:.1}/{seconds:.1} s", time.min(seconds)));
             progress.reach((1000.0 * (index as f64 * seconds + time.min(seconds))) as u64);
         })?;
         if done.incomplete {

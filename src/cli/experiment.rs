@@ -163,6 +163,9 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     })?;
     let results = args.results.directory(&format!("experiment_{name}"))?;
     results.create()?;
+    if args.resume && !results.path().exists() {
+        eprintln!("note: nothing to resume in {}: from the beginning", results.path().display());
+    }
     let parts = Parts::open(results.path(), &plan, args.resume, args.results.force)?;
     interrupt::remind(format!("continue with --resume --out {}", results.path().display()));
 

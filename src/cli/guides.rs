@@ -3,12 +3,11 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use anyhow::Context as _;
 use clap::Args;
 use serde_json::{Value, json};
 
 use super::Outcome;
-use friction_stage_core::model::{Catalogue, StageModel};
+use friction_stage_core::model::{Catalogue, nearest};
 use friction_stage_report::model::guide_json;
 use friction_stage_report::words::{guide_text, guides_text};
 
@@ -41,12 +40,12 @@ pub fn run(args: &GuidesArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let json = match &args.name {
         Some(name) => {
             let Some(entry) = catalogue.entry(name) else {
-                // The error of a model names the nearest guide of the built-in ones.
-                StageModel::on_guides(name).check().with_context(|| {
-                    let known: Vec<&str> = catalogue.names().collect();
-                    format!("no guide {name} among {}", known.join(", "))
-                })?;
-                return Ok(Outcome::Done);
+                let known: Vec<&str> = catalogue.names().collect();
+                anyhow::bail!(
+                    "no guide `{name}`: the catalogue has {}{}",
+                    known.join(", "),
+                    nearest(name, known.iter().copied())
+                );
             };
             if !args.json {
                 write!(out, "{}", guide_text(name, entry))?;

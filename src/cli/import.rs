@@ -8,6 +8,7 @@ use clap::Args;
 
 use super::Outcome;
 use super::progress::Progress;
+use crate::directory::{make_room, may_replace};
 use crate::interrupt;
 use crate::made_by;
 use friction_stage_core::text_file;
@@ -46,7 +47,7 @@ pub struct ImportArgs {
     /// YAML file that says which column is which signal; without it one is proposed
     #[arg(long, value_name = "FILE", requires = "out")]
     pub mapping: Option<PathBuf>,
-    /// Directory to make; it must not exist
+    /// Directory to make; it must not exist, unless --force replaces it
     #[arg(long, value_name = "BAG", requires = "mapping")]
     pub out: Option<PathBuf>,
     /// The file has several captures, one after the other: make a bag of each in the directory
@@ -56,6 +57,9 @@ pub struct ImportArgs {
     /// Where to write the proposed mapping, instead of NAME.mapping.yaml here
     #[arg(long, value_name = "FILE", conflicts_with = "mapping")]
     pub write: Option<PathBuf>,
+    /// Replace the bag or the mapping of an earlier run
+    #[arg(long)]
+    pub force: bool,
     /// Print JSON instead of text
     #[arg(long)]
     pub json: bool,
@@ -80,6 +84,7 @@ fn import(
     let mapping = Mapping::from_yaml(&text, &mapping.display().to_string())?;
     let mut about = made_by::record();
     about.insert("mapping".to_owned(), text);
+    make_room(bag, args.force, "--out")?;
     interrupt::writes(bag);
     let progress = Progress::endless("reading");
     let mut told = |rows: u64| progress.say(format!("{:.1} million rows", rows as f64 * 1e-6));
@@ -139,11 +144,8 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     if has_motion {
         let text = proposal.to_yaml(&args.csv.display().to_string(), &joined);
         let text = made_by::signed("mapping.yaml", &text);
-        std::fs::File::create_new(&path)
-            .and_then(|mut file| file.write_all(text.as_bytes()))
-            .with_context(|| {
-                format!("cannot write {}; name another file with --write", path.display())
-            })?;
+        may_replace(Some(&path), args.force, "--write")?;
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if args.json {
         match joined.as_slice() {

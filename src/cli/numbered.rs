@@ -46,6 +46,9 @@ impl RowsArgs {
         if self.force {
             Rows::<P>::discard(&self.out)?;
         }
+        if self.resume && !self.out.exists() {
+            eprintln!("note: nothing to resume in {}: from the beginning", self.out.display());
+        }
         let (rows, done) = Rows::open(&self.out, Sheet::new(plan, self.shard), self.resume)?;
         let (plan, jobs) = (&rows.sheet().plan, rows.sheet().jobs());
         let count = jobs.end - jobs.start;

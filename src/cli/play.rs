@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::cpu;
+use crate::directory::make_room;
 use crate::interrupt;
 use crate::made_by;
 use crate::node::controller_settings;
@@ -246,35 +247,6 @@ fn next_to(bag: &Path, suffix: &str) -> PathBuf {
     bag.with_file_name(name)
 }
 
-/// Refuses files of an earlier run, or removes them with `--force`.
-fn make_room(args: &PlayArgs, files: &[&Path]) -> anyhow::Result<()> {
-    for path in std::iter::once(args.record.as_path()).chain(files.iter().copied()) {
-        if !path.exists() {
-            continue;
-        }
-        if !args.force {
-            return Err(WrongArguments(format!(
-                "{} exists already: choose another --record, or replace it with --force",
-                path.display()
-            ))
-            .into());
-        }
-        let removed = match path.is_dir() {
-            false => std::fs::remove_file(path),
-            true if path.join("metadata.yaml").exists() => std::fs::remove_dir_all(path),
-            true => {
-                return Err(WrongArguments(format!(
-                    "{} is a directory and no recording: choose another --record",
-                    path.display()
-                ))
-                .into());
-            }
-        };
-        removed.with_context(|| format!("cannot replace {}", path.display()))?;
-    }
-    Ok(())
-}
-
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let points = motion_file::stretched(&motion_file::load(&args.motion)?, args.stretch);
@@ -285,7 +257,9 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let figure = next_to(&args.record, ".svg");
     let samples_file = args.samples.clone().unwrap_or_else(|| next_to(&args.record, ".csv"));
     TableFormat::of(&samples_file).map_err(|error| WrongArguments(error.to_string()))?;
-    make_room(args, &[&figure, &samples_file])?;
+    for place in [&args.record, &figure, &samples_file] {
+        make_room(place, args.force, "--record")?;
+    }
     if let Some(parent) = args.record.parent() {
         std::fs::create_dir_all(parent)
             .with_context(|| format!("cannot create {}", parent.display()))?;
@@ -320,7 +294,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let count = run.points.len();
     let done =
         Driver::on_loopback(&std::env::current_exe()?, args.domain)?.run(&run, &mut |time| {
-            progress.say(format!("{time:.1}/{seconds:.1} s"));
+            progress.say(format!("{:.1}/{seconds:.1} s", time.min(seconds)));
             progress.reach((1000.0 * time.min(seconds)) as u64);
         })?;
     progress.say("reading the bag");

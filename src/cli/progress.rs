@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use friction_stage_report::words::{in_line, printable};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 
 /// Before the first line where stderr is no terminal: a command that is over by then needs none.
 const FIRST_LINE: Duration = Duration::from_secs(2);
@@ -34,7 +34,7 @@ struct Told {
 impl Progress {
     /// Of so many steps.
     pub fn of(steps: u64, message: impl Into<String>) -> Progress {
-        let template = "{msg:20!} [{bar:14}] {percent:>3} % {elapsed}, {eta} left";
+        let template = "{msg:24!} [{bar:10}] {percent:>3} % {elapsed}{left}";
         Progress::new(ProgressBar::new(steps), template, message)
     }
 
@@ -46,7 +46,14 @@ impl Progress {
     fn new(bar: ProgressBar, template: &str, message: impl Into<String>) -> Progress {
         // A template that cannot be read would be shown as the default one.
         if let Ok(style) = ProgressStyle::with_template(template) {
-            bar.set_style(style.progress_chars("=> "));
+            // Before the first step nothing says how long it will take.
+            let left = |state: &ProgressState, out: &mut dyn std::fmt::Write| {
+                if state.pos() > 0 {
+                    // A bar takes whatever is written.
+                    let _ = write!(out, ", {:#} left", HumanDuration(state.eta()));
+                }
+            };
+            bar.set_style(style.with_key("left", left).progress_chars("=> "));
         }
         bar.set_message(shown(message));
         bar.enable_steady_tick(Duration::from_millis(200));

@@ -26,7 +26,7 @@ use friction_stage_report::sweep::{sweep_figure, sweep_text};
 /// parameters of controller_node; motion.distance, motion.duration, motion.settle, or
 /// motion.stretch of a motion file. Its values are a list (20,40), a range (20:60:5, or
 /// 1e-6:1e-3:7:log) or a distribution, of which --samples values are drawn: uniform(20,60),
-/// loguniform(1e-6,1e-3), normal(40,2), lognormal(17e6,0.1) with a median and a relative deviation.
+/// loguniform(1e-6,1e-3), normal(40,2), lognormal(450e3,0.1) with a median and a relative deviation.
 /// Several keys make a grid; distributions are drawn at each of its places. The controller follows
 /// the mass of the model unless --controller gives its gains.
 ///
@@ -36,8 +36,8 @@ use friction_stage_report::sweep::{sweep_figure, sweep_text};
     after_help = "Examples:\n  friction-stage sweep controller.bandwidth=30:90:7 --model guide_2 \
                   --out bandwidth\n  friction-stage sweep model.mass=20,40,60 \
                   model.guides=guide_1,guide_2,guide_3 --motion fast-move --out masses\n  \
-                  friction-stage sweep 'model.guides.stiffness=lognormal(17e6,0.1)' \
-                  'model.guides.static_force=normal(20,2)' --samples 1000 --out tolerances\n  \
+                  friction-stage sweep 'model.guides.stiffness=lognormal(450e3,0.1)' \
+                  'model.guides.static_force=normal(17,0.5)' --samples 1000 --out tolerances\n  \
                   friction-stage sweep model.mass=20:60:100 --shard 2/4 --out part_2\n  \
                   friction-stage merge part_* --out whole"
 )]

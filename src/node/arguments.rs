@@ -97,7 +97,7 @@ pub enum ArgumentError {
     Malformed { argument: String, problem: String, usage: &'static str },
     #[error("`{argument}`: {problem}")]
     Value { argument: String, problem: String },
-    #[error("`--params-file {path}`: cannot read it: {source}")]
+    #[error("cannot read the parameter file {path}: {source}")]
     Unreadable { path: PathBuf, source: std::io::Error },
     #[error("{path}, line {line}: {problem}")]
     ParamsFile { path: PathBuf, line: u64, problem: String },

@@ -113,8 +113,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     startup.start_logging();
     let parameters = ParameterSet::declare(stage_settings::specs(), &startup.overrides())?;
     let settings = StageSettings::new(&parameters)?;
-    let stage = Stage::new(&settings.model, settings.rates, settings.seed)
-        .with_context(|| format!("parameter model is {}", parameters.string("model")))?;
+    let stage =
+        Stage::new(&settings.model, settings.rates, settings.seed).context("parameter model")?;
     // Whoever takes a stage as it is delivered can do nothing about its guides.
     if parameters.string("model").ends_with(".yaml") {
         for note in settings.model.notes()? {
@@ -216,14 +216,14 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     drop((handle, control));
 
     tracing::info!(
-        "{} of {} kg on {} guides, {} Hz control, {} Hz physics, {:?}, {:?} drive",
+        "{} of {} kg on {} guides, {} Hz control, {} Hz physics, mode {}, drive {}",
         settings.model.name,
         settings.model.mass,
         settings.model.guides.len(),
         settings.rates.control(),
         settings.rates.physics(),
-        settings.mode,
-        settings.drive
+        format!("{:?}", settings.mode).to_lowercase(),
+        format!("{:?}", settings.drive).to_lowercase()
     );
     let (ended, loop_ended) = oneshot::channel();
     let mode = settings.mode;

@@ -65,8 +65,8 @@ pub const SERVO_BANDWIDTH: (f64, f64) = (0.1, 1000.0);
 /// Settings that do not fit together.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
-    #[error("parameter model is {name}: {source}")]
-    Model { name: String, source: ModelError },
+    #[error("parameter model: {source}")]
+    Model { source: ModelError },
     #[error(transparent)]
     Rates(#[from] RatesError),
     #[error(
@@ -254,8 +254,7 @@ pub fn specs() -> Vec<ParameterSpec> {
 impl StageSettings {
     pub fn new(values: &ParameterValues) -> Result<StageSettings, SettingsError> {
         let name = values.string("model");
-        let model =
-            StageModel::named(&name).map_err(|source| SettingsError::Model { name, source })?;
+        let model = StageModel::named(&name).map_err(|source| SettingsError::Model { source })?;
         let seconds = |name: &str| Duration::from_secs_f64(values.double(name));
         let settings = StageSettings {
             model: if values.boolean("noise") { model } else { model.without_noise() },

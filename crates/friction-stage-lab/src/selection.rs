@@ -331,15 +331,22 @@ impl SelectionPlan {
         let Some((best, best_tally)) = best else { return reasons };
         if candidate.obstacle.is_none() && tally.met == tally.variants {
             let (median, best_median) = (tally.settling_time().q50, best_tally.settling_time().q50);
-            reasons.push(format!(
-                "it meets the requirement as well, with less margin: median peak error {:.2} µm \
-                 against {:.2} µm of {}, settled after {:.1} ms against {:.1} ms",
-                peak * 1e6,
-                best_tally.peak_error().q50 * 1e6,
-                best.name,
-                median * 1e3,
-                best_median * 1e3
-            ));
+            let shown = |peak: f64, median: f64| {
+                (format!("{:.2} µm", peak * 1e6), format!("{:.1} ms", median * 1e3))
+            };
+            let (own, its) = (shown(peak, median), shown(best_tally.peak_error().q50, best_median));
+            reasons.push(match own == its {
+                true => format!(
+                    "it meets the requirement as well and is hardly different from {}: median \
+                     peak error {}, settled after {} with both",
+                    best.name, own.0, own.1
+                ),
+                false => format!(
+                    "it meets the requirement as well, with less margin: median peak error {} \
+                     against {} of {}, settled after {} against {}",
+                    own.0, its.0, best.name, own.1, its.1
+                ),
+            });
         }
         if let Some(cause) = cause(&candidate.guide, &best.guide, &best.name)
             && peak > best_tally.peak_error().q50

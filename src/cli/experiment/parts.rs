@@ -74,10 +74,10 @@ impl Parts {
                 before.lines().zip(text.lines()).find(|(before, now)| before != now)
             {
                 return Err(WrongArguments(format!(
-                    "{place} was begun with other arguments, `{}` where it is now `{}`: resume \
-                     with the same, or choose another --out",
-                    was.trim(),
-                    is.trim()
+                    "{place} was begun with other arguments, {} where it is now {}: resume with \
+                     the same, or choose another --out",
+                    was.trim().trim_end_matches(','),
+                    is.trim().trim_end_matches(',')
                 ))
                 .into());
             }

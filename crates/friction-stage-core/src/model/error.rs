@@ -19,17 +19,19 @@ pub enum ModelError {
     CatalogueOutsideFile { origin: String, path: std::path::PathBuf },
     #[error("cannot write the model: {message}")]
     Write { message: String },
+    #[error("{origin}: {source}")]
+    InFile { origin: String, source: Box<ModelError> },
     #[error("{key} is {value}, must {limit}")]
     Value { key: String, value: f64, limit: String },
     #[error("a stage has 1 to 4 guides, found {found}")]
     GuideCount { found: usize },
-    #[error("{key}: unknown guide `{name}`{hint}; the catalogue has {known}")]
+    #[error("{key}: unknown guide `{name}`; the catalogue has {known}{hint}")]
     UnknownGuide { key: String, name: String, hint: String, known: String },
-    #[error("unknown guide `{name}`{hint}; known are {known}")]
+    #[error("unknown guide `{name}`; known are {known}{hint}")]
     NotInCatalogue { name: String, hint: String, known: String },
-    #[error("effects: unknown effect `{name}`{hint}; known are {known}")]
+    #[error("effects: unknown effect `{name}`; known are {known}{hint}")]
     UnknownEffect { name: String, hint: String, known: String },
-    #[error("effects.{effect}: unknown parameter `{name}`{hint}; it takes {known}")]
+    #[error("effects.{effect}: unknown parameter `{name}`; it takes {known}{hint}")]
     UnknownEffectParameter { effect: &'static str, name: String, hint: String, known: String },
     #[error("{key}: unknown form `{name}`{hint}")]
     UnknownForm { key: String, name: String, hint: String },

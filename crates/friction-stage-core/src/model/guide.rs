@@ -134,7 +134,9 @@ impl PartialGuide {
         ];
         let assumed = values.iter().filter(|(_, given, ..)| given.is_none());
         let assumed: Vec<String> = assumed
-            .map(|(name, _, value, unit)| format!("{name} {value:.3e} {}", joint.unit(unit)))
+            .map(|(name, _, value, unit)| {
+                format!("{name} {} {}", rounded(*value, 4), joint.unit(unit))
+            })
             .collect();
         format!("{key} does not say all of a guide; assumed: {}", assumed.join(", "))
     }

@@ -215,7 +215,7 @@ impl StageModel {
             return Ok(StageModel::on_guides(name));
         }
         let path = Path::new(name);
-        if path.extension().is_none() && path.components().count() == 1 && !path.is_file() {
+        if path.extension().is_none() && path.components().count() == 1 && !path.exists() {
             // Not a file by its looks: the catalogue's error names the nearest guide.
             let model = StageModel::on_guides(name);
             model.check()?;
@@ -228,7 +228,17 @@ impl StageModel {
     pub fn load(path: &Path) -> Result<StageModel, ModelError> {
         let text = text_file::read(path)
             .map_err(|source| ModelError::Read { path: path.display().to_string(), source })?;
-        StageModel::read(&text, &path.display().to_string(), path.parent())
+        let origin = path.display().to_string();
+        StageModel::read(&text, &origin, path.parent()).map_err(|error| match error {
+            // These name a file.
+            ModelError::Yaml { .. }
+            | ModelError::Empty { .. }
+            | ModelError::CatalogueOutsideFile { .. }
+            | ModelError::ReadCatalogue { .. }
+            | ModelError::EmptyCatalogue { .. }
+            | ModelError::DuplicateGuide { .. } => error,
+            source => ModelError::InFile { origin, source: Box::new(source) },
+        })
     }
 
     fn read(text: &str, origin: &str, directory: Option<&Path>) -> Result<StageModel, ModelError> {

@@ -120,8 +120,8 @@ pub enum SignalError {
     },
     /// A bag where a table is needed.
     #[error(
-        "{} is a recording already, there is nothing to import; `friction-stage check` shows its \
-         topics, and with `--mapping` what is in them",
+        "{} is a directory, or a recording already, and no table; `friction-stage check` shows the \
+         topics of a recording, and with `--mapping` what is in them",
         path.display()
     )]
     IsRecording {

@@ -10,8 +10,9 @@ use crate::selection::Shard;
 pub enum RowsError {
     /// A directory without a plan.
     #[error(
-        "{} holds no selection and no sweep: cannot read {}: {source}",
-        directory.display(), path.display()
+        "{} holds no selection and no sweep: its {} cannot be read: {source}",
+        directory.display(),
+        path.file_name().unwrap_or_default().display()
     )]
     NoPlan {
         /// The directory.
@@ -45,7 +46,7 @@ pub enum RowsError {
     },
     /// Rows that were begun with other arguments.
     #[error(
-        "{} was begun with other arguments, `{before}` where it is now `{now}`: resume with the \
+        "{} was begun with other arguments, {before} where it is now {now}: resume with the \
          same, or choose another --out",
         directory.display()
     )]

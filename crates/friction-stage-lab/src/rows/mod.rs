@@ -109,7 +109,8 @@ impl<P: NumberedPlan> Sheet<P> {
                 (None, None) => return Ok(None),
                 (a, b) if a == b => {}
                 (a, b) => {
-                    let told = |line: Option<&str>| line.map_or("nothing", str::trim).to_owned();
+                    let bare = |line: &str| line.trim().trim_end_matches(',').to_owned();
+                    let told = |line: Option<&str>| line.map_or("nothing".to_owned(), bare);
                     return Ok(Some((told(a), told(b))));
                 }
             }

@@ -130,7 +130,7 @@ impl SweepSummary {
                 let values: Vec<String> =
                     values.map(|(axis, value)| format!("{} {value}", axis.key)).collect();
                 let reason = failure.as_deref().unwrap_or_default();
-                first_failure = Some(format!("{}: {reason}", values.join(", ")));
+                first_failure = Some(format!("{reason} (at {})", values.join(", ")));
             }
             let peak = |of: &Option<PointSummary>| {
                 of.as_ref().and_then(|point| point.result).map(|found| found.peak_error)
