@@ -419,8 +419,13 @@ impl Proposal {
             if motion.as_ref().is_some_and(|motion| name.is_of_other_axis(motion)) {
                 found.add_check("by its name it is of another axis than the motion");
             }
-            if let [_, ..] = rivals.as_slice() {
-                found.add_check(&format!("or is it {}?", rivals.join(", or ")));
+            if let [first, others @ ..] = rivals.as_slice() {
+                let others = match others {
+                    [] => String::new(),
+                    [other] => format!(", or {other}"),
+                    others => format!(", or one of {} others", others.len()),
+                };
+                found.add_check(&format!("or is it {first}{others}?"));
             }
             if [Signal::Position, Signal::Velocity].contains(&signal) {
                 motion = Some(name);
@@ -524,12 +529,25 @@ impl Proposal {
 
     /// The same with the rate that a line above the table says, where no column is a time.
     fn with_stated_rate(mut self, above: &[(u64, String)]) -> Proposal {
-        if let Some((rate, check)) = &mut self.stated_rate
-            && let Some((line, said)) =
-                above.iter().find_map(|(line, text)| Some((*line, rate_in(text)?)))
-        {
-            *rate = said;
-            *check = format!("rows per second, as line {line} says; no column is a time");
+        let stated = above.iter().find_map(|(line, text)| Some((*line, rate_in(text)?)));
+        let Some((line, rate)) = stated else { return self };
+        // The number of a row, for which nobody gives a unit, is a worse time.
+        let rows = self.rows as f64;
+        let time = self.signals.iter().position(|found| found.signal == Signal::Time);
+        let is_counter = time.is_some_and(|at| {
+            let column = self.column(self.signals[at].column);
+            let range = column.and_then(|column| Some(column.largest? - column.smallest?));
+            self.signals[at].check.is_some() && range == Some(rows - 1.0)
+        });
+        if let Some(at) = time.filter(|_| is_counter) {
+            let number = self.signals.remove(at).column;
+            let column = self.columns.iter_mut().find(|column| column.number == number);
+            column.into_iter().for_each(|column| column.signal = None);
+            self.rate_hz = None;
+        }
+        if time.is_none() || is_counter {
+            let check = format!("rows per second, as line {line} says; no column is a time");
+            self.stated_rate = Some((rate, check));
         }
         self
     }
@@ -925,7 +943,7 @@ fn unit_of_epoch(values: &[f64]) -> &'static str {
 
 /// Whether values count rows: each is one more than that before it.
 fn counts_rows(values: &[f64]) -> bool {
-    values.len() > 1 && steps(values).all(|step| step == 1.0)
+    steps(values).next().is_some() && steps(values).all(|step| step == 1.0)
 }
 
 /// Whether a column is called as what counts captures or axes.

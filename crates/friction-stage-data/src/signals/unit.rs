@@ -96,6 +96,10 @@ const UNITS: &[(&str, f64, Dimension)] = &[
     ("N", 1.0, Dimension::Force),
     ("mN", 1e-3, Dimension::Force),
     ("kN", 1e3, Dimension::Force),
+    ("MN", 1e6, Dimension::Force),
+    ("daN", 10.0, Dimension::Force),
+    ("dN", 0.1, Dimension::Force),
+    ("cN", 1e-2, Dimension::Force),
     ("lbf", POUND, Dimension::Force),
     ("kgf", KILOGRAM, Dimension::Force),
     ("N m", 1.0, Dimension::Torque),
@@ -165,7 +169,40 @@ const SPELLINGS: &[(&str, &str)] = &[
     ("inch", "in"),
     ("micron", "um"),
     ("microns", "um"),
-    ("Newton", "N"),
+    ("lbs", "lbf"),
+    ("kp", "kgf"),
+];
+
+/// Units in words, in small letters and of one; a word may be one of several, or cut short.
+const IN_WORDS: &[(&str, &str)] = &[
+    ("meter", "m"),
+    ("metre", "m"),
+    ("centimeter", "cm"),
+    ("centimetre", "cm"),
+    ("millimeter", "mm"),
+    ("millimetre", "mm"),
+    ("micrometer", "um"),
+    ("micrometre", "um"),
+    ("nanometer", "nm"),
+    ("nanometre", "nm"),
+    ("sec", "s"),
+    ("millisecond", "ms"),
+    ("microsecond", "us"),
+    ("nanosecond", "ns"),
+    ("nsec", "ns"),
+    ("minute", "min"),
+    ("hour", "h"),
+    ("radian", "rad"),
+    ("revolution", "rev"),
+    ("newton", "N"),
+    ("millinewton", "mN"),
+    ("kilonewton", "kN"),
+    ("newton meter", "N m"),
+    ("newton metre", "N m"),
+    ("pound", "lbf"),
+    ("ampere", "A"),
+    ("milliampere", "mA"),
+    ("volt", "V"),
 ];
 
 /// A unit that is known.
@@ -185,7 +222,11 @@ impl Unit {
         let plain =
             name.trim().replace(['µ', 'μ'], "u").replace('²', "^2").replace(['·', '*'], " ");
         let spelled = SPELLINGS.iter().find(|(other, _)| *other == plain);
-        let plain = spelled.map_or(plain.as_str(), |(_, name)| *name);
+        let word = plain.to_lowercase();
+        let word = word.trim_end_matches('.');
+        let word = word.strip_suffix('s').unwrap_or(word);
+        let in_words = IN_WORDS.iter().find(|(known, _)| *known == word);
+        let plain = spelled.or(in_words).map_or(plain.as_str(), |(_, name)| *name);
         let (name, size, dimension) = UNITS.iter().find(|(name, ..)| *name == plain)?;
         Some(Unit { name, size: *size, dimension: *dimension })
     }
@@ -258,13 +299,18 @@ mod tests {
             ("oz-in", 7.061_551_814e-3, Dimension::Torque),
             ("µm", 1e-6, Dimension::Length),
             ("%", 1e-2, Dimension::Number),
+            ("Meters", 1.0, Dimension::Length),
+            ("millimetre", 1e-3, Dimension::Length),
+            ("sec.", 1.0, Dimension::Time),
+            ("newtons", 1.0, Dimension::Force),
+            ("daN", 10.0, Dimension::Force),
         ] {
             let unit = Unit::named(name).unwrap_or_else(|| panic!("{name}"));
             assert!((unit.size / size - 1.0).abs() < 1e-9, "{name}: {unit:?}");
             assert_eq!(unit.dimension, dimension, "{name}");
         }
         assert_eq!(Unit::named("parsec"), None);
-        for (spelling, name) in SPELLINGS {
+        for (spelling, name) in SPELLINGS.iter().chain(IN_WORDS) {
             assert!(UNITS.iter().any(|(known, ..)| known == name), "{spelling}");
         }
     }
