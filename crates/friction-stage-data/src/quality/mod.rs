@@ -13,7 +13,7 @@ mod recording_check;
 
 pub use check::{CheckReport, TopicCheck, check};
 pub use excitation::{
-    Excitation, HeldSpeed, Judgement, JudgementBasis, NoiseFound, Obstacle, RoughFit, Spread,
+    Excitation, HeldSpeed, Judgement, JudgementBasis, NoiseFound, Obstacle, Presliding, RoughFit, Spread,
     Subject, examine, held_speeds,
 };
 pub use finding::{DataFinding, DeadEvidence, Disagreement, FileFinding, Severity};
