@@ -191,12 +191,19 @@ fn smallest_step(values: &[f64]) -> f64 {
     steps.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min)
 }
 
-/// The count of the values around a stretch.
+/// The count of the values around a stretch: steps are multiples of it, and so is what one step
+/// differs by from the next, which is less where a motion is even and fast.
 fn count_at(column: &[f64], run: &Range<usize>) -> f64 {
     let before = &column[run.start.saturating_sub(AROUND)..=run.start];
     let after = &column[run.end - 1..column.len().min(run.end + AROUND)];
-    let count = smallest_step(before).min(smallest_step(after));
-    if count.is_finite() { count.max(rounding(column)) } else { 0.0 }
+    let rounding = rounding(column);
+    let of_steps = |values: &[f64]| {
+        let differences = values.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]).abs());
+        let least = differences.filter(|found| *found > rounding).fold(f64::INFINITY, f64::min);
+        least.min(smallest_step(values))
+    };
+    let count = of_steps(before).min(of_steps(after));
+    if count.is_finite() { count.max(rounding) } else { 0.0 }
 }
 
 /// What arithmetic makes of the largest value.
