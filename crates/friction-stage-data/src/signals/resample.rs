@@ -74,7 +74,9 @@ pub(super) fn pauses(grid: &Grid, stamps: &[i64]) -> Vec<Range<usize>> {
     let mut places = Places { grid, cursor: 0 };
     let rows: Vec<f64> = stamps.iter().map(|stamp| places.row(*stamp)).collect();
     let apart = rows.windows(2).filter(|pair| pair[1] - pair[0] > longest(spacing));
-    apart.map(|pair| pair[0].floor() as usize + 1..(pair[1].ceil() as usize).min(grid.rows)).collect()
+    apart
+        .map(|pair| pair[0].floor() as usize + 1..(pair[1].ceil() as usize).min(grid.rows))
+        .collect()
 }
 
 /// Share of the rows that are in no pause in which a column has a value.

@@ -78,9 +78,7 @@ impl Extraction {
                 field: field.clone(),
                 reason,
             };
-            let topic = reader
-                .topic(name)
-                .ok_or_else(|| unknown(None, no_such_topic(reader)))?;
+            let topic = reader.topic(name).ok_or_else(|| unknown(None, no_such_topic(reader)))?;
             if topic.message_encoding != "cdr" {
                 return Err(unknown(
                     Some(topic),

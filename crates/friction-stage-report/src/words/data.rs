@@ -22,8 +22,7 @@ fn consequence_of_noise(present: f64, declared: f64) -> &'static str {
 
 impl Words for DataFinding {
     fn words(&self, joint: JointType) -> String {
-        let [m, n, kg, speed, rate] =
-            ["m", "N", "kg", "m/s", "m/s^2"].map(|unit| joint.unit(unit));
+        let [m, n, kg, speed, rate] = ["m", "N", "kg", "m/s", "m/s^2"].map(|unit| joint.unit(unit));
         match self {
             Self::TooShort { rows, seconds, needed } => format!(
                 "the longest stretch without a gap has {rows} rows ({seconds:.3} s), {needed} are \
@@ -42,9 +41,11 @@ impl Words for DataFinding {
                               friction cannot be told from the motion alone: record \
                               /stage/force_cell or /stage/force, or name them in a mapping"
                 .to_owned(),
-            Self::ForceUnused => "the force that is recorded cannot be used: a line about the data \
+            Self::ForceUnused => {
+                "the force that is recorded cannot be used: a line about the data \
                                   above says why; friction cannot be told from the motion alone"
-                .to_owned(),
+                    .to_owned()
+            }
             Self::Wrapped { signal, jump, rows } => format!(
                 "{signal} jumps by {} {m} and moves on, {} times (rows {}): a counter begins again \
                  there; put the turns together before (no key of a mapping does), since speeds, \

@@ -11,9 +11,9 @@ use friction_stage_core::model::StageModel;
 /// Part of Coulomb friction that the force must reach in the new direction: three quarters of its
 /// turn. A bristle has gone by 1.4 break-away distances there.
 const REACHED: f64 = 0.5;
-/// Standard deviations of the encoder's noise that the travel must be. Assumed: for counts it is a
-/// little less than one of them.
-const SEEN: f64 = 3.0;
+/// Standard deviations of the encoder's noise that the travel must be. Assumed: any travel shows as
+/// one of its counts or none, and this is between one and two of them.
+const SEEN: f64 = 5.0;
 
 /// Travel in pre-sliding, and what the encoder sees of it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

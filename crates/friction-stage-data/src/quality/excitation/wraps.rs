@@ -34,8 +34,7 @@ impl Examiner<'_> {
             let size = (jump - 0.5 * (before + after)).abs();
             (moves_on(before) && moves_on(after) && size >= WHOLE * range).then_some((row, size))
         };
-        let jumps: Vec<(usize, f64)> =
-            (ROWS..x.len() - ROWS - 1).filter_map(jump_after).collect();
+        let jumps: Vec<(usize, f64)> = (ROWS..x.len() - ROWS - 1).filter_map(jump_after).collect();
         if jumps.len() < LEAST {
             return false;
         }
