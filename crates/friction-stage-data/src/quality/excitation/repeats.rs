@@ -26,8 +26,8 @@ const ROUNDINGS: f64 = 16.0;
 /// Rows to either side in which the count of a place is looked for: numbers with a fixed number of
 /// digits have another one at each size.
 const AROUND: usize = 32;
-/// Part of a stretch, at either end, that says nothing of whether a force goes on: a tenth, in which
-/// the lag of a motor ends. Assumed.
+/// Part of a stretch, at either end, that says nothing of whether a force goes on: a tenth, in
+/// which the lag of a motor ends. Assumed.
 const ENDS: usize = 10;
 /// Part of the rows, the slowest, that show the noise. Assumed: a recording has rests or slow moves
 /// in it.
