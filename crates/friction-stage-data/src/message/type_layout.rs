@@ -115,6 +115,18 @@ pub(crate) struct FieldPath {
     steps: Vec<Step>,
     /// Path to the names among which a `[joint]` is looked up.
     names: Option<usize>,
+    /// The list of names that the array of the value goes along with, if the message has one.
+    listed: Option<usize>,
+}
+
+impl FieldPath {
+    /// The index of the element that the path ends on, if it is given by its number.
+    pub fn element(&self) -> Option<usize> {
+        match self.steps.last() {
+            Some(Step::Element(index)) => Some(*index),
+            _ => None,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -385,12 +397,13 @@ impl TypeLayout {
             }
             _ => {}
         }
+        let list = self.messages[0].fields.iter().position(|f| {
+            f.kind == Kind::Text
+                && f.many != Many::One
+                && ["name", "names", "joint_names"].contains(&f.name.as_str())
+        });
         let names = if steps.contains(&Step::Joint) {
-            let names = self.messages[0].fields.iter().position(|f| {
-                f.kind == Kind::Text
-                    && f.many != Many::One
-                    && ["name", "names", "joint_names"].contains(&f.name.as_str())
-            });
+            let names = list;
             if names.is_none() {
                 return Err(format!(
                     "{} has no list `name`, `names` or `joint_names` that `[joint]` could be found \
@@ -402,7 +415,8 @@ impl TypeLayout {
         } else {
             None
         };
-        Ok(FieldPath { steps, names })
+        let is_element = matches!(steps[..], [_, Step::Element(_) | Step::Joint]);
+        Ok(FieldPath { steps, names, listed: list.filter(|_| is_element) })
     }
 
     fn is_time(&self, message: usize) -> bool {
@@ -423,13 +437,24 @@ impl TypeLayout {
         joint: &str,
         message: &[u8],
     ) -> Result<Option<Value>, String> {
+        self.value_in_array(path, joint, message).map(|(value, _)| value)
+    }
+
+    /// As [`value`](Self::value), with the number of elements of the last array on the way to it.
+    pub fn value_in_array(
+        &self,
+        path: &FieldPath,
+        joint: &str,
+        message: &[u8],
+    ) -> Result<(Option<Value>, Option<usize>), String> {
         let joint_index = match path.names {
             None => None,
             Some(names) => match self.index_of(names, joint, message)? {
-                None => return Ok(None),
+                None => return Ok((None, None)),
                 index => index,
             },
         };
+        let mut elements = None;
         let mut cursor = Cursor::new(message)?;
         let (mut inside, mut at) = (0, 0);
         loop {
@@ -437,7 +462,8 @@ impl TypeLayout {
                 // a path ends on a message only if that is a time
                 let seconds = cursor.number(Kind::I32)?.as_f64() as i64;
                 let nanoseconds = cursor.number(Kind::U32)?.as_f64() as i64;
-                return Ok(Some(Value::Nanoseconds(seconds * 1_000_000_000 + nanoseconds)));
+                let stamp = Value::Nanoseconds(seconds * 1_000_000_000 + nanoseconds);
+                return Ok((Some(stamp), elements));
             };
             at += 1;
             for field in &self.messages[inside].fields[..wanted] {
@@ -449,6 +475,7 @@ impl TypeLayout {
                     Many::Fixed(count) => count,
                     _ => cursor.count()?,
                 };
+                elements = Some(count);
                 let index = match path.steps.get(at).copied() {
                     Some(Step::Element(index)) => Some(index),
                     Some(Step::Joint) => joint_index,
@@ -457,13 +484,13 @@ impl TypeLayout {
                 };
                 at += 1;
                 let Some(index) = index.filter(|&index| index < count) else {
-                    return Ok(None);
+                    return Ok((None, elements));
                 };
                 self.skip_elements(&mut cursor, field.kind, index)?;
             }
             match field.kind {
                 Kind::Message(message) => inside = message,
-                kind => return cursor.number(kind).map(Some),
+                kind => return Ok((Some(cursor.number(kind)?), elements)),
             }
         }
     }
@@ -481,7 +508,15 @@ impl TypeLayout {
 
     /// The names in which `[joint]` of `path` is looked up; none for a path without `[joint]`.
     pub fn joints(&self, path: &FieldPath, message: &[u8]) -> Result<Vec<String>, String> {
-        let Some(names) = path.names else { return Ok(Vec::new()) };
+        path.names.map_or(Ok(Vec::new()), |names| self.texts(names, message))
+    }
+
+    /// The names that the elements of the path's array have; none where the message has no list.
+    pub fn listed(&self, path: &FieldPath, message: &[u8]) -> Result<Vec<String>, String> {
+        path.listed.map_or(Ok(Vec::new()), |names| self.texts(names, message))
+    }
+
+    fn texts(&self, names: usize, message: &[u8]) -> Result<Vec<String>, String> {
         let (mut cursor, count) = self.names(names, message)?;
         (0..count).map(|_| Ok(String::from_utf8_lossy(cursor.text()?).into_owned())).collect()
     }

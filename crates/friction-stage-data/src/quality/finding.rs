@@ -85,6 +85,28 @@ pub enum DataFinding {
     },
     /// Neither a force cell nor a command.
     NoForce,
+    /// A force is recorded, and none of its values could be put in the rows: the notes say why.
+    ForceUnused,
+    /// The position jumps from one end of its range to the other and moves on.
+    Wrapped {
+        /// The signal.
+        signal: Signal,
+        /// Size of the jump, m: the length after which the counter begins again.
+        jump: f64,
+        /// Rows after the jumps.
+        rows: Vec<usize>,
+    },
+    /// A motion that no stage makes.
+    ImpossibleMotion {
+        /// Speed, m/s, that is exceeded in a hundredth of the time.
+        speed: f64,
+        /// The most that is expected of a stage, m/s.
+        fastest: f64,
+        /// Acceleration, m/s², that is exceeded in a hundredth of the time.
+        acceleration: f64,
+        /// The most that is expected of a stage, m/s².
+        sharpest: f64,
+    },
     /// The carriage does not move.
     NoMotion {
         /// Highest minus lowest position, m.
@@ -281,6 +303,9 @@ impl DataFinding {
             Self::TooBrief { .. } => "too_brief",
             Self::Holes { .. } => "holes",
             Self::NoForce => "no_force",
+            Self::ForceUnused => "unused_force",
+            Self::Wrapped { .. } => "wrapped_position",
+            Self::ImpossibleMotion { .. } => "impossible_motion",
             Self::NoMotion { .. } => "no_motion",
             Self::Constant { .. } => "constant_signal",
             Self::Clipped { .. } => "clipped_signal",
@@ -314,6 +339,7 @@ impl DataFinding {
             Self::TooShort { .. }
             | Self::TooBrief { .. }
             | Self::NoForce
+            | Self::ForceUnused
             | Self::NoMotion { .. } => Severity::Fatal,
             Self::NoForceCell | Self::NoCommand | Self::NoSetpoint => Severity::Note,
             Self::Jitter { clock: ClockKind::UniformBehindJitter, .. } => Severity::Note,
@@ -350,7 +376,8 @@ impl DataFinding {
             Self::TooShort { .. }
             | Self::TooBrief { .. }
             | Self::NoMotion { .. }
-            | Self::NoForce => false,
+            | Self::NoForce
+            | Self::ForceUnused => false,
             Self::Outliers { .. } | Self::NotFinite { .. } => true,
             other => other.severity() == Severity::Fatal,
         }

@@ -13,8 +13,8 @@ mod recording_check;
 
 pub use check::{CheckReport, TopicCheck, check};
 pub use excitation::{
-    Excitation, HeldSpeed, Judgement, JudgementBasis, NoiseFound, Obstacle, RoughFit, Spread,
-    Subject, examine, held_speeds,
+    Excitation, HeldSpeed, Judgement, JudgementBasis, NoiseFound, Obstacle, Presliding, RoughFit,
+    Spread, Subject, examine, held_speeds,
 };
 pub use finding::{DataFinding, DeadEvidence, Disagreement, FileFinding, Severity};
 pub use outliers::outlier_rows;

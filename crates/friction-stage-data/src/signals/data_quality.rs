@@ -1,5 +1,7 @@
 //! The account of a recording: what its samples were like and what was done to them.
 
+use std::ops::Range;
+
 use serde::Serialize;
 
 use super::grid::ClockKind;
@@ -34,7 +36,7 @@ pub struct SignalQuality {
     pub gaps: u64,
     /// Longest interval between two samples, s.
     pub longest_interval_s: f64,
-    /// Share of the rows that have a value.
+    /// Share of the rows that have a value; rows of a pause do not count.
     pub coverage: f64,
     /// Standard deviation of the white noise that its samples show, SI; none where they are too
     /// few.
@@ -54,6 +56,9 @@ pub struct DataQuality {
     pub rate_hz: f64,
     /// How the samples of the position lie in time.
     pub clock: ClockKind,
+    /// Rows of pauses, in which the position is not recorded and no value is expected.
+    #[serde(skip)]
+    pub pauses: Vec<Range<usize>>,
     /// Per signal that was found.
     pub signals: Vec<SignalQuality>,
     /// What a user should know about how they were read.
@@ -105,10 +110,43 @@ pub enum SignalNote {
         /// Line of the first, from 1.
         first_line: u64,
     },
+<<<<<<< HEAD
     /// A proposed mapping has marks that nobody has taken away.
     Unconfirmed {
         /// What each is about, with what there is to check.
         marks: Vec<String>,
+=======
+    /// Every sample of a signal is outside the time in which the position is recorded.
+    NoTimeInCommon {
+        /// The signal.
+        signal: Signal,
+        /// Topic and field, or column.
+        place: String,
+        /// Its samples.
+        samples: usize,
+        /// First and last of its times, s.
+        during_s: [f64; 2],
+        /// First and last time of the position, s.
+        position_s: [f64; 2],
+    },
+    /// No message has the element of an array that the mapping names.
+    NoElement {
+        /// The signal.
+        signal: Signal,
+        /// Topic and field.
+        place: String,
+        /// Elements of the longest array.
+        elements: usize,
+        /// Messages.
+        messages: u64,
+    },
+    /// The names in the messages do not say whose a value is.
+    Joints {
+        /// Topic and field.
+        place: String,
+        /// Why not.
+        doubt: JointDoubt,
+>>>>>>> 6a5903dd4cfbef10abdb9d2d626c5afe99fe500f
     },
     /// Only a part of the recording was read.
     OnlyPart {
@@ -116,6 +154,33 @@ pub enum SignalNote {
         samples: u64,
         /// Those of the whole recording, where that is known without reading it.
         recorded: Option<u64>,
+    },
+}
+
+/// Why the names in messages do not say which joint a value is of.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "doubt", rename_all = "snake_case")]
+pub enum JointDoubt {
+    /// The same index is of several joints.
+    Order {
+        /// The index.
+        index: usize,
+        /// The joint that it is of first.
+        first: String,
+        /// The next one.
+        other: String,
+    },
+    /// There are more or fewer names than values.
+    Lengths {
+        /// Names.
+        names: usize,
+        /// Values.
+        values: usize,
+    },
+    /// A joint is named more than once; the first counts.
+    Twice {
+        /// The joint.
+        joint: String,
     },
 }
 
@@ -134,7 +199,13 @@ impl SignalNote {
             Self::NoForceConstant => "no_force_constant",
             Self::UnitOfFile { .. } => "unit_of_file",
             Self::RowsLeftOut { .. } => "rows_left_out",
+<<<<<<< HEAD
             Self::Unconfirmed { .. } => "unconfirmed",
+=======
+            Self::NoTimeInCommon { .. } => "no_time_in_common",
+            Self::NoElement { .. } => "no_element",
+            Self::Joints { .. } => "joints_in_doubt",
+>>>>>>> 6a5903dd4cfbef10abdb9d2d626c5afe99fe500f
             Self::OnlyPart { .. } => "only_part",
         }
     }

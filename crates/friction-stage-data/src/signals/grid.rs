@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::error::SignalError;
 use super::mapping::Signal;
-use super::resample::MOST_MISSING;
+use super::resample::{MOST_MISSING, pauses};
 
 /// Stamps within this of the grid, ns, are on it: they are rounded to 1 ns, and so is the grid.
 pub(super) const ON_GRID_NS: f64 = 2.0;
@@ -61,6 +61,8 @@ pub(crate) struct Grid {
     pub jitter_s: f64,
     /// For a clock behind jitter: stamps of the position and the row of each.
     pub(super) ticks: Option<(Vec<i64>, Vec<u32>)>,
+    /// Rows between the samples of the position on either side of a pause.
+    pub pauses: Vec<Range<usize>>,
 }
 
 impl Grid {
@@ -195,6 +197,7 @@ pub(crate) fn grid(
         clock: kind,
         jitter_s: jitter * 1e-9,
         ticks: None,
+        pauses: Vec::new(),
     };
     if kind == ClockKind::UniformBehindJitter {
         let (mut kept, mut numbers) =
@@ -208,6 +211,7 @@ pub(crate) fn grid(
         grid.rows = numbers.last().map_or(0, |&n| n as usize + 1);
         grid.ticks = Some((kept, numbers));
     }
+    grid.pauses = pauses(&grid, stamps);
     Ok(grid)
 }
 

@@ -182,7 +182,9 @@ fn on_grid(
     if is_part {
         loading.notes.push(SignalNote::OnlyPart { samples: total as u64, recorded });
     }
+    let mut velocities = Vec::new();
     if signal == Signal::Velocity {
+        velocities.clone_from(&values[0]);
         let mut position = Integral::default();
         let rows = stamps.iter().zip(&mut values[0]);
         rows.for_each(|(stamp, value)| *value = position.next(*stamp, *value));
@@ -209,7 +211,14 @@ fn on_grid(
         resample::place(&grid, &stamps, &values[0], Between::Smooth, &mut quality[0]);
     quality[0].noise = noise_of_samples(&grid, &stamps, &values[0], &column);
     trace.position = column;
-    drop((stamps, values));
+    let velocity = match signal {
+        Signal::Velocity => {
+            let account = &mut quality[0].clone();
+            resample::place(&grid, &stamps, &velocities, Between::Smooth, account).column
+        }
+        _ => Vec::new(),
+    };
+    drop((stamps, values, velocities));
     loading.notes.extend(SignalNote::unconfirmed(&mapping.unconfirmed));
     if mapping.without_force_constant {
         loading.notes.push(SignalNote::NoForceConstant);
@@ -233,10 +242,11 @@ fn on_grid(
         segments: stretches(&valid).len(),
         rate_hz: rate,
         clock: grid.clock,
+        pauses: grid.pauses,
         signals: quality,
         notes: loading.notes,
     };
-    Ok(Recording { joint: mapping.joint_type, trace, rate, valid, filled, quality })
+    Ok(Recording { joint: mapping.joint_type, trace, velocity, rate, valid, filled, quality })
 }
 
 /// The position of a stage whose velocity is measured, from 0 on: the trapezoidal sum.
@@ -273,6 +283,25 @@ fn noise_of_samples(grid: &Grid, stamps: &[i64], values: &[f64], column: &[f64])
     let times: Vec<f64> =
         stamps.iter().map(|stamp| stamp.saturating_sub(first) as f64 * 1e-9).collect();
     noise::white_noise_at(&times, values)
+}
+
+/// Says so of a signal whose times are all before or all after those of the position.
+fn no_time_in_common(
+    grid: &Grid,
+    stamps: &[i64],
+    found: &SignalQuality,
+    samples: usize,
+) -> Option<SignalNote> {
+    let (&first, &last) = (stamps.first()?, stamps.last()?);
+    let seconds = |stamp: i64| stamp as f64 * 1e-9;
+    let is_elsewhere = last < grid.origin_ns || first > grid.last_ns();
+    (samples > 0 && is_elsewhere).then(|| SignalNote::NoTimeInCommon {
+        signal: found.signal,
+        place: found.place.clone(),
+        samples,
+        during_s: [seconds(first), seconds(last)],
+        position_s: [seconds(grid.origin_ns), seconds(grid.last_ns())],
+    })
 }
 
 /// Signals that a mapping takes from the same place: a slip of the pen, most likely.
@@ -431,8 +460,10 @@ impl Loading {
             let Placed { column, filled, apart } =
                 resample::place(grid, &stamps, &raw, Between::of(found.signal), &mut found);
             found.noise = noise_of_samples(grid, &stamps, &raw, &column);
+            let samples = raw.iter().filter(|value| value.is_finite()).count();
             drop(raw);
             if found.coverage == 0.0 {
+                self.notes.extend(no_time_in_common(grid, &stamps, &found, samples));
                 continue;
             }
             let earlier = quality.iter().position(|q| q.signal == found.signal);

@@ -30,7 +30,7 @@ mod unit;
 mod window;
 
 pub(crate) use csv_table::visit_rows;
-pub use data_quality::{DataQuality, SignalNote, SignalQuality};
+pub use data_quality::{DataQuality, JointDoubt, SignalNote, SignalQuality};
 pub use error::SignalError;
 pub use grid::ClockKind;
 pub use import::{ImportReport, import, import_captures};

@@ -5,6 +5,7 @@ use std::ops::Range;
 use super::data_quality::{DataQuality, SignalQuality};
 use super::grid::stretches;
 use super::mapping::Signal;
+use super::resample::coverage;
 use super::trace::Trace;
 use friction_stage_core::model::JointType;
 
@@ -19,6 +20,9 @@ pub struct Recording {
     /// Columns on a uniform grid. NaN where a signal is not known: absent, or in a gap of more than
     /// three samples.
     pub trace: Trace,
+    /// The measured velocity, m/s, of which the position is the integral; empty where the position
+    /// itself is recorded.
+    pub velocity: Vec<f64>,
     /// Rows per second, Hz.
     pub rate: f64,
     /// Per row whether the position and every force that the recording has are known.
@@ -47,6 +51,11 @@ impl Recording {
 
     /// Takes these rows of a signal as missing.
     pub fn leave_out_rows(&mut self, signal: Signal, rows: &[usize]) {
+        if signal == Signal::Velocity {
+            // Its integral is as wrong there.
+            rows.iter().for_each(|row| self.velocity[*row] = f64::NAN);
+            return self.leave_out_rows(Signal::Position, rows);
+        }
         if let Some(column) = self.column_mut(signal) {
             rows.iter().for_each(|row| column[*row] = f64::NAN);
             self.count_values(signal);
@@ -61,6 +70,8 @@ impl Recording {
                 column.shrink_to_fit();
             }
         }
+        self.velocity.truncate(rows);
+        self.velocity.shrink_to_fit();
         self.trace.time.truncate(rows);
         self.trace.time.shrink_to_fit();
         self.filled.truncate(rows);
@@ -95,6 +106,11 @@ impl Recording {
     /// Takes the values of a signal for which `unusable` holds as missing, as if they had not been
     /// recorded.
     pub fn leave_out(&mut self, signal: Signal, unusable: impl Fn(f64) -> bool) {
+        if signal == Signal::Velocity {
+            let rows = self.velocity.iter().enumerate().filter(|(_, value)| unusable(**value));
+            let rows: Vec<usize> = rows.map(|(row, _)| row).collect();
+            return self.leave_out_rows(signal, &rows);
+        }
         if let Some(column) = self.column_mut(signal) {
             column.iter_mut().filter(|value| unusable(**value)).for_each(|value| *value = f64::NAN);
             self.count_values(signal);
@@ -106,8 +122,11 @@ impl Recording {
         let Some(column) = self.column_mut(signal) else {
             return;
         };
-        let coverage = column.iter().filter(|value| value.is_finite()).count() as f64
-            / column.len().max(1) as f64;
+        let column = std::mem::take(column);
+        let coverage = coverage(&column, &self.quality.pauses);
+        if let Some(place) = self.column_mut(signal) {
+            *place = column;
+        }
         let signals = &mut self.quality.signals;
         let found = signals.iter_mut().filter(|found| found.signal == signal);
         found.for_each(|found| found.coverage = coverage);

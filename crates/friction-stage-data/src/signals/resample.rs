@@ -68,6 +68,34 @@ impl Places<'_> {
     }
 }
 
+/// Rows between stamps that are too far apart for the samples between them to be filled in.
+pub(super) fn pauses(grid: &Grid, stamps: &[i64]) -> Vec<Range<usize>> {
+    let spacing = usual_interval(stamps).unwrap_or(0.0) * 1e-9 / grid.step;
+    let mut places = Places { grid, cursor: 0 };
+    let rows: Vec<f64> = stamps.iter().map(|stamp| places.row(*stamp)).collect();
+    let apart = rows.windows(2).filter(|pair| pair[1] - pair[0] > longest(spacing));
+    apart
+        .map(|pair| pair[0].floor() as usize + 1..(pair[1].ceil() as usize).min(grid.rows))
+        .collect()
+}
+
+/// Share of the rows that are in no pause in which a column has a value.
+pub(super) fn coverage(column: &[f64], pauses: &[Range<usize>]) -> f64 {
+    let known = |rows: &[f64]| rows.iter().filter(|value| value.is_finite()).count();
+    let in_pauses = || pauses.iter().filter_map(|rows| column.get(rows.clone()));
+    let (mut rows, mut values) = (column.len(), known(column));
+    for pause in in_pauses() {
+        rows -= pause.len();
+        values -= known(pause);
+    }
+    values as f64 / rows.max(1) as f64
+}
+
+/// The longest interval that is filled from its neighbours, in rows, by the usual one.
+fn longest(spacing: f64) -> f64 {
+    spacing * (MOST_MISSING as f64 + 1.5)
+}
+
 /// One signal on the grid.
 #[derive(Default)]
 pub(crate) struct Placed {
@@ -103,7 +131,7 @@ pub(crate) fn place(
     };
     quality.interval_s = usual * 1e-9;
     let spacing = (usual * 1e-9 / grid.step).max(f64::MIN_POSITIVE);
-    let longest = spacing * (MOST_MISSING as f64 + 1.5);
+    let longest = longest(spacing);
     let mut places = Places { grid, cursor: 0 };
     let mut samples = finite().map(|(&stamp, &value)| (places.row(stamp), value));
     // the last four samples; intervals are filled one sample late, so that a cubic has its four
@@ -184,8 +212,7 @@ pub(crate) fn place(
             apart.push(Apart { samples: (a.0, b.0), rows });
         }
     }
-    quality.coverage =
-        column.iter().filter(|v| v.is_finite()).count() as f64 / grid.rows.max(1) as f64;
+    quality.coverage = coverage(&column, &grid.pauses);
     Placed { column, filled, apart }
 }
 

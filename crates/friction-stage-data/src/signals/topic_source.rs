@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use super::data_quality::SignalNote;
+use super::data_quality::{JointDoubt, SignalNote};
 use super::error::SignalError;
 use super::mapping::{Place, Signal, SignalSource, Stamp};
 use super::source::{Request, Stream, refuse_impossible, seconds_to_nanos};
@@ -78,9 +78,7 @@ impl Extraction {
                 field: field.clone(),
                 reason,
             };
-            let topic = reader
-                .topic(name)
-                .ok_or_else(|| unknown(None, "the bag has no such topic".into()))?;
+            let topic = reader.topic(name).ok_or_else(|| unknown(None, no_such_topic(reader)))?;
             if topic.message_encoding != "cdr" {
                 return Err(unknown(
                     Some(topic),
@@ -134,6 +132,91 @@ impl Extraction {
             origin: reader.path().display().to_string(),
             key: "signals".into(),
             reason: "a bag needs topics".into(),
+        })
+    }
+}
+
+fn no_such_topic(reader: &BagReader) -> String {
+    let names: Vec<&str> =
+        reader.topics().iter().map(|topic| topic.name.as_str()).take(Joints::MOST).collect();
+    match reader.topics().len().saturating_sub(names.len()) {
+        0 => format!("the bag has no such topic; it has {}", names.join(", ")),
+        more => {
+            format!("the bag has no such topic; it has {} and {more} more", names.join(", "))
+        }
+    }
+}
+
+/// What the messages of a topic say of one field: how often it is there, and whose it is.
+#[derive(Default)]
+struct Seen {
+    messages: u64,
+    values: u64,
+    /// Elements of the longest array that should have it.
+    elements: usize,
+    /// Names in the first message that has some.
+    names: Vec<String>,
+    doubts: Vec<JointDoubt>,
+}
+
+impl Seen {
+    fn value(&mut self, value: Option<&Value>, elements: Option<usize>) {
+        self.messages += 1;
+        self.values += u64::from(value.is_some());
+        self.elements = self.elements.max(elements.unwrap_or(0));
+    }
+
+    /// The names of a message, of which the one that is read has this index or name.
+    fn names(&mut self, names: Vec<String>, element: Option<usize>, joint: &str, values: usize) {
+        let mut doubts = Vec::new();
+        let unnamed = element.is_some() && names.is_empty();
+        if values > 0 && names.len() != values && !unnamed {
+            doubts.push(JointDoubt::Lengths { names: names.len(), values });
+        }
+        let wanted = element.and_then(|index| names.get(index)).map_or(joint, String::as_str);
+        if names.iter().filter(|name| *name == wanted).count() > 1 {
+            doubts.push(JointDoubt::Twice { joint: wanted.to_owned() });
+        }
+        if let Some(index) = element
+            && let (Some(first), Some(other)) = (self.names.get(index), names.get(index))
+            && first != other
+        {
+            let (first, other) = (first.clone(), other.clone());
+            doubts.push(JointDoubt::Order { index, first, other });
+        }
+        for doubt in doubts {
+            let is_known = |known: &JointDoubt| {
+                std::mem::discriminant(known) == std::mem::discriminant(&doubt)
+            };
+            if !self.doubts.iter().any(is_known) {
+                self.doubts.push(doubt);
+            }
+        }
+        if self.names.is_empty() {
+            self.names = names;
+        }
+    }
+
+    /// Why a field is in no message, although there are messages.
+    fn why_absent(&self, path: &FieldPath, place: &str) -> Option<String> {
+        if self.messages == 0 || self.values > 0 {
+            return None;
+        }
+        let number = place.replace("[joint]", "[0]");
+        Some(match path.element() {
+            Some(index) => format!(
+                "no message has an element {index}: the longest array has {} (they count from 0)",
+                self.elements
+            ),
+            None if self.elements > 0 => format!(
+                "the longest array has {} elements, too few for this joint's place among the names",
+                self.elements
+            ),
+            None if place != number && self.names.is_empty() => format!(
+                "its messages name no joint, so `[joint]` finds none: give the number, as in \
+                 `{number}`"
+            ),
+            None => return None,
         })
     }
 }
@@ -193,7 +276,12 @@ impl Joints {
         if others.is_empty() || others.contains(&wanted) {
             Ok(())
         } else if is_empty {
-            Err(format!("no joint {wanted}; its messages name {}", others.join(", ")))
+            Err(format!(
+                "no joint {wanted}; its messages name {}: say which in the mapping, with a line \
+                 `joint: {}`",
+                others.join(", "),
+                others[0]
+            ))
         } else if self.is_asked_for || wanted == topics::JOINT {
             Ok(())
         } else {
@@ -220,11 +308,15 @@ pub(super) fn read_bag(
         extractions.push(extraction);
     }
     let mut joints: Vec<Joints> = extractions.iter().map(|_| Joints::new(joint)).collect();
+    let mut seen: Vec<Vec<Seen>> = extractions
+        .iter()
+        .map(|extraction| extraction.sources.iter().map(|_| Seen::default()).collect())
+        .collect();
     let mut row = Vec::new();
     for message in reader.messages() {
         let message = message?;
-        let places = extractions.iter().zip(&mut joints).zip(&mut streams);
-        for ((extraction, joints), stream) in places {
+        let places = extractions.iter().zip(&mut joints).zip(&mut streams).zip(&mut seen);
+        for (((extraction, joints), stream), seen) in places {
             if extraction.topic != message.topic.name {
                 continue;
             }
@@ -237,9 +329,16 @@ pub(super) fn read_bag(
             row.clear();
             let layout = &extraction.layout;
             let plain = layout.plain(&message).map_err(failed)?;
-            for ((path, source), signal) in extraction.sources.iter().zip(&stream.signals) {
+            let sources = extraction.sources.iter().zip(&stream.signals).zip(seen);
+            for (((path, source), signal), seen) in sources {
                 let joint = joints.wanted(|| layout.joints(path, &plain)).map_err(failed)?;
-                let value = layout.value(path, joint, &plain).map_err(failed)?;
+                let (value, elements) =
+                    layout.value_in_array(path, joint, &plain).map_err(failed)?;
+                seen.value(value.as_ref(), elements);
+                let names = layout.listed(path, &plain).map_err(failed)?;
+                if !names.is_empty() {
+                    seen.names(names, path.element(), joint, elements.unwrap_or(0));
+                }
                 let value = value.map(|value| source.to_si(value.as_f64()));
                 refuse_impossible(*signal, value.unwrap_or(0.0)).map_err(failed)?;
                 row.push(value);
@@ -276,8 +375,28 @@ pub(super) fn read_bag(
         let is_needed = |(signal, _): &(Signal, SignalSource)| {
             [Signal::Position, Signal::Velocity].contains(signal)
         };
+        let is_empty = streams[index].stamps.is_empty();
+        let mut absent = None;
+        let sources = extraction.sources.iter().zip(&seen[index]).zip(&requests[index].signals);
+        for (((path, source), seen), (signal, _)) in sources {
+            let place = source.place.to_string();
+            let doubts = seen.doubts.iter().cloned();
+            let doubts = doubts.map(|doubt| SignalNote::Joints { place: place.clone(), doubt });
+            streams[index].notes.extend(doubts);
+            if is_empty && is_needed(&(*signal, source.clone())) {
+                let field = place.rsplit(' ').next().unwrap_or(&place);
+                absent = absent.or(seen.why_absent(path, field));
+            } else if path.element().is_some() && seen.messages > 0 && seen.values == 0 {
+                streams[index].notes.push(SignalNote::NoElement {
+                    signal: *signal,
+                    place,
+                    elements: seen.elements,
+                    messages: seen.messages,
+                });
+            }
+        }
         let judged = if joint.is_some() || requests[index].signals.iter().any(is_needed) {
-            joints[index].judge(streams[index].stamps.is_empty())
+            joints[index].judge(is_empty).and(absent.map_or(Ok(()), Err))
         } else {
             Ok(())
         };

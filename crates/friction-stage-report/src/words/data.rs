@@ -4,7 +4,7 @@ use friction_stage_data::quality::{
     DataFinding, DeadEvidence, Disagreement, FileFinding, Judgement, JudgementBasis, Obstacle,
     Severity, Subject,
 };
-use friction_stage_data::signals::{ClockKind, Signal, SignalNote};
+use friction_stage_data::signals::{ClockKind, JointDoubt, Signal, SignalNote};
 
 use friction_stage_core::model::JointType;
 
@@ -22,7 +22,7 @@ fn consequence_of_noise(present: f64, declared: f64) -> &'static str {
 
 impl Words for DataFinding {
     fn words(&self, joint: JointType) -> String {
-        let [m, n, kg, speed] = ["m", "N", "kg", "m/s"].map(|unit| joint.unit(unit));
+        let [m, n, kg, speed, rate] = ["m", "N", "kg", "m/s", "m/s^2"].map(|unit| joint.unit(unit));
         match self {
             Self::TooShort { rows, seconds, needed } => format!(
                 "the longest stretch without a gap has {rows} rows ({seconds:.3} s), {needed} are \
@@ -41,6 +41,27 @@ impl Words for DataFinding {
                               friction cannot be told from the motion alone: record \
                               /stage/force_cell or /stage/force, or name them in a mapping"
                 .to_owned(),
+            Self::ForceUnused => {
+                "the force that is recorded cannot be used: a line about the data \
+                                  above says why; friction cannot be told from the motion alone"
+                    .to_owned()
+            }
+            Self::Wrapped { signal, jump, rows } => format!(
+                "{signal} jumps by {} {m} and moves on, {} times (rows {}): a counter begins again \
+                 there; put the turns together before (no key of a mapping does), since speeds, \
+                 reversals and friction are wrong until then",
+                four_digits(*jump),
+                rows.len(),
+                first_rows(rows)
+            ),
+            Self::ImpossibleMotion { speed: at, fastest, acceleration, sharpest } => format!(
+                "the motion reaches {} {speed} and {} {rate}, more than {} {speed} or {} {rate} is \
+                 expected of no stage: is the unit of the position or of the time right?",
+                short(*at),
+                short(*acceleration),
+                short(*fastest),
+                short(*sharpest)
+            ),
             Self::NoMotion { range, noise, fastest, rest_speed } => format!(
                 "nothing moves: the position remains within {range:.3e} {m} at up to \
                  {fastest:.3e} {speed}, and its noise of {noise:.3e} {m} alone shows up to \
@@ -268,6 +289,29 @@ impl Words for SignalNote {
                 "{rows} rows are left out, the first is line {first_line}: cut off, or words at \
                  the end of the table"
             ),
+            Self::NoTimeInCommon { signal, place, samples, during_s, position_s } => format!(
+                "{signal} ({place}) has {samples} values from {} s to {} s, the position is \
+                 recorded from {} s to {} s: they have no time in common, so their clocks differ \
+                 (try `stamp: log_time` in a mapping)",
+                during_s[0], during_s[1], position_s[0], position_s[1]
+            ),
+            Self::NoElement { signal, place, elements, messages } => format!(
+                "{signal} has no value: the arrays of {place} have {elements} elements at the most \
+                 in {messages} messages, and they count from 0"
+            ),
+            Self::Joints { place, doubt } => match doubt {
+                JointDoubt::Order { index, first, other } => format!(
+                    "{place}: element {index} is of joint {first} first and of {other} later: give \
+                     `joint` in the mapping and write `[joint]` in place of the number"
+                ),
+                JointDoubt::Lengths { names, values } => format!(
+                    "{place}: there are {names} names for {values} values, so whose they are is \
+                     not sure; they are taken in the order of the names"
+                ),
+                JointDoubt::Twice { joint } => format!(
+                    "{place}: joint {joint} is named more than once in a message; the first counts"
+                ),
+            },
             Self::OnlyPart { samples, recorded } => format!(
                 "{samples} samples are read{}: choose others with --from and --to",
                 match recorded {
@@ -277,6 +321,16 @@ impl Words for SignalNote {
             ),
         }
     }
+}
+
+/// Rows that a sentence lists.
+const LISTED: usize = 5;
+
+/// The first of some rows.
+fn first_rows(rows: &[usize]) -> String {
+    let listed: Vec<String> = rows.iter().take(LISTED).map(usize::to_string).collect();
+    let more = if rows.len() > LISTED { ", ..." } else { "" };
+    format!("{}{more}", listed.join(", "))
 }
 
 /// What can be identified or not, by name.
@@ -415,6 +469,16 @@ impl Words for Obstacle {
             Self::FewReversals { count, needed } => {
                 format!("{count} reversals, at least {needed} are needed")
             }
+            Self::PreslidingIsNoise { travel, declared, noise } => format!(
+                "{} {} {m} of travel, and the encoder has {} {m} of noise: its pre-sliding is \
+                 not seen",
+                match declared {
+                    true => "the model's bristles break away after",
+                    false => "at the reversals the force turns within",
+                },
+                short(*travel),
+                short(*noise)
+            ),
             Self::NoForceCell => {
                 "there is no force cell: they cannot be told from carriage-side effects".to_owned()
             }

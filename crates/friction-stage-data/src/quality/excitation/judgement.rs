@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Excitation, RoughFit, Spread};
+use super::{Excitation, Presliding, RoughFit, Spread};
 use crate::quality::finding::{DataFinding, Severity};
 use crate::signals::Signal;
 use friction_stage_core::model::{JointType, StageModel};
@@ -177,6 +177,15 @@ pub enum Obstacle {
         /// How often it should.
         needed: usize,
     },
+    /// The encoder does not see the pre-sliding.
+    PreslidingIsNoise {
+        /// Travel in which the force turns, m.
+        travel: f64,
+        /// Whether a model declares it; measured otherwise.
+        declared: bool,
+        /// Noise of the encoder, m, counts included.
+        noise: f64,
+    },
     /// There is no force cell.
     NoForceCell,
     /// There is no command.
@@ -251,7 +260,7 @@ pub(super) fn judge(found: &Excitation, model: Option<&StageModel>) -> Vec<Judge
         (Subject::CoulombFriction, judge.both_directions().map(|()| judge.reversals())),
         (Subject::ViscousFriction, judge.speeds()),
         (Subject::StribeckCurve, judge.stribeck_curve()),
-        (Subject::BristleStiffness, judge.turns_round(2).map(|()| judge.reversals())),
+        (Subject::BristleStiffness, judge.bristle_stiffness()),
         (Subject::Asymmetry, judge.both_directions().map(|()| judge.velocities())),
         (Subject::MotorSide, judge.motor_side()),
         (Subject::OverPosition, judge.turns_round(1).map(|()| judge.stroke())),
@@ -340,6 +349,16 @@ impl<'a> Judge<'a> {
         self.fit()?;
         let count = self.found.reversals;
         if count < needed { Err(Obstacle::FewReversals { count, needed }) } else { Ok(()) }
+    }
+
+    fn bristle_stiffness(&self) -> Answer {
+        self.turns_round(2)?;
+        match self.found.presliding.filter(|presliding| !presliding.is_seen()) {
+            Some(Presliding { travel, declared, noise }) => {
+                Err(Obstacle::PreslidingIsNoise { travel, declared, noise })
+            }
+            None => Ok(self.reversals()),
+        }
     }
 
     fn several_speeds(&self) -> Result<Vec<f64>, Obstacle> {

@@ -9,10 +9,12 @@
 mod judgement;
 mod motion;
 mod noise;
+mod presliding;
 mod regression;
 mod repeats;
 mod signals;
 mod units;
+mod wraps;
 
 use std::ops::Range;
 
@@ -22,9 +24,11 @@ use super::finding::{DataFinding, Severity};
 use crate::signals::{Recording, Signal};
 use friction_stage_core::model::{JointType, StageModel};
 use friction_stage_core::numerics::correlation::correlation_length;
+use friction_stage_core::numerics::noise::white_noise;
 use friction_stage_core::numerics::steady_state::steady_from;
 
 pub use judgement::{Judgement, JudgementBasis, Obstacle, Subject};
+pub use presliding::Presliding;
 
 /// Least rows in one piece. Assumed: some fifty parameters' worth of filtered samples.
 const LEAST_ROWS: usize = 500;
@@ -134,6 +138,9 @@ pub struct Excitation {
     pub findings: Vec<DataFinding>,
     /// Speed, m/s, above which the carriage clearly moves: no noise, and no spring of the bristles.
     pub clear_speed: f64,
+    /// What the encoder sees of the pre-sliding, where anything shows how long that is.
+    #[serde(skip)]
+    pub presliding: Option<Presliding>,
     /// What can be identified and what cannot.
     #[serde(skip)]
     pub judgements: Vec<Judgement>,
@@ -237,6 +244,8 @@ struct Examiner<'a> {
     /// Rows to either side of a moment.
     half: usize,
     step: f64,
+    /// White noise of the velocity, m/s, where that was measured and the position is its integral.
+    velocity_noise: f64,
     findings: Vec<DataFinding>,
 }
 
@@ -249,6 +258,7 @@ impl<'a> Examiner<'a> {
             segments: recording.segments(),
             half,
             step: 1.0 / recording.rate,
+            velocity_noise: white_noise(&recording.velocity).unwrap_or(0.0),
             findings: Vec::new(),
         }
     }
@@ -256,7 +266,10 @@ impl<'a> Examiner<'a> {
     /// Speed, m/s, up to which the carriage may rest: five standard deviations of the velocity's
     /// noise, where the encoder's is `noise`, m.
     fn rest_speed(&self, noise: f64) -> f64 {
-        REST_SPEED.max(5.0 * noise * 0.5f64.sqrt() / (self.half as f64 * self.step))
+        let of_positions = noise * 0.5f64.sqrt() / (self.half as f64 * self.step);
+        // A measured velocity is the mean over the base.
+        let of_velocities = self.velocity_noise / (2.0 * self.half as f64).sqrt();
+        REST_SPEED.max(5.0 * of_positions.max(of_velocities))
     }
 
     /// The joint type: the model's, else that of the recording's units.
@@ -266,6 +279,15 @@ impl<'a> Examiner<'a> {
 
     fn column(&self, signal: Signal) -> &'a [f64] {
         self.recording.trace.columns()[signal as usize]
+    }
+
+    /// The signal that the motion was recorded by: the position, or a velocity of which it is the
+    /// integral.
+    fn measured(&self) -> (Signal, &'a [f64]) {
+        match self.recording.velocity.as_slice() {
+            [] => (Signal::Position, self.column(Signal::Position)),
+            velocity => (Signal::Velocity, velocity),
+        }
     }
 
     fn run(mut self) -> Excitation {
@@ -334,7 +356,11 @@ impl<'a> Examiner<'a> {
         if usable[1].1 {
             self.saturated();
         }
-        self.dead_encoder();
+        let wraps = self.wraps();
+        if !wraps {
+            self.dead_encoder();
+            self.possible_motion(&moments);
+        }
         for (signal, is_there) in [(Signal::Position, rows > 0), usable[0], usable[1]] {
             if is_there {
                 self.outliers(signal);
@@ -342,6 +368,9 @@ impl<'a> Examiner<'a> {
         }
         let [(_, cell_usable), (_, command_usable)] = usable;
         match (cell_usable, command_usable) {
+            (false, false) if self.force_is_unused() => {
+                self.findings.push(DataFinding::ForceUnused);
+            }
             (false, false) => self.findings.push(DataFinding::NoForce),
             (false, true) => self.findings.push(DataFinding::NoForceCell),
             (true, false) => self.findings.push(DataFinding::NoCommand),
@@ -376,6 +405,9 @@ impl<'a> Examiner<'a> {
             self.signs_and_units(cell_fit, command_fit);
             self.noise(encoder_noise, force_cell_noise);
         }
+        let fit = cell_fit.map(|fit| (Signal::ForceCell, fit));
+        let fit = fit.or(command_fit.map(|fit| (Signal::Force, fit)));
+        let presliding = self.presliding(fit, noise, turn);
         self.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity()));
         let rest_spread = spread(rests.clone());
         let mut excitation = Excitation {
@@ -398,6 +430,7 @@ impl<'a> Examiner<'a> {
             command_fit,
             findings: self.findings,
             clear_speed: clear_speed(rest_speed),
+            presliding,
             judgements: Vec::new(),
         };
         excitation.judgements = judgement::judge(&excitation, self.model);

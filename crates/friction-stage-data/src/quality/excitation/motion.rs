@@ -32,21 +32,40 @@ pub(super) struct Moment {
     pub evenness: f64,
 }
 
+/// Standard deviations by which an integrated velocity must come back from its farthest point to
+/// have turned round. Assumed: a walk of noise alone reaches four of them now and then.
+const WALK: f64 = 6.0;
+
 /// A position that goes to and fro.
-struct Travel {
+pub(super) struct Travel {
     direction: f64,
     /// Where it turned last, or began.
     turned: f64,
     farthest: f64,
+    /// Rows since the farthest point.
+    pub rows: usize,
+    /// Travel that is no turn: m, and per root of the rows, the walk of an integrated velocity.
+    least: f64,
+    walk: f64,
 }
 
 impl Travel {
-    fn from(start: f64) -> Self {
-        Self { direction: 0.0, turned: start, farthest: start }
+    pub fn from(start: f64, least: f64, walk: f64) -> Self {
+        Self { direction: 0.0, turned: start, farthest: start, rows: 0, least, walk }
     }
 
-    /// The next position; how far it had gone if it has turned round by `least`.
-    fn goes_to(&mut self, here: f64, least: f64) -> Option<f64> {
+    /// The next position; how far it had gone if it has turned round.
+    pub fn goes_to(&mut self, here: f64) -> Option<f64> {
+        self.rows += 1;
+        let least = self.least.max(self.walk * (self.rows as f64).sqrt());
+        let found = self.turns_at(here, least);
+        if self.farthest == here {
+            self.rows = 0;
+        }
+        found
+    }
+
+    fn turns_at(&mut self, here: f64, least: f64) -> Option<f64> {
         let moved = here - self.farthest;
         if self.direction == 0.0 {
             if moved.abs() >= least {
@@ -107,17 +126,22 @@ impl Examiner<'_> {
         }
     }
 
+    /// What an integrated velocity walks by its noise and is no turn, m per root of the rows.
+    pub(super) fn walk(&self) -> f64 {
+        WALK * self.velocity_noise * self.step
+    }
+
     /// Moments every half base, in the order of time; moments of different pieces never touch.
     pub(super) fn moments(&self, turn: f64) -> Vec<Moment> {
         let (x, w) = (self.column(Signal::Position), self.half);
         let base = w as f64 * self.step;
         let mut moments = Vec::new();
         for segment in &self.segments {
-            let mut travel = Travel::from(x[segment.start]);
+            let mut travel = Travel::from(x[segment.start], turn, self.walk());
             let mut seen = segment.start;
             for row in (segment.start + w..segment.end.saturating_sub(w)).step_by(w) {
                 x[seen..=row].iter().for_each(|here| {
-                    travel.goes_to(*here, turn);
+                    travel.goes_to(*here);
                 });
                 seen = row + 1;
                 let (before, here, after) = (x[row - w], x[row], x[row + w]);
@@ -144,9 +168,9 @@ impl Examiner<'_> {
         let x = self.column(Signal::Position);
         let (mut amplitudes, mut reversals, mut distance) = (Vec::new(), 0, 0.0);
         for segment in &self.segments {
-            let mut travel = Travel::from(x[segment.start]);
+            let mut travel = Travel::from(x[segment.start], least, self.walk());
             for &here in &x[segment.clone()] {
-                if let Some(amplitude) = travel.goes_to(here, least) {
+                if let Some(amplitude) = travel.goes_to(here) {
                     amplitudes.push(amplitude);
                     distance += amplitude;
                     reversals += 1;

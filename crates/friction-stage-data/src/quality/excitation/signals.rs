@@ -3,7 +3,7 @@
 use super::Examiner;
 use crate::quality::finding::DataFinding;
 use crate::quality::outliers::outlier_rows;
-use crate::signals::{ClockKind, Signal};
+use crate::signals::{ClockKind, Signal, SignalNote};
 
 impl Examiner<'_> {
     /// Problems that the quality of the data shows.
@@ -44,6 +44,16 @@ impl Examiner<'_> {
         if !(100.0..=1e5).contains(&self.recording.rate) {
             self.findings.push(DataFinding::OddRate { rate: self.recording.rate });
         }
+    }
+
+    /// Whether a force is recorded that could not be put in the rows, as the notes say.
+    pub(super) fn force_is_unused(&self) -> bool {
+        self.recording.quality.notes.iter().any(|note| match note {
+            SignalNote::NoTimeInCommon { signal, .. } | SignalNote::NoElement { signal, .. } => {
+                matches!(signal, Signal::Force | Signal::ForceCell)
+            }
+            _ => false,
+        })
     }
 
     /// Whether a signal never changes; said so.

@@ -1,10 +1,11 @@
 //! Signs and units, by whatever can be compared: reference and position, cell and command, force
 //! and acceleration, the declared mass and friction.
 
+use super::motion::Moment;
 use super::{Examiner, RoughFit};
 use crate::quality::finding::{DataFinding, Disagreement};
 use crate::signals::Signal;
-use friction_stage_core::model::Guide;
+use friction_stage_core::model::{Guide, JointType};
 use friction_stage_core::plant::EffectDescriptor;
 
 /// Part of what a cell is off the command before it that it must be off the one behind it for the
@@ -14,7 +15,41 @@ const SWAPPED: f64 = 0.3;
 /// lacks is no white noise.
 const SURELY: f64 = 5.0;
 
+/// What no stage does: speed, m/s, and acceleration, m/s². Linear guides with recirculating balls
+/// are rated up to 5 m/s and up to 10 m/s at the most, linear motors reach some 300 m/s². Assumed
+/// with a factor of 3 for the latter.
+const FASTEST_PRISMATIC: (f64, f64) = (10.0, 1e3);
+/// The same of a revolute joint, rad/s and rad/s²: grinding spindles reach 1e4 rad/s, which the
+/// smallest motors do in 10 ms. Assumed.
+const FASTEST_REVOLUTE: (f64, f64) = (1e4, 1e6);
+/// Part of the moments that must be beyond it. Assumed: dropouts are fewer.
+const BEYOND: f64 = 0.01;
+
 impl Examiner<'_> {
+    /// Whether the motion is one that no stage makes, for longer than dropouts explain.
+    pub(super) fn possible_motion(&mut self, moments: &[Moment]) {
+        let (fastest, sharpest) = match self.joint() {
+            JointType::Prismatic => FASTEST_PRISMATIC,
+            JointType::Revolute => FASTEST_REVOLUTE,
+        };
+        let usually_below = |of: fn(&Moment) -> f64| {
+            let mut sizes: Vec<f64> = moments.iter().map(|m| of(m).abs()).collect();
+            sizes.sort_by(f64::total_cmp);
+            let beyond = (BEYOND * sizes.len() as f64).ceil() as usize;
+            sizes.iter().rev().nth(beyond).copied().unwrap_or(0.0)
+        };
+        let speed = usually_below(|moment| moment.velocity);
+        let acceleration = usually_below(|moment| moment.acceleration);
+        if speed > fastest || acceleration > sharpest {
+            self.findings.push(DataFinding::ImpossibleMotion {
+                speed,
+                fastest,
+                acceleration,
+                sharpest,
+            });
+        }
+    }
+
     /// Signs and units, by whatever can be compared: reference and position, cell and command,
     /// force and acceleration.
     pub(super) fn signs_and_units(&mut self, cell: Option<RoughFit>, command: Option<RoughFit>) {
