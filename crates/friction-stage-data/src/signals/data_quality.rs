@@ -110,12 +110,11 @@ pub enum SignalNote {
         /// Line of the first, from 1.
         first_line: u64,
     },
-<<<<<<< HEAD
     /// A proposed mapping has marks that nobody has taken away.
     Unconfirmed {
         /// What each is about, with what there is to check.
         marks: Vec<String>,
-=======
+    },
     /// Every sample of a signal is outside the time in which the position is recorded.
     NoTimeInCommon {
         /// The signal.
@@ -146,7 +145,6 @@ pub enum SignalNote {
         place: String,
         /// Why not.
         doubt: JointDoubt,
->>>>>>> 6a5903dd4cfbef10abdb9d2d626c5afe99fe500f
     },
     /// Only a part of the recording was read.
     OnlyPart {
@@ -199,13 +197,11 @@ impl SignalNote {
             Self::NoForceConstant => "no_force_constant",
             Self::UnitOfFile { .. } => "unit_of_file",
             Self::RowsLeftOut { .. } => "rows_left_out",
-<<<<<<< HEAD
             Self::Unconfirmed { .. } => "unconfirmed",
 =======
             Self::NoTimeInCommon { .. } => "no_time_in_common",
             Self::NoElement { .. } => "no_element",
             Self::Joints { .. } => "joints_in_doubt",
->>>>>>> 6a5903dd4cfbef10abdb9d2d626c5afe99fe500f
             Self::OnlyPart { .. } => "only_part",
         }
     }

@@ -54,6 +54,9 @@ pub fn write_table(
             table.finish().map_err(failed)
         }
         #[cfg(not(feature = "parquet"))]
-        TableFormat::Parquet => Err(RowsError::Format { path: path.to_owned() }),
+        TableFormat::Parquet => {
+            let _ = about;
+            Err(RowsError::Format { path: path.to_owned() })
+        }
     }
 }
