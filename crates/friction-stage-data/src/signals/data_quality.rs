@@ -198,7 +198,6 @@ impl SignalNote {
             Self::UnitOfFile { .. } => "unit_of_file",
             Self::RowsLeftOut { .. } => "rows_left_out",
             Self::Unconfirmed { .. } => "unconfirmed",
-=======
             Self::NoTimeInCommon { .. } => "no_time_in_common",
             Self::NoElement { .. } => "no_element",
             Self::Joints { .. } => "joints_in_doubt",
