@@ -540,6 +540,8 @@ struct CsvTable {
     begins_capture: bool,
     /// Lines from a row on that begins with a word, which only the end of a capture may have.
     held: VecDeque<(u64, Vec<u8>)>,
+    /// Whether the names of the columns are among them.
+    holds_names: bool,
     /// Such lines that are followed by a row of the table.
     again: VecDeque<(u64, Vec<u8>)>,
 }
@@ -566,6 +568,7 @@ impl CsvTable {
             names_again: false,
             begins_capture: false,
             held: VecDeque::new(),
+            holds_names: false,
             again: VecDeque::new(),
         })
     }
@@ -601,7 +604,7 @@ impl CsvTable {
             self.row.split(&self.text);
             let kind = self.kind();
             // Settings between two captures belong to none.
-            if kind == RowKind::Whole && self.has_held_names() {
+            if kind == RowKind::Whole && std::mem::take(&mut self.holds_names) {
                 for (number, _) in std::mem::take(&mut self.held) {
                     self.words = self.words.or(Some(number));
                     self.leave_out(number);
@@ -614,9 +617,11 @@ impl CsvTable {
                 RowKind::Short | RowKind::Words => !self.held.is_empty(),
             };
             if !is_again && (may_be_end || !self.held.is_empty()) {
+                self.holds_names |= is_names(&self.row, &self.layout.names);
                 self.held.push_back((number, self.text.clone()));
                 if !may_be_end || self.held.len() > MOST_AT_END {
                     self.again = std::mem::take(&mut self.held);
+                    self.holds_names = false;
                 }
                 continue;
             }
@@ -687,15 +692,6 @@ impl CsvTable {
         } else {
             RowKind::Whole
         }
-    }
-
-    /// Whether the names of the columns are among the lines that are held.
-    fn has_held_names(&self) -> bool {
-        let mut row = Splitter::new(self.layout.delimiter);
-        self.held.iter().any(|(_, line)| {
-            row.split(line);
-            is_names(&row, &self.layout.names)
-        })
     }
 
     fn notes(&self) -> Vec<SignalNote> {

@@ -449,7 +449,8 @@ impl Row {
         let is_short = self.columns() < other.columns() && self.agrees(other);
         let has_word = self.columns() == other.columns()
             && self.count(true) > self.count(false)
-            && (is_under_words || !self.is_labelled(other));
+            && (is_under_words && other.kinds.first() == Some(&Some(true))
+                || !self.is_labelled(other));
         self.is_row() && (is_short || has_word)
     }
 }
@@ -779,7 +780,8 @@ impl Heading {
         };
         match is_other {
             true => 0,
-            false if filled.iter().any(has_unit) => 2,
+            // Where one is missing it is not known which.
+            false if self.cells >= columns && filled.iter().any(has_unit) => 2,
             false => 1,
         }
     }

@@ -192,6 +192,8 @@ const SECOND: i64 = 1_000_000_000;
 const DAY: i64 = 86_400 * SECOND;
 /// No recording is longer, days.
 const CENTURY: i64 = 36_525;
+/// So many minutes are written as hours, if not before: a day.
+const MINUTES: i64 = 1_440;
 
 /// A time, ns since 1970 or since midnight, and whether it has a date, or is a duration in days:
 /// then it does not begin again at midnight.
@@ -214,8 +216,9 @@ fn time(text: &str) -> Option<(i64, bool)> {
     let (clock, half) = split_half(clock);
     let (hours, minutes, seconds) = match clock.split(':').collect::<Vec<_>>().as_slice() {
         // A spreadsheet shows `00:01,5` for minutes and seconds; hours have no fraction.
-        [minutes, seconds] if seconds.contains(['.', ',']) => {
-            ("0", *minutes, nanoseconds(seconds)?)
+        [minutes, seconds] if date.or(half.map(|_| "")).is_none() && seconds.contains(['.', ',']) => {
+            let minutes = minutes.parse().ok().filter(|minutes| (0..MINUTES).contains(minutes))?;
+            return Some((minutes * 60 * SECOND + nanoseconds(seconds)?, false));
         }
         [hours, minutes] => (*hours, *minutes, 0),
         [hours, minutes, seconds] => (*hours, *minutes, nanoseconds(seconds)?),
@@ -443,6 +446,7 @@ mod tests {
             ("10:00:00:000000007", 36_000_000_000_007),
             ("00:01,5", 1_500_000_000),
             ("59:30.001", 3_570_001_000_000),
+            ("60:00.5", 3_600_500_000_000),
         ] {
             let read = Value::of(text.as_bytes(), Decimal::Point);
             assert_eq!(read, Value::Time { nanoseconds, has_date: false }, "{text}");
@@ -463,7 +467,8 @@ mod tests {
             "10:00:00:0001",
             "10:00:00.5:001",
             "1:2:x",
-            "60:00.5",
+            "1440:00.5",
+            "-5:00.5",
             "-10:00:00",
             "99999999 days 00:00:00",
         ] {
