@@ -886,8 +886,9 @@ fn labels_in_the_first_field_name_the_lines_above() {
         .collect();
     for head in [
         "format,1.0\n\npath,t,x,u\ntype,,,\nunit,s,m,N\ntrace_values\n",
-        "\"TraceName\",\"t  \",\"x \",\"u\"\n\"BlockSize\",3000,3000,3000\n\"VUnit\",\"s\",\"m \",\"N\"\n\
-         \"Rate\",1.0E+03,1.0E+03,1.0E+03\n\"HUnit\",\"s\",\"s\",\"s\"\n\"Time\",10:15:01.0,10:15:01.0,10:15:01.0\n\n",
+        "\"TraceName\",\"t  \",\"x \",\"u\"\n\"BlockSize\",3000,3000,3000\n\
+         \"VUnit\",\"s\",\"m \",\"N\"\n\"Rate\",1.0E+03,1.0E+03,1.0E+03\n\
+         \"HUnit\",\"s\",\"s\",\"s\"\n\"Time\",10:15:01.0,10:15:01.0,10:15:01.0\n\n",
         "Channel,t,x,u\nEinheit,s,m,N\nOffset,0,0,0\n",
     ] {
         let text = format!("{head}{rows}");
@@ -896,6 +897,53 @@ fn labels_in_the_first_field_name_the_lines_above() {
         let proposal = Proposal::of(&file("t.csv", &text).path).unwrap();
         let units: Vec<&str> = proposal.columns.iter().map(|c| c.unit.as_str()).collect();
         assert_eq!(units, ["", "s", "m", "N"], "{head}");
+    }
+}
+
+/// Settings in columns of their own, in the first rows, as older oscilloscopes write them.
+#[test]
+fn settings_beside_the_values_hide_no_row() {
+    for settings in [
+        &["Record Length,3000,Points", "Sample Interval,0.001,s", "Probe,1,"][..],
+        &["Source,CH1,", "Scale,0.5,V", "Offset,0,V", "Delay,0.25,s", "Date,x,"],
+    ] {
+        let rows: String = (0..ROWS)
+            .map(|k| {
+                let (t, (x, u)) = (k as f64 / RATE, values(k));
+                format!("{},{t:.3},{x:.8},{u:.6}\n", settings.get(k).unwrap_or(&",,"))
+            })
+            .collect();
+        by_numbers(&rows, [4, 5, 6]);
+    }
+}
+
+#[test]
+fn rows_with_the_other_decimal_mark_are_never_left_out() {
+    for (first, second) in [('.', ','), (',', '.')] {
+        let half = |decimal: char, from: usize| -> String {
+            let rows = rows(";", decimal, "\n");
+            rows.lines().skip(from).take(90).map(|row| format!("{row}\n")).collect()
+        };
+        // In the first column only, at the end or the begin of the table.
+        for turned in [0..40, 140..180] {
+            let turned: String = rows(";", second, "\n")
+                .lines()
+                .zip(rows(";", first, "\n").lines())
+                .take(180)
+                .enumerate()
+                .map(|(k, (row, other))| {
+                    let time = if turned.contains(&k) { other } else { row };
+                    let (time, _) = time.split_once(';').unwrap();
+                    format!("{time};{}\n", row.split_once(';').unwrap().1)
+                })
+                .collect();
+            let told = error(format!("t;x;u\n{turned}"), MAPPING);
+            assert!(told.contains("decimal"), "{told}");
+        }
+        let text = format!("t;x [m];u [N]\n{}{}", half(first, 0), half(second, 90));
+        let mapping = MAPPING.replace("column: x", "column: 2").replace("column: u", "column: 3");
+        let told = error(&text, &mapping);
+        assert!(told.contains("decimal") || told.contains("words"), "{told}");
     }
 }
 

@@ -687,7 +687,10 @@ impl CsvTable {
             RowKind::Words
         } else if self.row.len() < self.layout.columns {
             RowKind::Short
-        } else if self.layout.begins_with_value && values().next() == Some(Value::Text) {
+        } else if self.layout.begins_with_value
+            && values().next() == Some(Value::Text)
+            && !Value::of(self.field(0), self.layout.decimal.other()).is_value()
+        {
             RowKind::Labelled
         } else {
             RowKind::Whole
@@ -715,10 +718,7 @@ impl CsvTable {
 
     fn not_a_number(&self, column: usize) -> SignalError {
         let field = name(self.field(column));
-        let other = match self.layout.decimal {
-            Decimal::Comma => Decimal::Point,
-            Decimal::Point => Decimal::Comma,
-        };
+        let other = self.layout.decimal.other();
         let why = match (Value::of(self.field(column), other), self.layout.decimal) {
             (Value::Number { .. }, Decimal::Comma) => {
                 " with a decimal comma, as the others or the mapping have it"

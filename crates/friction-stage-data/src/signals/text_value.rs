@@ -16,6 +16,16 @@ pub enum Decimal {
     Comma,
 }
 
+impl Decimal {
+    /// The one that it is not.
+    pub(super) fn other(self) -> Decimal {
+        match self {
+            Decimal::Point => Decimal::Comma,
+            Decimal::Comma => Decimal::Point,
+        }
+    }
+}
+
 /// What a field says.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Value {
@@ -216,7 +226,9 @@ fn time(text: &str) -> Option<(i64, bool)> {
     let (clock, half) = split_half(clock);
     let (hours, minutes, seconds) = match clock.split(':').collect::<Vec<_>>().as_slice() {
         // A spreadsheet shows `00:01,5` for minutes and seconds; hours have no fraction.
-        [minutes, seconds] if date.or(half.map(|_| "")).is_none() && seconds.contains(['.', ',']) => {
+        [minutes, seconds]
+            if date.or(half.map(|_| "")).is_none() && seconds.contains(['.', ',']) =>
+        {
             let minutes = minutes.parse().ok().filter(|minutes| (0..MINUTES).contains(minutes))?;
             return Some((minutes * 60 * SECOND + nanoseconds(seconds)?, false));
         }
