@@ -226,9 +226,7 @@ fn time(text: &str) -> Option<(i64, bool)> {
     let (clock, half) = split_half(clock);
     let (hours, minutes, seconds) = match clock.split(':').collect::<Vec<_>>().as_slice() {
         // A spreadsheet shows `00:01,5` for minutes and seconds; hours have no fraction.
-        [minutes, seconds]
-            if date.or(half.map(|_| "")).is_none() && seconds.contains(['.', ',']) =>
-        {
+        [minutes, seconds] if date.is_none() && half.is_none() && seconds.contains(['.', ',']) => {
             let minutes = minutes.parse().ok().filter(|minutes| (0..MINUTES).contains(minutes))?;
             return Some((minutes * 60 * SECOND + nanoseconds(seconds)?, false));
         }
@@ -480,6 +478,7 @@ mod tests {
             "10:00:00.5:001",
             "1:2:x",
             "1440:00.5",
+            "12:30.5 PM",
             "-5:00.5",
             "-10:00:00",
             "99999999 days 00:00:00",
