@@ -956,3 +956,358 @@ fn a_column_of_captures_and_a_time_that_goes_back_are_to_be_checked() {
     assert!(check_of(&proposal, "time").contains("several axes"), "{proposal:#?}");
     assert!(check_of(&proposal, "table").contains("`Achse`"), "{proposal:#?}");
 }
+
+/// Position and force of a table that is read by the numbers of its columns: time, position, force.
+fn by_numbers(text: &str, columns: [usize; 3]) -> Recording {
+    let [t, x, u] = columns;
+    let mapping = format!(
+        "signals: {{time: {{column: {t}}}, position: {{column: {x}}}, force: {{column: {u}}}}}"
+    );
+    assert_read("t.txt", text, &mapping, ROWS)
+}
+
+#[test]
+fn names_of_rows_have_no_name_themselves() {
+    let table = |delimiter: &str, decimal: char, label: &dyn Fn(usize) -> String| -> String {
+        let rows = rows(delimiter, decimal, "\n");
+        rows.lines().enumerate().map(|(k, row)| label(k) + delimiter + row + "\n").collect()
+    };
+    let labels: [&dyn Fn(usize) -> String; 4] =
+        [&|k| format!("\"{}\"", k + 1), &|k| (k + 1).to_string(), &|k| k.to_string(), &|k| {
+            format!("\"row {k}\"")
+        }];
+    for label in labels {
+        for (delimiter, decimal) in [(" ", '.'), (",", '.'), (";", ','), ("\t", '.')] {
+            for names in [["t", "x", "u"], ["\"t\"", "\"x\"", "\"u\""]] {
+                let text = names.join(delimiter) + "\n" + &table(delimiter, decimal, label);
+                assert_read("t.txt", text, MAPPING, ROWS);
+            }
+        }
+    }
+    // A unit of time is that of a column that rises.
+    let head = "t_ms,x,u\n";
+    let row = |k: usize| format!("{},{:.8},{:.6},9\n", k, values(k).0, values(k).1);
+    let milliseconds = format!("{head}{}", (0..ROWS).map(row).collect::<String>());
+    // Nothing says which column has no name.
+    let last = format!("t,x,u\n{}", rows(",", '.', ",7\n"));
+    for (text, named) in [(&milliseconds, "t_ms"), (&last, "t")] {
+        let told = error(text, &MAPPING.replace("{column: t}", &format!("{{column: {named}}}")));
+        assert!(told.contains("line 1 has 3 names for 4 columns"), "{told}");
+        assert!(told.contains("by number"), "{told}");
+        let proposal = Proposal::of(&file("t.csv", text).path).unwrap();
+        assert!(proposal.columns.iter().all(|column| column.name.is_empty()), "{proposal:?}");
+    }
+    by_numbers(&last, [1, 2, 3]);
+}
+
+#[test]
+fn names_are_those_with_units_or_the_nearest_that_say_no_other_thing() {
+    let with = |head: &str, delimiter: &str, decimal: char| -> Vec<(String, String)> {
+        let text = format!("{head}{}", rows(delimiter, decimal, "\n"));
+        let proposal = Proposal::of(&file("t.txt", text).path).unwrap();
+        assert_eq!(proposal.columns.len(), 3, "{head}");
+        proposal.columns.into_iter().map(|column| (column.name, column.unit)).collect()
+    };
+    let named = |names: [&str; 3], units: [&str; 3]| -> Vec<(String, String)> {
+        names.into_iter().zip(units).map(|(n, u)| (n.to_owned(), u.to_owned())).collect()
+    };
+    // Lines of each channel's settings between the names and the values.
+    let head = "Rig 3\n\nt [s]\tx [m]\tu [N]\nSensor A\tSensor B\tSensor C\n\
+                Rate = 1 Hz\tRate = 1 Hz\tRate = 1 Hz\n";
+    let units = ["s", "m", "N"];
+    assert_eq!(with(head, "\t", ','), named(["t [s]", "x [m]", "u [N]"], units));
+    let head = "t (s);x (m);u (N)\nCal: 1;Cal: 2;Cal: 3\nslot 1;slot 2;slot 3\n";
+    assert_eq!(with(head, ";", '.'), named(["t (s)", "x (m)", "u (N)"], units));
+    // Lines of attributes, as Simulink writes them, and of types.
+    let head = "t,x,u\n,Unit: m,Unit: N\n,Interp: linear,Interp: zoh\n";
+    assert_eq!(with(head, ",", '.'), named(["t", "x", "u"], ["", "m", "N"]));
+    for types in ["float;float;int32", "REAL;LREAL;BOOL", "double;double;double"] {
+        let head = format!("t;x;u\ns;m;N\n{types}\n");
+        assert_eq!(with(&head, ";", '.'), named(["t", "x", "u"], units), "{types}");
+        let head = format!("t;x;u\n{types}\n");
+        assert_eq!(with(&head, ";", '.'), named(["t", "x", "u"], [""; 3]), "{types}");
+    }
+    // Settings with names and units of their own above the names.
+    let head = "Range [m],Load [N],Speed [m/s]\n1,2,3\nt,x,u\n";
+    assert_eq!(with(head, ",", '.'), named(["t", "x", "u"], [""; 3]));
+}
+
+#[test]
+fn empty_fields_at_the_end_are_no_columns() {
+    for (names, end) in [("t,x,u", ",,,\n"), ("t,x,u,,,", ",,,\n"), ("t,x,u,,", "\n")] {
+        let text = format!("Rig,3,,,\n{names}\n{}", rows(",", '.', end));
+        assert_read("t.csv", &text, MAPPING, ROWS);
+        let proposal = Proposal::of(&file("t.csv", &text).path).unwrap();
+        assert_eq!(proposal.columns.len(), 3, "{names}");
+    }
+    // A column that has its first value later is one.
+    let late: String = (0..ROWS)
+        .map(|k| {
+            let other = if k < ROWS - 20 { "," } else { "1.5,2.5" };
+            format!("{:.3},{:.8},{:.6},{other}\n", k as f64 / RATE, values(k).0, values(k).1)
+        })
+        .collect();
+    assert_read("t.csv", format!("t,x,u,a,b\n{late}"), MAPPING, ROWS);
+}
+
+#[test]
+fn labels_in_the_first_field_name_the_lines_above() {
+    let rows: String = (0..ROWS)
+        .map(|k| format!(",{:.3},{:.8},{:.6}\n", k as f64 / RATE, values(k).0, values(k).1))
+        .collect();
+    for head in [
+        "format,1.0\n\npath,t,x,u\ntype,,,\nunit,s,m,N\ntrace_values\n",
+        "\"TraceName\",\"t  \",\"x \",\"u\"\n\"BlockSize\",3000,3000,3000\n\
+         \"VUnit\",\"s\",\"m \",\"N\"\n\"Rate\",1.0E+03,1.0E+03,1.0E+03\n\
+         \"HUnit\",\"s\",\"s\",\"s\"\n\"Time\",10:15:01.0,10:15:01.0,10:15:01.0\n\n",
+        "Channel,t,x,u\nEinheit,s,m,N\nOffset,0,0,0\n",
+    ] {
+        let text = format!("{head}{rows}");
+        let recording = assert_read("t.csv", &text, MAPPING, ROWS);
+        assert_eq!(recording.quality.notes, [], "{head}");
+        let proposal = Proposal::of(&file("t.csv", &text).path).unwrap();
+        let units: Vec<&str> = proposal.columns.iter().map(|c| c.unit.as_str()).collect();
+        assert_eq!(units, ["", "s", "m", "N"], "{head}");
+    }
+}
+
+/// Settings in columns of their own, in the first rows, as older oscilloscopes write them.
+#[test]
+fn settings_beside_the_values_hide_no_row() {
+    for settings in [
+        &["Record Length,3000,Points", "Sample Interval,0.001,s", "Probe,1,"][..],
+        &["Source,CH1,", "Scale,0.5,V", "Offset,0,V", "Delay,0.25,s", "Date,x,"],
+    ] {
+        let rows: String = (0..ROWS)
+            .map(|k| {
+                let (t, (x, u)) = (k as f64 / RATE, values(k));
+                format!("{},{t:.3},{x:.8},{u:.6}\n", settings.get(k).unwrap_or(&",,"))
+            })
+            .collect();
+        by_numbers(&rows, [4, 5, 6]);
+    }
+}
+
+#[test]
+fn rows_with_the_other_decimal_mark_are_never_left_out() {
+    for (first, second) in [('.', ','), (',', '.')] {
+        let half = |decimal: char, from: usize| -> String {
+            let rows = rows(";", decimal, "\n");
+            rows.lines().skip(from).take(90).map(|row| format!("{row}\n")).collect()
+        };
+        // In the first column only, at the end or the begin of the table.
+        for turned in [0..40, 140..180] {
+            let turned: String = rows(";", second, "\n")
+                .lines()
+                .zip(rows(";", first, "\n").lines())
+                .take(180)
+                .enumerate()
+                .map(|(k, (row, other))| {
+                    let time = if turned.contains(&k) { other } else { row };
+                    let (time, _) = time.split_once(';').unwrap();
+                    format!("{time};{}\n", row.split_once(';').unwrap().1)
+                })
+                .collect();
+            let told = error(format!("t;x;u\n{turned}"), MAPPING);
+            assert!(told.contains("decimal"), "{told}");
+        }
+        let text = format!("t;x [m];u [N]\n{}{}", half(first, 0), half(second, 90));
+        let mapping = MAPPING.replace("column: x", "column: 2").replace("column: u", "column: 3");
+        let told = error(&text, &mapping);
+        assert!(told.contains("decimal") || told.contains("words"), "{told}");
+    }
+}
+
+#[test]
+fn every_channel_may_have_a_column_of_times() {
+    for (delimiter, decimal) in [("\t", ','), (";", '.')] {
+        let line = |key: &str, of: [&str; 2]| [key, of[0], key, of[1]].join(delimiter) + "\n";
+        let head = [
+            line("Name", ["X", "F"]),
+            line("SymbolName", ["x", "u"]),
+            line("Unit", ["m", "N"]),
+            line("Offset", ["0", "0"]),
+            line("ScaleFactor", ["1", "1"]),
+            "\n".to_owned(),
+        ]
+        .concat();
+        let rows: String = (0..ROWS)
+            .map(|k| {
+                let (t, (x, u)) = (k as f64 / RATE, values(k));
+                [format!("{t:.3}"), format!("{x:.8}"), format!("{t:.3}"), format!("{u:.6}")]
+                    .join(delimiter)
+                    .replace('.', &decimal.to_string())
+                    + "\n"
+            })
+            .collect();
+        let mapping = MAPPING.replace("{column: t}", "{column: 1}");
+        let recording = assert_read("t.txt", format!("{head}{rows}"), &mapping, ROWS);
+        assert_eq!(recording.quality.notes, []);
+    }
+}
+
+#[test]
+fn names_may_have_a_line_each() {
+    let two: String =
+        (0..ROWS).map(|k| format!("{:.8} {:.6}\n", values(k).0, values(k).1)).collect();
+    for head in [
+        "# DIM = 2\n# NAME0 = carriage in m\n# NAME1 = drive in N\n# END_HEADER\n",
+        "% column 1: carriage in m\n% column 2: drive in N\n",
+    ] {
+        let mapping = "rate: 1000\nsignals: {position: {column: carriage in m}, \
+                       force: {column: drive in N}}";
+        let recording = assert_read("t.dat", format!("{head}{two}"), mapping, ROWS);
+        assert_eq!(recording.quality.notes, []);
+    }
+}
+
+#[test]
+fn a_decimal_comma_is_likely_where_a_semicolon_separates() {
+    let table = |delimiter: &str, of: &dyn Fn(usize) -> String| -> Proposal {
+        let rows: String = (0..ROWS).map(|k| format!("{k}{delimiter}{}\n", of(k))).collect();
+        let text = format!("t{delimiter}x\n{rows}");
+        Proposal::of(&file("t.csv", text).path).unwrap()
+    };
+    let grouped = |k: usize, mark: char| match 7 * k {
+        small @ ..1000 => small.to_string(),
+        large => format!("{}{mark}{:03}", large / 1000, large % 1000),
+    };
+    for delimiter in [";", "\t"] {
+        let proposal = table(delimiter, &|k| format!("{},{k:03}", 10 + k % 3));
+        assert!(proposal.decimal_comma && proposal.either_decimal, "{delimiter}");
+        let proposal = table(delimiter, &|k| format!("{}.{k:03}", 10 + k % 3));
+        assert!(!proposal.decimal_comma && proposal.either_decimal, "{delimiter}");
+        // Only numbers of four digits have the mark.
+        for mark in [',', '.'] {
+            let proposal = table(delimiter, &|k| grouped(k, mark));
+            assert_eq!(proposal.decimal_comma, mark == '.', "{delimiter} {mark}");
+            assert!(proposal.either_decimal, "{delimiter} {mark}");
+            assert_eq!(proposal.columns[1].largest, Some(7.0 * 199.0), "{delimiter} {mark}");
+        }
+    }
+}
+
+#[test]
+fn a_word_may_be_said_to_stand_for_no_value() {
+    let rows = rows(";", '.', "\n");
+    for word in ["OverRange", "+OVLD", "Sensor error"] {
+        let text = format!("t;x;u\n{rows}").replacen(&format!("{:.6}", values(50).1), word, 1);
+        let told = error(&text, MAPPING);
+        assert!(told.contains("line 52:"), "{told}");
+        assert!(told.contains(&format!("{word:?} in column 3 (u)")), "{told}");
+        assert!(told.contains(&format!("csv: {{missing: [{word:?}]}}")), "{told}");
+        let said = format!("csv: {{missing: [x-x, {word:?}]}}\n{MAPPING}");
+        let recording = read("t.csv", &text, &said).unwrap();
+        let force = recording.quality.signal(Signal::Force).unwrap();
+        assert_eq!((force.samples, force.not_finite), (ROWS as u64, 1));
+        // In the first row, too.
+        let text = format!("t;x;u\n{rows}").replacen(&format!("{:.6}", values(0).1), word, 1);
+        assert_eq!(read("t.csv", &text, &said).unwrap().trace.len(), ROWS);
+    }
+    // What programs write for no number needs no word.
+    for word in ["1.#QNAN", "nan(ind)", "#WERT!", "<NA>", "?", "\u{221e}"] {
+        let text = format!("t;x;u\n{rows}").replacen(&format!("{:.6}", values(50).1), word, 1);
+        let recording = read("t.csv", &text, MAPPING).unwrap();
+        let force = recording.quality.signal(Signal::Force).unwrap();
+        assert_eq!((force.samples, force.not_finite), (ROWS as u64, 1), "{word}");
+    }
+}
+
+#[test]
+fn times_of_day_with_a_third_colon_and_durations_are_read() {
+    let times: [&dyn Fn(usize) -> String; 5] = [
+        &|k| format!("10:00:00:{k:03}"),
+        &|k| format!("23:59:59:{:06}", 1000 * k),
+        &|k| format!("00:0{},{:03}", k / 1000, k % 1000),
+        &|k| format!("59:12.{:04}", 10 * k),
+        &|k| format!("{} days 00:00:00.{k:03}000", 3),
+    ];
+    for time in times {
+        let row = |k: usize| format!("{};{:.8};{:.6}\n", time(k), values(k).0, values(k).1);
+        let text = format!("t;x;u\n{}", (0..ROWS).map(row).collect::<String>());
+        assert_read("t.csv", text, MAPPING, ROWS);
+    }
+}
+
+#[test]
+fn rows_that_begin_with_a_word_end_a_table() {
+    let rows = rows(",", '.', "\n");
+    for (footer, count) in [
+        ("\nMin,-3.32,-20.4\nMax,50.0,19.2\nMean,20.1,0.01\n", 3),
+        ("Statistics\nsum,1,2\n", 2),
+        ("average,1.5,2.5\nwritten by,a logger,x\n7\n", 3),
+    ] {
+        let recording = assert_read("t.csv", format!("t,x,u\n{rows}{footer}"), MAPPING, ROWS);
+        let notes = &recording.quality.notes;
+        assert!(
+            matches!(notes.as_slice(), [SignalNote::RowsLeftOut { rows, .. }] if *rows == count),
+            "{footer}: {notes:?}"
+        );
+    }
+    // Where rows follow it is an error as anywhere.
+    let told = error(format!("t,x,u\n{rows}Min,-3.32,-20.4\n9.0,1.0,2.0\n"), MAPPING);
+    assert!(told.contains("line 202: \"Min\" in column 1 (t)"), "{told}");
+    // A column of words that nobody reads may be the first.
+    let marked: String = rows
+        .lines()
+        .enumerate()
+        .map(|(k, row)| format!("{},{row}\n", if k % 50 == 7 { "mark" } else { "0" }))
+        .collect();
+    assert_read("t.csv", format!("event,t,x,u\n{marked}"), MAPPING, ROWS);
+    // Settings between captures belong to none of them.
+    let block =
+        |x: f64| format!("Channels,2\nSamples,40,40\nUnit,m,N\nt,x,u\n{}", capture(40, x, 0.0));
+    let text = format!("{}\n{}", block(0.0), block(0.2));
+    assert_eq!(captures("b.csv", &text).unwrap(), [(40, 0.0), (40, 0.2)]);
+    assert!(error(&text, MAPPING).contains("--split"));
+}
+
+#[test]
+fn a_few_rows_with_names_of_their_own_are_settings() {
+    let rows = rows(",", '.', "\n");
+    for settings in [
+        "Start,Speed,Limit\n10,100,50\n",
+        "Channel,Slope,Offset\n1,0.5,0\n2,1.5,0.1\n3,1,0\n\n",
+        "Kp,Ki,Kd\n1.0,2.0,3.0\n\nLow,High,Rate\n5,6,7\n\n",
+        "Rig,4\nGain,1.5,2.5,3.5\n1,2,3\nCalibration,0.1\n\n\n",
+    ] {
+        assert_read("t.csv", format!("{settings}t,x,u\n{rows}"), MAPPING, ROWS);
+    }
+    // Rows that may go on, or as many as a recording has, are another capture.
+    let many: String = (0..30).map(|k| format!("{k},1,2\n")).collect();
+    for text in
+        [format!("a,b,c\n-2,1,2\n-1,1,2\nt,x,u\n{rows}"), format!("a,b,c\n{many}t,x,u\n{rows}")]
+    {
+        let by_number = "signals: {time: {column: 1}, position: {column: 2}, force: {column: 3}}";
+        let told = error(&text, by_number);
+        assert!(told.contains("names_in_line: ") && told.contains("data_from_line: "), "{told}");
+    }
+}
+
+#[test]
+fn a_file_that_is_no_text_is_told_by_what_it_is() {
+    let zeros: Vec<u8> = (0..2000_u32).flat_map(|k| (0.1 * f64::from(k)).to_le_bytes()).collect();
+    let begins: [(&[u8], &str); 9] = [
+        (b"PK\x03\x04\x14\0", "save the sheet as CSV"),
+        (b"\x1f\x8b\x08\0", "gzip"),
+        (b"TDSm\x0e\0\0\0", "TDMS"),
+        (b"MDF     4.10", "MDF"),
+        (b"\x89HDF\r\n\x1a\n", "HDF5"),
+        (b"SQLite format 3\0", "SQLite"),
+        (b"%PDF-1.7\n", "PDF"),
+        (b"\x93NUMPY\x01\0", ".npy"),
+        (b"\x7fELF", "not a text file"),
+    ];
+    for (begin, what) in begins {
+        let bytes = [begin, &zeros].concat();
+        let told = error(&bytes, MAPPING);
+        assert!(told.contains(what) && told.contains("table.csv"), "{what}: {told}");
+        // A bag may be an SQLite database.
+        let told = Proposal::of(&file("a.dat", &bytes).path).unwrap_err().to_string();
+        assert!(told.contains(what) || told.contains("a recording already"), "{what}: {told}");
+    }
+    // What fills up a block at the end, or a field of settings, is no binary file.
+    let rows = rows(",", '.', "\n");
+    let filled = [format!("Rig\0\0\0\0\nt,x,u\n{rows}").as_bytes(), &[0; 4096]].concat();
+    assert_read("t.csv", filled, MAPPING, ROWS);
+}

@@ -1,5 +1,6 @@
 //! The raw samples of signals in a table, read row by row: a CSV file, or a file of arrays.
 
+use std::collections::VecDeque;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -23,6 +24,9 @@ const LATE_ROWS: i64 = 50;
 /// the signals were sampled at times of their own, and a row is a sample of some of them. Assumed:
 /// no logger loses a third of its samples.
 const MOST_BLANK: f64 = 1.0 / 3.0;
+/// A file ends with no more rows of another kind, as the least and the largest of each column.
+/// Assumed; they are kept until it is known that no row of the table follows.
+const MOST_AT_END: usize = 64;
 const HALF_A_DAY: i64 = 43_200_000_000_000;
 
 /// What a file looks like.
@@ -496,14 +500,32 @@ impl RowOrder {
     }
 }
 
+/// Whether a line is the names of the columns once more.
+fn is_names(row: &Splitter, names: &[String]) -> bool {
+    !names.is_empty() && row.fields().map(name).eq(names.iter().cloned())
+}
+
+/// What a line under the names is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum RowKind {
+    Whole,
+    /// It has values, but begins with a word where other rows have a value.
+    Labelled,
+    /// It has fewer fields than there are columns.
+    Short,
+    /// It has words and no values.
+    Words,
+}
+
 /// A CSV file, read row by row.
 struct CsvTable {
     path: PathBuf,
     layout: TextLayout,
     lines: Lines<Box<dyn Read>>,
     row: Splitter,
-    /// Line of the row.
+    /// Line of the row, and its text.
     line: u64,
+    text: Vec<u8>,
     /// Rows that are none of the table, and the line of the first.
     left_out: (u64, u64),
     notes: Vec<SignalNote>,
@@ -516,6 +538,12 @@ struct CsvTable {
     names_again: bool,
     /// Whether the row is the first one after such lines.
     begins_capture: bool,
+    /// Lines from a row on that begins with a word, which only the end of a capture may have.
+    held: VecDeque<(u64, Vec<u8>)>,
+    /// Whether the names of the columns are among them.
+    holds_names: bool,
+    /// Such lines that are followed by a row of the table.
+    again: VecDeque<(u64, Vec<u8>)>,
 }
 
 impl CsvTable {
@@ -531,6 +559,7 @@ impl CsvTable {
             lines: layout.rows(path).map_err(|e| BagError::reading(path, e))?,
             row: Splitter::new(layout.delimiter),
             line: layout.data_line - 1,
+            text: Vec::new(),
             left_out: (0, 0),
             notes: Vec::new(),
             joint,
@@ -538,6 +567,9 @@ impl CsvTable {
             words: None,
             names_again: false,
             begins_capture: false,
+            held: VecDeque::new(),
+            holds_names: false,
+            again: VecDeque::new(),
         })
     }
 
@@ -557,27 +589,47 @@ impl CsvTable {
 
     /// Goes to the next row; false at the end.
     ///
-    /// A row that is cut off, and lines of words at the end, are left out and counted.
+    /// A row that is cut off, lines of words at the end, and rows that begin with a word there are
+    /// left out and counted.
     fn next(&mut self) -> Result<bool, SignalError> {
-        while let Some((number, line)) =
-            self.lines.next().map_err(|error| BagError::reading(&self.path, error))?
-        {
-            let is_comment = self.layout.comment.is_some_and(|mark| line.first() == Some(&mark));
-            if is_comment || line.trim_ascii().is_empty() {
+        loop {
+            let is_again = !self.again.is_empty();
+            let Some(number) = self.next_line()? else {
+                for (number, _) in std::mem::take(&mut self.held) {
+                    self.leave_out(number);
+                }
+                return Ok(false);
+            };
+            self.line = number;
+            self.row.split(&self.text);
+            let kind = self.kind();
+            // Settings between two captures belong to none.
+            if kind == RowKind::Whole && std::mem::take(&mut self.holds_names) {
+                for (number, _) in std::mem::take(&mut self.held) {
+                    self.words = self.words.or(Some(number));
+                    self.leave_out(number);
+                }
+                self.names_again = true;
+            }
+            let may_be_end = match kind {
+                RowKind::Whole => false,
+                RowKind::Labelled => true,
+                RowKind::Short | RowKind::Words => !self.held.is_empty(),
+            };
+            if !is_again && (may_be_end || !self.held.is_empty()) {
+                self.holds_names |= is_names(&self.row, &self.layout.names);
+                self.held.push_back((number, self.text.clone()));
+                if !may_be_end || self.held.len() > MOST_AT_END {
+                    self.again = std::mem::take(&mut self.held);
+                    self.holds_names = false;
+                }
                 continue;
             }
-            self.line = number;
-            self.row.split(line);
-            let values = || self.row.fields().map(|field| Value::of(field, self.layout.decimal));
-            let is_of_words = !values().any(|value| value.is_value())
-                && values().any(|value| matches!(value, Value::Text));
-            if is_of_words {
+            if kind == RowKind::Words {
                 self.words = self.words.or(Some(number));
-                let names = &self.layout.names;
-                self.names_again |=
-                    !names.is_empty() && self.row.fields().map(name).eq(names.iter().cloned());
+                self.names_again |= is_names(&self.row, &self.layout.names);
             }
-            if is_of_words || self.row.len() < self.layout.columns {
+            if matches!(kind, RowKind::Words | RowKind::Short) {
                 self.leave_out(number);
                 continue;
             }
@@ -589,18 +641,60 @@ impl CsvTable {
                     path: self.path.clone(),
                     line: words,
                     reason: format!(
-                        "words, and values again in line {number}: another capture or table; {}",
+                        "words, and values again in line {number}: another capture or table; {}; \
+                         of settings above the table say `csv: {{names_in_line: {}, \
+                         data_from_line: {number}}}` in the mapping",
                         if self.names_again {
                             "`friction-stage import` with --split makes a bag of each"
                         } else {
                             "split the file"
-                        }
+                        },
+                        number.saturating_sub(1)
                     ),
                 });
             }
             return Ok(true);
         }
-        Ok(false)
+    }
+
+    /// Takes the next line that is no comment and not empty; its number.
+    fn next_line(&mut self) -> Result<Option<u64>, SignalError> {
+        if let Some((number, text)) = self.again.pop_front() {
+            self.text = text;
+            return Ok(Some(number));
+        }
+        while let Some((number, line)) =
+            self.lines.next().map_err(|error| BagError::reading(&self.path, error))?
+        {
+            let is_comment = self.layout.comment.is_some_and(|mark| line.first() == Some(&mark));
+            if !is_comment && !line.trim_ascii().is_empty() {
+                self.text.clear();
+                self.text.extend(line);
+                return Ok(Some(number));
+            }
+        }
+        Ok(None)
+    }
+
+    fn kind(&self) -> RowKind {
+        let values = || self.row.fields().map(|field| self.layout.value(field));
+        let mut has_words = false;
+        let is_words = !values().any(|value| {
+            has_words |= matches!(value, Value::Text);
+            value.is_value()
+        });
+        if is_words && has_words {
+            RowKind::Words
+        } else if self.row.len() < self.layout.columns {
+            RowKind::Short
+        } else if self.layout.begins_with_value
+            && values().next() == Some(Value::Text)
+            && !Value::of(self.field(0), self.layout.decimal.other()).is_value()
+        {
+            RowKind::Labelled
+        } else {
+            RowKind::Whole
+        }
     }
 
     fn notes(&self) -> Vec<SignalNote> {
@@ -624,10 +718,7 @@ impl CsvTable {
 
     fn not_a_number(&self, column: usize) -> SignalError {
         let field = name(self.field(column));
-        let other = match self.layout.decimal {
-            Decimal::Comma => Decimal::Point,
-            Decimal::Point => Decimal::Comma,
-        };
+        let other = self.layout.decimal.other();
         let why = match (Value::of(self.field(column), other), self.layout.decimal) {
             (Value::Number { .. }, Decimal::Comma) => {
                 " with a decimal comma, as the others or the mapping have it"
@@ -635,6 +726,11 @@ impl CsvTable {
             (Value::Number { .. }, Decimal::Point) => {
                 " with a decimal point, as the others or the mapping have it"
             }
+            _ if self.layout.value(self.field(column)) == Value::Text => &*format!(
+                "; if it stands for a value that is missing, say `csv: {{missing: [{}]}}` in the \
+                 mapping",
+                serde_json::Value::from(field.as_str())
+            ),
             _ => "",
         };
         let called = self.layout.names.get(column).map_or("", String::as_str);
@@ -642,13 +738,13 @@ impl CsvTable {
     }
 
     fn is_time_of_day(&self, column: usize) -> bool {
-        let value = Value::of(self.field(column), self.layout.decimal);
+        let value = self.layout.value(self.field(column));
         matches!(value, Value::Time { has_date: false, .. })
     }
 
     /// The number in a column of this row; NaN where there is none.
     fn number(&self, column: usize) -> Result<f64, SignalError> {
-        match Value::of(self.field(column), self.layout.decimal) {
+        match self.layout.value(self.field(column)) {
             Value::Number { value, .. } => Ok(value),
             Value::Missing => Ok(f64::NAN),
             Value::Time { .. } | Value::Text => Err(self.not_a_number(column)),
@@ -657,8 +753,7 @@ impl CsvTable {
 
     /// The time in a column of this row, ns; exact for whole nanoseconds, dates and times of day.
     fn stamp(&self, column: usize, source: &SignalSource) -> Result<i64, SignalError> {
-        if let Value::Time { nanoseconds, .. } = Value::of(self.field(column), self.layout.decimal)
-        {
+        if let Value::Time { nanoseconds, .. } = self.layout.value(self.field(column)) {
             return Ok(nanoseconds);
         }
         if source.unit == Some(1e-9)
@@ -701,6 +796,13 @@ fn column(path: &Path, layout: &TextLayout, place: &Column) -> Result<usize, Sig
         return Err(missing(format!(
             "no rows of numbers were found with {} between columns",
             layout.delimiter
+        )));
+    }
+    if let (Column::Name(_), Some((line, count))) = (place, layout.unplaced) {
+        return Err(missing(format!(
+            "line {line} has {count} names for {} columns, and which column has none is not known: \
+             give the columns by number",
+            layout.columns
         )));
     }
     match place {

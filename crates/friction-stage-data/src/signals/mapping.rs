@@ -217,6 +217,8 @@ pub struct CsvLayout {
     pub names_line: Option<u64>,
     /// First line of values, from 1.
     pub data_line: Option<u64>,
+    /// Words that stand for a value that is missing, besides those that are known.
+    pub missing: Vec<String>,
 }
 
 /// Which topic and field, or column, is which signal.

@@ -51,6 +51,8 @@ struct CsvFile {
     decimal_comma: Option<bool>,
     names_in_line: Option<u64>,
     data_from_line: Option<u64>,
+    #[serde(default)]
+    missing: Vec<String>,
 }
 
 #[derive(Deserialize)]
@@ -275,6 +277,7 @@ impl CsvFile {
             decimal_comma: self.decimal_comma,
             names_line: self.names_in_line,
             data_line: self.data_from_line,
+            missing: self.missing.iter().map(|word| word.trim().to_owned()).collect(),
         };
         for (key, line) in
             [("names_in_line", layout.names_line), ("data_from_line", layout.data_line)]

@@ -21,6 +21,7 @@ mod proposal;
 mod recording;
 mod resample;
 mod source;
+mod text_headings;
 mod text_layout;
 mod text_lines;
 mod text_value;

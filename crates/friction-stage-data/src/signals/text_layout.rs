@@ -16,9 +16,10 @@ use encoding_rs::{Encoding, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use encoding_rs_io::DecodeReaderBytesBuilder;
 
 use super::mapping::{CsvLayout, Delimiter};
+use super::text_headings::{Found, Heading, Headings, unit_behind};
 use super::text_lines::{Lines, Splitter};
 use super::text_value::{Decimal, Value};
-use super::unit::Unit;
+use super::unit::{Dimension, Unit};
 use friction_stage_core::text_file;
 
 /// So much of a file is looked at, bytes.
@@ -51,6 +52,12 @@ pub struct TextLayout {
     pub units: Vec<String>,
     /// Columns of a row.
     pub columns: usize,
+    /// Line and number of names of which it is not known to which columns they belong.
+    pub unplaced: Option<(u64, usize)>,
+    /// Words that stand for a missing value, besides those that are known.
+    pub missing: Vec<String>,
+    /// Whether rows begin with a value: a row that begins with a word is another one.
+    pub begins_with_value: bool,
 }
 
 /// The text of a file, as UTF-8 where it is UTF-16, without a byte order mark. Other bytes stay:
@@ -67,6 +74,9 @@ fn decoded(path: &Path) -> io::Result<Box<dyn Read>> {
         }
     }
     let begin = begin[..length].to_vec();
+    if let Some(format) = foreign_format(&begin) {
+        return Err(io::Error::new(io::ErrorKind::InvalidData, format));
+    }
     let wide = utf_16(&begin);
     let whole = Cursor::new(begin).chain(file);
     Ok(match wide {
@@ -80,6 +90,47 @@ fn decoded(path: &Path) -> io::Result<Box<dyn Read>> {
             DecodeReaderBytesBuilder::new().utf8_passthru(true).strip_bom(true).build(whole),
         ),
     })
+}
+
+/// What a file is that begins as other formats than text do, and what makes a table of it.
+fn foreign_format(begin: &[u8]) -> Option<&'static str> {
+    const ARRAYS: &str = "an array file whose name has another ending: name it as the program that \
+                          wrote it does, .mat, .npy or .npz";
+    // The first bytes, as the formats themselves and the list of the program `file` have them.
+    let formats: [(&[u8], &str); 18] = [
+        (
+            b"PK\x03\x04",
+            "a ZIP archive, as spreadsheets (.xlsx, .ods) are: save the sheet as CSV, or \
+                         unpack it",
+        ),
+        (b"\xd0\xcf\x11\xe0", "a document of an office program (.xls): save the sheet as CSV"),
+        (b"\x1f\x8b", "a gzip file: unpack it"),
+        (b"BZh", "a bzip2 file: unpack it"),
+        (b"\xfd7zXZ\0", "an xz file: unpack it"),
+        (b"\x28\xb5\x2f\xfd", "a zstd file: unpack it"),
+        (b"7z\xbc\xaf\x27\x1c", "a 7z archive: unpack it"),
+        (b"TDSm", "a TDMS file of LabVIEW: export it as CSV or text"),
+        (b"MDF     ", "an MDF file (.mf4, .mdf): export it as CSV or MAT"),
+        (
+            b"\x89HDF\r\n\x1a\n",
+            "an HDF5 file: where it is one of MATLAB, name it .mat; others export \
+                                as CSV",
+        ),
+        (b"MATLAB 5.0 MAT-file", ARRAYS),
+        (b"\x93NUMPY", ARRAYS),
+        (
+            b"SQLite format 3\0",
+            "an SQLite database: of a bag give the directory; others export as \
+                               CSV",
+        ),
+        (b"#ROSBAG V", "a bag of ROS 1: convert it with `rosbags-convert`"),
+        (b"%PDF", "a PDF: export the values as CSV"),
+        (b"PAR1", "a Parquet file: export it as CSV"),
+        (b"ARROW1", "an Arrow file: export it as CSV"),
+        (b"\x89PNG", "a picture: export the values as CSV"),
+    ];
+    let told = formats.into_iter().find(|(first, _)| begin.starts_with(first));
+    told.map(|(_, format)| format)
 }
 
 /// UTF-16 by its mark, or by the zeros that digits have in it.
@@ -126,16 +177,6 @@ fn lines(head: &[u8], is_whole: bool) -> io::Result<Vec<Line>> {
     Ok(found)
 }
 
-/// The fields of a line, without what an end of line that is a delimiter adds.
-fn fields<'a>(splitter: &'a mut Splitter, line: &[u8]) -> Vec<&'a [u8]> {
-    splitter.split(line);
-    let mut fields: Vec<&[u8]> = splitter.fields().collect();
-    if fields.len() > 1 && fields.last().is_some_and(|field| field.is_empty()) {
-        fields.pop();
-    }
-    fields
-}
-
 /// One way to read the lines.
 struct Reading {
     delimiter: Delimiter,
@@ -147,25 +188,101 @@ struct Reading {
     numbers: usize,
     /// Words in each of them: what a wrong delimiter leaves of numbers, too.
     words: usize,
-    /// Whether a number has a mark that the other reading takes in another way.
-    is_marked: bool,
+    marks: Marks,
+    begins_with_value: bool,
+    /// Fields that every row has.
+    width: usize,
 }
 
+/// The marks in numbers, which another reading takes in another way.
+#[derive(Default)]
+struct Marks {
+    points: bool,
+    commas: bool,
+    /// Whether a column has numbers with a mark, and numbers without one. A program that writes
+    /// three decimals writes them in every row, and one that drops zeros leaves fewer than three
+    /// at times: where a number can be read in two ways, these are marks between thousands.
+    in_some: bool,
+}
+
+impl Marks {
+    fn of<'a>(rows: impl Iterator<Item = &'a Row>) -> Marks {
+        let mut columns: Vec<Written> = Vec::new();
+        for row in rows {
+            if columns.len() < row.written.len() {
+                columns.resize(row.written.len(), Written::default());
+            }
+            for (column, written) in columns.iter_mut().zip(&row.written) {
+                column.plain |= written.plain;
+                column.point |= written.point;
+                column.comma |= written.comma;
+            }
+        }
+        Marks {
+            points: columns.iter().any(|column| column.point),
+            commas: columns.iter().any(|column| column.comma),
+            in_some: columns.iter().any(|c| c.plain && (c.point || c.comma)),
+        }
+    }
+
+    fn is_any(&self) -> bool {
+        self.points || self.commas
+    }
+
+    /// What the marks likely are where they can be both. `;` and tabs separate columns where the
+    /// comma is the decimal mark.
+    fn likely(&self, delimiter: Delimiter) -> Decimal {
+        let for_commas = matches!(delimiter, Delimiter::Byte(b';' | b'\t'));
+        match (self.points, self.commas) {
+            (true, false) if self.in_some => Decimal::Comma,
+            (false, true) if for_commas && !self.in_some => Decimal::Comma,
+            _ => Decimal::Point,
+        }
+    }
+}
+
+/// How a number is written.
+#[derive(Clone, Copy, Default)]
+struct Written {
+    plain: bool,
+    point: bool,
+    comma: bool,
+}
+
+impl Written {
+    fn of(field: &[u8], value: &Value) -> Written {
+        if !matches!(value, Value::Number { .. }) {
+            return Written::default();
+        }
+        let (point, comma) = (field.contains(&b'.'), field.contains(&b','));
+        Written { plain: !point && !comma, point, comma }
+    }
+}
+
+/// A table that begins with words above it, after no more rows than this that have names of their
+/// own, is not continued by them: they are settings. Assumed: no recording of a motion is as short,
+/// and no device has as many channels.
+const ROWS_OF_SETTINGS: usize = 20;
+
 impl Reading {
-    fn of(lines: &[Line], comment: Option<u8>, delimiter: Delimiter, decimal: Decimal) -> Reading {
+    fn of(lines: &[Line], asked: &CsvLayout, delimiter: Delimiter, decimal: Decimal) -> Reading {
         let mut splitter = Splitter::new(delimiter);
         let rows: Vec<Row> = lines
             .iter()
             .map(|line| {
-                let is_comment = comment.is_some_and(|mark| line.text.first() == Some(&mark));
+                let is_comment = asked.comment.is_some_and(|mark| line.text.first() == Some(&mark));
                 splitter.split(if is_comment { b"" } else { &line.text });
-                Row::of(splitter.fields(), decimal)
+                Row::of(splitter.fields(), decimal, &asked.missing)
             })
             .collect();
         // Rows follow each other, some of them may be broken; words end them.
         let stretches: Vec<&[Row]> = rows.chunk_by(|_, next| !next.is_words()).collect();
-        let most = stretches.iter().flat_map(|stretch| longest(stretch)).max_by_key(|(_, n)| *n);
-        let Some((example, numbers)) = most else {
+        let most = stretches
+            .iter()
+            .enumerate()
+            .flat_map(|(at, stretch)| longest(stretch).into_iter().map(move |it| (at, it)))
+            .max_by_key(|(_, (_, numbers))| *numbers);
+        let Some((at, (example, numbers))) = most else {
             return Reading {
                 delimiter,
                 decimal,
@@ -173,44 +290,105 @@ impl Reading {
                 columns: 0,
                 numbers: 0,
                 words: 0,
-                is_marked: false,
+                marks: Marks::default(),
+                begins_with_value: false,
+                width: 0,
             };
         };
-        // The table begins with the first row of this kind, even where words come after it: then it
-        // is for whoever reads the rows to refuse them.
-        let mut first = rows.iter().position(|row| row.is_alike(example)).unwrap_or(rows.len());
+        let mut first = begin_of_table(lines, &rows, &stretches, at, example);
         // Rows above with missing last values, or with a word between numbers, belong to it.
-        while first > 0 && rows[first - 1].is_broken(example) {
+        while first > 0
+            && rows[first - 1].is_broken(example, first > 1 && rows[first - 2].is_words())
+        {
             first -= 1;
         }
-        let is_marked = rows[first..].iter().any(|row| row.is_marked);
+        let alike = || rows[first..].iter().filter(|row| row.is_alike(example));
         Reading {
             delimiter,
             decimal,
             first,
-            columns: rows
-                .iter()
-                .filter(|row| row.is_alike(example))
-                .map(Row::columns)
-                .max()
-                .unwrap_or(0),
+            columns: alike().map(Row::columns).max().unwrap_or(0),
             numbers,
             words: example.count(false),
-            is_marked,
+            marks: Marks::of(rows[first..].iter()),
+            begins_with_value: alike().any(|row| row.kinds.first() == Some(&Some(true))),
+            width: alike().map(|row| row.kinds.len()).min().unwrap_or(0),
         }
     }
+}
+
+/// Index of the row that the table begins with, of which the most rows like `example` are in the
+/// stretch `at`.
+///
+/// It begins with the first row of this kind, even where words come after it: then it is for
+/// whoever reads the rows to refuse them. But a few rows that have names of their own, or none
+/// where the others have them, are settings.
+fn begin_of_table(
+    lines: &[Line],
+    rows: &[Row],
+    stretches: &[&[Row]],
+    at: usize,
+    example: &Row,
+) -> usize {
+    let begins: Vec<usize> = stretches
+        .iter()
+        .scan(0, |next, stretch| Some(std::mem::replace(next, *next + stretch.len())))
+        .collect();
+    let first_in = |stretch: usize| {
+        let within = stretches[stretch].iter().position(|row| row.is_alike(example))?;
+        Some(begins[stretch] + within)
+    };
+    // The lines above a row that may have the names: of words, as many as there are columns.
+    let names_above = |row: usize| -> Vec<&[u8]> {
+        (0..row)
+            .rev()
+            .take_while(|above| rows[*above].is_words() || rows[*above].is_blank())
+            .filter(|above| {
+                let words = rows[*above].columns();
+                words.abs_diff(example.columns()) <= 1
+                    && (words > 1 || example.columns() == 1)
+                    && !rows[*above].has_other
+            })
+            .map(|above| lines[above].text.as_slice())
+            .collect()
+    };
+    let mut first = first_in(at).unwrap_or(rows.len());
+    for earlier in (0..at).rev() {
+        let Some(begin) = first_in(earlier) else { continue };
+        let alike = || stretches[earlier].iter().filter(|row| row.is_alike(example));
+        let (own, others) = (names_above(first), names_above(begin));
+        let has_own_names = !own.is_empty() && !own.iter().any(|line| others.contains(line));
+        let goes_on = alike().next_back().is_some_and(|last| last.is_before(&rows[first]));
+        if has_own_names && !goes_on && alike().count() <= ROWS_OF_SETTINGS {
+            break;
+        }
+        first = begin;
+    }
+    first
 }
 
 /// The kind of each field of a line.
 struct Row {
     /// Whether it is a value, or words; `None` where it is missing.
     kinds: Vec<Option<bool>>,
-    is_marked: bool,
+    written: Vec<Written>,
+    /// The value in its first field, if it is a number.
+    begin: Option<f64>,
+    /// Whether it has what another reading takes for a number.
+    has_other: bool,
 }
 
 impl Row {
-    fn of<'a>(fields: impl Iterator<Item = &'a [u8]>, decimal: Decimal) -> Row {
-        let values: Vec<Value> = fields.map(|field| Value::of(field, decimal)).collect();
+    fn of<'a>(fields: impl Iterator<Item = &'a [u8]>, decimal: Decimal, missing: &[String]) -> Row {
+        let mut has_other = false;
+        let (values, written): (Vec<Value>, Vec<Written>) = fields
+            .map(|field| {
+                let value = Value::among(field, decimal, missing);
+                has_other |=
+                    matches!(value, Value::Text) && Value::of(field, decimal.other()).is_value();
+                (value, Written::of(field, &value))
+            })
+            .unzip();
         let kind = |value: &Value| match value {
             Value::Missing => None,
             Value::Text => Some(false),
@@ -218,7 +396,12 @@ impl Row {
         };
         Row {
             kinds: values.iter().map(kind).collect(),
-            is_marked: values.iter().any(|v| matches!(v, Value::Number { marked: true, .. })),
+            written,
+            begin: match values.first() {
+                Some(Value::Number { value, .. }) => Some(*value),
+                _ => None,
+            },
+            has_other,
         }
     }
 
@@ -230,15 +413,35 @@ impl Row {
         self.count(true) == 0 && self.count(false) > 0
     }
 
+    fn is_blank(&self) -> bool {
+        self.kinds.iter().all(Option::is_none)
+    }
+
+    /// Whether another row may follow in time, if the first field is the time.
+    fn is_before(&self, other: &Row) -> bool {
+        self.begin.zip(other.begin).is_some_and(|(one, two)| one < two)
+    }
+
     /// A table may have columns of words, but not mostly.
     fn is_row(&self) -> bool {
         self.count(true) > 0 && self.count(false) <= self.count(true)
     }
 
-    /// Fields without what an end of line that is a delimiter adds, or a last value that is
-    /// missing.
+    /// Fields without the empty ones at the end, which an end of line that is a delimiter adds, or
+    /// as many of them as the widest line of a sheet has.
     fn columns(&self) -> usize {
-        self.kinds.len() - usize::from(self.kinds.last() == Some(&None))
+        self.kinds.iter().rposition(Option::is_some).map_or(0, |last| last + 1)
+    }
+
+    /// Whether a line begins with a word, and rows like `other` do not: settings with their name,
+    /// one for each column of values. Settings that have columns of their own stand beside the
+    /// values of a row.
+    fn is_labelled(&self, other: &Row) -> bool {
+        let begins_with_word = |row: &Row| row.kinds.first() == Some(&Some(false));
+        let mut pairs = self.kinds.iter().zip(&other.kinds).skip(1);
+        let is_of_its_columns = pairs.all(|(one, two)| one.is_none() || two.is_some());
+        let is_word = begins_with_word(self) && !self.has_other;
+        is_word && !begins_with_word(other) && is_of_its_columns
     }
 
     /// Whether it has values and words in the same columns as another row.
@@ -247,8 +450,9 @@ impl Row {
             true => (self, other),
             false => (other, self),
         };
-        let as_many = fewer.kinds.len() == more.kinds.len() || fewer.kinds.len() == more.columns();
-        self.is_row() && as_many && self.agrees(other)
+        let as_many = fewer.kinds.len() >= more.columns();
+        let is_setting = self.is_labelled(other) || other.is_labelled(self);
+        self.is_row() && as_many && !is_setting && self.agrees(other)
     }
 
     fn agrees(&self, other: &Row) -> bool {
@@ -256,10 +460,14 @@ impl Row {
         pairs.into_iter().all(|(one, two)| one.is_none() || two.is_none() || one == two)
     }
 
-    /// Whether it is a row like another one with a fault: too short, or a word among its numbers.
-    fn is_broken(&self, other: &Row) -> bool {
+    /// Whether it is a row like another one with a fault: too short, or a word among its numbers;
+    /// at the begin only of the first row, directly under words.
+    fn is_broken(&self, other: &Row, is_under_words: bool) -> bool {
         let is_short = self.columns() < other.columns() && self.agrees(other);
-        let has_word = self.columns() == other.columns() && self.count(true) > self.count(false);
+        let has_word = self.columns() == other.columns()
+            && self.count(true) > self.count(false)
+            && (is_under_words && other.kinds.first() == Some(&Some(true))
+                || !self.is_labelled(other));
         self.is_row() && (is_short || has_word)
     }
 }
@@ -281,7 +489,30 @@ impl TextLayout {
     pub fn find(path: &Path, asked: &CsvLayout) -> io::Result<TextLayout> {
         let mut head = Vec::new();
         decoded(path)?.take(LOOKED_AT as u64).read_to_end(&mut head)?;
-        Ok(TextLayout::of(lines(&head, head.len() < LOOKED_AT)?, asked))
+        let layout = TextLayout::of(lines(&head, head.len() < LOOKED_AT)?, asked);
+        layout.refuse_binary(&head)?;
+        Ok(layout)
+    }
+
+    /// What a field of a row says.
+    pub(super) fn value(&self, field: &[u8]) -> Value {
+        Value::among(field, self.decimal, &self.missing)
+    }
+
+    /// No text has bytes that are zero, but for those that fill up a block at its end, and fields
+    /// of fixed length in settings above the rows.
+    fn refuse_binary(&self, head: &[u8]) -> io::Result<()> {
+        let end = head.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
+        let mut lines = Lines::new(&head[..end]);
+        while let Some((number, line)) = lines.next()? {
+            if (self.columns == 0 || number >= self.data_line) && line.contains(&0) {
+                return Err(io::Error::new(
+                    io::ErrorKind::InvalidData,
+                    format!("not a text file: line {number} has bytes that are zero"),
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// The lines of the file at `path`, from the first row on.
@@ -313,6 +544,7 @@ impl TextLayout {
             let begins = |mark: u8| lines.iter().any(|line| line.text.first() == Some(&mark));
             [b'#', b'%'].into_iter().find(|mark| begins(*mark))
         });
+        let asked = &CsvLayout { comment, ..asked.clone() };
         let delimiters = match asked.delimiter {
             Some(delimiter) => vec![delimiter],
             None => [b',', b';', b'\t', b'|']
@@ -329,16 +561,22 @@ impl TextLayout {
         let mut readings: Vec<Reading> = delimiters
             .iter()
             .flat_map(|delimiter| decimals.iter().map(move |decimal| (*delimiter, *decimal)))
-            .map(|(delimiter, decimal)| Reading::of(&lines, comment, delimiter, decimal))
+            .map(|(delimiter, decimal)| Reading::of(&lines, asked, delimiter, decimal))
             .collect();
         let sense = |reading: &Reading| (reading.numbers, Reverse(reading.words));
         let most = readings.iter().map(sense).max();
         readings.retain(|reading| Some(sense(reading)) == most);
-        let chosen = readings.swap_remove(0);
-        let other = readings.iter().find(|reading| {
+        let mut chosen = readings.swap_remove(0);
+        let other = readings.into_iter().find(|reading| {
             reading.delimiter == chosen.delimiter && reading.decimal != chosen.decimal
         });
-        let either_decimal = other.is_some_and(|other| other.is_marked || chosen.is_marked);
+        let mut either_decimal = false;
+        if let Some(other) = other {
+            either_decimal = other.marks.is_any() || chosen.marks.is_any();
+            if chosen.marks.likely(chosen.delimiter) == other.decimal {
+                chosen = other;
+            }
+        }
         let Reading { delimiter, decimal, first, columns, .. } = chosen;
         let has_names = asked.header != Some(false);
         // Without a row there are names at most.
@@ -358,60 +596,50 @@ impl TextLayout {
             names: vec![String::new(); columns],
             units: vec![String::new(); columns],
             columns,
+            unplaced: None,
+            missing: asked.missing.clone(),
+            begins_with_value: chosen.begins_with_value,
         };
         if has_names {
-            layout.name_columns(&before, asked.names_line);
+            let rows = &lines[first.min(lines.len())..];
+            layout.name_columns(&before, rows, chosen.width, asked.names_line);
         }
         layout
     }
 
-    /// Looks for names and units in the lines above the values.
-    fn name_columns(&mut self, before: &[&Line], asked: Option<u64>) {
-        // What marks a comment is no part of the first name.
+    /// Looks for names and units in the lines above the values. `width`: fields that every row has.
+    fn name_columns(&mut self, before: &[&Line], rows: &[Line], width: usize, asked: Option<u64>) {
         let mut splitter = Splitter::new(self.delimiter);
-        let mut texts = |line: &Line| -> Vec<String> {
-            let marks = line.text.iter().take_while(|byte| matches!(byte, b'#' | b'%' | b' '));
-            let marks =
-                if matches!(line.text.first(), Some(b'#' | b'%')) { marks.count() } else { 0 };
-            fields(&mut splitter, &line.text[marks..]).into_iter().map(name).collect()
-        };
-        let fits = |texts: &[String]| {
-            texts.len().abs_diff(self.columns) <= 1 && texts.iter().any(|text| !text.is_empty())
-        };
-        let filled: Vec<(u64, Vec<String>)> = before
+        let above: Vec<Heading> = before
             .iter()
             .rev()
             .filter(|line| !line.text.iter().all(u8::is_ascii_whitespace))
-            .map(|line| (line.number, texts(line)))
-            .take_while(|(_, texts)| asked.is_some() || fits(texts))
+            .map(|line| Heading::of(line.number, &line.text, &mut splitter, self))
             .collect();
-        let at = match asked {
-            Some(line) => filled.iter().position(|(number, _)| *number == line),
-            None => match filled.as_slice() {
-                [] => None,
-                [(_, last), _, ..] if are_units(last) => Some(1),
-                _ => Some(0),
-            },
-        };
-        let Some(at) = at else { return };
-        let mut take = |(line, texts): &(u64, Vec<String>),
-                        into: fn(&mut Self) -> &mut Vec<String>| {
-            let columns = self.columns.max(texts.len());
-            let mut texts = texts.clone();
-            texts.resize(columns, String::new());
-            *into(self) = texts;
-            Some(*line)
-        };
-        let names_line = take(&filled[at], |layout| &mut layout.names);
-        let below = at.checked_sub(1).and_then(|below| filled.get(below));
-        let units_line = match below {
-            Some(units) if are_units(&units.1) => take(units, |layout| &mut layout.units),
-            _ => None,
-        };
-        (self.names_line, self.units_line) = (names_line, units_line);
+        // Without them the first field of a row is for the names of such lines.
+        let heads =
+            Headings { above, columns: self.columns, begins_empty: !self.begins_with_value };
+        let Some(found) = heads.find(asked, width) else { return };
+        let Found { names_line, mut names, units_line, mut units, cells, units_cells } = found;
+        if cells + 1 == self.columns {
+            if !self.begins_with_names(rows, &names) {
+                self.unplaced = Some((names_line, names.len()));
+                return;
+            }
+            names.insert(0, String::new());
+        }
+        if units_cells + 1 == self.columns && units_line.is_some() {
+            units.insert(0, String::new());
+        }
+        let named = names.iter().rposition(|name| !name.is_empty()).map_or(0, |last| last + 1);
+        // Columns without a value in the rows that were looked at.
+        self.columns = self.columns.max(named.min(width));
+        names.resize(names.len().max(self.columns), String::new());
+        names.truncate(named.max(self.columns));
+        units.resize(names.len(), String::new());
+        (self.names_line, self.names) = (Some(names_line), names);
+        (self.units_line, self.units) = (units_line, units);
         // A unit may stand behind the name: `x [mm]`, `force (N)`.
-        let columns = self.names.len();
-        self.units.resize(columns, String::new());
         for (name, unit) in self.names.iter().zip(&mut self.units) {
             if unit.is_empty()
                 && let Some(behind) = unit_behind(name)
@@ -419,6 +647,51 @@ impl TextLayout {
                 *unit = behind.to_owned();
             }
         }
+    }
+
+    /// Whether rows that have one value more than there are names begin with the name of the row: a
+    /// word, or the number of the row. Where the first name has a unit of time, the second value
+    /// must be one.
+    fn begins_with_names(&self, rows: &[Line], names: &[String]) -> bool {
+        let mut splitter = Splitter::new(self.delimiter);
+        let mut number = None;
+        let mut time = f64::NEG_INFINITY;
+        let first = names.first().map_or("", String::as_str);
+        let behind = || Some(first.rsplit_once(['_', '.'])?.1);
+        let unit = unit_behind(first).or_else(behind).and_then(Unit::named);
+        let is_time = unit.is_some_and(|unit| unit.dimension == Dimension::Time);
+        let mut count = 0;
+        for line in rows {
+            splitter.split(&line.text);
+            let of = |field: &[u8]| Value::among(field, self.decimal, &self.missing);
+            let (first, second) = (of(splitter.field(0)), of(splitter.field(1)));
+            if splitter.len() < self.columns || !splitter.fields().any(|field| of(field).is_value())
+            {
+                continue;
+            }
+            count += 1;
+            match (first, number) {
+                (Value::Text, None) => {}
+                (Value::Number { value, .. }, None)
+                    if count == 1 && (value == 0.0 || value == 1.0) =>
+                {
+                    number = Some(value);
+                }
+                (Value::Number { value, .. }, Some(before)) if value == before + 1.0 => {
+                    number = Some(value);
+                }
+                _ => return false,
+            }
+            if let Value::Number { value, .. } = second
+                && is_time
+            {
+                if value < time {
+                    return false;
+                }
+                time = value;
+            }
+        }
+        count > 1
     }
 
     /// Names for people.
@@ -429,26 +702,6 @@ impl TextLayout {
             format!("{} columns without names", self.columns)
         }
     }
-}
-
-/// `mm` of `x [mm]` or `x (mm)` or `x / mm`.
-fn unit_behind(name: &str) -> Option<&str> {
-    let inside = |open: char, close: char| {
-        let rest = name.strip_suffix(close)?;
-        Some(rest[rest.rfind(open)? + open.len_utf8()..].trim())
-    };
-    inside('[', ']')
-        .or_else(|| inside('(', ')'))
-        .or_else(|| Some(name.rsplit_once(" / ")?.1.trim()))
-        .filter(|unit| !unit.is_empty())
-}
-
-/// Whether a line under the names has units: short words, one of them known.
-fn are_units(texts: &[String]) -> bool {
-    const LONGEST: usize = 12;
-    let bare = |text: &String| bare_unit(text).to_owned();
-    texts.iter().all(|text| text.chars().count() <= LONGEST)
-        && texts.iter().map(bare).any(|text| Unit::named(&text).is_some())
 }
 
 /// A unit without brackets.
