@@ -854,25 +854,35 @@ fn what_is_of_another_axis_is_to_be_checked() {
     assert_eq!(column_of(&proposal, Signal::Force), Some(3), "{proposal:#?}");
 }
 
-/// A following error counts where it has the unit of its reference.
+/// A position is the reference less the following error, in whichever units.
 #[test]
 fn an_error_is_no_position() {
-    let (t, x, e, u) = (
-        &|k: usize| k as f64 / RATE,
-        &|k: usize| 1e3 * values(k).0,
-        &|k: usize| (k as f64).sin(),
-        &|k: usize| values(k).1,
-    );
-    let proposal = proposal_of("t [s];Soll [mm];Schleppfehler [mm];F [N]", &[t, x, e, u]);
-    let position = proposal.signals.iter().find(|found| found.signal == Signal::Position).unwrap();
-    assert_eq!((position.column, position.minus), (2, Some(3)), "{position:?}");
-    for names in [
-        "t [s];Position Command [mm];Following Error [um];F [N]",
-        "t [s];x_soll [mm];Schleppabstand [\u{b5}m];F [N]",
+    for (names, size) in [
+        ("t [s];Soll [mm];Schleppfehler [mm];F [N]", 1e3),
+        ("t [s];Position Command [mm];Following Error [um];F [N]", 1e6),
+        ("t [s];x_soll [mm];Schleppabstand [\u{b5}m];F [N]", 1e6),
     ] {
-        let proposal = proposal_of(names, &[t, x, e, u]);
-        assert_eq!(column_of(&proposal, Signal::Position), None, "{names}: {proposal:#?}");
+        let error = |k: usize| 1e-4 * (0.1 * k as f64).sin();
+        let row = |k: usize| {
+            let (x, u) = values(k);
+            let asked = 1e3 * (x + error(k));
+            format!("{:.6};{asked:.9};{:.9};{u:.6}\n", k as f64 / RATE, size * error(k))
+        };
+        let rows: String = (0..ROWS).map(row).collect();
+        let (proposal, recording) = proposed("t.csv", format!("{names}\n{rows}"));
+        assert!(check_of(&proposal, "position").contains("its sign?"), "{names}: {proposal:#?}");
+        for k in 0..ROWS {
+            let x = recording.trace.position[k];
+            assert!((x - values(k).0).abs() < 1e-9, "{names}: {x} {}", values(k).0);
+        }
     }
+    // A pair of different kinds makes no position.
+    let (t, x) = (&|k: usize| k as f64 / RATE, &|k: usize| values(k).0);
+    let proposal = proposal_of("t [s];Soll [mm];Fehler [A];F [N]", &[t, x, x, &|k| values(k).1]);
+    assert_eq!(column_of(&proposal, Signal::Position), None, "{proposal:#?}");
+    let wrong = "signals: {position: {column: a, unit: mm, minus: b, minus_unit: A}}";
+    let told = Mapping::from_yaml(wrong, "m.yaml").unwrap_err().to_string();
+    assert!(told.contains("minus_unit") && told.contains("same kind"), "{told}");
 }
 
 #[test]
@@ -926,6 +936,8 @@ fn a_rate_that_the_file_says_counts_where_no_column_is_a_time() {
         ("Abtastrate: 4 kHz", 4000.0),
         ("Increment;5e-4", 2000.0),
         ("Sample interval = 250 us", 4000.0),
+        ("Delta_X\t0.000500", 2000.0),
+        ("SampleRate,5000,5000,5000", 5000.0),
     ] {
         let rows: String =
             (0..ROWS).map(|k| format!("{:.9};{:.9}\n", values(k).0, values(k).1)).collect();

@@ -2,8 +2,8 @@
 //! which axis, and in which unit.
 //!
 //! Names are those that drives, loggers and people give: words of several languages, compounds
-//! (`Lageistwert`, `actPosition`), paths (`/joint_states/x/position`, `force.Data`), quantities over
-//! their units (`x/mm`).
+//! (`Lageistwert`, `actPosition`), paths (`/joint_states/x/position`, `force.Data`), quantities
+//! over their units (`x/mm`).
 
 use super::unit::Unit;
 

@@ -135,7 +135,11 @@ impl CsvFile {
                 Ok(PlacedColumn {
                     signal: *signal,
                     column: table.place(*signal, source)?,
-                    minus: minus.map(|place| table.place_plain(place)).transpose()?,
+                    minus: minus
+                        .map(|minus| {
+                            Ok::<_, SignalError>((table.place_plain(&minus.column)?, minus.size))
+                        })
+                        .transpose()?,
                     source: source.clone(),
                 })
             })
@@ -231,7 +235,8 @@ enum RowClock {
 struct PlacedColumn {
     signal: Signal,
     column: usize,
-    minus: Option<usize>,
+    /// Column and size of its unit in those of `column`.
+    minus: Option<(usize, f64)>,
     source: SignalSource,
 }
 
@@ -348,7 +353,9 @@ impl CsvRows<'_> {
             self.row.values.iter_mut().zip(&mut self.row.blank).zip(&self.columns)
         {
             *blank = self.table.is_blank(*column);
-            let minus = minus.map_or(Ok(0.0), |minus| self.table.number(minus))?;
+            let minus = minus.map_or(Ok(0.0), |(minus, size)| {
+                self.table.number(minus).map(|value| size * value)
+            })?;
             *value = source.to_si(self.table.number(*column)? - minus);
             refuse_impossible(*signal, *value).map_err(|reason| {
                 self.table.wrong(self.table.line(), format!("column {}: {reason}", column + 1))

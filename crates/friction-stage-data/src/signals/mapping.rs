@@ -165,7 +165,16 @@ pub struct SignalSource {
     pub offset: f64,
     /// A column that is taken from the values before anything else: a position is the reference
     /// less the following error.
-    pub minus: Option<Column>,
+    pub minus: Option<Minus>,
+}
+
+/// A column that is taken from another one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Minus {
+    /// The column.
+    pub column: Column,
+    /// Its unit in units of that other column.
+    pub size: f64,
 }
 
 impl SignalSource {

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::error::SignalError;
 use super::mapping::{
-    Column, CsvLayout, Delimiter, Joined, Mapping, Place, Signal, SignalSource, Stamp,
+    Column, CsvLayout, Delimiter, Joined, Mapping, Minus, Place, Signal, SignalSource, Stamp,
 };
 use super::unit::{Dimension, Unit};
 use crate::bag::BagError;
@@ -67,6 +67,7 @@ struct SignalFile {
     scale: Option<f64>,
     offset: Option<f64>,
     minus: Option<String>,
+    minus_unit: Option<String>,
 }
 
 impl Mapping {
@@ -350,7 +351,20 @@ impl SignalFile {
                           for times";
             return Err(wrong(reason.into()));
         }
-        let minus = self.minus.map(column).transpose()?;
+        let minus_unit = self.minus_unit.as_deref().map(|written| {
+            Unit::named(written)
+                .filter(|of| unit.is_some_and(|unit| unit.dimension == of.dimension))
+                .ok_or_else(|| {
+                    let written = format!("`minus_unit` is `{written}`, must be one of the same ");
+                    wrong(written + "kind as `unit`")
+                })
+        });
+        let minus_unit = minus_unit.transpose()?;
+        if minus_unit.is_some() && self.minus.is_none() {
+            return Err(wrong("`minus_unit` is the unit of the column of `minus`".into()));
+        }
+        let size = minus_unit.zip(unit).map_or(1.0, |(of, unit)| of.size / unit.size);
+        let minus = self.minus.map(column).transpose()?.map(|column| Minus { column, size });
         let place = match (self.topic, self.field, self.column) {
             (Some(topic), Some(field), None) if signal != Signal::Time => Place::Topic {
                 topic,

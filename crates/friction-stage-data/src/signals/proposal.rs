@@ -56,6 +56,8 @@ pub struct ProposedSignal {
     pub column: usize,
     /// Number of a column that is to be taken from it, from 1.
     pub minus: Option<usize>,
+    /// Unit of that column, where it is another one.
+    pub minus_unit: Option<String>,
     /// Whether it is a current, which a mapping calls so.
     pub is_current: bool,
     /// Unit for the mapping, if the file says a known one.
@@ -235,6 +237,7 @@ fn the_only_column_left(
         signal: Signal::Force,
         column: column.number,
         minus: None,
+        minus_unit: None,
         is_current: false,
         unit: Some(Signal::Force.si_unit(joint_of(signals)).to_owned()),
         scale: None,
@@ -289,6 +292,7 @@ impl Proposal {
             data_line: layout.data_line,
             ..Self::of_table(&names, &units, &samples, taken)
         }
+        .with_names_unplaced(&layout)
         .with_stated_rate(&layout.lines_above(path).map_err(reading)?))
     }
 
@@ -527,6 +531,18 @@ impl Proposal {
         }
     }
 
+    /// The same with what to check where the names are not as many as the columns.
+    fn with_names_unplaced(mut self, layout: &TextLayout) -> Proposal {
+        if let Some((line, names)) = layout.unplaced {
+            self.table_checks.push(format!(
+                "line {line} has {names} names for {} columns: which is of which it does not say, \
+                 so the columns have numbers",
+                layout.columns
+            ));
+        }
+        self
+    }
+
     /// The same with the rate that a line above the table says, where no column is a time.
     fn with_stated_rate(mut self, above: &[(u64, String)]) -> Proposal {
         let stated = above.iter().find_map(|(line, text)| Some((*line, rate_in(text)?)));
@@ -690,9 +706,12 @@ impl Proposal {
             let minus = found
                 .minus
                 .map_or(String::new(), |column| format!(", minus: {}", self.place(column)));
-            let quoted =
-                |unit: &String| format!(", unit: {}", serde_json::Value::from(unit.as_str()));
-            let unit = found.unit.as_ref().map_or(String::new(), quoted);
+            let quoted = |key: &str, unit: &Option<String>| {
+                let unit = unit.as_ref().map(|unit| serde_json::Value::from(unit.as_str()));
+                unit.map_or(String::new(), |unit| format!(", {key}: {unit}"))
+            };
+            let minus = minus + &quoted("minus_unit", &found.minus_unit);
+            let unit = quoted("unit", &found.unit);
             let scale = found.scale.map_or(String::new(), |scale| format!(", scale: {scale}"));
             let check = found.check.as_ref().map_or(String::new(), |c| format!("   # CHECK: {c}"));
             let name = if found.is_current { "current" } else { found.signal.name() };
@@ -724,15 +743,16 @@ fn from_following_error(
         return None;
     }
     let reference = found(Signal::ReferencePosition)?;
-    // A mapping gives both the same unit.
-    let unit = columns[reference.column - 1].unit.clone();
+    let unit = |column: &TableColumn| Unit::named(&column.unit);
+    let dimension = |column: &TableColumn| unit(column).map(|unit| unit.dimension);
+    let asked = columns.iter().find(|column| column.number == reference.column)?.clone();
     let is_error = |column: &&mut TableColumn| {
         let name = ColumnName::of(&column.name);
         column.signal.is_none()
             && column.smallest < column.largest
             && name.role == Role::Other
             && matches!(name.quantity, None | Some(Quantity::Position))
-            && Unit::named(&column.unit) == Unit::named(&unit)
+            && dimension(column) == dimension(&asked)
     };
     let error = columns.iter_mut().find(is_error)?;
     error.signal = Some(Signal::Position);
@@ -740,6 +760,7 @@ fn from_following_error(
     Some(ProposedSignal {
         signal: Signal::Position,
         minus: Some(error.number),
+        minus_unit: (unit(error) != unit(&asked)).then(|| error.unit.clone()),
         check: Some(reference.check.as_ref().map_or(sign.clone(), |unit| format!("{sign} {unit}"))),
         ..reference.clone()
     })
@@ -755,7 +776,9 @@ fn samples(path: &Path, layout: &TextLayout) -> std::io::Result<Vec<Samples>> {
     while let Some((_, line)) = lines.next()? {
         row.split(line);
         let values: Vec<Value> = row.fields().map(|f| Value::of(f, layout.decimal)).collect();
-        if values.len() < layout.columns || !values.iter().any(Value::is_value) {
+        // Settings between captures and what is at the end of a table begin with words.
+        let is_of_table = !layout.begins_with_value || values.first() != Some(&Value::Text);
+        if values.len() < layout.columns || !is_of_table || !values.iter().any(Value::is_value) {
             continue;
         }
         for ((value, column), begin) in values.iter().zip(&mut columns).zip(&mut begins) {
@@ -912,7 +935,16 @@ fn proposed(
         },
     };
     let unit = unit.map(str::to_owned);
-    ProposedSignal { signal, column: column.number, minus: None, is_current, unit, scale, check }
+    ProposedSignal {
+        signal,
+        column: column.number,
+        minus: None,
+        minus_unit: None,
+        is_current,
+        unit,
+        scale,
+        check,
+    }
 }
 
 /// Unit of times, by how large they are: since 1970, days of a spreadsheet or of MATLAB, else by
@@ -978,19 +1010,29 @@ fn rate_in(line: &str) -> Option<f64> {
         "periode",
         "abtastzeit",
         "dt",
+        "deltax",
+        "deltat",
+        "sampletime",
+        "samplingtime",
+        "timestep",
         "schrittweite",
         "zykluszeit",
         "cycletime",
     ];
     let line = line.to_lowercase();
     let fields: Vec<&str> =
-        line.split(|c: char| ",;\t:= []()\"|#%".contains(c)).filter(|f| !f.is_empty()).collect();
-    let says = |known: &[&str]| fields.iter().any(|field| known.contains(field));
+        line.split(|c: char| ",;\t:= []()\"|#%_".contains(c)).filter(|f| !f.is_empty()).collect();
+    let pairs: Vec<String> = fields.windows(2).map(<[&str]>::concat).collect();
+    let says = |known: &[&str]| {
+        fields.iter().copied().chain(pairs.iter().map(String::as_str)).any(|f| known.contains(&f))
+    };
     let is_interval = says(INTERVAL);
     if !is_interval && !says(RATE) {
         return None;
     }
-    let numbers: Vec<f64> = fields.iter().filter_map(|field| field.parse().ok()).collect();
+    // One for each column says the same.
+    let mut numbers: Vec<f64> = fields.iter().filter_map(|field| field.parse().ok()).collect();
+    numbers.dedup();
     let [number] = numbers.as_slice() else { return None };
     let unit = fields.iter().find_map(|field| {
         Some(match *field {
