@@ -39,7 +39,7 @@ def run(*arguments: object) -> dict:
 
 
 def confirmed(file: Path, mapping: Path, *replace: tuple[str, str]) -> Path:
-    """The proposed mapping, with what the file does not say."""
+    """The proposed mapping with what the file does not say, and without its marks."""
     mapping.parent.mkdir(parents=True, exist_ok=True)
     mapping.unlink(missing_ok=True)
     run("import", file, "--write", mapping)
@@ -48,7 +48,8 @@ def confirmed(file: Path, mapping: Path, *replace: tuple[str, str]) -> Path:
         if wrong not in text:
             raise SystemExit(f"{mapping} has no {wrong!r}: the file says it, or says something else")
         text = text.replace(wrong, right)
-    mapping.write_text(text)
+    # What is said now is no longer to be checked.
+    mapping.write_text(text.replace("# CHECK: ", "# was to check: "))
     return mapping
 
 

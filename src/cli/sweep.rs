@@ -26,9 +26,9 @@ use friction_stage_report::sweep::{sweep_figure, sweep_text};
 /// parameters of controller_node; motion.distance, motion.duration, motion.settle, or
 /// motion.stretch of a motion file. Its values are a list (20,40), a range (20:60:5, or
 /// 1e-6:1e-3:7:log) or a distribution, of which --samples values are drawn: uniform(20,60),
-/// loguniform(1e-6,1e-3), normal(40,2), lognormal(450e3,0.1) with a median and a relative deviation.
-/// Several keys make a grid; distributions are drawn at each of its places. The controller follows
-/// the mass of the model unless --controller gives its gains.
+/// loguniform(1e-6,1e-3), normal(40,2), lognormal(450e3,0.1) with a median and a relative
+/// deviation. Several keys make a grid; distributions are drawn at each of its places. The
+/// controller follows the mass of the model unless --controller gives its gains.
 ///
 /// Ctrl-C keeps what is done. Writes points.csv, points.parquet, summary.json and sweep.svg.
 #[derive(Debug, Clone, Args)]
