@@ -188,7 +188,8 @@ pub struct HeldSpeeds {
 /// The stretches of a recording at held speeds; none where no force is recorded. The force of the
 /// acceleration, which is near 0 there, is part of the mean.
 pub fn held_speeds(recording: &Recording) -> HeldSpeeds {
-    let examiner = Examiner::new(recording, None);
+    // A speed is held by its mean over a stretch, in which the noise of a measured one is no rest.
+    let examiner = Examiner { velocity_noise: 0.0, ..Examiner::new(recording, None) };
     let signal = match recording.has(Signal::ForceCell) {
         true => Signal::ForceCell,
         false => Signal::Force,
