@@ -905,6 +905,7 @@ fn columns_with_a_clock_of_their_own_are_joined() {
         ("Time_1 [s],Position [mm],Time_2 [s],Force [N]", [0, 1, 2, 3]),
         ("t [s],F [N],t [s],x [mm]", [2, 3, 0, 1]),
         ("pos.t,pos.x_mm,force.t,force.F_N", [0, 1, 2, 3]),
+        ("Weg [mm],Weg_t [s],Kraft [N],Kraft_t [s]", [1, 0, 3, 2]),
     ] {
         let rows: String = (0..ROWS).map(|k| row(k, at)).collect();
         let file = file("t.csv", format!("{names}\n{rows}"));
@@ -937,10 +938,12 @@ fn a_rate_that_the_file_says_counts_where_no_column_is_a_time() {
         ("Increment;5e-4", 2000.0),
         ("Sample interval = 250 us", 4000.0),
         ("Delta_X\t0.000500", 2000.0),
+        ("Abtastrate\t4,5\tkHz", 4500.0),
         ("SampleRate,5000,5000,5000", 5000.0),
     ] {
         let rows: String =
             (0..ROWS).map(|k| format!("{:.9};{:.9}\n", values(k).0, values(k).1)).collect();
+        let rows = if line.contains("4,5") { rows.replace('.', ",") } else { rows };
         let file = file("t.csv", format!("{line}\nposition [m];force [N]\n{rows}"));
         let proposal = Proposal::of(&file.path).unwrap();
         let stated = proposal.stated_rate.as_ref().map(|(rate, _)| *rate);

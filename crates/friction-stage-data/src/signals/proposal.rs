@@ -166,9 +166,9 @@ impl Table<'_> {
         }
     }
 
-    /// The columns of each time where several times stand between the columns, each before those
-    /// that it is of, or under the same path; none where there is one clock. Times next to each
-    /// other are of the same rows.
+    /// The columns of each time where several times stand in the table: each with the columns that
+    /// it is named after or has the path of, or else with those behind it. None where there is one
+    /// clock: times next to each other that are named after nothing are of the same rows.
     fn blocks(&self) -> Vec<Vec<usize>> {
         let is_time = |at: &usize| {
             let column = self.column(*at);
@@ -177,34 +177,44 @@ impl Table<'_> {
             said && increases(&self.samples[*at].values)
         };
         let times: Vec<usize> = (0..self.names.len()).filter(is_time).collect();
-        let parent = |at: usize| self.names[at].rsplit_once(['.', '/']).map(|(parent, _)| parent);
-        let is_last = |at: usize| at + 1 == self.names.len();
-        let stand_apart = times.windows(2).all(|pair| pair[1] > pair[0] + 1);
-        let have_parents = times.iter().all(|at| parent(*at).is_some());
         let is_same = |one: usize, two: usize| {
             let pairs = self.samples[one].values.iter().zip(&self.samples[two].values);
             pairs.into_iter().all(|(a, b)| a == b || a.is_nan() || b.is_nan())
         };
-        let is_one_clock = times.iter().skip(1).all(|at| is_same(times[0], *at));
-        if times.len() < 2 || is_one_clock {
+        if times.len() < 2 || times.iter().skip(1).all(|at| is_same(times[0], *at)) {
             return Vec::new();
         }
-        if !have_parents && (!stand_apart || times.last().is_some_and(|at| is_last(*at))) {
+        let named_after = |time: usize, at: usize| {
+            time != at && !times.contains(&at) && is_time_of(&self.names[time], &self.names[at])
+        };
+        let has_own = |time: &usize| (0..self.names.len()).any(|at| named_after(*time, at));
+        let stand_apart = times.windows(2).all(|pair| pair[1] > pair[0] + 1)
+            && times.last().is_some_and(|at| at + 1 < self.names.len());
+        if !times.iter().any(has_own) && !stand_apart {
             return Vec::new();
         }
         let clock_of = |at: usize| {
-            let under_path = times
-                .iter()
-                .copied()
-                .find(|time| parent(at).is_some() && parent(*time) == parent(at));
-            let before = times.iter().copied().rfind(|time| *time <= at);
-            under_path.or(before).unwrap_or(times[0])
+            let own = times.iter().copied().find(|time| *time == at || named_after(*time, at));
+            let before = || times.iter().copied().rfind(|time| *time < at);
+            own.or_else(before).unwrap_or(times[0])
         };
         let of_time = |time: &usize| {
             (0..self.names.len()).filter(|at| clock_of(*at) == *time).collect::<Vec<_>>()
         };
         times.iter().map(of_time).collect()
     }
+}
+
+/// Whether a time is that of a column by its name: `pos.t` of `pos.x`, `AxisPos_t [s]` of
+/// `AxisPos [mm]`.
+fn is_time_of(time: &str, column: &str) -> bool {
+    let parent = |name: &str| name.rsplit_once(['.', '/']).map(|(parent, _)| parent.to_owned());
+    let bare =
+        |name: &str| name.split(['[', '(', '{']).next().unwrap_or_default().trim().to_owned();
+    let behind = bare(time).strip_prefix(&bare(column)).map(str::to_owned);
+    let has_mark = |rest: &String| rest.starts_with(|c: char| !c.is_alphanumeric());
+    parent(time).is_some() && parent(time) == parent(column)
+        || !bare(column).is_empty() && behind.as_ref().is_some_and(has_mark)
 }
 
 impl ProposedSignal {
@@ -545,7 +555,8 @@ impl Proposal {
 
     /// The same with the rate that a line above the table says, where no column is a time.
     fn with_stated_rate(mut self, above: &[(u64, String)]) -> Proposal {
-        let stated = above.iter().find_map(|(line, text)| Some((*line, rate_in(text)?)));
+        let stated =
+            above.iter().find_map(|(line, text)| Some((*line, rate_in(text, self.decimal_comma)?)));
         let Some((line, rate)) = stated else { return self };
         // The number of a row, for which nobody gives a unit, is a worse time.
         let rows = self.rows as f64;
@@ -990,7 +1001,7 @@ fn counts_captures(name: &str) -> bool {
 
 /// Rows per second that a line of settings says: one number beside a word for a rate or for the
 /// time between rows.
-fn rate_in(line: &str) -> Option<f64> {
+fn rate_in(line: &str, decimal_comma: bool) -> Option<f64> {
     const RATE: &[&str] = &[
         "rate",
         "samplerate",
@@ -1020,6 +1031,7 @@ fn rate_in(line: &str) -> Option<f64> {
         "cycletime",
     ];
     let line = line.to_lowercase();
+    let line = if decimal_comma { line.replace(',', ".") } else { line };
     let fields: Vec<&str> =
         line.split(|c: char| ",;\t:= []()\"|#%_".contains(c)).filter(|f| !f.is_empty()).collect();
     let pairs: Vec<String> = fields.windows(2).map(<[&str]>::concat).collect();

@@ -530,7 +530,8 @@ impl TextLayout {
             if number >= self.data_line || above.len() >= SETTINGS {
                 break;
             }
-            above.push((number, name(text)));
+            // A tab is no part of a word.
+            above.push((number, name(text).replace(char::REPLACEMENT_CHARACTER, " ")));
         }
         Ok(above)
     }
