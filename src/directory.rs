@@ -41,17 +41,13 @@ pub fn may_replace(path: Option<&Path>, force: bool, option: &str) -> Result<(),
     Ok(())
 }
 
-/// Refuses a place that holds a file or a recording already, or with `force` removes what is there;
-/// `option` names the place.
-pub fn make_room(path: &Path, force: bool, option: &str) -> anyhow::Result<()> {
-    if !path.exists() {
-        return Ok(());
-    }
-    let refused =
-        |why: &str| WrongArguments(format!("{} {why}: choose another {option}", path.display()));
-    let is_recording = || {
-        let captures = || path.join("capture_1").join("metadata.yaml").exists();
-        path.join("metadata.yaml").exists() || captures()
+/// Refuses a place that holds something already; `option` names it. With `force` a recording or a
+/// file is set aside, as `NAME.before`, until what replaces it is whole ([`SetAside::discard`]).
+pub fn set_aside(path: &Path, force: bool, option: &str) -> anyhow::Result<SetAside> {
+    let Ok(found) = path.symlink_metadata() else { return Ok(SetAside(None)) };
+    let refused = |why: &str| {
+        let place = path.display();
+        anyhow::Error::from(WrongArguments(format!("{place} {why}: choose another {option}")))
     };
     if !force {
         return Err(WrongArguments(format!(
@@ -60,12 +56,66 @@ pub fn make_room(path: &Path, force: bool, option: &str) -> anyhow::Result<()> {
         ))
         .into());
     }
-    let removed = match path.is_dir() {
-        false => std::fs::remove_file(path),
-        true if is_recording() => std::fs::remove_dir_all(path),
-        true => return Err(refused("is a directory and no recording").into()),
+    if found.is_dir() && !holds_recordings_only(path) {
+        return Err(refused("is a directory with other things than a recording"));
+    }
+    let Some(name) = path.file_name() else { return Err(refused("has no name of its own")) };
+    let mut aside = name.to_owned();
+    aside.push(".before");
+    let aside = path.with_file_name(aside);
+    if aside.symlink_metadata().is_ok() {
+        let why = format!("cannot be set aside, since {} is there already", aside.display());
+        return Err(refused(&why));
+    }
+    std::fs::rename(path, &aside)
+        .with_context(|| format!("cannot set {} aside", path.display()))?;
+    Ok(SetAside(Some((path.to_owned(), aside))))
+}
+
+/// Whether a directory has the files of a recording and no others, or such directories.
+fn holds_recordings_only(path: &Path) -> bool {
+    const ENDINGS: [&str; 4] = ["mcap", "db3", "zstd", "zst"];
+    let Ok(entries) = std::fs::read_dir(path) else { return false };
+    let is_part = |entry: std::io::Result<std::fs::DirEntry>| {
+        entry.is_ok_and(|entry| match entry.file_type() {
+            Ok(kind) if kind.is_dir() => holds_recordings_only(&entry.path()),
+            Ok(kind) if kind.is_file() => {
+                let ending = entry.path().extension().and_then(|e| e.to_str()).map(str::to_owned);
+                entry.file_name() == "metadata.yaml"
+                    || ending.is_some_and(|ending| ENDINGS.contains(&ending.as_str()))
+            }
+            _ => false,
+        })
     };
-    removed.with_context(|| format!("cannot replace {}", path.display()))
+    entries.map(is_part).all(|is_part| is_part)
+}
+
+/// What stood at a place and is set aside. Where it is not discarded it goes back.
+#[derive(Debug)]
+pub struct SetAside(Option<(PathBuf, PathBuf)>);
+
+impl SetAside {
+    /// Removes it: what replaces it is whole.
+    pub fn discard(mut self) -> anyhow::Result<()> {
+        let Some((_, aside)) = self.0.take() else { return Ok(()) };
+        let is_directory = aside.symlink_metadata().is_ok_and(|found| found.is_dir());
+        let removed = match is_directory {
+            true => std::fs::remove_dir_all(&aside),
+            false => std::fs::remove_file(&aside),
+        };
+        removed.with_context(|| format!("cannot remove {}", aside.display()))
+    }
+}
+
+impl Drop for SetAside {
+    fn drop(&mut self) {
+        // What was begun in its place and is there stays; then both are.
+        if let Some((path, aside)) = self.0.take()
+            && path.symlink_metadata().is_err()
+        {
+            let _ = std::fs::rename(aside, path);
+        }
+    }
 }
 
 /// The arguments that name the directory.

@@ -197,6 +197,25 @@ fn a_mapping_is_proposed_and_then_imported() {
             && about["mapping"].contains("signals:")
     );
     assert!(std::fs::read_to_string(&mapping).unwrap().contains("# friction-stage import "));
+    // With --force what is there goes once what replaces it is whole, and nothing but a recording.
+    let bad = home.path().join("bad.yaml");
+    std::fs::write(&bad, "signals: {time: {column: Time}, position: {column: nowhere}}").unwrap();
+    let forced = |mapping: &Path, out: &Path| {
+        let files = ["--mapping", text(mapping), "--out", text(out), "--force"];
+        friction_stage(&[&["import", text(&csv)][..], &files].concat())
+    };
+    assert_eq!(forced(&bad, &bag).status.code(), Some(1));
+    assert!(BagReader::open(&bag).is_ok());
+    let replaced = forced(&mapping, &bag);
+    assert_eq!(replaced.status.code(), Some(0), "{}", stderr(&replaced));
+    assert!(!home.path().join("bag.before").exists());
+    let thesis = bag.join("thesis.tex");
+    std::fs::write(&thesis, "mine").unwrap();
+    for out in [&bag, &csv, &home.path().to_owned()] {
+        let refused = forced(&mapping, out);
+        assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
+    }
+    assert!(thesis.exists() && csv.exists());
     // Nothing is overwritten.
     let again = propose();
     assert_eq!(again.status.code(), Some(2));

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Context as _;
 use clap::Args;
 
-use super::Outcome;
 use super::progress::Progress;
-use crate::directory::{make_room, may_replace};
+use super::{Outcome, WrongArguments};
+use crate::directory::{may_replace, set_aside};
 use crate::interrupt;
 use crate::made_by;
 use friction_stage_core::text_file;
@@ -84,7 +84,25 @@ fn import(
     let mapping = Mapping::from_yaml(&text, &mapping.display().to_string())?;
     let mut about = made_by::record();
     about.insert("mapping".to_owned(), text);
-    make_room(bag, args.force, "--out")?;
+    for input in [Some(&args.csv), args.mapping.as_ref()].into_iter().flatten() {
+        if bag
+            .canonicalize()
+            .is_ok_and(|bag| input.canonicalize().is_ok_and(|i| i.starts_with(bag)))
+        {
+            return Err(WrongArguments(format!(
+                "{} is in {}: choose another --out",
+                input.display(),
+                bag.display()
+            ))
+            .into());
+        }
+    }
+    if bag.is_file() {
+        let place = bag.display();
+        let why = format!("{place} is a file, a bag is a directory: choose another --out");
+        return Err(WrongArguments(why).into());
+    }
+    let earlier = set_aside(bag, args.force, "--out")?;
     interrupt::writes(bag);
     let progress = Progress::endless("reading");
     let mut told = |rows: u64| progress.say(format!("{:.1} million rows", rows as f64 * 1e-6));
@@ -94,12 +112,11 @@ fn import(
         vec![signals::import(&args.csv, &mapping, &about, bag, &mut told)?]
     };
     drop(progress);
-    anyhow::ensure!(
-        reports.iter().any(|report| report.rows > 0),
-        "{} has a header and no rows: {} is empty",
-        args.csv.display(),
-        bag.display()
-    );
+    if reports.iter().all(|report| report.rows == 0) {
+        std::fs::remove_dir_all(bag).with_context(|| format!("cannot remove {}", bag.display()))?;
+        anyhow::bail!("{} has a header and no rows", args.csv.display());
+    }
+    earlier.discard()?;
     match reports.as_slice() {
         [report] if args.json && !args.split => {
             writeln!(out, "{}", serde_json::to_string_pretty(report)?)?;
@@ -118,6 +135,9 @@ fn import(
 }
 
 fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    let name = args.csv.file_stem().unwrap_or(args.csv.as_os_str()).to_string_lossy();
+    let path = args.write.clone().unwrap_or_else(|| format!("{name}.mapping.yaml").into());
+    may_replace(Some(&path), args.force, "--write")?;
     let proposal = Proposal::of(&args.csv)?;
     let directory = args.csv.parent().unwrap_or(Path::new(""));
     let mut taken: Vec<_> = proposal.recorded().collect();
@@ -138,13 +158,10 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             Ok((from_there.display().to_string(), other))
         })
         .collect::<anyhow::Result<Vec<(String, Proposal)>>>()?;
-    let name = args.csv.file_stem().unwrap_or(args.csv.as_os_str()).to_string_lossy();
-    let path = args.write.clone().unwrap_or_else(|| format!("{name}.mapping.yaml").into());
     let has_motion = proposal.has_motion();
     if has_motion {
         let text = proposal.to_yaml(&args.csv.display().to_string(), &joined);
         let text = made_by::signed("mapping.yaml", &text);
-        may_replace(Some(&path), args.force, "--write")?;
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if args.json {

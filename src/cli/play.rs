@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::cpu;
-use crate::directory::make_room;
+use crate::directory::{SetAside, set_aside};
 use crate::interrupt;
 use crate::made_by;
 use crate::node::controller_settings;
@@ -257,9 +257,10 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let figure = next_to(&args.record, ".svg");
     let samples_file = args.samples.clone().unwrap_or_else(|| next_to(&args.record, ".csv"));
     TableFormat::of(&samples_file).map_err(|error| WrongArguments(error.to_string()))?;
-    for place in [&args.record, &figure, &samples_file] {
-        make_room(place, args.force, "--record")?;
-    }
+    let earlier = [&args.record, &figure, &samples_file]
+        .map(|place| set_aside(place, args.force, "--record"))
+        .into_iter()
+        .collect::<anyhow::Result<Vec<_>>>()?;
     if let Some(parent) = args.record.parent() {
         std::fs::create_dir_all(parent)
             .with_context(|| format!("cannot create {}", parent.display()))?;
@@ -318,6 +319,7 @@ pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         .with_context(|| format!("cannot write {}", figure.display()))?;
     let rows = samples.iter().map(sample_row);
     write_table(&samples_file, &made_by::record(), sample_columns(), rows)?;
+    earlier.into_iter().try_for_each(SetAside::discard)?;
     drop(progress);
     let report = PlayReport {
         bag: args.record.clone(),

@@ -160,3 +160,14 @@ fn joins_that_cannot_be_are_told_with_the_key() {
         }
     }
 }
+
+#[test]
+fn a_bag_is_not_made_of_files_without_a_time_in_common() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = two_files(directory.path());
+    let mapping = Mapping::from_yaml(&mapping(1000.0), "m.yaml").unwrap();
+    let bag = directory.path().join("bag");
+    let told = import(&path, &mapping, &BTreeMap::new(), &bag, &mut |_| {}).unwrap_err();
+    assert!(told.to_string().contains("no time in common"), "{told}");
+    assert!(!bag.exists());
+}

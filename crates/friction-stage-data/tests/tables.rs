@@ -1326,3 +1326,92 @@ fn a_file_that_is_no_text_is_told_by_what_it_is() {
     let filled = [format!("Rig\0\0\0\0\nt,x,u\n{rows}").as_bytes(), &[0; 4096]].concat();
     assert_read("t.csv", filled, MAPPING, ROWS);
 }
+
+#[test]
+fn a_refused_import_leaves_nothing_and_touches_nothing_of_others() {
+    let lines = rows(",", '.', "\n");
+    let mut broken: Vec<&str> = lines.lines().collect();
+    broken.insert(ROWS / 2, "0.1,words,1.0");
+    let file = file("t.csv", format!("t,x,u\n{}\n", broken.join("\n")));
+    let mapping = Mapping::from_yaml(MAPPING, "m.yaml").unwrap();
+    let out = file.path.with_file_name("bag");
+    let told = import(&file.path, &mapping, &BTreeMap::new(), &out, &mut |_| ()).unwrap_err();
+    assert!(told.to_string().contains("\"words\""), "{told}");
+    assert!(!out.exists());
+    // What is there already stays as it is.
+    std::fs::create_dir(&out).unwrap();
+    std::fs::write(out.join("thesis.txt"), "mine").unwrap();
+    assert!(import(&file.path, &mapping, &BTreeMap::new(), &out, &mut |_| ()).is_err());
+    assert_eq!(std::fs::read_to_string(out.join("thesis.txt")).unwrap(), "mine");
+    // Nor is a table without times a recording.
+    let timeless: String =
+        lines.lines().map(|l| format!(",{}\n", l.split_once(',').unwrap().1)).collect();
+    let file = self::file("t.csv", format!("t,x,u\n{timeless}"));
+    let out = file.path.with_file_name("timeless");
+    let told = import(&file.path, &mapping, &BTreeMap::new(), &out, &mut |_| ()).unwrap_err();
+    assert!(told.to_string().contains("signals.time"), "{told}");
+    assert!(!out.exists());
+}
+
+#[test]
+fn exponents_in_a_row_are_words() {
+    let text = format!("t,x,u\n{}0.5,1{},0\n", rows(",", '.', "\n"), "d-1".repeat(300_000));
+    assert!(error(text, MAPPING).contains("column 2"));
+}
+
+#[test]
+fn an_error_of_a_spreadsheet_in_the_first_column_is_no_comment() {
+    let row = |k: usize| {
+        let (x, u) = values(k);
+        let first = if k % 3 == 1 { "#DIV/0!".to_owned() } else { format!("{u:.6}") };
+        format!("{first},{:.3},{x:.9}\n", k as f64 / RATE)
+    };
+    let text = format!("u,t,x\n{}", (0..ROWS).map(row).collect::<String>());
+    let recording = read("t.csv", text, MAPPING).unwrap();
+    assert_eq!(recording.trace.len(), ROWS);
+    assert!((recording.trace.position[1] - values(1).0).abs() < 1e-8);
+}
+
+#[test]
+fn rows_above_a_table_are_told() {
+    let text = format!("a,b,c\n1,2,3\n4,5,6\nt,x,u\n{}", rows(",", '.', "\n"));
+    let notes = read("t.csv", text, MAPPING).unwrap().quality.notes;
+    assert_eq!(notes, [SignalNote::RowsLeftOut { rows: 2, first_line: 2 }]);
+}
+
+#[test]
+fn of_several_rates_that_of_the_samples_counts_and_a_time_stays() {
+    let rows: String =
+        (0..ROWS).map(|k| format!("{:.9};{:.9}\n", values(k).0, values(k).1)).collect();
+    let stated = |above: &str| {
+        let file = file("t.csv", format!("{above}\nposition [m];force [N]\n{rows}"));
+        Proposal::of(&file.path).unwrap().stated_rate.map(|(rate, _)| rate)
+    };
+    assert_eq!(stated("Baud rate: 115200\nSample rate: 2000 Hz"), Some(2000.0));
+    assert_eq!(stated("Baud rate: 115200\nPWM frequency: 16000 Hz"), Some(1000.0));
+    let (t, x, u) = (&|k: usize| k as f64, &|k: usize| values(k).0, &|k: usize| values(k).1);
+    let proposal = proposal_of("PWM frequency: 16000 Hz\ntime;position [m];force [N]", &[t, x, u]);
+    assert_eq!(column_of(&proposal, Signal::Time), Some(1), "{proposal:#?}");
+}
+
+#[test]
+fn marks_are_comments_and_no_part_of_a_name() {
+    let marks = |text: &str| Mapping::from_yaml(text, "m.yaml").unwrap().unconfirmed;
+    let with = |position: &str| format!("rate: 10\nsignals:\n  position: {position}\n");
+    assert_eq!(marks(&with("{column: \"x # CHECK: unit\", unit: mm}")), Vec::<String>::new());
+    assert_eq!(marks(&with("{column: 2, unit: mm}   # mm, as they say")), Vec::<String>::new());
+    for comment in ["# CHECK: mm?", "#CHECK mm?", "#  CHECK: mm?"] {
+        let text = with(&format!("{{column: \"it's x\", unit: mm}}   {comment}"));
+        assert_eq!(marks(&text), ["position: mm?"], "{comment}");
+    }
+}
+
+#[test]
+fn many_columns_with_times_of_their_own_are_looked_at_in_time() {
+    let names: Vec<String> = (0..2000).map(|k| format!("t_{k} [s],x_{k} [mm]")).collect();
+    let row = |k: usize| vec![format!("{:.3},{:.3}", k as f64 / RATE, values(k).0); 2000].join(",");
+    let text: String = (0..6).map(|k| row(k) + "\n").collect();
+    let file = file("t.csv", format!("{}\n{text}", names.join(",")));
+    let proposal = Proposal::of(&file.path).unwrap();
+    assert_eq!(proposal.columns.len(), 4000);
+}

@@ -51,8 +51,8 @@ pub(super) struct ColumnName {
 type Words = &'static [&'static str];
 
 const TIME: Words = &[
-    "t", "*time*", "stamp", "*zeit*", "temps", "clock", "secs", "seconds", "sekunden", "tiempo",
-    "tempo", "tijd",
+    "t", "time*", "*time", "stamp", "*zeit*", "temps", "clock", "secs", "seconds", "sekunden",
+    "tiempo", "tempo", "tijd",
 ];
 const POSITION: Words = &[
     "x",
@@ -75,7 +75,10 @@ const POSITION: Words = &[
     "stroke",
     "distance",
     "angle",
-    "*lage*",
+    "*lage",
+    "lageist*",
+    "lagesoll*",
+    "lagewert*",
     "*weg",
     "*winkel*",
     "*verschiebung*",
@@ -157,7 +160,6 @@ const ASKED: Words = &[
     "cmdpos",
     "*demand*",
     "*desired*",
-    "des",
     "*target*",
     "*soll*",
     "nominal",
@@ -249,7 +251,7 @@ impl ColumnName {
         let says = |known: Words| all().any(|word| is_one_of(word, known));
         let role = if says(OTHER) {
             Role::Other
-        } else if says(ASKED) {
+        } else if says(ASKED) || parts.iter().any(|part| ends_with_des(part)) {
             Role::Asked
         } else if says(MEASURED) {
             Role::Measured
@@ -287,6 +289,13 @@ impl ColumnName {
     pub(super) fn is_of_same_axis(&self, other: &ColumnName) -> bool {
         !self.axis.is_empty() && self.axis == other.axis
     }
+}
+
+/// Whether a part of a name ends with `des` for `desired`, as `x_des`: before another word it is an
+/// article in German and French.
+fn ends_with_des(tokens: &[String]) -> bool {
+    let words = tokens.iter().rfind(|token| token.chars().all(char::is_alphabetic));
+    words.is_some_and(|word| word == "des")
 }
 
 /// The axis of a force along one, such as `Fx`.
@@ -385,7 +394,10 @@ fn without_unit(name: &str) -> &str {
     let unit = unit_of_name(name);
     let is_closed = name.trim_end().ends_with([']', ')', '}', '>']);
     let begin = match unit.is_empty() {
-        true => name.rfind(['[', '(', '{', '<']).filter(|_| is_closed),
+        // A number in brackets tells the axis.
+        true => name
+            .rfind(['[', '(', '{', '<'])
+            .filter(|at| is_closed && !name[*at..].chars().any(|c| c.is_ascii_digit())),
         false => name.rfind(unit),
     };
     let bare = begin.filter(|at| *at > 0).map_or(name, |at| &name[..at]);
@@ -396,11 +408,17 @@ fn without_unit(name: &str) -> &str {
 /// The unit that a name ends with, behind a mark or the word `in`: `t_ms`, `x/mm` (a quantity over
 /// its unit, as DIN 1313 has it), `stroke, mm`, `F {kN}`, `Position..mm.`; empty where it has none.
 pub(super) fn unit_of_name(name: &str) -> &str {
-    let is_unit = |text: &str| Unit::named(text).is_some() || unit_of_suffix(text).is_some();
+    let is_unit = |text: &str| {
+        let is_letter = ["n", "a"].contains(&text);
+        Unit::named(text).is_some() || !is_letter && unit_of_suffix(text).is_some()
+    };
     let closing = |c: char| matches!(c, ']' | ')' | '}' | '>' | '_' | '.' | ' ');
     let name = name.trim_end_matches(closing);
     if is_unit(name) {
         return "";
+    }
+    if let Some(unit) = unit_of_letter(name) {
+        return unit;
     }
     // The longest that is one: `v m/s`, not the `s` of it.
     name.char_indices()
@@ -409,26 +427,41 @@ pub(super) fn unit_of_name(name: &str) -> &str {
         .find(|(mark, before, unit)| {
             let quantity = before.trim_end_matches(|c: char| !c.is_alphanumeric());
             let is_over = *mark == '/';
+            // What stands over the unit may be one itself: `stiffness_N/mm` is in N/mm.
+            let last = quantity.rsplit(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();
             // `m/s` is a unit over another one, and a path has words behind its strokes.
             let is_quantity = !quantity.is_empty()
-                && !(is_over && (is_unit(quantity) || quantity.contains([' ', '/'])));
+                && !(is_over && (is_unit(last) || quantity.contains([' ', '/'])));
             let is_said = match mark {
                 ' ' => quantity.ends_with(" in") || before.ends_with(','),
-                // `x_d` is a desired one, and nobody logs a motion in days.
-                '_' | '.' => !["d", "h"].contains(unit),
-                _ => true,
+                // `x_d` is a desired one, `x_1` the first, `pos_in` an input.
+                '_' | '.' => !["d", "h", "min", "g", "1", "in"].contains(unit),
+                // A number in brackets is an index.
+                _ => *unit != "1",
             };
             is_quantity && is_said && is_unit(unit)
         })
         .map_or("", |(.., unit)| unit)
 }
 
+/// The unit of a name that ends with a small letter for it: only behind a word for what is measured
+/// in it, since `x_a` and `x_n` may be the actual and the nominal one.
+fn unit_of_letter(name: &str) -> Option<&'static str> {
+    let (quantity, letter) = name.rsplit_once('_')?;
+    let quantity = quantity_of_words(&tokens(quantity))?;
+    match (quantity, letter) {
+        (Quantity::Force | Quantity::ForceCell, "n") => Some("n"),
+        (Quantity::Current, "a") => Some("a"),
+        _ => None,
+    }
+}
+
 /// The unit that the last words of a name in small letters with strokes below stand for, such as
 /// `m_s` or `n`.
 pub(super) fn unit_of_suffix(suffix: &str) -> Option<&'static str> {
     const WRITTEN: &[(&str, &str)] = &[
-        ("n", "N"),
         ("kn", "kN"),
+        ("n", "N"),
         ("a", "A"),
         ("m_s", "m/s"),
         ("mm_s", "mm/s"),
@@ -478,6 +511,10 @@ mod tests {
             ("Status", None, Other),
             ("Momentanwert", None, Unsaid),
             ("Kraft-Sollwert", Some(Force), Asked),
+            ("x_des", Some(Position), Asked),
+            ("Position des Schlittens (mm)", Some(Position), Unsaid),
+            ("position centimeters", Some(Position), Unsaid),
+            ("Lagerkraft", Some(Force), Unsaid),
             ("a3", None, Unsaid),
         ] {
             let said = ColumnName::of(name);
@@ -494,6 +531,8 @@ mod tests {
             ("Axis1.SetPos", "Axis2.ActPos"),
             ("x1", "F2"),
             ("Fx", "Fy"),
+            ("pos_2", "force_1"),
+            ("q[1]", "q[2]"),
         ] {
             assert!(other(a, b), "{a} {b}");
         }
@@ -523,6 +562,11 @@ mod tests {
             ("x_d", ""),
             ("velocity_m_s", "m_s"),
             ("force_cell_n", "n"),
+            ("stiffness_N/mm", ""),
+            ("velocity_cm/s", "cm/s"),
+            ("pos_1", ""),
+            ("x_n", ""),
+            ("pos_in", ""),
             ("v m/s", ""),
             ("m/s", ""),
             ("rows per s", ""),

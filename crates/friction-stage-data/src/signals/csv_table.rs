@@ -567,7 +567,7 @@ impl CsvTable {
             row: Splitter::new(layout.delimiter),
             line: layout.data_line - 1,
             text: Vec::new(),
-            left_out: (0, 0),
+            left_out: layout.rows_above,
             notes: Vec::new(),
             joint,
             captures,

@@ -85,6 +85,13 @@ fn write_bag(
             progress(count);
         }
     }
+    if bag.report.rows > 0 && bag.report.without_time == bag.report.rows {
+        return Err(SignalError::Mapping {
+            origin: import.path.display().to_string(),
+            key: "signals.time".into(),
+            reason: "no row has one: leave it out and give the `rate`".into(),
+        });
+    }
     import.refuse_other_times(&bag)?;
     bag.finish(tables.iter().flat_map(|table| table.rows.notes()).chain(import.marks()).collect())
 }
@@ -94,9 +101,10 @@ fn whole_or_none<T>(
     out: &Path,
     write: impl FnOnce() -> Result<T, SignalError>,
 ) -> Result<T, SignalError> {
-    let was_there = out.exists();
     let written = write();
-    if written.is_err() && !was_there {
+    // That of somebody else stays.
+    let is_own = |error: &SignalError| !matches!(error, SignalError::Bag(BagError::Exists { .. }));
+    if written.as_ref().is_err_and(is_own) {
         // What cannot be removed is what the error that is on its way is about.
         let _ = std::fs::remove_dir_all(out);
     }

@@ -86,10 +86,30 @@ impl Mapping {
     }
 }
 
+/// Where the comment of a line of YAML begins: with a `#` at its begin or behind a blank, and not
+/// between quotes.
+fn comment_of(line: &str) -> Option<usize> {
+    let (mut quote, mut before, mut escaped) = (None, ' ', false);
+    for (at, c) in line.char_indices() {
+        match (c, quote) {
+            _ if escaped => {}
+            ('#', None) if before.is_whitespace() => return Some(at),
+            ('"' | '\'', None) if " {[,:".contains(before) => quote = Some(c),
+            (c, Some(open)) if c == open => quote = None,
+            _ => {}
+        }
+        escaped = c == '\\' && quote == Some('"') && !escaped;
+        before = c;
+    }
+    None
+}
+
 /// What the comments of a proposed mapping mark for a person to check, each with its key.
 fn marks(text: &str) -> Vec<String> {
     let mark = |line: &str| {
-        let (before, check) = line.split_once("# CHECK: ")?;
+        let (before, comment) = line.split_at(comment_of(line)?);
+        let check = comment.trim_start_matches(['#', ' ']).strip_prefix("CHECK")?;
+        let check = check.trim_start_matches([':', ' ']);
         let key = before.split(':').next().unwrap_or_default().trim();
         Some(if key.is_empty() { check.to_owned() } else { format!("{key}: {check}") })
     };

@@ -149,7 +149,8 @@ impl Table<'_> {
         let finite = || samples.values.iter().copied().filter(|v| v.is_finite());
         let has_values = samples.has_values() && !samples.is_clock;
         let unit = match bare_unit(&self.units[at]) {
-            "" => {
+            // A number in brackets is an index.
+            none if none.bytes().all(|byte| byte.is_ascii_digit()) => {
                 let written = unit_of_name(&self.names[at]);
                 unit_of_suffix(written).unwrap_or(written)
             }
@@ -184,37 +185,52 @@ impl Table<'_> {
         if times.len() < 2 || times.iter().skip(1).all(|at| is_same(times[0], *at)) {
             return Vec::new();
         }
-        let named_after = |time: usize, at: usize| {
-            time != at && !times.contains(&at) && is_time_of(&self.names[time], &self.names[at])
+        let names: Vec<ClockName> = self.names.iter().map(|name| ClockName::of(name)).collect();
+        let is_any_time: Vec<bool> = (0..names.len()).map(|at| times.contains(&at)).collect();
+        let own_time = |at: usize| {
+            times.iter().copied().find(|time| match is_any_time[at] {
+                true => *time == at,
+                false => names[*time].is_time_of(&names[at]),
+            })
         };
-        let has_own = |time: &usize| (0..self.names.len()).any(|at| named_after(*time, at));
+        let own: Vec<Option<usize>> = (0..names.len()).map(own_time).collect();
+        let have_own = own.iter().zip(&is_any_time).any(|(own, is_time)| !is_time && own.is_some());
         let stand_apart = times.windows(2).all(|pair| pair[1] > pair[0] + 1)
             && times.last().is_some_and(|at| at + 1 < self.names.len());
-        if !times.iter().any(has_own) && !stand_apart {
+        if !have_own && !stand_apart {
             return Vec::new();
         }
-        let clock_of = |at: usize| {
-            let own = times.iter().copied().find(|time| *time == at || named_after(*time, at));
-            let before = || times.iter().copied().rfind(|time| *time < at);
-            own.or_else(before).unwrap_or(times[0])
-        };
-        let of_time = |time: &usize| {
-            (0..self.names.len()).filter(|at| clock_of(*at) == *time).collect::<Vec<_>>()
-        };
-        times.iter().map(of_time).collect()
+        let mut blocks = vec![Vec::new(); times.len()];
+        let mut before = 0;
+        for (at, time) in own.iter().enumerate() {
+            let block = time.and_then(|time| times.binary_search(&time).ok());
+            if is_any_time[at] {
+                before = block.unwrap_or(before);
+            }
+            blocks[block.unwrap_or(before)].push(at);
+        }
+        blocks
     }
 }
 
-/// Whether a time is that of a column by its name: `pos.t` of `pos.x`, `AxisPos_t [s]` of
-/// `AxisPos [mm]`.
-fn is_time_of(time: &str, column: &str) -> bool {
-    let parent = |name: &str| name.rsplit_once(['.', '/']).map(|(parent, _)| parent.to_owned());
-    let bare =
-        |name: &str| name.split(['[', '(', '{']).next().unwrap_or_default().trim().to_owned();
-    let behind = bare(time).strip_prefix(&bare(column)).map(str::to_owned);
-    let has_mark = |rest: &String| rest.starts_with(|c: char| !c.is_alphanumeric());
-    parent(time).is_some() && parent(time) == parent(column)
-        || !bare(column).is_empty() && behind.as_ref().is_some_and(has_mark)
+/// What a name says of the time that belongs to it: its path, and the name without a unit.
+struct ClockName<'a> {
+    path: Option<&'a str>,
+    bare: &'a str,
+}
+
+impl ClockName<'_> {
+    fn of(name: &str) -> ClockName<'_> {
+        let bare = name.split(['[', '(', '{']).next().unwrap_or_default().trim();
+        ClockName { path: name.rsplit_once(['.', '/']).map(|(path, _)| path), bare }
+    }
+
+    /// Whether it is the time of a column: `pos.t` of `pos.x`, `AxisPos_t [s]` of `AxisPos [mm]`.
+    fn is_time_of(&self, column: &ClockName) -> bool {
+        let behind = self.bare.strip_prefix(column.bare).filter(|_| !column.bare.is_empty());
+        self.path.is_some() && self.path == column.path
+            || behind.is_some_and(|rest| rest.starts_with(|c: char| !c.is_alphanumeric()))
+    }
 }
 
 impl ProposedSignal {
@@ -517,7 +533,9 @@ impl Proposal {
 
     /// Says which column counts captures or axes that stand in one file.
     fn find_captures(&mut self, samples: &[Samples]) {
-        for column in self.columns.iter().filter(|column| column.signal.is_none()) {
+        let may_count =
+            |column: &&TableColumn| column.signal.is_none() && counts_captures(&column.name);
+        for column in self.columns.iter().filter(may_count) {
             let values = &samples[column.number - 1].values;
             let mut seen: Vec<i64> = Vec::new();
             for value in values.iter().filter(|value| value.is_finite()) {
@@ -530,7 +548,7 @@ impl Proposal {
                     seen.push(whole);
                 }
             }
-            if seen.len() > 1 && counts_captures(&column.name) {
+            if seen.len() > 1 {
                 self.table_checks.push(format!(
                     "{} has {} values: rows of several captures or axes, which must be files of \
                      their own",
@@ -555,16 +573,30 @@ impl Proposal {
 
     /// The same with the rate that a line above the table says, where no column is a time.
     fn with_stated_rate(mut self, above: &[(u64, String)]) -> Proposal {
-        let stated =
-            above.iter().find_map(|(line, text)| Some((*line, rate_in(text, self.decimal_comma)?)));
-        let Some((line, rate)) = stated else { return self };
+        let said: Vec<(u64, f64, bool)> = above
+            .iter()
+            .filter_map(|(line, text)| {
+                let (rate, is_of_samples) = rate_in(text, self.decimal_comma)?;
+                Some((*line, rate, is_of_samples))
+            })
+            .collect();
+        // A rate of samples counts before others, and of several none.
+        let is_any_of_samples = said.iter().any(|(.., is_of_samples)| *is_of_samples);
+        let mut rates = said.iter().filter(|(.., of)| *of || !is_any_of_samples);
+        let Some(&(line, rate, _)) = rates.next() else { return self };
+        if rates.any(|(_, other, _)| *other != rate) {
+            return self;
+        }
         // The number of a row, for which nobody gives a unit, is a worse time.
         let rows = self.rows as f64;
         let time = self.signals.iter().position(|found| found.signal == Signal::Time);
         let is_counter = time.is_some_and(|at| {
             let column = self.column(self.signals[at].column);
             let range = column.and_then(|column| Some(column.largest? - column.smallest?));
-            self.signals[at].check.is_some() && range == Some(rows - 1.0)
+            let is_called_one = column.is_some_and(|column| {
+                ColumnName::of(&column.name).quantity == Some(Quantity::Time)
+            });
+            self.signals[at].check.is_some() && !is_called_one && range == Some(rows - 1.0)
         });
         if let Some(at) = time.filter(|_| is_counter) {
             let number = self.signals.remove(at).column;
@@ -999,9 +1031,9 @@ fn counts_captures(name: &str) -> bool {
     name.split(|c: char| !c.is_alphabetic()).any(|word| CAPTURE.contains(&word))
 }
 
-/// Rows per second that a line of settings says: one number beside a word for a rate or for the
-/// time between rows.
-fn rate_in(line: &str, decimal_comma: bool) -> Option<f64> {
+/// Rows per second that a line of settings says, and whether it speaks of samples: one number beside
+/// a word for a rate or for the time between rows.
+fn rate_in(line: &str, decimal_comma: bool) -> Option<(f64, bool)> {
     const RATE: &[&str] = &[
         "rate",
         "samplerate",
@@ -1057,7 +1089,9 @@ fn rate_in(line: &str, decimal_comma: bool) -> Option<f64> {
     let size = unit.unwrap_or(1.0) * number;
     let rate = if is_interval { 1.0 / size } else { size };
     // Assumed: no motion is recorded outside of these.
-    (1.0..1e7).contains(&rate).then_some(rate)
+    let of_samples = ["sampl", "abtast", "scan", "delta", "increment"];
+    let is_of_samples = of_samples.iter().any(|word| line.contains(word));
+    (1.0..1e7).contains(&rate).then_some((rate, is_of_samples))
 }
 
 fn steps(values: &[f64]) -> impl Iterator<Item = f64> + '_ {

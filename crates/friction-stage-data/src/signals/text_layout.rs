@@ -23,7 +23,7 @@ use super::unit::{Dimension, Unit};
 use friction_stage_core::text_file;
 
 /// So much of a file is looked at, bytes.
-const LOOKED_AT: usize = 64 * 1024;
+const LOOKED_AT: usize = 256 * 1024;
 
 /// So many lines above a table are read for what they say of it.
 const SETTINGS: usize = 1000;
@@ -54,6 +54,8 @@ pub struct TextLayout {
     pub columns: usize,
     /// Line and number of names of which it is not known to which columns they belong.
     pub unplaced: Option<(u64, usize)>,
+    /// Rows like those of the table that stand above it as settings, and the line of the first.
+    pub rows_above: (u64, u64),
     /// Words that stand for a missing value, besides those that are known.
     pub missing: Vec<String>,
     /// Whether rows begin with a value: a row that begins with a word is another one.
@@ -129,7 +131,12 @@ fn foreign_format(begin: &[u8]) -> Option<&'static str> {
         (b"ARROW1", "an Arrow file: export it as CSV"),
         (b"\x89PNG", "a picture: export the values as CSV"),
     ];
-    let told = formats.into_iter().find(|(first, _)| begin.starts_with(first));
+    // Letters alone may be the first name of a table.
+    let is_binary = begin.iter().any(|byte| *byte < b' ' && !b"\t\n\r\x0b\x0c".contains(byte));
+    let is_letters = |first: &[u8]| first.iter().all(u8::is_ascii_alphanumeric);
+    let told = formats
+        .into_iter()
+        .find(|(first, _)| begin.starts_with(first) && (is_binary || !is_letters(first)));
     told.map(|(_, format)| format)
 }
 
@@ -190,6 +197,8 @@ struct Reading {
     words: usize,
     marks: Marks,
     begins_with_value: bool,
+    /// Rows like those of the table above it, and the line of the first.
+    rows_above: (u64, u64),
     /// Fields that every row has.
     width: usize,
 }
@@ -292,6 +301,7 @@ impl Reading {
                 words: 0,
                 marks: Marks::default(),
                 begins_with_value: false,
+                rows_above: (0, 0),
                 width: 0,
             };
         };
@@ -312,6 +322,11 @@ impl Reading {
             words: example.count(false),
             marks: Marks::of(rows[first..].iter()),
             begins_with_value: alike().any(|row| row.kinds.first() == Some(&Some(true))),
+            rows_above: {
+                let above =
+                    || lines[..first].iter().zip(&rows).filter(|(_, r)| r.is_alike(example));
+                (above().count() as u64, above().next().map_or(0, |(line, _)| line.number))
+            },
             width: alike().map(|row| row.kinds.len()).min().unwrap_or(0),
         }
     }
@@ -365,6 +380,17 @@ fn begin_of_table(
         first = begin;
     }
     first
+}
+
+/// Whether a line begins with an error of a spreadsheet, such as `#DIV/0!`, which is no comment.
+fn begins_with_error(line: &[u8]) -> bool {
+    let end = line.iter().position(|byte| b",;\t|".contains(byte)).unwrap_or(line.len());
+    let word = line[..end].trim_ascii();
+    let is_plain = |byte: &u8| byte.is_ascii_uppercase() || b"#/0_".contains(byte);
+    match word.split_last() {
+        Some((b'!' | b'?', rest)) => rest.iter().all(is_plain),
+        _ => [&b"#N/A"[..], b"#NV"].contains(&word),
+    }
 }
 
 /// The kind of each field of a line.
@@ -542,7 +568,10 @@ impl TextLayout {
         let skipped = lines.iter().take_while(|line| line.number < data_from).count();
         let above: Vec<Line> = lines.drain(..skipped).collect();
         let comment = asked.comment.or_else(|| {
-            let begins = |mark: u8| lines.iter().any(|line| line.text.first() == Some(&mark));
+            let begins = |mark: u8| {
+                let marked = |line: &&Line| line.text.first() == Some(&mark);
+                lines.iter().filter(marked).any(|line| !begins_with_error(&line.text))
+            };
             [b'#', b'%'].into_iter().find(|mark| begins(*mark))
         });
         let asked = &CsvLayout { comment, ..asked.clone() };
@@ -600,6 +629,7 @@ impl TextLayout {
             unplaced: None,
             missing: asked.missing.clone(),
             begins_with_value: chosen.begins_with_value,
+            rows_above: chosen.rows_above,
         };
         if has_names {
             let rows = &lines[first.min(lines.len())..];

@@ -133,8 +133,10 @@ fn of_c_library(unsigned: &str) -> Option<&str> {
 /// sign it could be a hexadecimal one.
 fn with_plain_exponent(text: &str) -> Option<String> {
     let (mantissa, exponent) = text.split_once(['d', 'D'])?;
+    let digits = exponent.strip_prefix(['+', '-'])?;
     let is_one = mantissa.ends_with(|c: char| c.is_ascii_digit() || matches!(c, '.' | ','))
-        && exponent.starts_with(['+', '-']);
+        && !digits.is_empty()
+        && digits.bytes().all(|byte| byte.is_ascii_digit());
     is_one.then(|| format!("{mantissa}e{exponent}"))
 }
 

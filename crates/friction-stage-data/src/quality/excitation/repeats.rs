@@ -43,7 +43,7 @@ impl Examiner<'_> {
     pub(super) fn dead_encoder(&mut self) {
         let (signal, x) = self.measured();
         let is_velocity = signal == Signal::Velocity;
-        let forces = [Signal::ForceCell, Signal::Force];
+        let forces = self.with_spans(&[Signal::ForceCell, Signal::Force]);
         let mut runs = repeats(x);
         let usual = usual_second_difference(x, &runs);
         let is_noisy = noise_in_counts(x, &runs) >= SILENT.0;
@@ -51,11 +51,12 @@ impl Examiner<'_> {
             runs.retain(|run| {
                 let lag = run.len() / ENDS;
                 let inner = run.start + lag..run.end - lag;
-                x[run.start] != 0.0 && self.driven(&inner, &forces)
+                x[run.start] != 0.0 && Self::driven(&inner, &forces)
             });
         }
+        let rounding = rounding(x);
         let abrupt = |run: &Range<usize>| {
-            second_difference_at_ends(x, run) > ABRUPT.0 * usual.max(count_at(x, run))
+            second_difference_at_ends(x, run) > ABRUPT.0 * usual.max(count_at(x, run, rounding))
         };
         let silent = |run: &Range<usize>| is_noisy && run.len() >= SILENT.1;
         let [low, high] = extremes(x);
@@ -80,10 +81,11 @@ impl Examiner<'_> {
             .cloned()
             .collect();
         let jumps: Vec<Range<usize>> = long.iter().filter(|run| abrupt(run)).cloned().collect();
-        let others = [Signal::ReferencePosition, Signal::ForceCell, Signal::Force];
+        let others =
+            self.with_spans(&[Signal::ReferencePosition, Signal::ForceCell, Signal::Force]);
         let silent: Vec<Range<usize>> = long
             .into_iter()
-            .filter(|run| !jumps.contains(run) && silent(run) && self.driven(run, &others))
+            .filter(|run| !jumps.contains(run) && silent(run) && Self::driven(run, &others))
             .collect();
         self.dead(signal, jumps, DeadEvidence::Abrupt);
         self.dead(signal, silent, DeadEvidence::Silent);
@@ -116,12 +118,13 @@ impl Examiner<'_> {
         let clipped = self.clipped(signal);
         let runs = repeats(column);
         let others = [Signal::Position, Signal::ReferencePosition, Signal::ReferenceVelocity];
+        let others = self.with_spans(&others);
         let is_noisy = noise_in_counts(column, &runs) >= SILENT.0;
         let silent = runs
             .into_iter()
             .filter(|run| is_noisy && run.len() as f64 > LONG * self.recording.rate)
             .filter(|run| column[run.start] != 0.0 && !clipped.contains(&column[run.start]))
-            .filter(|run| self.driven(run, &others))
+            .filter(|run| Self::driven(run, &others))
             .collect();
         self.dead(signal, silent, DeadEvidence::Silent);
     }
@@ -141,17 +144,18 @@ impl Examiner<'_> {
         });
     }
 
-    /// Whether one of the signals moves on during a stretch, by at least a tenth of what it does in
+    /// The columns of the signals that are recorded, each with what it spans.
+    fn with_spans(&self, signals: &[Signal]) -> Vec<(&[f64], f64)> {
+        let recorded = signals.iter().filter(|signal| self.recording.has(**signal));
+        recorded.map(|signal| self.column(*signal)).map(|column| (column, span(column))).collect()
+    }
+
+    /// Whether one of the columns moves on during a stretch, by at least a tenth of what it does in
     /// all.
-    fn driven(&self, run: &Range<usize>, signals: &[Signal]) -> bool {
-        let span = |values: &[f64]| {
-            let [low, high] = extremes(values);
-            if low < high { high - low } else { 0.0 }
-        };
-        signals.iter().filter(|signal| self.recording.has(**signal)).any(|signal| {
-            let column = self.column(*signal);
-            span(&column[run.clone()]) > 0.1 * span(column).max(f64::MIN_POSITIVE)
-        })
+    fn driven(run: &Range<usize>, columns: &[(&[f64], f64)]) -> bool {
+        columns
+            .iter()
+            .any(|(column, whole)| span(&column[run.clone()]) > 0.1 * whole.max(f64::MIN_POSITIVE))
     }
 
     /// Whether the command reaches the declared limit of the motor, or a limit that nobody
@@ -193,10 +197,9 @@ fn smallest_step(values: &[f64]) -> f64 {
 
 /// The count of the values around a stretch: steps are multiples of it, and so is what one step
 /// differs by from the next, which is less where a motion is even and fast.
-fn count_at(column: &[f64], run: &Range<usize>) -> f64 {
+fn count_at(column: &[f64], run: &Range<usize>, rounding: f64) -> f64 {
     let before = &column[run.start.saturating_sub(AROUND)..=run.start];
     let after = &column[run.end - 1..column.len().min(run.end + AROUND)];
-    let rounding = rounding(column);
     let of_steps = |values: &[f64]| {
         let differences = values.windows(3).map(|w| (w[2] - 2.0 * w[1] + w[0]).abs());
         let least = differences.filter(|found| *found > rounding).fold(f64::INFINITY, f64::min);
@@ -204,6 +207,12 @@ fn count_at(column: &[f64], run: &Range<usize>) -> f64 {
     };
     let count = of_steps(before).min(of_steps(after));
     if count.is_finite() { count.max(rounding) } else { 0.0 }
+}
+
+/// What lies between the lowest and the highest value; 0 without one.
+fn span(values: &[f64]) -> f64 {
+    let [low, high] = extremes(values);
+    if low < high { high - low } else { 0.0 }
 }
 
 /// What arithmetic makes of the largest value.
