@@ -115,7 +115,7 @@ fn a_csv_file_is_imported_checked_and_told_in_sentences_and_json() {
     let again =
         friction_stage(&["import", text(&csv), "--mapping", text(&mapping), "--out", text(&bag)]);
     assert_eq!(again.status.code(), Some(2));
-    assert!(stderr(&again).contains("never overwrites"));
+    assert!(stderr(&again).contains("exists already"));
     // without a question about identification a sound bag is a sound bag
     let plain = friction_stage(&["check", text(&bag)]);
     assert_eq!(plain.status.code(), Some(0), "{}", stdout(&plain));

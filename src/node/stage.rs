@@ -113,8 +113,8 @@ pub fn run(command_line: Vec<String>) -> anyhow::Result<Outcome> {
     startup.start_logging();
     let parameters = ParameterSet::declare(stage_settings::specs(), &startup.overrides())?;
     let settings = StageSettings::new(&parameters)?;
-    let stage =
-        Stage::new(&settings.model, settings.rates, settings.seed).context("parameter model")?;
+    let stage = Stage::new(&settings.model, settings.rates, settings.seed)
+        .with_context(|| format!("parameter model is {}", parameters.string("model")))?;
     // Whoever takes a stage as it is delivered can do nothing about its guides.
     if parameters.string("model").ends_with(".yaml") {
         for note in settings.model.notes()? {

@@ -62,11 +62,16 @@ pub struct StageSettings {
 /// Least and largest bandwidth of the stage's own position loop, Hz.
 pub const SERVO_BANDWIDTH: (f64, f64) = (0.1, 1000.0);
 
+/// ` is NAME` for a message about the model, where its cause does not name it.
+fn said_once(name: &str, cause: &ModelError) -> String {
+    if cause.to_string().contains(name) { String::new() } else { format!(" is {name}") }
+}
+
 /// Settings that do not fit together.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
-    #[error("parameter model: {source}")]
-    Model { source: ModelError },
+    #[error("parameter model{}: {source}", said_once(name, source))]
+    Model { name: String, source: ModelError },
     #[error(transparent)]
     Rates(#[from] RatesError),
     #[error(
@@ -254,7 +259,8 @@ pub fn specs() -> Vec<ParameterSpec> {
 impl StageSettings {
     pub fn new(values: &ParameterValues) -> Result<StageSettings, SettingsError> {
         let name = values.string("model");
-        let model = StageModel::named(&name).map_err(|source| SettingsError::Model { source })?;
+        let model =
+            StageModel::named(&name).map_err(|source| SettingsError::Model { name, source })?;
         let seconds = |name: &str| Duration::from_secs_f64(values.double(name));
         let settings = StageSettings {
             model: if values.boolean("noise") { model } else { model.without_noise() },
