@@ -1031,8 +1031,8 @@ fn counts_captures(name: &str) -> bool {
     name.split(|c: char| !c.is_alphabetic()).any(|word| CAPTURE.contains(&word))
 }
 
-/// Rows per second that a line of settings says, and whether it speaks of samples: one number beside
-/// a word for a rate or for the time between rows.
+/// Rows per second that a line of settings says, and whether it speaks of samples: one number
+/// beside a word for a rate or for the time between rows.
 fn rate_in(line: &str, decimal_comma: bool) -> Option<(f64, bool)> {
     const RATE: &[&str] = &[
         "rate",
