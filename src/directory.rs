@@ -75,7 +75,7 @@ pub fn set_aside(path: &Path, force: bool, option: &str) -> anyhow::Result<SetAs
 /// Whether a directory has the files of a recording and no others, or such directories.
 fn holds_recordings_only(path: &Path) -> bool {
     const ENDINGS: [&str; 4] = ["mcap", "db3", "zstd", "zst"];
-    let Ok(entries) = std::fs::read_dir(path) else { return false };
+    let Ok(mut entries) = std::fs::read_dir(path) else { return false };
     let is_part = |entry: std::io::Result<std::fs::DirEntry>| {
         entry.is_ok_and(|entry| match entry.file_type() {
             Ok(kind) if kind.is_dir() => holds_recordings_only(&entry.path()),
@@ -87,7 +87,7 @@ fn holds_recordings_only(path: &Path) -> bool {
             _ => false,
         })
     };
-    entries.map(is_part).all(|is_part| is_part)
+    entries.all(is_part)
 }
 
 /// What stood at a place and is set aside. Where it is not discarded it goes back.
