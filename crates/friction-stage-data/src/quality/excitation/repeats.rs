@@ -246,10 +246,16 @@ fn noise_in_counts(column: &[f64], runs: &[Range<usize>]) -> f64 {
     if slow == 0 {
         return 0.0;
     }
-    if windows.iter().map(|(.., turns)| turns).sum::<f64>() > 0.0 {
+    let goes_on = |windows: &[(f64, f64, usize, f64)]| {
+        windows.iter().map(|(.., turns)| turns).sum::<f64>() > 0.0
+    };
+    // Of a signal that is cut off nearly everywhere the slowest show nothing, of a fast motion all
+    // of them show the motion.
+    let all_go_on = goes_on(&windows);
+    let (slowest, ..) = windows.select_nth_unstable_by(slow, |a, b| a.0.total_cmp(&b.0));
+    if all_go_on && goes_on(slowest) {
         return 0.0;
     }
-    let (slowest, ..) = windows.select_nth_unstable_by(slow, |a, b| a.0.total_cmp(&b.0));
     let in_counts = |(_, third, row, _): &(f64, f64, usize, f64)| {
         let around = row.saturating_sub(AROUND)..column.len().min(row + AROUND);
         third / smallest_step(&column[around]).max(rounding)
