@@ -145,7 +145,7 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         .others
         .iter()
         .map(|path| {
-            let from_there = path.strip_prefix(directory).with_context(|| {
+            let from_there = path.strip_prefix(directory).ok().with_context(|| {
                 format!(
                     "{} is not in the directory of {} or below it: name the file with the motion \
                      first",
