@@ -110,7 +110,7 @@ pub enum SignalNote {
         /// Line of the first, from 1.
         first_line: u64,
     },
-    /// A proposed mapping has marks that nobody has taken away.
+    /// A proposed mapping still contains CHECK marks.
     Unconfirmed {
         /// What each is about, with what there is to check.
         marks: Vec<String>,

@@ -102,7 +102,7 @@ fn whole_or_none<T>(
     write: impl FnOnce() -> Result<T, SignalError>,
 ) -> Result<T, SignalError> {
     let written = write();
-    // That of somebody else stays.
+    // A bag made by another process is kept.
     let is_own = |error: &SignalError| !matches!(error, SignalError::Bag(BagError::Exists { .. }));
     if written.as_ref().is_err_and(is_own) {
         // What cannot be removed is what the error that is on its way is about.

@@ -587,7 +587,7 @@ impl Proposal {
         if rates.any(|(_, other, _)| *other != rate) {
             return self;
         }
-        // The number of a row, for which nobody gives a unit, is a worse time.
+        // A stated rate is preferred to a row counter without a unit.
         let rows = self.rows as f64;
         let time = self.signals.iter().position(|found| found.signal == Signal::Time);
         let is_counter = time.is_some_and(|at| {
@@ -1031,8 +1031,8 @@ fn counts_captures(name: &str) -> bool {
     name.split(|c: char| !c.is_alphabetic()).any(|word| CAPTURE.contains(&word))
 }
 
-/// Rows per second that a line of settings says, and whether it speaks of samples: one number
-/// beside a word for a rate or for the time between rows.
+/// Rows per second given by a settings line, and whether the line mentions samples: the line has one
+/// number and a word for a rate or for a sampling interval.
 fn rate_in(line: &str, decimal_comma: bool) -> Option<(f64, bool)> {
     const RATE: &[&str] = &[
         "rate",

@@ -146,7 +146,7 @@ const NAME: [&str; 5] = ["name", "path", "channel", "signal", "kanal"];
 const UNIT: [&str; 2] = ["unit", "einheit"];
 
 impl Headings {
-    /// `asked`: the line of the names, where somebody says it.
+    /// `asked`: the line of the names, if the mapping gives it.
     pub fn find(&self, asked: Option<u64>, width: usize) -> Option<Found> {
         let fits = |head: &Heading| {
             !head.texts.is_empty()

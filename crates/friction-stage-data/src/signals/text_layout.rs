@@ -459,9 +459,8 @@ impl Row {
         self.kinds.iter().rposition(Option::is_some).map_or(0, |last| last + 1)
     }
 
-    /// Whether a line begins with a word, and rows like `other` do not: settings with their name,
-    /// one for each column of values. Settings that have columns of their own stand beside the
-    /// values of a row.
+    /// Whether this row is a labelled setting: it begins with a word, rows like `other` do not, and
+    /// its values are in columns that have values in `other`.
     fn is_labelled(&self, other: &Row) -> bool {
         let begins_with_word = |row: &Row| row.kinds.first() == Some(&Some(false));
         let mut pairs = self.kinds.iter().zip(&other.kinds).skip(1);

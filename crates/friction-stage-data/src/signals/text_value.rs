@@ -44,8 +44,8 @@ pub(super) enum Value {
     Text,
 }
 
-/// Words for a value that is not there. What a device writes for a value beyond its range is none
-/// of them: whoever fits a model has to know that it was there.
+/// Words for a missing value. Words for a value out of range are not among them: a fit must not
+/// ignore such a value unnoticed.
 const MISSING: [&str; 14] = [
     "", "na", "n/a", "n.a.", "null", "none", "nil", "missing", "-", "--", "---", "nan", "nat", "?",
 ];
