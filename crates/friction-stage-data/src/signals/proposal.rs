@@ -1031,8 +1031,8 @@ fn counts_captures(name: &str) -> bool {
     name.split(|c: char| !c.is_alphabetic()).any(|word| CAPTURE.contains(&word))
 }
 
-/// Rows per second given by a settings line, and whether the line mentions samples: the line has one
-/// number and a word for a rate or for a sampling interval.
+/// Rows per second given by a settings line, and whether the line mentions samples: it has one
+/// number, and a word for a rate or for a sampling interval.
 fn rate_in(line: &str, decimal_comma: bool) -> Option<(f64, bool)> {
     const RATE: &[&str] = &[
         "rate",
