@@ -22,8 +22,9 @@ static PATIENT: AtomicUsize = AtomicUsize::new(0);
 /// What the command writes into.
 static OUTPUTS: Mutex<Vec<Output>> = Mutex::new(Vec::new());
 
-/// What a user can do with what is kept.
-static REMINDER: Mutex<Option<String>> = Mutex::new(None);
+/// What a user can do with what is kept, said when it is asked for.
+type Reminder = Box<dyn Fn() -> String + Send>;
+static REMINDER: Mutex<Option<Reminder>> = Mutex::new(None);
 
 /// A file or directory that a command writes.
 struct Output {
@@ -95,9 +96,9 @@ pub fn writes(path: &Path) {
 }
 
 /// What a user can do with what is kept.
-pub fn remind(words: String) {
+pub fn remind(words: impl Fn() -> String + Send + 'static) {
     if let Ok(mut reminder) = REMINDER.lock() {
-        *reminder = Some(words);
+        *reminder = Some(Box::new(words));
     }
 }
 
@@ -122,7 +123,7 @@ pub fn tidy() -> String {
     if kept.is_empty() {
         return "nothing was written".to_owned();
     }
-    let reminder = REMINDER.lock().ok().and_then(|reminder| reminder.clone());
+    let reminder = REMINDER.lock().ok().and_then(|reminder| Some(reminder.as_ref()?()));
     kept.into_iter().chain(reminder).collect::<Vec<_>>().join("; ")
 }
 

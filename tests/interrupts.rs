@@ -118,6 +118,7 @@ fn an_experiment_keeps_what_it_has_measured_and_goes_on_to_the_same_summary() {
     wait_for_file(&mut child, || part.exists());
     let said = interrupted(child, "experiment");
     assert!(said.contains("cut holds parts") && said.contains("--resume"), "{said}");
+    assert!(said.contains("guide_1_stribeck"), "{said}");
     let ended = |mut child: Child| {
         let mut said = String::new();
         child.stderr.take().unwrap().read_to_string(&mut said).unwrap();

@@ -139,7 +139,7 @@ fn a_measured_loop_is_shown_next_to_that_of_the_model() {
     let bad = directory.path().join("bad.json");
     let text = measured.to_json().unwrap().replace("\"rate\": 4000.0", "\"rate\": 8000.0");
     for (text, told) in [
-        ("{}".to_owned(), "bad.json: not a measured loop: missing field `schema_version`"),
+        ("{}".to_owned(), "bad.json: not a measured loop: the key `schema_version` is missing"),
         (text, "bad.json was measured at 8000 Hz and the application is at 4000 Hz"),
     ] {
         std::fs::write(&bad, text).unwrap();

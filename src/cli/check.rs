@@ -8,7 +8,7 @@ use clap::Args;
 
 use super::progress::Progress;
 use super::{Outcome, PartArgs};
-use friction_stage_core::model::StageModel;
+use friction_stage_core::plant::model_named;
 use friction_stage_data::quality::RecordingCheck;
 use friction_stage_data::signals::Mapping;
 use friction_stage_report::recording::recording_json;
@@ -57,7 +57,7 @@ pub struct CheckArgs {
 pub fn run(args: &CheckArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let part = args.part.window()?;
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
-    let model = args.model.as_deref().map(StageModel::named).transpose()?;
+    let model = args.model.as_deref().map(model_named).transpose()?;
     super::tell_assumptions(model.as_ref());
     let progress = Progress::endless("reading");
     let mut told = |count: u64| progress.say(format!("{:.1} million read", count as f64 * 1e-6));

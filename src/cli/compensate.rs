@@ -11,7 +11,7 @@ use super::{Outcome, tell_assumptions};
 use crate::directory::ResultsArgs;
 use crate::node::controller_settings;
 use friction_stage_core::control::{CompensationTermsOn, ControllerSettings};
-use friction_stage_core::model::StageModel;
+use friction_stage_core::plant::model_named;
 use friction_stage_data::bag::topics;
 use friction_stage_data::motion_file;
 use friction_stage_identify::next_experiment::trajectory_yaml;
@@ -62,7 +62,7 @@ pub struct CompensateArgs {
 /// Runs the command; results go to `out`.
 pub fn run(args: &CompensateArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let points = motion_file::load(&args.motion)?;
-    let (known, real) = (StageModel::named(&args.model)?, StageModel::named(&args.real)?);
+    let (known, real) = (model_named(&args.model)?, model_named(&args.real)?);
     tell_assumptions(Some(&known));
     let settings = match &args.controller {
         Some(path) => controller_settings::from_file(path)?,

@@ -16,7 +16,7 @@ use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::directory::ResultsArgs;
 use crate::interrupt;
-use friction_stage_core::model::StageModel;
+use friction_stage_core::plant::load_model;
 use friction_stage_lab::{
     self as lab, Experiment, ExperimentPlan, ExperimentResults, Keep, KeptParts, LabError,
     LabRecording, Settings, Specimen,
@@ -146,7 +146,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         .into());
     }
     let named = args.guides.iter().map(|name| Ok(Specimen::named(name)?));
-    let modelled = args.model.iter().map(|path| Ok(Specimen::of_model(&StageModel::load(path)?)?));
+    let modelled = args.model.iter().map(|path| Ok(Specimen::of_model(&load_model(path)?)?));
     let specimens = named.chain(modelled).collect::<anyhow::Result<Vec<Specimen>>>()?;
     let plan = ExperimentPlan {
         settings: Settings { seed: args.seed, ..Settings::default() },
@@ -167,7 +167,15 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         eprintln!("note: nothing to resume in {}: from the beginning", results.path().display());
     }
     let parts = Parts::open(results.path(), &plan, args.resume, args.results.force)?;
-    interrupt::remind(format!("continue with --resume --out {}", results.path().display()));
+    let (kept, place) = (parts.clone(), results.path().to_owned());
+    interrupt::remind(move || {
+        let measured = match kept.measured().as_slice() {
+            [] => "no part is measured to its end".to_owned(),
+            [one] => format!("measured to its end is {one}"),
+            names => format!("measured to their end are {}", names.join(", ")),
+        };
+        format!("{measured}; continue with --resume --out {}", place.display())
+    });
 
     let progress = Progress::of(plan.ticks() as u64, name);
     let keep = |of: &Specimen, recordings: &[LabRecording]| -> anyhow::Result<()> {

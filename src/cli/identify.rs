@@ -14,7 +14,8 @@ use super::progress::Progress;
 use super::{Interrupted, Outcome, PartArgs, WrongArguments};
 use crate::interrupt::{self, Patience};
 use crate::made_by;
-use friction_stage_core::model::{JointType, StageModel};
+use friction_stage_core::model::JointType;
+use friction_stage_core::plant::model_named;
 use friction_stage_core::text_file;
 use friction_stage_data::bag::topics;
 use friction_stage_data::signals::Mapping;
@@ -144,7 +145,7 @@ impl Watch for Watched {
 pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
     let part = args.part.window()?;
-    let declared = StageModel::named(&args.model)?;
+    let declared = model_named(&args.model)?;
     super::tell_assumptions(Some(&declared));
     may_write(&args.out, args.force)?;
     interrupt::writes(&args.out);

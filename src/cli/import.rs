@@ -139,6 +139,16 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let path = args.write.clone().unwrap_or_else(|| format!("{name}.mapping.yaml").into());
     may_replace(Some(&path), args.force, "--write")?;
     let proposal = Proposal::of(&args.csv)?;
+    if proposal.is_motion_guessed || !proposal.has_motion() {
+        for other in &args.others {
+            let elsewhere = Proposal::of(other)?;
+            if elsewhere.has_motion() && !elsewhere.is_motion_guessed {
+                let (first, other) = (args.csv.display(), other.display());
+                let why = format!("{first} says no motion, {other} does: name {other} first");
+                return Err(WrongArguments(why).into());
+            }
+        }
+    }
     let directory = args.csv.parent().unwrap_or(Path::new(""));
     let mut taken: Vec<_> = proposal.recorded().collect();
     let joined = args
@@ -158,12 +168,9 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
             Ok((from_there.display().to_string(), other))
         })
         .collect::<anyhow::Result<Vec<(String, Proposal)>>>()?;
-    let has_motion = proposal.has_motion();
-    if has_motion {
-        let text = proposal.to_yaml(&args.csv.display().to_string(), &joined);
-        let text = made_by::signed("mapping.yaml", &text);
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
+    let text = proposal.to_yaml(&args.csv.display().to_string(), &joined);
+    let text = made_by::signed("mapping.yaml", &text);
+    std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     if args.json {
         match joined.as_slice() {
             [] => writeln!(out, "{}", serde_json::to_string_pretty(&proposal)?)?,
@@ -177,15 +184,8 @@ fn propose(args: &ImportArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         for (path, (_, other)) in args.others.iter().zip(&joined) {
             writeln!(out, "{}", proposal_text(other, path, None))?;
         }
-        let written = has_motion.then_some(path.as_path());
-        write!(out, "{}", proposal_text(&proposal, &args.csv, written))?;
+        write!(out, "{}", proposal_text(&proposal, &args.csv, Some(&path)))?;
     }
-    anyhow::ensure!(
-        has_motion,
-        "no column of {} looks like a position or a velocity: write the mapping by hand \
-         (docs/how-to/recordings-of-others.md)",
-        args.csv.display()
-    );
     let mut proposals = std::iter::once(&proposal).chain(joined.iter().map(|(_, other)| other));
     let is_unsure = proposals.any(|proposal| !proposal.checks().is_empty());
     let is_one_clock = |(_, other): &(String, Proposal)| proposal.has_dates() && other.has_dates();

@@ -5,7 +5,7 @@ use std::io::Write;
 use clap::Args;
 
 use super::Outcome;
-use friction_stage_core::model::StageModel;
+use friction_stage_core::plant::model_named;
 use friction_stage_report::model::ModelFacts;
 use friction_stage_report::words::model_text;
 
@@ -34,7 +34,7 @@ pub struct ModelArgs {
 
 /// Runs the command; the answer goes to `out`.
 pub fn run(args: &ModelArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
-    let facts = ModelFacts::new(&StageModel::named(&args.model)?)?;
+    let facts = ModelFacts::new(&model_named(&args.model)?)?;
     if args.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&facts)?)?;
     } else {

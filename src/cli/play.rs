@@ -17,7 +17,7 @@ use crate::node::controller_settings;
 use crate::node::driver::{Driver, LockstepRun};
 use friction_stage_core::control::{ControllerSettings, Follower, Gains, Point, Trajectory};
 use friction_stage_core::model::StageModel;
-use friction_stage_core::plant::Rates;
+use friction_stage_core::plant::{Rates, model_named};
 use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, topics};
 use friction_stage_data::message::{ControllerState, JointState};
 use friction_stage_data::motion_file;
@@ -251,7 +251,7 @@ fn next_to(bag: &Path, suffix: &str) -> PathBuf {
 pub fn run(args: &PlayArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let points = motion_file::stretched(&motion_file::load(&args.motion)?, args.stretch);
     // Told here, not from the log of a node.
-    let model = StageModel::named(&args.model)?;
+    let model = model_named(&args.model)?;
     check_motion(&points, &model).with_context(|| args.motion.display().to_string())?;
     let (settings, gains, warning) = controller_of(args, &model)?;
     let figure = next_to(&args.record, ".svg");

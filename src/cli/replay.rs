@@ -12,7 +12,7 @@ use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::directory::may_replace;
 use friction_stage_core::model::StageModel;
-use friction_stage_core::plant::{Rates, Stage};
+use friction_stage_core::plant::{Rates, Stage, model_named};
 use friction_stage_data::bag::{BagReader, LOCKSTEP_EPOCH, Provenance};
 use friction_stage_data::quality::{FileFinding, contradictions};
 use friction_stage_data::signals::{Mapping, Recording, SignalError, Trace, is_table, load};
@@ -259,7 +259,7 @@ impl Played {
         let reader = BagReader::open(&args.bag)?;
         let provenance = reader.provenance().cloned();
         let model = match &args.model {
-            Some(name) => StageModel::named(name)?,
+            Some(name) => model_named(name)?,
             None => reader.model()?.with_context(|| {
                 format!("{} holds no model: give one with --model", args.bag.display())
             })?,
@@ -331,7 +331,7 @@ impl Played {
                 None => format!("{place} holds no model: give one with --model"),
             })
         })?;
-        let model = StageModel::named(name)?;
+        let model = model_named(name)?;
         let recording = load(&args.bag, mapping)?;
         let trace = recording.trace.clone();
         anyhow::ensure!(

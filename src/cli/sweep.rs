@@ -9,7 +9,7 @@ use clap::Args;
 use super::numbered::RowsArgs;
 use super::{Outcome, WrongArguments, tell_assumptions};
 use crate::node::controller_settings;
-use friction_stage_core::model::StageModel;
+use friction_stage_core::plant::model_named;
 use friction_stage_data::motion_file;
 use friction_stage_lab::{
     Axis, NumberedPlan as _, RowsError, SweepError, SweepMotion, SweepPlan, SweepRows,
@@ -74,7 +74,7 @@ pub fn run(args: &SweepArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let wrong = |error: SweepError| WrongArguments(error.to_string());
     let axes: Vec<Axis> =
         args.axes.iter().map(|axis| axis.parse()).collect::<Result<_, _>>().map_err(wrong)?;
-    let model = StageModel::named(&args.model)?;
+    let model = model_named(&args.model)?;
     tell_assumptions(Some(&model));
     let given = match &args.controller {
         Some(path) => given_by(&controller_settings::from_file(path)?),

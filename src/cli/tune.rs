@@ -12,6 +12,7 @@ use crate::directory::ResultsArgs;
 use crate::node::controller_settings;
 use friction_stage_core::model::{EffectParameters, StageModel};
 use friction_stage_core::plant::effects::{ALL, EffectDescriptor, Role};
+use friction_stage_core::plant::model_named;
 use friction_stage_core::text_file;
 use friction_stage_lab::{Application, MeasuredLoop, Objective, TuningPlan};
 use friction_stage_report::measured_loop::MeasuredReport;
@@ -90,7 +91,7 @@ fn delay(text: &str) -> Result<f64, String> {
 
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
-    let model = late(StageModel::named(&args.model)?, args.delay)?;
+    let model = late(model_named(&args.model)?, args.delay)?;
     tell_assumptions(Some(&model));
     let mut application = match &args.application {
         None => Application::fine_step(),

@@ -11,7 +11,7 @@ use friction_stage_core::control::{
     AntiWindup, Compensation, CompensationTermsOn, ControllerSettings, Gains, ObserverSettings,
     SupervisorSettings,
 };
-use friction_stage_core::model::StageModel;
+use friction_stage_core::plant::model_named;
 use ros2_client::ParameterValue;
 
 /// Parameters that follow from the bandwidth while `tuning` is `bandwidth`.
@@ -312,7 +312,7 @@ pub fn compensation(
     let refused = |error: &dyn std::fmt::Display| {
         anyhow::anyhow!("parameter compensation is {name}: {error}")
     };
-    let model = StageModel::named(&name).map_err(|error| refused(&error))?;
+    let model = model_named(&name).map_err(|error| refused(&error))?;
     let compensation = Compensation::new(&model, settings, compensation_terms(values))
         .map_err(|error| refused(&error))?;
     Ok(Some(compensation))

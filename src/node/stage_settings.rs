@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::parameters::{ParameterSpec, ParameterValues};
 use super::runtime::Startup;
 use friction_stage_core::model::{ModelError, StageModel};
-use friction_stage_core::plant::{Rates, RatesError};
+use friction_stage_core::plant::{Rates, RatesError, model_named};
 use friction_stage_data::bag::{BagOptions, Sync};
 
 /// How the time of the stage runs.
@@ -259,8 +259,7 @@ pub fn specs() -> Vec<ParameterSpec> {
 impl StageSettings {
     pub fn new(values: &ParameterValues) -> Result<StageSettings, SettingsError> {
         let name = values.string("model");
-        let model =
-            StageModel::named(&name).map_err(|source| SettingsError::Model { name, source })?;
+        let model = model_named(&name).map_err(|source| SettingsError::Model { name, source })?;
         let seconds = |name: &str| Duration::from_secs_f64(values.double(name));
         let settings = StageSettings {
             model: if values.boolean("noise") { model } else { model.without_noise() },

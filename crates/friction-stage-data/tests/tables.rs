@@ -1428,3 +1428,117 @@ fn many_columns_with_times_of_their_own_are_looked_at_in_time() {
     let proposal = Proposal::of(&file.path).unwrap();
     assert_eq!(proposal.columns.len(), 4000);
 }
+
+#[test]
+fn where_no_name_says_a_motion_one_is_proposed_by_how_it_moves() {
+    let row = |k: usize, noise: f64| {
+        let (x, u) = values(k);
+        format!("{:.3},{noise:.3},{:.6},{u:.6}\n", k as f64 / RATE, 1e3 * x)
+    };
+    let noise = |k: usize| (7919 * k % 101) as f64 / 50.0;
+    let rows: String = (0..ROWS).map(|k| row(k, noise(k))).collect();
+    for names in ["(Time),(A1),(A2),(A3)", "Zeit;Kanal 1;Kanal 2;Kanal 3", "t,one,two,three"] {
+        let names = names.replace(';', ",");
+        let table = file("t.csv", format!("{names}\n{rows}"));
+        let proposal = Proposal::of(&table.path).unwrap();
+        assert!(proposal.is_motion_guessed, "{names}");
+        let position = proposal.signals.iter().find(|s| s.signal == Signal::Position).unwrap();
+        let check = position.check.as_deref().unwrap();
+        assert!([3, 4].contains(&position.column), "{names}: {position:?}");
+        assert!(check.contains("most like a position") && check.contains("or is it"), "{check}");
+        // The mapping is whole, and what it lacks can be written where it says so.
+        let yaml = proposal.to_yaml("t.csv", &[]);
+        Mapping::from_yaml(&yaml, "proposed").unwrap();
+        let force = yaml.lines().find(|line| line.starts_with("  # force: ")).unwrap();
+        let name = names.split(',').nth(3).unwrap();
+        let said = force.replacen("# ", "", 1).replace("NAME", &format!("\"{name}\""));
+        let mapping = Mapping::from_yaml(&yaml.replace(force, &said), "proposed").unwrap();
+        assert!(mapping.signals.contains_key(&Signal::Force), "{said}");
+    }
+    // Names in brackets are names and no units.
+    let proposal = Proposal::of(&file("t.csv", format!("(T),(A),(X),(F)\n{rows}")).path).unwrap();
+    let position = proposal.signals.iter().find(|s| s.signal == Signal::Position).unwrap();
+    assert_eq!((position.column, proposal.is_motion_guessed), (3, false));
+    assert!(position.check.as_deref().unwrap().contains("gives no unit"), "{position:?}");
+    // Where nothing moves there is a mapping all the same, which says what it lacks.
+    let still: String = (0..ROWS).map(|k| format!("{:.3},1.5\n", k as f64 / RATE)).collect();
+    let proposal = Proposal::of(&file("t.csv", format!("t,a\n{still}")).path).unwrap();
+    assert!(!proposal.has_motion());
+    assert!(proposal.to_yaml("t.csv", &[]).contains("# CHECK: no column moves"), "{proposal:?}");
+}
+
+#[test]
+fn thousands_next_to_decimal_marks_are_in_doubt() {
+    // Three digits behind a point in every row, and decimal commas elsewhere.
+    let row = |k: usize, x: &str| {
+        let row = format!("{:.3};{x};{:.6}\n", k as f64 / RATE, values(k).1);
+        row.replace('.', ",").replace('_', ".")
+    };
+    let table = |x: &dyn Fn(usize) -> String| {
+        let rows: String = (0..ROWS).map(|k| row(k, &x(k))).collect();
+        file("t.csv", format!("t [s];x [mm];u [N]\n{rows}"))
+    };
+    let named = "signals: {time: {column: 1}, position: {column: 2, unit: mm}, force: {column: 3}}";
+    let notes = |file: &File, mapping: &str| {
+        let mapping = Mapping::from_yaml(mapping, "mapping.yaml").unwrap();
+        load(&file.path, Some(&mapping)).unwrap().quality.notes
+    };
+    let doubt = SignalNote::ThousandsInDoubt { signal: Signal::Position, is_comma: false };
+    let in_doubt = table(&|k| format!("{}_{:03}", 10 + k % 3, 5 * k));
+    let proposal = Proposal::of(&in_doubt.path).unwrap();
+    let position = proposal.signals.iter().find(|s| s.signal == Signal::Position).unwrap();
+    let check = position.check.as_deref().unwrap();
+    assert_eq!((position.scale, check.contains("1.234")), (Some(1.0), true), "{check}");
+    assert!(notes(&in_doubt, named).contains(&doubt));
+    assert!(!notes(&in_doubt, &named.replace("mm}", "mm, scale: 1}")).contains(&doubt));
+    // One number that is read in one way only settles it.
+    for sure in ["950", "12_345_678", "1_200,5"] {
+        let settled = table(&|k| match k {
+            7 => sure.to_owned(),
+            k => format!("{}_{:03}", 10 + k % 3, 5 * k),
+        });
+        assert!(!notes(&settled, named).contains(&doubt), "{sure}");
+        let proposal = Proposal::of(&settled.path).unwrap();
+        assert!(!proposal.signals.iter().any(|found| found.scale.is_some()), "{sure}");
+    }
+    // The other way round: thousands commas in quotes, next to decimal points.
+    let rows: String =
+        (0..ROWS).map(|k| format!("{:.3},\"{},{k:03}\"\n", k as f64 / RATE, 10 + k % 3)).collect();
+    let quoted = file("t.csv", format!("t,x\n{rows}"));
+    let doubt = SignalNote::ThousandsInDoubt { signal: Signal::Position, is_comma: true };
+    assert!(notes(&quoted, "signals: {time: {column: 1}, position: {column: 2}}").contains(&doubt));
+}
+
+#[test]
+fn seconds_and_nanoseconds_in_columns_of_their_own_are_one_time() {
+    for (whole, part) in [
+        ("sec", "nanosec"),
+        ("/joint_states/header/stamp/sec", "/joint_states/header/stamp/nanosec"),
+        (".header.stamp.secs", ".header.stamp.nsecs"),
+    ] {
+        let begin = 1_717_000_000_u64 * 1_000_000_000 + 900_000_000;
+        let rows: String = (0..ROWS)
+            .map(|k| {
+                let (stamp, (x, u)) = (begin + 1_000_000 * k as u64, values(k));
+                let (seconds, rest) = (stamp / 1_000_000_000, stamp % 1_000_000_000);
+                format!("{seconds},{rest},x_axis,{x:.8},{u:.6}\n")
+            })
+            .collect();
+        let table = file("joint.csv", format!("{whole},{part},frame_id,position,effort\n{rows}"));
+        let proposal = Proposal::of(&table.path).unwrap();
+        let yaml = proposal.to_yaml("joint.csv", &[]);
+        assert!((proposal.rate_hz.unwrap() - RATE).abs() < 1e-3, "{yaml}");
+        let recording =
+            load(&table.path, Some(&Mapping::from_yaml(&yaml, "proposed").unwrap())).unwrap();
+        assert_eq!(recording.trace.len(), ROWS, "{yaml}");
+        assert!((recording.trace.time[ROWS - 1] - 0.199).abs() < 1e-12);
+        assert_eq!(recording.trace.position[7], values(7).0);
+    }
+    let wrong = |text: &str| Mapping::from_yaml(text, "m.yaml").unwrap_err().to_string();
+    let told = wrong("signals: {time: {column: s, plus: ns}, position: {column: x}}");
+    assert!(told.contains("plus_unit: ns"), "{told}");
+    let told = wrong("signals: {position: {column: x, plus: y, plus_unit: ns}}");
+    assert!(told.contains("`plus` adds a column of times"), "{told}");
+    let told = wrong("signals: {time: {column: s, plus: y, plus_unit: mm}, position: {column: x}}");
+    assert!(told.contains("must be one of time"), "{told}");
+}

@@ -283,8 +283,8 @@ pub fn hysteresis_loop(
     Ok((found, LabRecording { name, model: specimen.rig.clone(), settings: *settings, rows }))
 }
 
-/// A length as file names and tables show it: `10nm`, `1um`, `1000um`.
-pub fn length(metres: f64) -> String {
+/// A length as names of files have it: `10nm`, `1um`, `1000um`.
+fn length(metres: f64) -> String {
     if metres < 0.999e-6 {
         format!("{:.0}nm", metres * 1e9)
     } else {

@@ -56,7 +56,7 @@ pub use article_fit::{
 pub use compensation_trial::{CompensationTrial, TrialError, TrialRun};
 pub use dahl::{
     AMPLITUDES, DahlCurves, DahlResonance, HysteresisLoop, LoopTiming, PAPER_AMPLITUDES, dahl,
-    hysteresis_loop, length,
+    hysteresis_loop,
 };
 pub use distributed_fit::{DistributedFit, NoDistributedFit, best_single, fit as fit_distributed};
 pub use experiment::{

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use friction_stage_core::model::{Catalogue, StageModel};
 use friction_stage_core::plant::effects::Effects;
+use friction_stage_core::plant::load_model;
 use pyo3::prelude::*;
 
 use crate::error::{OrRaise, Raise};
@@ -52,7 +53,7 @@ impl Model {
     fn from_yaml(source: TextOrPath) -> PyResult<Model> {
         let model = match source.or_file() {
             TextOrPath::Text(text) => StageModel::from_yaml(&text, "the model"),
-            TextOrPath::Path(path) => StageModel::load(&path),
+            TextOrPath::Path(path) => load_model(&path),
         };
         Model::checked(model.or_raise()?)
     }

@@ -10,6 +10,7 @@ use crate::cli::experiment::bags::write_topics;
 use crate::cli::{Outcome, WrongArguments};
 use crate::interrupt;
 use friction_stage_core::model::StageModel;
+use friction_stage_core::plant::load_model;
 use friction_stage_core::text_file;
 use friction_stage_lab::HiddenEffect;
 
@@ -95,7 +96,7 @@ pub(super) fn run(args: &RecordingsArgs, out: &mut dyn Write) -> anyhow::Result<
         out,
         "{place}: declared.yaml, train, check and the sealed answer\n\nWhat does the stage have \
          that its model lacks?\n  friction-stage identify --model {place}/declared.yaml --train \
-         {place}/train --holdout {place}/check --out {place}/result\n\nThe answer:\n  \
+         {place}/train --holdout {place}/check --out result\n\nThe answer:\n  \
          friction-stage demo recordings --out {place} --reveal"
     )?;
     Ok(Outcome::Done)
@@ -103,7 +104,7 @@ pub(super) fn run(args: &RecordingsArgs, out: &mut dyn Write) -> anyhow::Result<
 
 /// A model with something to hide.
 fn to_hide(path: &Path) -> anyhow::Result<StageModel> {
-    let model = StageModel::load(path)?;
+    let model = load_model(path)?;
     if model.effects.is_empty() {
         let why = "it has no `effects`, so there is nothing to hide";
         return Err(WrongArguments(format!("{}: {why}", path.display())).into());

@@ -18,6 +18,7 @@ const PLAN: &str = "plan.json";
 const LARGEST: u64 = 256 << 20;
 
 /// The parts of a run.
+#[derive(Clone)]
 pub struct Parts {
     directory: PathBuf,
 }
@@ -130,6 +131,17 @@ impl Parts {
         let cannot = || format!("cannot write {}", path.display());
         std::fs::write(&unfinished, serde_json::to_string(found)?).with_context(cannot)?;
         std::fs::rename(&unfinished, &path).with_context(cannot)
+    }
+
+    /// Names of the parts that are measured, in alphabetic order.
+    pub fn measured(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(&self.directory).into_iter().flatten().flatten();
+        let mut names: Vec<String> = entries
+            .filter(|entry| entry.file_name() != PLAN)
+            .filter_map(|entry| Some(entry.file_name().to_str()?.strip_suffix(".json")?.to_owned()))
+            .collect();
+        names.sort();
+        names
     }
 
     /// Removes the parts of a run that is whole.

@@ -9,6 +9,7 @@ mod body;
 pub mod effects;
 mod exp2;
 mod guides;
+mod model_file;
 mod sensors;
 mod stage;
 
@@ -20,4 +21,5 @@ pub use guides::{
     BRISTLE_PARAMETERS, BristleElements, BristleShare, BristleSlopes, FrictionScale, GuideBank,
     MAX_ELEMENTS, Slip,
 };
+pub use model_file::{load_model, model_named};
 pub use stage::{Rates, RatesError, Sample, Stage, StageState};

@@ -22,7 +22,9 @@ pub(super) fn is_array_file(path: &Path) -> bool {
 /// The columns of a file, for people.
 pub(super) fn inventory(file: &ArrayFile) -> String {
     if file.columns.is_empty() {
-        return "no columns of numbers".into();
+        let others = file.others(0);
+        let of = if others.is_empty() { "" } else { ", but " };
+        return format!("no columns of numbers{of}{}", others.join(", "));
     }
     let words = file.columns.iter().map(|column| format!("{} ({})", column.name, column.length));
     words.collect::<Vec<_>>().join(", ")
@@ -136,7 +138,7 @@ impl<'a> ArrayTable<'a> {
     /// The time in a column of this row, ns; exact for whole nanoseconds and for times.
     pub fn stamp(&self, column: usize, source: &SignalSource) -> i64 {
         let row = self.at.saturating_sub(1);
-        let is_plain = source.scale == 1.0 && source.offset == 0.0;
+        let is_plain = source.factor() == 1.0 && source.offset == 0.0;
         match &self.columns[column] {
             Values::Times(values) => values[row],
             Values::Whole(values) if source.unit == Some(1e-9) && is_plain => values[row],

@@ -58,12 +58,12 @@ impl CsvFile {
                 reason: "the recording is a table, but the mapping names topics".into(),
             });
         }
-        let time = mapping.signals.get(&Signal::Time).and_then(|sources| sources.first().cloned());
+        let times = || mapping.signals.get(&Signal::Time).into_iter().flatten();
         let joint = mapping.joint_type.unwrap_or_default();
         if is_array_file(path) {
             let file = ArrayFile::open(path)?;
             let is_there = |time: &SignalSource| array_table::column(&file, &time.place).is_ok();
-            let time = time.filter(|time| mapping.asked_for || is_there(time));
+            let time = times().find(|time| mapping.asked_for || is_there(time)).cloned();
             let (path, layout) = (path.to_owned(), Layout::Arrays(file));
             return Ok(Self { path, layout, time, rate: mapping.rate, joint });
         }
@@ -78,8 +78,8 @@ impl CsvFile {
                     .into(),
             });
         }
-        let is_named = layout.names.iter().any(|name| name == Signal::Time.name());
-        let time = time.filter(|_| mapping.asked_for || is_named);
+        let is_there = |time: &SignalSource| column_of(path, &layout, time).is_ok();
+        let time = times().find(|time| mapping.asked_for || is_there(time)).cloned();
         let (path, layout) = (path.to_owned(), Layout::Text(layout));
         Ok(Self { path, layout, time, rate: mapping.rate, joint })
     }
@@ -114,7 +114,11 @@ impl CsvFile {
         };
         let clock = match (&self.time, self.rate) {
             (Some(source), _) => {
-                RowClock::Column(table.place(Signal::Time, source)?, source.clone())
+                let plus = source.plus.as_ref().map(|plus| {
+                    Ok::<_, SignalError>((table.place_plain(&plus.column)?, plus.source()))
+                });
+                let column = table.place(Signal::Time, source)?;
+                RowClock::Column { column, source: source.clone(), plus: plus.transpose()? }
             }
             (None, Some(rate)) => RowClock::Rate(rate),
             (None, None) => {
@@ -214,8 +218,9 @@ pub(crate) fn visit_rows(
         .signals
         .iter()
         .filter(|(signal, _)| **signal != Signal::Time)
-        .filter_map(|(signal, sources)| Some((*signal, sources.first()?.clone())))
-        .filter(|(_, source)| file.has(source))
+        .filter_map(|(signal, sources)| {
+            Some((*signal, sources.iter().find(|source| file.has(source))?.clone()))
+        })
         .collect();
     let mut rows = file.rows(&columns, Captures::One)?;
     while let Some(stamp) = rows.next()? {
@@ -226,7 +231,12 @@ pub(crate) fn visit_rows(
 
 /// What says when a row was taken.
 enum RowClock {
-    Column(usize, SignalSource),
+    Column {
+        column: usize,
+        source: SignalSource,
+        /// What is added.
+        plus: Option<(usize, SignalSource)>,
+    },
     /// Hz.
     Rate(f64),
 }
@@ -339,8 +349,15 @@ impl CsvRows<'_> {
             self.count = 0;
         }
         let (stamp, is_time_of_day) = match &self.clock {
-            RowClock::Column(column, source) => {
-                (self.table.stamp(*column, source)?, self.table.is_time_of_day(*column))
+            RowClock::Column { column, source, plus } => {
+                let stamp = self.table.stamp(*column, source)?;
+                let added = plus.as_ref().map(|(column, plus)| self.table.stamp(*column, plus));
+                let stamp = match added.transpose()? {
+                    None => stamp,
+                    Some(added) if stamp == NO_TIME || added == NO_TIME => NO_TIME,
+                    Some(added) => stamp.saturating_add(added),
+                };
+                (stamp, self.table.is_time_of_day(*column))
             }
             RowClock::Rate(rate) => (seconds_to_nanos(self.count as f64 / rate), false),
         };
@@ -581,7 +598,7 @@ impl CsvTable {
     }
 
     /// Index of the column of a signal. A unit that the file gives and the mapping does not take is
-    /// worth a note.
+    /// worth a note, and so are marks that may be decimal ones.
     fn place(&mut self, signal: Signal, source: &SignalSource) -> Result<usize, SignalError> {
         let column = column_of(&self.path, &self.layout, source)?;
         let written = self.layout.units.get(column).map_or("", |unit| bare_unit(unit));
@@ -590,6 +607,10 @@ impl CsvTable {
         if source.unit.is_none() && unit.is_some_and(|unit| !is_si(unit)) {
             let (unit, taken) = (written.to_owned(), signal.si_unit(self.joint).to_owned());
             self.notes.push(SignalNote::UnitOfFile { signal, unit, taken });
+        }
+        if source.scale.is_none() && self.layout.thousands_in_doubt.contains(&column) {
+            let is_comma = self.layout.decimal == Decimal::Point;
+            self.notes.push(SignalNote::ThousandsInDoubt { signal, is_comma });
         }
         Ok(column)
     }
@@ -764,7 +785,7 @@ impl CsvTable {
             return Ok(nanoseconds);
         }
         if source.unit == Some(1e-9)
-            && source.scale == 1.0
+            && source.factor() == 1.0
             && source.offset == 0.0
             && let Ok(text) = std::str::from_utf8(self.field(column))
             && let Ok(nanoseconds) = text.parse()

@@ -103,6 +103,14 @@ pub enum SignalNote {
         /// Unit that its values are taken in.
         taken: String,
     },
+    /// Each number of a column has one mark between thousands, and other columns have decimal
+    /// marks; the mapping gives no scale.
+    ThousandsInDoubt {
+        /// The signal.
+        signal: Signal,
+        /// Whether the mark is a comma.
+        is_comma: bool,
+    },
     /// Rows of a CSV file that are none of the table: cut off, or words at its end.
     RowsLeftOut {
         /// How many.
@@ -196,6 +204,7 @@ impl SignalNote {
             Self::Integrated => "integrated_velocity",
             Self::NoForceConstant => "no_force_constant",
             Self::UnitOfFile { .. } => "unit_of_file",
+            Self::ThousandsInDoubt { .. } => "thousands_in_doubt",
             Self::RowsLeftOut { .. } => "rows_left_out",
             Self::Unconfirmed { .. } => "unconfirmed",
             Self::NoTimeInCommon { .. } => "no_time_in_common",

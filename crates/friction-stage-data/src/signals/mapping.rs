@@ -159,13 +159,32 @@ pub struct SignalSource {
     pub place: Place,
     /// Size of its unit in SI; `None` where the mapping does not say it.
     pub unit: Option<f64>,
-    /// Factor.
-    pub scale: f64,
+    /// Factor; `None` where the mapping gives none, which is 1.
+    pub scale: Option<f64>,
     /// What is added, in SI units.
     pub offset: f64,
     /// A column that is taken from the values before anything else: a position is the reference
     /// less the following error.
     pub minus: Option<Minus>,
+    /// Of times: a column that is added, such as the nanoseconds next to the seconds.
+    pub plus: Option<Plus>,
+}
+
+/// A column of times that is added to another one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plus {
+    /// The column.
+    pub column: Column,
+    /// Its unit, s.
+    pub unit: f64,
+}
+
+impl Plus {
+    /// Where its times stand.
+    pub(super) fn source(&self) -> SignalSource {
+        let plain = SignalSource::plain(Place::Column(self.column.clone()));
+        SignalSource { unit: Some(self.unit), ..plain }
+    }
 }
 
 /// A column that is taken from another one.
@@ -179,16 +198,21 @@ pub struct Minus {
 
 impl SignalSource {
     fn plain(place: Place) -> Self {
-        Self { place, unit: None, scale: 1.0, offset: 0.0, minus: None }
+        Self { place, unit: None, scale: None, offset: 0.0, minus: None, plus: None }
     }
 
     /// A value in SI; exactly itself if there is no unit, scale or offset.
     pub fn to_si(&self, value: f64) -> f64 {
-        let unit = self.unit.unwrap_or(1.0);
-        if (unit, self.scale, self.offset) == (1.0, 1.0, 0.0) {
+        let (unit, scale) = (self.unit.unwrap_or(1.0), self.factor());
+        if (unit, scale, self.offset) == (1.0, 1.0, 0.0) {
             return value;
         }
-        self.scale * (value * unit) + self.offset
+        scale * (value * unit) + self.offset
+    }
+
+    /// What its values are multiplied by, besides the size of their unit.
+    pub(super) fn factor(&self) -> f64 {
+        self.scale.unwrap_or(1.0)
     }
 }
 
@@ -354,8 +378,20 @@ impl Mapping {
 
     /// CSV files with the columns of a [`Trace`](super::Trace) by their names.
     pub fn own_csv() -> Self {
-        let signals = Signal::ALL.map(|s| {
-            (s, vec![SignalSource::plain(Place::Column(Column::Name(s.name().to_owned())))])
+        let column = |name: &str| SignalSource::plain(Place::Column(Column::Name(name.to_owned())));
+        let signals = Signal::ALL.map(|signal| {
+            // The tables of `play` have the unit in the name.
+            let with_unit = match signal {
+                Signal::Time => Some("time_s"),
+                Signal::ReferencePosition => Some("reference_m"),
+                Signal::Position => Some("position_m"),
+                Signal::Force => Some("force_n"),
+                Signal::ForceCell => Some("force_cell_n"),
+                Signal::Velocity | Signal::ReferenceVelocity | Signal::ReferenceAcceleration => {
+                    None
+                }
+            };
+            (signal, std::iter::once(signal.name()).chain(with_unit).map(column).collect())
         });
         Self { signals: signals.into(), ..Self::empty() }
     }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::error::SignalError;
 use super::mapping::{
-    Column, CsvLayout, Delimiter, Joined, Mapping, Minus, Place, Signal, SignalSource, Stamp,
+    Column, CsvLayout, Delimiter, Joined, Mapping, Minus, Place, Plus, Signal, SignalSource, Stamp,
 };
 use super::unit::{Dimension, Unit};
 use crate::bag::BagError;
@@ -68,6 +68,8 @@ struct SignalFile {
     offset: Option<f64>,
     minus: Option<String>,
     minus_unit: Option<String>,
+    plus: Option<String>,
+    plus_unit: Option<String>,
 }
 
 impl Mapping {
@@ -385,6 +387,19 @@ impl SignalFile {
         }
         let size = minus_unit.zip(unit).map_or(1.0, |(of, unit)| of.size / unit.size);
         let minus = self.minus.map(column).transpose()?.map(|column| Minus { column, size });
+        let plus = match (self.plus, self.plus_unit.as_deref()) {
+            (None, None) => None,
+            (Some(added), Some(unit)) if signal == Signal::Time && self.column.is_some() => {
+                let unit = Unit::named(unit).filter(|unit| unit.dimension == Dimension::Time);
+                let unit = unit.ok_or_else(|| wrong("`plus_unit` must be one of time".into()))?;
+                Some(Plus { column: column(added)?, unit: unit.size })
+            }
+            _ => {
+                let reason = "`plus` adds a column of times to another one, as in `time: {column: \
+                              sec, plus: nanosec, plus_unit: ns}`";
+                return Err(wrong(reason.into()));
+            }
+        };
         let place = match (self.topic, self.field, self.column) {
             (Some(topic), Some(field), None) if signal != Signal::Time => Place::Topic {
                 topic,
@@ -402,14 +417,15 @@ impl SignalFile {
                 return Err(wrong(reason.into()));
             }
         };
-        let (scale, offset) = (self.scale.unwrap_or(1.0), self.offset.unwrap_or(0.0));
-        if !scale.is_finite() || scale == 0.0 || !offset.is_finite() {
-            let reason = format!("scale {scale} and offset {offset}: both finite, scale not 0");
+        let (scale, offset) = (self.scale, self.offset.unwrap_or(0.0));
+        let factor = scale.unwrap_or(1.0);
+        if !factor.is_finite() || factor == 0.0 || !offset.is_finite() {
+            let reason = format!("scale {factor} and offset {offset}: both finite, scale not 0");
             return Err(wrong(reason));
         }
         // Whoever gives a scale knows the unit.
-        let unit = unit.map(|unit| unit.size).or(self.scale.map(|_| 1.0));
-        Ok(SignalSource { place, unit, scale, offset, minus })
+        let unit = unit.map(|unit| unit.size).or(scale.map(|_| 1.0));
+        Ok(SignalSource { place, unit, scale, offset, minus, plus })
     }
 }
 

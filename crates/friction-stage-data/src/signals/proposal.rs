@@ -58,6 +58,8 @@ pub struct ProposedSignal {
     pub minus: Option<usize>,
     /// Unit of that column, where it is another one.
     pub minus_unit: Option<String>,
+    /// Number of a column of nanoseconds that is to be added to it, from 1.
+    pub plus: Option<usize>,
     /// Whether it is a current, which a mapping calls so.
     pub is_current: bool,
     /// Unit for the mapping, if the file says a known one.
@@ -99,6 +101,8 @@ pub struct Proposal {
     pub stated_rate: Option<(f64, String)>,
     /// What a person has to check of the table as a whole.
     pub table_checks: Vec<String>,
+    /// Whether the motion is chosen by how the columns move, since no name or unit says one.
+    pub is_motion_guessed: bool,
     /// Columns of the same file with times of their own.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub own_clocks: Vec<Proposal>,
@@ -243,6 +247,52 @@ impl ProposedSignal {
     }
 }
 
+/// What to check where no column can be the motion.
+const NO_MOTION: &str = "no column moves that could be a position or a velocity: name it, or the \
+                         file that has it first";
+
+fn has_motion(signals: &[ProposedSignal]) -> bool {
+    let motion = [Signal::Position, Signal::Velocity];
+    signals.iter().any(|found| motion.contains(&found.signal))
+}
+
+/// Where no name and no unit says a motion: the column that goes on from row to row most as before,
+/// for a person to check.
+fn moves_most_like_a_position(
+    signals: &[ProposedSignal],
+    columns: &mut [TableColumn],
+    samples: &[Samples],
+) -> Option<ProposedSignal> {
+    let values = |column: &TableColumn| samples[column.number - 1].values.as_slice();
+    let mut candidates: Vec<(f64, usize)> = columns
+        .iter()
+        .enumerate()
+        .filter(|(_, column)| column.signal.is_none() && column.smallest < column.largest)
+        .filter(|(_, column)| {
+            let name = ColumnName::of(&column.name);
+            matches!(name.quantity, None | Some(Quantity::Position))
+                && name.role != Role::Other
+                && !counts_captures(&column.name)
+                && !counts_rows(values(column))
+                && Unit::named(&column.unit).is_none_or(|unit| !is_none_of_motion(unit.dimension))
+        })
+        .map(|(at, column)| (roughness(values(column)), at))
+        .filter(|(roughness, _)| roughness.is_finite())
+        .collect();
+    candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (&(_, at), others) = candidates.split_first()?;
+    let others: Vec<String> = others.iter().map(|(_, at)| shown(&columns[*at])).collect();
+    let column = &mut columns[at];
+    column.signal = Some(Signal::Position);
+    let joint = joint_of(signals);
+    let mut found = proposed(Signal::Position, column, &samples[column.number - 1], joint);
+    found.add_check("no name or unit says a motion: of what moves, this does most like a position");
+    if !others.is_empty() {
+        found.add_check(&format!("or is it {}?", others.join(", ")));
+    }
+    Some(found)
+}
+
 /// Of a table without names: where one column is left that moves, and no force was found, it is
 /// the force, for a person to check.
 fn the_only_column_left(
@@ -264,6 +314,7 @@ fn the_only_column_left(
         column: column.number,
         minus: None,
         minus_unit: None,
+        plus: None,
         is_current: false,
         unit: Some(Signal::Force.si_unit(joint_of(signals)).to_owned()),
         scale: None,
@@ -319,6 +370,7 @@ impl Proposal {
             ..Self::of_table(&names, &units, &samples, taken)
         }
         .with_names_unplaced(&layout)
+        .with_thousands_in_doubt(&layout)
         .with_stated_rate(&layout.lines_above(path).map_err(reading)?))
     }
 
@@ -391,6 +443,25 @@ impl Proposal {
         let mut signals: Vec<ProposedSignal> = Vec::new();
         let has_values = |column: &TableColumn| samples[column.number - 1].has_values();
         let first = columns.iter().find(|column| has_values(column)).map(|column| column.number);
+        let split = split_time(&columns, samples).filter(|_| !taken.contains(&Signal::Time));
+        if let Some((seconds, nanoseconds)) = split {
+            for column in &mut columns {
+                if [seconds, nanoseconds].contains(&column.number) {
+                    column.signal = Some(Signal::Time);
+                }
+            }
+            signals.push(ProposedSignal {
+                signal: Signal::Time,
+                column: seconds,
+                minus: None,
+                minus_unit: None,
+                plus: Some(nanoseconds),
+                is_current: false,
+                unit: Some("s".to_owned()),
+                scale: None,
+                check: None,
+            });
+        }
         // The name of the motion, of whose axis the forces are to be.
         let mut motion: Option<ColumnName> = None;
         for signal in [
@@ -406,7 +477,7 @@ impl Proposal {
             let is_moving = !taken.is_empty() || signals.iter().any(has_position);
             let is_motion = signal == Signal::Velocity && is_moving
                 || signal == Signal::Position && !taken.is_empty();
-            if is_motion || taken.contains(&signal) {
+            if is_motion || taken.contains(&signal) || signal == Signal::Time && split.is_some() {
                 continue;
             }
             let free = columns.iter().filter(|column| column.signal.is_none());
@@ -462,9 +533,19 @@ impl Proposal {
             }
             signals.push(found);
         }
+        let mut is_motion_guessed = false;
+        let mut table_checks = Vec::new();
         if taken.is_empty() {
-            signals.extend(the_only_column_left(&signals, &mut columns));
             signals.extend(from_following_error(&signals, &mut columns));
+            if !has_motion(&signals) {
+                let guessed = moves_most_like_a_position(&signals, &mut columns, samples);
+                is_motion_guessed = guessed.is_some();
+                signals.extend(guessed);
+            }
+            signals.extend(the_only_column_left(&signals, &mut columns));
+            if !has_motion(&signals) {
+                table_checks.push(NO_MOTION.to_owned());
+            }
         }
         let mut proposal = Proposal {
             format: "",
@@ -480,7 +561,8 @@ impl Proposal {
             columns,
             signals,
             stated_rate: None,
-            table_checks: Vec::new(),
+            table_checks,
+            is_motion_guessed,
             own_clocks: Vec::new(),
         };
         proposal.take_a_time_that_does_not_rise(samples);
@@ -489,7 +571,12 @@ impl Proposal {
         proposal.rate_hz = time.and_then(|time| {
             let unit = time.unit.as_deref().and_then(Unit::named).map_or(1.0, |unit| unit.size);
             let unit = unit * time.scale.unwrap_or(1.0);
-            let rate = 1.0 / (unit * usual_step(&samples[time.column - 1].values)?.abs());
+            let whole = samples[time.column - 1].values.as_slice();
+            let step = match time.plus {
+                Some(part) => usual_step(&joined_time(whole, &samples[part - 1].values)),
+                None => usual_step(whole),
+            };
+            let rate = 1.0 / (unit * step?.abs());
             rate.is_finite().then_some(rate)
         });
         if time.is_none() {
@@ -571,6 +658,22 @@ impl Proposal {
         self
     }
 
+    /// The same with a scale to check for columns whose marks may be decimal ones.
+    fn with_thousands_in_doubt(mut self, layout: &TextLayout) -> Proposal {
+        let written = if self.decimal_comma { "1.234" } else { "1,234" };
+        let others = self.own_clocks.iter_mut().flat_map(|other| &mut other.signals);
+        for found in self.signals.iter_mut().chain(others) {
+            if layout.thousands_in_doubt.contains(&(found.column - 1)) {
+                found.scale.get_or_insert(1.0);
+                found.add_check(&format!(
+                    "each number is written as {written} and taken for 1234; where it is 1.234, a \
+                     thousandth of this `scale`"
+                ));
+            }
+        }
+        self
+    }
+
     /// The same with the rate that a line above the table says, where no column is a time.
     fn with_stated_rate(mut self, above: &[(u64, String)]) -> Proposal {
         let said: Vec<(u64, f64, bool)> = above
@@ -631,8 +734,7 @@ impl Proposal {
 
     /// Whether there is a position or a velocity, without which a mapping is none.
     pub fn has_motion(&self) -> bool {
-        let motion = [Signal::Position, Signal::Velocity];
-        self.signals.iter().any(|found| motion.contains(&found.signal))
+        has_motion(&self.signals)
     }
 
     /// A column as a mapping names it: by its name where no other has it, else by its number.
@@ -754,11 +856,36 @@ impl Proposal {
                 unit.map_or(String::new(), |unit| format!(", {key}: {unit}"))
             };
             let minus = minus + &quoted("minus_unit", &found.minus_unit);
+            let plus = found.plus.map_or(String::new(), |column| {
+                format!(", plus: {}, plus_unit: ns", self.place(column))
+            });
             let unit = quoted("unit", &found.unit);
             let scale = found.scale.map_or(String::new(), |scale| format!(", scale: {scale}"));
             let check = found.check.as_ref().map_or(String::new(), |c| format!("   # CHECK: {c}"));
             let name = if found.is_current { "current" } else { found.signal.name() };
-            let _ = writeln!(text, "  {name}: {{column: {place}{minus}{unit}{scale}}}{check}");
+            let _ =
+                writeln!(text, "  {name}: {{column: {place}{minus}{unit}{plus}{scale}}}{check}");
+        }
+        let can_be =
+            |column: &TableColumn| column.signal.is_none() && column.smallest < column.largest;
+        if self.columns.iter().any(can_be) {
+            let found = |signals: &[Signal]| {
+                self.signals.iter().any(|found| signals.contains(&found.signal))
+            };
+            let si = |signal: Signal| signal.si_unit(joint_of(&self.signals));
+            for (signal, is_found) in [
+                (Signal::Position, found(&[Signal::Position, Signal::Velocity])),
+                (Signal::Force, found(&[Signal::Force, Signal::ForceCell])),
+            ] {
+                if !is_found {
+                    let _ = writeln!(
+                        text,
+                        "  # {signal}: {{column: NAME, unit: {}}}   # not found; if it is one of \
+                         those below",
+                        si(signal)
+                    );
+                }
+            }
         }
         let others: Vec<String> = self
             .columns
@@ -851,10 +978,7 @@ fn likeness(signal: Signal, column: &TableColumn, is_first: bool, samples: &Samp
     let dimension = unit.map(|unit| unit.dimension);
     let has_unit = |of: Signal| dimension.is_some_and(|dimension| of.has_dimension(dimension));
     // A motor may turn where the stage moves along: other units need a scale, not another signal.
-    let is_none_of_motion = dimension.is_some_and(|dimension| {
-        [Signal::Time, Signal::Velocity, Signal::Force].iter().any(|of| of.has_dimension(dimension))
-            || dimension == Dimension::Current
-    });
+    let is_none_of_motion = dimension.is_some_and(is_none_of_motion);
     let is = |named: bool| f64::from(u8::from(named));
     let is_named = |quantity: Quantity| is(name.quantity == Some(quantity));
     if signal == Signal::Time {
@@ -900,6 +1024,12 @@ fn likeness(signal: Signal, column: &TableColumn, is_first: bool, samples: &Samp
         }
         _ => 0.0,
     }
+}
+
+/// Whether a position has no such unit.
+fn is_none_of_motion(dimension: Dimension) -> bool {
+    [Signal::Time, Signal::Velocity, Signal::Force].iter().any(|of| of.has_dimension(dimension))
+        || dimension == Dimension::Current
 }
 
 /// The joint type that the units of the signals up to here speak of.
@@ -983,6 +1113,7 @@ fn proposed(
         column: column.number,
         minus: None,
         minus_unit: None,
+        plus: None,
         is_current,
         unit,
         scale,
@@ -1014,6 +1145,36 @@ fn unit_of_epoch(values: &[f64]) -> &'static str {
         _ if step * 1e-6 <= SLOWEST => "us",
         _ => "ns",
     }
+}
+
+/// Numbers of the columns of seconds and of nanoseconds that are one time, as messages of ROS have
+/// it: of the same name but for the word for the unit, with whole numbers below 10^9.
+fn split_time(columns: &[TableColumn], samples: &[Samples]) -> Option<(usize, usize)> {
+    const SECONDS: &[&str] = &["seconds", "secs", "sec", "s"];
+    const NANOSECONDS: &[&str] = &["nanoseconds", "nanosecs", "nanosec", "nsecs", "nsec", "nanos"];
+    let stem = |column: &TableColumn, words: &[&str]| {
+        let name = column.name.trim().to_lowercase();
+        let stem = words.iter().find_map(|word| name.strip_suffix(word)).map(str::to_owned)?;
+        stem.chars().next_back().is_none_or(|c| !c.is_alphanumeric()).then_some(stem)
+    };
+    let values = |column: &TableColumn| samples[column.number - 1].values.as_slice();
+    let is_whole = |value: &f64| value.is_nan() || value.fract() == 0.0;
+    columns.iter().find_map(|part| {
+        let of = stem(part, NANOSECONDS)?;
+        let is_part = |value: &f64| is_whole(value) && !(value < &0.0) && !(value >= &1e9);
+        let is_seconds = |column: &&TableColumn| {
+            stem(column, SECONDS).as_ref() == Some(&of) && values(column).iter().all(is_whole)
+        };
+        let whole = columns.iter().find(is_seconds)?;
+        let is_time = increases(&joined_time(values(whole), values(part)));
+        (values(part).iter().all(is_part) && is_time).then_some((whole.number, part.number))
+    })
+}
+
+/// Times, s since the first whole second, of whole seconds and the nanoseconds next to them.
+fn joined_time(whole: &[f64], part: &[f64]) -> Vec<f64> {
+    let first = whole.iter().copied().find(|value| value.is_finite()).unwrap_or(0.0);
+    whole.iter().zip(part).map(|(whole, part)| whole - first + 1e-9 * part).collect()
 }
 
 /// Whether values count rows: each is one more than that before it.
@@ -1125,9 +1286,14 @@ fn is_uniform(values: &[f64]) -> bool {
 
 /// Whether values move as a position does: from row to row they go on as before.
 fn is_smooth(values: &[f64]) -> bool {
+    roughness(values) < 0.1
+}
+
+/// How much the steps from row to row change, as part of how large they are, of squares.
+fn roughness(values: &[f64]) -> f64 {
     let steps: Vec<f64> = steps(values).collect();
     let size = |values: &mut dyn Iterator<Item = f64>| values.map(|v| v * v).sum::<f64>();
     let changes = size(&mut steps.windows(2).map(|pair| pair[1] - pair[0]));
     let moves = size(&mut steps.iter().copied());
-    changes < 0.1 * moves
+    changes / moves
 }

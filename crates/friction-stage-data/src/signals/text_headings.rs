@@ -319,11 +319,12 @@ fn without_label(texts: &[String]) -> Vec<String> {
     std::iter::once(String::new()).chain(texts[1..].iter().cloned()).collect()
 }
 
-/// `mm` of `x [mm]` or `x (mm)` or `x / mm` or `x in mm`.
+/// `mm` of `x [mm]` or `x (mm)` or `x / mm` or `x in mm`. `(X)` is a name in brackets.
 pub(super) fn unit_behind(name: &str) -> Option<&str> {
     let inside = |open: char, close: char| {
         let rest = name.strip_suffix(close)?;
-        Some(rest[rest.rfind(open)? + open.len_utf8()..].trim())
+        let at = rest.rfind(open).filter(|at| !rest[..*at].trim().is_empty())?;
+        Some(rest[at + open.len_utf8()..].trim())
     };
     let in_unit = || Some(name.rsplit_once(" in ")?.1.trim()).filter(|u| Unit::named(u).is_some());
     inside('[', ']')

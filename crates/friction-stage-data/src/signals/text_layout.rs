@@ -38,6 +38,9 @@ pub struct TextLayout {
     /// Whether the numbers that were looked at can be read with a decimal point and with a decimal
     /// comma, as different ones.
     pub either_decimal: bool,
+    /// Indices of columns in which each number has one mark between thousands, as `1.234`, which
+    /// may also be a decimal one, where other columns have decimal marks.
+    pub thousands_in_doubt: Vec<usize>,
     /// Lines that begin with this hold no values.
     pub comment: Option<u8>,
     /// Line of the names, from 1.
@@ -212,10 +215,12 @@ struct Marks {
     /// three decimals writes them in every row, and one that drops zeros leaves fewer than three
     /// at times: where a number can be read in two ways, these are marks between thousands.
     in_some: bool,
+    /// Indices of columns in which every number can be read in two ways, among others.
+    in_doubt: Vec<usize>,
 }
 
 impl Marks {
-    fn of<'a>(rows: impl Iterator<Item = &'a Row>) -> Marks {
+    fn of<'a>(rows: impl Iterator<Item = &'a Row>, decimal: Decimal) -> Marks {
         let mut columns: Vec<Written> = Vec::new();
         for row in rows {
             if columns.len() < row.written.len() {
@@ -225,9 +230,22 @@ impl Marks {
                 column.plain |= written.plain;
                 column.point |= written.point;
                 column.comma |= written.comma;
+                column.one_way |= written.one_way;
             }
         }
+        let has_decimals = |column: &Written| match decimal {
+            Decimal::Point => column.point,
+            Decimal::Comma => column.comma,
+        };
+        let in_doubt = |column: &Written| !column.one_way && !has_decimals(column);
+        let is_any_decimal = columns.iter().any(has_decimals);
         Marks {
+            in_doubt: (0..columns.len())
+                .filter(|at| {
+                    let column = &columns[*at];
+                    is_any_decimal && (column.point || column.comma) && in_doubt(column)
+                })
+                .collect(),
             points: columns.iter().any(|column| column.point),
             commas: columns.iter().any(|column| column.comma),
             in_some: columns.iter().any(|c| c.plain && (c.point || c.comma)),
@@ -256,15 +274,19 @@ struct Written {
     plain: bool,
     point: bool,
     comma: bool,
+    /// Whether it is a number in one reading only, or the same in both.
+    one_way: bool,
 }
 
 impl Written {
-    fn of(field: &[u8], value: &Value) -> Written {
+    fn of(field: &[u8], value: &Value, decimal: Decimal) -> Written {
         if !matches!(value, Value::Number { .. }) {
             return Written::default();
         }
         let (point, comma) = (field.contains(&b'.'), field.contains(&b','));
-        Written { plain: !point && !comma, point, comma }
+        let is_plain = !point && !comma;
+        let one_way = is_plain || !Value::of(field, decimal.other()).is_value();
+        Written { plain: is_plain, point, comma, one_way }
     }
 }
 
@@ -320,7 +342,7 @@ impl Reading {
             columns: alike().map(Row::columns).max().unwrap_or(0),
             numbers,
             words: example.count(false),
-            marks: Marks::of(rows[first..].iter()),
+            marks: Marks::of(rows[first..].iter(), decimal),
             begins_with_value: alike().any(|row| row.kinds.first() == Some(&Some(true))),
             rows_above: {
                 let above =
@@ -412,7 +434,7 @@ impl Row {
                 let value = Value::among(field, decimal, missing);
                 has_other |=
                     matches!(value, Value::Text) && Value::of(field, decimal.other()).is_value();
-                (value, Written::of(field, &value))
+                (value, Written::of(field, &value, decimal))
             })
             .unzip();
         let kind = |value: &Value| match value {
@@ -606,7 +628,7 @@ impl TextLayout {
                 chosen = other;
             }
         }
-        let Reading { delimiter, decimal, first, columns, .. } = chosen;
+        let Reading { delimiter, decimal, first, columns, marks, .. } = chosen;
         let has_names = asked.header != Some(false);
         // Without a row there are names at most.
         let data_line = match lines.get(first) {
@@ -618,6 +640,7 @@ impl TextLayout {
             delimiter,
             decimal,
             either_decimal,
+            thousands_in_doubt: marks.in_doubt,
             comment,
             names_line: None,
             units_line: None,

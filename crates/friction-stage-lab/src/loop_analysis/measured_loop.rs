@@ -8,6 +8,7 @@ use friction_stage_core::control::{
     AntiWindup, ControllerError, ControllerSettings, Gains, ObserverSettings,
 };
 use friction_stage_core::model::{ModelError, StageModel};
+use friction_stage_core::yaml;
 
 use super::margins::{LoopPoint, LoopResponse, Margins};
 use super::measurement::MeasuredLoopPoint;
@@ -27,7 +28,7 @@ const MOST_POINTS: usize = 10_000;
 #[derive(Debug, thiserror::Error)]
 pub enum MeasuredLoopError {
     #[error("{origin}: not a measured loop: {problem}")]
-    Json { origin: String, problem: String },
+    File { origin: String, problem: String },
     #[error("{origin}: schema_version is {found}, must be 1")]
     Version { origin: String, found: u32 },
     #[error("{origin}: controller: {problem}")]
@@ -170,11 +171,10 @@ impl MeasuredLoop {
     /// The loop of a file; `origin` names it in errors.
     pub fn from_json(text: &str, origin: &str) -> Result<MeasuredLoop, MeasuredLoopError> {
         let origin = origin.to_owned();
-        let file: File = match serde_json::from_str(text) {
+        // JSON is YAML, whose reader says what is wrong in the words of a file.
+        let file: File = match yaml::read(text) {
             Ok(file) => file,
-            Err(error) => {
-                return Err(MeasuredLoopError::Json { origin, problem: error.to_string() });
-            }
+            Err(problem) => return Err(MeasuredLoopError::File { origin, problem }),
         };
         if file.schema_version != 1 {
             return Err(MeasuredLoopError::Version { origin, found: file.schema_version });

@@ -16,12 +16,7 @@ const OPTIONAL: [(&str, &str); 1] = [("guides", "damping_velocity")];
 /// `effects` are named, or numbered where two have one name.
 pub(super) fn set(document: &mut Value, path: &str, value: &SweepValue) -> Result<(), NoSuchKey> {
     let parts: Vec<&str> = path.split('.').collect();
-    let known = || {
-        let mut all = Vec::new();
-        leaves(document, "", &mut all);
-        all
-    };
-    let known = known();
+    let known = keys_like(document, &parts);
     let missing = || {
         let near = nearest(path, known.iter().map(String::as_str));
         if near.is_empty() { format!("; there are {}", known.join(", ")) } else { near }
@@ -135,6 +130,28 @@ fn leaves(node: &Value, path: &str, all: &mut Vec<String>) {
             }
         }
         _ => all.push(path.to_owned()),
+    }
+}
+
+/// All paths to values that a path may mean: those of one entry where it numbers one.
+fn keys_like(document: &Value, parts: &[&str]) -> Vec<String> {
+    let entry = || {
+        let [list, number, ..] = parts else { return None };
+        let entry = document.get(*list)?.get(number.parse::<usize>().ok()?)?;
+        // An effect is a map of its name.
+        let entry = match *list {
+            "effects" => entry.as_object()?.values().next()?,
+            _ => entry,
+        };
+        Some((entry, format!("{list}.{number}")))
+    };
+    match entry() {
+        Some((entry, path)) => {
+            let mut all = Vec::new();
+            leaves(entry, &path, &mut all);
+            all
+        }
+        None => keys(document),
     }
 }
 

@@ -290,17 +290,20 @@ impl SweepPlan {
             if plan.axes[..index].iter().any(|other| other.key == axis.key) {
                 return Err(SweepError::Twice { key: axis.key.clone() });
             }
-            plan.check_key(axis)?;
+            // Of numbers the type is the same; each name is a slip of its own.
+            let checked = if axis.is_numeric() { 1 } else { axis.count() };
+            for place in 0..checked {
+                plan.check_value(axis, axis.value(place, seed, 0))?;
+            }
         }
         Ok(plan)
     }
 
-    /// Refuses a key that there is not, and a value of the wrong type.
-    fn check_key(&self, axis: &Axis) -> Result<(), SweepError> {
+    /// Refuses a key that there is not, a value of the wrong type, and a guide of no catalogue.
+    fn check_value(&self, axis: &Axis, value: SweepValue) -> Result<(), SweepError> {
         let key = &axis.key;
         let unknown = |hint: String| SweepError::Key { key: key.clone(), hint };
         let internal = |error: serde_json::Error| SweepError::Base(error.to_string());
-        let value = axis.value(0, self.seed, 0);
         let (section, path) = key.split_once('.').unwrap_or((key, ""));
         // A hint names a key as it is given, with its section.
         let within = |hint: String| hint.replace("mean `", &format!("mean `{section}."));
@@ -308,7 +311,15 @@ impl SweepPlan {
             "model" if !path.is_empty() => {
                 let mut document = serde_json::to_value(&self.model).map_err(internal)?;
                 document::set(&mut document, path, &value).map_err(|hint| unknown(within(hint)))?;
-                serde_json::from_value::<StageModel>(document).map(drop)
+                match serde_json::from_value::<StageModel>(document) {
+                    Ok(model) if value.number().is_none() => {
+                        return model.resolved_guides().map(drop).map_err(|error| {
+                            let reason = error.to_string();
+                            SweepError::Value { key: key.clone(), value, reason }
+                        });
+                    }
+                    read => read.map(drop),
+                }
             }
             "motion" if !path.is_empty() => {
                 let mut document = self.motion.document().map_err(internal)?;
@@ -659,6 +670,8 @@ mod tests {
         // A parameter that the file leaves out.
         changed("model.effects.1.phase=0.5");
         assert!(sweep("model.effects.cogging.amplitude=3").is_err());
+        let error = sweep("model.effects.1.amplitud=3").unwrap_err().to_string();
+        assert!(error.contains("did you mean `model.effects.1.amplitude`"), "{error}");
         let error = sweep("model.effects.payload.masss=3").unwrap_err().to_string();
         assert!(error.contains("did you mean `model.effects.payload.mass`"), "{error}");
     }
@@ -667,6 +680,8 @@ mod tests {
     fn wrong_keys_and_values_are_refused_with_the_nearest() {
         for (axes, samples, words) in [
             (&["model.mas=1"][..], None, "did you mean `model.mass`"),
+            (&["model.guides.1.stifness=1"], None, "did you mean `model.guides.1.stiffness`"),
+            (&["model.guides=guide_1,gide_2"], None, "did you mean `guide_2`"),
             (&["mass=1"], None, "did you mean `model.mass`"),
             (&["model.guides.stifness=1"], None, "did you mean `model.guides.stiffness`"),
             (&["controller.bandwith=1"], None, "did you mean `controller.bandwidth`"),

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde::{Serialize, Serializer};
 
 use friction_stage_lab::{
-    ExperimentFindings, ExperimentPlan, ExperimentResults, OwnMove, Statement, StiffnessFit, length,
+    ExperimentFindings, ExperimentPlan, ExperimentResults, OwnMove, Statement, StiffnessFit,
 };
 
 /// The whole file, `summary.json`.
@@ -121,7 +121,7 @@ impl ExperimentSummary<'_> {
                 writeln!(
                     out,
                     "{:>32} {:9.3e} N/m {:8.3} N {:8.2} Hz, {damping}",
-                    length(found.amplitude),
+                    amplitude(found.amplitude),
                     found.stiffness.value,
                     found.tip_force.value,
                     resonance.frequency
@@ -222,7 +222,7 @@ impl ExperimentSummary<'_> {
             writeln!(
                 out,
                 "{:>10} {:12.2e} {:+7.1} % {:+9.1} % {:+17.2} %",
-                length(row.amplitude),
+                amplitude(row.amplitude),
                 row.stated,
                 100.0 * row.catalogue,
                 100.0 * row.best_single,
@@ -230,5 +230,24 @@ impl ExperimentSummary<'_> {
             )?;
         }
         Ok(())
+    }
+}
+
+/// An amplitude, m, in the unit in which it is a small whole number: `10 nm`, `420 µm`, `1 mm`.
+fn amplitude(metres: f64) -> String {
+    let (size, unit) = match metres {
+        small if small < 0.9995e-6 => (1e-9, "nm"),
+        small if small < 0.9995e-3 => (1e-6, "µm"),
+        _ => (1e-3, "mm"),
+    };
+    format!("{:.0} {unit}", metres / size)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn amplitudes_have_a_unit_of_their_size() {
+        let said = [10e-9, 1e-6, 420e-6, 1e-3, 2e-3].map(super::amplitude);
+        assert_eq!(said, ["10 nm", "1 µm", "420 µm", "1 mm", "2 mm"]);
     }
 }

@@ -280,6 +280,14 @@ impl Words for SignalNote {
                 "the file gives {signal} in {unit}, the mapping neither unit nor scale, so its \
                  numbers are taken in {taken}: say `unit` or `scale`"
             ),
+            Self::ThousandsInDoubt { signal, is_comma } => {
+                let written = if *is_comma { "1,234" } else { "1.234" };
+                format!(
+                    "{signal}: each number is written as {written} and taken for 1234, while other \
+                     columns have another decimal mark: give `scale: 1` where that is right, \
+                     `scale: 0.001` where it is 1.234"
+                )
+            }
             Self::Unconfirmed { marks } => format!(
                 "the mapping is as it was proposed, with something to check; take the mark away \
                  once it is right: {}",

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use hdf5_reader::group::Group;
 use hdf5_reader::{Dataset, Datatype, FileStorage, Hdf5File, OpenOptions};
 
-use super::{Array, Fault, MOST, Values};
+use super::{AN_OBJECT, Array, Fault, MOST, Values};
 
 /// Structs in structs.
 const DEEPEST: usize = 8;
@@ -85,6 +85,8 @@ fn last(path: &str) -> &str {
 fn array(name: String, dataset: &Dataset) -> Array {
     let class = dataset.attribute("MATLAB_class").and_then(|class| class.read_string());
     let other = match (class.as_deref().map(str::trim), dataset.dtype()) {
+        // A table, a timetable, a string: the dataset has numbers that refer to it.
+        _ if dataset.attribute("MATLAB_object_decode").is_ok() => Some(AN_OBJECT),
         _ if dataset.attribute("MATLAB_empty").is_ok() => Some("no values"),
         (Ok("char"), _) | (_, Datatype::String { .. }) => Some("text"),
         (Ok("cell"), _) => Some("a cell array"),
@@ -92,7 +94,7 @@ fn array(name: String, dataset: &Dataset) -> Array {
         (_, Datatype::FixedPoint { .. }) => None,
         (_, Datatype::FloatingPoint { size: 4 | 8, .. }) => None,
         (_, Datatype::Enum { .. }) => Some("enumerated values"),
-        (_, Datatype::Reference { .. }) => Some("a struct array or an object"),
+        (_, Datatype::Reference { .. }) => Some("a struct array"),
         _ => Some("no numbers"),
     };
     Array {

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use flate2::bufread::ZlibDecoder;
 
-use super::{Array, Fault, MOST, Number, Values, fault_of};
+use super::{AN_OBJECT, Array, Fault, MOST, Number, Values, fault_of};
 
 /// Bytes before the first element.
 const HEADER: u64 = 128;
@@ -202,7 +202,7 @@ impl Elements<'_> {
         if class == 17 {
             // An object has no shape; what it holds cannot be told.
             let name = String::from_utf8_lossy(&self.short(LONGEST_NAME)?).into_owned();
-            return self.other(join(before, &name), Vec::new(), "an object", visit);
+            return self.other(join(before, &name), Vec::new(), AN_OBJECT, visit);
         }
         let shape = self.integers()?;
         let name = String::from_utf8_lossy(&self.short(LONGEST_NAME)?).into_owned();
@@ -223,7 +223,7 @@ impl Elements<'_> {
             }
             2 => self.other(name, shape, "a struct array", visit),
             1 => self.other(name, shape, "a cell array", visit),
-            3 | 17 => self.other(name, shape, "an object", visit),
+            3 | 17 => self.other(name, shape, AN_OBJECT, visit),
             4 => self.other(name, shape, "text", visit),
             5 => self.other(name, shape, "a sparse matrix", visit),
             _ => self.other(name, shape, "no numbers", visit),

@@ -20,6 +20,8 @@ use friction_stage_core::text_file;
 const MOST: u64 = 256 * 1024 * 1024;
 /// Most columns of one array; one with more is an image or a map.
 const MOST_COLUMNS: u64 = 1000;
+/// What is said of a table, a timetable or another object of MATLAB, whose format is not open.
+const AN_OBJECT: &str = "an object: save its columns as arrays, or in a struct";
 
 /// How a file stores its arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
