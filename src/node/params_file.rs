@@ -13,6 +13,7 @@ use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_saphyr::{NonFiniteFloatPolicy, Spanned};
 
 use super::arguments::{ArgumentError, Assignment, NodePattern};
+use friction_stage_core::yaml;
 
 const PARAMETERS: &str = "ros__parameters";
 
@@ -20,7 +21,8 @@ const PARAMETERS: &str = "ros__parameters";
 pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<Assignment>, ArgumentError> {
     let node: Spanned<Node> =
         serde_saphyr::from_str_with_options(text, options()).map_err(|error| {
-            at(path, error.location().map_or(1, |place| place.line()), without_place(&error))
+            let line = error.location().map_or(1, |place| place.line());
+            at(path, line, yaml::problem_alone(&error, text))
         })?;
     let mut found = Vec::new();
     match node.value {
@@ -39,7 +41,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<Assignment>, Argument
 /// The value of a `-p name:=value`. On error says what is wrong with it.
 pub(super) fn value(text: &str) -> Result<ParameterValue, String> {
     let node: Node = serde_saphyr::from_str_with_options(text, options())
-        .map_err(|error| format!("is not YAML: {}", without_place(&error)))?;
+        .map_err(|error| format!("is not YAML: {}", yaml::problem_alone(&error, "")))?;
     parameter_value(node).map_err(|problem| problem.to_string())
 }
 
@@ -184,10 +186,6 @@ fn parameter_value(node: Node) -> Result<ParameterValue, ValueProblem> {
 
 fn at(path: &Path, line: u64, problem: String) -> ArgumentError {
     ArgumentError::ParamsFile { path: path.to_owned(), line, problem }
-}
-
-fn without_place(error: &serde_saphyr::Error) -> String {
-    friction_stage_core::yaml::problem(error, "")
 }
 
 fn options() -> serde_saphyr::Options {

@@ -4,7 +4,8 @@
 use std::borrow::Cow;
 
 use serde::de::DeserializeOwned;
-use serde_saphyr::{Error, MessageFormatter, UserMessageFormatter};
+use serde_saphyr::localizer::Localizer;
+use serde_saphyr::{Error, Location, MessageFormatter, UserMessageFormatter};
 
 use crate::model::nearest;
 
@@ -21,8 +22,17 @@ pub fn read<T: DeserializeOwned>(text: &str) -> Result<T, String> {
 
 /// What is wrong with a text, in the words of who writes it.
 pub fn problem(error: &Error, text: &str) -> String {
+    said(error, text, &Words)
+}
+
+/// As [`problem`], without the line and the column.
+pub fn problem_alone(error: &Error, text: &str) -> String {
+    said(error, text, &WithoutPlace)
+}
+
+fn said(error: &Error, text: &str, formatter: &dyn MessageFormatter) -> String {
     let error = error.without_snippet();
-    let words = error.render_with_formatter(&Words);
+    let words = error.render_with_formatter(formatter);
     let hint = match error {
         Error::SerdeUnknownField { field: given, expected, .. }
         | Error::SerdeUnknownVariant { variant: given, expected, .. } => {
@@ -66,8 +76,31 @@ impl MessageFormatter for Words {
                 None => "a key stands here a second time".into(),
             },
             Error::NullIntoString { .. } => "a text is expected".into(),
+            // What the parser says of the signs of YAML.
+            Error::ExternalMessage { msg, .. } => {
+                format!("no YAML ({msg}): look at indentation, colons, brackets and quotes").into()
+            }
             _ => UserMessageFormatter.format_message(error),
         }
+    }
+}
+
+/// As [`Words`], without a place.
+struct WithoutPlace;
+
+impl MessageFormatter for WithoutPlace {
+    fn localizer(&self) -> &dyn Localizer {
+        self
+    }
+
+    fn format_message<'a>(&self, error: &'a Error) -> Cow<'a, str> {
+        Words.format_message(error)
+    }
+}
+
+impl Localizer for WithoutPlace {
+    fn attach_location<'a>(&self, words: Cow<'a, str>, _: Location) -> Cow<'a, str> {
+        words
     }
 }
 

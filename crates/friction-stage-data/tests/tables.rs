@@ -1542,3 +1542,47 @@ fn seconds_and_nanoseconds_in_columns_of_their_own_are_one_time() {
     let told = wrong("signals: {time: {column: s, plus: y, plus_unit: mm}, position: {column: x}}");
     assert!(told.contains("must be one of time"), "{told}");
 }
+
+#[test]
+fn clocks_of_windows_unnamed_stamps_and_tables_that_lie_on_their_side_are_told() {
+    let table = |head: &str, time: &dyn Fn(usize) -> String| {
+        let row = |k: usize| format!("{},{:.8},{:.6}\n", time(k), values(k).0, values(k).1);
+        file("t.csv", format!("{head}{}", (0..ROWS).map(row).collect::<String>()))
+    };
+    let read = |table: &File| {
+        let proposal = Proposal::of(&table.path).unwrap();
+        let yaml = proposal.to_yaml("t.csv", &[]);
+        let recording = load(&table.path, Some(&Mapping::from_yaml(&yaml, "p").unwrap())).unwrap();
+        (proposal, recording)
+    };
+    // Ticks of 100 ns since 1601 and since the year 1.
+    for begin in [133_612_345_678_901_234_u64, 638_500_000_000_000_000] {
+        let ticks = table("ts,x [m],u [N]\n", &|k| (begin + 10_000 * k as u64).to_string());
+        let (proposal, recording) = read(&ticks);
+        assert!((recording.rate - RATE).abs() < 1.0, "{} Hz", recording.rate);
+        assert!(proposal.checks()[0].1.contains("100 ns"), "{:?}", proposal.checks());
+    }
+    // Messages as `ros2 topic echo --csv` prints them.
+    let stamp = |k: usize| format!("{},{}", 17 + (900 + k) / 1000, (900 + k) % 1000 * 1_000_000);
+    let (proposal, recording) = read(&table("", &stamp));
+    assert_eq!(recording.trace.len(), ROWS);
+    assert!((recording.trace.time[ROWS - 1] - 0.199).abs() < 1e-12);
+    assert!(proposal.checks()[0].1.contains("nanoseconds"), "{:?}", proposal.checks());
+    // The unit of a horizontal axis is of no other column.
+    let scope = "Model,A1\nHorizontal Units,s\nSample Interval,1e-03\n\nTIME,CH1,CH2\n";
+    let scope = table(scope, &|k| format!("{:.3}", k as f64 / RATE));
+    let proposal = Proposal::of(&scope.path).unwrap();
+    assert_eq!((proposal.units_line, proposal.columns[1].unit.as_str()), (None, ""));
+    // A signal in each row.
+    let turned = |of: &dyn Fn(usize) -> f64| -> String {
+        (0..ROWS).map(|k| format!(",{:.6}", of(k))).collect()
+    };
+    let (x, u) = (turned(&|k| values(k).0), turned(&|k| values(k).1));
+    let proposal = Proposal::of(&file("t.csv", format!("x{x}\nu{u}\n")).path).unwrap();
+    let checks = proposal.checks();
+    assert!(checks.iter().any(|(_, check)| check.contains("turn the table round")), "{checks:?}");
+    // What is no table is quoted.
+    let lines: String = (0..9).map(|k| format!("{{\"t\": {k}, \"x\": {k}}}\n")).collect();
+    let told = Proposal::of(&file("t.csv", lines).path).unwrap_err().to_string();
+    assert!(told.contains("line 9 is `{\"t\": 8"), "{told}");
+}

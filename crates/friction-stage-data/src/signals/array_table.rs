@@ -135,14 +135,15 @@ impl<'a> ArrayTable<'a> {
         }
     }
 
-    /// The time in a column of this row, ns; exact for whole nanoseconds and for times.
+    /// The time in a column of this row, ns; exact for whole numbers and for times.
     pub fn stamp(&self, column: usize, source: &SignalSource) -> i64 {
         let row = self.at.saturating_sub(1);
-        let is_plain = source.factor() == 1.0 && source.offset == 0.0;
         match &self.columns[column] {
             Values::Times(values) => values[row],
-            Values::Whole(values) if source.unit == Some(1e-9) && is_plain => values[row],
-            Values::Whole(values) => seconds_to_nanos(source.to_si(values[row] as f64)),
+            Values::Whole(values) => {
+                let inexact = || seconds_to_nanos(source.to_si(values[row] as f64));
+                source.whole_nanos(values[row]).unwrap_or_else(inexact)
+            }
             Values::Numbers(values) if values[row].is_nan() => NO_TIME,
             Values::Numbers(values) => seconds_to_nanos(source.to_si(values[row])),
         }

@@ -779,16 +779,14 @@ impl CsvTable {
         }
     }
 
-    /// The time in a column of this row, ns; exact for whole nanoseconds, dates and times of day.
+    /// The time in a column of this row, ns; exact for whole numbers, dates and times of day.
     fn stamp(&self, column: usize, source: &SignalSource) -> Result<i64, SignalError> {
         if let Value::Time { nanoseconds, .. } = self.layout.value(self.field(column)) {
             return Ok(nanoseconds);
         }
-        if source.unit == Some(1e-9)
-            && source.factor() == 1.0
-            && source.offset == 0.0
-            && let Ok(text) = std::str::from_utf8(self.field(column))
-            && let Ok(nanoseconds) = text.parse()
+        if let Ok(text) = std::str::from_utf8(self.field(column))
+            && let Ok(whole) = text.trim().parse()
+            && let Some(nanoseconds) = source.whole_nanos(whole)
         {
             return Ok(nanoseconds);
         }

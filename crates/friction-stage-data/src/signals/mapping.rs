@@ -29,7 +29,8 @@
 //! A value in SI is `scale * (value * unit) + offset`, the offset in SI units. A unit of another
 //! dimension needs a `scale`, in SI too: the lead over 2 pi for turns of a spindle, N per A for a
 //! current, which counts as the force. `minus: COLUMN` subtracts another column from the value
-//! first. Signals that a recording lacks are left out.
+//! first; `plus: COLUMN` with its `plus_unit` adds a second column of times. Signals that a recording
+//! lacks are left out.
 //!
 //! Signals that stand in another recording of the same motion, with a clock of its own, are joined:
 //!
@@ -208,6 +209,19 @@ impl SignalSource {
             return value;
         }
         scale * (value * unit) + self.offset
+    }
+
+    /// A time of so many whole units in ns, where a unit is a whole number of them.
+    pub(super) fn whole_nanos(&self, value: i64) -> Option<i64> {
+        let whole = |nanoseconds: f64| {
+            let near = nanoseconds.round();
+            let is_whole = (nanoseconds - near).abs() <= 1e-9 * near.abs().max(1.0);
+            (is_whole && near.abs() < 1e27).then_some(near as i128)
+        };
+        let unit =
+            whole(1e9 * self.unit.unwrap_or(1.0) * self.factor()).filter(|unit| *unit != 0)?;
+        let time = i128::from(value).checked_mul(unit)?.checked_add(whole(1e9 * self.offset)?)?;
+        i64::try_from(time).ok()
     }
 
     /// What its values are multiplied by, besides the size of their unit.

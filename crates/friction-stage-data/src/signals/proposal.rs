@@ -66,6 +66,8 @@ pub struct ProposedSignal {
     pub unit: Option<String>,
     /// Factor for the mapping, where it needs one that the file does not say.
     pub scale: Option<f64>,
+    /// What is to be added, in SI units.
+    pub offset: Option<f64>,
     /// What a person has to check, if anything.
     pub check: Option<String>,
 }
@@ -128,6 +130,8 @@ const RIVAL: f64 = 0.5;
 /// What the axis of the motion adds to the likeness of another signal: it decides between two that
 /// are alike otherwise.
 const SAME_AXIS: f64 = 0.25;
+/// Characters of a line that are quoted.
+const QUOTED: usize = 60;
 /// Most captures that a column counts.
 const MOST_CAPTURES: usize = 1000;
 
@@ -318,6 +322,7 @@ fn the_only_column_left(
         is_current: false,
         unit: Some(Signal::Force.si_unit(joint_of(signals)).to_owned()),
         scale: None,
+        offset: None,
         check: Some("the only column that is left; is it the force, and its unit?".to_owned()),
     })
 }
@@ -348,10 +353,18 @@ impl Proposal {
         let layout = TextLayout::find(path, &CsvLayout::default()).map_err(reading)?;
         let samples = samples(path, &layout).map_err(reading)?;
         if samples.first().is_none_or(|column| column.values.is_empty()) {
+            // An example says most of what stands in their place.
+            let lines = layout.lines_above(path).map_err(reading)?;
+            let last = lines.iter().rev().find(|(_, text)| !text.is_empty());
+            let example = last.map_or(String::new(), |(line, text)| {
+                let begin: String = text.chars().take(QUOTED).collect();
+                let more = if begin.len() < text.len() { "..." } else { "" };
+                format!("; line {line} is `{begin}{more}`")
+            });
             return Err(SignalError::Csv {
                 path: path.to_owned(),
                 line: layout.data_line,
-                reason: "no rows of numbers were found".into(),
+                reason: format!("no rows of numbers were found{example}"),
             });
         }
         let named = |texts: &[String]| -> Vec<String> {
@@ -370,6 +383,7 @@ impl Proposal {
             ..Self::of_table(&names, &units, &samples, taken)
         }
         .with_names_unplaced(&layout)
+        .with_few_rows()
         .with_thousands_in_doubt(&layout)
         .with_stated_rate(&layout.lines_above(path).map_err(reading)?))
     }
@@ -459,7 +473,10 @@ impl Proposal {
                 is_current: false,
                 unit: Some("s".to_owned()),
                 scale: None,
-                check: None,
+                offset: None,
+                check: table.names[nanoseconds - 1]
+                    .is_empty()
+                    .then(|| "by their numbers these are seconds and nanoseconds".to_owned()),
             });
         }
         // The name of the motion, of whose axis the forces are to be.
@@ -653,6 +670,18 @@ impl Proposal {
                 "line {line} has {names} names for {} columns: which is of which it does not say, \
                  so the columns have numbers",
                 layout.columns
+            ));
+        }
+        self
+    }
+
+    /// The same with what to check where there are fewer rows than columns.
+    fn with_few_rows(mut self) -> Proposal {
+        if self.rows < self.columns.len() {
+            self.table_checks.push(format!(
+                "{} rows of {} columns: where each signal is a row, turn the table round",
+                self.rows,
+                self.columns.len()
             ));
         }
         self
@@ -861,6 +890,8 @@ impl Proposal {
             });
             let unit = quoted("unit", &found.unit);
             let scale = found.scale.map_or(String::new(), |scale| format!(", scale: {scale}"));
+            let offset = found.offset.map_or(String::new(), |value| format!(", offset: {value}"));
+            let scale = scale + &offset;
             let check = found.check.as_ref().map_or(String::new(), |c| format!("   # CHECK: {c}"));
             let name = if found.is_current { "current" } else { found.signal.name() };
             let _ =
@@ -1068,12 +1099,16 @@ fn proposed(
     let is_motion = [Signal::Position, Signal::Velocity].contains(&signal);
     let joint = known.and_then(Unit::joint).filter(|_| is_motion).unwrap_or(joint);
     let si = signal.si_unit(joint);
+    let ticks = offset_of_ticks(&samples.values);
     let (unit, scale, check) = match known {
         None if signal == Signal::Time && samples.is_clock => (None, None, None),
         Some(unit) if unit.dimension == signal.dimension(joint) => (written, None, None),
         None if signal == Signal::Time && written.is_some() => {
             let unit = written.unwrap_or_default();
             (None, Some(1.0), Some(format!("it is in {unit}: its `scale`, s per {unit}")))
+        }
+        _ if signal == Signal::Time && ticks.is_some() => {
+            (None, Some(TICK), Some("ticks of 100 ns by the size of its numbers".to_owned()))
         }
         _ if signal == Signal::Time => {
             let unit = unit_of_epoch(&samples.values);
@@ -1117,8 +1152,22 @@ fn proposed(
         is_current,
         unit,
         scale,
+        offset: ticks.filter(|_| scale == Some(TICK)),
         check,
     }
+}
+
+/// What some programs count times in, s.
+const TICK: f64 = 1e-7;
+
+/// What makes ticks of 100 ns times since 1970, s, where numbers are as large as those from 1970 to
+/// 2120: since 1601, as Windows counts, or since the year 1, as .NET does.
+fn offset_of_ticks(values: &[f64]) -> Option<f64> {
+    let first = values.iter().copied().find(|value| value.is_finite())?;
+    [-11_644_473_600.0, -62_135_596_800.0].into_iter().find(|offset| {
+        let since_1970 = first * TICK + offset;
+        (0.0..150.0 * 31_556_952.0).contains(&since_1970)
+    })
 }
 
 /// Unit of times, by how large they are: since 1970, days of a spreadsheet or of MATLAB, else by
@@ -1159,15 +1208,28 @@ fn split_time(columns: &[TableColumn], samples: &[Samples]) -> Option<(usize, us
     };
     let values = |column: &TableColumn| samples[column.number - 1].values.as_slice();
     let is_whole = |value: &f64| value.is_nan() || value.fract() == 0.0;
+    let is_part = |value: &f64| is_whole(value) && !(value < &0.0) && !(value >= &1e9);
+    // Without names they stand next to each other, and the one begins again as the other goes on.
+    let begins_again = |whole: &TableColumn, part: &TableColumn| {
+        let mut steps = steps(values(whole)).zip(steps(values(part))).peekable();
+        steps.peek().is_some() && steps.all(|(whole, part)| (whole > 0.0) == (part < 0.0))
+    };
     columns.iter().find_map(|part| {
-        let of = stem(part, NANOSECONDS)?;
-        let is_part = |value: &f64| is_whole(value) && !(value < &0.0) && !(value >= &1e9);
-        let is_seconds = |column: &&TableColumn| {
-            stem(column, SECONDS).as_ref() == Some(&of) && values(column).iter().all(is_whole)
+        let is_seconds = |whole: &&TableColumn| match part.name.is_empty() {
+            true => {
+                whole.name.is_empty()
+                    && whole.number + 1 == part.number
+                    && whole.smallest < whole.largest
+                    && begins_again(whole, part)
+            }
+            false => {
+                stem(part, NANOSECONDS).is_some_and(|of| stem(whole, SECONDS).as_ref() == Some(&of))
+            }
         };
         let whole = columns.iter().find(is_seconds)?;
         let is_time = increases(&joined_time(values(whole), values(part)));
-        (values(part).iter().all(is_part) && is_time).then_some((whole.number, part.number))
+        let fit = values(whole).iter().all(is_whole) && values(part).iter().all(is_part);
+        (fit && is_time).then_some((whole.number, part.number))
     })
 }
 

@@ -224,9 +224,12 @@ impl Headings {
         Some(found)
     }
 
+    /// Whether a line with a label has a unit for each column behind the first. One for the
+    /// horizontal axis of an oscilloscope is of its time.
     fn is_labelled_units(&self, head: &Heading) -> bool {
         head.is_labelled(&UNIT)
-            && head.texts.len() <= self.columns
+            && !head.is_labelled(&["horizontal"])
+            && head.texts.len() == self.columns
             && are_units(&head.texts[1..])
             && head.pairs().is_none()
     }
