@@ -55,6 +55,21 @@ fn the_controller_follows_the_model_and_the_moves_are_judged() {
         assert!((0..7).all(|column| number(row, column).is_finite()), "{row:?}");
     }
 
+    // The table needs no mapping.
+    let read = |arguments: &[&str]| {
+        let program = env!("CARGO_BIN_EXE_friction-stage");
+        let done = Command::new(program).args(arguments).current_dir(home.path()).output();
+        let done = done.unwrap();
+        assert!([Some(0), Some(3)].contains(&done.status.code()), "{done:?}");
+        String::from_utf8(done.stdout).unwrap()
+    };
+    let signals = "signals: time, reference_position, position, force_cell, force;";
+    let checked = read(&["check", "run.csv"]);
+    assert!(checked.contains(signals), "{checked}");
+    read(&["view", "run.csv", "--out", "view.html"]);
+    let replayed = read(&["replay", "run.csv", "--model", "light.yaml"]);
+    assert!(replayed.contains("forces alone"), "{replayed}");
+
     let (code, _, stderr) = play(home.path(), &["--record", "run"]);
     assert!(code == 2 && stderr.contains("run exists already"), "{stderr}");
     let more = ["--record", "run", "--force", "--bandwidth", "30", "--json"];

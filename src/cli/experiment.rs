@@ -135,6 +135,9 @@ fn amplitude(text: &str) -> Result<f64, String> {
     number(text, lab::check_amplitude)
 }
 
+/// Parts that are named where a run is interrupted.
+const MOST_NAMED: usize = 6;
+
 /// Runs the command; results go to `out`, progress to stderr.
 pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     let experiment = args.experiment.0;
@@ -172,7 +175,10 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         let measured = match kept.measured().as_slice() {
             [] => "no part is measured to its end".to_owned(),
             [one] => format!("measured to its end is {one}"),
-            names => format!("measured to their end are {}", names.join(", ")),
+            names if names.len() <= MOST_NAMED => {
+                format!("measured to their end are {}", names.join(", "))
+            }
+            names => format!("{} parts are measured to their end", names.len()),
         };
         format!("{measured}; continue with --resume --out {}", place.display())
     });

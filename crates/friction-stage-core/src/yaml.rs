@@ -78,7 +78,7 @@ impl MessageFormatter for Words {
             Error::NullIntoString { .. } => "a text is expected".into(),
             // What the parser says of the signs of YAML.
             Error::ExternalMessage { msg, .. } => {
-                format!("no YAML ({msg}): look at indentation, colons, brackets and quotes").into()
+                format!("broken ({msg}): look at indentation, colons, brackets and quotes").into()
             }
             _ => UserMessageFormatter.format_message(error),
         }

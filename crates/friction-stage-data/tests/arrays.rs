@@ -307,6 +307,6 @@ fn objects_of_matlab_are_called_so_and_what_they_refer_to_is_not_listed() {
     assert!(!told.contains("MCOS") && !told.contains("refs"), "{told}");
     let mapping = "rate: 1000\nsignals: {position: {column: runs}}";
     let mapping = Mapping::from_yaml(mapping, "m.yaml").unwrap();
-    let told = load(&fixture("objects.mat"), Some(&mapping)).unwrap_err().to_string();
+    let told = load(fixture("objects.mat"), Some(&mapping)).unwrap_err().to_string();
     assert!(told.contains("an object"), "{told}");
 }

@@ -1431,20 +1431,29 @@ fn many_columns_with_times_of_their_own_are_looked_at_in_time() {
 
 #[test]
 fn where_no_name_says_a_motion_one_is_proposed_by_how_it_moves() {
-    let row = |k: usize, noise: f64| {
-        let (x, u) = values(k);
-        format!("{:.3},{noise:.3},{:.6},{u:.6}\n", k as f64 / RATE, 1e3 * x)
+    // A time, noise, the position, and a force that steps; a second clock, and what is asked for.
+    let row = |k: usize| {
+        let (noise, (x, u)) = ((7919 * k % 101) as f64 / 50.0, values(k));
+        let (step, clock) = (15.0 * u.signum() + noise, 17 + 2 * k);
+        format!(
+            "{:.3},{noise:.3},{:.6},{step:.6},{clock},{:.6}\n",
+            k as f64 / RATE,
+            1e3 * x,
+            0.9 * x
+        )
     };
-    let noise = |k: usize| (7919 * k % 101) as f64 / 50.0;
-    let rows: String = (0..ROWS).map(|k| row(k, noise(k))).collect();
-    for names in ["(Time),(A1),(A2),(A3)", "Zeit;Kanal 1;Kanal 2;Kanal 3", "t,one,two,three"] {
-        let names = names.replace(';', ",");
+    let rows: String = (0..ROWS).map(row).collect();
+    for names in [
+        "(Time),(A1),(A2),(A3),(A4),(target)",
+        "Zeit,Kanal 1,Kanal 2,Kanal 3,Kanal 4,Sollwert",
+        "t,one,two,three,four,command",
+    ] {
         let table = file("t.csv", format!("{names}\n{rows}"));
         let proposal = Proposal::of(&table.path).unwrap();
         assert!(proposal.is_motion_guessed, "{names}");
         let position = proposal.signals.iter().find(|s| s.signal == Signal::Position).unwrap();
         let check = position.check.as_deref().unwrap();
-        assert!([3, 4].contains(&position.column), "{names}: {position:?}");
+        assert_eq!(position.column, 3, "{names}: {position:?}");
         assert!(check.contains("most like a position") && check.contains("or is it"), "{check}");
         // The mapping is whole, and what it lacks can be written where it says so.
         let yaml = proposal.to_yaml("t.csv", &[]);
@@ -1456,7 +1465,8 @@ fn where_no_name_says_a_motion_one_is_proposed_by_how_it_moves() {
         assert!(mapping.signals.contains_key(&Signal::Force), "{said}");
     }
     // Names in brackets are names and no units.
-    let proposal = Proposal::of(&file("t.csv", format!("(T),(A),(X),(F)\n{rows}")).path).unwrap();
+    let text = format!("(T),(A),(X),(F),(C),(R)\n{rows}");
+    let proposal = Proposal::of(&file("t.csv", text).path).unwrap();
     let position = proposal.signals.iter().find(|s| s.signal == Signal::Position).unwrap();
     assert_eq!((position.column, proposal.is_motion_guessed), (3, false));
     assert!(position.check.as_deref().unwrap().contains("gives no unit"), "{position:?}");
@@ -1507,6 +1517,19 @@ fn thousands_next_to_decimal_marks_are_in_doubt() {
     let quoted = file("t.csv", format!("t,x\n{rows}"));
     let doubt = SignalNote::ThousandsInDoubt { signal: Signal::Position, is_comma: true };
     assert!(notes(&quoted, "signals: {time: {column: 1}, position: {column: 2}}").contains(&doubt));
+}
+
+/// A word for a missing value may be a number, in a column of whole times, too.
+#[test]
+fn a_number_that_stands_for_a_missing_time_is_none() {
+    let row = |k: usize| {
+        let time = if k == 50 { "-1".to_owned() } else { k.to_string() };
+        format!("{time};{:.8};{:.6}\n", values(k).0, values(k).1)
+    };
+    let text = format!("t;x;u\n{}", (0..ROWS).map(row).collect::<String>());
+    let mapping = MAPPING.replace("column: t", "column: t, unit: ms");
+    let told = error(text, &format!("csv: {{missing: [\"-1\"]}}\n{mapping}"));
+    assert!(told.contains("sample 51 has none"), "{told}");
 }
 
 #[test]
@@ -1568,6 +1591,12 @@ fn clocks_of_windows_unnamed_stamps_and_tables_that_lie_on_their_side_are_told()
     assert_eq!(recording.trace.len(), ROWS);
     assert!((recording.trace.time[ROWS - 1] - 0.199).abs() < 1e-12);
     assert!(proposal.checks()[0].1.contains("nanoseconds"), "{:?}", proposal.checks());
+    // Seconds and milliseconds, or turns and counts, are not.
+    for parts in [1000, 4096] {
+        let table = table("", &|k| format!("{},{}", (990 + k) / parts, (990 + k) % parts));
+        let proposal = Proposal::of(&table.path).unwrap();
+        assert!(proposal.signals.iter().all(|found| found.plus.is_none()), "{parts}");
+    }
     // The unit of a horizontal axis is of no other column.
     let scope = "Model,A1\nHorizontal Units,s\nSample Interval,1e-03\n\nTIME,CH1,CH2\n";
     let scope = table(scope, &|k| format!("{:.3}", k as f64 / RATE));

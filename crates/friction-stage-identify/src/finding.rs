@@ -160,6 +160,16 @@ pub enum IdentifyFinding {
         /// Least force of an effect that is seen, N rms.
         least: f64,
     },
+    /// More than noise is left of the hold-out, and no more than the train record leaves open: it
+    /// has too little of the motions of the hold-out.
+    LeftOpen {
+        /// Residual of the hold-out, N.
+        left: f64,
+        /// What the noise of the sensors leaves, N.
+        noise_floor: f64,
+        /// Force on the hold-out that is not known after the fit, N rms.
+        open: f64,
+    },
     /// Stiffness or damping of the bristles is not what the model declares: with what the records
     /// show of them no more than noise is left.
     OtherBristles {
@@ -312,6 +322,7 @@ impl IdentifyFinding {
             Self::UnexplainedOver { .. } => "unexplained_over_coordinate",
             Self::MapJumps { .. } => "map_jumps",
             Self::NoiseAboveDeclared { .. } => "noise_above_declared",
+            Self::LeftOpen { .. } => "left_open",
             Self::OtherBristles { .. } => "other_bristles",
             Self::Unexplained { .. } => "unexplained",
             Self::WanderingZero { .. } => "wandering_zero",

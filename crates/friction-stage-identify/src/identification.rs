@@ -263,6 +263,9 @@ fn of_search(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
         let least = CARRIAGE_GAIN.sqrt() * selection.floor.carriage;
         findings.push(IdentifyFinding::NoiseAboveDeclared { found: noise_floor, declared, least });
     }
+    if let Some(open) = selection.left_open {
+        findings.push(IdentifyFinding::LeftOpen { left, noise_floor, open });
+    }
     findings.extend(other_bristles(selection, rate));
     if selection.verdict == Verdict::Unknown && coordinate.is_none() && !selection.stopped {
         findings.push(IdentifyFinding::Unexplained { left, noise_floor });

@@ -206,7 +206,8 @@ impl StageModel {
     }
 
     /// The model that a user names: a guide of the catalogue for the stage on four of it,
-    /// `rig:GUIDE` for the measuring rig with one, or a model file.
+    /// `rig:GUIDE` for the measuring rig with one, or a model file. Its effects are not checked:
+    /// [`model_named`](crate::plant::model_named) does that, too.
     pub fn named(name: &str) -> Result<StageModel, ModelError> {
         if let Some(guide) = name.strip_prefix("rig:") {
             return StageModel::measuring_rig(guide);

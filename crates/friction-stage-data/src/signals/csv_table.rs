@@ -78,7 +78,10 @@ impl CsvFile {
                     .into(),
             });
         }
-        let is_there = |time: &SignalSource| column_of(path, &layout, time).is_ok();
+        let is_there = |time: &SignalSource| match &time.place {
+            Place::Column(Column::Name(name)) => layout.names.contains(name),
+            _ => column_of(path, &layout, time).is_ok(),
+        };
         let time = times().find(|time| mapping.asked_for || is_there(time)).cloned();
         let (path, layout) = (path.to_owned(), Layout::Text(layout));
         Ok(Self { path, layout, time, rate: mapping.rate, joint })
@@ -118,7 +121,8 @@ impl CsvFile {
                     Ok::<_, SignalError>((table.place_plain(&plus.column)?, plus.source()))
                 });
                 let column = table.place(Signal::Time, source)?;
-                RowClock::Column { column, source: source.clone(), plus: plus.transpose()? }
+                let (source, plus) = (source.clone(), plus.transpose()?);
+                RowClock::Column(Box::new(ClockColumn { column, source, plus }))
             }
             (None, Some(rate)) => RowClock::Rate(rate),
             (None, None) => {
@@ -231,14 +235,17 @@ pub(crate) fn visit_rows(
 
 /// What says when a row was taken.
 enum RowClock {
-    Column {
-        column: usize,
-        source: SignalSource,
-        /// What is added.
-        plus: Option<(usize, SignalSource)>,
-    },
+    Column(Box<ClockColumn>),
     /// Hz.
     Rate(f64),
+}
+
+/// Where the times of rows stand.
+struct ClockColumn {
+    column: usize,
+    source: SignalSource,
+    /// What is added.
+    plus: Option<(usize, SignalSource)>,
 }
 
 /// Where the values of a signal stand.
@@ -349,7 +356,8 @@ impl CsvRows<'_> {
             self.count = 0;
         }
         let (stamp, is_time_of_day) = match &self.clock {
-            RowClock::Column { column, source, plus } => {
+            RowClock::Column(clock) => {
+                let ClockColumn { column, source, plus } = &**clock;
                 let stamp = self.table.stamp(*column, source)?;
                 let added = plus.as_ref().map(|(column, plus)| self.table.stamp(*column, plus));
                 let stamp = match added.transpose()? {
@@ -781,16 +789,15 @@ impl CsvTable {
 
     /// The time in a column of this row, ns; exact for whole numbers, dates and times of day.
     fn stamp(&self, column: usize, source: &SignalSource) -> Result<i64, SignalError> {
-        if let Value::Time { nanoseconds, .. } = self.layout.value(self.field(column)) {
-            return Ok(nanoseconds);
+        match self.layout.value(self.field(column)) {
+            Value::Time { nanoseconds, .. } => Ok(nanoseconds),
+            Value::Number { value, .. } => {
+                let whole = || std::str::from_utf8(self.field(column)).ok()?.trim().parse().ok();
+                let exact = whole().and_then(|whole| source.whole_nanos(whole));
+                Ok(exact.unwrap_or_else(|| seconds_to_nanos(source.to_si(value))))
+            }
+            Value::Missing | Value::Text => Ok(seconds_to_nanos(self.number(column)?)),
         }
-        if let Ok(text) = std::str::from_utf8(self.field(column))
-            && let Ok(whole) = text.trim().parse()
-            && let Some(nanoseconds) = source.whole_nanos(whole)
-        {
-            return Ok(nanoseconds);
-        }
-        Ok(seconds_to_nanos(source.to_si(self.number(column)?)))
     }
 }
 

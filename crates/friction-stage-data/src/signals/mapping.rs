@@ -214,8 +214,9 @@ impl SignalSource {
     /// A time of so many whole units in ns, where a unit is a whole number of them.
     pub(super) fn whole_nanos(&self, value: i64) -> Option<i64> {
         let whole = |nanoseconds: f64| {
+            // Up to what the rounding of its factors makes of it.
             let near = nanoseconds.round();
-            let is_whole = (nanoseconds - near).abs() <= 1e-9 * near.abs().max(1.0);
+            let is_whole = (nanoseconds - near).abs() <= 4.0 * f64::EPSILON * near.abs();
             (is_whole && near.abs() < 1e27).then_some(near as i128)
         };
         let unit =

@@ -130,6 +130,9 @@ const RIVAL: f64 = 0.5;
 /// What the axis of the motion adds to the likeness of another signal: it decides between two that
 /// are alike otherwise.
 const SAME_AXIS: f64 = 0.25;
+/// How many usual steps the step from one second to the next may be, where columns without names
+/// are seconds and nanoseconds: of other parts of a whole it is 1000 and more. Assumed.
+const CARRY: f64 = 100.0;
 /// Characters of a line that are quoted.
 const QUOTED: usize = 60;
 /// Most captures that a column counts.
@@ -249,6 +252,17 @@ impl ProposedSignal {
             None => check.to_owned(),
         });
     }
+
+    /// Asks whether it is one of these columns.
+    fn add_rivals(&mut self, rivals: &[String]) {
+        let [first, others @ ..] = rivals else { return };
+        let others = match others {
+            [] => String::new(),
+            [other] => format!(", or {other}"),
+            others => format!(", or one of {} others", others.len()),
+        };
+        self.add_check(&format!("or is it {first}{others}?"));
+    }
 }
 
 /// What to check where no column can be the motion.
@@ -274,10 +288,14 @@ fn moves_most_like_a_position(
         .filter(|(_, column)| column.signal.is_none() && column.smallest < column.largest)
         .filter(|(_, column)| {
             let name = ColumnName::of(&column.name);
+            let values = values(column);
+            let is_clock = is_uniform(values) && (increases(values) || falls(values));
+            let is_counter =
+                counts_captures(&column.name) && captures(values).is_some_and(|count| count > 1);
             matches!(name.quantity, None | Some(Quantity::Position))
-                && name.role != Role::Other
-                && !counts_captures(&column.name)
-                && !counts_rows(values(column))
+                && ![Role::Other, Role::Asked].contains(&name.role)
+                && !is_clock
+                && !is_counter
                 && Unit::named(&column.unit).is_none_or(|unit| !is_none_of_motion(unit.dimension))
         })
         .map(|(at, column)| (roughness(values(column)), at))
@@ -291,10 +309,23 @@ fn moves_most_like_a_position(
     let joint = joint_of(signals);
     let mut found = proposed(Signal::Position, column, &samples[column.number - 1], joint);
     found.add_check("no name or unit says a motion: of what moves, this does most like a position");
-    if !others.is_empty() {
-        found.add_check(&format!("or is it {}?", others.join(", ")));
-    }
+    found.add_rivals(&others);
     Some(found)
+}
+
+/// How many captures a column counts, if it counts any: different whole numbers.
+fn captures(values: &[f64]) -> Option<usize> {
+    let mut seen: Vec<i64> = Vec::new();
+    for value in values.iter().filter(|value| value.is_finite()) {
+        let whole = *value as i64;
+        if whole as f64 != *value || seen.len() > MOST_CAPTURES {
+            return None;
+        }
+        if !seen.contains(&whole) {
+            seen.push(whole);
+        }
+    }
+    Some(seen.len())
 }
 
 /// Of a table without names: where one column is left that moves, and no force was found, it is
@@ -537,14 +568,7 @@ impl Proposal {
             if motion.as_ref().is_some_and(|motion| name.is_of_other_axis(motion)) {
                 found.add_check("by its name it is of another axis than the motion");
             }
-            if let [first, others @ ..] = rivals.as_slice() {
-                let others = match others {
-                    [] => String::new(),
-                    [other] => format!(", or {other}"),
-                    others => format!(", or one of {} others", others.len()),
-                };
-                found.add_check(&format!("or is it {first}{others}?"));
-            }
+            found.add_rivals(&rivals);
             if [Signal::Position, Signal::Velocity].contains(&signal) {
                 motion = Some(name);
             }
@@ -640,24 +664,12 @@ impl Proposal {
         let may_count =
             |column: &&TableColumn| column.signal.is_none() && counts_captures(&column.name);
         for column in self.columns.iter().filter(may_count) {
-            let values = &samples[column.number - 1].values;
-            let mut seen: Vec<i64> = Vec::new();
-            for value in values.iter().filter(|value| value.is_finite()) {
-                let whole = *value as i64;
-                if whole as f64 != *value || seen.len() > MOST_CAPTURES {
-                    seen.clear();
-                    break;
-                }
-                if !seen.contains(&whole) {
-                    seen.push(whole);
-                }
-            }
-            if seen.len() > 1 {
+            let count = captures(&samples[column.number - 1].values);
+            if let Some(count) = count.filter(|count| *count > 1) {
                 self.table_checks.push(format!(
-                    "{} has {} values: rows of several captures or axes, which must be files of \
-                     their own",
-                    shown(column),
-                    seen.len()
+                    "{} has {count} values: rows of several captures or axes, which must be files \
+                     of their own",
+                    shown(column)
                 ));
             }
         }
@@ -794,7 +806,7 @@ impl Proposal {
         let mut text = format!(
             "# Proposed for {file}. What it does not say itself is marked CHECK.\n\
              # Positive is along +x; `scale: -1` turns a signal round.\n{}",
-            self.table_yaml()
+            self.table_yaml(&self.not_found(joined))
         );
         let own = Path::new(file).file_name().unwrap_or_default().to_string_lossy().into_owned();
         let with_signals = |others: &'_ [Proposal]| {
@@ -817,7 +829,7 @@ impl Proposal {
             };
             let path = serde_json::Value::from(path);
             let _ = writeln!(text, "  - file: {path}\n    clock_offset: 0   # {check}");
-            for line in other.table_yaml().lines() {
+            for line in other.table_yaml(&[]).lines() {
                 let _ = writeln!(text, "    {line}");
             }
         }
@@ -831,13 +843,23 @@ impl Proposal {
         column.is_some_and(|column| column.smallest.is_none())
     }
 
-    /// The part of a mapping that is of this table.
-    fn table_yaml(&self) -> String {
+    /// What a recording needs and no table has.
+    fn not_found(&self, joined: &[(String, Proposal)]) -> Vec<Signal> {
+        let all: Vec<Signal> =
+            self.recorded().chain(joined.iter().flat_map(|(_, other)| other.recorded())).collect();
+        let has = |signals: [Signal; 2]| signals.iter().any(|signal| all.contains(signal));
+        let motion = (!has([Signal::Position, Signal::Velocity])).then_some(Signal::Position);
+        let force = (!has([Signal::Force, Signal::ForceCell])).then_some(Signal::Force);
+        motion.into_iter().chain(force).collect()
+    }
+
+    /// The part of a mapping that is of this table, with a line to fill in for what is `not_found`.
+    fn table_yaml(&self, not_found: &[Signal]) -> String {
         let mut text = String::new();
         if !self.is_of_arrays() {
             self.write_layout(&mut text);
         }
-        self.write_signals(&mut text);
+        self.write_signals(&mut text, not_found);
         text
     }
 
@@ -867,7 +889,7 @@ impl Proposal {
         }
     }
 
-    fn write_signals(&self, text: &mut String) {
+    fn write_signals(&self, text: &mut String, not_found: &[Signal]) {
         for check in &self.table_checks {
             let _ = writeln!(text, "# CHECK: {check}");
         }
@@ -899,24 +921,13 @@ impl Proposal {
         }
         let can_be =
             |column: &TableColumn| column.signal.is_none() && column.smallest < column.largest;
-        if self.columns.iter().any(can_be) {
-            let found = |signals: &[Signal]| {
-                self.signals.iter().any(|found| signals.contains(&found.signal))
-            };
-            let si = |signal: Signal| signal.si_unit(joint_of(&self.signals));
-            for (signal, is_found) in [
-                (Signal::Position, found(&[Signal::Position, Signal::Velocity])),
-                (Signal::Force, found(&[Signal::Force, Signal::ForceCell])),
-            ] {
-                if !is_found {
-                    let _ = writeln!(
-                        text,
-                        "  # {signal}: {{column: NAME, unit: {}}}   # not found; if it is one of \
-                         those below",
-                        si(signal)
-                    );
-                }
-            }
+        for signal in not_found.iter().filter(|_| self.columns.iter().any(can_be)) {
+            let unit = signal.si_unit(joint_of(&self.signals));
+            let _ = writeln!(
+                text,
+                "  # {signal}: {{column: NAME, unit: {unit}}}   # not found; if it is one of those \
+                 below"
+            );
         }
         let others: Vec<String> = self
             .columns
@@ -1208,13 +1219,20 @@ fn split_time(columns: &[TableColumn], samples: &[Samples]) -> Option<(usize, us
     };
     let values = |column: &TableColumn| samples[column.number - 1].values.as_slice();
     let is_whole = |value: &f64| value.is_nan() || value.fract() == 0.0;
-    let is_part = |value: &f64| is_whole(value) && !(value < &0.0) && !(value >= &1e9);
+    let is_part = |value: &f64| value.is_nan() || is_whole(value) && (0.0..1e9).contains(value);
     // Without names they stand next to each other, and the one begins again as the other goes on.
     let begins_again = |whole: &TableColumn, part: &TableColumn| {
-        let mut steps = steps(values(whole)).zip(steps(values(part))).peekable();
-        steps.peek().is_some() && steps.all(|(whole, part)| (whole > 0.0) == (part < 0.0))
+        let joined = joined_time(values(whole), values(part));
+        let usual = usual_step(&joined).unwrap_or(f64::NAN);
+        let steps = || steps(values(whole)).zip(steps(values(part))).zip(steps(&joined));
+        steps().all(|((whole, part), _)| (whole > 0.0) == (part < 0.0))
+            && steps().all(|((whole, _), joined)| whole <= 0.0 || joined < CARRY * usual)
     };
     columns.iter().find_map(|part| {
+        let named = stem(part, NANOSECONDS);
+        if named.is_none() && !part.name.is_empty() {
+            return None;
+        }
         let is_seconds = |whole: &&TableColumn| match part.name.is_empty() {
             true => {
                 whole.name.is_empty()
@@ -1222,9 +1240,7 @@ fn split_time(columns: &[TableColumn], samples: &[Samples]) -> Option<(usize, us
                     && whole.smallest < whole.largest
                     && begins_again(whole, part)
             }
-            false => {
-                stem(part, NANOSECONDS).is_some_and(|of| stem(whole, SECONDS).as_ref() == Some(&of))
-            }
+            false => stem(whole, SECONDS) == named,
         };
         let whole = columns.iter().find(is_seconds)?;
         let is_time = increases(&joined_time(values(whole), values(part)));

@@ -224,12 +224,12 @@ impl Headings {
         Some(found)
     }
 
-    /// Whether a line with a label has a unit for each column behind the first. One for the
+    /// Whether a line with a label has units for the columns behind the first. That of the
     /// horizontal axis of an oscilloscope is of its time.
     fn is_labelled_units(&self, head: &Heading) -> bool {
         head.is_labelled(&UNIT)
             && !head.is_labelled(&["horizontal"])
-            && head.texts.len() == self.columns
+            && head.texts.len() <= self.columns
             && are_units(&head.texts[1..])
             && head.pairs().is_none()
     }
@@ -326,8 +326,10 @@ fn without_label(texts: &[String]) -> Vec<String> {
 pub(super) fn unit_behind(name: &str) -> Option<&str> {
     let inside = |open: char, close: char| {
         let rest = name.strip_suffix(close)?;
-        let at = rest.rfind(open).filter(|at| !rest[..*at].trim().is_empty())?;
-        Some(rest[at + open.len_utf8()..].trim())
+        let at = rest.rfind(open)?;
+        let unit = rest[at + open.len_utf8()..].trim();
+        let is_name = rest[..at].trim().is_empty() && Unit::named(unit).is_none();
+        (!is_name).then_some(unit)
     };
     let in_unit = || Some(name.rsplit_once(" in ")?.1.trim()).filter(|u| Unit::named(u).is_some());
     inside('[', ']')

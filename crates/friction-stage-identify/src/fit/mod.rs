@@ -14,7 +14,7 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use crate::fit::objective::{derivatives, normal_of, stacked};
-use crate::fit::uncertainty::uncertainty;
+use crate::fit::uncertainty::{covariance_by_noise, uncertainty};
 use crate::hypothesis::{FreeParameter, Hypothesis, ParameterId, Sides};
 use crate::record::measured::Measured;
 use crate::residual::driven::Driven;
@@ -107,6 +107,40 @@ impl Fitted {
             coordinates,
             at_bound,
         }
+    }
+
+    /// Mean square of the force on another record that is not known after this fit, N^2: the trace
+    /// of J C J^T over its rows, with the derivatives J there and the covariance C of the
+    /// coordinates. `measured` is a record like that of the fit in which there is nothing but the
+    /// hypothesis and noise, `there` the hypothesis in the other record, `sides` as in the fit.
+    pub(crate) fn left_open(
+        &self,
+        measured: &Measured,
+        there: &Hypothesis,
+        other: &Measured,
+        sides: Sides,
+    ) -> Result<f64, ModelError> {
+        let noise = self.hypothesis.floor(measured).carriage;
+        let derivatives = |hypothesis: &Hypothesis, measured: &Measured| {
+            let fit = ForceFit::new(&self.coordinates, measured, sides, noise);
+            let coordinates = self.coordinates.clone();
+            let point = fit.along(hypothesis.clone(), coordinates, &Driven::default())?;
+            Ok::<_, ModelError>((fit.derivatives(&point)?, point.state.missing))
+        };
+        let (jacobian, missing) = derivatives(&self.hypothesis, measured)?;
+        let (coordinates, at_bound) = (&self.coordinates, &self.at_bound);
+        let covariance = covariance_by_noise(&jacobian, &missing, coordinates, at_bound, noise);
+        let (jacobian, missing) = derivatives(there, other)?;
+        let mut from = 0;
+        let mut open = 0.0;
+        for rows in [missing.motor.len(), missing.carriage.len()] {
+            if rows > 0 {
+                let sensitivities = jacobian.rows(from, rows).into_owned();
+                open += covariance.component_mul(&normal_of(&sensitivities)).sum() / rows as f64;
+            }
+            from += rows;
+        }
+        Ok(open.max(0.0))
     }
 
     /// How well the record of the fit knows its coordinates. `sides` as in the fit.

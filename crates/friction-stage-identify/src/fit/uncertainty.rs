@@ -47,14 +47,7 @@ pub(crate) fn uncertainty(
     let count = coordinates.len();
     let mut deviations = vec![f64::INFINITY; count];
     let mut correlations = vec![vec![0.0; count]; count];
-    // What does not move the residual at all is not known, and must not hide what the data say
-    // about the others.
-    let most = jacobian.column_iter().map(|column| column.norm()).fold(0.0, f64::max);
-    let is_held =
-        |index: usize| at_bound[index] && !matches!(coordinates[index].id, ParameterId::Nominal(_));
-    let free: Vec<usize> = (0..count)
-        .filter(|index| !is_held(*index) && jacobian.column(*index).norm() > 1e-9 * most)
-        .collect();
+    let free = free_of(jacobian, coordinates, at_bound);
     if free.is_empty() || residual.is_empty() {
         return (deviations, correlations);
     }
@@ -63,17 +56,12 @@ pub(crate) fn uncertainty(
     let (inverse, known) = inverse_where_known(&normal);
 
     let none = || DMatrix::zeros(free.len(), free.len());
-    let mut as_noise = none();
     let mut pieces = vec![(none(), DVector::zeros(free.len())); PIECES];
     let mut from = 0;
     for side in [&missing.motor, &missing.carriage] {
         let rows = side.len();
         let sensitivities = columns.rows(from, rows);
         if rows > 0 {
-            let variance = side.iter().map(|left| left * left).sum::<f64>() / rows as f64
-                * correlation_length(side);
-            as_noise += sensitivities.tr_mul(&sensitivities) * variance;
-            as_noise += gradient_of_walk(sensitivities, walk(side));
             for (piece, (normal, gradient)) in pieces.iter_mut().enumerate() {
                 let (start, end) = (piece * rows / PIECES, (piece + 1) * rows / PIECES);
                 let sensitivities = sensitivities.rows(start, end - start);
@@ -85,7 +73,7 @@ pub(crate) fn uncertainty(
     }
     let expected = columns.rows(from, coordinates.len());
     let expected = expected.tr_mul(&expected) * (noise * noise);
-    let as_noise = &inverse * (as_noise + &expected) * &inverse;
+    let as_noise = by_noise(&columns, &inverse, missing, noise);
     let mut in_pieces = &inverse * expected * &inverse;
     for (of_piece, gradient) in &pieces {
         // How far the rest of the record would move the coordinates.
@@ -102,6 +90,73 @@ pub(crate) fn uncertainty(
         }
     }
     (deviations, correlations)
+}
+
+/// Indices of the coordinates that a record can say something about: those on a bound are held, but
+/// what is declared. What does not move the residual at all is not known, and must not hide what the
+/// data say about the others.
+fn free_of(
+    jacobian: &DMatrix<f64>,
+    coordinates: &[FreeParameter],
+    at_bound: &[bool],
+) -> Vec<usize> {
+    let most = jacobian.column_iter().map(|column| column.norm()).fold(0.0, f64::max);
+    let is_held =
+        |index: usize| at_bound[index] && !matches!(coordinates[index].id, ParameterId::Nominal(_));
+    (0..coordinates.len())
+        .filter(|index| !is_held(*index) && jacobian.column(*index).norm() > 1e-9 * most)
+        .collect()
+}
+
+/// Covariance of the free coordinates, in the units of a fit, where the residual of each side is
+/// noise of its own size and correlation length.
+fn by_noise(
+    columns: &DMatrix<f64>,
+    inverse: &DMatrix<f64>,
+    missing: &Missing,
+    noise: f64,
+) -> DMatrix<f64> {
+    let mut gradient = DMatrix::zeros(columns.ncols(), columns.ncols());
+    let mut from = 0;
+    for side in [&missing.motor, &missing.carriage] {
+        let rows = side.len();
+        if rows > 0 {
+            let sensitivities = columns.rows(from, rows);
+            let variance = side.iter().map(|left| left * left).sum::<f64>() / rows as f64
+                * correlation_length(side);
+            gradient += sensitivities.tr_mul(&sensitivities) * variance;
+            gradient += gradient_of_walk(sensitivities, walk(side));
+        }
+        from += rows;
+    }
+    let expected = columns.rows(from, columns.nrows() - from);
+    gradient += expected.tr_mul(&expected) * (noise * noise);
+    inverse * gradient * inverse
+}
+
+/// Covariance of all coordinates, in the units of a fit, as far as it is by noise and tolerances.
+/// What is held, or nothing is known of, has none.
+pub(crate) fn covariance_by_noise(
+    jacobian: &DMatrix<f64>,
+    missing: &Missing,
+    coordinates: &[FreeParameter],
+    at_bound: &[bool],
+    noise: f64,
+) -> DMatrix<f64> {
+    let mut covariance = DMatrix::zeros(coordinates.len(), coordinates.len());
+    let free = free_of(jacobian, coordinates, at_bound);
+    if free.is_empty() {
+        return covariance;
+    }
+    let columns = jacobian.select_columns(free.iter());
+    let (inverse, _) = inverse_where_known(&normal_of(&columns));
+    let of_free = by_noise(&columns, &inverse, missing, noise);
+    for (row, index) in free.iter().enumerate() {
+        for (column, other) in free.iter().enumerate() {
+            covariance[(*index, *other)] = of_free[(row, column)];
+        }
+    }
+    covariance
 }
 
 /// Inverse of a normal matrix without the directions in which the data say nothing, and which

@@ -305,6 +305,7 @@ mod tests {
             train_floor: train.floor(declared),
             wander_of_zero: None,
             declared_floor: train.declared_floor(declared),
+            left_open: None,
             stopped: false,
         }
     }

@@ -144,7 +144,11 @@ impl Search<'_> {
 
     pub(super) fn is_noise(&self, left: &Errors) -> bool {
         left.holdout() <= (NOISE_LIKE * self.floors.holdout.total()).powi(2)
-            && left.train() <= (NOISE_LIKE * self.floors.train.total()).powi(2)
+            && self.is_noise_on_train(left)
+    }
+
+    pub(super) fn is_noise_on_train(&self, left: &Errors) -> bool {
+        left.train() <= (NOISE_LIKE * self.floors.train.total()).powi(2)
     }
 
     /// Whether no more is left than where nothing is hidden.

@@ -28,6 +28,7 @@ use crate::hypothesis::{Hypothesis, Sides, Tolerances};
 use crate::record::measured::Measured;
 
 use curves::MOST_CURVES;
+use nulls::NullRecords;
 use state::Search;
 
 pub(super) use gain::RIVAL;
@@ -129,6 +130,20 @@ impl Search<'_> {
         self.take(self.before.clone())
     }
 
+    /// What the train record leaves open of the force on the hold-out, N rms, where the declared
+    /// model leaves noise on the train record and no more than that on the hold-out.
+    fn left_open(&self) -> Result<Option<f64>, IdentifyError> {
+        if !self.is_noise_on_train(&self.best_errors) {
+            return Ok(None);
+        }
+        let hypothesis = &self.best.hypothesis;
+        let controller = self.controller.as_ref();
+        let open = NullRecords::new(hypothesis, self.train, self.holdout, controller)?
+            .left_open(&self.best)?;
+        let all = open.hypot(self.floors.holdout.total());
+        Ok((self.best_errors.holdout().sqrt() <= NOISE_LIKE * all).then_some(open))
+    }
+
     fn selection(mut self) -> Result<Selection, IdentifyError> {
         self.best.hypothesis =
             self.best.hypothesis.with_own_amplitudes(self.declared_effects(), self.train)?;
@@ -151,8 +166,12 @@ impl Search<'_> {
         // Nothing is `none`, and little is `found`, while what is left is not noise, or while not
         // everything was tried.
         let wander_of_zero = self.wander_of_zero()?;
+        let left_open = match added {
+            0 if !self.stopped && !self.is_noise(&self.best_errors) => self.left_open()?,
+            _ => None,
+        };
         let settled = match added {
-            0 => self.is_noise(&self.best_errors) && !self.stopped,
+            0 => (self.is_noise(&self.best_errors) || left_open.is_some()) && !self.stopped,
             _ => {
                 self.is_noise(&self.best_errors)
                     || self.is_explained(&self.best_errors)
@@ -191,6 +210,7 @@ impl Search<'_> {
             floor: self.floors.holdout,
             train_floor: self.floors.train,
             declared_floor,
+            left_open,
             stopped: self.stopped,
         })
     }

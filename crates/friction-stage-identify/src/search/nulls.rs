@@ -8,7 +8,7 @@
 
 use crate::closed_loop::{LinearController, controller_of};
 use crate::error::IdentifyError;
-use crate::fit::{FitBudget, fit};
+use crate::fit::{FitBudget, Fitted, fit};
 use crate::hypothesis::{Hypothesis, Sides};
 use crate::record::measured::{Floor, Measured};
 
@@ -57,6 +57,12 @@ impl NullRecords {
         Ok(Floors { train: of(hypothesis, &self.train)?, holdout: of(&there, &self.holdout)? })
     }
 
+    /// Force on the hold-out that is not known after the fit that they are of, N rms.
+    pub(super) fn left_open(&self, fitted: &Fitted) -> Result<f64, IdentifyError> {
+        let there = fitted.hypothesis.in_record(&self.holdout)?;
+        Ok(fitted.left_open(&self.train, &there, &self.holdout, Sides::BOTH)?.sqrt())
+    }
+
     /// Fall of the mean squares of train and hold-out from one hypothesis to another where the
     /// first is all there is, N^2.
     pub(super) fn gains(
@@ -79,4 +85,38 @@ impl NullRecords {
 pub(crate) fn known_controller(train: &Measured, holdout: &Measured) -> Option<LinearController> {
     let (train, holdout) = (train.controlled()?, holdout.controlled()?);
     controller_of(&train, &[&train, &holdout]).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use friction_stage_core::model::StageModel;
+
+    use super::*;
+    use crate::hypothesis::Tolerances;
+    use crate::test_records::recording;
+
+    /// Against what fits to records of other noise make of another motion.
+    #[test]
+    fn what_a_record_leaves_open_is_what_fits_to_its_like_differ_by() {
+        let model = StageModel::default();
+        let record = |seed, moves| {
+            Measured::new(&recording(&model, seed, 0.0, moves), &model, "the record").unwrap()
+        };
+        let (other, start) = (record(90, 4), Hypothesis::new(&model, Tolerances::default()));
+        let start = start.unwrap();
+        let force = |hypothesis: &Hypothesis| hypothesis.missing(&other, Sides::BOTH).unwrap();
+        let (as_it_is, mut differ, mut open) = (force(&start), 0.0, 0.0);
+        const RECORDS: u64 = 6;
+        for seed in 1..=RECORDS {
+            let train = record(seed, 2);
+            let fitted = fit(&start, &train, Sides::BOTH, FitBudget::KEPT).unwrap();
+            let moved = force(&fitted.hypothesis);
+            let change =
+                as_it_is.carriage.iter().zip(&moved.carriage).map(|(a, b)| (a - b).powi(2));
+            differ += change.sum::<f64>() / moved.carriage.len() as f64;
+            open += fitted.left_open(&train, &fitted.hypothesis, &other, Sides::BOTH).unwrap();
+        }
+        let ratio = (open / differ).sqrt();
+        assert!((0.5..2.5).contains(&ratio), "{ratio}: {open} {differ}");
+    }
 }

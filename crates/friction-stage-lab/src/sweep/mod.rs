@@ -30,7 +30,7 @@ use super::specimen::{Settings, closed_loop};
 use super::variant::variant_seed;
 use friction_stage_core::control::{ControllerSettings, Point, Trajectory};
 use friction_stage_core::model::{GuideSource, StageModel, nearest};
-use friction_stage_core::plant::Rates;
+use friction_stage_core::plant::{Effects, Rates};
 
 /// What is computed, the same in every shard of it. Point `j` is sample `j % samples` of place
 /// `j / samples` of the grid, whose last axis runs fastest.
@@ -299,7 +299,8 @@ impl SweepPlan {
         Ok(plan)
     }
 
-    /// Refuses a key that there is not, a value of the wrong type, and a guide of no catalogue.
+    /// Refuses a key that there is not, a value of the wrong type, and names of guides and forms
+    /// that nothing has.
     fn check_value(&self, axis: &Axis, value: SweepValue) -> Result<(), SweepError> {
         let key = &axis.key;
         let unknown = |hint: String| SweepError::Key { key: key.clone(), hint };
@@ -313,7 +314,9 @@ impl SweepPlan {
                 document::set(&mut document, path, &value).map_err(|hint| unknown(within(hint)))?;
                 match serde_json::from_value::<StageModel>(document) {
                     Ok(model) if value.number().is_none() => {
-                        return model.resolved_guides().map(drop).map_err(|error| {
+                        let guides = model.resolved_guides().map(drop);
+                        let names = guides.and_then(|()| Effects::new(&model.effects).map(drop));
+                        return names.map_err(|error| {
                             let reason = error.to_string();
                             SweepError::Value { key: key.clone(), value, reason }
                         });

@@ -284,8 +284,8 @@ impl Words for SignalNote {
                 let written = if *is_comma { "1,234" } else { "1.234" };
                 format!(
                     "{signal}: each number is written as {written} and taken for 1234, while other \
-                     columns have another decimal mark: give `scale: 1` where that is right, \
-                     `scale: 0.001` where it is 1.234"
+                     columns have another decimal mark: give its `unit` and `scale: 1` where that \
+                     is right, `scale: 0.001` where it is 1.234"
                 )
             }
             Self::Unconfirmed { marks } => format!(

@@ -210,6 +210,14 @@ impl Words for IdentifyFinding {
                 four_digits(*declared),
                 four_digits(*least)
             ),
+            Self::LeftOpen { left, noise_floor, open } => format!(
+                "what is left of the hold-out, {} {n}, is {}, but after a fit to this train record \
+                 {} {n} are open there: fit to a record that also has motions like those of the \
+                 hold-out",
+                four_digits(*left),
+                times_noise(*left, *noise_floor),
+                four_digits(*open)
+            ),
             Self::OtherBristles {
                 parameter,
                 found,

@@ -331,8 +331,10 @@ pub fn proposal_text(proposal: &Proposal, file: &Path, written: Option<&Path>) -
         text += &format!("check {what}: {check}\n");
     }
     if let Some(path) = written {
+        let then =
+            if proposal.has_motion() { "when it is right" } else { "fill in the motion, then" };
         text += &format!(
-            "\n{path} is written; when it is right:\n  friction-stage import {} --mapping {path} \
+            "\n{path} is written; {then}:\n  friction-stage import {} --mapping {path} \
              --out BAG\n",
             file.display(),
             path = path.display()
