@@ -41,7 +41,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Vec<Assignment>, Argument
 /// The value of a `-p name:=value`. On error says what is wrong with it.
 pub(super) fn value(text: &str) -> Result<ParameterValue, String> {
     let node: Node = serde_saphyr::from_str_with_options(text, options())
-        .map_err(|error| yaml::problem_alone(&error, ""))?;
+        .map_err(|error| format!("is not YAML: {}", yaml::problem_alone(&error, "")))?;
     parameter_value(node).map_err(|problem| problem.to_string())
 }
 

@@ -29,8 +29,8 @@
 //! A value in SI is `scale * (value * unit) + offset`, the offset in SI units. A unit of another
 //! dimension needs a `scale`, in SI too: the lead over 2 pi for turns of a spindle, N per A for a
 //! current, which counts as the force. `minus: COLUMN` subtracts another column from the value
-//! first; `plus: COLUMN` with its `plus_unit` adds a second column of times. Signals that a recording
-//! lacks are left out.
+//! first; `plus: COLUMN` with its `plus_unit` adds a second column of times. Signals that a
+//! recording lacks are left out.
 //!
 //! Signals that stand in another recording of the same motion, with a clock of its own, are joined:
 //!

@@ -93,8 +93,8 @@ pub(crate) fn uncertainty(
 }
 
 /// Indices of the coordinates that a record can say something about: those on a bound are held, but
-/// what is declared. What does not move the residual at all is not known, and must not hide what the
-/// data say about the others.
+/// what is declared. What does not move the residual at all is not known, and must not hide what
+/// the data say about the others.
 fn free_of(
     jacobian: &DMatrix<f64>,
     coordinates: &[FreeParameter],

@@ -140,8 +140,8 @@ pub struct Selection {
     pub train_floor: Floor,
     /// Of the declared noise.
     pub declared_floor: Floor,
-    /// What the train record leaves open of the force on the hold-out, N rms, where nothing is added
-    /// and that is why more than noise is left.
+    /// What the train record leaves open of the force on the hold-out, N rms, where nothing is
+    /// added and that is why more than noise is left.
     pub left_open: Option<f64>,
     /// Whether the watch stopped the search.
     pub stopped: bool,
