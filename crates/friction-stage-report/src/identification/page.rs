@@ -125,15 +125,20 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
     let names = effect_phrases(&summary.effects, summary.joint).join("; ");
     let (mark, sentence) = match selection.verdict {
         Verdict::Found => (Mark::Good, format!("The declared model lacks: {names}.")),
-        Verdict::None => (
-            Mark::Good,
-            format!(
-                "Nothing is missing that these data show: the refitted model leaves {} {}, {}.",
-                short(selection.errors_after.holdout().sqrt()),
-                n,
-                times_noise(selection.errors_after.holdout().sqrt(), selection.floor.total())
-            ),
-        ),
+        Verdict::None => {
+            let left = selection.errors_after.holdout().sqrt();
+            let floor = times_noise(left, selection.floor.total());
+            let open = selection.left_open.map_or(String::new(), |open| {
+                format!("; after a fit to this train record {} {n} are open there", short(open))
+            });
+            let mark = if open.is_empty() { Mark::Good } else { Mark::Warning };
+            let sentence = format!(
+                "Nothing is missing that these data show: the refitted model leaves {} {n}, \
+                 {floor}{open}.",
+                short(left)
+            );
+            (mark, sentence)
+        }
         Verdict::Unknown => (
             Mark::Warning,
             match selection.coordinate {
