@@ -3,7 +3,10 @@
 import ast
 import importlib
 import json
+import os
 import re
+import subprocess
+import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
@@ -14,6 +17,7 @@ import yaml
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import GetParameters, ListParameters
 
+from conftest import BINARIES
 from ros import TOPICS
 
 ROOT = Path(__file__).parents[2]
@@ -283,6 +287,39 @@ def test_the_package_of_the_messages_has_another_name_and_all_of_them():
     assert package.findtext("version") == CARGO["workspace"]["package"]["version"]
     (listed,) = re.findall(r"set\(messages (.*)\)", build)
     assert set(listed.split()) == {path.name for path in (ROOT / "msg").glob("*.msg")}
+
+
+FIND_BOTH = """
+import os
+from pathlib import Path
+
+from ament_index_python import get_package_prefix
+from friction_stage_msgs.msg import StageState
+from rclpy.serialization import serialize_message
+
+# As `ros2 run` looks for the programs of a package.
+programs = Path(get_package_prefix("friction_stage")) / "lib/friction_stage"
+print(*sorted(path.name for path in programs.iterdir() if os.access(path, os.X_OK)))
+print(len(serialize_message(StageState())) > 0, get_package_prefix("friction_stage_msgs"))
+"""
+
+
+@pytest.mark.parametrize("messages_last", [True, False])
+def test_programs_and_messages_are_found_whichever_is_sourced_last(messages_last, tmp_path):
+    """With the index of installed packages, by which `ros2 run` finds programs; there are no wheels
+    of `ros2 run` itself."""
+    programs = tmp_path / "install"
+    for path in ("share/ament_index/resource_index/packages", "lib/friction_stage"):
+        (programs / path).mkdir(parents=True)
+    (programs / "share/ament_index/resource_index/packages/friction_stage").touch()
+    for name in NODES.values():
+        (programs / "lib/friction_stage" / name).symlink_to(BINARIES / name)
+    # What is sourced last stands first.
+    prefixes = [sys.prefix, str(programs)] if messages_last else [str(programs), sys.prefix]
+    environment = os.environ | {"AMENT_PREFIX_PATH": ":".join(prefixes)}
+    command = [sys.executable, "-c", FIND_BOTH]
+    found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines() == ["controller_node stage_node", f"True {sys.prefix}"]
 
 
 def test_file_names_are_unique_and_flat():

@@ -216,7 +216,10 @@ fn times_of_every_kind_are_read() {
         format!("t;x;u\n{}", (0..ROWS).map(row).collect::<String>())
     };
     let fraction = |k: usize| k as f64 / RATE;
-    let times: [&dyn Fn(usize) -> String; 7] = [
+    let times: [&dyn Fn(usize) -> String; 10] = [
+        &|k| format!("15-Oct-2021 10:00:{:06.3}", fraction(k)),
+        &|k| format!("1.Mai.2024 10:00:{:06.3}", fraction(k)),
+        &|k| format!("{:.3} sec", fraction(k)),
         &|k| format!("2024-05-01T10:00:{:06.3}Z", fraction(k)),
         &|k| format!("2024-05-01 10:00:{:06.3}+02:00", fraction(k)),
         &|k| format!("01.05.2024 10:00:{:06.3}", fraction(k)),
@@ -1614,4 +1617,126 @@ fn clocks_of_windows_unnamed_stamps_and_tables_that_lie_on_their_side_are_told()
     let lines: String = (0..9).map(|k| format!("{{\"t\": {k}, \"x\": {k}}}\n")).collect();
     let told = Proposal::of(&file("t.csv", lines).path).unwrap_err().to_string();
     assert!(told.contains("line 9 is `{\"t\": 8"), "{told}");
+}
+
+/// Times in whole digits that are no small part of the period: the rate is that of the samples, and
+/// each value stands in the row of its number.
+#[test]
+fn a_uniform_rate_shows_behind_times_that_are_rounded() {
+    let motion = |time: f64| 0.0446 * (3.0 * time).sin() + 0.002 * (11.0 * time).cos();
+    let table = |rate: f64, decimals: usize, keep: &dyn Fn(usize) -> bool| -> String {
+        let rows = (0..1200).filter(|k| keep(*k)).map(|k| {
+            let time = k as f64 / rate;
+            format!("{time:.decimals$},{:.8},{:.4}\n", motion(time), (5.0 * time).sin())
+        });
+        format!("t,x,u\n{}", rows.collect::<String>())
+    };
+    for (rate, decimals) in [
+        (256.0, 3),
+        (60.0, 3),
+        (150.0, 3),
+        (240.0, 3),
+        (300.0, 3),
+        (400.0, 3),
+        (488.28125, 3),
+        (600.0, 3),
+        (700.0, 4),
+        (1200.0, 4),
+        (3000.0, 4),
+        (8192.0, 5),
+        (256.0, 4),
+        (1000.0, 3),
+    ] {
+        let recording = read("t.csv", table(rate, decimals, &|_| true), MAPPING).unwrap();
+        assert!((recording.rate / rate - 1.0).abs() < 1e-3, "{rate} Hz: {}", recording.rate);
+        assert_eq!(recording.trace.len(), 1200, "{rate} Hz, {decimals} decimals");
+        for k in [0, 1, 2, 599, 1198, 1199] {
+            let (is, was) = (recording.trace.position[k], motion(k as f64 / rate));
+            assert!((is - was).abs() < 1e-7, "{rate} Hz, row {k}: {is} {was}");
+        }
+    }
+    // Samples that are missing from a uniform clock are no slower clock.
+    let missing =
+        |k: usize| k < 2 || !(7919 * k).is_multiple_of(13) && !(104_729 * k).is_multiple_of(5);
+    let recording = read("t.csv", table(1000.0, 3, &missing), MAPPING).unwrap();
+    assert!((recording.rate - 1000.0).abs() < 1e-6, "{} Hz", recording.rate);
+    assert_eq!(recording.trace.len(), 1200);
+}
+
+#[test]
+fn what_a_table_does_not_say_is_asked() {
+    let checks = |text: String| -> (Vec<String>, Proposal) {
+        let proposal = Proposal::of(&file("t.csv", text).path).unwrap();
+        let checks = proposal.checks();
+        let said = checks.iter().map(|(key, check)| format!("{key}: {check}")).collect();
+        (said, proposal)
+    };
+    let has = |checks: &[String], words: &str| checks.iter().any(|check| check.contains(words));
+    let rows = |of: &dyn Fn(usize) -> String| -> String {
+        (0..ROWS).map(|k| format!("{:.3},{}\n", k as f64 / RATE, of(k))).collect()
+    };
+    let row = |k: usize| format!("{:.5},{:.5}", 1e3 * values(k).0, values(k).1);
+    // An error of following in the words of any language, next to its reference.
+    let error = |k: usize| format!("{:.5},{:.5},1.5", 1e-3 * row_of(k), row_of(k));
+    for name in ["Droop [mm]", "位置偏差 [mm]", "PE [mm]"] {
+        let head = format!("t [s],{name},Command position [mm],F [N]\n");
+        let (said, _) = checks(format!("{head}{}", rows(&error)));
+        assert!(has(&said, "of the reference only"), "{name}: {said:?}");
+    }
+    // A second position, whatever it is called.
+    let two = |k: usize| format!("{:.5},{:.5}", 1e3 * values(k).0, 1.001e3 * values(k).0);
+    let head = "t [s],Motor encoder [mm],Linear scale [mm]\n";
+    let (said, _) = checks(format!("{head}{}", rows(&two)));
+    assert!(has(&said, "or is it `Linear scale [mm]`"), "{said:?}");
+    // Factors above the rows.
+    let (said, _) = checks(format!("t,x,u\ns,mm,N\nScaleFactor,0.001,0.1\n{}", rows(&row)));
+    assert!(has(&said, "factors or offsets"), "{said:?}");
+    // More names than columns.
+    let (said, _) = checks(format!("Index,Time [s],Pos [mm],Force [N]\n{}", rows(&row)));
+    assert!(has(&said, "4 names for 3 columns"), "{said:?}");
+    // A label in front of the names is no name.
+    let text = format!("# fields: t x u\n{}", rows(&row).replace(',', " "));
+    let (_, proposal) = checks(text);
+    assert_eq!(proposal.columns[1].name, "x");
+    // The first row may be the names of a table without names.
+    let (said, _) = checks(format!("0,1,2\n{}", rows(&row)));
+    assert!(has(&said, "counts the columns"), "{said:?}");
+    // Cells that are blank where blanks separate.
+    let blank = |k: usize| match k % 3 {
+        0 => format!("{:.3}  {:.5}  20.5  {:.5}\n", k as f64 / RATE, row_of(k), values(k).1),
+        _ => format!("{:.3}  {:.5}        {:.5}\n", k as f64 / RATE, row_of(k), values(k).1),
+    };
+    let text: String = (0..ROWS).map(blank).collect();
+    let (said, _) = checks(format!("t  x  temp  u\n{text}"));
+    assert!(has(&said, "where a cell is blank"), "{said:?}");
+    // Names that are numbers are written as numbers of columns.
+    let text =
+        format!("t,2,1\ns,N,mm\n{}", rows(&|k| format!("{:.5},{:.5}", values(k).1, row_of(k))));
+    let (_, proposal) = checks(text.clone());
+    let mapping = Mapping::from_yaml(&proposal.to_yaml("t.csv", &[]), "p").unwrap();
+    let recording = load(&file("t.csv", text).path, Some(&mapping)).unwrap();
+    assert!((recording.trace.position[7] - values(7).0).abs() < 1e-8);
+    // A torque next to a position in mm needs a factor, and the mapping can be read as it is.
+    let (said, proposal) = checks(format!("t [s],x [mm],Torque [Nm]\n{}", rows(&row)));
+    assert!(has(&said, "N per Nm"), "{said:?}");
+    let yaml = proposal.to_yaml("t.csv", &[]);
+    let mapping = Mapping::from_yaml(&yaml, "p").unwrap();
+    assert_eq!(mapping.joint_type, Some(JointType::Prismatic), "{yaml}");
+}
+
+/// Position of row `k`, mm.
+fn row_of(k: usize) -> f64 {
+    1e3 * values(k).0
+}
+
+#[test]
+fn tables_of_thousands_of_columns_are_looked_at_in_a_moment() {
+    let line = |name: &str| -> String {
+        (0..20_000)
+            .map(|k| format!(",{:.3}", f64::from(k) * 1e-3))
+            .fold(name.to_owned(), |a, b| a + &b)
+    };
+    let text = format!("{}\n{}\n{}\n", line("Time [s]"), line("Pos [mm]"), line("Force [N]"));
+    let proposal = Proposal::of(&file("wide.csv", text).path).unwrap();
+    assert!(proposal.checks().iter().any(|(_, check)| check.contains("turn the table round")));
 }

@@ -216,8 +216,27 @@ const OTHER: Words = &[
     "*temperatur*",
 ];
 
-/// Words before a number that count channels of a logger and no axes.
-const CHANNEL: Words = &["ch", "channel", "kanal", "signal", "var", "trace", "col", "column"];
+/// Words before a number that count axes, besides those for a quantity: other numbers are of
+/// channels, parameters and types of devices.
+const COUNTED: Words = &[
+    "ax",
+    "axis",
+    "axes",
+    "axe",
+    "achse",
+    "achsen",
+    "joint",
+    "joints",
+    "gelenk",
+    "drive",
+    "antrieb",
+    "motor",
+    "stage",
+    "slide",
+    "schlitten",
+    "eje",
+    "asse",
+];
 
 /// Letters that axes have.
 const AXES: &[&str] = &["x", "y", "z", "a", "b", "c", "u", "v", "w"];
@@ -260,13 +279,13 @@ impl ColumnName {
         };
         let is_word = |token: &String| token.chars().all(char::is_alphabetic);
         let mut axis = Vec::new();
+        let mut before = "";
         for (index, part) in parts.iter().enumerate() {
             // The letter that says the quantity tells no axis.
             let mut own = (Some(index) == at).then(|| letter_of(part)).flatten();
-            let mut before = "";
             for token in part {
                 let is_axis = AXES.contains(&token.as_str());
-                let is_number = !is_word(token) && !is_one_of(before, CHANNEL);
+                let is_number = !is_word(token) && counts_axes(before);
                 if is_axis && own.as_deref() == Some(token) {
                     own = None;
                 } else if is_axis || is_number {
@@ -289,6 +308,13 @@ impl ColumnName {
     pub(super) fn is_of_same_axis(&self, other: &ColumnName) -> bool {
         !self.axis.is_empty() && self.axis == other.axis
     }
+}
+
+/// Whether a number behind a word tells an axis.
+fn counts_axes(word: &str) -> bool {
+    let quantities =
+        [TIME, POSITION, VELOCITY, ACCELERATION, FORCE, CELL, CURRENT, DRIVE, ASKED, MEASURED];
+    is_one_of(word, COUNTED) || quantities.iter().any(|known| is_one_of(word, known))
 }
 
 /// Whether a part of a name ends with `des` for `desired`, as `x_des`: before another word it is an
@@ -541,6 +567,9 @@ mod tests {
             ("x_mm", "F_N"),
             ("Ax2 position", "Ax2 force"),
             ("Channel 1: Position", "Channel 2: Torque"),
+            ("Weg_WA20", "Kraft_S2M"),
+            ("r2665 position", "r31 torque"),
+            ("AI 1/Weg", "AI 2/Force"),
             ("x", "u"),
         ] {
             assert!(!other(a, b), "{a} {b}");

@@ -25,6 +25,11 @@ const SAME_RATE: f64 = 1e-3;
 /// slow against jitter, fast against the drift of a quartz (100 ppm).
 const PHASE_GAIN: f64 = 0.01;
 
+/// Share of the samples that a clock must number one after the other, and part of the square of the
+/// fourth difference that may be left, for a clock that the usual interval does not show. Assumed.
+const MOSTLY: f64 = 0.8;
+const MUCH_SMOOTHER: f64 = 0.5;
+
 /// How the samples of the position lie in time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -117,6 +122,59 @@ fn first_phase(stamps: &[i64], step: f64) -> f64 {
     -sine.atan2(cosine) / std::f64::consts::TAU * step
 }
 
+/// Period of a clock near `start`, ns, from the ends of every stretch without a gap, and the steps of
+/// the longest stretch.
+fn period(stamps: &[i64], start: f64) -> (f64, f64) {
+    let (mut time, mut steps, mut longest) = (0.0, 0.0, 0.0f64);
+    let mut from: Option<(usize, u64)> = None;
+    let mut before: Option<(usize, u64)> = None;
+    let mut stretch = |a: Option<(usize, u64)>, b: Option<(usize, u64)>| {
+        if let (Some((i, m)), Some((j, n))) = (a, b) {
+            time += (stamps[j] - stamps[i]) as f64;
+            steps += (n - m) as f64;
+            longest = longest.max((n - m) as f64);
+        }
+    };
+    follow(stamps, start, |index, number, _| {
+        if before.is_none_or(|(_, n)| number - n > MOST_MISSING as u64 + 1) {
+            stretch(from, before);
+            from = Some((index, number));
+        }
+        before = Some((index, number));
+    });
+    stretch(from, before);
+    (if steps > 0.0 { time / steps } else { start }, longest)
+}
+
+/// Period of the sampling clock, ns, and the steps of the longest stretch without a gap.
+///
+/// Where stamps are rounded to a digit that is no small part of the period, the usual interval is
+/// not the period: 256 Hz in whole ms has intervals of 4 and 3 ms. Then the mean is, of the
+/// intervals of one step, or of all that are no gap; whether it is, the positions say, which are
+/// smoother when taken so. What lies on the usual interval with samples missing in between is not.
+fn period_of_clock(stamps: &[i64], position: &[f64], usual: f64) -> (f64, f64) {
+    let by_usual = period(stamps, usual);
+    let mean_of = |most: f64| {
+        let intervals = stamps.windows(2).map(|pair| (pair[1] - pair[0]) as f64);
+        let near = intervals.filter(|one| *one >= 0.5 * usual && *one <= most * usual);
+        let (sum, count) = near.fold((0.0, 0.0), |(sum, count), one| (sum + one, count + 1.0));
+        period(stamps, sum / count)
+    };
+    let is_other = |(step, _): &(f64, f64)| {
+        step.is_finite() && *step > 0.0 && (step / by_usual.0 - 1.0).abs() > SAME_RATE
+    };
+    let mut found = by_usual;
+    let mut least = f64::INFINITY;
+    for by_mean in [1.5, MOST_MISSING as f64 + 1.5].map(mean_of).into_iter().filter(is_other) {
+        let Smoothness { uniform, stamped, windows } = smoothness(stamps, position, by_mean.0);
+        let is_whole = windows as f64 >= MOSTLY * stamps.len() as f64;
+        if is_whole && uniform < MUCH_SMOOTHER * stamped && uniform < least {
+            (found, least) = (by_mean, uniform);
+        }
+    }
+    found
+}
+
 /// The grid that the stamps of the position define, or that `rate` (Hz) asks for.
 pub(crate) fn grid(
     stamps: &[i64],
@@ -134,26 +192,7 @@ pub(crate) fn grid(
     else {
         return Err(clock("at least two different ones are needed".into()));
     };
-    // the period, from the ends of every stretch without a gap
-    let (mut time, mut steps, mut longest) = (0.0, 0.0, 0.0f64);
-    let mut from: Option<(usize, u64)> = None;
-    let mut before: Option<(usize, u64)> = None;
-    let mut stretch = |a: Option<(usize, u64)>, b: Option<(usize, u64)>| {
-        if let (Some((i, m)), Some((j, n))) = (a, b) {
-            time += (stamps[j] - stamps[i]) as f64;
-            steps += (n - m) as f64;
-            longest = longest.max((n - m) as f64);
-        }
-    };
-    follow(stamps, usual, |index, number, _| {
-        if before.is_none_or(|(_, n)| number - n > MOST_MISSING as u64 + 1) {
-            stretch(from, before);
-            from = Some((index, number));
-        }
-        before = Some((index, number));
-    });
-    stretch(from, before);
-    let mut step = if steps > 0.0 { time / steps } else { usual };
+    let (mut step, longest) = period_of_clock(stamps, position, usual);
     let deviation = |step: f64| {
         let (mut squares, mut worst) = (0.0, 0.0f64);
         follow(stamps, step, |_, _, off| {
@@ -225,9 +264,24 @@ fn on_grid(stamps: &[i64], step: f64) -> bool {
 /// Whether the positions are smoother if taken as uniform than if taken at their stamps: by the
 /// fourth difference, and the fourth divided difference scaled to the same gain for white noise.
 fn smoother_as_uniform(stamps: &[i64], position: &[f64], step: f64) -> bool {
+    let Smoothness { uniform, stamped, .. } = smoothness(stamps, position, step);
+    uniform <= stamped
+}
+
+/// Sums of squares of the fourth difference of the positions.
+struct Smoothness {
+    /// Taken as uniform.
+    uniform: f64,
+    /// Taken at their stamps.
+    stamped: f64,
+    /// Samples that begin five in a row.
+    windows: usize,
+}
+
+fn smoothness(stamps: &[i64], position: &[f64], step: f64) -> Smoothness {
     let mut numbers = Vec::with_capacity(stamps.len());
     follow(stamps, step, |_, number, _| numbers.push(number));
-    let (mut uniform, mut stamped) = (0.0, 0.0);
+    let (mut uniform, mut stamped, mut windows) = (0.0, 0.0, 0);
     for ((numbers, stamps), x) in numbers.windows(5).zip(stamps.windows(5)).zip(position.windows(5))
     {
         if numbers[4] - numbers[0] != 4
@@ -250,8 +304,9 @@ fn smoother_as_uniform(stamps: &[i64], position: &[f64], step: f64) -> bool {
         stamped += divided * divided / gain;
         let difference = x[0] - 4.0 * x[1] + 6.0 * x[2] - 4.0 * x[3] + x[4];
         uniform += difference * difference / 70.0;
+        windows += 1;
     }
-    uniform <= stamped
+    Smoothness { uniform, stamped, windows }
 }
 
 /// Stretches of rows that are valid, in order.

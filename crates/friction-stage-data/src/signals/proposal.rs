@@ -4,6 +4,7 @@
 //! signal, by its unit, its name, or the way it moves. What the file does not say is marked, for a
 //! person to check.
 
+use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -13,7 +14,7 @@ use super::array_table::{self, is_array_file};
 use super::arrays::ArrayFile;
 use super::column_name::{ColumnName, Quantity, Role, unit_of_name, unit_of_suffix};
 use super::error::SignalError;
-use super::mapping::{CsvLayout, Signal};
+use super::mapping::{CsvLayout, Delimiter, Signal};
 use super::text_layout::{TextLayout, bare_unit};
 use super::text_lines::Splitter;
 use super::text_value::{Decimal, Value};
@@ -135,6 +136,8 @@ const SAME_AXIS: f64 = 0.25;
 const CARRY: f64 = 100.0;
 /// Characters of a line that are quoted.
 const QUOTED: usize = 60;
+/// Part of the travel of its reference that a position makes at least. Assumed: half.
+const FOLLOWS: f64 = 0.5;
 /// Most captures that a column counts.
 const MOST_CAPTURES: usize = 1000;
 
@@ -151,9 +154,19 @@ struct Table<'a> {
     names: &'a [String],
     units: &'a [String],
     samples: &'a [Samples],
+    /// Columns of each name.
+    counts: HashMap<&'a str, usize>,
 }
 
-impl Table<'_> {
+impl<'a> Table<'a> {
+    fn new(names: &'a [String], units: &'a [String], samples: &'a [Samples]) -> Table<'a> {
+        let mut counts = HashMap::new();
+        for name in names {
+            *counts.entry(name.as_str()).or_default() += 1;
+        }
+        Table { names, units, samples, counts }
+    }
+
     /// The column at an index.
     fn column(&self, at: usize) -> TableColumn {
         let samples = &self.samples[at];
@@ -174,7 +187,7 @@ impl Table<'_> {
             smallest: has_values.then(|| finite().fold(f64::INFINITY, f64::min)),
             largest: has_values.then(|| finite().fold(f64::NEG_INFINITY, f64::max)),
             signal: None,
-            is_alone: self.names.iter().filter(|name| **name == self.names[at]).count() == 1,
+            is_alone: self.counts.get(self.names[at].as_str()) == Some(&1),
         }
     }
 
@@ -328,6 +341,28 @@ fn captures(values: &[f64]) -> Option<usize> {
     Some(seen.len())
 }
 
+/// A position that moves far less than its reference may be the error of following it, or be in
+/// another unit.
+fn ask_for_a_following_error(signals: &mut [ProposedSignal], columns: &[TableColumn]) {
+    let travel = |signal: Signal| {
+        let found = signals.iter().find(|found| found.signal == signal)?;
+        let unit = found.unit.as_deref().and_then(Unit::named).map_or(1.0, |unit| unit.size);
+        let column = columns.iter().find(|column| column.number == found.column)?;
+        let range = unit * found.scale.unwrap_or(1.0) * (column.largest? - column.smallest?);
+        (found.minus.is_none() && range > 0.0).then_some(range)
+    };
+    let both = travel(Signal::Position).zip(travel(Signal::ReferencePosition));
+    let Some((position, reference)) = both.filter(|(one, other)| *one < FOLLOWS * other) else {
+        return;
+    };
+    let part = 100.0 * position / reference;
+    for found in signals.iter_mut().filter(|found| found.signal == Signal::Position) {
+        found.add_check(&format!(
+            "it moves by {part:.2} % of the reference only: is it the error of following it?"
+        ));
+    }
+}
+
 /// Of a table without names: where one column is left that moves, and no force was found, it is
 /// the force, for a person to check.
 fn the_only_column_left(
@@ -415,6 +450,10 @@ impl Proposal {
         }
         .with_names_unplaced(&layout)
         .with_few_rows()
+        .with_rows_of_other_lengths(&layout, path)
+        .map_err(reading)?
+        .with_first_row_that_counts(&samples, &layout)
+        .with_factors(&layout.lines_before(layout.data_line + 1, path).map_err(reading)?)
         .with_thousands_in_doubt(&layout)
         .with_stated_rate(&layout.lines_above(path).map_err(reading)?))
     }
@@ -459,7 +498,7 @@ impl Proposal {
         samples: &[Samples],
         taken: &[Signal],
     ) -> Proposal {
-        let table = Table { names, units, samples };
+        let table = Table::new(names, units, samples);
         let all: Vec<usize> = (0..names.len()).collect();
         let whole = Self::of_columns(&table, &all, taken);
         let blocks = table.blocks();
@@ -555,7 +594,12 @@ impl Proposal {
             let Some(&(best, number)) = candidates.first() else { continue };
             let rivals: Vec<String> = candidates[1..]
                 .iter()
-                .filter(|(likeness, _)| signal != Signal::Time && *likeness >= RIVAL * best)
+                .filter(|(likeness, number)| match signal {
+                    Signal::Time => false,
+                    // A second position is worth a question, however it is called.
+                    Signal::Position if has_unit_of(signal, &table.column(number - 1)) => true,
+                    _ => *likeness >= RIVAL * best,
+                })
                 .map(|(_, number)| shown(&table.column(number - 1)))
                 .collect();
             let joint = joint_of(&signals);
@@ -588,6 +632,7 @@ impl Proposal {
                 table_checks.push(NO_MOTION.to_owned());
             }
         }
+        ask_for_a_following_error(&mut signals, &columns);
         let mut proposal = Proposal {
             format: "",
             not_used: Vec::new(),
@@ -699,6 +744,90 @@ impl Proposal {
         self
     }
 
+    /// The same with what to check where blanks separate columns and rows differ in their number:
+    /// of a cell that is blank it is not known which it is.
+    fn with_rows_of_other_lengths(
+        mut self,
+        layout: &TextLayout,
+        path: &Path,
+    ) -> std::io::Result<Proposal> {
+        if layout.delimiter != Delimiter::Blanks {
+            return Ok(self);
+        }
+        let (mut lines, mut row) = (layout.rows(path)?, Splitter::new(layout.delimiter));
+        let (mut rows, mut others) = (0, 0);
+        while let Some((_, line)) = lines.next()? {
+            row.split(line);
+            let is_value = |field: &[u8]| layout.value(field).is_value();
+            if row.fields().any(is_value) {
+                rows += 1;
+                others += usize::from(row.len() != layout.columns);
+            }
+            if rows >= LOOKED_AT {
+                break;
+            }
+        }
+        // The last row may be cut off.
+        if others > 1 {
+            self.table_checks.push(format!(
+                "{others} of {rows} rows have not {} values: where a cell is blank, it is not known \
+                 which",
+                layout.columns
+            ));
+        }
+        Ok(self)
+    }
+
+    /// The same with what to check where the first row counts the columns, as the names of a table
+    /// without names do.
+    fn with_first_row_that_counts(mut self, samples: &[Samples], layout: &TextLayout) -> Proposal {
+        let first: Vec<f64> =
+            samples.iter().filter_map(|column| column.values.first().copied()).collect();
+        let counts =
+            |from: f64| first.iter().zip(0..).all(|(one, at)| *one == from + f64::from(at));
+        if layout.names_line.is_none() && first.len() > 2 && (counts(0.0) || counts(1.0)) {
+            self.table_checks.push(format!(
+                "line {line} counts the columns: where it is no row, `csv: {{names_in_line: {line}, \
+                 data_from_line: {}}}`",
+                layout.data_line + 1,
+                line = layout.data_line
+            ));
+        }
+        self
+    }
+
+    /// The same with what to check where a line above the rows has a factor for each column.
+    fn with_factors(mut self, above: &[(u64, String)]) -> Proposal {
+        const FACTOR: [&str; 7] =
+            ["factor", "faktor", "scale", "scaling", "skalierung", "gain", "offset"];
+        for (line, text) in above {
+            let fields: Vec<&str> = text
+                .split(|c: char| ";\t|".contains(c) || c == ',' && !self.decimal_comma)
+                .collect();
+            let Some((label, values)) = fields.split_first() else { continue };
+            let label = label.to_lowercase();
+            let is_factor = |value: &&str| {
+                let value = value.trim().replace(',', ".");
+                value.parse::<f64>().is_ok()
+            };
+            let count = values.iter().filter(|value| is_factor(value)).count();
+            let is_label = FACTOR.iter().any(|word| label.contains(word));
+            if is_label && !label.contains("horizontal") && count + 1 >= self.columns.len().max(2) {
+                let begins = match *line == self.data_line {
+                    true => {
+                        format!(", and begin the rows with `csv: {{data_from_line: {}}}`", line + 1)
+                    }
+                    false => String::new(),
+                };
+                self.table_checks.push(format!(
+                    "line {line} has factors or offsets of the columns, which are not applied: \
+                     give them as `scale` and `offset`{begins}"
+                ));
+            }
+        }
+        self
+    }
+
     /// The same with a scale to check for columns whose marks may be decimal ones.
     fn with_thousands_in_doubt(mut self, layout: &TextLayout) -> Proposal {
         let written = if self.decimal_comma { "1.234" } else { "1,234" };
@@ -782,7 +911,12 @@ impl Proposal {
     fn place(&self, number: usize) -> String {
         // A string of JSON is one of YAML.
         match self.column(number) {
-            Some(column) if column.is_alone && !column.name.is_empty() => {
+            // A number in a mapping is that of a column.
+            Some(column)
+                if column.is_alone
+                    && !column.name.is_empty()
+                    && column.name.parse::<usize>().is_err() =>
+            {
                 serde_json::Value::from(column.name.as_str()).to_string()
             }
             _ => number.to_string(),
@@ -1074,6 +1208,11 @@ fn is_none_of_motion(dimension: Dimension) -> bool {
         || dimension == Dimension::Current
 }
 
+/// Whether the file gives a unit that a signal has.
+fn has_unit_of(signal: Signal, column: &TableColumn) -> bool {
+    Unit::named(&column.unit).is_some_and(|unit| signal.has_dimension(unit.dimension))
+}
+
 /// The joint type that the units of the signals up to here speak of.
 fn joint_of(signals: &[ProposedSignal]) -> JointType {
     let units = signals.iter().filter_map(|found| Unit::named(found.unit.as_deref()?));
@@ -1135,6 +1274,11 @@ fn proposed(
         None if is_current => (Some("A"), None, Some(format!("A? And its `scale`, {si} per A"))),
         Some(Unit { name: "%", .. }) => {
             (written, Some(1.0), Some(format!("the `scale` is the {si} of 100 %")))
+        }
+        // A unit of the other kind of joint would make it that joint.
+        Some(unit) if signal.has_dimension(unit.dimension) => {
+            let unit = written.unwrap_or_default();
+            (None, Some(1.0), Some(format!("it is in {unit}: its `scale`, {si} per {unit}")))
         }
         Some(unit) => {
             let per = unit.dimension.si();

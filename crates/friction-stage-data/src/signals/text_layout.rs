@@ -571,10 +571,15 @@ impl TextLayout {
 
     /// The lines above the first row, with their numbers.
     pub(super) fn lines_above(&self, path: &Path) -> io::Result<Vec<(u64, String)>> {
+        self.lines_before(self.data_line, path)
+    }
+
+    /// The lines above a line of this number, with their numbers.
+    pub(super) fn lines_before(&self, line: u64, path: &Path) -> io::Result<Vec<(u64, String)>> {
         let mut lines = Lines::new(decoded(path)?);
         let mut above = Vec::new();
         while let Some((number, text)) = lines.next()? {
-            if number >= self.data_line || above.len() >= SETTINGS {
+            if number >= line || above.len() >= SETTINGS {
                 break;
             }
             // A tab is no part of a word.
@@ -684,7 +689,15 @@ impl TextLayout {
         if units_cells + 1 == self.columns && units_line.is_some() {
             units.insert(0, String::new());
         }
+        // `# fields: t x u` has a label.
+        if names.len() == self.columns + 1 && names[0].ends_with(':') {
+            names.remove(0);
+        }
         let named = names.iter().rposition(|name| !name.is_empty()).map_or(0, |last| last + 1);
+        if named > width.max(self.columns) {
+            self.unplaced = Some((names_line, named));
+            return;
+        }
         // Columns without a value in the rows that were looked at.
         self.columns = self.columns.max(named.min(width));
         names.resize(names.len().max(self.columns), String::new());

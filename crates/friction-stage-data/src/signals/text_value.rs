@@ -211,7 +211,20 @@ const MINUTES: i64 = 1_440;
 /// then it does not begin again at midnight.
 fn time(text: &str) -> Option<(i64, bool)> {
     // Most fields are none.
-    if !text.starts_with(|c: char| c.is_ascii_digit() || c == '-') || !text.contains(':') {
+    if !text.starts_with(|c: char| c.is_ascii_digit() || c == '-') {
+        return None;
+    }
+    // A duration as MATLAB writes it.
+    if let Some(seconds) = text.strip_suffix(" sec") {
+        let (sign, seconds) = match seconds.strip_prefix('-') {
+            Some(seconds) => (-1, seconds),
+            None => (1, seconds),
+        };
+        let (whole, part) = seconds.split_once('.').unwrap_or((seconds, "0"));
+        let whole: i64 = whole.parse().ok().filter(|whole| *whole < CENTURY * 86_400)?;
+        return Some((sign * (whole * SECOND + nanoseconds(&format!("0.{part}"))?), true));
+    }
+    if !text.contains(':') {
         return None;
     }
     if let Some(duration) = duration(text) {
@@ -220,9 +233,11 @@ fn time(text: &str) -> Option<(i64, bool)> {
     if text.starts_with('-') {
         return None;
     }
-    let (date, clock) = match text.split_once(['T', 't', ' ']) {
-        Some((date, clock)) if !date.contains(':') => (Some(date), clock.trim()),
-        _ => (None, text),
+    let splits = [text.split_once(' '), text.split_once(['T', 't'])];
+    let dated = splits.into_iter().flatten().find(|(date, _)| !date.contains(':'));
+    let (date, clock) = match dated {
+        Some((date, clock)) => (Some(date), clock.trim()),
+        None => (None, text),
     };
     let (clock, zone) = split_zone(clock)?;
     let (clock, half) = split_half(clock);
@@ -315,14 +330,42 @@ fn nanoseconds(seconds: &str) -> Option<i64> {
     Some(seconds * SECOND + nine.parse::<i64>().ok()?)
 }
 
+/// The month of a name, by its first three letters in English or German.
+fn month_named(name: &str) -> Option<u32> {
+    const MONTHS: [&str; 12] = [
+        "jan",
+        "feb",
+        "mar mär mrz",
+        "apr",
+        "may mai",
+        "jun",
+        "jul",
+        "aug",
+        "sep",
+        "oct okt",
+        "nov",
+        "dec dez",
+    ];
+    let short: String = name.to_lowercase().chars().take(3).collect();
+    let is_one = |names: &&str| names.split(' ').any(|known| known == short);
+    let place = MONTHS.iter().position(is_one)?;
+    u32::try_from(place + 1).ok()
+}
+
 /// Days since 1970 of a date: year first; or day, month, year with points; or with strokes, the
-/// month first unless it can be none.
+/// month first unless it can be none; or with the name of the month between day and year.
 fn day(date: &str) -> Option<i64> {
     let separator = date.chars().find(|c| !c.is_ascii_digit())?;
-    let parts: Vec<u32> =
-        date.split(separator).map(|part| part.parse().ok()).collect::<Option<_>>()?;
+    let texts: Vec<&str> = date.split(separator).collect();
+    let named = texts.get(1).and_then(|month| month_named(month));
+    let number = |(at, text): (usize, &&str)| match named {
+        Some(month) if at == 1 => Some(month),
+        _ => text.parse().ok(),
+    };
+    let parts: Vec<u32> = texts.iter().enumerate().map(number).collect::<Option<_>>()?;
     let &[first, second, third] = parts.as_slice() else { return None };
     let (year, month, day) = match separator {
+        '-' | '/' | '.' if named.is_some() && texts[0].len() < 4 => (third, second, first),
         '-' | '/' | '.' if date.find(separator) == Some(4) => (first, second, third),
         '.' => (third, second, first),
         '-' | '/' if first > 12 => (third, second, first),
