@@ -122,8 +122,8 @@ fn first_phase(stamps: &[i64], step: f64) -> f64 {
     -sine.atan2(cosine) / std::f64::consts::TAU * step
 }
 
-/// Period of a clock near `start`, ns, from the ends of every stretch without a gap, and the steps of
-/// the longest stretch.
+/// Period of a clock near `start`, ns, from the ends of every stretch without a gap, and the steps
+/// of the longest stretch.
 fn period(stamps: &[i64], start: f64) -> (f64, f64) {
     let (mut time, mut steps, mut longest) = (0.0, 0.0, 0.0f64);
     let mut from: Option<(usize, u64)> = None;

@@ -770,8 +770,8 @@ impl Proposal {
         // The last row may be cut off.
         if others > 1 {
             self.table_checks.push(format!(
-                "{others} of {rows} rows have not {} values: where a cell is blank, it is not known \
-                 which",
+                "{others} of {rows} rows have not {} values: where a cell is blank, it is not \
+                 known which",
                 layout.columns
             ));
         }
@@ -787,8 +787,8 @@ impl Proposal {
             |from: f64| first.iter().zip(0..).all(|(one, at)| *one == from + f64::from(at));
         if layout.names_line.is_none() && first.len() > 2 && (counts(0.0) || counts(1.0)) {
             self.table_checks.push(format!(
-                "line {line} counts the columns: where it is no row, `csv: {{names_in_line: {line}, \
-                 data_from_line: {}}}`",
+                "line {line} counts the columns: where it is no row, `csv: {{names_in_line: \
+                 {line}, data_from_line: {}}}`",
                 layout.data_line + 1,
                 line = layout.data_line
             ));
