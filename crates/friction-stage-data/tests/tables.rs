@@ -1694,6 +1694,9 @@ fn what_a_table_does_not_say_is_asked() {
     // More names than columns.
     let (said, _) = checks(format!("Index,Time [s],Pos [mm],Force [N]\n{}", rows(&row)));
     assert!(has(&said, "4 names for 3 columns"), "{said:?}");
+    // Behind a time they stand in order.
+    let (said, proposal) = checks(format!("Time [s],Pos [mm],Force [N],Remark\n{}", rows(&row)));
+    assert_eq!((said.as_slice(), proposal.columns[1].name.as_str()), (&[][..], "Pos [mm]"));
     // A label in front of the names is no name.
     let text = format!("# fields: t x u\n{}", rows(&row).replace(',', " "));
     let (_, proposal) = checks(text);

@@ -15,6 +15,7 @@ use std::path::Path;
 use encoding_rs::{Encoding, UTF_16BE, UTF_16LE, WINDOWS_1252};
 use encoding_rs_io::DecodeReaderBytesBuilder;
 
+use super::column_name::{ColumnName, Quantity};
 use super::mapping::{CsvLayout, Delimiter};
 use super::text_headings::{Found, Heading, Headings, unit_behind};
 use super::text_lines::{Lines, Splitter};
@@ -694,7 +695,10 @@ impl TextLayout {
             names.remove(0);
         }
         let named = names.iter().rposition(|name| !name.is_empty()).map_or(0, |last| last + 1);
-        if named > width.max(self.columns) {
+        // Behind a time the others stand in order: those at the end have no column.
+        let is_time = |name: &String| ColumnName::of(name).quantity == Some(Quantity::Time);
+        let begins_with_time = names.first().is_some_and(is_time);
+        if named > width.max(self.columns) && !begins_with_time {
             self.unplaced = Some((names_line, named));
             return;
         }
