@@ -1467,6 +1467,17 @@ fn where_no_name_says_a_motion_one_is_proposed_by_how_it_moves() {
         let mapping = Mapping::from_yaml(&yaml.replace(force, &said), "proposed").unwrap();
         assert!(mapping.signals.contains_key(&Signal::Force), "{said}");
     }
+    // Channels of an oscilloscope: the motion is sought before the force.
+    let volts: String = (0..ROWS)
+        .map(|k| {
+            let (x, u) = values(k);
+            format!("{:.3},{:.6},{:.3}\n", k as f64 / RATE, 1e3 * x, 15.0 * u.signum())
+        })
+        .collect();
+    let scope = file("t.csv", format!("x-axis,A,B\nsecond,Volt,Volt\n{volts}"));
+    let proposal = Proposal::of(&scope.path).unwrap();
+    let place = |signal| proposal.signals.iter().find(|s| s.signal == signal).map(|s| s.column);
+    assert_eq!((place(Signal::Position), place(Signal::Force)), (Some(2), Some(3)));
     // Names in brackets are names and no units.
     let text = format!("(T),(A),(X),(F),(C),(R)\n{rows}");
     let proposal = Proposal::of(&file("t.csv", text).path).unwrap();
@@ -1712,6 +1723,16 @@ fn what_a_table_does_not_say_is_asked() {
     let text: String = (0..ROWS).map(blank).collect();
     let (said, _) = checks(format!("t  x  temp  u\n{text}"));
     assert!(has(&said, "where a cell is blank"), "{said:?}");
+    // Rows of several joints, or of several signals.
+    for (name, words) in [("joint", ["x_axis", "gripper"]), ("topic", ["/a/position", "/a/effort"])]
+    {
+        let of = |k: usize| format!("{},{:.5}", words[k % 2], row_of(k));
+        let (said, _) = checks(format!("t [s],{name},value [mm]\n{}", rows(&of)));
+        assert!(has(&said, words[1]) && has(&said, "files of their own"), "{said:?}");
+    }
+    let constant = |k: usize| format!("x_axis,{:.5}", row_of(k));
+    let (said, _) = checks(format!("t [s],joint,value [mm]\n{}", rows(&constant)));
+    assert!(!has(&said, "files of their own"), "{said:?}");
     // Names that are numbers are written as numbers of columns.
     let text =
         format!("t,2,1\ns,N,mm\n{}", rows(&|k| format!("{:.5},{:.5}", values(k).1, row_of(k))));

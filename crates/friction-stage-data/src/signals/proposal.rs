@@ -15,7 +15,7 @@ use super::arrays::ArrayFile;
 use super::column_name::{ColumnName, Quantity, Role, unit_of_name, unit_of_suffix};
 use super::error::SignalError;
 use super::mapping::{CsvLayout, Delimiter, Signal};
-use super::text_layout::{TextLayout, bare_unit};
+use super::text_layout::{TextLayout, bare_unit, name};
 use super::text_lines::Splitter;
 use super::text_value::{Decimal, Value};
 use super::unit::{Dimension, Unit};
@@ -115,9 +115,22 @@ pub struct Proposal {
 struct Samples {
     values: Vec<f64>,
     is_clock: bool,
+    /// Different words, so many at most.
+    words: Vec<String>,
 }
 
 impl Samples {
+    fn none() -> Samples {
+        Samples { values: Vec::new(), is_clock: false, words: Vec::new() }
+    }
+
+    fn add_word(&mut self, field: &[u8]) {
+        let word = name(field);
+        if self.words.len() < MOST_WORDS && !self.words.contains(&word) {
+            self.words.push(word);
+        }
+    }
+
     fn has_values(&self) -> bool {
         self.values.iter().any(|value| value.is_finite())
     }
@@ -134,6 +147,8 @@ const SAME_AXIS: f64 = 0.25;
 /// How many usual steps the step from one second to the next may be, where columns without names
 /// are seconds and nanoseconds: of other parts of a whole it is 1000 and more. Assumed.
 const CARRY: f64 = 100.0;
+/// Most different words of a column that are kept.
+const MOST_WORDS: usize = 4;
 /// Characters of a line that are quoted.
 const QUOTED: usize = 60;
 /// Part of the travel of its reference that a position makes at least. Assumed: half.
@@ -480,7 +495,7 @@ impl Proposal {
             (0..file.columns.len()).filter(|at| file.columns[*at].length == longest).collect();
         let samples: Vec<Samples> = array_table::samples(&file, &columns, LOOKED_AT)?
             .into_iter()
-            .map(|(values, is_clock)| Samples { values, is_clock })
+            .map(|(values, is_clock)| Samples { values, is_clock, words: Vec::new() })
             .collect();
         let names: Vec<String> = columns.iter().map(|at| file.columns[*at].name.clone()).collect();
         Ok(Proposal {
@@ -549,6 +564,7 @@ impl Proposal {
                     .then(|| "by their numbers these are seconds and nanoseconds".to_owned()),
             });
         }
+        let mut is_motion_guessed = false;
         // The name of the motion, of whose axis the forces are to be.
         let mut motion: Option<ColumnName> = None;
         for signal in [
@@ -560,6 +576,15 @@ impl Proposal {
             Signal::ForceCell,
             Signal::Force,
         ] {
+            // A force is sought among what is no motion.
+            if signal == Signal::ForceCell && taken.is_empty() && !has_motion(&signals) {
+                signals.extend(from_following_error(&signals, &mut columns));
+                if !has_motion(&signals) {
+                    let guessed = moves_most_like_a_position(&signals, &mut columns, samples);
+                    is_motion_guessed = guessed.is_some();
+                    signals.extend(guessed);
+                }
+            }
             let has_position = |found: &ProposedSignal| found.signal == Signal::Position;
             let is_moving = !taken.is_empty() || signals.iter().any(has_position);
             let is_motion = signal == Signal::Velocity && is_moving
@@ -618,15 +643,8 @@ impl Proposal {
             }
             signals.push(found);
         }
-        let mut is_motion_guessed = false;
         let mut table_checks = Vec::new();
         if taken.is_empty() {
-            signals.extend(from_following_error(&signals, &mut columns));
-            if !has_motion(&signals) {
-                let guessed = moves_most_like_a_position(&signals, &mut columns, samples);
-                is_motion_guessed = guessed.is_some();
-                signals.extend(guessed);
-            }
             signals.extend(the_only_column_left(&signals, &mut columns));
             if !has_motion(&signals) {
                 table_checks.push(NO_MOTION.to_owned());
@@ -706,9 +724,21 @@ impl Proposal {
 
     /// Says which column counts captures or axes that stand in one file.
     fn find_captures(&mut self, samples: &[Samples]) {
-        let may_count =
-            |column: &&TableColumn| column.signal.is_none() && counts_captures(&column.name);
+        let may_count = |column: &&TableColumn| {
+            let has_words = !samples[column.number - 1].words.is_empty();
+            column.signal.is_none()
+                && (counts_captures(&column.name) || has_words && names_signals(&column.name))
+        };
         for column in self.columns.iter().filter(may_count) {
+            if let words @ [_, _, ..] = samples[column.number - 1].words.as_slice() {
+                self.table_checks.push(format!(
+                    "{} has different words ({}, ...): rows of several axes or signals, which must \
+                     be files of their own",
+                    shown(column),
+                    words.join(", ")
+                ));
+                continue;
+            }
             let count = captures(&samples[column.number - 1].values);
             if let Some(count) = count.filter(|count| *count > 1) {
                 self.table_checks.push(format!(
@@ -1116,8 +1146,7 @@ fn from_following_error(
 fn samples(path: &Path, layout: &TextLayout) -> std::io::Result<Vec<Samples>> {
     let mut lines = layout.rows(path)?;
     let mut row = Splitter::new(layout.delimiter);
-    let mut columns: Vec<Samples> =
-        (0..layout.columns).map(|_| Samples { values: Vec::new(), is_clock: false }).collect();
+    let mut columns: Vec<Samples> = (0..layout.columns).map(|_| Samples::none()).collect();
     let mut begins: Vec<Option<i64>> = vec![None; layout.columns];
     while let Some((_, line)) = lines.next()? {
         row.split(line);
@@ -1127,7 +1156,11 @@ fn samples(path: &Path, layout: &TextLayout) -> std::io::Result<Vec<Samples>> {
         if values.len() < layout.columns || !is_of_table || !values.iter().any(Value::is_value) {
             continue;
         }
-        for ((value, column), begin) in values.iter().zip(&mut columns).zip(&mut begins) {
+        let fields = row.fields().zip(&values).zip(&mut columns).zip(&mut begins);
+        for (((field, value), column), begin) in fields {
+            if *value == Value::Text {
+                column.add_word(field);
+            }
             column.values.push(match value {
                 Value::Number { value, .. } => *value,
                 Value::Time { nanoseconds, .. } => {
@@ -1410,8 +1443,17 @@ fn counts_captures(name: &str) -> bool {
         "capture", "run", "shot", "cycle", "test", "segment", "block", "record", "trial",
         "episode", "axis", "axe", "achse", "joint", "versuch", "messung", "zyklus", "essai",
     ];
+    has_word(name, CAPTURE)
+}
+
+/// Whether a column is called as what has the name of a signal in each row.
+fn names_signals(name: &str) -> bool {
+    has_word(name, &["topic", "signal", "variable", "channel", "kanal", "tag", "series"])
+}
+
+fn has_word(name: &str, known: &[&str]) -> bool {
     let name = name.to_lowercase();
-    name.split(|c: char| !c.is_alphabetic()).any(|word| CAPTURE.contains(&word))
+    name.split(|c: char| !c.is_alphabetic()).any(|word| known.contains(&word))
 }
 
 /// Rows per second given by a settings line, and whether the line mentions samples: it has one
