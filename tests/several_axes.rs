@@ -46,7 +46,7 @@ impl Drop for Node {
     }
 }
 
-/// References of the controller in a bag that is being recorded, m.
+/// States of the controller in a bag that is being recorded.
 fn states(bag: &Path, topic: &str) -> Vec<ControllerState> {
     // It is cut off at any place.
     let Ok(reader) = BagReader::open(bag) else { return Vec::new() };
@@ -57,6 +57,7 @@ fn states(bag: &Path, topic: &str) -> Vec<ControllerState> {
         .collect()
 }
 
+/// Their references, m.
 fn references(bag: &Path, topic: &str) -> Vec<f64> {
     states(bag, topic).iter().map(|state| state.reference_position).collect()
 }
