@@ -125,7 +125,7 @@ impl Samples {
     }
 
     fn add_word(&mut self, field: &[u8]) {
-        let word = name(field);
+        let word: String = name(field).chars().take(QUOTED).collect();
         if self.words.len() < MOST_WORDS && !self.words.contains(&word) {
             self.words.push(word);
         }
@@ -1282,7 +1282,8 @@ fn proposed(
     let is_motion = [Signal::Position, Signal::Velocity].contains(&signal);
     let joint = known.and_then(Unit::joint).filter(|_| is_motion).unwrap_or(joint);
     let si = signal.si_unit(joint);
-    let ticks = offset_of_ticks(&samples.values);
+    let is_bare_time = signal == Signal::Time && written.is_none();
+    let ticks = offset_of_ticks(&samples.values).filter(|_| is_bare_time);
     let (unit, scale, check) = match known {
         None if signal == Signal::Time && samples.is_clock => (None, None, None),
         Some(unit) if unit.dimension == signal.dimension(joint) => (written, None, None),
@@ -1290,7 +1291,7 @@ fn proposed(
             let unit = written.unwrap_or_default();
             (None, Some(1.0), Some(format!("it is in {unit}: its `scale`, s per {unit}")))
         }
-        _ if signal == Signal::Time && ticks.is_some() => {
+        _ if ticks.is_some() => {
             (None, Some(TICK), Some("ticks of 100 ns by the size of its numbers".to_owned()))
         }
         _ if signal == Signal::Time => {
@@ -1340,7 +1341,7 @@ fn proposed(
         is_current,
         unit,
         scale,
-        offset: ticks.filter(|_| scale == Some(TICK)),
+        offset: ticks,
         check,
     }
 }
