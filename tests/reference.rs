@@ -106,7 +106,7 @@ fn the_page_of_effects_is_current() {
 #[test]
 fn the_page_of_guides_is_current() {
     let mut page = "The built-in catalogue; `friction-stage guides NAME` shows one guide. \
-                    *Stated* values are in the\narticle, *derived* ones follow from it, *assumed* \
+                    *Stated* values are in the\npaper, *derived* ones follow from it, *assumed* \
                     ones are chosen.\n"
         .to_owned();
     for guide in json(&["guides", "--json"]).as_array().expect("a list") {

@@ -13,7 +13,7 @@ use friction_stage_report::words::{guide_text, guides_text};
 
 /// List the guides of the catalogue, or show one of them.
 ///
-/// Every value says where it comes from: stated in the article, derived from what it states,
+/// Every value says where it comes from: stated in the paper, derived from what it states,
 /// assumed, or measured.
 #[derive(Debug, Clone, Args)]
 #[command(after_help = "Examples:\n  friction-stage guides\n  friction-stage guides guide_2\n  \

@@ -12,7 +12,7 @@ use friction_stage_report::words::model_text;
 /// Check a model file and show the stage with its units and what follows from it.
 ///
 /// What follows: moving mass, stiffness of the guides, Dahl resonance, break-away force, and the
-/// force that the article's move of 50 mm in 100 ms needs. What the file does not say and is
+/// force that the paper's move of 50 mm in 100 ms needs. What the file does not say and is
 /// assumed is a note, and so is a guide that is not passive.
 ///
 /// Exit code: 0 done, 1 the file is refused.

@@ -41,7 +41,7 @@ pub struct TuneArgs {
     #[arg(value_name = "MODEL")]
     pub model: String,
     /// What the stage is to do, with tolerances and rate (YAML); its mass, guides and motor are
-    /// those of MODEL [default: the article's fine step]
+    /// those of MODEL [default: the paper's fine step]
     #[arg(long, value_name = "FILE")]
     pub application: Option<PathBuf>,
     /// What is to be small, each over what the application requires

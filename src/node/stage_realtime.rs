@@ -60,9 +60,9 @@ enum Waste {
 
 /// Answer to a wish that only a stage with its own loop can fulfil.
 const NO_SERVO: &str = "drive: force: another node controls this stage";
-/// Largest step from the live page, m. Assumed: a fifth of the article's move.
+/// Largest step from the live page, m. Assumed: a fifth of the paper's move.
 const LARGEST_STEP: f64 = 0.01;
-/// Time of the article's fine step, s; longer steps have the acceleration of its fast move, 50 mm
+/// Time of the paper's fine step, s; longer steps have the acceleration of its fast move, 50 mm
 /// in 100 ms.
 const SHORTEST_STEP: f64 = 3e-3;
 
@@ -423,7 +423,7 @@ impl CommandThread {
         Ok(format!("bandwidth {bandwidth} Hz"))
     }
 
-    /// A step of the setpoint, as smooth as the article's moves.
+    /// A step of the setpoint, as smooth as the paper's moves.
     fn step(&mut self, distance: f64) -> Result<String, String> {
         let follower = self.follower.as_mut().ok_or(NO_SERVO)?;
         if !(distance.is_finite() && distance.abs() <= LARGEST_STEP) {

@@ -109,7 +109,7 @@ pub struct ExperimentPlan {
     /// Amplitudes of the loops of `dahl`, m, ascending.
     pub amplitudes: Vec<f64>,
     /// Way and time of the moves of `fast-move` or the steps of `fine-step`, where they are not the
-    /// article's.
+    /// paper's.
     pub own_move: Option<OwnMove>,
 }
 
@@ -315,7 +315,7 @@ impl ExperimentPlan {
 
     /// With another way (m) and time (s) of the moves of `fast-move` or the steps of `fine-step`,
     /// another mass that the stage moves (kg) and another bandwidth of its controller (Hz); what is
-    /// not given is the article's.
+    /// not given is the paper's.
     pub fn with_move(
         mut self,
         distance: Option<f64>,
@@ -327,14 +327,14 @@ impl ExperimentPlan {
         if given.iter().all(Option::is_none) {
             return Ok(self);
         }
-        let article = match self.experiment {
+        let paper = match self.experiment {
             Experiment::FastMove => FAST,
             Experiment::FineStep => FINE,
             other => return Err(LabError::NoMove { experiment: other.name() }),
         };
         let own = OwnMove {
-            distance: distance.unwrap_or(article.0),
-            duration: duration.unwrap_or(article.1),
+            distance: distance.unwrap_or(paper.0),
+            duration: duration.unwrap_or(paper.1),
         };
         within(own.distance, 1e-9..=10.0, "between 1e-9 and 10 m")?;
         within(own.duration, 1e-4..=100.0, "between 1e-4 and 100 s")?;
@@ -373,7 +373,7 @@ impl ExperimentPlan {
         Ok(ExperimentPlan { rest, ..self })
     }
 
-    /// The move that is made, the article's where no other is asked for.
+    /// The move that is made, the paper's where no other is asked for.
     fn moved(&self, (distance, duration): (f64, f64)) -> OwnMove {
         self.own_move.unwrap_or(OwnMove { distance, duration })
     }
@@ -629,14 +629,14 @@ mod tests {
         assert!(fast < slow, "{fast} {slow}");
         let same = plan(Experiment::FineStep);
         let same = same.with_move(Some(10e-6), None, Some(40.0), Some(60.0)).unwrap();
-        let article = run(&plan(Experiment::FineStep)).unwrap();
-        assert_eq!(run(&same).unwrap().results, article.results);
+        let paper = run(&plan(Experiment::FineStep)).unwrap();
+        assert_eq!(run(&same).unwrap().results, paper.results);
 
-        // Four times the force of the article's move in half its time; the motor has 2000 N.
+        // Four times the force of the paper's move in half its time; the motor has 2000 N.
         let quick = plan(Experiment::FastMove).with_move(None, Some(0.05), None, None).unwrap();
         let error = run(&quick).unwrap_err().to_string();
         assert!(error.contains("return move before it of 50 mm in 50 ms needs 4619 N"), "{error}");
-        // The move before the steps is the article's, and too much for the mass.
+        // The move before the steps is the paper's, and too much for the mass.
         let heavy = plan(Experiment::FineStep).with_move(None, None, Some(100.0), None).unwrap();
         let error = run(&heavy).unwrap_err().to_string();
         assert!(error.contains("return move before it of 50 mm in 100 ms"), "{error}");

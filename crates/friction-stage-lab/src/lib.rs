@@ -17,7 +17,6 @@
 //! ```
 
 mod application;
-mod article_fit;
 mod compensation_trial;
 mod dahl;
 mod distributed_fit;
@@ -33,6 +32,7 @@ mod least_squares;
 mod loop_analysis;
 mod motion_quality;
 mod paper;
+mod paper_fit;
 mod quick_loops;
 mod rig;
 mod rows;
@@ -48,10 +48,6 @@ mod variant;
 pub use application::{
     Application, ApplicationError, ApplicationMotion, Constraints, GuideTolerances, Loop,
     Requirement, Sealing,
-};
-pub use article_fit::{
-    ASSUMED_WIDTH, ArticleDatum, ArticleFit, ArticleFitError, DatumKind, ElementGuide, FREE_WIDTH,
-    ORDER_MARGIN, ORDER_WIDTH, STATED_WIDTH, fit_article,
 };
 pub use compensation_trial::{CompensationTrial, TrialError, TrialRun};
 pub use dahl::{
@@ -80,6 +76,10 @@ pub use loop_analysis::{
 };
 pub use motion_quality::{FollowedSample, MotionQuality, motion_quality, moves_along};
 pub use paper::{Conditioning, Move, MoveError, MoveKind, PaperMotion};
+pub use paper_fit::{
+    ASSUMED_WIDTH, DatumKind, ElementGuide, FREE_WIDTH, ORDER_MARGIN, ORDER_WIDTH, PaperDatum,
+    PaperFit, PaperFitError, STATED_WIDTH, fit_paper,
+};
 pub use quick_loops::{QUICK_LOOPS, quick_loops};
 pub use rig::{RIG_TICKS, RigBias, rig};
 #[cfg(feature = "parquet")]

@@ -1,4 +1,4 @@
-//! `experiment`: the laboratory of the article.
+//! `experiment`: the laboratory of the paper.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -49,7 +49,7 @@ pub struct Derived {
     pub break_away_force: f64,
     /// Deflection at which the first guide breaks away, m: Fs/sigma0.
     pub break_away_distance: f64,
-    /// Largest force that the article's move of 50 mm in 100 ms needs, N; none of a revolute joint.
+    /// Largest force that the paper's move of 50 mm in 100 ms needs, N; none of a revolute joint.
     pub fast_move_force: Option<f64>,
     /// Whether the motor has that force.
     pub fast_move_possible: Option<bool>,

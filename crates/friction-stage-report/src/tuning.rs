@@ -43,7 +43,7 @@ pub enum TuningPageError {
 const SHOWN: [(f64, &str); 3] = [(0.01, "sticking"), (1.0, "at break-away"), (100.0, "sliding")];
 /// Size of the step, m, and what is seen of it, s.
 const STEP: (f64, f64) = (1e-6, 0.1);
-/// Rest before the moves of the article, s.
+/// Rest before the moves of the paper, s.
 const REST: f64 = Conditioning::VARIANT_REST;
 
 /// The gains for other programs, with a measured loop if there is one.
@@ -425,7 +425,7 @@ pub fn tuning_page(
     Ok((page.finish(), figures))
 }
 
-/// The article's moves on the nominal stage, where it can make them.
+/// The paper's moves on the nominal stage, where it can make them.
 fn moves(
     page: &mut Page,
     figures: &mut Vec<(String, String)>,
@@ -433,7 +433,7 @@ fn moves(
     tuning: &Tuning,
     seed: u64,
 ) -> Result<(), TuningPageError> {
-    page.section("The moves of the article");
+    page.section("The moves of the paper");
     let motion = PaperMotion::new(REST, 1);
     // 5.7735 D / T^2, and the friction of the guides.
     let friction: f64 = model.resolved_guides()?.iter().map(|guide| guide.static_force).sum();

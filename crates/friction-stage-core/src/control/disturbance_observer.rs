@@ -38,7 +38,7 @@ pub struct ObserverSettings {
 }
 
 impl ObserverSettings {
-    /// Largest force where none is given, N. Assumed: a tenth of what the article's motor has.
+    /// Largest force where none is given, N. Assumed: a tenth of what the paper's motor has.
     pub const LIMIT: f64 = 200.0;
     /// Longest delay, s. Assumed: beyond it no loop of a stage has a bandwidth.
     pub const LONGEST_DELAY: f64 = 0.05;

@@ -119,10 +119,10 @@ const MOST: u64 = 1 << 52;
 const LONGEST: f64 = 36_000.0;
 
 impl SweepMotion {
-    /// The motions of the article by name: `fine-step` and `fast-move`.
+    /// The motions of the paper by name: `fine-step` and `fast-move`.
     pub const NAMES: [&'static str; 2] = ["fine-step", "fast-move"];
 
-    /// A motion of the article.
+    /// A motion of the paper.
     pub fn named(name: &str) -> Option<SweepMotion> {
         let fine = Application::fine_step().motion;
         match name {

@@ -1,4 +1,4 @@
-"""``experiment``: the laboratory of the article."""
+"""``experiment``: the laboratory of the paper."""
 
 from __future__ import annotations
 
@@ -69,16 +69,16 @@ def experiment(
     recordings: bool = False,
     progress: Progress | None = None,
 ) -> ExperimentResult:
-    """Runs an experiment of the article on the measuring rig or on the 40 kg stage.
+    """Runs an experiment of the paper on the measuring rig or on the 40 kg stage.
 
     Args:
         name: ``stribeck``, ``dahl``, ``frequency-response``, ``fast-move``, ``fine-step``,
             ``hunting``, ``rig`` or ``paper`` (all of them).
         guides: By catalogue name; ``+distributed_bristles`` takes its parallel bristles. Without
-            guides and models, the article's three.
+            guides and models, the paper's three.
         models: Stages or rigs of one's own.
         seed: Of the sensor noise.
-        rest: Before the fast move or fine step, s; without, the article's minute.
+        rest: Before the fast move or fine step, s; without, the paper's minute.
         amplitudes: Of the loops of ``dahl``, m; without, twelve from 10 nm to 1 mm.
         recordings: Keep what the sensors said.
         progress: Called with a line and the share that is done.

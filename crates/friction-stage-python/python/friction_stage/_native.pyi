@@ -55,11 +55,11 @@ class Model:
 
     @staticmethod
     def guide(name: str) -> Model:
-        """The 40 kg stage of the article on four guides of the catalogue, such as ``guide_2``."""
+        """The 40 kg stage of the paper on four guides of the catalogue, such as ``guide_2``."""
 
     @staticmethod
     def rig(name: str) -> Model:
-        """The measuring rig of the article with one guide of the catalogue."""
+        """The measuring rig of the paper with one guide of the catalogue."""
 
     @staticmethod
     def guides() -> list[str]:
@@ -124,12 +124,12 @@ class Motion:
 
     @staticmethod
     def fast_move(rest: float = ...) -> Motion:
-        """The article's fast move: return move of 50 mm, ``rest`` s of rest (a minute), then
+        """The paper's fast move: return move of 50 mm, ``rest`` s of rest (a minute), then
         50 mm in 100 ms forward and back."""
 
     @staticmethod
     def fine_step(rest: float = ..., steps: int = 5) -> Motion:
-        """The article's fine steps: return move of 50 mm, ``rest`` s of rest (a minute), then
+        """The paper's fine steps: return move of 50 mm, ``rest`` s of rest (a minute), then
         steps of 10 µm in 3 ms."""
 
     def to_yaml(self) -> str:
@@ -149,7 +149,7 @@ class Motion:
 class Controller:
     """A PID with lowpass and feedforward, sampled at a rate.
 
-    What is not given is that of the article for what the model moves.
+    What is not given is that of the paper for what the model moves.
 
     Args:
         model: The stage: its mass and the limit of its motor.

@@ -23,7 +23,7 @@ def simulate(
     Args:
         model: The stage.
         motion: What the controller follows from the first sample on.
-        controller: Its settings; without, those of the article for this stage.
+        controller: Its settings; without, those of the paper for this stage.
         noise: Whether encoder and force cell have their noise and counts.
         seed: Seed of that noise.
         duration: How long, s; without, until the end of the motion.

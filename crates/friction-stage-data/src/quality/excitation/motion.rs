@@ -9,7 +9,7 @@ use friction_stage_core::model::JointType;
 /// Shortest stretch of one speed, and of rest, s. Assumed.
 const SHORTEST_STRETCH: f64 = 0.05;
 /// Travel after a turn, m, in which the bristles of guides are loaded and no speed counts as held.
-/// Assumed: more than twice the break-away distance of the article's guides, 40 µm. It depends on
+/// Assumed: more than twice the break-away distance of the paper's guides, 40 µm. It depends on
 /// the radius for a turning joint, of which nothing is assumed.
 const LOADING: f64 = 1e-4;
 /// Travel, m, from the start of a held speed on within which its force becomes steady. Assumed:

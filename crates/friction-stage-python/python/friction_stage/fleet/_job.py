@@ -147,7 +147,7 @@ class BagsJob:
         bags: A directory with all that is in it, a glob, or a list of recordings.
         out: Directory of the results, a path or a URL of fsspec.
         model: What the stages are declared to be: a file, a string that holds it, a model, or the
-            name of a guide, for the stage of the article on it.
+            name of a guide, for the stage of the paper on it.
         mapping: As for ``read_bag``.
         holdout_share: Of each recording, its last part, that no fit sees.
         mass_tolerance: As for ``identify``.

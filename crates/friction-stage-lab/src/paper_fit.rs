@@ -1,4 +1,4 @@
-//! Guides with parallel bristles fitted to all that the article says of its three guides.
+//! Guides with parallel bristles fitted to all that the paper says of its three guides.
 //!
 //! In comes nothing but [`data`]: the stiffnesses and forces that the text states, the orders in
 //! which it puts the guides, and the values that the catalogue assumes where the text is silent.
@@ -52,8 +52,8 @@ const REST: f64 = 1.0;
 
 /// One datum of the fit with how it is met.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ArticleDatum {
-    /// Section of the article; of an assumed value, the guide of the catalogue.
+pub struct PaperDatum {
+    /// Section of the paper; of an assumed value, the guide of the catalogue.
     pub section: &'static str,
     /// What it says, with the unit.
     pub what: &'static str,
@@ -78,7 +78,7 @@ pub enum DatumKind {
     Free,
 }
 
-impl ArticleDatum {
+impl PaperDatum {
     /// Its term of the objective, before squaring.
     pub fn residual(&self) -> f64 {
         let ratio = (self.found / self.wanted).ln();
@@ -161,16 +161,16 @@ impl ElementGuide {
 
 /// The fitted guides 1, 2 and 3 with what they were fitted to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ArticleFit {
+pub struct PaperFit {
     pub guides: [ElementGuide; 3],
-    pub data: Vec<ArticleDatum>,
+    pub data: Vec<PaperDatum>,
     /// Sum of the squared residuals.
     pub objective: f64,
 }
 
 /// A fit without a result.
 #[derive(Debug, thiserror::Error)]
-pub enum ArticleFitError {
+pub enum PaperFitError {
     #[error(transparent)]
     Lab(#[from] LabError),
     #[error(transparent)]
@@ -178,21 +178,21 @@ pub enum ArticleFitError {
 }
 
 /// Fits the three guides; minutes of computing time.
-pub fn fit_article() -> Result<ArticleFit, ArticleFitError> {
+pub fn fit_paper() -> Result<PaperFit, PaperFitError> {
     let assumed = Assumed::of_catalogue()?;
     let start = assumed.start();
     let residuals = |parameters: &[f64]| -> Vec<f64> {
         let found = data(&assumed.guides(parameters), &assumed);
         // A move that cannot be made is no place to search.
-        found.map_or(vec![f64::NAN], |data| data.iter().map(ArticleDatum::residual).collect())
+        found.map_or(vec![f64::NAN], |data| data.iter().map(PaperDatum::residual).collect())
     };
     let minimum = minimise(&start, &residuals)?;
     let guides = assumed.guides(&minimum.parameters);
     let data = data(&guides, &assumed)?;
-    Ok(ArticleFit { guides, data, objective: minimum.cost })
+    Ok(PaperFit { guides, data, objective: minimum.cost })
 }
 
-/// What the catalogue assumes where the article has no number.
+/// What the catalogue assumes where the paper has no number.
 struct Assumed {
     one: Guide,
     three: Guide,
@@ -312,7 +312,7 @@ fn moves(of: &ElementGuide, name: &str) -> Result<Moves, LabError> {
 }
 
 /// Every datum with what these guides have.
-fn data(guides: &[ElementGuide; 3], assumed: &Assumed) -> Result<Vec<ArticleDatum>, LabError> {
+fn data(guides: &[ElementGuide; 3], assumed: &Assumed) -> Result<Vec<PaperDatum>, LabError> {
     let [one, two, three] = guides;
     let [m1, m2, m3] = {
         let found: Result<Vec<Moves>, LabError> =
@@ -323,7 +323,7 @@ fn data(guides: &[ElementGuide; 3], assumed: &Assumed) -> Result<Vec<ArticleDatu
         Gains::from_bandwidth(ControllerSettings::PAPER_BANDWIDTH, StageModel::default().mass).p;
     let mut data = Vec::new();
     let mut add = |section, what, kind, found, wanted| {
-        data.push(ArticleDatum { section, what, kind, found, wanted });
+        data.push(PaperDatum { section, what, kind, found, wanted });
     };
     use DatumKind::{Assumed as Silent, Free, Order, Stated};
     let [ten_nm, one_um, forty_um] = STATED_STIFFNESS;
@@ -503,7 +503,7 @@ mod tests {
         parameters.into_iter().map(f64::ln).collect()
     }
 
-    fn objective(data: &[ArticleDatum]) -> f64 {
+    fn objective(data: &[PaperDatum]) -> f64 {
         data.iter().map(|datum| datum.residual().powi(2)).sum()
     }
 
@@ -532,7 +532,7 @@ mod tests {
 
     #[test]
     fn a_datum_counts_as_its_kind_says() {
-        let of = |kind, found, wanted| ArticleDatum { section: "3", what: "", kind, found, wanted };
+        let of = |kind, found, wanted| PaperDatum { section: "3", what: "", kind, found, wanted };
         assert!((of(DatumKind::Stated, 1.011, 1.0).residual() - 1.0).abs() < 0.01);
         assert!((of(DatumKind::Assumed, 1.5, 1.0).residual() - 1.0).abs() < 0.01);
         assert!((of(DatumKind::Free, 0.1, 1.0).residual() + 1.0).abs() < 0.01);

@@ -1,12 +1,12 @@
-//! Fits guides with parallel bristles to all that the article says of its guides, and prints each
+//! Fits guides with parallel bristles to all that the paper says of its guides, and prints each
 //! datum with how it is met, the elements, and the values of the catalogue.
 //!
-//!     cargo run --release -p friction-stage-lab --example fit_article
+//!     cargo run --release -p friction-stage-lab --example fit_paper
 
-use friction_stage_lab::fit_article;
+use friction_stage_lab::fit_paper;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let fit = fit_article()?;
+    let fit = fit_paper()?;
     println!(
         "{:13} {:9} {:>11} {:>11} {:>8}  what",
         "section", "kind", "found", "wanted", "residual"
