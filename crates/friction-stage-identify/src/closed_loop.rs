@@ -63,7 +63,11 @@ pub enum ClosedLoopError {
 
 /// A share in words: of a setpoint that is elsewhere it may be any number.
 fn missed(share: f64) -> String {
-    if share < 10.0 { format!("{:.2} %", 100.0 * share) } else { "many times all".to_owned() }
+    match share {
+        share if share < 0.1 => format!("{:.2} %", 100.0 * share),
+        share if share < 10.0 => format!("{:.0} %", 100.0 * share),
+        _ => "many times all".to_owned(),
+    }
 }
 
 /// The recorded controller as a linear difference equation.

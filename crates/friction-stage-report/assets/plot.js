@@ -103,6 +103,37 @@
     return /^-?\d{6,}$/.test(text) || /^-?0\.0{3,}/.test(text) || /e/.test(text)
       ? Number(text).toExponential().replace("e+", "e") : text;
   };
+  // Round numbers with even steps.
+  const evenMarks = (low, high, room) => {
+    const marks = [];
+    const rough = (high - low) / Math.max(2, room / 2), power = Math.floor(Math.log10(rough));
+    const factor = [1, 2, 5, 10].find((one) => one * Number(`1e${power}`) >= rough) || 10;
+    const step = factor * Number(`1e${power}`);
+    if (!(step > 0) || !Number.isFinite(step)) return marks;
+    for (let k = Math.ceil(low / step); k * step <= high; k++) {
+      marks.push({ at: Number((k * step).toPrecision(12)), named: true });
+    }
+    return marks;
+  };
+  // Marks of an axis that is even near zero and logarithmic beyond: zero and whole powers on both
+  // sides; even steps where few of them are seen.
+  const asinhMarks = (low, high, even, room) => {
+    const first = Math.ceil(Math.log10(even));
+    const last = Math.floor(Math.log10(Math.max(Math.abs(low), Math.abs(high))));
+    const sides = Math.max(1, (low < -even) + (high > even));
+    const every = Math.max(1, Math.ceil((sides * (last - first + 1)) / room));
+    const powers = [];
+    for (let power = first; power <= last; power += every) powers.push(Number(`1e${power}`));
+    const all = [...powers.map((at) => -at).reverse(), 0, ...powers];
+    const marks = all.filter((at) => at >= low && at <= high).map((at) => ({ at, named: true }));
+    return marks.length >= 4 ? marks : evenMarks(low, high, room);
+  };
+  // Where a value is along an axis, and back.
+  const spread = (axis) => {
+    if (axis.even) return { to: (v) => Math.asinh(v / axis.even), from: (p) => axis.even * Math.sinh(p) };
+    if (axis.log) return { to: Math.log, from: Math.exp };
+    return { to: (v) => v, from: (p) => p };
+  };
   // Marks of a logarithmic axis with room for so many numbers, and which of them have one: whole
   // powers; between them, on few decades, 2 to 9; on less than a decade, even steps. uPlot itself
   // counts up from the lower end, which on many decades never arrives.
@@ -110,15 +141,7 @@
     const decades = Math.log10(high / low);
     if (!(decades > 0) || !Number.isFinite(decades)) return [];
     const marks = [];
-    if (decades < 0.9) {
-      const rough = (high - low) / Math.max(2, room / 2), power = Math.floor(Math.log10(rough));
-      const factor = [1, 2, 5, 10].find((one) => one * Number(`1e${power}`) >= rough) || 10;
-      const step = factor * Number(`1e${power}`);
-      for (let k = Math.ceil(low / step); k * step <= high; k++) {
-        marks.push({ at: Number((k * step).toPrecision(12)), named: true });
-      }
-      return marks;
-    }
+    if (decades < 0.9) return evenMarks(low, high, room);
     const every = Math.max(1, Math.ceil(decades / room));
     const named = 3 * decades < room ? [1, 2, 5] : [1];
     for (let power = Math.floor(Math.log10(low)); power <= Math.log10(high); power++) {
@@ -169,8 +192,9 @@
       }
       if (chart.x.names.length > 0) { low = 0.5; high = chart.x.names.length + 0.5; }
       if (!(low < high)) { low = xlog ? low / 2 : low - 1; high = xlog ? high * 2 : high + 1; }
-      const pad = xlog ? Math.pow(high / low, 0.02) : 0.02 * (high - low);
-      this.whole = xlog ? [low / pad, high * pad] : [low - pad, high + pad];
+      const { to, from } = spread(chart.x), ends = [to(low), to(high)];
+      const pad = 0.02 * (ends[1] - ends[0]);
+      this.whole = [from(ends[0] - pad), from(ends[1] + pad)];
       this.shown = [...this.whole];
       this.unit = (chart.x.label.split(", ")[1] || "").trim();
 
@@ -256,14 +280,21 @@
       const soft = ink("--soft"), line = ink("--line");
       const axis = { stroke: soft, grid: { stroke: line, width: 1 }, ticks: { stroke: line },
         font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif" };
-      const log = (scale) => (scale.log ? { distr: 3, log: 10 } : {});
+      const log = (scale) => (scale.even ? { distr: 4, asinh: scale.even }
+        : scale.log ? { distr: 3, log: 10 } : {});
+      const marksOf = (u, name, low, high) => (chart[name].even
+        ? asinhMarks(low, high, chart[name].even, room(u, name)) : logMarks(low, high, room(u, name)));
+      const power = (v, digits = 6) => Number(v.toPrecision(digits)).toExponential().replace("e+", "e");
+      // One notation on an axis.
       const logAxis = (name) => ({
-        splits: (u, index, low, high) => logMarks(low, high, room(u, name)).map((m) => m.at),
+        splits: (u, index, low, high) => marksOf(u, name, low, high).map((m) => m.at),
         filter: (u, splits) => splits,
         values: (u, splits) => {
           const { min, max } = u.scales[name];
-          const named = new Set(logMarks(min, max, room(u, name)).filter((m) => m.named).map((m) => m.at));
-          return splits.map((v) => (named.has(v) ? axisNumber(v) : ""));
+          const named = new Set(marksOf(u, name, min, max).filter((m) => m.named).map((m) => m.at));
+          const texts = splits.map((v) => (named.has(v) ? axisNumber(v) : ""));
+          return !/e/.test(texts.join("")) ? texts
+            : texts.map((text, k) => (["", "0", "1"].includes(text) ? text : power(splits[k])));
         },
       });
       const room = (u, name) => (name === "x" ? u.width / 60 : u.height / 30);
@@ -278,7 +309,7 @@
           const largest = texts[splits.reduce(larger, 0)];
           if (!/e/.test(texts.join(""))) return texts;
           return splits.map((v, k) => (v == null || v === 0 ? texts[k]
-            : /e/.test(largest) ? Number(v.toPrecision(digits)).toExponential().replace("e+", "e")
+            : /e/.test(largest) ? power(v, digits)
               : String(+v.toFixed(12))));
         },
       };
@@ -290,7 +321,7 @@
         splits: () => names.map((name, k) => k + 1),
         values: (u, splits) => splits.map((v) => names[v - 1]),
       };
-      const marks = (name, scale) => (scale.names.length > 0 ? named : scale.log ? logAxis(name) : numbers);
+      const marks = (name, scale) => (scale.names.length > 0 ? named : scale.log || scale.even ? logAxis(name) : numbers);
       const options = {
         width: Math.max(this.stage.clientWidth, 120), height: 340,
         legend: { show: false }, padding: [10, 14, 0, 0],
@@ -442,7 +473,7 @@
     // Values of all curves at x, from all points and not only from those that are drawn.
     tell(x) {
       this.cursor = x;
-      const span = (name) => (this.chart[name].log || !this.u ? 0
+      const span = (name) => (this.chart[name].log || this.chart[name].even || !this.u ? 0
         : this.u.scales[name].max - this.u.scales[name].min);
       const across = span("x"), high = span("y");
       this.at.textContent = x == null ? "" : `${short(x, across)} ${this.unit}`.trim();
@@ -480,8 +511,7 @@
     }
 
     zoom(factor) {
-      const log = this.chart.x.log;
-      const to = (v) => (log ? Math.log(v) : v), from = (v) => (log ? Math.exp(v) : v);
+      const { to, from } = spread(this.chart.x);
       const [a, b] = this.shown.map(to);
       const inside = this.cursor != null && this.cursor > this.shown[0] && this.cursor < this.shown[1];
       const middle = inside ? to(this.cursor) : (a + b) / 2;
@@ -489,8 +519,7 @@
     }
 
     move(part) {
-      const log = this.chart.x.log;
-      const to = (v) => (log ? Math.log(v) : v), from = (v) => (log ? Math.exp(v) : v);
+      const { to, from } = spread(this.chart.x);
       const [a, b] = this.shown.map(to), [least, most] = this.whole.map(to);
       const step = Math.min(Math.max(part * (b - a), least - a), most - b);
       this.show(from(a + step), from(b + step), true);

@@ -1,8 +1,9 @@
 //! One pair of axes with lines, marks, bands and labels, linear or logarithmic: as SVG for print,
 //! and as data for the plots of a page that zoom ([`super::interactive`]).
 
-use plotters::coord::combinators::BindKeyPoints;
-use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
+use plotters::coord::ranged1d::{
+    AsRangedCoord, KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter,
+};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -86,6 +87,54 @@ pub struct PointLabel {
     pub text: String,
 }
 
+/// How the values of an axis are spread along it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Scale {
+    /// Evenly.
+    Linear,
+    /// By their logarithm; only positive values have a place.
+    Log,
+    /// Evenly near zero and by their logarithm from about this distance on, on both sides (inverse
+    /// hyperbolic sine).
+    Asinh(f64),
+}
+
+impl Scale {
+    /// The scale on which both the many small and the few large of these values are seen: even up
+    /// to their median size, or a thousandth of the largest.
+    pub fn of_both_signs(values: &[f64]) -> Scale {
+        let mut sizes: Vec<f64> =
+            values.iter().filter(|value| value.is_finite()).map(|value| value.abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        let largest = sizes.last().copied().unwrap_or(0.0);
+        let even = sizes.get(sizes.len() / 2).copied().unwrap_or(0.0).max(1e-3 * largest);
+        if even > 0.0 { Scale::Asinh(even) } else { Scale::Linear }
+    }
+
+    /// Where a value is along the axis, in units of the scale's own.
+    pub fn place(self, value: f64) -> f64 {
+        match self {
+            Scale::Linear => value,
+            Scale::Log => value.ln(),
+            Scale::Asinh(even) => (value / even).asinh(),
+        }
+    }
+
+    /// The value at a place.
+    fn value(self, place: f64) -> f64 {
+        match self {
+            Scale::Linear => place,
+            Scale::Log => place.exp(),
+            Scale::Asinh(even) => even * place.sinh(),
+        }
+    }
+
+    /// Whether a value has a place.
+    fn has(self, value: f64) -> bool {
+        value.is_finite() && (self != Scale::Log || value > 0.0)
+    }
+}
+
 /// A figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chart {
@@ -95,10 +144,10 @@ pub struct Chart {
     pub x_label: String,
     /// Quantity and unit along the ordinate.
     pub y_label: String,
-    /// Whether the abscissa is logarithmic.
-    pub x_log: bool,
-    /// Whether the ordinate is logarithmic.
-    pub y_log: bool,
+    /// How values are spread along the abscissa.
+    pub x_scale: Scale,
+    /// How values are spread along the ordinate.
+    pub y_scale: Scale,
     /// What is drawn, in this order.
     pub series: Vec<Series>,
     /// Drawn below the series.
@@ -176,8 +225,8 @@ impl Chart {
             title: title.into(),
             x_label: x_label.into(),
             y_label: y_label.into(),
-            x_log: false,
-            y_log: false,
+            x_scale: Scale::Linear,
+            y_scale: Scale::Linear,
             series: Vec::new(),
             bands: Vec::new(),
             labels: Vec::new(),
@@ -195,7 +244,14 @@ impl Chart {
 
     /// The same with logarithmic axes.
     pub fn logarithmic(mut self, x: bool, y: bool) -> Chart {
-        (self.x_log, self.y_log) = (x, y);
+        let scale = |log| if log { Scale::Log } else { Scale::Linear };
+        (self.x_scale, self.y_scale) = (scale(x), scale(y));
+        self
+    }
+
+    /// The same with another abscissa.
+    pub fn along(mut self, scale: Scale) -> Chart {
+        self.x_scale = scale;
         self
     }
 
@@ -277,7 +333,7 @@ impl Chart {
             return false;
         }
         let at = |point: &(f64, f64)| {
-            (area_part(x_axis, point.0, self.x_log), area_part(y_axis, point.1, self.y_log))
+            (area_part(x_axis, point.0, self.x_scale), area_part(y_axis, point.1, self.y_scale))
         };
         let is_near = |point: &(f64, f64)| {
             if point.0 < first.0 || point.0 > last.0 {
@@ -330,33 +386,33 @@ impl Chart {
     /// have the same.
     pub(crate) fn draw_on(&self, area: &Area, legend: u32) -> Drawn {
         let (x, y) = (self.range(Axis::X), self.range(Axis::Y));
-        let (x_marks, y_marks) = (log_marks(&x, 9.0), log_marks(&y, 8.0));
-        let x_log = || x.clone().log_scale().with_key_points(x_marks.clone());
-        let y_log = || y.clone().log_scale().with_key_points(y_marks.clone());
-        match (self.x_log, self.y_log) {
-            (false, false) => self.draw(area, legend, x, y),
-            (true, false) => self.draw(area, legend, x_log(), y),
-            (false, true) => self.draw(area, legend, x, y_log()),
-            (true, true) => self.draw(area, legend, x_log(), y_log()),
+        let spread =
+            |range: Span, scale, room| Spread { marks: marks(&range, scale, room), range, scale };
+        let (x_spread, y_spread) =
+            (spread(x.clone(), self.x_scale, 9.0), spread(y.clone(), self.y_scale, 8.0));
+        match (self.x_scale == Scale::Linear, self.y_scale == Scale::Linear) {
+            (true, true) => self.draw(area, legend, x, y),
+            (false, true) => self.draw(area, legend, x_spread, y),
+            (true, false) => self.draw(area, legend, x, y_spread),
+            (false, false) => self.draw(area, legend, x_spread, y_spread),
         }
     }
 
     fn shown(&self, point: &(f64, f64)) -> bool {
-        let fine = |value: f64, log: bool| value.is_finite() && (!log || value > 0.0);
-        fine(point.0, self.x_log) && fine(point.1, self.y_log)
+        self.x_scale.has(point.0) && self.y_scale.has(point.1)
     }
 
     /// Whether a band has a place on its axis: a logarithmic one has none at zero.
     fn has(&self, band: &Band) -> bool {
-        let log = if band.axis == Axis::X { self.x_log } else { self.y_log };
-        !log || band.high > 0.0
+        let scale = if band.axis == Axis::X { self.x_scale } else { self.y_scale };
+        scale.has(band.high)
     }
 
     /// What an axis shows: all points, and lines, but no more of a band than there is of them.
     fn range(&self, axis: Axis) -> std::ops::Range<f64> {
-        let (part, log): (PartOfPoint, bool) = match axis {
-            Axis::X => (|point| point.0, self.x_log),
-            Axis::Y => (|point| point.1, self.y_log),
+        let (part, scale): (PartOfPoint, Scale) = match axis {
+            Axis::X => (|point| point.0, self.x_scale),
+            Axis::Y => (|point| point.1, self.y_scale),
         };
         let lines = self
             .bands
@@ -370,7 +426,7 @@ impl Chart {
             .filter(|point| self.shown(point))
             .map(part);
         let ends = self.x_least.filter(|_| axis == Axis::X).map(|(low, high)| [low, high]);
-        let ends = ends.into_iter().flatten().filter(|end| end.is_finite() && (!log || *end > 0.0));
+        let ends = ends.into_iter().flatten().filter(|end| scale.has(*end));
         let (low, high) = points
             .chain(lines)
             .chain(ends)
@@ -380,18 +436,18 @@ impl Chart {
         if axis == Axis::X && !self.x_names.is_empty() {
             return 0.5..self.x_names.len() as f64 + 0.5;
         }
-        let low = if log && axis == Axis::Y { low.max(high * 10f64.powi(-DECADES)) } else { low };
+        let low = match scale {
+            Scale::Log if axis == Axis::Y => low.max(high * 10f64.powi(-DECADES)),
+            _ => low,
+        };
         // Words at peaks have room above them.
         let above = if axis == Axis::Y && !self.labels.is_empty() { 0.12 } else { 0.05 };
         match low.partial_cmp(&high) {
-            Some(std::cmp::Ordering::Less) if log => {
-                let span = high / low;
-                low / span.powf(0.04)..high * span.powf(above)
-            }
             Some(std::cmp::Ordering::Less) => {
-                low - 0.05 * (high - low)..high + above * (high - low)
+                let (from, to) = (scale.place(low), scale.place(high));
+                scale.value(from - 0.05 * (to - from))..scale.value(to + above * (to - from))
             }
-            Some(std::cmp::Ordering::Equal) if log => 0.5 * low..2.0 * low,
+            Some(std::cmp::Ordering::Equal) if scale == Scale::Log => 0.5 * low..2.0 * low,
             Some(std::cmp::Ordering::Equal) => low - 1.0..high + 1.0,
             _ => 1.0..10.0,
         }
@@ -419,10 +475,10 @@ impl Chart {
             .x_labels(if self.x_names.is_empty() { 9 } else { self.x_names.len() + 1 })
             .y_labels(8)
             .x_label_formatter(&|value| match self.x_names.is_empty() {
-                true => tick(*value, &x_range, self.x_log),
+                true => tick(*value, &x_range, self.x_scale),
                 false => self.x_name(*value),
             })
-            .y_label_formatter(&|value| tick(*value, &y_range, self.y_log))
+            .y_label_formatter(&|value| tick(*value, &y_range, self.y_scale))
             .light_line_style(TRANSPARENT)
             .bold_line_style(BLACK.mix(0.12).stroke_width(PX))
             .axis_style(BLACK.stroke_width(PX))
@@ -449,7 +505,7 @@ impl Chart {
                 ))?;
                 if band.is_level() {
                     // Where there is no room above it, below.
-                    let under = area_part(&y_range, low, self.y_log) > 0.94;
+                    let under = area_part(&y_range, low, self.y_scale) > 0.94;
                     let (at, off) = if under { (VPos::Top, px(4)) } else { (VPos::Bottom, px(-3)) };
                     let style = word.pos(Pos::new(HPos::Right, at)).color(&colour);
                     chart.draw_series([EmptyElement::at((x_range.end, low))
@@ -592,10 +648,37 @@ pub(crate) fn document(
 }
 
 /// How far up a range a value is, as a part of it.
-fn area_part(range: &std::ops::Range<f64>, value: f64, log: bool) -> f64 {
-    let at = |value: f64| if log { value.ln() } else { value };
-    (at(value) - at(range.start)) / (at(range.end) - at(range.start))
+fn area_part(range: &Span, value: f64, scale: Scale) -> f64 {
+    let (from, to) = (scale.place(range.start), scale.place(range.end));
+    (scale.place(value) - from) / (to - from)
 }
+
+/// An axis that is not linear, with its marks.
+struct Spread {
+    range: Span,
+    scale: Scale,
+    marks: Vec<f64>,
+}
+
+impl Ranged for Spread {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        let part = area_part(&self.range, *value, self.scale);
+        limit.0 + (part * f64::from(limit.1 - limit.0)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
+        self.marks.clone()
+    }
+
+    fn range(&self) -> Span {
+        self.range.clone()
+    }
+}
+
+impl ValueFormatter<f64> for Spread {}
 
 /// Colour of a chart's band: those of the series the other way round, since series begin in front.
 fn band_colour(index: usize) -> RGBColor {
@@ -706,9 +789,47 @@ const SEEN: f64 = 0.25;
 /// Most labels of a curve: more are no points of interest.
 const MOST_PEAKS: usize = 4;
 
+/// Marks of an axis that is not linear, with room for so many.
+fn marks(range: &Span, scale: Scale, room: f64) -> Vec<f64> {
+    match scale {
+        Scale::Linear => Vec::new(),
+        Scale::Log => log_marks(range, room),
+        Scale::Asinh(even) => asinh_marks(range, even, room),
+    }
+}
+
+/// Zero and whole powers on both sides of it, from the first that is apart from zero on; even steps
+/// where few of them are seen.
+fn asinh_marks(range: &Span, even: f64, room: f64) -> Vec<f64> {
+    let within = |mark: &f64| (range.start..=range.end).contains(mark);
+    let largest = range.start.abs().max(range.end.abs());
+    let (first, last) = (even.log10().ceil() as i32, largest.log10().floor() as i32);
+    let sides = f64::from(u8::from(range.start < -even) + u8::from(range.end > even)).max(1.0);
+    let every = ((sides * f64::from(last - first + 1) / room).ceil() as i32).max(1);
+    let powers = (first..=last).filter(|power| (power - first) % every == 0);
+    let powers: Vec<f64> = powers.map(|power| 10f64.powi(power)).collect();
+    let negative = powers.iter().rev().map(|power| -power);
+    let marks: Vec<f64> =
+        negative.chain([0.0]).chain(powers.iter().copied()).filter(within).collect();
+    if marks.len() >= 4 { marks } else { even_marks(range) }
+}
+
+/// Round numbers with even steps: the widest that are several.
+fn even_marks(range: &Span) -> Vec<f64> {
+    let largest = (range.end - range.start).log10().ceil() as i32;
+    let steps = (largest - 2..=largest).rev();
+    let steps = steps.flat_map(|power| [5.0, 2.0, 1.0].map(|one| one * 10f64.powi(power)));
+    let along = |step: f64| -> Vec<f64> {
+        let (low, high) = ((range.start / step).floor(), (range.end / step).floor());
+        let marks = (low as i64..=high as i64).map(|k| rounded(k as f64 * step, 12));
+        marks.filter(|mark| (range.start..=range.end).contains(mark)).collect()
+    };
+    steps.map(along).find(|marks| marks.len() >= 4).unwrap_or_default()
+}
+
 /// Marks of a logarithmic axis with room for so many: whole powers; on few decades 1, 2 and 5 of
 /// each; on less than a decade even steps.
-fn log_marks(range: &std::ops::Range<f64>, room: f64) -> Vec<f64> {
+fn log_marks(range: &Span, room: f64) -> Vec<f64> {
     let decades = (range.end / range.start).log10();
     if !(decades > 0.0 && decades.is_finite()) {
         return Vec::new();
@@ -716,16 +837,7 @@ fn log_marks(range: &std::ops::Range<f64>, room: f64) -> Vec<f64> {
     let (first, last) = (range.start.log10().floor() as i32, range.end.log10().floor() as i32);
     let within = |mark: &f64| (range.start..=range.end).contains(mark);
     if decades < 0.9 {
-        // The widest that are several.
-        let largest = (range.end - range.start).log10().ceil() as i32;
-        let steps = (largest - 2..=largest).rev();
-        let steps = steps.flat_map(|power| [5.0, 2.0, 1.0].map(|one| one * 10f64.powi(power)));
-        let along = |step: f64| -> Vec<f64> {
-            let (low, high) = ((range.start / step).floor(), (range.end / step).floor());
-            let marks = (low as i64..=high as i64).map(|k| rounded(k as f64 * step, 12));
-            marks.filter(within).collect()
-        };
-        return steps.map(along).find(|marks| marks.len() >= 4).unwrap_or_default();
+        return even_marks(range);
     }
     let every = ((decades / room).ceil() as i32).max(1);
     let marks = |factors: &[f64]| -> Vec<f64> {
@@ -743,17 +855,28 @@ fn log_marks(range: &std::ops::Range<f64>, room: f64) -> Vec<f64> {
 }
 
 /// A number as an axis with this range shows it: with the digits that tell it from its neighbours,
-/// and as a power where the axis has very large numbers or only very small ones.
-fn tick(value: f64, range: &std::ops::Range<f64>, log: bool) -> String {
-    let (size, span) = (value.abs(), if log { value } else { range.end - range.start });
+/// and as a power where the axis has very large numbers or only very small ones. One notation on
+/// an axis.
+fn tick(value: f64, range: &Span, scale: Scale) -> String {
+    let size = value.abs();
+    let span = if scale == Scale::Linear { range.end - range.start } else { size };
     if size < 1e-9 * span || size == 0.0 {
         return "0".to_owned();
     }
     // A step is no less than a hundredth of the range.
     let digits = (size / span).log10().floor().clamp(0.0, 12.0) as usize + 3;
     let short = rounded(value, digits);
-    let largest = if log { size } else { range.start.abs().max(range.end.abs()) };
-    if (1e-3..1e5).contains(&largest) { short.to_string() } else { format!("{short:e}") }
+    let largest = range.start.abs().max(range.end.abs());
+    let smallest = match scale {
+        Scale::Linear => largest,
+        Scale::Log => range.start,
+        Scale::Asinh(even) => even,
+    };
+    if smallest >= 1e-3 && largest < 1e5 || size == 1.0 {
+        short.to_string()
+    } else {
+        format!("{short:e}")
+    }
 }
 
 /// How a mark of a series is drawn: its radius, and its style.
@@ -884,6 +1007,14 @@ mod tests {
             }
         }
         assert!(log_marks(&(1.0..1.0), 8.0).is_empty());
+        // On both sides of zero as well.
+        for even in [1e-3, 0.4, 7.0] {
+            for (low, high) in [(-300.0, 500.0), (-0.2, 4e3), (0.0, 90.0), (-1e-3, 2e-3)] {
+                let marks = asinh_marks(&(low..high), even, 9.0);
+                assert!((3..=21).contains(&marks.len()), "{low} to {high}: {marks:?}");
+                assert!(marks.is_sorted() && marks.iter().all(|mark| (low..=high).contains(mark)));
+            }
+        }
         // Nothing is at zero there, and nothing is drawn for it.
         let mut chart = Chart::new("t", "x", "y").logarithmic(true, false);
         chart.add("s", 0, Style::Line, [(1.0, 1.0), (2.0, 2.0)]);
@@ -905,7 +1036,7 @@ mod tests {
     #[test]
     fn axis_numbers_are_short_and_differ_from_their_neighbours() {
         let on = |range: std::ops::Range<f64>, values: [f64; 3]| {
-            values.map(|value| tick(value, &range, false))
+            values.map(|value| tick(value, &range, Scale::Linear))
         };
         assert_eq!(on(-1.0..1.0, [1e-17, 0.5, 0.1 + 0.2]), ["0", "0.5", "0.3"]);
         assert_eq!(on(0.0..3e-14, [0.0, 1e-14, 2.5e-14]), ["0", "1e-14", "2.5e-14"]);
@@ -913,8 +1044,11 @@ mod tests {
         assert_eq!(on(7.0..7.0001, [7.00002, 7.00004, 7.0]), ["7.00002", "7.00004", "7"]);
         assert_eq!(on(0.0..1.2e5, [5e4, 1e5, 0.0]), ["5e4", "1e5", "0"]);
         assert_eq!(on(0.0..5.0, [5e-4, 1.0, 0.0]), ["0.0005", "1", "0"]);
-        let powers = [1e-8, 1000.0, 2.5e5].map(|value| tick(value, &(1e-9..1e6), true));
-        assert_eq!(powers, ["1e-8", "1000", "2.5e5"]);
+        let powers = [1e-8, 1000.0, 2.5e5].map(|value| tick(value, &(1e-9..1e6), Scale::Log));
+        assert_eq!(powers, ["1e-8", "1e3", "2.5e5"]);
+        let both =
+            [-100.0, 0.0, 10.0].map(|value| tick(value, &(-500.0..300.0), Scale::Asinh(2.0)));
+        assert_eq!(both, ["-100", "0", "10"]);
     }
 
     #[test]

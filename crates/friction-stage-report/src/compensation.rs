@@ -114,13 +114,20 @@ pub fn compensation_page(name: &str, runs: &TrialRuns) -> Result<(String, String
     for warning in compensation_warnings(runs) {
         page.note(Mark::Warning, &warning);
     }
+    let error = |run: &TrialRun| -> Vec<(f64, f64)> {
+        run.errors.iter().map(|(time, error)| (1e-9 * *time as f64, 1e6 * error)).collect()
+    };
     let mut chart = Chart::new("Position error", "time, s", "position error, µm");
     for (colour, (name, run)) in [("without", plain), ("with", with)].into_iter().enumerate() {
-        let points = run.errors.iter().map(|(time, error)| (1e-9 * *time as f64, 1e6 * error));
-        chart.add(name, colour, Style::Line, points);
+        chart.add(name, colour, Style::Line, error(run));
     }
+    chart.zooms_with = Some("time".to_owned());
     let svg = chart.svg()?;
     page.figure(&chart, "Measured error along the motion.")?;
+    let mut left = Chart::new("Position error with compensation", "time, s", "position error, µm");
+    left.zooms_with = chart.zooms_with.clone();
+    left.add("with", 1, Style::Line, error(with));
+    page.figure(&left, "What the compensation leaves, on a scale of its own.")?;
     let mut table =
         Table::new(&[("", Align::Left), ("without", Align::Right), ("with", Align::Right)])
             .captioned(

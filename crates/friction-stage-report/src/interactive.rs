@@ -10,7 +10,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
 
-use crate::chart::{Axis, Chart, Style, decimated};
+use crate::chart::{Axis, Chart, Scale, Style, decimated};
 
 /// uPlot 1.6.32 (MIT licence, Leon Sorokin), as published.
 pub const LIBRARY: &str = include_str!("../assets/uplot-1.6.32/uPlot.iife.min.js");
@@ -82,8 +82,8 @@ pub struct Columns {
 #[derive(Serialize)]
 struct Drawn<'a> {
     title: &'a str,
-    x: Scale<'a>,
-    y: Scale<'a>,
+    x: Along<'a>,
+    y: Along<'a>,
     series: Vec<Curve<'a>>,
     bands: Vec<Range<'a>>,
     labels: Vec<Label<'a>>,
@@ -91,10 +91,22 @@ struct Drawn<'a> {
 }
 
 #[derive(Serialize)]
-struct Scale<'a> {
+struct Along<'a> {
     label: &'a str,
     log: bool,
+    /// Distance from zero up to which it is even, where it is logarithmic beyond.
+    even: Option<f64>,
     names: &'a [String],
+}
+
+impl<'a> Along<'a> {
+    fn new(label: &'a str, scale: Scale, names: &'a [String]) -> Along<'a> {
+        let even = match scale {
+            Scale::Asinh(even) => Some(even),
+            Scale::Linear | Scale::Log => None,
+        };
+        Along { label, log: scale == Scale::Log, even, names }
+    }
 }
 
 #[derive(Serialize)]
@@ -179,8 +191,8 @@ impl Columns {
         });
         let drawn = Drawn {
             title: &chart.title,
-            x: Scale { label: &chart.x_label, log: chart.x_log, names: &chart.x_names },
-            y: Scale { label: &chart.y_label, log: chart.y_log, names: &[] },
+            x: Along::new(&chart.x_label, chart.x_scale, &chart.x_names),
+            y: Along::new(&chart.y_label, chart.y_scale, &[]),
             series,
             bands: bands.collect(),
             labels: labels.collect(),

@@ -63,7 +63,7 @@ impl ModelFacts {
         let guides = model.resolved_guides()?;
         let derived = Derived::new(model, &guides)?;
         let assumptions = model.assumptions();
-        let notes = model.passivity_notes()?;
+        let notes = model.passivity_note()?.into_iter().collect();
         Ok(ModelFacts { model: model.clone(), guides, assumptions, notes, derived })
     }
 }

@@ -221,6 +221,25 @@ impl Page {
         self.add(format_args!("<p class=\"note {}\">{}</p>\n", mark.class(), escaped(text)));
     }
 
+    /// A box for each kind of text, with those of one kind below each other.
+    pub fn notes<'a>(&mut self, mark: Mark, texts: impl IntoIterator<Item = (&'a str, &'a str)>) {
+        let mut kinds: Vec<(&str, Vec<&str>)> = Vec::new();
+        for (kind, text) in texts {
+            match kinds.iter_mut().find(|known| known.0 == kind) {
+                Some((_, of_kind)) => of_kind.push(text),
+                None => kinds.push((kind, vec![text])),
+            }
+        }
+        for (_, of_kind) in kinds {
+            let lines: Vec<_> = of_kind.into_iter().map(escaped).collect();
+            self.add(format_args!(
+                "<p class=\"note {}\">{}</p>\n",
+                mark.class(),
+                lines.join("<br>\n")
+            ));
+        }
+    }
+
     /// Commands or file contents, as they are.
     pub fn code(&mut self, text: &str) {
         self.add(format_args!("<pre>{}</pre>\n", escaped(text)));

@@ -1,6 +1,6 @@
 //! The position error along the motion of the paper, as its Figures 6 and 7.
 
-use crate::chart::{Axis, Chart, Style};
+use crate::chart::{Axis, Chart, Scale, Style};
 use crate::figure::FigureError;
 use crate::page::{Align, Cell, Page, Table};
 use friction_stage_lab::{MoveKind, PaperMotion, SETTLING_BANDS};
@@ -102,7 +102,7 @@ pub(crate) fn settled_at(envelope: &[(f64, f64)]) -> Option<f64> {
 
 /// What a chart of the position error shows.
 pub(crate) fn caption(chart: &Chart) -> &'static str {
-    match chart.y_log {
+    match chart.y_scale == Scale::Log {
         false => {
             "Position error of the moves with the noise of the sensors, with the reference scaled \
              to it (the paper's Figures 6 and 7)."

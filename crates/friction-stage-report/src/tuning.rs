@@ -280,7 +280,8 @@ pub fn tuning_page(
         page.note(Mark::Warning, &warning);
     }
     page.section("Gains and what they reach");
-    page.table(&table(tuning));
+    page.table(&gains(tuning));
+    page.table(&reached(tuning));
     page.section("Loop");
     page.text(
         "Open loop of the tuned controller on the nominal stage: a free mass, and the guides by \
@@ -510,28 +511,45 @@ fn tiles(tuning: &Tuning) -> Vec<Tile> {
     ]
 }
 
-fn table(tuning: &Tuning) -> Table {
+fn gains(tuning: &Tuning) -> Table {
     let mut table = Table::new(&[
         ("controller", Align::Left),
         ("p, N/m", Align::Right),
         ("i, N/(m s)", Align::Right),
         ("d, N s/m", Align::Right),
         ("lowpass, Hz", Align::Right),
-        ("peak error, µm: median", Align::Right),
-        ("95 %", Align::Right),
-        ("settled, ms: median", Align::Right),
-        ("95 %", Align::Right),
-        ("requirement met, %", Align::Right),
-        ("not worse than the rule, %", Align::Right),
     ]);
     for one in &tuning.tunings {
-        let (gains, on) = (one.settings.gains, one.on_variants);
+        let gains = one.settings.gains;
         table.row([
             Cell::text(one.name.as_str()),
             Cell::text(format!("{:.4e}", gains.p)),
             Cell::text(format!("{:.4e}", gains.i)),
             Cell::text(format!("{:.4e}", gains.d)),
             Cell::number(gains.lowpass_frequency, 0),
+        ]);
+    }
+    table
+}
+
+fn reached(tuning: &Tuning) -> Table {
+    let mut table = Table::new(&[
+        ("controller", Align::Left),
+        ("peak error, µm: median", Align::Right),
+        ("of 95 %", Align::Right),
+        ("settled, ms: median", Align::Right),
+        ("of 95 %", Align::Right),
+        ("requirement met, %", Align::Right),
+        ("not worse than the rule, %", Align::Right),
+    ])
+    .captioned(format!(
+        "On {} variants that the search did not see.",
+        tuning.found().on_variants.variants
+    ));
+    for one in &tuning.tunings {
+        let on = one.on_variants;
+        table.row([
+            Cell::text(one.name.as_str()),
             Cell::number(1e6 * on.peak_error[0], 3),
             Cell::number(1e6 * on.peak_error[1], 3),
             Cell::number(1e3 * on.settling_time[0], 1),

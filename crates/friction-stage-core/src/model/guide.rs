@@ -193,24 +193,17 @@ impl Guide {
         }
     }
 
-    /// A note if this guide can give out energy.
+    /// The viscous friction above which this guide cannot give out energy, N s/m; none where it
+    /// cannot.
     ///
     /// With constant sigma1 the map from velocity to force is passive only if sigma2 > sigma1 (Fs -
     /// Fc) / Fc (Barabanov, Ortega, IEEE TAC 45(4), 2000). A `damping_velocity` removes the
     /// condition's cause.
-    pub fn passivity_note(&self, key: &str) -> Option<String> {
+    pub fn passive_above(&self) -> Option<f64> {
         let needed =
             self.bristle_damping * (self.static_force - self.coulomb_force) / self.coulomb_force;
         let passive = self.damping_velocity.is_some() || self.viscous_friction > needed;
-        (!passive && needed > 0.0).then(|| {
-            format!(
-                "{key} is not passive: viscous_friction is {} N s/m, passive above {needed:.1} N \
-                 s/m (bristle_damping (Fs - Fc) / Fc); give it a damping_velocity, for example {} \
-                 m/s, to let the bristle damping fade with speed",
-                rounded(self.viscous_friction, 4),
-                rounded(self.stribeck_velocity, 4)
-            )
-        })
+        (!passive && needed > 0.0).then_some(needed)
     }
 }
 

@@ -25,6 +25,7 @@ pub use guide::{Guide, GuideSource, PartialGuide};
 pub use joint::JointType;
 pub use stroke::Stroke;
 
+use crate::numerics::rounded;
 use crate::{text_file, yaml};
 
 /// Most guides that one stage may have: the plant integrates this many lanes at once.
@@ -336,20 +337,41 @@ impl StageModel {
     /// What is allowed but deserves a word: what is assumed, and guides that are not passive, each
     /// kind once.
     pub fn notes(&self) -> Result<Vec<String>, ModelError> {
-        Ok(self.assumptions().into_iter().chain(self.passivity_notes()?).collect())
+        Ok(self.assumptions().into_iter().chain(self.passivity_note()?).collect())
     }
 
-    /// Guides that are not passive, each kind once.
-    pub fn passivity_notes(&self) -> Result<Vec<String>, ModelError> {
+    /// That some guides are not passive, each kind once, in one note.
+    pub fn passivity_note(&self) -> Result<Option<String>, ModelError> {
         let guides = self.resolved_guides()?;
         let first_of_its_kind =
             |(index, guide): &(usize, &Guide)| !guides[..*index].contains(guide);
-        Ok(guides
+        let of_note: Vec<(usize, &Guide, f64)> = guides
             .iter()
             .enumerate()
             .filter(first_of_its_kind)
-            .filter_map(|(index, guide)| guide.passivity_note(&format!("guides[{index}]")))
-            .collect())
+            .filter_map(|(index, guide)| Some((index, guide, guide.passive_above()?)))
+            .collect();
+        let Some((index, first, needed)) = of_note.first() else { return Ok(None) };
+        let why = "bristle_damping (Fs - Fc) / Fc";
+        let fade = "to let the bristle damping fade with speed";
+        if of_note.len() == 1 {
+            return Ok(Some(format!(
+                "guides[{index}] is not passive: viscous_friction is {} N s/m, passive above \
+                 {needed:.1} N s/m ({why}); give it a damping_velocity, for example {} m/s, {fade}",
+                rounded(first.viscous_friction, 4),
+                rounded(first.stribeck_velocity, 4)
+            )));
+        }
+        let listed = |of: &dyn Fn(&(usize, &Guide, f64)) -> String| {
+            of_note.iter().map(of).collect::<Vec<_>>().join(", ")
+        };
+        Ok(Some(format!(
+            "{} are not passive: viscous_friction is {} N s/m, passive above {} N s/m ({why}); \
+             give each a damping_velocity, for example its stribeck_velocity, {fade}",
+            listed(&|one| format!("guides[{}]", one.0)),
+            listed(&|one| rounded(one.1.viscous_friction, 4).to_string()),
+            listed(&|one| format!("{:.1}", one.2)),
+        )))
     }
 
     /// What the file does not say of its guides and is assumed, each kind once.
@@ -377,6 +399,22 @@ mod tests {
         assert_eq!(model.mass, 40.0);
         assert_eq!(model.resolved_guides().unwrap().len(), 4);
         model.check().unwrap();
+    }
+
+    #[test]
+    fn guides_that_are_not_passive_share_one_note() {
+        let one = StageModel::on_guides("guide_1").notes().unwrap();
+        assert!(one.len() == 1 && one[0].starts_with("guides[0] is not passive"), "{one:?}");
+        let mut model = StageModel::default();
+        let mut guides = model.resolved_guides().unwrap();
+        guides[2].static_force += 1.0;
+        guides[3].damping_velocity = Some(0.005);
+        model.guides = guides.into_iter().map(GuideSource::Inline).collect();
+        let notes = model.notes().unwrap();
+        let [note] = notes.as_slice() else { panic!("{notes:?}") };
+        for words in ["guides[0], guides[2] are not passive", "220.0, 286.7 N s/m"] {
+            assert!(note.contains(words), "{note}");
+        }
     }
 
     #[test]

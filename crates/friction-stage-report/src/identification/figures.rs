@@ -1,7 +1,7 @@
 //! The figures of an identification: what the models miss before and after, over everything that a
 //! cause could depend on.
 
-use crate::chart::{Axis, Chart, Style, peaks};
+use crate::chart::{Axis, Chart, Scale, Style, peaks};
 use crate::error::ReportError;
 use crate::words::{Words, in_prefix};
 use friction_stage_core::model::{Coordinate, Curve, CurveSide, JointType, StageModel};
@@ -40,6 +40,8 @@ pub enum FigureGroup {
 const BINS: [f64; 2] = [80.0, 2000.0];
 /// Rows that a bin needs to be shown.
 const LEAST_IN_BIN: usize = 6;
+/// How much wider than others a bin may be to hold them.
+const SPARSE: f64 = 8.0;
 /// Half width of the band of noise in its standard deviations: 95 % of the rows are within.
 const NOISE_BAND: f64 = 1.96;
 /// Length of the close-up, s.
@@ -189,18 +191,23 @@ pub fn identification_figures(
     ];
     for (name, word, label, scale, along) in coordinates {
         let along: Vec<f64> = along.iter().map(|value| value * scale).collect();
-        let mut chart = Chart::new(
-            format!("Residual over {word}: mean of each bin"),
-            axis(joint, label),
-            axis(joint, "missing force, N"),
-        );
-        let mut spread = Chart::new(
-            format!("Residual over {word}: rms in each bin"),
-            axis(joint, label),
-            axis(joint, "missing force, N rms"),
-        );
+        // Most rows of a rate are near zero, and the few large ones are far from it.
+        let scale = match word {
+            "position" | "travelled distance" => Scale::Linear,
+            _ => Scale::of_both_signs(&along),
+        };
+        let chart_of = |what: &str, ordinate: &str| {
+            Chart::new(
+                format!("Residual over {word}: {what}"),
+                axis(joint, label),
+                axis(joint, ordinate),
+            )
+            .along(scale)
+        };
+        let mut chart = chart_of("mean of each bin", "missing force, N");
+        let mut spread = chart_of("rms in each bin", "missing force, N rms");
         for curve in before_then_after(&holdout.sides()) {
-            let bins = binned(&along, curve.values);
+            let bins = binned(&along, curve.values, scale);
             chart.add(
                 &curve.name,
                 curve.colour,
@@ -541,8 +548,8 @@ fn spectra(
 /// (place, mean, rms) of the bins of a coordinate. A bin ends where it has its share of the rows,
 /// so that a few far rows do not leave one bin to all others, and at the latest where it is as wide
 /// as it may be. `NaN` for one that holds too few rows and for a gap, so that no line goes through
-/// what was not there.
-fn binned(along: &[f64], values: &[f64]) -> Vec<(f64, f64, f64)> {
+/// what was not there. Widths are those on the scale of the axis.
+fn binned(along: &[f64], values: &[f64], scale: Scale) -> Vec<(f64, f64, f64)> {
     let mut rows: Vec<(f64, f64)> =
         along.iter().copied().zip(values.iter().copied()).filter(|row| row.0.is_finite()).collect();
     rows.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -550,14 +557,17 @@ fn binned(along: &[f64], values: &[f64]) -> Vec<(f64, f64, f64)> {
     if high <= low {
         return Vec::new();
     }
-    let [widest, narrowest] = BINS.map(|count| (high - low) / count);
+    let apart = |from: f64, to: f64| scale.place(to) - scale.place(from);
+    let [widest, narrowest] = BINS.map(|count| apart(*low, *high) / count);
     let share = (rows.len() / BINS[0] as usize).max(LEAST_IN_BIN);
     let mut bins = Vec::new();
     let mut rest = rows.as_slice();
     while let Some((from, _)) = rest.first() {
         let belongs = |(index, row): &(usize, &(f64, f64))| {
-            let width = row.0 - from;
-            width < narrowest || (*index < share && width < widest)
+            let width = apart(*from, row.0);
+            width < narrowest
+                || (*index < share && width < widest)
+                || (*index < LEAST_IN_BIN && width < SPARSE * widest)
         };
         let (bin, after) =
             rest.split_at(rest.iter().enumerate().take_while(belongs).count().max(1));
@@ -568,7 +578,7 @@ fn binned(along: &[f64], values: &[f64]) -> Vec<(f64, f64, f64)> {
         let squares: f64 = bin.iter().map(|row| row.1 * row.1).sum();
         bins.push((place, sum / n, (squares / n).sqrt()));
         if let (Some(last), Some(next)) = (bin.last(), after.first())
-            && next.0 - last.0 > widest
+            && apart(last.0, next.0) > widest
         {
             bins.push((0.5 * (last.0 + next.0), f64::NAN, f64::NAN));
         }
@@ -622,7 +632,7 @@ mod tests {
         let far = [-300.0, -250.0].into_iter().chain((0..8).map(|k| 290.0 + 0.1 * f64::from(k)));
         let along: Vec<f64> = near.chain(far).collect();
         let values: Vec<f64> = along.iter().map(|at| at.sin()).collect();
-        let bins = binned(&along, &values);
+        let bins = binned(&along, &values, Scale::Linear);
         assert!(bins.is_sorted_by(|a, b| a.0 < b.0) && bins.len() < 200, "{}", bins.len());
         let within: Vec<_> = bins.iter().filter(|bin| bin.0.abs() < 2.0).collect();
         assert!(within.len() > 12 && within.iter().all(|bin| (bin.1 - bin.0.sin()).abs() < 0.05));
@@ -630,6 +640,16 @@ mod tests {
         let shown: Vec<bool> = bins.iter().map(|bin| bin.1.is_finite()).collect();
         assert!(!shown[0] && shown[shown.len() - 1]);
         assert!(shown.windows(2).filter(|two| two[0] != two[1]).count() >= 3);
-        assert!(binned(&[1.0; 50], &[2.0; 50]).is_empty() && binned(&[], &[]).is_empty());
+        assert!(binned(&[1.0; 50], &[2.0; 50], Scale::Linear).is_empty());
+        assert!(binned(&[], &[], Scale::of_both_signs(&[])).is_empty());
+        // On a scale of both signs a wide bin of far rows is parted: 40 rows over two decades.
+        let far = (0..40).map(|k| 10.0 * 1.12f64.powi(k));
+        let along: Vec<f64> = along.into_iter().filter(|at| at.abs() < 2.0).chain(far).collect();
+        let of = |scale| binned(&along, &vec![1.0; along.len()], scale);
+        let seen = |bins: &[(f64, f64, f64)]| {
+            bins.iter().filter(|bin| bin.0 > 10.0 && bin.1.is_finite()).count()
+        };
+        let (even, both) = (of(Scale::Linear), of(Scale::of_both_signs(&along)));
+        assert!(seen(&both) > seen(&even), "{} and {}", seen(&even), seen(&both));
     }
 }

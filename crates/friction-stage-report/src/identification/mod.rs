@@ -32,7 +32,7 @@ pub fn identification_summary(
 
 /// A length, m, or an angle, rad, in a size that reads well.
 fn travel(value: Option<f64>, joint: JointType) -> String {
-    value.map_or_else(|| "-".to_owned(), |value| in_prefix(value, &joint.unit("m")))
+    value.map_or_else(|| "\u{2013}".to_owned(), |value| in_prefix(value, &joint.unit("m")))
 }
 
 /// The word for the value of an effect's parameter, where it is a choice and no number.

@@ -35,7 +35,7 @@ pub fn identification_page(
     };
     let (train, holdout) = (&records.train, &records.holdout);
     let mut page = Page::new(
-        format!("What {} lacks", declared.name),
+        format!("What \u{201c}{}\u{201d} lacks", declared.name),
         format!(
             "declared model {name}, identified on {}, judged on {}",
             paths(&train.paths),
@@ -169,8 +169,9 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
     }
     page.note(mark, &sentence);
     let (force, position) = (summary.errors.holdout.force_rms, summary.errors.holdout.position_rms);
-    let number =
-        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+    let number = |value: Option<f64>| {
+        value.map_or_else(|| "\u{2013}".to_owned(), |value| format!("{value:.3}"))
+    };
     let better = |change: friction_stage_identify::Change| match (change.before, change.after) {
         (Some(before), Some(after)) if after < before => Mark::Good,
         (Some(before), Some(after)) if after > before => Mark::Bad,
@@ -228,7 +229,9 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
     for (title, findings, mark) in parts {
         if !findings.is_empty() {
             page.subsection(title);
-            findings.iter().for_each(|finding| page.note(mark, &finding.text));
+            let texts =
+                findings.iter().map(|finding| (finding.code.as_str(), finding.text.as_str()));
+            page.notes(mark, texts);
         }
     }
 }
