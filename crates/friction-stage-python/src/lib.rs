@@ -46,7 +46,7 @@ mod _native {
     #[pymodule_export]
     use super::stage::{Sample, Stage};
     #[pymodule_export]
-    use super::sweep::sweep;
+    use super::sweep::{PlannedSweep, SweepTally, sweep};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -31,6 +31,15 @@ def variants_job(directory: Path, out: str = "out", **keys: Any) -> Path:
     return path
 
 
+def sweep_job(directory: Path, out: str, **keys: Any) -> Path:
+    """A job file for the points of a sweep."""
+    axes = {"controller.bandwidth": "40:80:9", "model.mass": "normal(40, 1)"}
+    job: dict[str, Any] = {"kind": "sweep", "model": "guide_2", "axes": axes, "out": out}
+    path = directory / f"{out}.yaml"
+    path.write_text(yaml.safe_dump(job | keys))
+    return path
+
+
 def command(*arguments: object) -> list[str]:
     """The command line of fleets."""
     return [sys.executable, "-m", "friction_stage.fleet", *map(str, arguments)]

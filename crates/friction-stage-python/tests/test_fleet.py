@@ -19,15 +19,18 @@ import pytest
 import yaml
 from conftest import LAUNCH_CONFIG
 from fleet_jobs import APPLICATION, command, digests, fleet, variants_job
-from friction_stage import select
+from friction_stage import Model, Motion, select, sweep
 from friction_stage.fleet import (
     FleetError,
     FleetResult,
     Job,
     OtherJobError,
+    SweepJob,
     VariantsJob,
     load_job,
+    map_sweep,
     map_variants,
+    report,
     run,
     run_share,
     status,
@@ -63,9 +66,9 @@ def test_the_data_set_holds_the_variants_of_select(tmp_path: Path) -> None:
 
 
 def test_a_sweep_computes_every_combination(tmp_path: Path) -> None:
-    sweep = {"controller.bandwidth": [40.0, 80.0], "mass": [20, 40.5]}
+    swept = {"controller.bandwidth": [40.0, 80.0], "mass": [20, 40.5]}
     result = map_variants(
-        APPLICATION, tmp_path / "out", variants=60, sweep=sweep, chunk=60, workers=1
+        APPLICATION, tmp_path / "out", variants=60, sweep=swept, chunk=60, workers=1
     )
     assert result.rows == 240
     rows = pl.read_parquet(tmp_path / "out" / "data" / "*.parquet")
@@ -75,6 +78,49 @@ def test_a_sweep_computes_every_combination(tmp_path: Path) -> None:
     own = select(changed, variants=60).to_polars()
     last = rows.filter((pl.col("mass") == 40.5) & (pl.col("controller.bandwidth") == 80.0))
     assert last["peak_error_m"].to_list() == own["peak_error_m"].to_list()
+
+
+SWEEP: dict[str, Any] = {"controller.bandwidth": "40:80:3", "model.guides": ["guide_1", "guide_2"]}
+
+
+def test_the_data_set_and_the_report_are_those_of_the_sweep(tmp_path: Path) -> None:
+    motion = Motion.of_moves([(1e-5, 0.003, 0.02)])
+    model = Model.guide("guide_2")
+    expected = sweep(model, SWEEP, motion=motion, samples=2, seed=3)
+    result = map_sweep(
+        model, SWEEP, tmp_path / "out", motion=motion, samples=2, seed=3, chunk=5, workers=2
+    )
+    assert (result.done, result.rows, result.failed) == (3, 12, {})
+    rows = pl.read_parquet(tmp_path / "out" / "data" / "*.parquet")
+    assert rows.columns == list(expected.points)
+    for name, values in expected.points.items():
+        if values.dtype.kind == "f":
+            found = rows[name].fill_null(float("nan")).to_numpy()
+            assert np.array_equal(found, values, equal_nan=True), name
+        else:
+            assert rows[name].to_list() == values.tolist(), name
+    job = SweepJob(model, SWEEP, tmp_path / "out", motion, samples=2, seed=3, chunk=5)
+    found = report(job)
+    assert found.sweep is not None and found.sweep.summary == expected.summary
+    assert str(found) == str(expected).rstrip()
+    page = found.page()
+    assert "model.guides" in page and page.count("<svg") == 1
+    # Of what is there.
+    (tmp_path / "out" / "data" / "chunk-00000001.parquet").unlink()
+    part = report(job)
+    assert part.missing == 1 and part.sweep is not None and part.sweep.summary["points"] == 7
+    # Another value is another job.
+    with pytest.raises(OtherJobError, match="plan of the sweep"):
+        map_sweep(model, SWEEP, tmp_path / "out", motion=motion, samples=2, seed=4, chunk=5)
+
+
+def test_a_sweep_whose_points_fail_is_summed_up(tmp_path: Path) -> None:
+    path = tmp_path / "sweep.yaml"
+    job = {"kind": "sweep", "model": "guide_2", "axes": {"model.mass": [40, -1]}, "out": "out"}
+    path.write_text(yaml.safe_dump(job))
+    assert fleet("run", path).returncode == 0
+    told = fleet("report", path)
+    assert told.returncode == 0 and "1 of 2 points cannot be computed" in told.stdout, told.stdout
 
 
 def test_a_second_run_computes_what_is_missing_with_the_same_bytes(tmp_path: Path) -> None:
@@ -168,12 +214,18 @@ def test_a_changed_manifest_and_a_file_of_another_job_are_named(tmp_path: Path) 
 
 
 BAD_JOBS: list[tuple[str, str]] = [
-    ("kind: variant", "kind is 'variant', must be variants or bags"),
+    ("kind: variant", "kind is 'variant', must be variants or sweep or bags"),
     ("kind: variants\nout: o\napplication: a.yaml", "variants is missing"),
     ("kind: variants\nout: o\nvariant: 3", "unknown key 'variant'; did you mean 'variants'?"),
     ("kind: variants\nout: o\nvariants: 1.5\napplication: a.yaml", "variants is 1.5, must be a"),
     ("kind: variants\nout: o\nvariants: 0\napplication: a.yaml", "variants is 0, must be a whole"),
     ("kind: variants\nout: o\nvariants: 9\napplication: a.yaml", "cannot read the application"),
+    ("kind: sweep\nout: o\nmodel: guide_1", "axes is missing"),
+    ("kind: sweep\nout: o\nmodel: guide_1\naxes: [a]", "axes is ['a'], must be a mapping from"),
+    ("kind: sweep\nout: o\nmodel: guide_1\naxes: {model.mas: [1]}", "did you mean `model.mass`?"),
+    ("kind: sweep\nout: o\nmodel: guide_1\naxes: {model.mass: '1:'}", "model.mass"),
+    ("kind: sweep\nout: o\nmodel: no.yaml\naxes: {model.mass: [1]}", "cannot read the model"),
+    ("kind: sweep\nout: o\nmodel: guide_1\naxes: {}", "axes"),
     ("kind: bags\nout: o\nbags: nowhere", "no recording in file:///"),
     ("kind: bags\nout: o\nbags: [{bag: a, modle: b}]", "bags[0]: unknown key 'modle'; did you"),
     ("kind: bags\nout: o\nbags: [a]", "has no model: give it one"),

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from conftest import CommandLine
 from fleet_clusters import Cluster, DaskCluster, RayCluster, cluster, end, until
-from fleet_jobs import APPLICATION, command, digests, fleet, variants_job, write_bags
+from fleet_jobs import APPLICATION, command, digests, fleet, sweep_job, variants_job, write_bags
 from friction_stage.fleet import load_job, run, status
 
 VARIANTS, CHUNK = 20_000, 500
@@ -31,6 +31,7 @@ def jobs(tmp_path_factory: pytest.TempPathFactory, command_line: CommandLine) ->
     directory = tmp_path_factory.mktemp("jobs") / "here"
     write_bags(directory, command_line, 4)
     run(load_job(variants(directory, "variants")))
+    run(load_job(sweep_job(directory, "sweep", samples=10, chunk=10)))
     result = run(load_job(bags(directory, "verdicts")))
     assert (result.done, result.failed) == (12, {})
     return directory
@@ -108,6 +109,14 @@ def test_a_killed_worker_changes_no_byte(engine: Cluster, jobs: Path) -> None:
     result = ended(process, job, 0)
     assert (result["done"], result["rows"], result["failed"]) == (40, VARIANTS, {})
     assert digests(jobs / out) == digests(jobs / "variants")
+
+
+@pytest.mark.timeout(300)
+def test_a_sweep_has_the_same_bytes_on_a_cluster(engine: Cluster, jobs: Path) -> None:
+    out = f"sweep_{engine.name}"
+    result = ended(begin(sweep_job(jobs, out, samples=10, chunk=10), engine), jobs / out, 0)
+    assert (result["done"], result["rows"], result["failed"]) == (9, 90, {})
+    assert digests(jobs / out) == digests(jobs / "sweep")
 
 
 @pytest.mark.timeout(300)

@@ -416,13 +416,6 @@
           if (band.axis === "x") { context.moveTo(a, top); context.lineTo(a, top + height); }
           else { context.moveTo(left, a); context.lineTo(left + width, a); }
           context.stroke();
-          if (level(band)) {
-            const size = devicePixelRatio, under = a - top < 18 * size;
-            context.font = `${12 * size}px system-ui, sans-serif`;
-            context.textAlign = "right";
-            context.textBaseline = under ? "top" : "bottom";
-            context.fillText(band.name, left + width - 4 * size, a + (under ? 3 : -2) * size);
-          }
         } else {
           context.globalAlpha = 0.18;
           if (band.axis === "x") context.fillRect(a, top, b - a, height);
@@ -436,8 +429,26 @@
     drawLabels(u) {
       const { left, top, width, height } = u.bbox;
       const context = u.ctx, size = devicePixelRatio;
+      // On curves a word stays legible by a rim of the ground.
+      const write = (text, x, y) => {
+        context.save();
+        context.strokeStyle = ink("--paper");
+        context.lineWidth = 4 * size;
+        context.lineJoin = "round";
+        context.strokeText(text, x, y);
+        context.restore();
+        context.fillText(text, x, y);
+      };
       context.save();
       context.font = `${12 * size}px system-ui, sans-serif`;
+      context.fillStyle = ink("--soft");
+      context.textAlign = "right";
+      for (const band of this.chart.bands.filter(level)) {
+        if (band.low < u.scales.y.min || band.low > u.scales.y.max) continue;
+        const y = u.valToPos(band.low, "y", true), under = y - top < 18 * size;
+        context.textBaseline = under ? "top" : "bottom";
+        write(band.name, left + width - 4 * size, y + (under ? 3 : -2) * size);
+      }
       context.fillStyle = context.strokeStyle = ink("--ink");
       context.textBaseline = "bottom";
       context.textAlign = "center";
@@ -459,13 +470,7 @@
         context.beginPath();
         context.arc(x, y, 4 * size, 0, 2 * Math.PI);
         context.stroke();
-        // On curves it stays legible by a rim of the ground.
-        context.save();
-        context.strokeStyle = ink("--paper");
-        context.lineWidth = 4 * size;
-        context.strokeText(label.text, middle, base);
-        context.restore();
-        context.fillText(label.text, middle, base);
+        write(label.text, middle, base);
       }
       context.restore();
     }

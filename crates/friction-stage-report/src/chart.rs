@@ -164,6 +164,8 @@ pub struct Chart {
 
 /// Size of a figure, px.
 pub(crate) const SIZE: (u32, u32) = (900, 420);
+/// Size of the axes of one for a narrow screen, px.
+const NARROW: (u32, u32) = (360, 300);
 /// One px in the units of a drawing: its points are whole units, and a curve needs finer ones.
 pub(crate) const PX: u32 = 10;
 /// Width of the legend at its right: line and margins, what a character takes, and its limits.
@@ -365,17 +367,33 @@ impl Chart {
         document(&self.title, SIZE, |root| self.draw_on(root, self.legend_width()))
     }
 
+    /// The figure for a screen that is not as wide: its legend is below the axes.
+    pub fn narrow_svg(&self) -> Result<String, FigureError> {
+        let below = px(20) * self.legend_names().len() as i32 + px(8);
+        let (width, height) = NARROW;
+        document(&self.title, (width, height + below as u32 / PX), |root| {
+            let (axes, legend) = root.split_vertically(height * PX);
+            self.draw_axes_on(&axes, NO_LEGEND)?;
+            self.draw_legend(&legend, (px(24), px(8)))
+        })
+    }
+
+    /// Series and bands with a name in the legend.
+    fn legend_names(&self) -> Vec<&str> {
+        let series = self.series.iter().map(|series| series.name.as_str());
+        let bands = self.bands.iter().filter(|band| self.in_legend(band));
+        series.chain(bands.map(|band| band.name.as_str())).filter(|name| !name.is_empty()).collect()
+    }
+
+    fn in_legend(&self, band: &Band) -> bool {
+        !band.name.is_empty() && !band.is_level() && self.has(band)
+    }
+
     /// Room that its legend needs at the right.
     pub(crate) fn legend_width(&self) -> u32 {
         let (frame, per_character, widths) = LEGEND;
-        let longest = self
-            .series
-            .iter()
-            .map(|series| &series.name)
-            .chain(self.bands.iter().filter(|band| !band.is_level()).map(|band| &band.name))
-            .map(|name| name.chars().count())
-            .max()
-            .unwrap_or(0);
+        let longest =
+            self.legend_names().iter().map(|name| name.chars().count()).max().unwrap_or(0);
         match longest {
             0 => NO_LEGEND,
             _ => (frame + per_character * longest as u32).clamp(*widths.start(), *widths.end()),
@@ -385,6 +403,12 @@ impl Chart {
     /// Draws it on an area of its own, with so much room for the legend: charts below each other
     /// have the same.
     pub(crate) fn draw_on(&self, area: &Area, legend: u32) -> Drawn {
+        self.draw_axes_on(area, legend)?;
+        let left = (area.dim_in_pixel().0 - legend) as i32 + px(12);
+        self.draw_legend(area, (left, px(56)))
+    }
+
+    fn draw_axes_on(&self, area: &Area, legend: u32) -> Drawn {
         let (x, y) = (self.range(Axis::X), self.range(Axis::Y));
         let spread =
             |range: Span, scale, room| Spread { marks: marks(&range, scale, room), range, scale };
@@ -503,14 +527,6 @@ impl Chart {
                     4 * PX,
                     colour.stroke_width(PX),
                 ))?;
-                if band.is_level() {
-                    // Where there is no room above it, below.
-                    let under = area_part(&y_range, low, self.y_scale) > 0.94;
-                    let (at, off) = if under { (VPos::Top, px(4)) } else { (VPos::Bottom, px(-3)) };
-                    let style = word.pos(Pos::new(HPos::Right, at)).color(&colour);
-                    chart.draw_series([EmptyElement::at((x_range.end, low))
-                        + Text::new(band.name.clone(), (px(-4), off), style)])?;
-                }
             } else {
                 chart.draw_series([Rectangle::new(corners, colour.mix(BAND_OPACITY).filled())])?;
             }
@@ -539,6 +555,18 @@ impl Chart {
                     chart.draw_series(marks)?;
                 }
             }
+        }
+        for band in self.bands.iter().filter(|band| band.is_level() && self.has(band)) {
+            // Where there is no room above it, below.
+            let under = area_part(&y_range, band.low, self.y_scale) > 0.94;
+            let (at, off) = if under { (VPos::Top, px(4)) } else { (VPos::Bottom, px(-3)) };
+            let style = word.pos(Pos::new(HPos::Right, at)).color(&LEVEL);
+            let width = px(8) * band.name.chars().count() as i32;
+            let (from, to) = if under { (0, off + px(14)) } else { (off - px(14), 0) };
+            let ground = [(px(-4) - width, from), (px(-2), to)];
+            chart.draw_series([EmptyElement::at((x_range.end, band.low))
+                + Rectangle::new(ground, WHITE.mix(0.75).filled())
+                + Text::new(band.name.clone(), (px(-4), off), style)])?;
         }
         let ((left, right), (top, _)) = {
             let (x, y) = chart.plotting_area().get_pixel_range();
@@ -570,9 +598,13 @@ impl Chart {
                 + Circle::new((0, 0), px(3), BLACK.stroke_width(PX))
                 + Text::new(label.text.clone(), (middle - x, from - y), style)])?;
         }
-        let style = word.pos(Pos::new(HPos::Left, VPos::Center));
-        let left = (area.dim_in_pixel().0 - legend) as i32 + px(12);
-        let mut y = px(56);
+        Ok(())
+    }
+
+    /// What each line, mark and band is, below each other.
+    fn draw_legend(&self, area: &Area, (left, mut y): (i32, i32)) -> Drawn {
+        let style = font(13).into_text_style(area).pos(Pos::new(HPos::Left, VPos::Center));
+        let dashes = self.dashes();
         let named = self.series.iter().zip(&dashes).filter(|(series, _)| !series.name.is_empty());
         for (series, dash) in named {
             let colour = COLOURS[series.colour % COLOURS.len()];
@@ -592,8 +624,8 @@ impl Chart {
             area.draw(&Text::new(series.name.clone(), (left + px(28), y), style.clone()))?;
             y += px(20);
         }
-        let in_legend = |band: &Band| !band.name.is_empty() && !band.is_level() && self.has(band);
-        for (index, band) in self.bands.iter().enumerate().filter(|(_, band)| in_legend(band)) {
+        let bands = self.bands.iter().enumerate();
+        for (index, band) in bands.filter(|(_, band)| self.in_legend(band)) {
             let colour = band_colour(index);
             if band.low == band.high {
                 let stroke = colour.stroke_width(PX);

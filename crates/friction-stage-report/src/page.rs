@@ -311,10 +311,14 @@ impl Page {
         let number = self.figures;
         let caption = escaped(caption);
         self.add(format_args!("<figure role=\"img\" aria-label=\"{caption}\">\n{svg}\n"));
-        if let Some(data) = self.columns.chart(chart) {
-            self.add(format_args!(
+        match self.columns.chart(chart) {
+            Some(data) => self.add(format_args!(
                 "<script type=\"application/json\" class=\"chart\">{data}</script>\n"
-            ));
+            )),
+            // A drawing is no smaller on a small screen: what is written in it has to be legible.
+            None => {
+                self.add(format_args!("<div class=\"narrow\">\n{}\n</div>\n", chart.narrow_svg()?))
+            }
         }
         self.add(format_args!(
             "<figcaption><b>Figure {number}.</b> {caption}</figcaption>\n</figure>\n"

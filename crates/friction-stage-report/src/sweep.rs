@@ -335,14 +335,16 @@ mod tests {
     fn few_points_are_listed_and_many_are_summed_up() {
         let plan_of_two = plan(&["model.guides=guide_1,guide_2"], None);
         let failed = Err("model.mass is -1".to_owned());
-        let summary = SweepSummary::of_outcomes(&plan_of_two, &[outcome(0), failed]).unwrap();
+        let summary =
+            SweepSummary::of_outcomes(&plan_of_two, [(0, outcome(0)), (1, failed)].into_iter())
+                .unwrap();
         let text = sweep_text(&plan_of_two, &summary);
         for words in ["guide_1", "1.000", "never", "1 of 2 points cannot be computed"] {
             assert!(text.contains(words), "{words}: {text}");
         }
         let many = plan(&["model.mass=normal(40,1)"], Some(100));
         let outcomes: Vec<SweepOutcome> = (0..100).map(outcome).collect();
-        let summary = SweepSummary::of_outcomes(&many, &outcomes).unwrap();
+        let summary = SweepSummary::of_outcomes(&many, (0..).zip(outcomes)).unwrap();
         let quantiles = summary.peak_error.unwrap();
         let um = [quantiles.q05, quantiles.q50, quantiles.q95].map(|q| (q * 1e6).round());
         assert_eq!(um, [5.0, 50.0, 95.0]);

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{NumberedPlan, SweepPlan, SweepRows, SweepValue};
+use super::{SweepPlan, SweepRows, SweepValue};
 use crate::motion_quality::MotionQuality;
 use crate::rows::RowsError;
 
@@ -180,14 +180,13 @@ impl SweepSummary {
         SweepSummary::of(&rows.sheet().plan, |each| rows.read(each))
     }
 
-    /// The summary of outcomes in memory, all of a plan.
+    /// The summary of outcomes in memory, each with the number of its point.
     pub fn of_outcomes(
         plan: &SweepPlan,
-        outcomes: &[super::SweepOutcome],
+        mut outcomes: impl Iterator<Item = (u64, super::SweepOutcome)>,
     ) -> Result<SweepSummary, RowsError> {
-        debug_assert_eq!(plan.count(), outcomes.len() as u64);
         SweepSummary::of(plan, |each| {
-            (0..).zip(outcomes).try_for_each(|(point, outcome)| each(point, outcome.clone()))
+            outcomes.try_for_each(|(point, outcome)| each(point, outcome))
         })
     }
 }

@@ -60,6 +60,16 @@ class Sweep:
         return f"<Sweep of {len(self)} points over {keys}>"
 
 
+def given_axes(
+    axes: Mapping[str, str | Sequence[float | str | bool] | NDArray[Any]],
+) -> list[tuple[str, str | list[Any]]]:
+    """The axes as the native code takes them."""
+    return [
+        (key, values if isinstance(values, str) else np.asarray(values).tolist())
+        for key, values in axes.items()
+    ]
+
+
 def sweep(
     model: Model,
     axes: Mapping[str, str | Sequence[float | str | bool] | NDArray[Any]],
@@ -87,8 +97,4 @@ def sweep(
     Raises:
         SweepError: With the key, the value and what would be right.
     """
-    given = [
-        (key, values if isinstance(values, str) else np.asarray(values).tolist())
-        for key, values in axes.items()
-    ]
-    return Sweep(*_native.sweep(model, given, motion, controller, samples, seed, progress))
+    return Sweep(*_native.sweep(model, given_axes(axes), motion, controller, samples, seed, progress))

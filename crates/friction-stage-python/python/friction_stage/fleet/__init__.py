@@ -1,8 +1,8 @@
 """Many variants and many recordings, on as many machines as it takes.
 
 A job is cut into chunks. Each chunk is a pure function of a small input and writes one Parquet
-file; any engine can compute it, twice or after a kill, with the same bytes. See ``map_variants``
-and ``identify_bags``, and ``python -m friction_stage.fleet`` for job files.
+file; any engine can compute it, twice or after a kill, with the same bytes. See ``map_variants``,
+``map_sweep`` and ``identify_bags``, and ``python -m friction_stage.fleet`` for job files.
 """
 
 try:
@@ -15,10 +15,10 @@ except ImportError as _error:
     ) from _error
 
 from ..errors import FleetError, OtherJobError
-from ._job import Bag, BagsJob, Job, VariantsJob, load_job
+from ._job import Bag, BagsJob, Job, SweepJob, VariantsJob, load_job
 from ._job_files import kubernetes, slurm
 from ._report import Report, report
-from ._run import FleetResult, identify_bags, map_variants, run, run_share, status
+from ._run import FleetResult, identify_bags, map_sweep, map_variants, run, run_share, status
 
 __all__ = [
     "Bag",
@@ -28,10 +28,12 @@ __all__ = [
     "Job",
     "OtherJobError",
     "Report",
+    "SweepJob",
     "VariantsJob",
     "identify_bags",
     "kubernetes",
     "load_job",
+    "map_sweep",
     "map_variants",
     "report",
     "run",

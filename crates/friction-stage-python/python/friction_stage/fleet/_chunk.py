@@ -25,7 +25,7 @@ from .._recording import read_bag
 from .._trace import NAMES, Trace
 from ..errors import FrictionStageError
 from . import _bag
-from ._dataset import bag_table, file_name, to_bytes, variants_table
+from ._dataset import bag_table, file_name, sweep_table, to_bytes, variants_table
 from ._manifest import Task, failed_name
 from ._place import Place
 
@@ -80,7 +80,7 @@ def compute(task: Task) -> Outcome:
                 f"worker {worker} has friction_stage {__version__}, "
                 f"the manifest is of {task.version}"
             )
-        table = _variants(task) if task.kind == "variants" else _identified(task)
+        table = TABLES[task.kind](task)
         content = to_bytes(table, task.fingerprint, task.index)
         try:
             place.write(file_name(task.index), content)
@@ -111,6 +111,17 @@ def _variants(task: Task) -> Any:
     first = int(chunk["first"])
     columns = plan.run(first, first + int(chunk["count"]), 1, _look)
     return variants_table(columns, plan.guides, settings["points"][chunk["point"]]["values"])
+
+
+def _swept(task: Task) -> Any:
+    plan = sweep_plan_of(task.settings, task.texts)
+    first = int(task.chunk["first"])
+    return sweep_table(plan.run(first, first + int(task.chunk["count"]), 1, _look))
+
+
+def sweep_plan_of(settings: Mapping[str, Any], texts: Mapping[str, str]) -> _native.SweepPlan:
+    """What is computed by a sweep."""
+    return _native.SweepPlan.from_json(texts[settings["plan"]])
 
 
 def plan_of(settings: Mapping[str, Any], texts: Mapping[str, str], point: int) -> _native.Plan:
@@ -215,3 +226,11 @@ def _row(
         for when in ("before", "after"):
             row[f"{record}_force_rms_{when}"] = errors[record]["force_rms"][when]
     return row
+
+
+TABLES: dict[str, Callable[[Task], Any]] = {
+    "variants": _variants,
+    "sweep": _swept,
+    "bags": _identified,
+}
+"""What computes a chunk of each kind of job."""

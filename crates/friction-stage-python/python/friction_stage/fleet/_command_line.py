@@ -133,7 +133,7 @@ def _conclude(result: FleetResult, as_json: bool) -> int:
     if as_json:
         print(json.dumps(result.to_dict(), indent=1))
     else:
-        rows = "variants" if result.kind == "variants" else "bags"
+        rows = {"sweep": "points"}.get(result.kind, result.kind)
         line = f"{result.done} of {result.chunks} chunks, {result.rows} {rows} in {result.out}"
         if result.seconds:
             line += (

@@ -89,6 +89,18 @@ def variants_table(
     return pa.table(arrays)
 
 
+def sweep_table(columns: Mapping[str, Any]) -> pa.Table:
+    """Points as rows, with the columns of ``friction-stage sweep``; what has no value is missing."""
+    return pa.table(
+        {
+            name: pa.array(values, pa.string())
+            if isinstance(values, list)
+            else pa.array(values, from_pandas=True)
+            for name, values in columns.items()
+        }
+    )
+
+
 def bag_table(row: Mapping[str, Any]) -> pa.Table:
     """One bag as a row."""
     return pa.Table.from_pylist([dict(row)], schema=BAG_SCHEMA)

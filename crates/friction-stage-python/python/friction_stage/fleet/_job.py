@@ -1,4 +1,4 @@
-"""``VariantsJob`` and ``BagsJob``: what a fleet is to compute, in Python or as a YAML file."""
+"""``VariantsJob``, ``SweepJob`` and ``BagsJob``: what a fleet is to compute, in Python or as a YAML file."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from typing import Any, TypeAlias
 import fsspec  # type: ignore[import-untyped]
 
 from .. import _native
-from .._native import Model
+from .._native import Controller, Model, Motion
 from .._source import Path
+from .._sweep import given_axes
 from ..errors import FleetError
 from . import _bag
 from ._manifest import READERS, Manifest, digest
@@ -115,6 +116,52 @@ class VariantsJob:
             for first in range(0, self.variants, self.chunk)
         ]
         return Manifest("variants", _native.__version__, settings, read.shas, parts, read.texts)
+
+
+@dataclass(frozen=True)
+class SweepJob:
+    """A stage over the values of its keys.
+
+    Attributes:
+        model: The stage: a file, a string that holds it, a model, or the name of a guide, for the
+            stage of the paper on it.
+        axes: Keys, each with its values, as for ``sweep``.
+        out: Directory of the results, a path or a URL of fsspec.
+        motion: ``fine-step``, ``fast-move`` or a motion.
+        controller: With all its gains; without, it follows the mass of each point.
+        samples: Values that are drawn of the distributions at each place of the grid.
+        seed: Of draws and noise; a point depends on seed and its number only.
+        chunk: Points of a chunk.
+    """
+
+    model: Path | Model
+    axes: Mapping[str, str | Sequence[float | str | bool]]
+    out: Path
+    motion: Motion | str = "fine-step"
+    controller: Controller | None = None
+    samples: int | None = None
+    seed: int = 1
+    chunk: int = CHUNK
+
+    def plan(self, chunks: bool = True) -> Manifest:
+        """What is computed, with its inputs read; without ``chunks`` only what they share.
+
+        Raises:
+            FleetError, SweepError, ModelError: With what is wrong.
+        """
+        if self.chunk < 1:
+            raise FleetError(f"chunk is {self.chunk}, must be at least 1 point")
+        model = self.model if isinstance(self.model, Model) else _model(os.fspath(self.model))
+        plan = _native.SweepPlan(
+            model, given_axes(self.axes), self.motion, self.controller, self.samples, self.seed
+        )
+        read = _Inputs()
+        settings = {"plan": read.keep("the plan of the sweep", plan.to_json()), "chunk": self.chunk}
+        parts = [
+            {"first": first, "count": min(self.chunk, plan.points - first)}
+            for first in range(0, plan.points if chunks else 0, self.chunk)
+        ]
+        return Manifest("sweep", _native.__version__, settings, read.shas, parts, read.texts)
 
 
 @dataclass(frozen=True)
@@ -218,10 +265,16 @@ class BagsJob:
         return [_one(bag, index) for index, bag in enumerate(self.bags)]
 
 
-Job: TypeAlias = "VariantsJob | BagsJob"
-KINDS: dict[str, type[VariantsJob] | type[BagsJob]] = {
+Job: TypeAlias = "VariantsJob | SweepJob | BagsJob"
+KINDS: dict[str, type[VariantsJob] | type[SweepJob] | type[BagsJob]] = {
     "variants": VariantsJob,
+    "sweep": SweepJob,
     "bags": BagsJob,
+}
+NEEDED = {
+    "variants": ("application", "out", "variants"),
+    "sweep": ("model", "axes", "out"),
+    "bags": ("bags", "out"),
 }
 
 
@@ -243,9 +296,9 @@ def load_job(path: Path) -> Job:
     if kind not in KINDS:
         raise FleetError(f"{name}: kind is {kind!r}, must be {' or '.join(KINDS)}")
     job = KINDS[kind]
-    _known(content, [f.name for f in fields(job)], name)
-    needed = ("application", "out", "variants") if kind == "variants" else ("bags", "out")
-    for key in needed:
+    # A controller has no form as text.
+    _known(content, [f.name for f in fields(job) if f.name != "controller"], name)
+    for key in NEEDED[kind]:
         if key not in content:
             raise FleetError(f"{name}: {key} is missing")
     for key, value in content.items():
@@ -304,7 +357,7 @@ def _check(key: str, value: Any, where: str) -> None:
     def refuse(right: str) -> None:
         raise FleetError(f"{where}: {key} is {value!r}, must be {right}")
 
-    if key in ("variants", "seed", "chunk"):
+    if key in ("variants", "seed", "chunk") or (key == "samples" and value is not None):
         if type(value) is not int or value < (0 if key == "seed" else 1):
             refuse("a whole number" + ("" if key == "seed" else " of at least 1"))
     elif key in NUMBERS:
@@ -316,6 +369,9 @@ def _check(key: str, value: Any, where: str) -> None:
     elif key == "sweep":
         if not isinstance(value, dict):
             refuse("a mapping from keys of the application to lists of values")
+    elif key == "axes":
+        if not isinstance(value, dict) or not all(isinstance(v, (str, list)) for v in value.values()):
+            refuse("a mapping from keys to lists of values or texts such as '20:60:5'")
     elif key == "bags":
         if not isinstance(value, (str, list)):
             refuse("a directory, a glob or a list")

@@ -46,7 +46,7 @@ class Task:
         out: URL of the results.
         version: Of ``friction_stage`` that the worker must have.
         fingerprint: Of the manifest.
-        kind: ``variants`` or ``bags``.
+        kind: ``variants``, ``sweep`` or ``bags``.
         settings: What all chunks of the job share.
         chunk: What is this chunk's own.
         texts: Texts that it needs, by their SHA-256.
@@ -67,7 +67,7 @@ class Manifest:
     """A job as it is computed.
 
     Attributes:
-        kind: ``variants`` or ``bags``.
+        kind: ``variants``, ``sweep`` or ``bags``.
         version: Of ``friction_stage``.
         settings: What all chunks share: numbers, and texts by their SHA-256.
         inputs: SHA-256 of each input by its name, for people.

@@ -37,6 +37,7 @@ figure svg { min-width: 40rem; max-width: 100%; height: auto; }
   figure svg { filter: invert(0.9) hue-rotate(180deg); }
 }
 li { overflow-wrap: anywhere; }
+pre { overflow-x: auto; }
 """
 
 
@@ -50,10 +51,11 @@ def page(report: Report) -> str:
         import matplotlib
     except ImportError as error:
         raise FleetError("the page needs: pip install friction-stage[plot]") from error
-    what = "Variants" if report.kind == "variants" else "Recordings"
+    what = {"variants": "Variants", "sweep": "Sweep"}.get(report.kind, "Recordings")
+    draw = {"variants": _variants, "sweep": _sweep}.get(report.kind, _bags)
     parts = [f"<h1>{what} of a fleet</h1>", f"<p>{report.rows} rows in {escape(report.out)}.</p>"]
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "fleet", "font.size": 9}):
-        parts += _variants(report) if report.kind == "variants" else _bags(report)
+        parts += draw(report)
     if report.missing:
         parts.append(f"<h2>Missing</h2><p>{report.missing} chunks are not there.</p>")
         reasons = list(report.failed.items())[:SHOWN_REASONS]
@@ -92,6 +94,18 @@ def _svg(figure: Figure, says: str) -> str:
     svg = text.getvalue()
     svg = svg[svg.index("<svg") :]
     return f'<figure role="img" aria-label="{escape(says)}">{svg}</figure>'
+
+
+def _sweep(report: Report) -> list[str]:
+    if report.sweep is None:
+        return []
+    svg = report.sweep.figure
+    svg = svg[svg.index("<svg") :]
+    says = "peak error and time to settle over each axis"
+    return [
+        f"<pre>{escape(report.sweep.text.rstrip())}</pre>",
+        f'<figure role="img" aria-label="{says}">{svg}</figure>',
+    ]
 
 
 def _variants(report: Report) -> list[str]:

@@ -14,8 +14,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from .. import _native
 from ..errors import FleetError
-from ._chunk import plan_of
+from ._chunk import plan_of, sweep_plan_of
 from ._dataset import file_name
 from ._job import Job
 from ._manifest import MANIFEST, Manifest, States, states
@@ -51,6 +52,21 @@ class Point:
 
 
 @dataclass(frozen=True)
+class SweepSummary:
+    """What a sweep says.
+
+    Attributes:
+        summary: As in ``summary.json`` of ``friction-stage sweep``.
+        text: As ``friction-stage sweep`` prints it.
+        figure: Its figure, SVG.
+    """
+
+    summary: dict[str, Any]
+    text: str
+    figure: str
+
+
+@dataclass(frozen=True)
 class MachineTrend:
     """A parameter over the recordings of a machine.
 
@@ -82,12 +98,13 @@ class Report:
     """What a data set says.
 
     Attributes:
-        kind: ``variants`` or ``bags``.
+        kind: ``variants``, ``sweep`` or ``bags``.
         out: URL of the data set.
         rows: In it.
         missing: Chunks that are not there.
         failed: Reason of each chunk that failed.
         points: Rankings and distributions of variants.
+        sweep: What a sweep says.
         machines: Of bags: by name, with ``bags``, ``verdicts`` and ``effects``.
         trends: Of bags: each parameter of each machine.
         outliers: Of bags: what does not belong to the others, in sentences.
@@ -99,6 +116,7 @@ class Report:
     missing: int
     failed: dict[int, str]
     points: list[Point] = field(default_factory=list)
+    sweep: SweepSummary | None = None
     machines: dict[str, dict[str, Any]] = field(default_factory=dict)
     trends: list[MachineTrend] = field(default_factory=list)
     outliers: list[str] = field(default_factory=list)
@@ -114,6 +132,8 @@ class Report:
         }
         if self.kind == "variants":
             return told | {"points": [{"values": p.values} | p.summary for p in self.points]}
+        if self.sweep is not None:
+            return told | {"sweep": self.sweep.summary}
         trends = [
             {
                 "machine": one.machine,
@@ -143,6 +163,8 @@ class Report:
             if point.values:
                 lines.append(", ".join(f"{key} {value:g}" for key, value in point.values.items()))
             lines.append(point.text.rstrip())
+        if self.sweep is not None:
+            lines.append(self.sweep.text.rstrip())
         for name, machine in self.machines.items():
             verdicts = ", ".join(f"{count} {what}" for what, count in machine["verdicts"].items())
             effects = ", ".join(f"{what} in {n}" for what, n in machine["effects"].items())
@@ -189,6 +211,8 @@ def report(job: Job) -> Report:
     )
     if manifest.kind == "variants":
         read.points = _points(manifest, place, found)
+    elif manifest.kind == "sweep":
+        read.sweep = _sweep(manifest, place, found)
     else:
         _machines(read, place, found)
     return read
@@ -244,6 +268,25 @@ def _points(manifest: Manifest, place: Place, found: States) -> list[Point]:
             }
             points.append(Point(dict(point["values"]), json.loads(summary), text, counts, required))
     return points
+
+
+def _sweep(manifest: Manifest, place: Place, found: States) -> SweepSummary:
+    import polars as pl
+
+    tally = _native.SweepTally(sweep_plan_of(manifest.settings, manifest.texts))
+    for chunk in sorted(found.done):
+        frame = pl.read_parquet(io.BytesIO(place.read(file_name(chunk))))
+        columns = {
+            one.name: one.to_list()
+            if one.dtype == pl.String
+            else one.fill_null(float("nan")).to_numpy()
+            if one.dtype == pl.Float64
+            else one.to_numpy()
+            for one in frame.iter_columns()
+        }
+        tally.add(manifest.chunks[chunk]["first"], columns)
+    summary, text, figure = tally.conclude()
+    return SweepSummary(json.loads(summary), text, figure)
 
 
 def _machines(read: Report, place: Place, found: States) -> None:

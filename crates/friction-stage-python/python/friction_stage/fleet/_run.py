@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from .._native import Model
+from .._native import Controller, Model, Motion
 from .._source import Path, Progress
 from ..errors import FleetError, OtherJobError
 from ._chunk import Outcome, StoppedError, compute, note_failure
 from ._dataset import DATA, file_name
 from ._engine import Engine, engine_of
-from ._job import CHUNK, HOLDOUT_SHARE, AnyBag, BagsJob, Job, VariantsJob
+from ._job import CHUNK, HOLDOUT_SHARE, AnyBag, BagsJob, Job, SweepJob, VariantsJob
 from ._manifest import MANIFEST, Manifest, states
 from ._place import Place
 
@@ -35,7 +35,7 @@ class FleetResult:
 
     Attributes:
         out: URL of the results.
-        kind: ``variants`` or ``bags``.
+        kind: ``variants``, ``sweep`` or ``bags``.
         chunks: How many there are.
         done: How many are there, those of runs before included.
         computed: Chunks of this run.
@@ -300,6 +300,32 @@ def map_variants(
     job = VariantsJob(
         application, out, variants, seed, catalogues, guides, dict(sweep or {}), chunk
     )
+    return run(job, engine=engine, address=address, workers=workers, progress=progress)
+
+
+def map_sweep(
+    model: Path | Model,
+    axes: Mapping[str, str | Sequence[float | str | bool]],
+    out: Path,
+    *,
+    motion: Motion | str = "fine-step",
+    controller: Controller | None = None,
+    samples: int | None = None,
+    seed: int = 1,
+    chunk: int = CHUNK,
+    engine: str | Executor = "local",
+    address: str | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> FleetResult:
+    """Computes the points of a sweep into a data set: ``sweep``, as large as one likes.
+
+    The arguments are those of ``SweepJob`` and of ``run``.
+
+    Raises:
+        FleetError, SweepError, ModelError: With what is wrong.
+    """
+    job = SweepJob(model, dict(axes), out, motion, controller, samples, seed, chunk)
     return run(job, engine=engine, address=address, workers=workers, progress=progress)
 
 
