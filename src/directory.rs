@@ -10,12 +10,22 @@ use crate::interrupt;
 use crate::made_by;
 use crate::outcome::WrongArguments;
 
-/// A directory that is named after what it holds and when: `<name>_<date>` in `parent`, UTC.
+/// A directory that is named after what it holds and when: `<name>_<date>` in `parent`, UTC, with a
+/// number behind it where that is taken.
 pub fn dated(parent: &Path, name: &str) -> PathBuf {
+    dated_file(parent, name, "")
+}
+
+/// The same for a file with such an ending.
+pub fn dated_file(parent: &Path, name: &str, ending: &str) -> PathBuf {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     let seconds = i64::try_from(now.as_secs()).unwrap_or_default();
     let date = chrono::DateTime::from_timestamp(seconds, 0).unwrap_or_default();
-    parent.join(format!("{name}_{}", date.format("%Y_%m_%d-%H_%M_%S")))
+    let name = format!("{name}_{}", date.format("%Y_%m_%d-%H_%M_%S"));
+    let numbered = (2..).map(|number| format!("{name}_{number}{ending}"));
+    let mut names = [format!("{name}{ending}")].into_iter().chain(numbered);
+    let free = names.find(|name| parent.join(name).symlink_metadata().is_err());
+    parent.join(free.unwrap_or(name))
 }
 
 /// Refuses a file that exists already, unless it is to be replaced; `option` names it. It is
@@ -139,6 +149,11 @@ pub struct Results {
 const SUMMARY: &str = "summary.json";
 
 impl ResultsArgs {
+    /// The directory, where it holds the results of a run that came to its end.
+    pub fn complete(&self) -> Option<PathBuf> {
+        self.out.clone().filter(|place| !self.force && place.join(SUMMARY).is_file())
+    }
+
     /// The directory, which is not made yet. One that holds results is refused without `--force`.
     pub fn directory(&self, command: &str) -> Result<Results, WrongArguments> {
         let directory = self.out.clone().unwrap_or_else(|| dated(Path::new(""), command));

@@ -202,7 +202,7 @@ fn a_model_is_shown_with_its_units_and_what_follows_from_it() {
     let shown = String::from_utf8_lossy(&output.stdout);
     assert_eq!(output.status.code(), Some(0), "{shown}");
     for words in [
-        "note: guides[0] is not passive",
+        "note: the guides are not passive",
         "40 kg",
         "effect cogging: amplitude 6 N",
         "Dahl resonance",

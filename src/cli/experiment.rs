@@ -4,7 +4,7 @@ pub(super) mod bags;
 mod parts;
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::builder::PossibleValue;
@@ -164,6 +164,11 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         }
         other => other.into(),
     })?;
+    if args.resume
+        && let Some(complete) = args.results.complete()
+    {
+        return shown_again(&complete, args.json, out);
+    }
     let results = args.results.directory(&format!("experiment_{name}"))?;
     results.create()?;
     if args.resume && !results.path().exists() {
@@ -202,7 +207,12 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
             parts.save(of, part, found)
         },
     };
-    let found = plan.run_on(keep, Some(&kept), &|| progress.step())?;
+    let found = plan.run_on(keep, Some(&kept), &|| progress.step()).inspect_err(|_| {
+        // Nothing to go on with.
+        if parts.measured().is_empty() {
+            let _ = parts.remove().map(|()| std::fs::remove_dir(results.path()));
+        }
+    })?;
     drop(progress);
     let summary = ExperimentSummary::new(&plan, &found, results.path().join("bags").is_dir());
     let (page, figures) = experiment_page(&summary, &plan.specimens)?;
@@ -221,4 +231,22 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
     }
     let failed = found.statements.iter().any(|statement| !statement.holds);
     Ok(Outcome::warned(failed || !found.warnings.is_empty()))
+}
+
+/// What a run that came to its end found, of which there is nothing to resume.
+fn shown_again(results: &Path, as_json: bool, out: &mut dyn Write) -> anyhow::Result<Outcome> {
+    let path = results.join("summary.json");
+    let text = std::fs::read_to_string(&path)
+        .with_context(|| format!("cannot read {}", path.display()))?;
+    let summary: serde_json::Value =
+        serde_json::from_str(&text).with_context(|| format!("cannot read {}", path.display()))?;
+    if as_json {
+        writeln!(out, "{text}")?;
+    } else {
+        eprintln!("note: {} is complete: there is nothing to resume", results.display());
+        writeln!(out, "report {}", results.join("report.html").display())?;
+    }
+    let each = |key: &str| summary[key].as_array().cloned().unwrap_or_default();
+    let failed = each("statements").iter().any(|statement| statement["holds"] == false);
+    Ok(Outcome::warned(failed || !each("warnings").is_empty()))
 }

@@ -200,7 +200,7 @@ fn controller_of(
         settings.gains = Gains { p, i, d, ..settings.gains };
         words = format!("--gains, with the lowpass for {} Hz", args.bandwidth);
     }
-    settings.check().map_err(|error| WrongArguments(error.to_string()))?;
+    settings.check().map_err(|error| WrongArguments(format!("{words}: {error}")))?;
     Ok((settings, words, None))
 }
 

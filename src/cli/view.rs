@@ -1,14 +1,14 @@
 //! `friction-stage view`: recordings in the browser.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use clap::Args;
 use serde_json::json;
 
 use super::Outcome;
-use crate::directory::may_replace;
+use crate::directory::{dated_file, may_replace};
 use crate::made_by;
 use friction_stage_data::signals::{self, Mapping};
 use friction_stage_report::view::{ViewedRun, view_page};
@@ -31,9 +31,9 @@ pub struct ViewArgs {
     /// YAML file that says which topic and field, or column, is which signal
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
-    /// The page
-    #[arg(long, value_name = "FILE", default_value = "view.html")]
-    pub out: PathBuf,
+    /// The page [default: named after the command and the date]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
     /// Replace the page of an earlier run
     #[arg(long)]
     pub force: bool,
@@ -47,7 +47,8 @@ pub struct ViewArgs {
 
 /// Runs the command; the path of the page goes to `out`.
 pub fn run(args: &ViewArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
-    may_replace(Some(&args.out), args.force, "--out")?;
+    let place = args.out.clone().unwrap_or_else(|| dated_file(Path::new(""), "view", ".html"));
+    may_replace(Some(&place), args.force, "--out")?;
     let mapping = args.mapping.as_deref().map(Mapping::load).transpose()?;
     let runs: Vec<ViewedRun> = args
         .bags
@@ -58,16 +59,16 @@ pub fn run(args: &ViewArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
         })
         .collect::<anyhow::Result<_>>()?;
     let page = view_page(&runs)?;
-    std::fs::write(&args.out, made_by::signed("view.html", &page))
-        .with_context(|| format!("cannot write {}", args.out.display()))?;
+    std::fs::write(&place, made_by::signed("view.html", &page))
+        .with_context(|| format!("cannot write {}", place.display()))?;
     if args.json {
-        writeln!(out, "{}", json!({"page": args.out}))?;
+        writeln!(out, "{}", json!({"page": place}))?;
     } else {
-        writeln!(out, "{}", args.out.display())?;
+        writeln!(out, "{}", place.display())?;
     }
     if args.open {
         // The page is written: that nothing here shows it is no failure of it.
-        if let Err(error) = open::that_detached(&args.out) {
+        if let Err(error) = open::that_detached(&place) {
             let kind = error.kind();
             eprintln!("note: no browser could be started ({kind}): open the page in one yourself");
         }

@@ -48,8 +48,8 @@ pub enum ClosedLoopError {
     )]
     TooFew { rows: usize, least: usize },
     #[error(
-        "no linear controller of order {PAST} gives the recorded command: it misses {} of it, at \
-         most {:.0} % would be fit to simulate with",
+        "the controller cannot be worked out from the record: the best linear one of order {PAST} \
+         misses {} of the command, at most {:.0} % would do",
         missed(*share), 100.0 * FAITHFUL
     )]
     NotLinear { share: f64 },

@@ -160,6 +160,16 @@ pub enum IdentifyFinding {
         /// Least force of an effect that is seen, N rms.
         least: f64,
     },
+    /// More is left of the hold-out than where nothing is missing, and too little to say what of it
+    /// is missing.
+    MoreThanUsual {
+        /// Residual of the hold-out, N.
+        left: f64,
+        /// Residual that is left of it where there is nothing to find, N.
+        noise_floor: f64,
+        /// What may be missing, N rms.
+        may_be_missing: f64,
+    },
     /// More than noise is left of the hold-out, and no more than the train record leaves open: it
     /// has too little of the motions of the hold-out.
     LeftOpen {
@@ -322,6 +332,7 @@ impl IdentifyFinding {
             Self::UnexplainedOver { .. } => "unexplained_over_coordinate",
             Self::MapJumps { .. } => "map_jumps",
             Self::NoiseAboveDeclared { .. } => "noise_above_declared",
+            Self::MoreThanUsual { .. } => "more_than_usual",
             Self::LeftOpen { .. } => "left_open",
             Self::OtherBristles { .. } => "other_bristles",
             Self::Unexplained { .. } => "unexplained",

@@ -263,6 +263,10 @@ fn of_search(selection: &Selection, rate: f64) -> Vec<IdentifyFinding> {
         let least = CARRIAGE_GAIN.sqrt() * selection.floor.carriage;
         findings.push(IdentifyFinding::NoiseAboveDeclared { found: noise_floor, declared, least });
     }
+    if selection.leaves_more_than_usual() {
+        let may_be_missing = (left * left - noise_floor * noise_floor).max(0.0).sqrt();
+        findings.push(IdentifyFinding::MoreThanUsual { left, noise_floor, may_be_missing });
+    }
     if let Some(open) = selection.left_open {
         findings.push(IdentifyFinding::LeftOpen { left, noise_floor, open });
     }

@@ -27,7 +27,7 @@ use crate::closed_loop::LinearController;
 use crate::hypothesis::{Hypothesis, Sides};
 use crate::record::measured::{Floor, Measured};
 use crate::record::spectrum::{mean_of, moving, periodograms};
-use crate::search::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
+use crate::search::{ALL_BUT_NOISE, CARRIAGE_GAIN, LEFT_AT_MOST};
 use friction_stage_core::model::ModelError;
 use friction_stage_core::numerics::correlation::correlation_length;
 use friction_stage_core::plant::Side;
@@ -161,7 +161,7 @@ impl Hypothesis {
         controller: Option<&LinearController>,
     ) -> Result<Option<SideResidual>, ModelError> {
         let missing = self.missing(measured, Sides::BOTH)?;
-        if missing.rms() <= NOISE_LIKE * floor.total() {
+        if missing.rms() <= ALL_BUT_NOISE * floor.total() {
             return Ok(None);
         }
         let null = self.null_record(measured, controller, NULL_SEED)?;

@@ -17,7 +17,7 @@ use super::hunting::{BANDWIDTHS, HuntingResult, INTEGRALS, hunting};
 use super::paper::{Conditioning, FAST, FINE, PaperMotion};
 use super::quick_loops::{QUICK_LOOPS, quick_loops};
 use super::rig::{RIG_TICKS, RigBias, rig};
-use super::specimen::{LabError, LabRecording, Settings, Specimen};
+use super::specimen::{LabError, LabRecording, Platform, Settings, Specimen};
 use super::statements::{
     PaperResults, STATED_STIFFNESS, Statement, StiffnessError, fit_stated, statements,
     stiffness_errors,
@@ -50,6 +50,18 @@ impl Experiment {
         Experiment::Rig,
         Experiment::Paper,
     ];
+
+    /// Whether it runs on a platform.
+    pub fn runs_on(self, platform: Platform) -> bool {
+        match self {
+            Experiment::Stribeck | Experiment::Dahl | Experiment::Rig => platform == Platform::Rig,
+            Experiment::FrequencyResponse
+            | Experiment::FastMove
+            | Experiment::FineStep
+            | Experiment::Hunting => platform == Platform::Stage,
+            Experiment::Paper => true,
+        }
+    }
 
     /// Name, as in `summary.json`.
     pub fn name(self) -> &'static str {
@@ -444,9 +456,16 @@ impl ExperimentPlan {
         Ok(self.conclude(ExperimentResults::merged(results))?)
     }
 
+    /// What was left out of a specimen on what the experiment runs on.
+    fn warnings_of(&self, of: &Specimen) -> Vec<String> {
+        let concerned =
+            of.warnings.iter().filter(|(platform, _)| self.experiment.runs_on(*platform));
+        concerned.map(|(_, words)| words.clone()).collect()
+    }
+
     fn conclude(&self, results: ExperimentResults) -> Result<ExperimentFindings, LabError> {
         let mut warnings: Vec<String> =
-            self.specimens.iter().flat_map(|of| of.warnings.clone()).collect();
+            self.specimens.iter().flat_map(|of| self.warnings_of(of)).collect();
         let mut notes = Vec::new();
         for of in &self.specimens {
             notes.extend(of.stage.notes()?.into_iter().map(|note| format!("{}: {note}", of.name)));

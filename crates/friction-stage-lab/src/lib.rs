@@ -93,7 +93,8 @@ pub use selection::{
 };
 pub use settling::{MoveResult, SETTLING_BANDS, settling};
 pub use specimen::{
-    LabError, LabRecording, MeasuredValue, Row, SERVO_BANDWIDTH, Settings, Specimen, closed_loop,
+    LabError, LabRecording, MeasuredValue, Platform, Row, SERVO_BANDWIDTH, Settings, Specimen,
+    closed_loop,
 };
 pub use statements::{
     PaperResults, STATED_STIFFNESS, Statement, StiffnessError, fit_stated, loop_at, statements,

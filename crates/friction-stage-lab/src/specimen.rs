@@ -17,6 +17,15 @@ use friction_stage_core::ClosedLoop;
 /// the node's `drive: servo`.
 pub const SERVO_BANDWIDTH: f64 = 60.0;
 
+/// What an experiment runs on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Platform {
+    /// One guide under a position servo, with a force cell.
+    Rig,
+    /// The stage on its guides.
+    Stage,
+}
+
 /// One guide type, ready for the rig and for the stage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Specimen {
@@ -28,8 +37,8 @@ pub struct Specimen {
     pub stage: StageModel,
     /// Bandwidth of the stage's controller, Hz (paper, section 4: 60 Hz).
     pub bandwidth: f64,
-    /// What was left out to come from one to the other.
-    pub warnings: Vec<String>,
+    /// What was left out to come from one to the other, and on which of them.
+    pub warnings: Vec<(Platform, String)>,
 }
 
 /// Seed of the sensor noise and rates of an experiment.
@@ -161,11 +170,16 @@ impl Specimen {
                 .map(|e| e.name.as_str())
                 .filter(|name| !of_the_guide(name))
                 .collect();
-            let other = if model.coupling.is_some() { "stage" } else { "rig" };
-            warnings.push(format!("{}: on the {other} without {}", model.name, left.join(", ")));
+            let (platform, other) = match model.coupling {
+                Some(_) => (Platform::Stage, "stage"),
+                None => (Platform::Rig, "rig"),
+            };
+            let words = format!("{}: on the {other} without {}", model.name, left.join(", "));
+            warnings.push((platform, words));
         }
         if guides.iter().any(|guide| guide != &guides[0]) {
-            warnings.push(format!("{}: its guides differ; on the rig is guides[0]", model.name));
+            let words = format!("{}: its guides differ; on the rig is guides[0]", model.name);
+            warnings.push((Platform::Rig, words));
         }
         let same = StageModel { effects, ..model.clone() };
         let (rig, stage) = if model.coupling.is_some() {

@@ -355,9 +355,14 @@ impl StageModel {
         let why = "bristle_damping (Fs - Fc) / Fc";
         let fade = "to let the bristle damping fade with speed";
         if of_note.len() == 1 {
+            let all = guides.len() > 1 && guides.iter().all(|guide| guide == *first);
+            let (which, it) = match all {
+                true => ("the guides are".to_owned(), "them"),
+                false => (format!("guides[{index}] is"), "it"),
+            };
             return Ok(Some(format!(
-                "guides[{index}] is not passive: viscous_friction is {} N s/m, passive above \
-                 {needed:.1} N s/m ({why}); give it a damping_velocity, for example {} m/s, {fade}",
+                "{which} not passive: viscous_friction is {} N s/m, passive above {needed:.1} N \
+                 s/m ({why}); give {it} a damping_velocity, for example {} m/s, {fade}",
                 rounded(first.viscous_friction, 4),
                 rounded(first.stribeck_velocity, 4)
             )));
@@ -404,7 +409,7 @@ mod tests {
     #[test]
     fn guides_that_are_not_passive_share_one_note() {
         let one = StageModel::on_guides("guide_1").notes().unwrap();
-        assert!(one.len() == 1 && one[0].starts_with("guides[0] is not passive"), "{one:?}");
+        assert!(one.len() == 1 && one[0].starts_with("the guides are not passive"), "{one:?}");
         let mut model = StageModel::default();
         let mut guides = model.resolved_guides().unwrap();
         guides[2].static_force += 1.0;

@@ -102,6 +102,25 @@ pub enum SignalError {
         /// Which value, and what would be right.
         reason: String,
     },
+    /// A part of a recording in which there is next to nothing.
+    #[error(
+        "{} has {samples} samples of {signal} from {} s to {}, by the time since the first one; 2 are \
+         needed for a rate",
+        path.display(), from.unwrap_or(0.0),
+        to.map_or_else(|| "its end".to_owned(), |to| format!("{to} s"))
+    )]
+    EmptyPart {
+        /// The recording.
+        path: PathBuf,
+        /// The signal.
+        signal: &'static str,
+        /// First time that was asked for, s.
+        from: Option<f64>,
+        /// Last time that was asked for, s.
+        to: Option<f64>,
+        /// Samples in between.
+        samples: usize,
+    },
     /// Too few samples for a rate.
     #[error(
         "{} has {samples} usable samples of {signal} (a value, at a time of its own), of {total} \

@@ -191,6 +191,15 @@ fn on_grid(
         loading.notes.push(SignalNote::Integrated);
     }
     let known = values[0].iter().filter(|v| v.is_finite()).count();
+    if stamps.len() < 2 && (window.from.is_some() || window.to.is_some()) {
+        return Err(SignalError::EmptyPart {
+            path: path.to_owned(),
+            signal: Signal::Position.name(),
+            from: window.from,
+            to: window.to,
+            samples: known,
+        });
+    }
     if stamps.len() < 2 || known < 2 {
         return Err(SignalError::TooFewSamples {
             path: path.to_owned(),

@@ -150,7 +150,7 @@ impl Part {
 pub struct Hypothesis {
     declared: StageModel,
     guides: Vec<Guide>,
-    tolerances: Tolerances,
+    pub(crate) tolerances: Tolerances,
     /// Logarithms of the factors on mass and the six LuGre parameters (of all guides alike), then
     /// the shift of the sensors in samples.
     moved: [f64; NominalParameter::ALL.len()],

@@ -39,7 +39,7 @@ const FLOORS_AT_MOST: f64 = 15.0;
 /// than one of the declared model.
 pub const NOISE_LIKE: f64 = 2.0;
 /// Floors that a recording leaves at most when nothing is hidden in it: 1.0 to 1.2 were seen.
-pub(super) const ALL_BUT_NOISE: f64 = 1.3;
+pub(crate) const ALL_BUT_NOISE: f64 = 1.3;
 
 /// Part of what the next effect must take off that a step of a fit between rounds must bring: the
 /// rest passes for no effect. Assumed.

@@ -3,12 +3,13 @@
 use crate::error::IdentifyError;
 use crate::fit::{FitBudget, fit};
 use crate::hypothesis::nominal_parameter::NominalParameter;
-use crate::hypothesis::{Hypothesis, ParameterId, Sides, Tolerances};
-use friction_stage_core::model::StageModel;
+use crate::hypothesis::{Hypothesis, ParameterId, Part, Sides, Tolerances};
+use friction_stage_core::model::{GuideSource, StageModel};
 
 use super::curves::UNEXPLAINED;
 use super::different_guides::with_different_guides;
 use super::gain::NOISE_LIKE;
+use super::selection::Errors;
 use super::state::{Search, errors};
 
 /// Tolerance of a guide of which nothing is known.
@@ -71,28 +72,78 @@ impl<'a> Search<'a> {
     /// Guides whose friction is beyond its tolerance are no effect that a model lacks. Where the
     /// declared ones leave more than noise and end on a bound, and others explain everything, these
     /// are the answer, and the search would dress them up as laws.
-    pub(super) fn refuse_other_guides(
-        &self,
-        declared: &StageModel,
-        tolerances: Tolerances,
-    ) -> Result<(), IdentifyError> {
+    pub(super) fn refuse_other_guides(&self) -> Result<(), IdentifyError> {
+        if !self.doubts_the_guides() || self.is_noise(&self.errors_before) {
+            return Ok(());
+        }
+        let declared = self.before.hypothesis.declared();
+        let Some(other) = self.other_guides(declared, FitBudget::KEPT)? else { return Ok(()) };
+        // A law may bend a parameter a little beyond its tolerance, and leaves something then; no
+        // law bends it far.
+        let nearly =
+            self.beyond_noise(&other.left) < UNEXPLAINED * self.beyond_noise(&self.errors_before);
+        if self.is_all_but_noise(&other.left) || (nearly && other.is_far) {
+            return Err(other.refusal(&self.errors_before));
+        }
+        Ok(())
+    }
+
+    /// Where guides far from the declared ones leave no more without a law that was found, or
+    /// without all of them, these guides are the answer, and the law was their dress: beside
+    /// another law that the model does lack, other guides do not explain everything.
+    pub(super) fn refuse_guides_dressed_as_laws(&self) -> Result<(), IdentifyError> {
+        let first = self.declared_effects();
+        let found = &self.best.hypothesis;
+        if found.effects.len() == first || !self.doubts_the_guides() {
+            return Ok(());
+        }
+        let others_than = |law: usize| found.without(law).effects;
+        let singly = (first..found.effects.len()).map(others_than);
+        for laws in singly.chain([found.effects[..first].to_vec()]) {
+            self.watch.progress("guides in place of laws", 0.96);
+            let declared = StageModel {
+                effects: laws.iter().map(Part::parameters).collect(),
+                ..found.declared().clone()
+            };
+            if let Some(other) = self.other_guides(&declared, self.in_place_of_best())?
+                && other.is_far
+                && self.leaves_about_as_much(&other.left)
+            {
+                return Err(other.refusal(&self.errors_before));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the declared guides would go beyond their tolerance, or have a friction of zero, which
+    /// has none.
+    fn doubts_the_guides(&self) -> bool {
         let of_friction = |id: ParameterId| match id {
             ParameterId::Nominal(one) => NominalParameter::SLIDING.contains(&one),
             _ => false,
         };
-        if !self.ends_on_a_bound(of_friction) || self.is_noise(&self.errors_before) {
-            return Ok(());
-        }
+        let hypothesis = &self.before.hypothesis;
+        let is_zero = |one| hypothesis.declared_value(one, self.train.rate) == 0.0;
+        self.ends_on_a_bound(of_friction) || is_zero(NominalParameter::ViscousFriction)
+    }
+
+    /// The guides of the record under the effects of a model, whatever the tolerance of the
+    /// declared ones; none where they are within it.
+    fn other_guides(
+        &self,
+        declared: &StageModel,
+        effort: FitBudget,
+    ) -> Result<Option<OtherGuides>, IdentifyError> {
+        let tolerances = self.before.hypothesis.tolerances;
         let wide = Tolerances { guides: ANY_GUIDE, presliding: ANY_GUIDE, ..tolerances };
-        let other =
-            fit(&Hypothesis::new(declared, wide)?, self.train, Sides::BOTH, FitBudget::KEPT)?
-                .hypothesis;
+        let start = Hypothesis::new(&self.with_some_viscous_friction(declared)?, wide)?;
+        let other = fit(&start, self.train, Sides::BOTH, effort)?.hypothesis;
         // Parameters that make no guide are no answer.
-        let Ok(stated) = Hypothesis::new(&other.model(), tolerances) else { return Ok(()) };
+        let Ok(stated) = Hypothesis::new(&other.model(), tolerances) else { return Ok(None) };
         let again = fit(&stated, self.train, Sides::BOTH, FitBudget::COMPARED)?;
-        let again =
-            with_different_guides(&again.hypothesis, self.train, FitBudget::KEPT)?.hypothesis;
+        let again = with_different_guides(&again.hypothesis, self.train, effort)?.hypothesis;
         let left = errors(&again, self.train, self.holdout)?;
+        let declared = Hypothesis::new(declared, tolerances)?;
         let mut farthest = 1.0f64;
         let beyond: Vec<String> = NominalParameter::SLIDING
             .into_iter()
@@ -100,8 +151,7 @@ impl<'a> Search<'a> {
                 let value =
                     |hypothesis: &Hypothesis| hypothesis.declared_value(one, self.train.rate);
                 let (name, unit) = (one.name(), one.unit());
-                let (is, was) =
-                    (value(&again), value(&Hypothesis::new(declared, tolerances).ok()?));
+                let (is, was) = (value(&again), value(&declared));
                 let factor = (is / was).max(was / is);
                 // The others show only where a stage hardly moves: what a law does there bends them
                 // far.
@@ -113,28 +163,51 @@ impl<'a> Search<'a> {
                     .then(|| format!("{name} is {is:.4} {unit}, declared {was:.4} {unit}"))
             })
             .collect();
-        // A law may bend a parameter a little beyond its tolerance, and leaves something then; no
-        // law bends it far.
-        let all = self.is_all_but_noise(&left);
-        let nearly =
-            self.beyond_noise(&left) < UNEXPLAINED * self.beyond_noise(&self.errors_before);
-        let other = all || (nearly && farthest > 1.0 + FAR * tolerances.guides);
-        if beyond.is_empty() || !other {
-            return Ok(());
+        let is_far = farthest > 1.0 + FAR * tolerances.guides;
+        let tolerance = tolerances.guides;
+        Ok((!beyond.is_empty()).then_some(OtherGuides { beyond, tolerance, is_far, left }))
+    }
+
+    /// A model whose guides have a viscous friction that a fit can move: where all of it is zero,
+    /// as much as makes their Coulomb friction at the largest speed of the record.
+    fn with_some_viscous_friction(&self, model: &StageModel) -> Result<StageModel, IdentifyError> {
+        let mut guides = model.resolved_guides()?;
+        let speed = self.train.velocity.iter().fold(0.0f64, |most, speed| most.max(speed.abs()));
+        if speed > 0.0 && guides.iter().all(|guide| guide.viscous_friction == 0.0) {
+            guides
+                .iter_mut()
+                .for_each(|guide| guide.viscous_friction = guide.coulomb_force / speed);
         }
-        let (before, left) = (self.errors_before.holdout().sqrt(), left.holdout().sqrt());
-        Err(IdentifyError::OtherGuides {
-            beyond: beyond.join("; "),
-            tolerance: 100.0 * tolerances.guides,
-            before,
-            left,
-        })
+        let guides = guides.into_iter().map(GuideSource::Inline).collect();
+        Ok(StageModel { guides, ..model.clone() })
+    }
+}
+
+/// Guides that are not the declared ones.
+struct OtherGuides {
+    /// What is beyond its tolerance, in words.
+    beyond: Vec<String>,
+    tolerance: f64,
+    /// Whether Coulomb or viscous friction is farther off than a law would bend it.
+    is_far: bool,
+    /// What they leave.
+    left: Errors,
+}
+
+impl OtherGuides {
+    fn refusal(&self, before: &Errors) -> IdentifyError {
+        IdentifyError::OtherGuides {
+            beyond: self.beyond.join("; "),
+            tolerance: 100.0 * self.tolerance,
+            before: before.holdout().sqrt(),
+            left: self.left.holdout().sqrt(),
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use friction_stage_core::model::{Encoder, Guide, GuideSource, Motor};
+    use friction_stage_core::model::{Encoder, Guide, Motor};
     use friction_stage_data::signals::Trace;
 
     use super::super::{Silent, Verdict, search};

@@ -31,6 +31,7 @@ use curves::MOST_CURVES;
 use nulls::NullRecords;
 use state::Search;
 
+pub(crate) use gain::ALL_BUT_NOISE;
 pub(super) use gain::RIVAL;
 pub use gain::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
 pub use selection::{Errors, Evidence, Inseparable, Outcome, Selection, Silent, Verdict, Watch};
@@ -63,7 +64,7 @@ pub fn search(
         }
     }
     let mut search = Search::new(&start, train, holdout, watch)?;
-    search.refuse_other_guides(declared, tolerances)?;
+    search.refuse_other_guides()?;
     search = search.with_sensors_as_declared()?.with_bristles_of_the_record()?;
     search.add_laws()?;
     if !search.stopped {
@@ -90,6 +91,7 @@ pub fn search(
     }
     if !search.stopped {
         search.conclude()?;
+        search.refuse_guides_dressed_as_laws()?;
     }
     search.selection()
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use friction_stage_core::model::Coordinate;
 use friction_stage_core::plant::Side;
 
+use super::gain::ALL_BUT_NOISE;
 use crate::fit::{Estimate, Fitted};
 use crate::hypothesis::Part;
 use crate::record::measured::Floor;
@@ -152,6 +153,14 @@ impl Selection {
     pub fn added_laws(&self) -> usize {
         let effects = &self.after.fitted.hypothesis.effects;
         different_laws(&effects[self.before.hypothesis.effects.len()..])
+    }
+
+    /// Whether nothing was added, though more is left of the hold-out than where nothing is missing,
+    /// and not because the train record leaves it open.
+    pub fn leaves_more_than_usual(&self) -> bool {
+        self.verdict == Verdict::None
+            && self.left_open.is_none()
+            && self.errors_after.holdout().sqrt() > ALL_BUT_NOISE * self.floor.total()
     }
 
     /// Share of the held-out residual above the floor of the declared noise that the added effects

@@ -35,7 +35,8 @@ pub enum RowsError {
     PlanText(String),
     /// A directory that holds rows.
     #[error(
-        "{} holds a {kind} already: go on with it by --resume, or choose another --out",
+        "{} holds a {kind} already: go on with it by --resume, begin again with --force, or choose \
+         another --out",
         directory.display()
     )]
     Exists {

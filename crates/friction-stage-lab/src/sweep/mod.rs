@@ -28,7 +28,7 @@ use super::rows::{Cell, Column, ColumnKind, NumberedPlan, OtherJob, Rows};
 use super::settling::SETTLING_BANDS;
 use super::specimen::{Settings, closed_loop};
 use super::variant::variant_seed;
-use friction_stage_core::control::{ControllerSettings, Point, Trajectory};
+use friction_stage_core::control::{ControllerSettings, Follower, Point, Trajectory};
 use friction_stage_core::model::{GuideSource, StageModel, nearest};
 use friction_stage_core::plant::{Effects, Rates};
 
@@ -447,6 +447,12 @@ impl SweepPlan {
         let end = Trajectory::new(0, points.clone()).map_err(|error| words(&error))?.end();
         if end as f64 * 1e-9 > LONGEST {
             return Err(format!("the motion takes {:.3e} s, at most {LONGEST}", end as f64 * 1e-9));
+        }
+        if let Some(stroke) = model.stroke {
+            let trajectory = Trajectory::new(0, points.clone()).map_err(|error| words(&error))?;
+            // A jump at its start is one for which the stage waits.
+            let mut follower = Follower::new(f64::INFINITY).within(stroke.low, stroke.high);
+            follower.follow(0, trajectory).map_err(|error| words(&error))?;
         }
         let lab = Settings { seed: self.noise_seed(point), rates };
         let mut stage =

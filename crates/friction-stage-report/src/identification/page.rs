@@ -131,9 +131,11 @@ fn verdict(page: &mut Page, selection: &Selection, summary: &Summary) {
             let open = selection.left_open.map_or(String::new(), |open| {
                 format!("; after a fit to this train record {} {n} are open there", short(open))
             });
-            let mark = if open.is_empty() { Mark::Good } else { Mark::Warning };
+            let is_clean = open.is_empty() && !selection.leaves_more_than_usual();
+            let mark = if is_clean { Mark::Good } else { Mark::Warning };
+            let can = if is_clean { "show" } else { "can name" };
             let sentence = format!(
-                "Nothing is missing that these data show: the refitted model leaves {} {n}, \
+                "Nothing is missing that these data {can}: the refitted model leaves {} {n}, \
                  {floor}{open}.",
                 short(left)
             );

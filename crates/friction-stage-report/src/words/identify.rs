@@ -210,6 +210,14 @@ impl Words for IdentifyFinding {
                 four_digits(*declared),
                 four_digits(*least)
             ),
+            Self::MoreThanUsual { left, noise_floor, may_be_missing } => format!(
+                "what is left of the hold-out, {} {n}, is {}, where a machine that is as declared \
+                 leaves 1.0 to 1.2 times as much: up to {} {n} rms may be missing that these data \
+                 are too noisy, too coarse or too short to name",
+                four_digits(*left),
+                times_noise(*left, *noise_floor),
+                four_digits(*may_be_missing)
+            ),
             Self::LeftOpen { left, noise_floor, open } => format!(
                 "what is left of the hold-out, {} {n}, is {}, but after a fit to this train record \
                  {} {n} are open there: fit to a record that also has motions like those of the \
@@ -266,8 +274,12 @@ impl Words for IdentifyFinding {
                  are right in --model, and identify again"
             ),
             Self::AtBound { parameter, bound, value, unit, tolerance } => format!(
-                "{parameter} ended on its {} bound ({}{}): the truth may lie beyond, or another \
+                "{parameter}{} ended on its {} bound ({}{}): the truth may lie beyond, or another \
                  effect hides in it",
+                match *parameter == NominalParameter::SensorShift.name() {
+                    true => " (by how much force readings are behind those of the encoder)",
+                    false => "",
+                },
                 match bound {
                     BoundSide::Lower => "lower",
                     BoundSide::Upper => "upper",

@@ -1,6 +1,6 @@
 //! The force regressed on the motion, and one signal on another.
 
-use nalgebra::{Matrix4, Vector4};
+use nalgebra::{Matrix4, Matrix5, Vector4, Vector5};
 
 use super::motion::Moment;
 use super::{Examiner, NOISE_IN_ACCELERATION, RoughFit, clear_speed, rms_of_acceleration_noise};
@@ -65,19 +65,26 @@ impl Examiner<'_> {
             };
             moments.iter().filter(clear)
         };
-        let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
+        // The last column is the position, which the fit itself leaves out.
+        let (mut all, mut right_of_all) = (Matrix5::zeros(), Vector5::zeros());
         let (mut count, mut squares) = (0usize, 0.0);
         // scaled, so that the matrix is well conditioned
         let scale_a = moving().map(|m| m.acceleration.abs()).fold(f64::MIN_POSITIVE, f64::max);
         let scale_v = moving().map(|m| m.velocity.abs()).fold(f64::MIN_POSITIVE, f64::max);
+        let position = |m: &Moment| self.recording.trace.position[m.row];
+        let (lowest, highest) = moving()
+            .map(position)
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
+        let scale_x = (highest - lowest).max(f64::MIN_POSITIVE);
         let row = |m: &Moment| {
             Vector4::new(m.acceleration / scale_a, m.velocity.signum(), m.velocity / scale_v, 1.0)
         };
+        let row_of_all = |m: &Moment| row(m).push((position(m) - lowest) / scale_x - 0.5);
         for moment in moving() {
             let force = self.force_at(column, moment.row);
-            let row = row(moment);
-            normal += row * row.transpose();
-            right += row * force;
+            let row = row_of_all(moment);
+            all += row * row.transpose();
+            right_of_all += row * force;
             squares += force * force;
             count += 1;
         }
@@ -85,19 +92,26 @@ impl Examiner<'_> {
             return None;
         }
         // one direction or one speed only: the least solution is taken, and told elsewhere
+        let normal: Matrix4<f64> = all.fixed_view::<4, 4>(0, 0).into_owned();
         let inverse = normal.pseudo_inverse(1e-9 * count as f64).ok()?;
-        let fit = inverse * right;
-        let (mut rest, mut inertial, mut accelerations) = (0.0, 0.0, 0.0);
+        let fit = inverse * right_of_all.fixed_rows::<4>(0);
+        let inverse_of_all = all.pseudo_inverse(1e-9 * count as f64).ok()?;
+        let fit_of_all = inverse_of_all * right_of_all;
+        let (mut rest, mut rest_of_all, mut inertial, mut accelerations) = (0.0, 0.0, 0.0, 0.0);
         for moment in moving() {
-            let difference = self.force_at(column, moment.row) - row(moment).dot(&fit);
-            rest += difference * difference;
+            let force = self.force_at(column, moment.row);
+            rest += (force - row(moment).dot(&fit)).powi(2);
+            rest_of_all += (force - row_of_all(moment).dot(&fit_of_all)).powi(2);
             inertial += (fit[0] * moment.acceleration / scale_a).powi(2);
             accelerations += moment.acceleration * moment.acceleration;
         }
         let apparent = rms_of_acceleration_noise(noise, self.half as f64 * self.step).powi(2);
         let variance = rest / (count as f64 - 4.0);
+        let variance_of_all = rest_of_all / (count as f64 - 5.0);
+        let deviation_of_all = (variance_of_all * inverse_of_all[(0, 0)]).sqrt();
         Some(RoughFit {
             mass: fit[0] / scale_a,
+            mass_beside_spring: [fit_of_all[0], deviation_of_all].map(|value| value / scale_a),
             mass_deviation: (variance * inverse[(0, 0)]).sqrt() / scale_a,
             coulomb: fit[1],
             coulomb_deviation: (variance * inverse[(1, 1)]).sqrt(),

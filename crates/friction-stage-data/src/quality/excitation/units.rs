@@ -154,12 +154,19 @@ impl Examiner<'_> {
                     Some(first) => first,
                     None => return self.cell_and_command(told),
                 };
-                if !told && !(0.8..1.25).contains(ratio) {
-                    self.findings.push(DataFinding::OtherMachine {
-                        declared,
-                        measured: fit.mass,
-                        deviation: fit.mass_deviation,
-                    });
+                // A force that goes with the position, which the model may declare or lack, takes
+                // part of what would be a mass.
+                let is_another = |ratio: f64| !(0.8..1.25).contains(&ratio);
+                let [beside, its_deviation] = fit.mass_beside_spring;
+                let surely = (beside - declared).abs() > SURELY * its_deviation;
+                if !told && is_another(*ratio) && is_another(beside / declared) && surely {
+                    let nearer = |ratio: f64| ratio.ln().abs();
+                    let (measured, deviation) =
+                        match nearer(beside / declared) < nearer(fit.mass / declared) {
+                            true => (beside, its_deviation),
+                            false => (fit.mass, fit.mass_deviation),
+                        };
+                    self.findings.push(DataFinding::OtherMachine { declared, measured, deviation });
                 }
                 let is_another = |friction: &f64| {
                     *friction > 0.0
