@@ -644,6 +644,21 @@ fn bad_data_are_told_by_what_is_wrong_with_them() {
 }
 
 #[test]
+fn a_force_that_goes_with_the_position_is_no_other_mass() {
+    for stiffness in [-8000.0, 3000.0, 20_000.0] {
+        let mut trace = run(12_000);
+        for k in 0..trace.len() {
+            let more = stiffness * trace.position[k];
+            trace.force_cell[k] += more;
+            trace.force[k] += more;
+        }
+        let found = problems(&trace);
+        let accused = |p: &&DataFinding| matches!(p, DataFinding::OtherMachine { .. });
+        assert_eq!(found.iter().find(accused), None, "{stiffness} N/m");
+    }
+}
+
+#[test]
 fn the_stage_runs_are_read_as_they_are_and_have_the_declared_noise() {
     let Some(home) = blind_tests::recordings::with("a/train") else { return };
     for run in ["a", "b", "c", "d", "e", "f"] {

@@ -54,6 +54,11 @@ fn an_experiment_leaves_summary_report_figures_and_bags_that_repeat_bit_for_bit(
     let forced = friction_stage(&[&arguments[..], &["--force"]].concat(), directory.path());
     assert_eq!(forced.status.code(), Some(0), "{}", text(&forced.stderr));
     assert_eq!(forced.stdout, output.stdout);
+    // Of a run that is complete nothing is left to resume.
+    let resumed = friction_stage(&[&arguments[..], &["--resume"]].concat(), directory.path());
+    assert_eq!(resumed.status.code(), Some(0), "{}", text(&resumed.stderr));
+    let shown: serde_json::Value = serde_json::from_slice(&resumed.stdout).unwrap();
+    assert_eq!(shown, summary);
 }
 
 #[test]
@@ -91,6 +96,7 @@ fn a_motor_that_the_motion_exceeds_is_named() {
         message.contains("500 N") && message.contains("weak") && message.contains("force_limit"),
         "{message}"
     );
+    assert!(!directory.path().join("o").exists());
 }
 
 #[test]

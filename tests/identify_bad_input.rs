@@ -528,6 +528,39 @@ fn another_machine_than_the_declared_one_is_refused() {
     }
 }
 
+/// A viscous friction far from the declared one, or left out, is no law, whatever else is hidden:
+/// here a force of the motor over the position.
+#[test]
+fn guides_of_another_friction_are_refused_beside_a_hidden_law() {
+    let home = TempDir::new().unwrap();
+    let declared = std::fs::read_to_string(MODEL).unwrap();
+    assert!(declared.contains("viscous_friction: 18 "));
+    let hide = |mut columns: Columns| {
+        let places = columns.position.clone();
+        let hidden = places.iter().map(|x| 4.0 * (std::f64::consts::TAU * x / 0.024).sin());
+        columns.force.iter_mut().zip(hidden).for_each(|(force, hidden)| *force -= hidden);
+        columns
+    };
+    let (train, holdout) =
+        (csv(home.path(), "train", &hide(train())), csv(home.path(), "holdout", &hide(holdout())));
+    for viscous in ["0", "6", "60"] {
+        let (model, out) = (
+            home.path().join(format!("{viscous}.yaml")),
+            home.path().join(format!("out_{viscous}")),
+        );
+        let text = declared.replace("viscous_friction: 18 ", &format!("viscous_friction: {viscous} "));
+        std::fs::write(&model, text).unwrap();
+        let output = identify(model.to_str().unwrap(), &train, &holdout, &out);
+        let words =
+            ["other guides than the model declares", "viscous_friction is 1", "Declare them"];
+        assert_refused(viscous, &output, &out, &words);
+    }
+    // With the declared one the law is named.
+    let output = identify(MODEL, &train, &holdout, &home.path().join("out"));
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(summary["effects"][0]["name"], "cogging", "{summary:#}");
+}
+
 /// The same bag under another name, and a bag of an encoder alone.
 #[test]
 fn bags_that_say_nothing_new_or_no_force_are_refused() {

@@ -282,5 +282,16 @@ fn view_shows_runs_over_each_other() {
         .expect("the program starts");
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("absent"));
-    assert!(!nothing.path().join("view.html").exists());
+    assert_eq!(std::fs::read_dir(nothing.path()).unwrap().count(), 0);
+    // Without a name each page has one of its own.
+    std::fs::write(nothing.path().join("a.csv"), "t (s),x (m)\n0,0\n1,1e-3\n2,0\n").unwrap();
+    for pages in [1, 2] {
+        let output = Command::new(env!("CARGO_BIN_EXE_friction-stage"))
+            .args(["view", "a.csv"])
+            .current_dir(nothing.path())
+            .output()
+            .expect("the program starts");
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        assert_eq!(std::fs::read_dir(nothing.path()).unwrap().count(), 1 + pages);
+    }
 }

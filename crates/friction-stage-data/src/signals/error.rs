@@ -104,8 +104,8 @@ pub enum SignalError {
     },
     /// A part of a recording in which there is next to nothing.
     #[error(
-        "{} has {samples} samples of {signal} from {} s to {}, by the time since the first one; 2 are \
-         needed for a rate",
+        "{} has {samples} samples of {signal} from {} s to {}, by the time since the first one; 2 \
+         are needed for a rate",
         path.display(), from.unwrap_or(0.0),
         to.map_or_else(|| "its end".to_owned(), |to| format!("{to} s"))
     )]

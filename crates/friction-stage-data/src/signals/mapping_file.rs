@@ -17,58 +17,98 @@ use friction_stage_core::{text_file, yaml};
 /// Name in mappings of a force that is a current.
 const CURRENT: &str = "current";
 
+/// Which topic and field, or column, is which signal.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct MappingFile {
+    /// Which joint `[joint]` in a field means; by default `stage`, or the only one.
     joint: Option<String>,
+    /// Whether it moves along an axis or turns about one, where no unit says it.
     joint_type: Option<JointType>,
+    /// When a message counts: `log_time` (when it was recorded), `publish_time` (when it was sent),
+    /// or a field such as `header.stamp`; by default the stamp of the header where it is filled.
     stamp: Option<String>,
+    /// Samples per second that the recording is brought to, Hz; by default its own.
     rate: Option<f64>,
+    /// How a table is written, where that is not found.
     csv: Option<CsvFile>,
+    /// The signals: `time` (of a table), `position` or `velocity`, and where they are recorded
+    /// `reference_position`, `reference_velocity`, `reference_acceleration`, `force`, `current` in
+    /// the place of `force`, and `force_cell`.
     signals: BTreeMap<String, SignalFile>,
+    /// Recordings of the same run with further signals.
     #[serde(default)]
     join: Vec<JoinFile>,
 }
 
+/// A recording of the same run.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct JoinFile {
+    /// The recording, in the directory of the first one or below it.
     file: PathBuf,
+    /// What is added to its times, s; by default 0.
     clock_offset: Option<f64>,
+    /// As in the mapping.
     joint: Option<String>,
+    /// As in the mapping.
     stamp: Option<String>,
+    /// As in the mapping.
     rate: Option<f64>,
+    /// As in the mapping.
     csv: Option<CsvFile>,
+    /// As in the mapping.
     signals: BTreeMap<String, SignalFile>,
 }
 
+/// How a text table is written. What is left out is found from the text.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CsvFile {
+    /// What parts the cells: one character, `tab`, or `blanks`.
     delimiter: Option<String>,
+    /// Whether the columns have names.
     header: Option<bool>,
+    /// What a line begins with that is none of the table.
     comment: Option<String>,
+    /// Whether `1,5` is one and a half.
     decimal_comma: Option<bool>,
+    /// The line with the names of the columns, from 1 on.
     names_in_line: Option<u64>,
+    /// The first line with numbers, from 1 on.
     data_from_line: Option<u64>,
+    /// Words that stand for a value that was not measured.
     #[serde(default)]
     missing: Vec<String>,
 }
 
+/// Where a signal is, and what its numbers are.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SignalFile {
+    /// Topic of a bag.
     topic: Option<String>,
+    /// Field of its messages, such as `position[joint]`, `data[0]` or `wrench.force.x`.
     field: Option<String>,
-    /// As text: YAML would take a column `y` for a truth value.
+    /// Column of a table, by its name or, from 1 on, its number.
+    // As text: YAML would take a column `y` for a truth value.
     column: Option<String>,
+    /// As in the mapping, for this signal.
     stamp: Option<String>,
+    /// Unit of the numbers, such as `mm`, `inch` or `counts`; by default that of the name, else SI.
     unit: Option<String>,
+    /// Factor on the numbers in their unit; -1 turns a sign round. A unit of another kind needs one,
+    /// such as N per A.
     scale: Option<f64>,
+    /// What is added after the factor, in SI units.
     offset: Option<f64>,
+    /// Column that is taken away first.
     minus: Option<String>,
+    /// Its unit; by default that of the signal.
     minus_unit: Option<String>,
+    /// Second column of a time, such as its nanoseconds, that is added.
     plus: Option<String>,
+    /// Its unit.
     plus_unit: Option<String>,
 }
 

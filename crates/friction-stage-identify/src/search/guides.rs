@@ -115,8 +115,8 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// Whether the declared guides would go beyond their tolerance, or have a friction of zero, which
-    /// has none.
+    /// Whether the declared guides would go beyond their tolerance, or have a friction of zero,
+    /// which has none.
     fn doubts_the_guides(&self) -> bool {
         let of_friction = |id: ParameterId| match id {
             ParameterId::Nominal(one) => NominalParameter::SLIDING.contains(&one),

@@ -155,8 +155,8 @@ impl Selection {
         different_laws(&effects[self.before.hypothesis.effects.len()..])
     }
 
-    /// Whether nothing was added, though more is left of the hold-out than where nothing is missing,
-    /// and not because the train record leaves it open.
+    /// Whether nothing was added, though more is left of the hold-out than where nothing is
+    /// missing, and not because the train record leaves it open.
     pub fn leaves_more_than_usual(&self) -> bool {
         self.verdict == Verdict::None
             && self.left_open.is_none()

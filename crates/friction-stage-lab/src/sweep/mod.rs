@@ -756,6 +756,19 @@ mod tests {
     }
 
     #[test]
+    fn a_motion_that_leaves_the_stroke_fails_its_point() {
+        let points = PaperMotion::of_moves(0.01, &[(1e-3, 0.02, 0.03)]).unwrap().points;
+        let motion = SweepMotion::of_points(&points, &[]);
+        let axes = vec!["model.stroke.high=5e-4,2e-3".parse().unwrap()];
+        let mut model = StageModel::on_guides("guide_2");
+        model.stroke = Some(Stroke { low: -1e-3, high: 1e-2, stiffness: 2e6, damping: 5e3 });
+        let plan = SweepPlan::new(model, Default::default(), motion, axes, None, 1).unwrap();
+        let refused = plan.point(0).unwrap_err();
+        assert!(refused.contains("must stay between"), "{refused}");
+        assert!(plan.point(1).is_ok());
+    }
+
+    #[test]
     fn a_trajectory_is_judged_over_its_moves_and_stretched() {
         let points = PaperMotion::of_moves(0.01, &[(1e-4, 0.02, 0.03)]).unwrap().points;
         let motion = SweepMotion::of_points(&points, &[]);

@@ -2,11 +2,17 @@
 //!
 //! `UPDATE_REFERENCE=1 cargo test --release --test reference` rewrites them.
 
+mod json_output;
+mod structs;
+
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::{Value, json};
+
+use structs::{Structs, inside, name_of};
 
 fn friction_stage(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_friction-stage"))
@@ -139,25 +145,149 @@ fn the_page_of_guides_is_current() {
     assert_current("guides.md", "Guides", &page);
 }
 
-#[test]
-fn the_page_of_the_command_line_is_current() {
+/// The commands of the program.
+fn commands() -> Vec<String> {
     let overview = printed(&["--help"]);
     let commands = overview.lines().skip_while(|line| *line != "Commands:").skip(1);
-    let names: Vec<&str> = commands
+    let names: Vec<String> = commands
         .take_while(|line| !line.is_empty())
         .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
         .filter_map(|line| line.split_whitespace().next())
         .filter(|name| *name != "help")
+        .map(str::to_owned)
         .collect();
     assert!(names.len() >= 14, "{names:?}");
+    names
+}
+
+#[test]
+fn the_page_of_the_command_line_is_current() {
+    let (overview, names) = (printed(&["--help"]), commands());
     let mut page = format!("```text\n{}\n```\n", overview.trim_end());
-    for arguments in names.iter().map(|name| vec![*name]).chain([vec!["demo", "recordings"]]) {
+    let each = names.iter().map(|name| vec![name.as_str()]);
+    for arguments in each.chain([vec!["demo", "recordings"]]) {
         let title = arguments.join(" ");
         let help = printed(&[&arguments[..], &["--help"]].concat());
         let help: Vec<&str> = help.lines().map(str::trim_end).collect();
         write!(page, "\n## {title}\n\n```text\n{}\n```\n", help.join("\n").trim_end()).unwrap();
     }
     assert_current("command-line.md", "Command line", &page);
+}
+
+/// What a type is in a file, in words.
+fn kind_in_words(kind: &syn::Type) -> String {
+    if let Some(inner) = inside(kind, "Vec") {
+        return format!("list of {}", kind_in_words(&inner));
+    }
+    if let Some(inner) = inside(kind, "BTreeMap") {
+        return format!("names with {}", kind_in_words(&inner));
+    }
+    match name_of(kind).as_str() {
+        "f64" => "number".to_owned(),
+        "u64" | "usize" => "whole number".to_owned(),
+        "bool" => "true or false".to_owned(),
+        "String" => "text".to_owned(),
+        "PathBuf" => "file".to_owned(),
+        "JointType" => "`prismatic` or `revolute`".to_owned(),
+        "GuideSource" => "name or guide".to_owned(),
+        "EffectParameters" => "[effects](effects.md)".to_owned(),
+        other => format!("`{other}`"),
+    }
+}
+
+/// Tables of the keys of structs, each with what it is.
+fn tables(structs: &Structs, names: &[(&str, &str)]) -> String {
+    let mut page = String::new();
+    for (name, title) in names {
+        let found = structs.named(name).unwrap_or_else(|| panic!("there is no {name}"));
+        write!(page, "\n## {title}\n\n{}\n\n", found.about).unwrap();
+        page += "| key | value | what |\n|---|---|---|\n";
+        for key in &found.keys {
+            let mut kind = kind_in_words(&key.kind);
+            for (name, title) in names {
+                let link = format!("[{title}](#{})", title.to_lowercase().replace(' ', "-"));
+                kind = kind.replace(&format!("`{name}`"), &link);
+            }
+            let optional = if key.is_optional { "" } else { " **Required.**" };
+            assert!(!key.about.is_empty(), "{name}.{} has no comment", key.name);
+            writeln!(page, "| `{}` | {kind} | {}{optional} |", key.name, cell(&key.about)).unwrap();
+        }
+    }
+    page
+}
+
+#[test]
+fn the_page_of_the_model_file_is_current() {
+    let structs = Structs::below(&["crates/friction-stage-core/src/model"]);
+    let names = [
+        ("StageModel", "Stage"),
+        ("Guide", "Guide"),
+        ("PartialGuide", "Guide of which little is known"),
+        ("Stroke", "Stroke"),
+        ("Motor", "Motor"),
+        ("ForceCell", "Force cell"),
+        ("Encoder", "Encoder"),
+        ("Coupling", "Coupling"),
+    ];
+    let page = format!(
+        "A model is a YAML file; `friction-stage model FILE` checks it and shows what it says. Keys\n\
+         that are not here are refused.\n{}",
+        tables(&structs, &names)
+    );
+    assert_current("model-file.md", "Model file", &page);
+}
+
+#[test]
+fn the_page_of_the_mapping_is_current() {
+    let structs = Structs::below(&["crates/friction-stage-data/src/signals/mapping_file.rs"]);
+    let names = [
+        ("MappingFile", "Mapping"),
+        ("SignalFile", "Signal"),
+        ("CsvFile", "Table"),
+        ("JoinFile", "Joined recording"),
+    ];
+    let page = format!(
+        "A mapping is a YAML file that says which topic and field, or column, is which signal;\n\
+         `friction-stage import FILE` proposes one. How to use it:\n\
+         [Recordings of others](../how-to/recordings-of-others.md).\n{}",
+        tables(&structs, &names)
+    );
+    assert_current("mapping.md", "Mapping", &page);
+}
+
+#[test]
+fn the_page_of_the_parameters_is_current() {
+    let mut page = String::new();
+    for (program, path) in [
+        ("stage_node", env!("CARGO_BIN_EXE_stage_node")),
+        ("controller_node", env!("CARGO_BIN_EXE_controller_node")),
+    ] {
+        let output = Command::new(path).arg("--help").output().expect("the program starts");
+        let help = String::from_utf8(output.stdout).expect("text");
+        let help: Vec<&str> = help.lines().map(str::trim_end).collect();
+        write!(page, "\n## {program}\n\n```text\n{}\n```\n", help.join("\n").trim_end()).unwrap();
+    }
+    assert_current("parameters.md", "Parameters of the nodes", page.trim_start());
+}
+
+/// Topics, services and actions have their table in docs/ros2.md.
+#[test]
+fn every_topic_service_and_action_of_the_nodes_is_documented() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = std::fs::read_to_string(root.join("docs/ros2.md")).expect("the page");
+    let mut names = BTreeSet::new();
+    for entry in std::fs::read_dir(root.join("src/node")).expect("the sources") {
+        let text = std::fs::read_to_string(entry.expect("an entry").path()).expect("a source");
+        let code = text.split("#[cfg(test)]").next().expect("the code");
+        for piece in code.split("\"~/").skip(1) {
+            let name = piece.split('"').next().expect("a name");
+            names.extend((!name.contains(['{', '*', ' '])).then(|| name.to_owned()));
+        }
+    }
+    assert!(names.len() >= 20, "{names:?}");
+    for name in names {
+        assert!(page.contains(&name), "~/{name} is not in docs/ros2.md");
+    }
 }
 
 #[test]

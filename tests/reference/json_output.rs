@@ -1,0 +1,269 @@
+//! The page of what every command prints with `--json`: each is run, and the keys of its output are
+//! named with what the comments of the sources say of them.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::process::Command;
+
+use serde_json::Value;
+
+use super::structs::Structs;
+use super::{assert_current, cell};
+
+/// A short motion for the stage.
+const MOTION: &str = "joint_names: [stage]\npoints:\n- {positions: [1e-3], velocities: [0.0], \
+                      accelerations: [0.0], time_from_start: {sec: 0, nanosec: 50000000}}\n- \
+                      {positions: [1e-3], velocities: [0.0], accelerations: [0.0], \
+                      time_from_start: {sec: 0, nanosec: 150000000}}\n";
+
+/// The commands in an order in which each finds its inputs, as a user would write them; `$` stands
+/// for the repository. A title of several words is that of a command within a command.
+const COMMANDS: [(&str, &str); 21] = [
+    ("effects", "effects cogging"),
+    ("guides", "guides guide_2"),
+    ("model", "model $/launch_config/stage_with_cogging_and_cable_chain.yaml"),
+    ("demo recordings", "demo recordings --out recordings"),
+    (
+        "identify",
+        "identify --model recordings/declared.yaml --train recordings/train --holdout \
+                  recordings/check --out result",
+    ),
+    ("check", "check recordings/train --model recordings/declared.yaml"),
+    ("import", "import table.csv"),
+    ("friction-curve", "friction-curve recordings/train"),
+    ("replay", "replay recordings/train --model recordings/declared.yaml"),
+    ("view", "view recordings/train --out page.html"),
+    ("recover", "recover recordings/train"),
+    (
+        "compensate",
+        "compensate --model result/identified.yaml --real result/identified.yaml \
+                    motion.yaml --out compensation",
+    ),
+    ("play", "play motion.yaml --model recordings/declared.yaml --record run"),
+    ("experiment", "experiment stribeck --guides guide_1 --out rig"),
+    ("experiment", "experiment dahl --guides guide_1 --amplitudes 1e-5 --out loops"),
+    (
+        "fit-guide",
+        "fit-guide --stribeck rig/bags/guide_1_stribeck --dahl loops/bags/guide_1_dahl_10um \
+                   --name own --out own.yaml",
+    ),
+    ("sweep", "sweep controller.bandwidth=40,60 --out sweep"),
+    (
+        "select",
+        "select --application $/launch_config/application_fine_step_clean.yaml --variants \
+                6 --out choice",
+    ),
+    ("merge", "merge choice --out whole"),
+    ("tune", "tune guide_2 --out tuning"),
+    ("demo", "demo --out demo"),
+];
+
+/// What keys are whose objects have no struct of their own.
+const SAID: &[(&str, &str)] = &[
+    ("schema_version", "Version of the format."),
+    ("warnings", "What a user should know, in sentences."),
+    ("name", "Its name."),
+    ("law", "Its equation."),
+    ("source", "Where the law is from."),
+    ("telltale", "By what it shows in a recording."),
+    ("acts_on", "Side of the stage, and what of it."),
+    ("how_many", "How many of them a model may have."),
+    ("example", "A model file with it."),
+    ("is_curve", "Whether it is the empirical curve."),
+    ("parameters", "Its parameters."),
+    ("default", "Value where none is given; nothing where it is required."),
+    ("description", "What it is, for people."),
+    ("forms", "Names that stand for its values, where it is a choice."),
+    ("min", "Least value."),
+    ("max", "Largest value."),
+    ("unit", "Its SI unit."),
+    ("value", "Its value."),
+    ("ci95", "Lower and upper end of its 95 % interval."),
+    ("standard_error", "Its standard error."),
+    ("before", "Of the declared model, refitted."),
+    ("after", "Of the identified model."),
+    ("q05", "5 % are below."),
+    ("q50", "Median."),
+    ("q95", "95 % are below."),
+    ("rows", "Rows that are compared or read."),
+    ("bytes", "Size of the files."),
+    ("complete", "Whether the recording was closed."),
+    ("damage", "What is broken in it, in a sentence."),
+    ("duration_s", "From the first message to the last."),
+    ("bag", "Directory of the recording."),
+    ("figure", "File of the figure."),
+    ("page", "File of the page."),
+    ("samples", "Samples that are compared."),
+    ("moves", "Each move of the motion."),
+    ("cycles", "Cycles of stage and controller."),
+    ("cycles_per_second", "How fast they ran."),
+    ("guide", "Name of the guide."),
+    ("guides", "Each guide."),
+    ("rank", "Place in the ranking, from 1 on."),
+    ("ranking", "The guides, the best first."),
+    ("variants", "Variants that were computed."),
+    ("never_settled", "Variants that did not settle."),
+    ("saturated", "How often the force was at its limit."),
+    ("application", "Name of the application."),
+    ("chance_ci95", "95 % interval of the chance to meet the requirement."),
+    ("findings", "What was found out, each with a code."),
+    ("notes", "What is worth knowing, in sentences."),
+    ("data", "The signals of the stage."),
+    ("clock", "How the samples are spaced."),
+    ("rate_hz", "Samples per second."),
+    ("segments", "Pieces without a hole."),
+    ("signals", "Each signal."),
+    ("valid_rows", "Rows that have every signal."),
+    ("stiffness", "Bristle stiffness sigma0, N/m."),
+    ("bristle_damping", "Bristle damping sigma1, N s/m."),
+    ("viscous_friction", "Viscous friction sigma2, N s/m."),
+    ("coulomb_force", "Coulomb friction Fc, N."),
+    ("static_force", "Static friction Fs, N."),
+    ("stribeck_velocity", "Stribeck velocity vs, m/s."),
+    ("cage", "Whether its balls are in a cage."),
+    ("seals", "Whether it has seals."),
+    ("lubricant", "Its lubricant."),
+    ("distributed_bristles", "Its bristles in parallel, where they are known."),
+    ("effective_stiffness", "Stiffness at amplitudes that the paper states."),
+    ("train", "Recording to fit."),
+    ("holdout", "Recording to judge on."),
+    ("model", "File of the model."),
+    ("position_rms_m", "Rms of the position error."),
+    ("position_max_m", "Largest position error."),
+    ("without", "The run without compensation."),
+    ("with", "The run with compensation."),
+    ("not_compensated", "Effects that are not compensated."),
+    ("controller", "What controls."),
+    ("force_limit", "Largest force, N."),
+    ("p", "Proportional gain, N/m."),
+    ("i", "Integral gain, N/(m s)."),
+    ("d", "Derivative gain, N s/m."),
+    ("lowpass_frequency", "Of the lowpass behind the PID, Hz."),
+    ("mass_feedforward", "Mass that is fed forward, kg."),
+    ("rate", "Samples per second, Hz."),
+    ("arrival", "When the reference arrives, s."),
+    ("catalogue", "File of the catalogue."),
+    ("force_rms_n", "What the fit leaves."),
+    ("noise_rms_n", "What the noise of the cell leaves."),
+    ("runs", "Recordings."),
+    ("curve", "The fitted curve."),
+    ("offset", "Constant force, N."),
+    ("velocity", "Its velocity, m/s."),
+    ("joint_type", "`prismatic` or `revolute`."),
+    ("improved", "Whether the gains are better than the rule of thumb."),
+    ("mass", "Moving mass, kg."),
+    ("objective", "What is made small."),
+    ("rule_keeps_margins", "Whether the rule of thumb keeps its margins."),
+    ("tunings", "Each set of gains."),
+    ("gains", "The gains."),
+    ("nominal", "On the stage as declared, at each amplitude."),
+    ("margins", "Margins of the loop."),
+    ("on_variants", "On variants that the search did not see."),
+    ("ratio", "Objective over that of the rule of thumb, median."),
+    ("points", "Its points."),
+    ("loops", "Its loops."),
+    ("peak_error_um", "Largest error, µm."),
+];
+
+/// Kinds of values that a key had.
+#[derive(Default)]
+struct Seen {
+    kinds: Vec<&'static str>,
+    about: Option<String>,
+}
+
+fn kind(value: &Value) -> &'static str {
+    match value {
+        Value::Null => "nothing",
+        Value::Bool(_) => "true or false",
+        Value::Number(_) => "number",
+        Value::String(_) => "text",
+        Value::Array(_) => "list",
+        Value::Object(_) => "object",
+    }
+}
+
+/// Objects under one kind of name, such as the parameters of an effect by theirs: all are objects
+/// with the same keys, or all are numbers or texts under names that no struct has.
+fn is_by_name(keys: &[&str], values: &[&Value], structs: &Structs) -> bool {
+    let of_objects = values.iter().all(|value| value.is_object());
+    let names = |value: &&Value| value.as_object().map(|o| o.keys().cloned().collect::<Vec<_>>());
+    let alike = values.windows(2).all(|two| names(&two[0]) == names(&two[1]));
+    !keys.is_empty() && of_objects && alike && keys.iter().all(|k| structs.about(k, keys).is_none())
+}
+
+fn walk(value: &Value, path: &str, structs: &Structs, found: &mut BTreeMap<String, Seen>) {
+    match value {
+        Value::Array(items) => {
+            items.iter().for_each(|item| walk(item, &format!("{path}[]"), structs, found));
+        }
+        Value::Object(entries) => {
+            let keys: Vec<&str> = entries.keys().map(String::as_str).collect();
+            let values: Vec<&Value> = entries.values().collect();
+            let by_name = is_by_name(&keys, &values, structs);
+            for (key, value) in entries {
+                let below = match (path, by_name) {
+                    ("", _) => key.clone(),
+                    (_, true) => format!("{path}.NAME"),
+                    (_, false) => format!("{path}.{key}"),
+                };
+                let seen = found.entry(below.clone()).or_default();
+                let kind = kind(value);
+                if !seen.kinds.contains(&kind) {
+                    seen.kinds.push(kind);
+                    seen.kinds.sort_unstable();
+                }
+                let said = SAID.iter().find(|(known, _)| known == key).map(|(_, words)| *words);
+                if let Some(about) = structs.about(key, &keys).or(said.filter(|_| !by_name)) {
+                    seen.about = Some(about.to_owned());
+                }
+                walk(value, &below, structs, found);
+            }
+        }
+        _ => {}
+    }
+}
+
+#[test]
+fn the_page_of_the_json_is_current() {
+    let home = tempfile::tempdir().expect("a directory");
+    let write = |name: &str, text: &str| std::fs::write(home.path().join(name), text).expect(name);
+    write("motion.yaml", MOTION);
+    write("table.csv", "t (ms),x (mm),F (N)\n0,0,1\n1,1e-3,2\n2,2e-3,2\n3,4e-3,1\n4,5e-3,1\n");
+    let structs = Structs::below(&["crates", "src"]);
+    let mut page = "Every command prints one JSON document with `--json`, and its exit code as \
+                    without. A key with\n`[]` is one of every item of a list, `NAME` stands for a \
+                    name, such as that of a parameter.\nNumbers have SI units unless the name of \
+                    the key says another. Each command was run as it\nstands here; others may have \
+                    further keys. Keys are added within a version of the format\n\
+                    (`schema_version`), and not renamed.\n"
+        .to_owned();
+    for (title, command) in COMMANDS {
+        let given = command.replace('$', env!("CARGO_MANIFEST_DIR"));
+        let output = Command::new(env!("CARGO_BIN_EXE_friction-stage"))
+            .args(given.split_whitespace())
+            .arg("--json")
+            .current_dir(home.path())
+            .output()
+            .expect("the program starts");
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!(matches!(output.status.code(), Some(0 | 3)), "{command}: {told}");
+        let printed: Value = serde_json::from_slice(&output.stdout)
+            .unwrap_or_else(|error| panic!("{command}: {error}: {told}"));
+        let mut found = BTreeMap::new();
+        walk(&printed, "", &structs, &mut found);
+        let shown = command.replace("$/", "").split_whitespace().collect::<Vec<_>>().join(" ");
+        write!(page, "\n## {title}\n\n`friction-stage {shown} --json`\n\n").unwrap();
+        page += "| key | value | what |\n|---|---|---|\n";
+        for (path, seen) in &found {
+            let about = cell(seen.about.as_deref().unwrap_or_default());
+            writeln!(page, "| `{path}` | {} | {about} |", seen.kinds.join(" or ")).unwrap();
+        }
+    }
+    for name in super::commands() {
+        let has_json = super::printed(&[&name, "--help"]).contains("--json");
+        let is_shown = COMMANDS.iter().any(|(title, _)| *title == name);
+        assert!(is_shown || !has_json, "{name} --json is not on the page");
+    }
+    assert_current("json.md", "JSON of the commands", &page);
+}
