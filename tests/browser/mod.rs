@@ -184,12 +184,14 @@ impl Browser {
         value.as_str().map(str::to_owned).unwrap_or_else(|| panic!("{expression} is {value}"))
     }
 
-    /// Waits until an expression is true, frame by frame.
+    /// Waits until an expression is true, frame by frame; one that never is fails.
     pub fn wait_until(&mut self, expression: &str) {
-        self.evaluate(&format!(
-            "new Promise((done) => {{ const look = () => ({expression}) ? done(true) : \
+        let is_true = self.evaluate(&format!(
+            "new Promise((done) => {{ const end = performance.now() + 120e3; const look = () => \
+             ({expression}) ? done(true) : performance.now() > end ? done(false) : \
              requestAnimationFrame(look); look(); }})"
         ));
+        assert_eq!(is_true, true, "after two minutes it is not true: {expression}");
     }
 
     /// A place within an element, as parts of its width and height, in the window.
