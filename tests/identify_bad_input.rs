@@ -548,7 +548,8 @@ fn guides_of_another_friction_are_refused_beside_a_hidden_law() {
             home.path().join(format!("{viscous}.yaml")),
             home.path().join(format!("out_{viscous}")),
         );
-        let text = declared.replace("viscous_friction: 18 ", &format!("viscous_friction: {viscous} "));
+        let text =
+            declared.replace("viscous_friction: 18 ", &format!("viscous_friction: {viscous} "));
         std::fs::write(&model, text).unwrap();
         let output = identify(model.to_str().unwrap(), &train, &holdout, &out);
         let words =

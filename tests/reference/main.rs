@@ -230,8 +230,8 @@ fn the_page_of_the_model_file_is_current() {
         ("Coupling", "Coupling"),
     ];
     let page = format!(
-        "A model is a YAML file; `friction-stage model FILE` checks it and shows what it says. Keys\n\
-         that are not here are refused.\n{}",
+        "A model is a YAML file; `friction-stage model FILE` checks it and shows what it says. \
+         Keys\nthat are not here are refused.\n{}",
         tables(&structs, &names)
     );
     assert_current("model-file.md", "Model file", &page);

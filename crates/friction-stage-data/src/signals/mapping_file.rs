@@ -97,8 +97,8 @@ struct SignalFile {
     stamp: Option<String>,
     /// Unit of the numbers, such as `mm`, `inch` or `counts`; by default that of the name, else SI.
     unit: Option<String>,
-    /// Factor on the numbers in their unit; -1 turns a sign round. A unit of another kind needs one,
-    /// such as N per A.
+    /// Factor on the numbers in their unit; -1 turns a sign round. A unit of another kind needs
+    /// one, such as N per A.
     scale: Option<f64>,
     /// What is added after the factor, in SI units.
     offset: Option<f64>,

@@ -575,6 +575,7 @@ fn settling_column(band: f64) -> String {
 mod tests {
     use super::super::paper::PaperMotion;
     use super::*;
+    use friction_stage_core::model::Stroke;
 
     fn plan(axes: &[&str], samples: Option<u64>) -> Result<SweepPlan, SweepError> {
         let mut motion = SweepMotion::named("fine-step").unwrap();
