@@ -562,7 +562,7 @@ impl Chart {
             let (at, off) = if under { (VPos::Top, px(4)) } else { (VPos::Bottom, px(-3)) };
             let style = word.pos(Pos::new(HPos::Right, at)).color(&LEVEL);
             let width = px(8) * band.name.chars().count() as i32;
-            let (from, to) = if under { (0, off + px(14)) } else { (off - px(14), 0) };
+            let (from, to) = if under { (off, off + px(14)) } else { (off - px(14), off) };
             let ground = [(px(-4) - width, from), (px(-2), to)];
             chart.draw_series([EmptyElement::at((x_range.end, band.low))
                 + Rectangle::new(ground, WHITE.mix(0.75).filled())
