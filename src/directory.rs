@@ -10,8 +10,8 @@ use crate::interrupt;
 use crate::made_by;
 use crate::outcome::WrongArguments;
 
-/// A directory that is named after what it holds and when: `<name>_<date>` in `parent`, UTC, with a
-/// number behind it where that is taken.
+/// A directory that is named after what it holds and when: `<name>_<date>` in `parent`, UTC, and a
+/// number where that is taken.
 pub fn dated(parent: &Path, name: &str) -> PathBuf {
     dated_file(parent, name, "")
 }
@@ -22,10 +22,13 @@ pub fn dated_file(parent: &Path, name: &str, ending: &str) -> PathBuf {
     let seconds = i64::try_from(now.as_secs()).unwrap_or_default();
     let date = chrono::DateTime::from_timestamp(seconds, 0).unwrap_or_default();
     let name = format!("{name}_{}", date.format("%Y_%m_%d-%H_%M_%S"));
-    let numbered = (2..).map(|number| format!("{name}_{number}{ending}"));
-    let mut names = [format!("{name}{ending}")].into_iter().chain(numbered);
-    let free = names.find(|name| parent.join(name).symlink_metadata().is_err());
-    parent.join(free.unwrap_or(name))
+    let mut place = parent.join(format!("{name}{ending}"));
+    let mut number = 2;
+    while place.symlink_metadata().is_ok() {
+        place = parent.join(format!("{name}_{number}{ending}"));
+        number += 1;
+    }
+    place
 }
 
 /// Refuses a file that exists already, unless it is to be replaced; `option` names it. It is

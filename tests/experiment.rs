@@ -59,6 +59,10 @@ fn an_experiment_leaves_summary_report_figures_and_bags_that_repeat_bit_for_bit(
     assert_eq!(resumed.status.code(), Some(0), "{}", text(&resumed.stderr));
     let shown: serde_json::Value = serde_json::from_slice(&resumed.stdout).unwrap();
     assert_eq!(shown, summary);
+    let mut other = arguments;
+    other[1] = "fast-move";
+    let refused = friction_stage(&[&other[..], &["--resume"]].concat(), directory.path());
+    assert_eq!(refused.status.code(), Some(2), "{}", text(&refused.stdout));
 }
 
 #[test]

@@ -531,7 +531,7 @@ fn another_machine_than_the_declared_one_is_refused() {
 /// A viscous friction far from the declared one, or left out, is no law, whatever else is hidden:
 /// here a force of the motor over the position.
 #[test]
-fn guides_of_another_friction_are_refused_beside_a_hidden_law() {
+fn guides_of_another_friction_are_refused_with_a_law_hidden() {
     let home = TempDir::new().unwrap();
     let declared = std::fs::read_to_string(MODEL).unwrap();
     assert!(declared.contains("viscous_friction: 18 "));
@@ -560,6 +560,40 @@ fn guides_of_another_friction_are_refused_beside_a_hidden_law() {
     let output = identify(MODEL, &train, &holdout, &home.path().join("out"));
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["effects"][0]["name"], "cogging", "{summary:#}");
+}
+
+/// Where there is no viscous friction, as declared, a drag that is hidden is a law, and no guides.
+#[test]
+fn a_drag_of_guides_without_viscous_friction_is_a_law() {
+    let home = TempDir::new().unwrap();
+    let declared = std::fs::read_to_string(MODEL).unwrap();
+    let model = home.path().join("model.yaml");
+    std::fs::write(&model, declared.replace("viscous_friction: 18 ", "viscous_friction: 0 "))
+        .unwrap();
+    let record = |seconds: f64, seed: u64| {
+        let setup = Setup::new(5);
+        let mut drawn = Noise::new(5, 1);
+        let guides = [(); 4]
+            .map(|()| Guide { viscous: 0.0, ..Guide::draw(setup.guide_tolerance, &mut drawn) });
+        let setpoints = moves(seconds, seed);
+        let mut columns = setup.record(40.1, guides, &setpoints, "train", seed).unwrap().0;
+        // Cell and command hold what the carriage needs against the drag.
+        for (k, v) in setpoints.velocity.iter().take(columns.force.len()).enumerate() {
+            let drag = 20.0 * v * v.abs();
+            columns.force[k] += drag;
+            columns.force_cell[k] += drag;
+        }
+        columns
+    };
+    let (train, holdout) =
+        (csv(home.path(), "train", &record(10.0, 3)), csv(home.path(), "holdout", &record(8.0, 4)));
+    let output = identify(model.to_str().unwrap(), &train, &holdout, &home.path().join("out"));
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(matches!(output.status.code(), Some(0 | 3)), "{told}");
+    let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    // A gain of the motor or of the cell may come with it: the drag is added to both forces.
+    assert!(matches!(summary["verdict"].as_str(), Some("found" | "not_separable")), "{summary:#}");
+    assert_eq!(summary["effects"][0]["name"], "quadratic_drag", "{summary:#}");
 }
 
 /// The same bag under another name, and a bag of an encoder alone.

@@ -11,7 +11,7 @@ use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 
 use self::bags::write_bag;
-use self::parts::Parts;
+use self::parts::{PLAN, Parts, plan_text};
 use super::progress::Progress;
 use super::{Outcome, WrongArguments};
 use crate::directory::ResultsArgs;
@@ -164,8 +164,10 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         }
         other => other.into(),
     })?;
+    let plan_text = plan_text(&plan)?;
     if args.resume
         && let Some(complete) = args.results.complete()
+        && std::fs::read_to_string(complete.join(PLAN)).is_ok_and(|known| known == plan_text)
     {
         return shown_again(&complete, args.json, out);
     }
@@ -220,6 +222,7 @@ pub fn run(args: &ExperimentArgs, out: &mut dyn Write) -> anyhow::Result<Outcome
         results.write(&format!("{}.svg", figure.name), &figure.svg)?;
     }
     results.write("report.html", &page)?;
+    results.write(PLAN, &plan_text)?;
     let json = serde_json::to_string_pretty(&summary)?;
     results.write("summary.json", &json)?;
     parts.remove()?;

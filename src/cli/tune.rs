@@ -165,7 +165,7 @@ pub fn run(args: &TuneArgs, out: &mut dyn Write) -> anyhow::Result<Outcome> {
     for (name, svg) in &figures {
         results.write(&format!("{name}.svg"), svg)?;
     }
-    results.write("controller.yaml", &controller_parameters(tuning.found()))?;
+    results.write("controller.yaml", &controller_parameters(&model, tuning.found()))?;
     results.write("ros2_control.yaml", &ros2_control_parameters(tuning.found()))?;
     let json = serde_json::to_string_pretty(&tuning_json(&tuning, measured))?;
     results.write("summary.json", &format!("{json}\n"))?;

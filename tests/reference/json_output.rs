@@ -40,8 +40,8 @@ const COMMANDS: [(&str, &str); 21] = [
                     motion.yaml --out compensation",
     ),
     ("play", "play motion.yaml --model recordings/declared.yaml --record run"),
-    ("experiment", "experiment stribeck --guides guide_1 --out rig"),
-    ("experiment", "experiment dahl --guides guide_1 --amplitudes 1e-5 --out loops"),
+    ("experiment stribeck", "experiment stribeck --guides guide_1 --out rig"),
+    ("experiment dahl", "experiment dahl --guides guide_1 --amplitudes 1e-5 --out loops"),
     (
         "fit-guide",
         "fit-guide --stribeck rig/bags/guide_1_stribeck --dahl loops/bags/guide_1_dahl_10um \
@@ -85,16 +85,12 @@ const SAID: &[(&str, &str)] = &[
     ("q05", "5 % are below."),
     ("q50", "Median."),
     ("q95", "95 % are below."),
-    ("rows", "Rows that are compared or read."),
     ("bytes", "Size of the files."),
     ("complete", "Whether the recording was closed."),
     ("damage", "What is broken in it, in a sentence."),
-    ("duration_s", "From the first message to the last."),
     ("bag", "Directory of the recording."),
     ("figure", "File of the figure."),
     ("page", "File of the page."),
-    ("samples", "Samples that are compared."),
-    ("moves", "Each move of the motion."),
     ("cycles", "Cycles of stage and controller."),
     ("cycles_per_second", "How fast they ran."),
     ("guide", "Name of the guide."),
@@ -103,7 +99,6 @@ const SAID: &[(&str, &str)] = &[
     ("ranking", "The guides, the best first."),
     ("variants", "Variants that were computed."),
     ("never_settled", "Variants that did not settle."),
-    ("saturated", "How often the force was at its limit."),
     ("application", "Name of the application."),
     ("chance_ci95", "95 % interval of the chance to meet the requirement."),
     ("findings", "What was found out, each with a code."),
@@ -145,7 +140,6 @@ const SAID: &[(&str, &str)] = &[
     ("catalogue", "File of the catalogue."),
     ("force_rms_n", "What the fit leaves."),
     ("noise_rms_n", "What the noise of the cell leaves."),
-    ("runs", "Recordings."),
     ("curve", "The fitted curve."),
     ("offset", "Constant force, N."),
     ("velocity", "Its velocity, m/s."),
@@ -160,7 +154,6 @@ const SAID: &[(&str, &str)] = &[
     ("margins", "Margins of the loop."),
     ("on_variants", "On variants that the search did not see."),
     ("ratio", "Objective over that of the rule of thumb, median."),
-    ("points", "Its points."),
     ("loops", "Its loops."),
     ("peak_error_um", "Largest error, µm."),
 ];
@@ -183,14 +176,8 @@ fn kind(value: &Value) -> &'static str {
     }
 }
 
-/// Objects under one kind of name, such as the parameters of an effect by theirs: all are objects
-/// with the same keys, or all are numbers or texts under names that no struct has.
-fn is_by_name(keys: &[&str], values: &[&Value], structs: &Structs) -> bool {
-    let of_objects = values.iter().all(|value| value.is_object());
-    let names = |value: &&Value| value.as_object().map(|o| o.keys().cloned().collect::<Vec<_>>());
-    let alike = values.windows(2).all(|two| names(&two[0]) == names(&two[1]));
-    !keys.is_empty() && of_objects && alike && keys.iter().all(|k| structs.about(k, keys).is_none())
-}
+/// Keys whose values stand under names of their own, such as the parameters of an effect.
+const BY_NAME: [&str; 3] = ["declared_parameters", "effects[].parameters", "model.effects[]"];
 
 fn walk(value: &Value, path: &str, structs: &Structs, found: &mut BTreeMap<String, Seen>) {
     match value {
@@ -199,8 +186,7 @@ fn walk(value: &Value, path: &str, structs: &Structs, found: &mut BTreeMap<Strin
         }
         Value::Object(entries) => {
             let keys: Vec<&str> = entries.keys().map(String::as_str).collect();
-            let values: Vec<&Value> = entries.values().collect();
-            let by_name = is_by_name(&keys, &values, structs);
+            let by_name = BY_NAME.contains(&path);
             for (key, value) in entries {
                 let below = match (path, by_name) {
                     ("", _) => key.clone(),
@@ -214,7 +200,11 @@ fn walk(value: &Value, path: &str, structs: &Structs, found: &mut BTreeMap<Strin
                     seen.kinds.sort_unstable();
                 }
                 let said = SAID.iter().find(|(known, _)| known == key).map(|(_, words)| *words);
-                if let Some(about) = structs.about(key, &keys).or(said.filter(|_| !by_name)) {
+                let is_of_effect = path.starts_with("model.effects[].");
+                if let Some(about) = structs.about(key, &keys).or(said)
+                    && !by_name
+                    && !is_of_effect
+                {
                     seen.about = Some(about.to_owned());
                 }
                 walk(value, &below, structs, found);
@@ -230,7 +220,10 @@ fn the_page_of_the_json_is_current() {
     let write = |name: &str, text: &str| std::fs::write(home.path().join(name), text).expect(name);
     write("motion.yaml", MOTION);
     write("table.csv", "t (ms),x (mm),F (N)\n0,0,1\n1,1e-3,2\n2,2e-3,2\n3,4e-3,1\n4,5e-3,1\n");
-    let structs = Structs::below(&["crates", "src"]);
+    let crates = ["core", "data", "identify", "lab", "report"];
+    let crates = crates.map(|name| format!("crates/friction-stage-{name}/src"));
+    let directories: Vec<&str> = crates.iter().map(String::as_str).chain(["src"]).collect();
+    let structs = Structs::below(&directories);
     let mut page = "Every command prints one JSON document with `--json`, and its exit code as \
                     without. A key with\n`[]` is one of every item of a list, `NAME` stands for a \
                     name, such as that of a parameter.\nNumbers have SI units unless the name of \
@@ -262,7 +255,8 @@ fn the_page_of_the_json_is_current() {
     }
     for name in super::commands() {
         let has_json = super::printed(&[&name, "--help"]).contains("--json");
-        let is_shown = COMMANDS.iter().any(|(title, _)| *title == name);
+        let is_shown =
+            COMMANDS.iter().any(|(title, _)| title.split(' ').next() == Some(name.as_str()));
         assert!(is_shown || !has_json, "{name} --json is not on the page");
     }
     assert_current("json.md", "JSON of the commands", &page);

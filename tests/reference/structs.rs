@@ -82,15 +82,16 @@ impl Structs {
     }
 
     /// The comment of a key in an object with these keys: that of the struct which has all of them,
-    /// the fewest others, and the most that may not be left out. None where two such structs say
-    /// different things.
+    /// and no others but some that may be left out. None where two such structs say different
+    /// things.
     pub fn about(&self, key: &str, keys: &[&str]) -> Option<&str> {
-        let has = |one: &&Struct| keys.iter().all(|key| one.keys.iter().any(|k| k.name == *key));
-        let fitting: Vec<&Struct> = self.0.values().flatten().filter(has).collect();
-        let required = |one: &Struct| one.keys.iter().filter(|key| !key.is_optional).count();
-        let rank = |one: &Struct| (one.keys.len(), one.keys.len() - required(one));
-        let best = fitting.iter().map(|one| rank(one)).min()?;
-        let closest = fitting.iter().filter(|one| rank(one) == best);
+        let fits = |one: &&Struct| {
+            keys.iter().all(|key| one.keys.iter().any(|known| known.name == *key))
+                && one.keys.iter().all(|k| k.is_optional || keys.contains(&k.name.as_str()))
+        };
+        let fitting: Vec<&Struct> = self.0.values().flatten().filter(fits).collect();
+        let fewest = fitting.iter().map(|one| one.keys.len()).min()?;
+        let closest = fitting.iter().filter(|one| one.keys.len() == fewest);
         let mut said = closest.filter_map(|one| one.keys.iter().find(|k| k.name == key));
         let first = said.next()?.about.as_str();
         (said.all(|other| other.about == first) && !first.is_empty()).then_some(first)
@@ -126,7 +127,8 @@ fn comment(attributes: &[Attribute]) -> String {
         _ => None,
     });
     let paragraph: Vec<String> = lines.take_while(|line| !line.is_empty()).collect();
-    paragraph.join(" ").replace("[`", "`").replace("`]", "`")
+    let text = paragraph.join(" ").replace("[`", "`").replace("`]", "`");
+    text.replace("`super::", "`").replace("`None`", "nothing")
 }
 
 /// The first type within `outer<...>`, where a type is one.

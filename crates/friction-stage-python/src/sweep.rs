@@ -283,13 +283,19 @@ impl SweepTally {
                 ColumnKind::Flag => GivenColumn::Flags(values.extract()?),
             });
         }
-        let lengths = given.iter().map(|column| match column {
-            GivenColumn::Texts(texts) => texts.len(),
-            GivenColumn::Counts(counts) => counts.as_array().len(),
-            GivenColumn::Numbers(numbers) => numbers.as_array().len(),
-            GivenColumn::Flags(flags) => flags.as_array().len(),
-        });
-        let rows = lengths.min().unwrap_or(0);
+        let lengths: Vec<usize> = given
+            .iter()
+            .map(|column| match column {
+                GivenColumn::Texts(texts) => texts.len(),
+                GivenColumn::Counts(counts) => counts.as_array().len(),
+                GivenColumn::Numbers(numbers) => numbers.as_array().len(),
+                GivenColumn::Flags(flags) => flags.as_array().len(),
+            })
+            .collect();
+        let rows = lengths.first().copied().unwrap_or(0);
+        if lengths.iter().any(|length| *length != rows) {
+            return Err(raised::SweepError::new_err("the columns have different lengths"));
+        }
         for row in 0..rows {
             let cell = |(column, given): (&Column, &GivenColumn<'_>)| match given {
                 GivenColumn::Texts(texts) => Cell::Text(texts[row].clone()),

@@ -244,7 +244,7 @@ def test_the_page_of_the_documentation_runs_as_written(machines: Path, tmp_path:
         shutil.copytree(machines / "bags" / machine / f"day_{day}", tmp_path / bag)
     text = (ROOT / "docs" / "how-to" / "fleets.md").read_text()
     blocks = re.findall(r"^```(yaml|sh|python)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-    assert [language for language, _ in blocks].count("sh") == 3
+    assert [language for language, _ in blocks].count("sh") == 4
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.defpath}"}
     for language, block in blocks:
         if language == "yaml":
@@ -258,6 +258,8 @@ def test_the_page_of_the_documentation_runs_as_written(machines: Path, tmp_path:
         )
         assert done.returncode == 0, block + done.stdout + done.stderr
     assert status(load_job(tmp_path / "sweep.yaml")).is_complete
+    points = report(load_job(tmp_path / "points.yaml")).sweep
+    assert points is not None and (points.summary["points"], points.summary["failed"]) == (60, 0)
     listed = load_job(tmp_path / "listed.yaml")
     with ThreadPoolExecutor(1) as threads:
         assert run(listed, engine=threads).done == 1

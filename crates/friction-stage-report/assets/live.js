@@ -22,7 +22,7 @@
         cursor: { show: false },
         scales: { x: { time: false } },
         axes: [{ ...axis, label: index === signals.length - 1 ? "time, s" : "", size: 30, labelSize: 20 },
-          { ...axis, label, size: (u, texts) => 22 + 7 * Math.max(6, ...(texts || []).map((t) => t.length)),
+          { ...axis, label, size: 96,
             values: (u, splits) => splits.map((v) => String(Number(v.toPrecision(6)))) }],
         series: [{}, { stroke: dark.matches ? "#4aa8e0" : "#0072b2", width: 1.5,
           pxAlign: 0, points: { show: false } }],

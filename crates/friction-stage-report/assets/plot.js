@@ -116,17 +116,26 @@
     return marks;
   };
   // Marks of an axis that is even near zero and logarithmic beyond: zero and whole powers on both
-  // sides; even steps where few of them are seen.
+  // sides, with 2 and 5 of each where these are few; even steps where few of them are seen.
   const asinhMarks = (low, high, even, room) => {
-    const first = Math.ceil(Math.log10(even));
-    const last = Math.floor(Math.log10(Math.max(Math.abs(low), Math.abs(high))));
+    const largest = Math.max(Math.abs(low), Math.abs(high));
+    if (largest < 5 * even) return evenMarks(low, high, room);
+    const first = Math.ceil(Math.log10(even)), last = Math.floor(Math.log10(largest));
     const sides = Math.max(1, (low < -even) + (high > even));
     const every = Math.max(1, Math.ceil((sides * (last - first + 1)) / room));
-    const powers = [];
-    for (let power = first; power <= last; power += every) powers.push(Number(`1e${power}`));
-    const all = [...powers.map((at) => -at).reverse(), 0, ...powers];
-    const marks = all.filter((at) => at >= low && at <= high).map((at) => ({ at, named: true }));
-    return marks.length >= 4 ? marks : evenMarks(low, high, room);
+    const marks = (factors) => {
+      const sizes = [];
+      for (let power = first; power <= last; power += every) {
+        for (const factor of factors) sizes.push(Number(`${factor}e${power}`));
+      }
+      const all = [...sizes.map((at) => -at).reverse(), 0, ...sizes];
+      return all.filter((at) => at >= low && at <= high).map((at) => ({ at, named: true }));
+    };
+    const whole = marks([1]);
+    if (whole.length >= 4) return whole;
+    // Of a view away from zero there are few.
+    const finer = marks([1, 2, 5]);
+    return finer.length >= 3 ? finer : evenMarks(low, high, room);
   };
   // Where a value is along an axis, and back.
   const spread = (axis) => {

@@ -830,21 +830,31 @@ fn marks(range: &Span, scale: Scale, room: f64) -> Vec<f64> {
     }
 }
 
-/// Zero and whole powers on both sides of it, from the first that is apart from zero on; even steps
-/// where few of them are seen.
+/// Zero and whole powers on both sides of it, from the first that is apart from zero on, with 2 and
+/// 5 of each where these are few; even steps where next to nothing of the axis is logarithmic.
 fn asinh_marks(range: &Span, even: f64, room: f64) -> Vec<f64> {
-    let within = |mark: &f64| (range.start..=range.end).contains(mark);
     let largest = range.start.abs().max(range.end.abs());
+    if largest < EVEN * even {
+        return even_marks(range);
+    }
+    let within = |mark: &f64| (range.start..=range.end).contains(mark);
     let (first, last) = (even.log10().ceil() as i32, largest.log10().floor() as i32);
     let sides = f64::from(u8::from(range.start < -even) + u8::from(range.end > even)).max(1.0);
     let every = ((sides * f64::from(last - first + 1) / room).ceil() as i32).max(1);
-    let powers = (first..=last).filter(|power| (power - first) % every == 0);
-    let powers: Vec<f64> = powers.map(|power| 10f64.powi(power)).collect();
-    let negative = powers.iter().rev().map(|power| -power);
-    let marks: Vec<f64> =
-        negative.chain([0.0]).chain(powers.iter().copied()).filter(within).collect();
-    if marks.len() >= 4 { marks } else { even_marks(range) }
+    let marks = |factors: &[f64]| -> Vec<f64> {
+        let powers = (first..=last).filter(|power| (power - first) % every == 0);
+        let sizes: Vec<f64> = powers
+            .flat_map(|power| factors.iter().map(move |one| rounded(one * 10f64.powi(power), 12)))
+            .collect();
+        let negative = sizes.iter().rev().map(|size| -size);
+        negative.chain([0.0]).chain(sizes.iter().copied()).filter(within).collect()
+    };
+    let whole = marks(&[1.0]);
+    if whole.len() >= 4 { whole } else { marks(&[1.0, 2.0, 5.0]) }
 }
+
+/// Times the even part of an axis up to which its marks have even steps.
+const EVEN: f64 = 5.0;
 
 /// Round numbers with even steps: the widest that are several.
 fn even_marks(range: &Span) -> Vec<f64> {
@@ -1040,11 +1050,19 @@ mod tests {
         }
         assert!(log_marks(&(1.0..1.0), 8.0).is_empty());
         // On both sides of zero as well.
-        for even in [1e-3, 0.4, 7.0] {
-            for (low, high) in [(-300.0, 500.0), (-0.2, 4e3), (0.0, 90.0), (-1e-3, 2e-3)] {
+        for even in [1e-3, 0.011, 0.4, 7.0] {
+            for (low, high) in
+                [(-300.0, 500.0), (-0.2, 4e3), (0.0, 90.0), (-1e-3, 2e-3), (-0.9, 0.9)]
+            {
                 let marks = asinh_marks(&(low..high), even, 9.0);
                 assert!((3..=21).contains(&marks.len()), "{low} to {high}: {marks:?}");
                 assert!(marks.is_sorted() && marks.iter().all(|mark| (low..=high).contains(mark)));
+                // No two stand on each other: apart by a thirtieth of the axis.
+                let scale = Scale::Asinh(even);
+                let place = |mark: &f64| area_part(&(low..high), *mark, scale);
+                let closest = marks.windows(2).map(|two| place(&two[1]) - place(&two[0]));
+                let closest = closest.fold(f64::INFINITY, f64::min);
+                assert!(closest > 0.03, "{low} to {high}, even to {even}: {marks:?}");
             }
         }
         // Nothing is at zero there, and nothing is drawn for it.

@@ -231,11 +231,11 @@ impl Page {
             }
         }
         for (_, of_kind) in kinds {
-            let lines: Vec<_> = of_kind.into_iter().map(escaped).collect();
+            let lines = of_kind.into_iter().map(|text| format!("<span>{}</span>", escaped(text)));
             self.add(format_args!(
                 "<p class=\"note {}\">{}</p>\n",
                 mark.class(),
-                lines.join("<br>\n")
+                lines.collect::<Vec<_>>().join("\n")
             ));
         }
     }
@@ -310,8 +310,10 @@ impl Page {
         self.figures += 1;
         let number = self.figures;
         let caption = escaped(caption);
-        self.add(format_args!("<figure role=\"img\" aria-label=\"{caption}\">\n{svg}\n"));
-        match self.columns.chart(chart) {
+        let data = self.columns.chart(chart);
+        let class = if data.is_none() { " class=\"has-narrow\"" } else { "" };
+        self.add(format_args!("<figure role=\"img\"{class} aria-label=\"{caption}\">\n{svg}\n"));
+        match data {
             Some(data) => self.add(format_args!(
                 "<script type=\"application/json\" class=\"chart\">{data}</script>\n"
             )),

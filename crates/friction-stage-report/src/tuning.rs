@@ -205,14 +205,17 @@ fn verdict(tuning: &Tuning) -> String {
 }
 
 /// A parameter file for `controller_node`.
-pub fn controller_parameters(tuned: &Tuned) -> String {
+pub fn controller_parameters(model: &StageModel, tuned: &Tuned) -> String {
     let ControllerSettings { rate, gains, limits, mass_feedforward, viscous_feedforward, .. } =
         &tuned.settings;
+    let stroke = model.stroke.map_or_else(String::new, |stroke| {
+        format!("    stroke_min: {:?}\n    stroke_max: {:?}\n", stroke.low, stroke.high)
+    });
     format!(
         "# Gains of `friction-stage tune`: controller_node --ros-args --params-file THIS_FILE\n\
          # {}\n\
          /**/controller:\n  ros__parameters:\n    rate: {rate:?}\n    tuning: gains\n    \
-         mass: {mass_feedforward:?}\n    gains:\n      stage:\n        p: {:?}\n        \
+         mass: {mass_feedforward:?}\n{stroke}    gains:\n      stage:\n        p: {:?}\n        \
          i: {:?}\n        d: {:?}\n        u_clamp_max: {:?}\n        u_clamp_min: {:?}\n        \
          antiwindup_strategy: conditional_integration\n    lowpass:\n      frequency: {:?}\n      \
          damping: {:?}\n    feedforward:\n      mass: {mass_feedforward:?}\n      \

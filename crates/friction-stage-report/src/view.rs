@@ -228,14 +228,14 @@ fn difference(curves: &[Series]) -> Vec<Series> {
         });
         Series { points: points.collect(), ..other.clone() }
     };
-    // One that is no smaller than the curve itself is that of other motions, and says nothing.
+    // One that is larger than both curves is that of other motions, and says nothing.
     let size = |curve: &Series| {
         let values = || curve.points.iter().map(|point| point.1).filter(|value| value.is_finite());
         let n = values().count() as f64;
         let mean = values().sum::<f64>() / n;
         (values().map(|value| (value - mean).powi(2)).sum::<f64>() / n).sqrt()
     };
-    let is_alike = |(other, apart): &(&Series, Series)| size(apart) <= size(other);
+    let is_alike = |(other, apart): &(&Series, Series)| size(apart) <= size(other).max(size(first));
     others
         .iter()
         .map(|other| (other, less_first(other)))

@@ -13,7 +13,7 @@ use friction_stage_lab::{Experiment, ExperimentPlan, ExperimentResults, OwnMove,
 /// The directory of the parts, in that of the results.
 const DIRECTORY: &str = "parts";
 /// What the parts follow from.
-const PLAN: &str = "plan.json";
+pub const PLAN: &str = "plan.json";
 /// Largest file of a part that is read, bytes: the curves of one guide take less than 10 MB.
 const LARGEST: u64 = 256 << 20;
 
@@ -36,6 +36,20 @@ struct PlanOfParts<'a> {
     specimens: Vec<(&'a str, &'a StageModel, &'a StageModel)>,
 }
 
+/// What a run follows from, as text.
+pub fn plan_text(plan: &ExperimentPlan) -> anyhow::Result<String> {
+    Ok(serde_json::to_string_pretty(&PlanOfParts {
+        version: env!("CARGO_PKG_VERSION"),
+        experiment: plan.experiment.name(),
+        seed: plan.settings.seed,
+        rest: plan.rest,
+        amplitudes: &plan.amplitudes,
+        own_move: plan.own_move,
+        bandwidths: plan.specimens.iter().map(|of| of.bandwidth).collect(),
+        specimens: plan.specimens.iter().map(|of| (of.name.as_str(), &of.rig, &of.stage)).collect(),
+    })?)
+}
+
 impl Parts {
     /// The parts of a plan, in the directory of its results; none yet unless it resumes.
     pub fn open(
@@ -46,20 +60,7 @@ impl Parts {
     ) -> anyhow::Result<Parts> {
         let directory = results.join(DIRECTORY);
         let path = directory.join(PLAN);
-        let text = serde_json::to_string_pretty(&PlanOfParts {
-            version: env!("CARGO_PKG_VERSION"),
-            experiment: plan.experiment.name(),
-            seed: plan.settings.seed,
-            rest: plan.rest,
-            amplitudes: &plan.amplitudes,
-            own_move: plan.own_move,
-            bandwidths: plan.specimens.iter().map(|of| of.bandwidth).collect(),
-            specimens: plan
-                .specimens
-                .iter()
-                .map(|of| (of.name.as_str(), &of.rig, &of.stage))
-                .collect(),
-        })?;
+        let text = plan_text(plan)?;
         if path.exists() && !force {
             let place = results.display();
             if !resume {

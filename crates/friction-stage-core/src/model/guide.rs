@@ -56,7 +56,7 @@ pub struct PartialGuide {
     /// Static friction Fs, N; that of Coulomb is assumed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub static_force: Option<f64>,
-    /// Stribeck velocity vs, m/s; see [`JointType`] for what is assumed.
+    /// Stribeck velocity vs, m/s; 5 mm/s is assumed, or 0.1 rad/s.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stribeck_velocity: Option<f64>,
     /// Bristle stiffness sigma0, N/m; assumed so that the guide breaks away after 30 µm, or 1 mrad.

@@ -340,42 +340,41 @@ impl StageModel {
         Ok(self.assumptions().into_iter().chain(self.passivity_note()?).collect())
     }
 
-    /// That some guides are not passive, each kind once, in one note.
+    /// That some guides are not passive, in one note.
     pub fn passivity_note(&self) -> Result<Option<String>, ModelError> {
         let guides = self.resolved_guides()?;
-        let first_of_its_kind =
-            |(index, guide): &(usize, &Guide)| !guides[..*index].contains(guide);
         let of_note: Vec<(usize, &Guide, f64)> = guides
             .iter()
             .enumerate()
-            .filter(first_of_its_kind)
             .filter_map(|(index, guide)| Some((index, guide, guide.passive_above()?)))
             .collect();
-        let Some((index, first, needed)) = of_note.first() else { return Ok(None) };
-        let why = "bristle_damping (Fs - Fc) / Fc";
-        let fade = "to let the bristle damping fade with speed";
-        if of_note.len() == 1 {
-            let all = guides.len() > 1 && guides.iter().all(|guide| guide == *first);
-            let (which, it) = match all {
-                true => ("the guides are".to_owned(), "them"),
-                false => (format!("guides[{index}] is"), "it"),
-            };
-            return Ok(Some(format!(
-                "{which} not passive: viscous_friction is {} N s/m, passive above {needed:.1} N \
-                 s/m ({why}); give {it} a damping_velocity, for example {} m/s, {fade}",
-                rounded(first.viscous_friction, 4),
-                rounded(first.stribeck_velocity, 4)
-            )));
-        }
-        let listed = |of: &dyn Fn(&(usize, &Guide, f64)) -> String| {
-            of_note.iter().map(of).collect::<Vec<_>>().join(", ")
+        let Some((index, first, _)) = of_note.first() else { return Ok(None) };
+        let alike = of_note.iter().all(|(_, guide, _)| guide == first);
+        let (which, it) = match (of_note.len(), alike && of_note.len() == guides.len()) {
+            (1, _) => (format!("guides[{index}] is"), "it"),
+            (_, true) => ("the guides are".to_owned(), "each"),
+            (_, false) => {
+                let names: Vec<String> =
+                    of_note.iter().map(|(index, ..)| format!("guides[{index}]")).collect();
+                (format!("{} are", names.join(", ")), "each")
+            }
+        };
+        // One value where they are alike.
+        let shown = &of_note[..if alike { 1 } else { of_note.len() }];
+        let listed = |of: &dyn Fn(&(usize, &Guide, f64)) -> f64| {
+            let values: Vec<String> =
+                shown.iter().map(|one| rounded(of(one), 4).to_string()).collect();
+            values.join(", ")
         };
         Ok(Some(format!(
-            "{} are not passive: viscous_friction is {} N s/m, passive above {} N s/m ({why}); \
-             give each a damping_velocity, for example its stribeck_velocity, {fade}",
-            listed(&|one| format!("guides[{}]", one.0)),
-            listed(&|one| rounded(one.1.viscous_friction, 4).to_string()),
-            listed(&|one| format!("{:.1}", one.2)),
+            "{which} not passive: viscous_friction is {} {unit}, passive above {} {unit} \
+             (bristle_damping (Fs - Fc) / Fc); give {it} a damping_velocity, for example {} {}, to \
+             let the bristle damping fade with speed",
+            listed(&|one| one.1.viscous_friction),
+            listed(&|one| one.2),
+            listed(&|one| one.1.stribeck_velocity),
+            self.joint.unit("m/s"),
+            unit = self.joint.unit("N s/m"),
         )))
     }
 
@@ -417,7 +416,10 @@ mod tests {
         model.guides = guides.into_iter().map(GuideSource::Inline).collect();
         let notes = model.notes().unwrap();
         let [note] = notes.as_slice() else { panic!("{notes:?}") };
-        for words in ["guides[0], guides[2] are not passive", "220.0, 286.7 N s/m"] {
+        for words in [
+            "guides[0], guides[1], guides[2] are not passive",
+            "passive above 220, 220, 286.7 N s/m",
+        ] {
             assert!(note.contains(words), "{note}");
         }
     }

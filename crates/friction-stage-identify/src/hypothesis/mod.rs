@@ -379,6 +379,11 @@ impl Hypothesis {
         held
     }
 
+    /// Whether encoder and force cell are read at the same instants, whatever the record says.
+    pub(crate) fn holds_shift(&self) -> bool {
+        self.holds_shift
+    }
+
     /// Parameters of the bristles that are beyond their tolerance, each as a factor on what is
     /// declared.
     pub(crate) fn bristles_beyond_tolerance(&self) -> Vec<(NominalParameter, f64)> {

@@ -134,6 +134,12 @@ pub struct Measured {
 }
 
 impl Measured {
+    /// Largest speed, m/s.
+    pub(crate) fn largest_speed(&self) -> f64 {
+        let finite = self.velocity.iter().filter(|speed| speed.is_finite());
+        finite.fold(0.0, |most, speed| most.max(speed.abs()))
+    }
+
     /// From a trace at a uniform rate; samples with a NaN position, and where it has the force at
     /// all a NaN force, are left out of the comparison. `model` gives the moving mass and the
     /// declared noise.

@@ -71,27 +71,29 @@ impl<'a> Search<'a> {
 
     /// Guides whose friction is beyond its tolerance are no effect that a model lacks. Where the
     /// declared ones leave more than noise and end on a bound, and others explain everything, these
-    /// are the answer, and the search would dress them up as laws.
+    /// are the answer, and the search would take laws for them.
     pub(super) fn refuse_other_guides(&self) -> Result<(), IdentifyError> {
         if !self.doubts_the_guides() || self.is_noise(&self.errors_before) {
             return Ok(());
         }
         let declared = self.before.hypothesis.declared();
         let Some(other) = self.other_guides(declared, FitBudget::KEPT)? else { return Ok(()) };
-        // A law may bend a parameter a little beyond its tolerance, and leaves something then; no
-        // law bends it far.
+        // A law may move a parameter a little beyond its tolerance, and leaves something then; no
+        // law moves it far.
         let nearly =
             self.beyond_noise(&other.left) < UNEXPLAINED * self.beyond_noise(&self.errors_before);
-        if self.is_all_but_noise(&other.left) || (nearly && other.is_far) {
+        let all =
+            self.is_all_but_noise(&other.left) && (self.friction_ends_on_a_bound() || other.is_far);
+        if all || (nearly && other.is_far) {
             return Err(other.refusal(&self.errors_before));
         }
         Ok(())
     }
 
     /// Where guides far from the declared ones leave no more without a law that was found, or
-    /// without all of them, these guides are the answer, and the law was their dress: beside
-    /// another law that the model does lack, other guides do not explain everything.
-    pub(super) fn refuse_guides_dressed_as_laws(&self) -> Result<(), IdentifyError> {
+    /// without all of them, these guides are the answer. Before the search they do not explain
+    /// everything where the model lacks another law as well.
+    pub(super) fn refuse_guides_in_place_of_laws(&self) -> Result<(), IdentifyError> {
         let first = self.declared_effects();
         let found = &self.best.hypothesis;
         if found.effects.len() == first || !self.doubts_the_guides() {
@@ -99,7 +101,9 @@ impl<'a> Search<'a> {
         }
         let others_than = |law: usize| found.without(law).effects;
         let singly = (first..found.effects.len()).map(others_than);
-        for laws in singly.chain([found.effects[..first].to_vec()]) {
+        let without_all =
+            (found.effects.len() > first + 1).then(|| found.effects[..first].to_vec());
+        for laws in singly.chain(without_all) {
             self.watch.progress("guides in place of laws", 0.96);
             let declared = StageModel {
                 effects: laws.iter().map(Part::parameters).collect(),
@@ -118,13 +122,17 @@ impl<'a> Search<'a> {
     /// Whether the declared guides would go beyond their tolerance, or have a friction of zero,
     /// which has none.
     fn doubts_the_guides(&self) -> bool {
-        let of_friction = |id: ParameterId| match id {
-            ParameterId::Nominal(one) => NominalParameter::SLIDING.contains(&one),
-            _ => false,
-        };
         let hypothesis = &self.before.hypothesis;
         let is_zero = |one| hypothesis.declared_value(one, self.train.rate) == 0.0;
-        self.ends_on_a_bound(of_friction) || is_zero(NominalParameter::ViscousFriction)
+        self.friction_ends_on_a_bound() || is_zero(NominalParameter::ViscousFriction)
+    }
+
+    /// Whether a parameter of the sliding guides ends on a bound.
+    fn friction_ends_on_a_bound(&self) -> bool {
+        self.ends_on_a_bound(|id| match id {
+            ParameterId::Nominal(one) => NominalParameter::SLIDING.contains(&one),
+            _ => false,
+        })
     }
 
     /// The guides of the record under the effects of a model, whatever the tolerance of the
@@ -136,11 +144,15 @@ impl<'a> Search<'a> {
     ) -> Result<Option<OtherGuides>, IdentifyError> {
         let tolerances = self.before.hypothesis.tolerances;
         let wide = Tolerances { guides: ANY_GUIDE, presliding: ANY_GUIDE, ..tolerances };
-        let start = Hypothesis::new(&self.with_some_viscous_friction(declared)?, wide)?;
+        let holding = |one: Hypothesis| match self.before.hypothesis.holds_shift() {
+            true => one.holding_shift(),
+            false => one,
+        };
+        let start = holding(Hypothesis::new(&self.with_some_viscous_friction(declared)?, wide)?);
         let other = fit(&start, self.train, Sides::BOTH, effort)?.hypothesis;
         // Parameters that make no guide are no answer.
         let Ok(stated) = Hypothesis::new(&other.model(), tolerances) else { return Ok(None) };
-        let again = fit(&stated, self.train, Sides::BOTH, FitBudget::COMPARED)?;
+        let again = fit(&holding(stated), self.train, Sides::BOTH, FitBudget::COMPARED)?;
         let again = with_different_guides(&again.hypothesis, self.train, effort)?.hypothesis;
         let left = errors(&again, self.train, self.holdout)?;
         let declared = Hypothesis::new(declared, tolerances)?;
@@ -152,8 +164,17 @@ impl<'a> Search<'a> {
                     |hypothesis: &Hypothesis| hypothesis.declared_value(one, self.train.rate);
                 let (name, unit) = (one.name(), one.unit());
                 let (is, was) = (value(&again), value(&declared));
-                let factor = (is / was).max(was / is);
-                // The others show only where a stage hardly moves: what a law does there bends them
+                // Of none at all there is no share: what it brings at the largest speed is one of
+                // the Coulomb friction.
+                let factor = match (one, was) {
+                    (NominalParameter::ViscousFriction, 0.0) => {
+                        let coulomb =
+                            again.declared_value(NominalParameter::CoulombForce, self.train.rate);
+                        1.0 + is * self.train.largest_speed() / coulomb
+                    }
+                    _ => (is / was).max(was / is),
+                };
+                // The others show only where a stage hardly moves: what a law does there moves them
                 // far.
                 if matches!(one, NominalParameter::CoulombForce | NominalParameter::ViscousFriction)
                 {
@@ -172,7 +193,7 @@ impl<'a> Search<'a> {
     /// as much as makes their Coulomb friction at the largest speed of the record.
     fn with_some_viscous_friction(&self, model: &StageModel) -> Result<StageModel, IdentifyError> {
         let mut guides = model.resolved_guides()?;
-        let speed = self.train.velocity.iter().fold(0.0f64, |most, speed| most.max(speed.abs()));
+        let speed = self.train.largest_speed();
         if speed > 0.0 && guides.iter().all(|guide| guide.viscous_friction == 0.0) {
             guides
                 .iter_mut()
@@ -188,7 +209,7 @@ struct OtherGuides {
     /// What is beyond its tolerance, in words.
     beyond: Vec<String>,
     tolerance: f64,
-    /// Whether Coulomb or viscous friction is farther off than a law would bend it.
+    /// Whether Coulomb or viscous friction is farther off than a law would move it.
     is_far: bool,
     /// What they leave.
     left: Errors,

@@ -91,7 +91,7 @@ pub fn search(
     }
     if !search.stopped {
         search.conclude()?;
-        search.refuse_guides_dressed_as_laws()?;
+        search.refuse_guides_in_place_of_laws()?;
     }
     search.selection()
 }

@@ -444,12 +444,12 @@ impl SweepPlan {
         let Prepared { model, settings, points, moves } = self.prepare(&self.values(point))?;
         let words = |error: &dyn std::fmt::Display| error.to_string();
         let rates = Rates::of_control(settings.rate).map_err(|error| words(&error))?;
-        let end = Trajectory::new(0, points.clone()).map_err(|error| words(&error))?.end();
+        let trajectory = Trajectory::new(0, points.clone()).map_err(|error| words(&error))?;
+        let end = trajectory.end();
         if end as f64 * 1e-9 > LONGEST {
             return Err(format!("the motion takes {:.3e} s, at most {LONGEST}", end as f64 * 1e-9));
         }
         if let Some(stroke) = model.stroke {
-            let trajectory = Trajectory::new(0, points.clone()).map_err(|error| words(&error))?;
             // A jump at its start is one for which the stage waits.
             let mut follower = Follower::new(f64::INFINITY).within(stroke.low, stroke.high);
             follower.follow(0, trajectory).map_err(|error| words(&error))?;

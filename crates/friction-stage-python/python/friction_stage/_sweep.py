@@ -97,4 +97,5 @@ def sweep(
     Raises:
         SweepError: With the key, the value and what would be right.
     """
-    return Sweep(*_native.sweep(model, given_axes(axes), motion, controller, samples, seed, progress))
+    given = given_axes(axes)
+    return Sweep(*_native.sweep(model, given, motion, controller, samples, seed, progress))

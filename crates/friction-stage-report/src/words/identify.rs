@@ -277,7 +277,7 @@ impl Words for IdentifyFinding {
                 "{parameter}{} ended on its {} bound ({}{}): the truth may lie beyond, or another \
                  effect hides in it",
                 match *parameter == NominalParameter::SensorShift.name() {
-                    true => " (by how much force readings are behind those of the encoder)",
+                    true => " (time by which the force readings lag the encoder)",
                     false => "",
                 },
                 match bound {

@@ -77,9 +77,9 @@ pub struct RoughFit {
     pub mass: f64,
     /// Its standard deviation, kg, as if the residual were white.
     pub mass_deviation: f64,
-    /// Mass and its standard deviation, kg, where a force that goes with the position is allowed
+    /// Mass and its standard deviation, kg, where a force over the position is allowed
     /// for: a cable chain, a spring, a slope.
-    pub mass_beside_spring: [f64; 2],
+    pub mass_with_spring: [f64; 2],
     /// Coulomb friction, N.
     pub coulomb: f64,
     /// Its standard deviation, N, as if the residual were white.

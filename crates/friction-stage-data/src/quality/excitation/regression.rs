@@ -111,7 +111,7 @@ impl Examiner<'_> {
         let deviation_of_all = (variance_of_all * inverse_of_all[(0, 0)]).sqrt();
         Some(RoughFit {
             mass: fit[0] / scale_a,
-            mass_beside_spring: [fit_of_all[0], deviation_of_all].map(|value| value / scale_a),
+            mass_with_spring: [fit_of_all[0], deviation_of_all].map(|value| value / scale_a),
             mass_deviation: (variance * inverse[(0, 0)]).sqrt() / scale_a,
             coulomb: fit[1],
             coulomb_deviation: (variance * inverse[(1, 1)]).sqrt(),

@@ -154,16 +154,17 @@ impl Examiner<'_> {
                     Some(first) => first,
                     None => return self.cell_and_command(told),
                 };
-                // A force that goes with the position, which the model may declare or lack, takes
+                // A force over the position, which the model may declare or lack, takes
                 // part of what would be a mass.
-                let is_another = |ratio: f64| !(0.8..1.25).contains(&ratio);
-                let [beside, its_deviation] = fit.mass_beside_spring;
-                let surely = (beside - declared).abs() > SURELY * its_deviation;
-                if !told && is_another(*ratio) && is_another(beside / declared) && surely {
+                let is_other_mass = |ratio: f64| !(0.8..1.25).contains(&ratio);
+                let [with_spring, its_deviation] = fit.mass_with_spring;
+                let surely = (with_spring - declared).abs() > SURELY * its_deviation;
+                if !told && is_other_mass(*ratio) && is_other_mass(with_spring / declared) && surely
+                {
                     let nearer = |ratio: f64| ratio.ln().abs();
                     let (measured, deviation) =
-                        match nearer(beside / declared) < nearer(fit.mass / declared) {
-                            true => (beside, its_deviation),
+                        match nearer(with_spring / declared) < nearer(fit.mass / declared) {
+                            true => (with_spring, its_deviation),
                             false => (fit.mass, fit.mass_deviation),
                         };
                     self.findings.push(DataFinding::OtherMachine { declared, measured, deviation });

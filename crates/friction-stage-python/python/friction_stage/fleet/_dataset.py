@@ -90,7 +90,7 @@ def variants_table(
 
 
 def sweep_table(columns: Mapping[str, Any]) -> pa.Table:
-    """Points as rows, with the columns of ``friction-stage sweep``; what has no value is missing."""
+    """Points as rows, with the columns of ``sweep``; what has no value is missing."""
     return pa.table(
         {
             name: pa.array(values, pa.string())

@@ -1,4 +1,5 @@
-"""``VariantsJob``, ``SweepJob`` and ``BagsJob``: what a fleet is to compute, in Python or as a YAML file."""
+"""``VariantsJob``, ``SweepJob`` and ``BagsJob``: what a fleet is to compute, in Python or as a YAML
+file."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ from . import _bag
 from ._manifest import READERS, Manifest, digest
 
 CHUNK = 20_000
-"""Variants of a chunk: some seconds to a minute of one core, 2 MB."""
+"""Variants or points of a chunk: some seconds to minutes of one core, 2 MB."""
 HOLDOUT_SHARE = 0.4
 """Of a recording, its last part, that no fit sees. Assumed."""
 
@@ -299,8 +300,10 @@ def load_job(path: Path) -> Job:
     # A controller has no form as text.
     _known(content, [f.name for f in fields(job) if f.name != "controller"], name)
     for key in NEEDED[kind]:
-        if key not in content:
+        if content.get(key) is None:
             raise FleetError(f"{name}: {key} is missing")
+    if content.get("motion", "") is None:
+        raise FleetError(f"{name}: motion is empty, must be fine-step or fast-move")
     for key, value in content.items():
         _check(key, value, name)
     directory = fs.unstrip_protocol(inside).rpartition("/")[0]
@@ -370,7 +373,7 @@ def _check(key: str, value: Any, where: str) -> None:
         if not isinstance(value, dict):
             refuse("a mapping from keys of the application to lists of values")
     elif key == "axes":
-        if not isinstance(value, dict) or not all(isinstance(v, (str, list)) for v in value.values()):
+        if not (isinstance(value, dict) and all(map(_is_axis, value.items()))):
             refuse("a mapping from keys to lists of values or texts such as '20:60:5'")
     elif key == "bags":
         if not isinstance(value, (str, list)):
@@ -380,6 +383,13 @@ def _check(key: str, value: Any, where: str) -> None:
             refuse("a file or a mapping")
     elif value is not None and not isinstance(value, str):
         refuse("a path")
+
+
+def _is_axis(axis: tuple[Any, Any]) -> bool:
+    key, values = axis
+    if not isinstance(values, list):
+        return isinstance(key, str) and isinstance(values, str)
+    return isinstance(key, str) and all(isinstance(v, (str, int, float)) for v in values)
 
 
 def _is_number(value: Any) -> bool:
