@@ -225,7 +225,7 @@ BAD_JOBS: list[tuple[str, str]] = [
     ("kind: sweep\nout: o\nmodel: guide_1\naxes: {model.mas: [1]}", "did you mean `model.mass`?"),
     ("kind: sweep\nout: o\nmodel: guide_1\naxes: {model.mass: '1:'}", "model.mass"),
     ("kind: sweep\nout: o\nmodel: no.yaml\naxes: {model.mass: [1]}", "cannot read the model"),
-    ("kind: sweep\nout: o\nmodel: guide_1\naxes: {}", "axes"),
+    ("kind: sweep\nout: o\nmodel: guide_1\naxes: {}", "nothing is swept"),
     ("kind: sweep\nout: o\nmodel:\naxes: {model.mass: [1]}", "model is missing"),
     ("kind: sweep\nout: o\nmodel: guide_1\naxes: {model.mass: [1, [2, 3]]}", "must be a mapping"),
     ("kind: sweep\nout: o\nmodel: guide_1\naxes: {model.mass: [1, null]}", "must be a mapping"),
