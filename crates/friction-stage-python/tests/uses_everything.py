@@ -92,10 +92,10 @@ def fleets(application: Path, bags: Path, out: Path) -> str:
             sweep={"mass": [20.0, 40.0]},
             engine=threads,
         )
-    swept: fleet.FleetResult = fleet.map_sweep(
-        "guide_2", {"model.mass": [20.0, 40.0]}, out / "sweep", motion="fast-move", workers=2
-    )
-    assert swept.is_complete
+    axes: dict[str, list[float | str | bool]] = {"model.mass": [20.0, 40.0]}
+    swept: fleet.FleetResult = fleet.map_sweep("guide_2", axes, out / "sweep", workers=2)
+    points: fleet.Report = fleet.report(fleet.SweepJob("guide_2", axes, out / "sweep"))
+    assert swept.is_complete and points.sweep is not None and points.sweep.summary
     one = fleet.Bag(bags / "first", machine="left", recorded=1.75e9)
     verdicts = fleet.identify_bags(
         [one, bags / "second", {"bag": bags / "third"}],

@@ -8,8 +8,8 @@ use friction_stage_core::plant::Side;
 
 use super::columns::Columns;
 use super::different_guides::with_different_guides;
-use super::gain::{ALL_BUT_NOISE, HALF_OF_THE_REST, SIMPLER};
-use super::selection::Errors;
+use super::gain::{HALF_OF_THE_REST, SIMPLER};
+use super::selection::{ALL_BUT_NOISE, Errors};
 use super::state::{Search, errors};
 
 /// How forms of a law are compared.

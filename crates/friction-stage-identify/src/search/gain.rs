@@ -5,7 +5,7 @@ use crate::hypothesis::Sides;
 use crate::record::measured::Floor;
 use friction_stage_core::plant::Side;
 
-use super::selection::{Errors, Evidence};
+use super::selection::{ALL_BUT_NOISE, Errors, Evidence};
 use super::state::Search;
 
 /// What an effect must take off the mean square of train and of hold-out, in squares of the floor
@@ -38,8 +38,6 @@ const FLOORS_AT_MOST: f64 = 15.0;
 /// Floors up to which the residual of either record passes for noise: a real machine is worth more
 /// than one of the declared model.
 pub const NOISE_LIKE: f64 = 2.0;
-/// Floors that a recording leaves at most when nothing is hidden in it: 1.0 to 1.2 were seen.
-pub(crate) const ALL_BUT_NOISE: f64 = 1.3;
 
 /// Part of what the next effect must take off that a step of a fit between rounds must bring: the
 /// rest passes for no effect. Assumed.

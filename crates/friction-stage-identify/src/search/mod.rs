@@ -31,9 +31,9 @@ use curves::MOST_CURVES;
 use nulls::NullRecords;
 use state::Search;
 
-pub(crate) use gain::ALL_BUT_NOISE;
 pub(super) use gain::RIVAL;
 pub use gain::{CARRIAGE_GAIN, LEFT_AT_MOST, NOISE_LIKE};
+pub(crate) use selection::ALL_BUT_NOISE;
 pub use selection::{Errors, Evidence, Inseparable, Outcome, Selection, Silent, Verdict, Watch};
 pub use state::MOST_LAWS;
 

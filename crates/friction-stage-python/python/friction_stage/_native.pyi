@@ -17,6 +17,8 @@ __all__ = [
     "Ranking",
     "Sample",
     "Stage",
+    "SweepPlan",
+    "SweepTally",
     "__version__",
     "check",
     "experiment",
