@@ -41,11 +41,11 @@ pub struct Summary {
     pub errors: SummaryErrors,
     /// What noise alone leaves.
     pub floor: FloorErrors,
-    /// Share of the explainable held-out force residual that the effects take out.
+    /// Share of the residual of the hold-out above the noise floor that the effects explain.
     pub explained_share: f64,
     /// By name; those of a declared effect as `effect.parameter`.
     pub declared_parameters: BTreeMap<String, FoundParameter>,
-    /// File name of the identified model, beside the summary.
+    /// File name of the identified model, in the directory of the summary.
     pub model: String,
     /// The sentences of the findings.
     pub warnings: Vec<String>,
@@ -91,7 +91,7 @@ pub struct FoundEffect {
     pub coordinate: Option<String>,
     /// By name.
     pub parameters: BTreeMap<String, FoundParameter>,
-    /// The best of the other candidates that were tried beside it.
+    /// The best of the other candidates of its round.
     pub runner_up: Option<RunnerUp>,
     /// Laws that explain the data as well: the verdict is `not_separable`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

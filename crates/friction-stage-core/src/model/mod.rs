@@ -49,8 +49,8 @@ pub struct StageModel {
     /// One to four guides, each by catalogue name or with its own parameters.
     #[serde(default = "default_guides")]
     pub guides: Vec<GuideSource>,
-    /// File with guides of one's own that `guides` may name beside the built-in ones, relative to
-    /// the model file.
+    /// File with guides of one's own that `guides` may name in addition to the built-in ones,
+    /// relative to the model file.
     ///
     /// Reading a model puts their parameters in the place of their names, and nothing here: a model
     /// in memory, in a bag or written by identification needs no other file.
