@@ -413,7 +413,8 @@ fn texts_of_files_do_nothing_to_a_terminal() {
     let rows: String = (0..50).map(|k| format!("0.{k:03},{k}\n")).collect();
     std::fs::write(&table, format!("time,{evil}\n{rows}")).unwrap();
     tells(&friction_stage(&["check", text(&table)]), &["<script>"]);
-    friction_stage(&["import", text(&table)]);
+    let mapping = home.path().join("table.mapping.yaml");
+    friction_stage(&["import", text(&table), "--write", text(&mapping)]);
     for yaml in [
         format!("{evil:?}: 1\n"),
         "\"\\e[31mkey\": 1\n".to_owned(),

@@ -58,7 +58,8 @@ const COMMANDS: [(&str, &str); 21] = [
     ("demo", "demo --out demo"),
 ];
 
-/// What keys are whose objects have no struct of their own.
+/// What keys are whose objects have no struct of their own. Where a key means different things, the
+/// command and the whole path stand before it.
 const SAID: &[(&str, &str)] = &[
     ("schema_version", "Version of the format."),
     ("warnings", "What a user should know, in sentences."),
@@ -156,6 +157,33 @@ const SAID: &[(&str, &str)] = &[
     ("ratio", "Objective over that of the rule of thumb, median."),
     ("loops", "Its loops."),
     ("peak_error_um", "Largest error, µm."),
+    ("check rows", "Of a table: what its rows are, as a topic is."),
+    ("check data.rows", "Rows on the common grid."),
+    ("no_data", "Why there are no signals, in a sentence."),
+    ("identification", "What the motion covers and what can be identified."),
+    ("judgements", "What can be identified and what cannot."),
+    ("subject", "What it is about."),
+    ("possible", "Whether it can be identified."),
+    ("because", "Why, in a sentence."),
+    ("evidence", "The figures that make it possible."),
+    ("obstacle", "The figures of what stands in the way."),
+    ("runs", "Each stretch at a held speed."),
+    ("recording", "The recording that it is in."),
+    ("without_held_speed", "Recordings in which no speed is held."),
+    ("drifting_stretches", "Stretches that are left out, since their force drifts up to the end."),
+    ("replay samples", "Samples of the encoder."),
+    ("play samples", "File of the samples."),
+    ("play points", "Points of the motion."),
+    ("moves", "Each move."),
+    ("experiment", "Name of the experiment."),
+    ("results", "What it measured, by its parts."),
+    ("seed", "Seed of the noise, or of the draws."),
+    ("version", "Version of the program."),
+    ("fit-guide rows", "Rows that the fit used."),
+    ("fit-guide runs", "Recordings that the fit used."),
+    ("saturated", "Variants whose motor came to its limit."),
+    ("worst", "Worst margins over guides within their tolerances, and amplitudes."),
+    ("without_lowpass", "The same without the lowpass."),
 ];
 
 /// Kinds of values that a key had.
@@ -179,38 +207,59 @@ fn kind(value: &Value) -> &'static str {
 /// Keys whose values stand under names of their own, such as the parameters of an effect.
 const BY_NAME: [&str; 3] = ["declared_parameters", "effects[].parameters", "model.effects[]"];
 
-fn walk(value: &Value, path: &str, structs: &Structs, found: &mut BTreeMap<String, Seen>) {
-    match value {
-        Value::Array(items) => {
-            items.iter().for_each(|item| walk(item, &format!("{path}[]"), structs, found));
-        }
-        Value::Object(entries) => {
-            let keys: Vec<&str> = entries.keys().map(String::as_str).collect();
-            let by_name = BY_NAME.contains(&path);
-            for (key, value) in entries {
-                let below = match (path, by_name) {
-                    ("", _) => key.clone(),
-                    (_, true) => format!("{path}.NAME"),
-                    (_, false) => format!("{path}.{key}"),
-                };
-                let seen = found.entry(below.clone()).or_default();
-                let kind = kind(value);
-                if !seen.kinds.contains(&kind) {
-                    seen.kinds.push(kind);
-                    seen.kinds.sort_unstable();
-                }
-                let said = SAID.iter().find(|(known, _)| known == key).map(|(_, words)| *words);
-                let is_of_effect = path.starts_with("model.effects[].");
-                if let Some(about) = structs.about(key, &keys).or(said)
-                    && !by_name
-                    && !is_of_effect
-                {
-                    seen.about = Some(about.to_owned());
-                }
-                walk(value, &below, structs, found);
+/// What stands below a name of [`BY_NAME`].
+const OF_A_NAME: &str = "What has this name.";
+/// A model is described elsewhere.
+const OF_AN_EFFECT: &str = "As in the [model file](model-file.md): [Effects](effects.md).";
+
+/// The keys of one output.
+struct Walk<'a> {
+    command: &'a str,
+    structs: &'a Structs,
+    found: BTreeMap<String, Seen>,
+}
+
+impl Walk<'_> {
+    fn look(&mut self, value: &Value, path: &str) {
+        match value {
+            Value::Array(items) => {
+                items.iter().for_each(|item| self.look(item, &format!("{path}[]")));
             }
+            Value::Object(entries) => {
+                let keys: Vec<&str> = entries.keys().map(String::as_str).collect();
+                let by_name = BY_NAME.contains(&path);
+                for (key, value) in entries {
+                    let below = match (path, by_name) {
+                        ("", _) => key.clone(),
+                        (_, true) => format!("{path}.NAME"),
+                        (_, false) => format!("{path}.{key}"),
+                    };
+                    let seen = self.found.entry(below.clone()).or_default();
+                    let kind = kind(value);
+                    if !seen.kinds.contains(&kind) {
+                        seen.kinds.push(kind);
+                        seen.kinds.sort_unstable();
+                    }
+                    let about = match path {
+                        _ if by_name => Some(OF_A_NAME),
+                        _ if path.starts_with("model.effects[].") => Some(OF_AN_EFFECT),
+                        _ => {
+                            let whole = format!("{} {below}", self.command);
+                            let said = SAID.iter().find(|(known, _)| *known == whole);
+                            let said = said.or_else(|| SAID.iter().find(|(known, _)| known == key));
+                            let said = said.map(|(_, words)| *words);
+                            let part = || self.structs.about_of_part(key, &keys);
+                            self.structs.about(key, &keys).or(said).or_else(part)
+                        }
+                    };
+                    if let Some(about) = about {
+                        seen.about = Some(about.to_owned());
+                    }
+                    self.look(value, &below);
+                }
+            }
+            _ => {}
         }
-        _ => {}
     }
 }
 
@@ -231,6 +280,7 @@ fn the_page_of_the_json_is_current() {
                     further keys. Keys are added within a version of the format\n\
                     (`schema_version`), and not renamed.\n"
         .to_owned();
+    let mut wordless = Vec::new();
     for (title, command) in COMMANDS {
         let given = command.replace('$', env!("CARGO_MANIFEST_DIR"));
         let output = Command::new(env!("CARGO_BIN_EXE_friction-stage"))
@@ -243,16 +293,21 @@ fn the_page_of_the_json_is_current() {
         assert!(matches!(output.status.code(), Some(0 | 3)), "{command}: {told}");
         let printed: Value = serde_json::from_slice(&output.stdout)
             .unwrap_or_else(|error| panic!("{command}: {error}: {told}"));
-        let mut found = BTreeMap::new();
-        walk(&printed, "", &structs, &mut found);
+        let mut walk = Walk { command: title, structs: &structs, found: BTreeMap::new() };
+        walk.look(&printed, "");
         let shown = command.replace("$/", "").split_whitespace().collect::<Vec<_>>().join(" ");
         write!(page, "\n## {title}\n\n`friction-stage {shown} --json`\n\n").unwrap();
         page += "| key | value | what |\n|---|---|---|\n";
-        for (path, seen) in &found {
-            let about = cell(seen.about.as_deref().unwrap_or_default());
+        for (path, seen) in &walk.found {
+            let Some(about) = &seen.about else {
+                wordless.push(format!("{title}: {path}"));
+                continue;
+            };
+            let about = cell(about);
             writeln!(page, "| `{path}` | {} | {about} |", seen.kinds.join(" or ")).unwrap();
         }
     }
+    assert!(wordless.is_empty(), "keys without words: {wordless:#?}");
     for name in super::commands() {
         let has_json = super::printed(&[&name, "--help"]).contains("--json");
         let is_shown =

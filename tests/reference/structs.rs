@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use syn::{Attribute, Expr, Fields, Item, Lit, Meta, Type};
+use syn::{Attribute, Expr, Fields, FieldsNamed, Item, Lit, Meta, Type};
 
 /// A key of a struct.
 pub struct Key {
@@ -16,7 +16,8 @@ pub struct Key {
     pub is_optional: bool,
 }
 
-/// The structs of some directories by their names; of several with one name, all.
+/// The structs of some directories by their names; of several with one name, all. A variant of an
+/// enum with named fields counts as one, and as a key that an object has alone: so serde writes it.
 pub struct Structs(BTreeMap<String, Vec<Struct>>);
 
 /// A struct with named fields.
@@ -49,31 +50,31 @@ impl Structs {
     }
 
     fn keep(&mut self, item: &Item) {
-        let Item::Struct(item) = item else { return };
-        let Fields::Named(fields) = &item.fields else { return };
-        let all_have_defaults = serde(&item.attrs).iter().any(|word| word == "default");
-        let mut keys = Vec::new();
-        for field in &fields.named {
-            let words = serde(&field.attrs);
-            if words.iter().any(|word| word == "skip") {
-                continue;
+        match item {
+            Item::Struct(item) => {
+                let Fields::Named(fields) = &item.fields else { return };
+                let keys = keys(fields, serde(&item.attrs).iter().any(|word| word == "default"));
+                let found = Struct { about: comment(&item.attrs), keys };
+                self.0.entry(item.ident.to_string()).or_default().push(found);
             }
-            let rename =
-                words.iter().find_map(|word| word.strip_prefix("rename=").map(str::to_owned));
-            let (kind, is_option) = match inside(&field.ty, "Option") {
-                Some(inner) => (inner, true),
-                None => (field.ty.clone(), false),
-            };
-            let has_default = words.iter().any(|word| word.starts_with("default"));
-            keys.push(Key {
-                name: rename.unwrap_or_else(|| field.ident.as_ref().expect("named").to_string()),
-                kind,
-                about: comment(&field.attrs),
-                is_optional: is_option || has_default || all_have_defaults,
-            });
+            Item::Enum(item) => {
+                for variant in &item.variants {
+                    let Fields::Named(fields) = &variant.fields else { continue };
+                    let about = comment(&variant.attrs);
+                    let outer = Key {
+                        name: snake_case(&variant.ident.to_string()),
+                        kind: Type::Verbatim(Default::default()),
+                        about: about.clone(),
+                        is_optional: false,
+                    };
+                    let inner = Struct { about: about.clone(), keys: keys(fields, false) };
+                    let both = [Struct { about, keys: vec![outer] }, inner];
+                    let name = format!("{}::{}", item.ident, variant.ident);
+                    self.0.entry(name).or_default().extend(both);
+                }
+            }
+            _ => {}
         }
-        let found = Struct { about: comment(&item.attrs), keys };
-        self.0.entry(item.ident.to_string()).or_default().push(found);
     }
 
     /// The struct of a name.
@@ -85,17 +86,76 @@ impl Structs {
     /// and no others but some that may be left out. None where two such structs say different
     /// things.
     pub fn about(&self, key: &str, keys: &[&str]) -> Option<&str> {
-        let fits = |one: &&Struct| {
-            keys.iter().all(|key| one.keys.iter().any(|known| known.name == *key))
-                && one.keys.iter().all(|k| k.is_optional || keys.contains(&k.name.as_str()))
-        };
-        let fitting: Vec<&Struct> = self.0.values().flatten().filter(fits).collect();
+        let has_all = |one: &&Struct| keys.iter().all(|key| one.key(key).is_some());
+        let fitting = self.0.values().flatten().filter(has_all).filter(|one| one.is_within(keys));
+        let fitting: Vec<&Struct> = fitting.collect();
         let fewest = fitting.iter().map(|one| one.keys.len()).min()?;
-        let closest = fitting.iter().filter(|one| one.keys.len() == fewest);
-        let mut said = closest.filter_map(|one| one.keys.iter().find(|k| k.name == key));
-        let first = said.next()?.about.as_str();
-        (said.all(|other| other.about == first) && !first.is_empty()).then_some(first)
+        agreed(key, fitting.into_iter().filter(|one| one.keys.len() == fewest))
     }
+
+    /// The same of an object that has more keys than the struct which was written into it.
+    pub fn about_of_part(&self, key: &str, keys: &[&str]) -> Option<&str> {
+        let has_it = |one: &&Struct| one.keys.len() > 1 && one.key(key).is_some();
+        let fitting = self.0.values().flatten().filter(has_it).filter(|one| one.is_within(keys));
+        let fitting: Vec<&Struct> = fitting.collect();
+        let common = |one: &Struct| keys.iter().filter(|key| one.key(key).is_some()).count();
+        let most = fitting.iter().map(|one| common(one)).max()?;
+        agreed(key, fitting.into_iter().filter(|one| common(one) == most))
+    }
+}
+
+impl Struct {
+    fn key(&self, name: &str) -> Option<&Key> {
+        self.keys.iter().find(|key| key.name == name)
+    }
+
+    /// Whether an object with these keys has all that the struct always has.
+    fn is_within(&self, keys: &[&str]) -> bool {
+        self.keys.iter().all(|key| key.is_optional || keys.contains(&key.name.as_str()))
+    }
+}
+
+/// What all of them say of a key, if it is the same.
+fn agreed<'s>(key: &str, structs: impl Iterator<Item = &'s Struct>) -> Option<&'s str> {
+    let mut said = structs.filter_map(|one| one.key(key)).map(|key| key.about.as_str());
+    let first = said.next()?;
+    (said.all(|other| other == first) && !first.is_empty()).then_some(first)
+}
+
+/// As `rename_all = "snake_case"` writes the name of a variant.
+fn snake_case(name: &str) -> String {
+    let mut snake = String::new();
+    for letter in name.chars() {
+        if letter.is_uppercase() && !snake.is_empty() {
+            snake.push('_');
+        }
+        snake.extend(letter.to_lowercase());
+    }
+    snake
+}
+
+/// The keys of named fields.
+fn keys(fields: &FieldsNamed, all_have_defaults: bool) -> Vec<Key> {
+    let mut keys = Vec::new();
+    for field in &fields.named {
+        let words = serde(&field.attrs);
+        if words.iter().any(|word| word == "skip" || word == "flatten") {
+            continue;
+        }
+        let rename = words.iter().find_map(|word| word.strip_prefix("rename=").map(str::to_owned));
+        let (kind, is_option) = match inside(&field.ty, "Option") {
+            Some(inner) => (inner, true),
+            None => (field.ty.clone(), false),
+        };
+        let has_default = words.iter().any(|word| word.starts_with("default"));
+        keys.push(Key {
+            name: rename.unwrap_or_else(|| field.ident.as_ref().expect("named").to_string()),
+            kind,
+            about: comment(&field.attrs),
+            is_optional: is_option || has_default || all_have_defaults,
+        });
+    }
+    keys
 }
 
 /// What stands in `serde(...)`, word by word, values without quotes.

@@ -42,11 +42,13 @@ pub struct StribeckCurve {
     pub points: Vec<StribeckPoint>,
     /// Mean |F| of both directions at the lowest speed, N: what it takes to keep moving slowly.
     pub slow_force: MeasuredValue,
-    /// Smallest mean |F| of both directions, N, and its speed, m/s.
+    /// Smallest mean |F| of both directions, N.
     pub least_force: MeasuredValue,
+    /// Its speed, m/s.
     pub least_force_speed: f64,
-    /// Slope of |F| over |v| above 0.1 m/s, N s/m, and its level extrapolated to zero speed, N.
+    /// Slope of |F| over |v| above 0.1 m/s, N s/m.
     pub viscous_slope: f64,
+    /// |F| of that line extrapolated to zero speed, N.
     pub viscous_level: f64,
     /// Whether F(v) falls at low speed: the least force lies below the slow one by more than four
     /// standard errors and 2 %.
