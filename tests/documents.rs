@@ -76,7 +76,6 @@ capture() {
 }
 capture 20 10 1 >drive.csv
 { capture 10 10 1; capture 40 10 1 | tail -n +2; } >runs.csv
-friction-stage import runs.csv
 # Another clock and half of the rate.
 awk -F, 'NR == 1 { print "Time (s),Cell (N)" }
          NR > 1 && NR % 2 { printf "%.4f,%s\n", $1 / 1000 + 0.0002, $3 }' drive.csv >cell.csv
@@ -177,7 +176,6 @@ impl Checkout {
             .current_dir(&self.here)
             .env("PATH", path)
             .env("HOME", home)
-            .env("PREFIX", home.join("prefix"))
             .env("RUNS", self.runs())
             .env("ROS_DOMAIN_ID", self.domain.number().to_string())
             .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

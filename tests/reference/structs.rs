@@ -147,7 +147,9 @@ fn keys(fields: &FieldsNamed, all_have_defaults: bool) -> Vec<Key> {
             Some(inner) => (inner, true),
             None => (field.ty.clone(), false),
         };
-        let has_default = words.iter().any(|word| word.starts_with("default"));
+        let has_default = words
+            .iter()
+            .any(|word| word.starts_with("default") || word.starts_with("skip_serializing_if"));
         keys.push(Key {
             name: rename.unwrap_or_else(|| field.ident.as_ref().expect("named").to_string()),
             kind,
