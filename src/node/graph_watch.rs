@@ -26,6 +26,7 @@ use rustdds::{
 use tokio::sync::Notify;
 
 use super::{
+    early,
     inlet::Waiter,
     socket_filter::{Acknowledgement, on_acknowledgement},
 };
@@ -301,6 +302,12 @@ fn participant_of(guid: GUID) -> [u8; 12] {
 }
 
 fn note(state: &State, event: Event) {
+    match &event {
+        Event::RemoteWriterMatched { remote_writer, .. } => early::matched(*remote_writer),
+        Event::WriterLost { guid, .. } => early::lost(|writer| writer == guid),
+        Event::ParticipantLost { id, .. } => early::lost(|writer| writer.prefix == *id),
+        _ => {}
+    }
     let mut endpoints = state.endpoints();
     let mut warning = None;
     match event {

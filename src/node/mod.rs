@@ -13,6 +13,7 @@ pub mod controller_settings;
 mod delay;
 pub mod domain;
 pub mod driver;
+mod early;
 mod follow_joint_trajectory;
 mod graph_info;
 pub mod graph_watch;

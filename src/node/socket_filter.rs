@@ -18,6 +18,8 @@
 //! the library takes a number once. One whose lease has ended, since it was stopped in a debugger
 //! or its announcements were lost, would never be found again.
 //!
+//! What comes before its writer is known is [kept](early) and delivered again.
+//!
 //! What subscribers acknowledge passes here as well, and the library does not say it: whoever
 //! [asks](on_acknowledgement) learns of it.
 //!
@@ -30,6 +32,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 use rustdds::GUID;
 
+use super::early;
 use super::participant::Reach;
 use super::qos::LARGEST_WINDOW;
 
@@ -122,7 +125,7 @@ pub unsafe extern "C" fn recvmsg(
         let received = unsafe { libc::syscall(libc::SYS_recvmsg, socket, message, flags) };
         let Ok(length) = usize::try_from(received) else { return received as libc::ssize_t };
         // SAFETY: the kernel has filled in `message`, and up to `length` bytes of its first buffer.
-        let is_heard = unsafe { asked.msg_iovlen != 1 || take(&*message, length) };
+        let is_heard = unsafe { asked.msg_iovlen != 1 || take(socket, &*message, length) };
         if is_heard {
             return received as libc::ssize_t;
         }
@@ -136,7 +139,7 @@ pub unsafe extern "C" fn recvmsg(
 /// # Safety
 /// `message` is what recvmsg(2) has filled in, with one buffer that holds `length` bytes, or fewer
 /// where the datagram was cut off.
-unsafe fn take(message: &libc::msghdr, length: usize) -> bool {
+unsafe fn take(socket: libc::c_int, message: &libc::msghdr, length: usize) -> bool {
     // SAFETY: see above; nobody else has the buffer until recvmsg(2) returns.
     let datagram = unsafe {
         let buffer = *message.msg_iov;
@@ -153,7 +156,23 @@ unsafe fn take(message: &libc::msghdr, length: usize) -> bool {
     }
     number_announcements(datagram);
     report_acknowledgements(datagram);
+    if let Some(writer) = user_writer(datagram) {
+        early::keep(writer, datagram, || port_of(socket));
+    }
     true
+}
+
+/// The port that a socket is bound to.
+fn port_of(socket: libc::c_int) -> Option<u16> {
+    // SAFETY: zero is an address; the length is that of the address.
+    unsafe {
+        let mut address: libc::sockaddr_in = std::mem::zeroed();
+        let mut length = size_of_val(&address) as libc::socklen_t;
+        let result =
+            libc::getsockname(socket, (&raw mut address).cast::<libc::sockaddr>(), &raw mut length);
+        let is_ipv4 = address.sin_family == libc::AF_INET as libc::sa_family_t;
+        (result == 0 && is_ipv4).then(|| u16::from_be(address.sin_port))
+    }
 }
 
 /// Index of the interface that a datagram came through, where the socket asks for it.
@@ -222,6 +241,27 @@ fn number_announcements(message: &mut [u8]) {
         }
         at = begin + length;
     }
+}
+
+/// The first writer in a harmless RTPS message that sends samples or says which it has, and serves
+/// users, not the discovery (DDSI-RTPS 2.5, 9.3.1.2).
+fn user_writer(message: &[u8]) -> Option<GUID> {
+    const BUILT_IN_OR_OF_A_VENDOR: u8 = 0xc0;
+    let mut at = RTPS_HEADER;
+    while let Some(submessage) = message.get(at..).and_then(Submessage::first_of) {
+        let place = match submessage.kind {
+            DATA | DATA_FRAG => Some(8),
+            HEARTBEAT | GAP => Some(4),
+            _ => None,
+        };
+        let writer = place.and_then(|place| submessage.body.get(place..place + 4));
+        if let Some(writer) = writer.filter(|writer| writer[3] & BUILT_IN_OR_OF_A_VENDOR == 0) {
+            let bytes = [message.get(8..RTPS_HEADER)?, writer].concat();
+            return Some(GUID::from_bytes(bytes.try_into().ok()?));
+        }
+        at += SUBMESSAGE_HEADER + submessage.body.len();
+    }
+    None
 }
 
 /// Calls the listeners with the acknowledgements in a harmless RTPS message.
