@@ -537,6 +537,45 @@ mod tests {
     }
 
     #[test]
+    fn what_came_before_its_writer_was_matched_comes_again() {
+        let link = Link::new(0);
+        let sample = |writer: u8| {
+            let entities = [0, 0, 3, 4, 0, 0, writer, 3];
+            let head = [&[0, 0, 16, 0][..], &entities, &number(1)].concat();
+            submessage(DATA, &[&head[..], &[0, 1, 0, 0, 7, 7, 7, 7]].concat())
+        };
+        let heartbeat = |writer: u8| {
+            let range = [number(1), number(1)].concat();
+            submessage(HEARTBEAT, &[&[0, 0, 3, 4, 0, 0, writer, 3][..], &range, &[0; 4]].concat())
+        };
+        let guid = |writer: u8| {
+            let participant: Vec<u8> = (1..=12).collect();
+            GUID::from_bytes([&participant[..], &[0, 0, writer, 3]].concat().try_into().unwrap())
+        };
+        let early = [message(&[timestamp(), sample(1)]), message(&[heartbeat(1)])];
+        for datagram in [&early[0], &message(&[sample(2)]), &early[1], &message(&[data(1)])] {
+            assert!(link.passes(datagram));
+        }
+        early::matched(guid(1));
+        assert_eq!([link.receive().unwrap(), link.receive().unwrap()], early);
+        // Neither what another writer sent, nor what came from a writer that is known.
+        assert!(link.receive().is_none());
+        assert!(link.passes(&early[0]));
+        early::matched(guid(1));
+        assert!(link.receive().is_none());
+        // It may come back as another one.
+        early::lost(|writer| *writer == guid(1));
+        assert!(link.passes(&early[0]));
+        early::matched(guid(1));
+        assert_eq!(link.receive().as_ref(), Some(&early[0]));
+        // The discovery is no matter of this.
+        early::matched(GUID::from_bytes(
+            [(1..=12).collect(), ENTITIES[4..].to_vec()].concat().try_into().unwrap(),
+        ));
+        assert!(link.receive().is_none());
+    }
+
+    #[test]
     fn counts_beyond_what_the_nodes_use_are_dropped() {
         let link = Link::new(0);
         let negative = u64::MAX;
