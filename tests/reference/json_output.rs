@@ -169,6 +169,8 @@ const SAID: &[(&str, &str)] = &[
     ("check identification.judgements[].evidence.speeds", "Velocities, and speeds that are held."),
     ("check identification.judgements[].evidence.held_speeds.speeds", "Speeds that are held, m/s."),
     ("check identification.judgements[].evidence.reversals.count", "How many."),
+    ("check identification.judgements[].evidence.stroke", "Highest less lowest position."),
+    ("check identification.judgements[].evidence.stroke.stroke", "m"),
     ("obstacle", "The figures of what stands in the way."),
     ("runs", "Each stretch at a held speed."),
     ("recording", "The recording that it is in."),
@@ -184,7 +186,9 @@ const SAID: &[(&str, &str)] = &[
     ("version", "Version of the program."),
     ("fit-guide rows", "Rows that the fit used."),
     ("fit-guide runs", "Recordings that the fit used."),
-    ("saturated", "Variants whose motor came to its limit."),
+    ("tune tunings[].on_variants.saturated", "Variants whose motor came to its limit."),
+    ("select ranking[].saturated", "Variants whose motor came to its limit."),
+    ("merge ranking[].saturated", "Variants whose motor came to its limit."),
     ("worst", "Worst margins over guides within their tolerances, and amplitudes."),
     ("without_lowpass", "The same without the lowpass."),
 ];
@@ -247,12 +251,13 @@ impl Walk<'_> {
                         _ if by_name => Some(OF_A_NAME),
                         _ if path.starts_with("model.effects[].") => Some(OF_AN_EFFECT),
                         _ => {
-                            let whole = format!("{} {below}", self.command);
-                            let said = SAID.iter().find(|(known, _)| *known == whole);
-                            let said = said.or_else(|| SAID.iter().find(|(known, _)| known == key));
-                            let said = said.map(|(_, words)| *words);
-                            let part = || self.structs.about_of_part(key, &keys);
-                            self.structs.about(key, &keys).or(said).or_else(part)
+                            let said = |of: &str| {
+                                SAID.iter().find(|(known, _)| *known == of).map(|(_, words)| *words)
+                            };
+                            said(&format!("{} {below}", self.command))
+                                .or_else(|| self.structs.about(key, &keys))
+                                .or_else(|| said(key))
+                                .or_else(|| self.structs.about_of_part(key, &keys))
                         }
                     };
                     if let Some(about) = about {

@@ -27,9 +27,9 @@ pub struct MotionQuality {
     pub peak_error: f64,
     /// Root mean square of the error, m.
     pub rms_error: f64,
-    /// Time from the arrival of the reference until the error stays within each of
-    /// [`super::SETTLING_BANDS`], s, the longest of the moves; `None` where it stays outside, or
-    /// where no rest follows in which it could settle.
+    /// Time from the arrival of the reference until the error is within 10 µm, 1 µm and 0.1 µm for
+    /// good, s, the longest of the moves; `None` where it never is, or where no rest follows in
+    /// which it could settle.
     pub settling: [Option<f64>; 3],
     /// Largest |force|, N.
     pub peak_force: f64,
