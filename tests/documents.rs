@@ -5,7 +5,8 @@
 //! - `yaml` whose first line is `# NAME.yaml` is a file of that name,
 //! - `sh` is run by bash; a node runs until its block ends,
 //! - `text` is what the block of commands before it printed, line by line, whatever the blanks,
-//! - `console`, where each command follows a `$`, is not run. `docs/index.md` says so to the reader.
+//! - `console`, where each command follows a `$`, is not run; the reader learns that in
+//!   `docs/index.md`.
 
 use std::os::unix::fs::{PermissionsExt as _, symlink};
 use std::path::{Path, PathBuf};
