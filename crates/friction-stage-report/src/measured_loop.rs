@@ -176,12 +176,12 @@ impl MeasuredReport {
         let of = self.comparison.points.len();
         if count == 0 {
             return format!(
-                "measured loop: at none of {of} frequencies is the coherence above {COHERENT} and \
-                 the distortion below {UNDISTORTED}"
+                "At none of {of} frequencies has the measured loop a coherence above {COHERENT} and \
+                 a distortion below {UNDISTORTED}"
             );
         }
         format!(
-            "measured loop: differs from that of the model by at most {:.1} % and {phase:.1} \
+            "The measured loop differs from that of the model by at most {:.1} % and {phase:.1} \
              degrees at {count} of {of} frequencies (coherence above {COHERENT}, distortion below \
              {UNDISTORTED})",
             100.0 * magnitude
