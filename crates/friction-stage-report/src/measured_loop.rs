@@ -176,8 +176,8 @@ impl MeasuredReport {
         let of = self.comparison.points.len();
         if count == 0 {
             return format!(
-                "At none of {of} frequencies has the measured loop a coherence above {COHERENT} and \
-                 a distortion below {UNDISTORTED}"
+                "At none of {of} frequencies has the measured loop a coherence above {COHERENT} \
+                 and a distortion below {UNDISTORTED}"
             );
         }
         format!(
