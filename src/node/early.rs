@@ -7,26 +7,53 @@
 //!
 //! So the last datagrams of unknown writers are kept, and sent to the same socket again, over
 //! loopback, when the library has matched the writer. UDP may deliver late and twice; RTPS is made
-//! for that.
+//! for that. The library takes a peer that sends from loopback for one of this machine, so each of
+//! them is [wrapped] for its way, and [unwrapped] with the address that it came from.
+//!
+//! [wrapped]: wrap
+//! [unwrapped]: unwrap
 
 use std::collections::{HashSet, VecDeque};
+use std::hash::{BuildHasher as _, RandomState};
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use rustdds::GUID;
 
 /// How long a datagram is kept: then the writer repeats it. The heartbeat period of Fast DDS.
 const KEPT: Duration = Duration::from_secs(3);
-/// Datagrams that are kept at most, and their bytes.
+/// Datagrams that are kept at most, those of one writer, and their bytes.
 const MOST: usize = 64;
+const MOST_OF_ONE: usize = 8;
 const MOST_BYTES: usize = 1 << 20;
+
+/// Where a datagram came from: a `sockaddr_in`.
+pub type Source = [u8; size_of::<libc::sockaddr_in>()];
+
+/// What a wrapped datagram begins with: only this process knows it.
+static TOKEN: LazyLock<[u8; 16]> = LazyLock::new(|| {
+    let random = |_| RandomState::new().hash_one(0_u8).to_ne_bytes();
+    let [a, b] = [0, 1].map(random);
+    std::array::from_fn(|k| if k < 8 { a[k] } else { b[k - 8] })
+});
+
+fn wrap(early: &Early) -> Vec<u8> {
+    [&TOKEN[..], &early.source, &early.bytes].concat()
+}
+
+/// The source of a datagram that this process has wrapped, and how many bytes are before it.
+pub fn unwrap(datagram: &[u8]) -> Option<(Source, usize)> {
+    let rest = datagram.strip_prefix(TOKEN.as_slice())?;
+    Some((*rest.first_chunk()?, TOKEN.len() + size_of::<Source>()))
+}
 
 /// A datagram that came too early.
 struct Early {
     writer: GUID,
     /// Of the socket that it came to.
     port: u16,
+    source: Source,
     bytes: Vec<u8>,
     came: Instant,
 }
@@ -41,6 +68,12 @@ struct Arrivals {
 impl Arrivals {
     fn keep(&mut self, early: Early) {
         let now = early.came;
+        let of_writer = |one: &Early| one.writer == early.writer;
+        if self.early.iter().filter(|one| of_writer(one)).count() >= MOST_OF_ONE
+            && let Some(first) = self.early.iter().position(of_writer)
+        {
+            self.early.remove(first);
+        }
         self.early.push_back(early);
         let bytes = |all: &VecDeque<Early>| all.iter().map(|one| one.bytes.len()).sum::<usize>();
         while self.early.front().is_some_and(|first| now.duration_since(first.came) > KEPT)
@@ -69,7 +102,7 @@ fn arrivals() -> MutexGuard<'static, Option<Arrivals>> {
 
 /// Keeps a datagram that is for a socket of this process, if the library does not know its writer.
 /// `port` says to which port the socket is bound.
-pub fn keep(writer: GUID, bytes: &[u8], port: impl FnOnce() -> Option<u16>) {
+pub fn keep(writer: GUID, bytes: &[u8], source: Source, port: impl FnOnce() -> Option<u16>) {
     let mut arrivals = arrivals();
     let arrivals = arrivals.get_or_insert_default();
     if arrivals.matched.contains(&writer) {
@@ -77,7 +110,7 @@ pub fn keep(writer: GUID, bytes: &[u8], port: impl FnOnce() -> Option<u16>) {
     }
     if let Some(port) = port() {
         let (bytes, came) = (bytes.to_vec(), Instant::now());
-        arrivals.keep(Early { writer, port, bytes, came });
+        arrivals.keep(Early { writer, port, source, bytes, came });
     }
 }
 
@@ -90,7 +123,8 @@ pub fn matched(writer: GUID) {
     // Without a socket the writer repeats it.
     let Ok(socket) = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)) else { return };
     for early in early {
-        let _ = socket.send_to(&early.bytes, SocketAddr::from((Ipv4Addr::LOCALHOST, early.port)));
+        let to = SocketAddr::from((Ipv4Addr::LOCALHOST, early.port));
+        let _ = socket.send_to(&wrap(&early), to);
     }
 }
 
@@ -110,7 +144,8 @@ mod tests {
     }
 
     fn early(writer: u8, size: usize, came: Instant) -> Early {
-        Early { writer: guid(writer), port: 7, bytes: vec![writer; size], came }
+        let bytes = vec![writer; size];
+        Early { writer: guid(writer), port: 7, source: [9; 16], bytes, came }
     }
 
     #[test]
@@ -128,12 +163,28 @@ mod tests {
     }
 
     #[test]
+    fn a_wrapped_datagram_has_its_source_and_others_are_none() {
+        let early = early(3, 100, Instant::now());
+        let wrapped = wrap(&early);
+        let (source, before) = unwrap(&wrapped).unwrap();
+        assert_eq!((source, &wrapped[before..]), (early.source, &early.bytes[..]));
+        for datagram in [&wrapped[1..], &wrapped[..20], &early.bytes, &[]] {
+            assert!(unwrap(datagram).is_none());
+        }
+    }
+
+    #[test]
     fn what_is_kept_is_bounded() {
         let mut arrivals = Arrivals::default();
         let now = Instant::now();
+        arrivals.keep(early(0, 1, now));
         (0..1000).for_each(|_| arrivals.keep(early(1, 100, now)));
+        // A flood of one pushes no other out.
+        assert_eq!(arrivals.early.len(), 1 + MOST_OF_ONE);
+        assert_eq!(arrivals.early[0].writer, guid(0));
+        (0..1000).for_each(|k| arrivals.keep(early(k as u8, 100, now)));
         assert_eq!(arrivals.early.len(), MOST);
-        (0..40).for_each(|_| arrivals.keep(early(1, 60_000, now)));
+        (0..40).for_each(|k| arrivals.keep(early(k, 60_000, now)));
         assert!(arrivals.early.iter().map(|one| one.bytes.len()).sum::<usize>() <= MOST_BYTES);
         // Old ones go, and are not given.
         let later = now + KEPT + Duration::from_millis(1);

@@ -124,42 +124,64 @@ pub unsafe extern "C" fn recvmsg(
         // SAFETY: the arguments are the caller's.
         let received = unsafe { libc::syscall(libc::SYS_recvmsg, socket, message, flags) };
         let Ok(length) = usize::try_from(received) else { return received as libc::ssize_t };
-        // SAFETY: the kernel has filled in `message`, and up to `length` bytes of its first buffer.
-        let is_heard = unsafe { asked.msg_iovlen != 1 || take(socket, &*message, length) };
-        if is_heard {
+        if asked.msg_iovlen != 1 {
             return received as libc::ssize_t;
+        }
+        // SAFETY: the kernel has filled in `message`, and up to `length` bytes of its first buffer.
+        if let Some(heard) = unsafe { take(socket, &*message, length) } {
+            return heard as libc::ssize_t;
         }
         // SAFETY: as above. The kernel shortens the lengths to what there was.
         unsafe { message.write(asked) };
     }
 }
 
-/// Whether the library sees a datagram; numbers its announcements.
+/// How many bytes of a datagram the library sees, if any; numbers its announcements.
 ///
 /// # Safety
 /// `message` is what recvmsg(2) has filled in, with one buffer that holds `length` bytes, or fewer
 /// where the datagram was cut off.
-unsafe fn take(socket: libc::c_int, message: &libc::msghdr, length: usize) -> bool {
+unsafe fn take(socket: libc::c_int, message: &libc::msghdr, length: usize) -> Option<usize> {
     // SAFETY: see above; nobody else has the buffer until recvmsg(2) returns.
     let datagram = unsafe {
         let buffer = *message.msg_iov;
         std::slice::from_raw_parts_mut(buffer.iov_base.cast::<u8>(), length.min(buffer.iov_len))
     };
+    if let Some((source, before)) = early::unwrap(datagram) {
+        // SAFETY: see above.
+        if let Some(place) = unsafe { source_of(message) } {
+            *place = source;
+        }
+        datagram.copy_within(before.., 0);
+        return Some(length - before);
+    }
     if !datagram.starts_with(b"RTPS") {
-        return true;
+        return Some(length);
     }
     let interface = INTERFACE.load(Ordering::Relaxed);
     // SAFETY: see above.
     let is_near = interface == 0 || unsafe { came_through(message) } == Some(interface);
     if !(is_near && is_harmless(datagram)) {
-        return false;
+        return None;
     }
     number_announcements(datagram);
     report_acknowledgements(datagram);
-    if let Some(writer) = user_writer(datagram) {
-        early::keep(writer, datagram, || port_of(socket));
+    // SAFETY: see above.
+    if let (Some(writer), Some(source)) = (user_writer(datagram), unsafe { source_of(message) }) {
+        early::keep(writer, datagram, *source, || port_of(socket));
     }
-    true
+    Some(length)
+}
+
+/// Where recvmsg(2) has written the source of a datagram.
+///
+/// # Safety
+/// `message` is what recvmsg(2) has filled in.
+unsafe fn source_of(message: &libc::msghdr) -> Option<&mut early::Source> {
+    let is_one = message.msg_namelen as usize == size_of::<early::Source>();
+    // SAFETY: the kernel has written so many bytes there; nobody else has them until recvmsg(2)
+    // returns.
+    unsafe { message.msg_name.cast::<early::Source>().as_mut().filter(|_| is_one) }
 }
 
 /// The port that a socket is bound to.
@@ -404,14 +426,21 @@ mod tests {
 
         /// The next datagram, as the library asks for it.
         fn receive(&self) -> Option<Vec<u8>> {
+            Some(self.receive_from()?.0)
+        }
+
+        fn receive_from(&self) -> Option<(Vec<u8>, early::Source)> {
             let mut bytes = vec![0; 1 << 16];
             let mut control = [0_u64; 8];
+            let mut source: early::Source = [0; 16];
             let mut buffer =
                 libc::iovec { iov_base: bytes.as_mut_ptr().cast(), iov_len: bytes.len() };
             // SAFETY: zero is a message without anything; all pointers are to locals of the
             // lengths that are told.
             let received = unsafe {
                 let mut message: libc::msghdr = std::mem::zeroed();
+                message.msg_name = source.as_mut_ptr().cast();
+                message.msg_namelen = size_of_val(&source) as _;
                 message.msg_iov = &raw mut buffer;
                 message.msg_iovlen = 1;
                 message.msg_control = control.as_mut_ptr().cast();
@@ -419,7 +448,7 @@ mod tests {
                 libc::recvmsg(self.receiver.as_raw_fd(), &raw mut message, 0)
             };
             match usize::try_from(received) {
-                Ok(length) => Some(bytes[..length].to_vec()),
+                Ok(length) => Some((bytes[..length].to_vec(), source)),
                 Err(_) => {
                     assert_eq!(io::Error::last_os_error().kind(), io::ErrorKind::WouldBlock);
                     None
@@ -557,7 +586,11 @@ mod tests {
             assert!(link.passes(datagram));
         }
         early::matched(guid(1));
-        assert_eq!([link.receive().unwrap(), link.receive().unwrap()], early);
+        let again = [link.receive_from().unwrap(), link.receive_from().unwrap()];
+        // As from the one who sent it.
+        let port = link.sender.local_addr().unwrap().port().to_be_bytes();
+        assert!(again.iter().all(|(_, source)| source[2..8] == [port[0], port[1], 127, 0, 0, 1]));
+        assert_eq!(again.map(|(datagram, _)| datagram), early);
         // Neither what another writer sent, nor what came from a writer that is known.
         assert!(link.receive().is_none());
         assert!(link.passes(&early[0]));
