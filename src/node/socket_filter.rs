@@ -148,9 +148,9 @@ unsafe fn take(socket: libc::c_int, message: &libc::msghdr, length: usize) -> Op
         std::slice::from_raw_parts_mut(buffer.iov_base.cast::<u8>(), length.min(buffer.iov_len))
     };
     if let Some((source, before)) = early::unwrap(datagram) {
-        // SAFETY: see above.
-        if let Some(place) = unsafe { source_of(message) } {
-            *place = source;
+        if let Some(place) = place_of_source(message) {
+            // SAFETY: the caller of recvmsg(2) has given this place for it.
+            unsafe { place.write(source) };
         }
         datagram.copy_within(before.., 0);
         return Some(length - before);
@@ -166,22 +166,17 @@ unsafe fn take(socket: libc::c_int, message: &libc::msghdr, length: usize) -> Op
     }
     number_announcements(datagram);
     report_acknowledgements(datagram);
-    // SAFETY: see above.
-    if let (Some(writer), Some(source)) = (user_writer(datagram), unsafe { source_of(message) }) {
-        early::keep(writer, datagram, *source, || port_of(socket));
+    if let (Some(writer), Some(place)) = (user_writer(datagram), place_of_source(message)) {
+        // SAFETY: the kernel has written it there.
+        early::keep(writer, datagram, unsafe { place.read() }, || port_of(socket));
     }
     Some(length)
 }
 
-/// Where recvmsg(2) has written the source of a datagram.
-///
-/// # Safety
-/// `message` is what recvmsg(2) has filled in.
-unsafe fn source_of(message: &libc::msghdr) -> Option<&mut early::Source> {
+/// Where recvmsg(2) has written the source of a datagram, if that was asked for and is of IPv4.
+fn place_of_source(message: &libc::msghdr) -> Option<*mut early::Source> {
     let is_one = message.msg_namelen as usize == size_of::<early::Source>();
-    // SAFETY: the kernel has written so many bytes there; nobody else has them until recvmsg(2)
-    // returns.
-    unsafe { message.msg_name.cast::<early::Source>().as_mut().filter(|_| is_one) }
+    Some(message.msg_name.cast()).filter(|place: &*mut early::Source| is_one && !place.is_null())
 }
 
 /// The port that a socket is bound to.
