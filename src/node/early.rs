@@ -2,7 +2,7 @@
 //!
 //! A peer that has found a reader of ours may send at once. The library reads the announcement of
 //! its writer from another socket, and drops what came before it. A reliable writer repeats what
-//! nobody acknowledged, but Fast DDS only after its heartbeat period of 3 s: a first message or a
+//! was not acknowledged, but Fast DDS only after its heartbeat period of 3 s: a first message or a
 //! call of a service took that long (`docs/upstream/acknowledgement-of-a-match.md`).
 //!
 //! So the last datagrams of unknown writers are kept, and sent to the same socket again, over
