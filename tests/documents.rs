@@ -26,14 +26,14 @@ friction-stage() {
     return $code
 }
 node() {
-    local log
-    log=$(mktemp "$RUNS/node_XXXXXX")
+    local run
+    run=$(mktemp --directory --tmpdir="$RUNS")
     (
-        env "$@" >"$log" 2>&1 &
-        echo $! >"$log.pid"
+        env "$@" >"$run/log" 2>&1 &
+        echo $! >"$run/pid"
         code=0
         wait $! || code=$?
-        echo $code >"$log.code"
+        echo $code >"$run/code"
     ) >/dev/null 2>&1 &
 }
 stage_node() { node stage_node "$@"; }
@@ -192,31 +192,29 @@ impl Checkout {
     /// Ends the nodes of a block with Ctrl-C once they run.
     fn end_nodes(&self, page: &str) {
         let mut nodes: Vec<PathBuf> = std::fs::read_dir(self.runs()).unwrap().map(path).collect();
-        nodes.retain(|path| path.file_name().unwrap().to_string_lossy().starts_with("node_"));
-        nodes.retain(|path| path.extension().is_none());
-        let read = |log: &Path, ending: &str| {
-            std::fs::read_to_string(log.with_extension(ending)).unwrap_or_default()
-        };
+        nodes.retain(|path| path.is_dir());
+        let read =
+            |node: &Path, of: &str| std::fs::read_to_string(node.join(of)).unwrap_or_default();
         let mut running = true;
-        for log in &nodes {
+        for node in &nodes {
             // The stage says its rates, the controller what it controls.
-            let says_it_runs =
-                |said: String| said.contains(" Hz control, ") || said.contains(" controls ");
-            running &= awaited(|| says_it_runs(read(log, "")) || !read(log, "code").is_empty());
+            running &= awaited(|| {
+                let said = read(node, "log");
+                let runs = said.contains(" Hz control, ") || said.contains(" controls ");
+                runs || !read(node, "code").is_empty()
+            });
         }
-        for log in &nodes {
-            let pid: i32 = read(log, "pid").trim().parse().unwrap();
-            if read(log, "code").is_empty() {
+        for node in &nodes {
+            if read(node, "code").is_empty() {
+                let pid: i32 = read(node, "pid").trim().parse().unwrap();
                 // SAFETY: its parent has not seen its end, so that the number is its own.
                 unsafe { libc::kill(pid, libc::SIGINT) };
             }
         }
-        for log in &nodes {
-            running &= awaited(|| !read(log, "code").is_empty());
-            assert_eq!(read(log, "code").trim(), "0", "{page}: {}", read(log, ""));
-            for ending in ["", "pid", "code"] {
-                std::fs::remove_file(log.with_extension(ending)).unwrap();
-            }
+        for node in &nodes {
+            running &= awaited(|| !read(node, "code").is_empty());
+            assert_eq!(read(node, "code").trim(), "0", "{page}: {}", read(node, "log"));
+            std::fs::remove_dir_all(node).unwrap();
         }
         assert!(running, "{page}: a node does not come up or does not end");
     }
